@@ -1,0 +1,59 @@
+"""The exceptions of vsalog: one root, one kind per layer.
+
+A message says what is wrong, where (file, channel, line, time) and what to do about it. The command line prints the
+message alone and exits with 2; a traceback is for bugs.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from difflib import get_close_matches
+
+
+class VsalogError(Exception):
+    """Root of every error that the input or the command line is to blame for."""
+
+
+class ReadError(VsalogError):
+    """A log cannot be read, or not as what it claims to be."""
+
+
+class RigError(VsalogError):
+    """A rig file is malformed, or its values are impossible."""
+
+
+class UnitError(VsalogError):
+    """A unit is unknown or does not fit the quantity it is given for."""
+
+
+class BindingError(VsalogError):
+    """A rig and a recording do not fit together."""
+
+
+class FilterError(VsalogError):
+    """A filter cannot work on the data or the settings it is given."""
+
+
+class EstimatorError(VsalogError):
+    """An estimator cannot work on the signals or the settings it is given."""
+
+
+class WriteError(VsalogError):
+    """A result cannot be written."""
+
+
+def did_you_mean(name: str, known: Iterable[str], count: int = 3) -> str:
+    """Return ", did you mean 'a' or 'b'?" for the known names nearest to `name`, or "" when none is near.
+
+    Also matches when one name is the tail of another, since channel names are long and people remember their ends.
+    """
+    names = list(dict.fromkeys(known))
+    lowered = {n.lower(): n for n in names}
+    near = [lowered[m] for m in get_close_matches(name.lower(), lowered, n=count, cutoff=0.6)]
+    tail = name.lower().rsplit(".", 1)[-1].rsplit("/", 1)[-1]
+    if len(tail) > 2:
+        near += [n for n in names if tail in n.lower() and n not in near]
+    near = near[:count]
+    if not near:
+        return ""
+    return ", did you mean " + " or ".join(f"'{n}'" for n in near) + "?"
