@@ -1,0 +1,116 @@
+"""The functions a flexibility torque is fitted with, and their derivatives in the deflection.
+
+Flacco 2012 eq. 25–29 and 35–37: products of powers of the deflection φ and of the set-point (θ_c or r). Powers are taken of
+φ / deflection_scale and set-point / setpoint_scale; with both 1 the coefficients are the papers'.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True, slots=True)
+class PolynomialBasis:
+    """Products of powers of deflection and set-point, in the order φ-term by φ-term, set-point powers rising within.
+
+    Attributes
+    ----------
+    powers : exponents of φ / deflection_scale
+    setpoint_order : m, number of powers of the set-point (1: none)
+    deflection_scale : [rad]
+    setpoint_scale : [rad or m]
+    """
+
+    powers: tuple[int, ...]
+    setpoint_order: int = 1
+    deflection_scale: float = 1.0
+    setpoint_scale: float = 1.0
+
+    @classmethod
+    def make(
+        cls,
+        order: int,
+        *,
+        odd: bool = True,
+        setpoint_order: int = 1,
+        deflection_scale: float = 1.0,
+        setpoint_scale: float = 1.0,
+    ) -> PolynomialBasis:
+        """Build the odd basis φ, φ³, …, φ^(2n−1) (eq. 26, 35) or the full one φ⁰, …, φ^(n−1) (eq. 29)."""
+        powers = tuple(2 * h + 1 if odd else h for h in range(order))
+        return cls(powers, setpoint_order, deflection_scale, setpoint_scale)
+
+    @property
+    def size(self) -> int:
+        """Number of functions, n·m."""
+        return len(self.powers) * self.setpoint_order
+
+    @property
+    def terms(self) -> list[str]:
+        """Names of the functions, e.g. ``phi^3*c^2``."""
+        return [
+            "*".join(
+                part
+                for part in (f"phi^{i}" if i else "", f"c^{j}" if j else "")
+                if part
+            )
+            or "1"
+            for i in self.powers
+            for j in range(self.setpoint_order)
+        ]
+
+    def rows(self, phi: Array, setpoint: Array | None = None, derivatives: int = 3) -> Array:
+        """Evaluate the functions and their derivatives in φ.
+
+        Parameters
+        ----------
+        phi : shape (n,), deflection [rad]
+        setpoint : shape (n,), in SI; None where the basis has no set-point
+        derivatives : highest derivative
+
+        Returns
+        -------
+        shape (n, derivatives + 1, size): [:, 0] are F, [:, 1] ∂F/∂φ, … (eq. 26–28)
+        """
+        out = np.empty((phi.shape[0], derivatives + 1, self.size))
+        c = phi if setpoint is None else setpoint
+        _rows(
+            np.ascontiguousarray(phi),
+            np.ascontiguousarray(c),
+            np.array(self.powers, dtype=np.int64),
+            self.setpoint_order,
+            self.deflection_scale,
+            self.setpoint_scale,
+            out,
+        )
+        return out
+
+
+@njit(cache=True)
+def _power(x: float, n: int) -> float:
+    y = 1.0
+    for _ in range(n):
+        y *= x
+    return y
+
+
+@njit(cache=True)
+def _rows(phi: Array, c: Array, powers: NDArray[np.int64], m: int, phi_0: float, c_0: float, out: Array) -> None:
+    for k in range(out.shape[0]):
+        x, y = phi[k] / phi_0, c[k] / c_0
+        for h in range(powers.shape[0]):
+            n = powers[h]
+            factor, scale = 1.0, 1.0
+            for s in range(out.shape[1]):
+                value = factor * scale * _power(x, n - s) if n >= s else 0.0
+                for j in range(m):
+                    out[k, s, h * m + j] = value
+                    value *= y
+                factor *= n - s
+                scale /= phi_0

@@ -1,0 +1,189 @@
+"""Recursive least squares by Givens rotations: QR-RLS, Flacco 2014 eq. 18–23.
+
+Rather than a covariance, the triangular factor R of the weighted data is kept, which stays well behaved where excitation is
+poor. The first unknown may be a nuisance parameter that belongs to one run of samples (an integration constant): at the
+start of a new run the first row of R is dropped, which is exactly the marginalisation of that parameter, because every
+other row of a triangular R is free of it.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+Flags = NDArray[np.bool_]
+
+
+class QrState:
+    """Triangular factor with the data vector as last column, [R p], shape (n, n + 1), and the noise sums, shape (5,)."""
+
+    __slots__ = ("Rp", "noise")
+
+    def __init__(self, Rp: Array, noise: Array) -> None:
+        self.Rp, self.noise = Rp, noise
+
+    @classmethod
+    def start(cls, size: int) -> QrState:
+        """Begin with no data at all; the first n samples set up R (Flacco 2014 §IV)."""
+        return cls(np.zeros((size, size + 1)), np.zeros(5))
+
+    def copy(self) -> QrState:
+        """Return an independent copy."""
+        return QrState(self.Rp.copy(), self.noise.copy())
+
+    def solve(self) -> Array:
+        """ξ̂ = R⁻¹ p (eq. 20), shape (n,); NaN for what the data do not determine."""
+        xi = np.empty(self.Rp.shape[0])
+        qr_solve(self.Rp, xi)
+        return xi
+
+
+def qr_block(
+    state: QrState,
+    F: Array,
+    y: Array,
+    use: Flags,
+    fresh: Flags,
+    E: Array,
+    spread: Flags,
+    forgetting: float,
+    memory: float,
+) -> tuple[QrState, Array, Array, Array, Array]:
+    """Update with a block of samples and evaluate linear functionals of the unknowns after each.
+
+    Parameters
+    ----------
+    state : before the block
+    F : shape (N, n), regressors
+    y : shape (N,), what they shall add up to
+    use : shape (N,), samples to learn from
+    fresh : shape (N,), samples at which the first unknown begins anew
+    E : shape (N, q, n), functionals to evaluate
+    spread : shape (q,), which of them need a variance
+    forgetting : λ of eq. 21–22; R is multiplied by it, so a sample's squared error is discounted by λ² a step
+    memory : samples over which the noise is observed
+
+    Returns
+    -------
+    state, values (N, q), variances (N, q), unknowns (N, n), residual after the update (N,); NaN while undetermined
+    """
+    new = state.copy()
+    count, q, n = E.shape
+    values, variances = np.empty((count, q)), np.empty((count, q))
+    unknowns, residual = np.empty((count, n)), np.empty(count)
+    _run(
+        F, y, use, fresh, E, spread, forgetting, memory, new.Rp, new.noise, values, variances, unknowns, residual
+    )
+    return new, values, variances, unknowns, residual
+
+
+@njit(cache=True)
+def qr_update(F: Array, y: float, forgetting: float, Rp: Array, row: Array) -> None:
+    """Rotate one sample into [R p] in place (eq. 21–22); `row` is scratch, shape (n + 1,)."""
+    n = Rp.shape[0]
+    for j in range(n):
+        row[j] = F[j]
+    row[n] = y
+    for i in range(n):
+        if forgetting != 1.0:
+            for j in range(i, n + 1):
+                Rp[i, j] *= forgetting
+        x = row[i]
+        if x == 0.0:
+            continue
+        r = Rp[i, i]
+        h = np.sqrt(r * r + x * x)
+        cos, sin = r / h, x / h
+        Rp[i, i] = h
+        for j in range(i + 1, n + 1):
+            a, b = Rp[i, j], row[j]
+            Rp[i, j] = cos * a + sin * b
+            row[j] = cos * b - sin * a
+
+
+@njit(cache=True)
+def qr_solve(Rp: Array, xi: Array) -> bool:
+    """Back-substitute ξ = R⁻¹ p (eq. 23) in place; returns False and NaN where R is singular to working precision."""
+    n = Rp.shape[0]
+    known = True
+    for i in range(n - 1, -1, -1):
+        column = 0.0
+        for j in range(i + 1):
+            column = max(column, abs(Rp[j, i]))
+        if abs(Rp[i, i]) <= 1e-15 * column:
+            known = False
+            break
+        s = Rp[i, n]
+        for j in range(i + 1, n):
+            s -= Rp[i, j] * xi[j]
+        xi[i] = s / Rp[i, i]
+    if not known:
+        for i in range(n):
+            xi[i] = np.nan
+    return known
+
+
+@njit(cache=True)
+def _run(
+    F: Array,
+    y: Array,
+    use: Flags,
+    fresh: Flags,
+    E: Array,
+    spread: Flags,
+    forgetting: float,
+    memory: float,
+    Rp: Array,
+    noise: Array,
+    values: Array,
+    variances: Array,
+    unknowns: Array,
+    residual: Array,
+) -> None:
+    count, q, n = E.shape
+    row, xi, z = np.empty(n + 1), np.empty(n), np.empty(n)
+    known = qr_solve(Rp, xi)
+    for k in range(count):
+        residual[k] = np.nan
+        if use[k]:
+            if fresh[k]:
+                for j in range(n + 1):
+                    Rp[0, j] = 0.0
+            qr_update(F[k], y[k], forgetting, Rp, row)
+            known = qr_solve(Rp, xi)
+            noise[4] += 1.0
+            if known:
+                left = y[k]
+                for j in range(n):
+                    left -= F[k, j] * xi[j]
+                residual[k] = left
+                forget = 1.0 - 1.0 / memory
+                noise[0] = forget * noise[0] + 1.0
+                noise[1] = forget * noise[1] + left * left
+                noise[2] = forget * noise[2] + (0.0 if fresh[k] else left * noise[3])
+                noise[3] = left
+        sigma2 = np.nan
+        if known and noise[0] > 1.0 and noise[4] > n + 1.0:
+            r = noise[2] / noise[1] if noise[1] > 0.0 else 0.0
+            r = min(max(r, 0.0), 0.9999)
+            sigma2 = noise[1] / noise[0] * noise[4] / (noise[4] - n) * (1.0 + r) / (1.0 - r)
+        for s in range(q):
+            value = 0.0
+            for i in range(n):
+                value += E[k, s, i] * xi[i]
+            values[k, s] = value
+            variances[k, s] = np.nan
+            if spread[s] and known:
+                # Variance of eᵀ ξ̂ is σ² |R⁻ᵀ e|²: one forward substitution.
+                total = 0.0
+                for i in range(n):
+                    t = E[k, s, i]
+                    for j in range(i):
+                        t -= Rp[j, i] * z[j]
+                    z[i] = t / Rp[i, i]
+                    total += z[i] * z[i]
+                variances[k, s] = sigma2 * total
+        for i in range(n):
+            unknowns[k, i] = xi[i]

@@ -1,0 +1,148 @@
+"""Recursive least squares: eq. 23 of Flacco 2012, and the enhanced form of eq. 39–41 (after Bittanti et al. 1990).
+
+With a(k) = (c + c ρ)/(1 + c ρ) the enhanced update is the same as weighting every sample with the constant c: by the matrix
+inversion lemma P(k)⁻¹ = P(k−1)⁻¹ + c F Fᵀ. So its estimate is that of plain RLS with P(0) replaced by c P(0), which is why
+the paper finds that only the product p(0)·c matters, and the closed form is ridge regression:
+α̂ = (Σ F Fᵀ + (c P(0))⁻¹)⁻¹ (Σ F y + (c P(0))⁻¹ α(0)).
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+Flags = NDArray[np.bool_]
+
+
+class RlsState:
+    """Coefficients α, shape (n,), covariance factor P, shape (n, n), and the running noise sums, shape (5,)."""
+
+    __slots__ = ("P", "alpha", "noise")
+
+    def __init__(self, alpha: Array, P: Array, noise: Array) -> None:
+        self.alpha, self.P, self.noise = alpha, P, noise
+
+    @classmethod
+    def start(cls, size: int, p0: float = 1e6, alpha: Array | None = None) -> RlsState:
+        """Begin with α(0) (zero when None) and P(0) = p0 I."""
+        return cls(np.zeros(size) if alpha is None else alpha.copy(), np.eye(size) * p0, np.zeros(5))
+
+    def copy(self) -> RlsState:
+        """Return an independent copy."""
+        return RlsState(self.alpha.copy(), self.P.copy(), self.noise.copy())
+
+
+def rls_block(
+    state: RlsState, F: Array, y: Array, use: Flags, E: Array, spread: Flags, c: float, memory: float
+) -> tuple[RlsState, Array, Array, Array, Array, Array]:
+    """Update with a block of samples and evaluate linear functionals of the coefficients after each.
+
+    Parameters
+    ----------
+    state : before the block
+    F : shape (N, n), regressors
+    y : shape (N,), what they shall add up to
+    use : shape (N,), samples to learn from; the others leave the state as it is
+    E : shape (N, q, n), functionals to evaluate
+    spread : shape (q,), which of them need a variance
+    c : of eq. 40–41; c = 1 is plain RLS (eq. 23)
+    memory : samples over which the noise is observed
+
+    Returns
+    -------
+    state, values (N, q), variances (N, q; NaN where not asked for or not yet known), coefficients (N, n), innovation ε(k) (N,), stability factor a(k) (N,)
+    """
+    new = state.copy()
+    count, q, n = E.shape
+    values, variances = np.empty((count, q)), np.empty((count, q))
+    coefficients, innovation, factor = np.empty((count, n)), np.empty(count), np.empty(count)
+    _run(
+        F, y, use, E, spread, c, memory, new.alpha, new.P, new.noise, values, variances, coefficients, innovation, factor
+    )
+    return new, values, variances, coefficients, innovation, factor
+
+
+@njit(cache=True)
+def rls_update(F: Array, y: float, c: float, alpha: Array, P: Array, g: Array) -> tuple[float, float, float]:
+    """One enhanced RLS update in place (eq. 23, 39, 41); `g` is scratch, shape (n,). Returns ε, ρ, a."""
+    n = alpha.shape[0]
+    rho = 0.0
+    error = y
+    for i in range(n):
+        s = 0.0
+        for j in range(n):
+            s += P[i, j] * F[j]
+        g[i] = s
+        rho += F[i] * s
+        error -= F[i] * alpha[i]
+    a = (c + c * rho) / (1.0 + c * rho)
+    gain = a / (1.0 + rho)
+    for i in range(n):
+        alpha[i] += gain * g[i] * error
+        w = gain * g[i]
+        # Only one triangle is computed and mirrored, so P stays symmetric to the last bit.
+        for j in range(i + 1):
+            p = P[i, j] - w * g[j]
+            P[i, j] = p
+            P[j, i] = p
+    return error, rho, a
+
+
+@njit(cache=True)
+def _run(
+    F: Array,
+    y: Array,
+    use: Flags,
+    E: Array,
+    spread: Flags,
+    c: float,
+    memory: float,
+    alpha: Array,
+    P: Array,
+    noise: Array,
+    values: Array,
+    variances: Array,
+    coefficients: Array,
+    innovation: Array,
+    factor: Array,
+) -> None:
+    count, q, n = E.shape
+    g = np.empty(n)
+    for k in range(count):
+        innovation[k] = np.nan
+        factor[k] = np.nan
+        if use[k]:
+            error, rho, a = rls_update(F[k], y[k], c, alpha, P, g)
+            innovation[k] = error
+            factor[k] = a
+            # What is left after the update: the first innovations are the unknown parameters, not noise.
+            left = error / (1.0 + c * rho)
+            forget = 1.0 - 1.0 / memory
+            noise[0] = forget * noise[0] + 1.0
+            noise[1] = forget * noise[1] + left * left
+            noise[2] = forget * noise[2] + left * noise[3]
+            noise[3] = left
+            noise[4] += 1.0
+        sigma2 = np.nan
+        if noise[4] > n + 1.0:
+            r = noise[2] / noise[1] if noise[1] > 0.0 else 0.0
+            r = min(max(r, 0.0), 0.9999)
+            sigma2 = noise[1] / noise[0] * noise[4] / (noise[4] - n) * (1.0 + r) / (1.0 - r)
+        for s in range(q):
+            value = 0.0
+            for i in range(n):
+                value += E[k, s, i] * alpha[i]
+            values[k, s] = value
+            variances[k, s] = np.nan
+            if spread[s]:
+                variance = 0.0
+                for i in range(n):
+                    t = 0.0
+                    for j in range(n):
+                        t += P[i, j] * E[k, s, j]
+                    variance += E[k, s, i] * t
+                variances[k, s] = sigma2 * c * variance
+        for i in range(n):
+            coefficients[k, i] = alpha[i]
