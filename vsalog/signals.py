@@ -1,0 +1,68 @@
+"""A recording bound to a rig: the roles of one joint in SI units on one uniform time grid."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+Flags = NDArray[np.bool_]
+
+
+@dataclass(frozen=True, slots=True)
+class JointSignals:
+    """The signals of one joint, or a block of them: a slice of a `JointSignals` is one too.
+
+    Attributes
+    ----------
+    joint : the joint's name
+    period : T [s], of the grid
+    stamps : shape (N,), int64 ns as in the log
+    time : shape (N,), seconds from the start of the log
+    roles : role → values, shape (N,), SI, on the joint's side of the gear; NaN where the log has none
+    starts : shape (N,), where a run begins: the first sample, and the first one after a gap
+    run : shape (N,), index into `run_names`
+    run_names : names of the runs (groups of a file, or files); ("",) when there is just one
+    resolution : role → least step of the sensor [SI], 0 where none could be told
+    notes : what a person should know about how the signals came about
+    """
+
+    joint: str
+    period: float
+    stamps: NDArray[np.int64]
+    time: Array
+    roles: Mapping[str, Array]
+    starts: Flags
+    run: NDArray[np.int32]
+    run_names: tuple[str, ...] = ("",)
+    resolution: Mapping[str, float] = field(default_factory=dict)
+    notes: tuple[str, ...] = ()
+
+    def __len__(self) -> int:
+        return int(self.time.shape[0])
+
+    def __getitem__(self, part: slice) -> JointSignals:
+        return replace(
+            self,
+            stamps=self.stamps[part],
+            time=self.time[part],
+            roles={role: values[part] for role, values in self.roles.items()},
+            starts=self.starts[part],
+            run=self.run[part],
+        )
+
+    def blocks(self, size: int) -> Iterator[JointSignals]:
+        """Cut into blocks of at most `size` samples."""
+        for start in range(0, len(self), size):
+            yield self[start : start + size]
+
+    def between_gaps(self) -> Iterator[JointSignals]:
+        """Cut at the gaps, so that only the first sample of a piece can be a start."""
+        cuts = np.flatnonzero(self.starts)
+        edges = [0, *[int(c) for c in cuts if c > 0], len(self)]
+        for first, last in zip(edges[:-1], edges[1:], strict=True):
+            if last > first:
+                yield self[first:last]
