@@ -55,12 +55,7 @@ class PolynomialBasis:
     def terms(self) -> list[str]:
         """Names of the functions, e.g. ``phi^3*c^2``."""
         return [
-            "*".join(
-                part
-                for part in (f"phi^{i}" if i else "", f"c^{j}" if j else "")
-                if part
-            )
-            or "1"
+            "*".join(part for part in (f"phi^{i}" if i else "", f"c^{j}" if j else "") if part) or "1"
             for i in self.powers
             for j in range(self.setpoint_order)
         ]

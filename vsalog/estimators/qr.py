@@ -73,9 +73,7 @@ def qr_block(
     count, q, n = E.shape
     values, variances = np.empty((count, q)), np.empty((count, q))
     unknowns, residual = np.empty((count, n)), np.empty(count)
-    _run(
-        F, y, use, fresh, E, spread, forgetting, memory, new.Rp, new.noise, values, variances, unknowns, residual
-    )
+    _run(F, y, use, fresh, E, spread, forgetting, memory, new.Rp, new.noise, values, variances, unknowns, residual)
     return new, values, variances, unknowns, residual
 
 

@@ -59,7 +59,21 @@ def rls_block(
     values, variances = np.empty((count, q)), np.empty((count, q))
     coefficients, innovation, factor = np.empty((count, n)), np.empty(count), np.empty(count)
     _run(
-        F, y, use, E, spread, c, memory, new.alpha, new.P, new.noise, values, variances, coefficients, innovation, factor
+        F,
+        y,
+        use,
+        E,
+        spread,
+        c,
+        memory,
+        new.alpha,
+        new.P,
+        new.noise,
+        values,
+        variances,
+        coefficients,
+        innovation,
+        factor,
     )
     return new, values, variances, coefficients, innovation, factor
 

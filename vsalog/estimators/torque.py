@@ -76,11 +76,8 @@ def _residual(
             out[k] = np.nan
             continue
         p = B * theta_dot[k] + D * theta[k]
-        if np.isnan(r):
-            r = 0.0
-        else:
-            # Eq. 17 in increments: the integral of τ would otherwise grow without bound and lose digits.
-            r = a * r + b * (p - momentum - 0.5 * T * (tau[k] + torque))
+        # Eq. 17 in increments: the integral of τ would otherwise grow without bound and lose digits.
+        r = 0.0 if np.isnan(r) else a * r + b * (p - momentum - 0.5 * T * (tau[k] + torque))
         momentum, torque = p, tau[k]
         out[k] = r
     state[0], state[1], state[2] = r, momentum, torque

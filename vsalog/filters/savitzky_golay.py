@@ -55,8 +55,8 @@ def savgol_weights(window: int, degree: int, derivatives: int = 0, period: float
     weights = np.zeros((derivatives + 1, window))
     identity = np.eye(degree + 1)
     for s in range(min(derivatives, degree) + 1):
-        at_centre = legendre.legval(centre, legendre.legder(identity, s, axis=0)) if s else legendre.legval(
-            centre, identity
+        at_centre = (
+            legendre.legval(centre, legendre.legder(identity, s, axis=0)) if s else legendre.legval(centre, identity)
         )
         weights[s] = q @ np.linalg.solve(r.T, at_centre) / (half * period) ** s
     return weights

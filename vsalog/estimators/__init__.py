@@ -1,0 +1,64 @@
+"""Estimators: one published method per file, and the table of them.
+
+Third parties add a method by an entry point in the group ``vsalog.estimators`` that names a module with `NAME`, `SUMMARY`,
+`TUNING`, `roles` and `build`, as the modules here have them.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Mapping
+from importlib import import_module
+from importlib.metadata import entry_points
+from typing import Protocol
+
+from vsalog.errors import EstimatorError, did_you_mean
+from vsalog.estimators.device import Device
+from vsalog.estimators.regression import RegressionFold
+from vsalog.estimators.tuning import Tuning
+from vsalog.signals import JointSignals
+
+BUILT_IN = {
+    "residual-rls": "vsalog.estimators.residual_rls",
+    "qr-rls": "vsalog.estimators.qr_rls",
+    "batch-ls": "vsalog.estimators.batch_ls",
+    "direct": "vsalog.estimators.direct",
+}
+
+
+class Method(Protocol):
+    """What the module of a method offers."""
+
+    NAME: str
+    SUMMARY: str
+    TUNING: type[Tuning]
+
+    def roles(self, device: Device, offered: Collection[str], tuning: Tuning) -> tuple[str, ...]:
+        """Return the roles the method reads, or raise EstimatorError for a missing one."""
+
+    def build(self, device: Device, signals: JointSignals, tuning: Tuning) -> RegressionFold:
+        """Assemble the estimator for a joint's signals."""
+
+
+def methods() -> Mapping[str, str]:
+    """Return every method's name and module, those of third parties included."""
+    found = dict(BUILT_IN)
+    for point in entry_points(group="vsalog.estimators"):
+        found.setdefault(point.name, point.value)
+    return found
+
+
+def method(name: str) -> Method:
+    """Return a method by name.
+
+    Raises
+    ------
+    EstimatorError
+        There is no such method; the nearest names are suggested.
+    """
+    known = methods()
+    if name not in known:
+        raise EstimatorError(
+            f"there is no estimator '{name}'{did_you_mean(name, known) or '.'} There are: auto, {', '.join(known)}"
+        )
+    module: Method = import_module(known[name])
+    return module

@@ -1,0 +1,43 @@
+"""batch-ls: the integrated motor equation solved once over the whole log (Flacco 2014 eq. 14–16).
+
+The signals are gone through twice: first to solve, then to evaluate the stiffness with what was found. The solution is the
+pseudo-inverse's, by the same orthogonal rotations as qr-rls, so that memory does not grow with the log.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Collection
+
+from vsalog.estimators import qr_rls
+from vsalog.estimators.device import Device
+from vsalog.estimators.equations import IntegratedMotorEquation
+from vsalog.estimators.regression import RegressionFold
+from vsalog.estimators.solvers import QrSolver
+from vsalog.estimators.tuning import Tuning
+from vsalog.filters.conditioning import FilterName
+from vsalog.signals import JointSignals
+
+NAME = "batch-ls"
+SUMMARY = "integrated motor equation, least squares over the whole log (Flacco 2014 eq. 16)"
+
+
+class BatchLsTuning(Tuning, frozen=True, forbid_unknown_fields=True, kw_only=True):
+    """Tuning of batch-ls: that of the filters."""
+
+    filter: FilterName = "savitzky-golay"
+
+
+TUNING = BatchLsTuning
+
+
+def roles(device: Device, offered: Collection[str], tuning: BatchLsTuning) -> tuple[str, ...]:
+    """Return the roles the method reads of what the rig offers; raises EstimatorError for a missing one."""
+    return qr_rls.roles(device, offered, tuning, NAME)
+
+
+def build(device: Device, signals: JointSignals, tuning: BatchLsTuning) -> RegressionFold:
+    """Assemble the estimator for a joint's signals."""
+    equations = tuple(IntegratedMotorEquation(v, device.basis, signals.period) for v in device.transmissions)
+    conditioner = tuning.conditioner(roles(device, signals.roles, tuning), signals)
+    solver = QrSolver(1.0, tuning.memory_samples(signals))
+    return RegressionFold(NAME, "INTEGRATED", device, conditioner, equations, solver, passes=2)

@@ -1,0 +1,93 @@
+"""A joint as the estimators see it: its transmissions, and which role belongs to which of them."""
+
+from __future__ import annotations
+
+from collections.abc import Collection
+from dataclasses import dataclass
+
+from vsalog.errors import EstimatorError
+from vsalog.estimators.basis import PolynomialBasis
+from vsalog.rig.schema import (
+    AntagonisticJoint,
+    ElasticJoint,
+    Joint,
+    Motor,
+    RigidJoint,
+    SerialJoint,
+    Transmission,
+)
+
+
+@dataclass(frozen=True, slots=True)
+class TransmissionView:
+    """One transmission of a joint: its name in the trace, its motor, its nominal model, and the names of its roles."""
+
+    name: str
+    motor: Motor
+    nominal: Transmission
+    motor_position: str
+    motor_torque: str
+    torque_sensor: str
+    deflection: str
+
+    def deflection_roles(self, available: Collection[str]) -> tuple[str, ...]:
+        """Return the roles the deflection φ = q − θ comes from: measured itself where it is, else both positions."""
+        if self.deflection in available:
+            return (self.deflection,)
+        return ("link_position", self.motor_position)
+
+
+@dataclass(frozen=True, slots=True)
+class Device:
+    """The compliant part of a joint.
+
+    Attributes
+    ----------
+    joint : the joint's name
+    transmissions : one, or two for an antagonistic joint
+    basis : what each transmission's flexibility torque is fitted with
+    has_setpoint : whether the flexibility torque depends on a set-point
+    """
+
+    joint: str
+    transmissions: tuple[TransmissionView, ...]
+    basis: PolynomialBasis
+    has_setpoint: bool
+
+
+def device_of(name: str, joint: Joint) -> Device:
+    """See a joint of a rig as a device.
+
+    Raises
+    ------
+    EstimatorError
+        The joint is rigid: it has no transmission whose stiffness could be estimated.
+    """
+    if isinstance(joint, RigidJoint):
+        raise EstimatorError(
+            f"joint '{name}' is of kind 'rigid': it has one position only, so there is no deflection and no stiffness"
+            ' to estimate; if it is compliant, say so in the rig (kind = "elastic", "serial" or "antagonistic")'
+            " and name the channels of both sides of the transmission"
+        )
+    serial = isinstance(joint, SerialJoint)
+    basis = PolynomialBasis.make(
+        joint.basis.order,
+        odd=joint.basis.odd,
+        setpoint_order=joint.basis.setpoint_order if serial else 1,
+        deflection_scale=joint.basis.deflection_scale,
+        setpoint_scale=joint.basis.setpoint_scale if serial else 1.0,
+    )
+    if isinstance(joint, AntagonisticJoint):
+        views: tuple[TransmissionView, ...] = (
+            _view("1", joint.motor_1, joint.transmission_1, "_1"),
+            _view("2", joint.motor_2, joint.transmission_2, "_2"),
+        )
+    else:
+        assert isinstance(joint, ElasticJoint | SerialJoint)
+        views = (_view("1", joint.motor, joint.transmission, ""),)
+    return Device(name, views, basis, serial)
+
+
+def _view(name: str, motor: Motor, nominal: Transmission, suffix: str) -> TransmissionView:
+    roles = (f"{role}{suffix}" for role in ("motor_position", "motor_torque", "torque_sensor", "deflection"))
+    return TransmissionView(name, motor, nominal, *roles)

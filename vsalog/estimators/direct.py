@@ -1,0 +1,59 @@
+"""direct: deflection (or both positions) and a torque sensor, no motor data at all.
+
+(φ, set-point) → τ by recursive least squares: Flacco 2012 eq. 21–37 with the measured torque as input, either by the enhanced
+RLS (eq. 39–41) or by QR-RLS (Flacco 2014 eq. 21–23).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Collection
+from typing import Annotated, Literal
+
+from msgspec import Meta
+
+from vsalog.estimators.device import Device
+from vsalog.estimators.needs import deflection_roles, require
+from vsalog.estimators.regression import RegressionFold, Solver
+from vsalog.estimators.residual_rls import sensor_equations, sensor_role
+from vsalog.estimators.solvers import QrSolver, RlsSolver
+from vsalog.estimators.tuning import RlsTuning
+from vsalog.signals import JointSignals
+
+NAME = "direct"
+SUMMARY = "deflection and torque sensor alone, no motor data; RLS or QR-RLS"
+
+
+class DirectTuning(RlsTuning, frozen=True, forbid_unknown_fields=True, kw_only=True):
+    """Tuning of direct.
+
+    Attributes
+    ----------
+    solver : ``rls`` (enhanced RLS, with p0 and c) or ``qr`` (QR-RLS, with forgetting)
+    forgetting : λ of QR-RLS, 1 forgets nothing
+    """
+
+    solver: Literal["rls", "qr"] = "rls"
+    forgetting: Annotated[float, Meta(gt=0.0, le=1.0)] = 1.0
+
+
+TUNING = DirectTuning
+
+
+def roles(device: Device, offered: Collection[str], tuning: DirectTuning) -> tuple[str, ...]:
+    """Return the roles the method reads of what the rig offers; raises EstimatorError for a missing one."""
+    needed: list[str] = []
+    for view in device.transmissions:
+        needed += [*deflection_roles(device, view, offered), sensor_role(view, offered)]
+    require(NAME, device, needed, offered)
+    return tuple(dict.fromkeys(needed))
+
+
+def build(device: Device, signals: JointSignals, tuning: DirectTuning) -> RegressionFold:
+    """Assemble the estimator for a joint's signals."""
+    memory = tuning.memory_samples(signals)
+    solver: Solver = (
+        QrSolver(tuning.forgetting, memory) if tuning.solver == "qr" else RlsSolver(tuning.p0, tuning.c, memory)
+    )
+    needed = roles(device, signals.roles, tuning)
+    equations = sensor_equations(device, signals.roles)
+    return RegressionFold(NAME, "SENSOR", device, tuning.conditioner(needed, signals), equations, solver)

@@ -1,0 +1,42 @@
+"""Which roles a method needs, and how it says that one is missing."""
+
+from __future__ import annotations
+
+from collections.abc import Collection
+
+from vsalog.errors import EstimatorError
+from vsalog.estimators.device import Device, TransmissionView
+
+# What a role is, in the words of someone who looks for it in a log.
+MEANING = {
+    "motor_position": "the motor's position θ",
+    "motor_torque": "the motor's torque τ (or its current, with a torque constant in the rig)",
+    "link_position": "the link's position q",
+    "deflection": "the transmission's deflection φ = q − θ",
+    "torque_sensor": "a joint torque sensor",
+    "setpoint": "the set-point: the secondary motor's position θ_c, or the lever arm r",
+}
+
+
+def require(name: str, device: Device, needed: Collection[str], offered: Collection[str]) -> None:
+    """Refuse when a role that a method needs is not in the rig.
+
+    Raises
+    ------
+    EstimatorError
+        Names every missing role and what it means.
+    """
+    missing = [role for role in dict.fromkeys(needed) if role not in offered]
+    if missing:
+        listed = "; ".join(f"{role} ({MEANING[role.rstrip('_12')]})" for role in missing)
+        raise EstimatorError(
+            f"joint '{device.joint}': the estimator {name} needs {', '.join(needed)}, but there is no channel for"
+            f" {listed}. Name it under [joint.{device.joint}.signals] in the rig, or choose an estimator that can do"
+            " without ('vsalog estimate --help' lists them)"
+        )
+
+
+def deflection_roles(device: Device, view: TransmissionView, offered: Collection[str]) -> tuple[str, ...]:
+    """Return the roles that give the deflection, and the set-point where the device has one."""
+    roles = view.deflection_roles(offered)
+    return (*roles, "setpoint") if device.has_setpoint else roles

@@ -1,0 +1,56 @@
+"""qr-rls: integrated motor equation and QR-RLS; the motor's inertia and damping are estimated along with the stiffness.
+
+Flacco, De Luca, "A pure signal-based stiffness estimation for VSA devices", ICRA 2014: integrated equation eq. 9–13, QR-RLS
+eq. 18–23, the pair of filters eq. 28–30.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Collection
+from typing import Annotated
+
+from msgspec import Meta
+
+from vsalog.estimators.device import Device
+from vsalog.estimators.equations import IntegratedMotorEquation
+from vsalog.estimators.needs import deflection_roles, require
+from vsalog.estimators.regression import RegressionFold
+from vsalog.estimators.solvers import QrSolver
+from vsalog.estimators.tuning import Tuning
+from vsalog.filters.conditioning import FilterName
+from vsalog.signals import JointSignals
+
+NAME = "qr-rls"
+SUMMARY = "integrated motor equation and QR-RLS (Flacco 2014); estimates motor inertia and damping too"
+
+
+class QrRlsTuning(Tuning, frozen=True, forbid_unknown_fields=True, kw_only=True):
+    """Tuning of qr-rls.
+
+    Attributes
+    ----------
+    forgetting : λ of eq. 21–22, 1 forgets nothing
+    """
+
+    filter: FilterName = "pair"
+    forgetting: Annotated[float, Meta(gt=0.0, le=1.0)] = 1.0
+
+
+TUNING = QrRlsTuning
+
+
+def roles(device: Device, offered: Collection[str], tuning: Tuning, name: str = NAME) -> tuple[str, ...]:
+    """Return the roles the method reads of what the rig offers; raises EstimatorError for a missing one."""
+    needed: list[str] = []
+    for view in device.transmissions:
+        needed += [*deflection_roles(device, view, offered), view.motor_position, view.motor_torque]
+    require(name, device, needed, offered)
+    return tuple(dict.fromkeys(needed))
+
+
+def build(device: Device, signals: JointSignals, tuning: QrRlsTuning) -> RegressionFold:
+    """Assemble the estimator for a joint's signals."""
+    solver = QrSolver(tuning.forgetting, tuning.memory_samples(signals))
+    equations = tuple(IntegratedMotorEquation(v, device.basis, signals.period) for v in device.transmissions)
+    needed = roles(device, signals.roles, tuning)
+    return RegressionFold(NAME, "INTEGRATED", device, tuning.conditioner(needed, signals), equations, solver)

@@ -1,0 +1,82 @@
+"""The region of deflection and set-point that data have covered."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+Flags = NDArray[np.bool_]
+
+_EMPTY = (np.inf, -np.inf)
+
+
+@dataclass(frozen=True, slots=True)
+class Region:
+    """What has been learnt from so far: the box for the trace's `excited`, the convex hull for the model.
+
+    Attributes
+    ----------
+    phi, c : least and greatest deflection [rad] and set-point [SI] learnt from
+    hull : vertices of the convex hull of (φ, c), shape (v, 2); empty where there is no set-point
+    samples : number of samples learnt from
+    """
+
+    phi: tuple[float, float] = _EMPTY
+    c: tuple[float, float] = _EMPTY
+    hull: Array = field(default_factory=lambda: np.empty((0, 2)))
+    samples: int = 0
+
+    def block(
+        self, phi_fit: Array, c_fit: Array | None, use: Flags, phi: Array, c: Array | None
+    ) -> tuple[Region, Flags]:
+        """Add the samples learnt from; tell which of the samples evaluated at lie inside what was known by then.
+
+        Parameters
+        ----------
+        phi_fit, c_fit : shape (N,), learnt from where `use` holds
+        phi, c : shape (N,), evaluated at
+        """
+        span, inside = _grow(self.phi, phi_fit, use, phi)
+        c_span = self.c
+        if c_fit is not None and c is not None:
+            c_span, inside_c = _grow(self.c, c_fit, use, c)
+            inside &= inside_c
+        points = np.column_stack((phi_fit[use], c_fit[use])) if c_fit is not None else np.empty((0, 2))
+        hull = _hull(np.concatenate((self.hull, points))) if points.size else self.hull
+        return Region(span, c_span, hull, self.samples + int(np.count_nonzero(use))), inside
+
+    def vertices(self) -> tuple[tuple[float, ...], ...]:
+        """Return the hull's vertices (φ, c), or the ends of the interval (φ,) where there is no set-point."""
+        if self.samples == 0:
+            return ()
+        if self.hull.size:
+            return tuple((float(p), float(c)) for p, c in self.hull)
+        return ((self.phi[0],), (self.phi[1],))
+
+
+def _grow(span: tuple[float, float], fit: Array, use: Flags, at: Array) -> tuple[tuple[float, float], Flags]:
+    low = np.minimum.accumulate(np.append(span[0], np.where(use, fit, np.inf)))
+    high = np.maximum.accumulate(np.append(span[1], np.where(use, fit, -np.inf)))
+    # A twentieth of the span is granted on both sides, or every new extreme would count as never seen.
+    with np.errstate(invalid="ignore"):
+        margin = 0.05 * (high[1:] - low[1:])
+        inside = (at >= low[1:] - margin) & (at <= high[1:] + margin)
+    return (float(low[-1]), float(high[-1])), inside
+
+
+def _hull(points: Array) -> Array:
+    """Vertices of the convex hull; of points on one line, its two ends."""
+    from scipy.spatial import ConvexHull, QhullError
+
+    span = np.ptp(points, axis=0)
+    ends = points[[np.lexsort((points[:, 1], points[:, 0]))[i] for i in (0, -1)]]
+    if len(points) < 3 or span.min() == 0.0:
+        return np.unique(ends, axis=0)
+    try:
+        # Both axes are brought to one scale, or qhull would take a thin region for a line.
+        return points[ConvexHull((points - points.min(axis=0)) / span).vertices]
+    except QhullError:
+        return np.unique(ends, axis=0)

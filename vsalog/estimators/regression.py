@@ -1,0 +1,285 @@
+"""The fold that the least-squares estimators share: filter, form equations, solve recursively, evaluate the stiffness.
+
+A method differs from another in its equation (what is known to add up to what) and its solver; the fold strings them together.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any, ClassVar, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vsalog.estimators.device import Device, TransmissionView
+from vsalog.estimators.region import Region
+from vsalog.filters.conditioning import Conditioned, Conditioner, ConditionerState
+from vsalog.model import JointModel, TransmissionModel, basis_spec
+from vsalog.signals import JointSignals
+from vsalog.trace import Trace
+
+Array = NDArray[np.float64]
+Flags = NDArray[np.bool_]
+
+# A stiffness counts as supported when its standard deviation is below this share of it.
+SUPPORTED_SHARE = 0.2
+# Rows an estimator works on at a time.
+BLOCK = 8192
+
+
+@dataclass(frozen=True, slots=True)
+class EquationRows:
+    """A block of an equation F ξ = y, linear in the unknowns ξ.
+
+    `fresh` marks where the first unknown begins anew (an integration constant); `fed` is, per transmission, the flexibility
+    torque the estimator is fed with; `extra` are further columns of the trace, per transmission. Where the leading unknowns
+    are parameters of the motor, the flexibility torque is `dynamics` times these unknowns plus `fed`.
+    """
+
+    F: Array
+    y: Array
+    use: Flags
+    fresh: Flags
+    fed: Mapping[str, Array]
+    extra: Mapping[str, Mapping[str, Array]]
+    dynamics: Array | None = None
+
+
+class Equation(Protocol):
+    """What is known to add up to what, for one or more transmissions."""
+
+    leading: ClassVar[int]  # unknowns before the coefficients of the first basis
+    parameters: ClassVar[tuple[str, ...]]  # names of the last of these unknowns, where they are worth a column
+
+    @property
+    def transmissions(self) -> tuple[TransmissionView, ...]:
+        """The transmissions the equation speaks of."""
+
+    @property
+    def size(self) -> int:
+        """Number of unknowns."""
+
+    def start(self) -> Any:
+        """Return the state before the first sample."""
+
+    def rows(self, state: Any, block: Conditioned) -> tuple[Any, EquationRows]:
+        """Form the equation for a block."""
+
+
+class Solver(Protocol):
+    """How the unknowns are found."""
+
+    def start(self, size: int) -> Any:
+        """Return the state before the first sample."""
+
+    def block(
+        self, state: Any, rows: EquationRows, use: Flags, E: Array, spread: Flags
+    ) -> tuple[Any, Array, Array, Array, Mapping[str, Array]]:
+        """Learn from a block; return state, values (N, q) and variances (N, q) of E ξ̂, ξ̂ (N, n) and extra columns."""
+
+    def solution(self, state: Any) -> tuple[Array, Array, float]:
+        """Return ξ̂ (n,), its covariance (n, n) and the noise seen in y (standard deviation)."""
+
+
+@dataclass(slots=True)
+class FoldState:
+    """States of the filters, of each equation and its solver, and the regions seen so far."""
+
+    filters: ConditionerState
+    equations: list[Any]
+    solvers: list[Any]
+    regions: dict[str, Region]
+    learning: bool
+
+
+class RegressionFold:
+    """An estimator: a fold over blocks of signals.
+
+    Attributes
+    ----------
+    passes : how often the signals are gone through: once, or twice when nothing is given out before all is known
+    """
+
+    def __init__(
+        self,
+        name: str,
+        modality: str,
+        device: Device,
+        conditioner: Conditioner,
+        equations: tuple[Equation, ...],
+        solver: Solver,
+        *,
+        passes: int = 1,
+    ) -> None:
+        self.name, self.modality, self.device, self.conditioner = name, modality, device, conditioner
+        self.equations, self.solver, self.passes = equations, solver, passes
+
+    def start(self) -> FoldState:
+        """Return the state before the first sample."""
+        return FoldState(
+            self.conditioner.start(),
+            [e.start() for e in self.equations],
+            [self.solver.start(e.size) for e in self.equations],
+            {t.name: Region() for t in self.device.transmissions},
+            True,
+        )
+
+    def freeze(self, state: FoldState) -> FoldState:
+        """Go back to the first sample with what was learnt, and learn no more."""
+        return FoldState(
+            self.conditioner.start(), [e.start() for e in self.equations], state.solvers, state.regions, False
+        )
+
+    def step(self, state: FoldState, block: JointSignals) -> tuple[FoldState, list[Trace]]:
+        """Take a block of samples; give the new state and the trace of the rows that are ready."""
+        filters, ready = self.conditioner.step(state.filters, block)
+        return self._estimate(state, filters, ready)
+
+    def finish(self, state: FoldState) -> tuple[FoldState, list[Trace]]:
+        """Give out the rows a look-ahead still holds back."""
+        filters, ready = self.conditioner.finish(state.filters)
+        return self._estimate(state, filters, ready)
+
+    def _estimate(
+        self, state: FoldState, filters: ConditionerState, ready: list[Conditioned]
+    ) -> tuple[FoldState, list[Trace]]:
+        new = FoldState(filters, list(state.equations), list(state.solvers), dict(state.regions), state.learning)
+        traces = []
+        for block in ready:
+            if len(block.rows) == 0:
+                continue
+            columns: dict[str, dict[str, Any]] = {}
+            variance = np.zeros(len(block.rows))
+            for i, equation in enumerate(self.equations):
+                new.equations[i], rows = equation.rows(new.equations[i], block)
+                new.solvers[i], part, spread = self._solve(new, equation, new.solvers[i], rows, block)
+                columns.update(part)
+                variance += spread
+            columns["total"] = _total(columns, variance, self.device)
+            traces.append(Trace.of_rows(block.rows, columns))
+        return new, traces
+
+    def _solve(
+        self, state: FoldState, equation: Equation, solver_state: Any, rows: EquationRows, block: Conditioned
+    ) -> tuple[Any, dict[str, dict[str, Any]], Array]:
+        E, spread, where = self._functionals(equation, rows, block)
+        use = rows.use & state.learning
+        solver_state, values, variances, unknowns, extra = self.solver.block(solver_state, rows, use, E, spread)
+        deviations = np.sqrt(variances)
+        columns: dict[str, dict[str, Any]] = {}
+        for i, view in enumerate(equation.transmissions):
+            phi, c = where[i]
+            fitted, sigma, d1, d2 = (values[:, 4 * i + s] for s in range(4))
+            std = deviations[:, 4 * i + 1]
+            phi_fit, c_fit = deflection_of(block.fit, view), block.fit.get("setpoint")
+            state.regions[view.name], seen = state.regions[view.name].block(phi_fit, c_fit, use, phi, c)
+            with np.errstate(invalid="ignore"):
+                excited = seen & (std <= SUPPORTED_SHARE * np.abs(sigma))
+            columns[view.name] = {
+                "deflection": phi,
+                "flexibility_torque": rows.fed[view.name],
+                "flexibility_torque_fit": fitted,
+                "stiffness": sigma,
+                "stiffness_std": std,
+                "excited": excited,
+                "stiffness_derivative": d1,
+                "stiffness_second_derivative": d2,
+                **({"setpoint": c} if c is not None else {}),
+                **rows.extra.get(view.name, {}),
+                **extra,
+                **self._coefficients(equation, i, unknowns),
+            }
+        after = 4 * len(equation.transmissions)
+        if equation.parameters:  # the equation of a single transmission
+            only = columns[equation.transmissions[0].name]
+            only["flexibility_torque"] = values[:, after + 1] + rows.fed[equation.transmissions[0].name]
+            for h, name in enumerate(equation.parameters):
+                only[name] = values[:, after + 2 + h]
+                only[f"{name}_std"] = deviations[:, after + 2 + h]
+        # The functional after those of the transmissions is the sum of their stiffnesses: correlation is not lost.
+        return solver_state, columns, variances[:, after]
+
+    def _functionals(
+        self, equation: Equation, rows: EquationRows, block: Conditioned
+    ) -> tuple[Array, Flags, list[tuple[Array, Array | None]]]:
+        """What is wanted of the unknowns at each sample: per transmission τ_e, σ, σ', σ''; Σσ; torque and parameters."""
+        basis, count = self.device.basis, len(equation.transmissions)
+        size = 4 * count + 1 + (1 + len(equation.parameters) if equation.parameters else 0)
+        E = np.zeros((len(block.rows), size, equation.size))
+        spread = np.zeros(size, dtype=np.bool_)
+        where = []
+        for i, view in enumerate(equation.transmissions):
+            phi = deflection_of(block.now, view)
+            c = block.now.get("setpoint") if self.device.has_setpoint else None
+            first = equation.leading + i * basis.size
+            part = slice(first, first + basis.size)
+            E[:, 4 * i : 4 * i + 4, part] = basis.rows(phi, c if basis.setpoint_order > 1 else None)
+            E[:, 4 * count, part] = E[:, 4 * i + 1, part]
+            spread[4 * i + 1] = True
+            where.append((phi, c))
+        spread[4 * count] = True
+        if equation.parameters:
+            E[:, 4 * count + 1, : equation.leading] = rows.dynamics
+            for h in range(len(equation.parameters)):
+                E[:, 4 * count + 2 + h, equation.leading - len(equation.parameters) + h] = 1.0
+                spread[4 * count + 2 + h] = True
+        return E, spread, where
+
+    def _coefficients(self, equation: Equation, i: int, unknowns: Array) -> dict[str, Array]:
+        first = equation.leading + i * self.device.basis.size
+        return {f"coefficient_{h}": unknowns[:, first + h] for h in range(self.device.basis.size)}
+
+    def model(self, state: FoldState) -> JointModel:
+        """Freeze what has been learnt into a model."""
+        motor: dict[str, float] = {}
+        parts: list[TransmissionModel] = []
+        for equation, solver_state in zip(self.equations, state.solvers, strict=True):
+            xi, covariance, noise = self.solver.solution(solver_state)
+            size = self.device.basis.size
+            if equation.leading:
+                view = equation.transmissions[0]
+                motor |= {f"inertia_{view.name}": float(xi[1]), f"damping_{view.name}": float(xi[2])}
+            for i, view in enumerate(equation.transmissions):
+                first = equation.leading + i * size
+                part = slice(first, first + size)
+                region = state.regions[view.name]
+                parts.append(
+                    TransmissionModel(
+                        name=view.name,
+                        coefficients=tuple(float(x) for x in xi[part]),
+                        covariance=tuple(tuple(float(x) for x in row) for row in covariance[part, part]),
+                        noise=noise,
+                        samples=region.samples,
+                        region=region.vertices(),
+                    )
+                )
+        return JointModel(
+            estimator=self.name,
+            modality=self.modality,
+            basis=basis_spec(self.device.basis),
+            transmission=tuple(parts),
+            motor=motor,
+        )
+
+
+def deflection_of(values: Mapping[str, Array], view: TransmissionView) -> Array:
+    """Return φ, measured itself or φ = q − θ (Flacco 2012 §2.1), shape (N,) [rad]."""
+    if view.deflection in values:
+        return values[view.deflection]
+    return values["link_position"] - values[view.motor_position]
+
+
+def _total(columns: Mapping[str, Mapping[str, Any]], variance: Array, device: Device) -> dict[str, Any]:
+    """Device row: torques and stiffnesses add up over the transmissions (Flacco 2012 eq. 9–10)."""
+    parts = [columns[t.name] for t in device.transmissions]
+    total: dict[str, Any] = {
+        "deflection": parts[0]["deflection"] if len(parts) == 1 else np.full(variance.shape, np.nan)
+    }
+    for name in ("flexibility_torque", "flexibility_torque_fit", "stiffness"):
+        total[name] = sum(p[name] for p in parts)
+    total["stiffness_std"] = np.sqrt(variance)
+    total["excited"] = np.logical_and.reduce([p["excited"] for p in parts])
+    for name in ("stiffness_derivative", "stiffness_second_derivative"):
+        total[name] = parts[0][name] if len(parts) == 1 else np.full(variance.shape, np.nan)
+    return total

@@ -1,0 +1,132 @@
+"""residual-rls: residual-based flexibility torque and enhanced recursive least squares.
+
+Flacco, De Luca, Sardellitti, Tsagarakis, "On-line estimation of variable stiffness in flexible robot joints", IJRR 31(13), 2012:
+residual eq. 15–17, MKKF eq. 18–20, RLS eq. 21–28, serial devices eq. 35–37, enhanced RLS eq. 39–41, modalities eq. 44.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Collection
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vsalog.errors import EstimatorError
+from vsalog.estimators.device import Device, TransmissionView
+from vsalog.estimators.equations import ResidualEquation, TorqueEquation
+from vsalog.estimators.needs import deflection_roles, require
+from vsalog.estimators.regression import Equation, RegressionFold, deflection_of
+from vsalog.estimators.solvers import RlsSolver
+from vsalog.estimators.tuning import Modality, Positive, RlsTuning
+from vsalog.filters.conditioning import Conditioned
+from vsalog.mechanics.transmissions import flexibility_torque
+from vsalog.rig.schema import UnknownTransmission
+from vsalog.signals import JointSignals
+
+NAME = "residual-rls"
+SUMMARY = "motor-side residual and enhanced RLS (Flacco 2012); needs the motor's inertia, no torque sensor"
+
+
+class ResidualRlsTuning(RlsTuning, frozen=True, forbid_unknown_fields=True, kw_only=True):
+    """Tuning of residual-rls.
+
+    Attributes
+    ----------
+    modality : where the torque comes from: RESIDUAL (the motor equation), SENSOR (the torque sensor) or MODEL (the rig's
+        nominal transmission)
+    bandwidth : K_I of the residual [rad/s]
+    matched : pass the regressors through the residual's lag too; the paper does not
+    """
+
+    modality: Modality = "RESIDUAL"
+    bandwidth: Positive = 300.0
+    matched: bool = True
+
+
+TUNING = ResidualRlsTuning
+
+
+def roles(device: Device, offered: Collection[str], tuning: ResidualRlsTuning) -> tuple[str, ...]:
+    """Return the roles the method reads of what the rig offers; raises EstimatorError for a missing one."""
+    needed: list[str] = []
+    for view in device.transmissions:
+        needed += deflection_roles(device, view, offered)
+        if tuning.modality == "RESIDUAL":
+            needed += [view.motor_position, view.motor_torque]
+        elif tuning.modality == "SENSOR":
+            needed += [sensor_role(view, offered)]
+    require(f"{NAME} ({tuning.modality})", device, needed, offered)
+    return tuple(dict.fromkeys(needed))
+
+
+def build(device: Device, signals: JointSignals, tuning: ResidualRlsTuning) -> RegressionFold:
+    """Assemble the estimator for a joint's signals.
+
+    Raises
+    ------
+    EstimatorError
+        The modality needs a motor inertia or a nominal transmission that the rig does not give.
+    """
+    solver = RlsSolver(tuning.p0, tuning.c, tuning.memory_samples(signals))
+    needed = roles(device, signals.roles, tuning)
+    equations = _equations(device, signals, tuning)
+    return RegressionFold(NAME, tuning.modality, device, tuning.conditioner(needed, signals), equations, solver)
+
+
+def _equations(device: Device, signals: JointSignals, tuning: ResidualRlsTuning) -> tuple[Equation, ...]:
+    if tuning.modality == "RESIDUAL":
+        return tuple(_residual(device, view, signals, tuning) for view in device.transmissions)
+    if tuning.modality == "MODEL":
+        return tuple(_model(device, view) for view in device.transmissions)
+    return sensor_equations(device, signals.roles)
+
+
+def sensor_equations(device: Device, offered: Collection[str]) -> tuple[Equation, ...]:
+    """One equation per sensor: one for each transmission, or one that sees the sum of both."""
+    views = device.transmissions
+    sensors = [sensor_role(view, offered) for view in views]
+    if len(views) > 1 and len(set(sensors)) == 1:
+        return (TorqueEquation(views, device.basis, _column(sensors[0])),)
+    return tuple(TorqueEquation((v,), device.basis, _column(s)) for v, s in zip(views, sensors, strict=True))
+
+
+def sensor_role(view: TransmissionView, offered: Collection[str]) -> str:
+    """Return the transmission's own torque sensor, or the joint's where that is the only one."""
+    if view.torque_sensor not in offered and "torque_sensor" in offered:
+        return "torque_sensor"
+    return view.torque_sensor
+
+
+def _column(role: str) -> Callable[[Conditioned], NDArray[np.float64]]:
+    return lambda block: block.fit[role]
+
+
+def _model(device: Device, view: TransmissionView) -> Equation:
+    if isinstance(view.nominal, UnknownTransmission):
+        raise EstimatorError(
+            f"joint '{device.joint}': the MODEL modality needs a nominal transmission; the rig says type = \"unknown\""
+        )
+
+    def torque(block: Conditioned) -> NDArray[np.float64]:
+        return flexibility_torque(view.nominal, deflection_of(block.fit, view), block.fit.get("setpoint"))
+
+    return TorqueEquation((view,), device.basis, torque)
+
+
+def _residual(device: Device, view: TransmissionView, signals: JointSignals, tuning: ResidualRlsTuning) -> Equation:
+    inertia = view.motor.reflected_inertia
+    if inertia is None:
+        motor = "motor" if len(device.transmissions) == 1 else f"motor_{view.name}"
+        raise EstimatorError(
+            f"joint '{device.joint}': {NAME} (RESIDUAL) needs the motor's inertia: set"
+            f" [joint.{device.joint}.{motor}] inertia in the rig, or use --estimator qr-rls, which estimates it"
+        )
+    return ResidualEquation(
+        view,
+        device.basis,
+        inertia,
+        view.motor.reflected_damping,
+        tuning.bandwidth,
+        signals.period,
+        tuning.matched,
+    )

@@ -1,0 +1,96 @@
+"""What can be tuned, estimator by estimator; each field is a `--tune NAME=VALUE` of the command line."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Annotated, Literal, TypeVar
+
+import msgspec
+from msgspec import Meta
+
+from vsalog.errors import EstimatorError, did_you_mean
+from vsalog.filters.conditioning import Conditioner, FilterName
+from vsalog.signals import JointSignals
+
+Positive = Annotated[float, Meta(gt=0.0)]
+T = TypeVar("T", bound="Tuning")
+
+
+class Tuning(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
+    """Tuning that every estimator has.
+
+    Attributes
+    ----------
+    filter : ``kinematic`` (causal), ``pair`` (causal output, learnt from non-causally filtered signals, Flacco 2014 eq. 30) or
+        ``savitzky-golay`` (non-causal)
+    window : of the Savitzky–Golay filter [s]
+    degree : of the Savitzky–Golay filter's polynomial
+    shape : α of the MKKF, how sharply its measurement variance falls with speed (Flacco 2012 eq. 20)
+    settle : time the MKKF gets after a start before its output is learnt from [s]; 100 samples when absent
+    memory : time over which the noise is observed [s]
+    """
+
+    filter: FilterName = "kinematic"
+    window: Positive = 1.0
+    degree: Annotated[int, Meta(ge=1, le=30)] = 20
+    shape: Positive = 6.0
+    settle: Annotated[float, Meta(ge=0.0)] | None = None
+    memory: Positive = 10.0
+
+    def conditioner(self, roles: tuple[str, ...], signals: JointSignals) -> Conditioner:
+        """Return the filters these values describe."""
+        return Conditioner(
+            roles,
+            signals,
+            self.filter,
+            window=self.window,
+            degree=self.degree,
+            shape=self.shape,
+            settle=self.settle,
+        )
+
+    def memory_samples(self, signals: JointSignals) -> float:
+        """Return the samples over which the noise is observed."""
+        return max(self.memory / signals.period, 10.0)
+
+
+class RlsTuning(Tuning, frozen=True, forbid_unknown_fields=True, kw_only=True):
+    """Tuning of the recursive least squares.
+
+    Attributes
+    ----------
+    p0 : P(0) = p0 I (Flacco 2012 §7)
+    c : of the enhanced RLS (eq. 40–41); only the product p0·c matters, c = 1 is plain RLS
+    """
+
+    p0: Positive = 1e11
+    c: Annotated[float, Meta(gt=0.0, le=1.0)] = 1e-5
+
+
+Modality = Literal["MODEL", "SENSOR", "RESIDUAL"]
+
+
+def read_tuning(kind: type[T], estimator: str, values: Mapping[str, str]) -> T:
+    """Turn NAME=VALUE texts into an estimator's tuning.
+
+    Raises
+    ------
+    EstimatorError
+        A name is unknown or a value impossible; the message names it and what there is.
+    """
+    known = kind.__struct_fields__
+    for name in values:
+        if name not in known:
+            raise EstimatorError(
+                f"{estimator} has nothing to tune named '{name}'{did_you_mean(name, known) or '.'}"
+                f" It has: {', '.join(known)}"
+            )
+    try:
+        return msgspec.convert(dict(values), kind, strict=False)
+    except msgspec.ValidationError as error:
+        raise EstimatorError(f"{estimator}: --tune {_where(error)}: {error}") from error
+
+
+def _where(error: msgspec.ValidationError) -> str:
+    text = str(error)
+    return text.rsplit("$.", 1)[-1].rstrip("`") if "$." in text else "value"

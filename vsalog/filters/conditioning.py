@@ -1,0 +1,228 @@
+"""What stands between a joint's raw signals and an estimator: the pair of filters of Flacco 2014 §VI, or one of them.
+
+Three settings, all folds over blocks:
+
+- ``kinematic``: causal. Positions and velocities by the MKKF, torques as they are.
+- ``pair``: causal output. What is learnt from passes through one and the same Savitzky–Golay filter, late by half a window;
+  what the stiffness is evaluated at is the MKKF's present deflection (Flacco 2014 eq. 30).
+- ``savitzky-golay``: non-causal. Both come from the Savitzky–Golay filter; the output is late by half a window and belongs to
+  the window's centre.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vsalog.errors import FilterError
+from vsalog.filters.kinematic import KinematicSettings, kinematic_filter
+from vsalog.filters.savitzky_golay import savgol_filter, savgol_lag, savgol_weights
+from vsalog.signals import JointSignals
+
+Array = NDArray[np.float64]
+Flags = NDArray[np.bool_]
+FilterName = Literal["kinematic", "pair", "savitzky-golay"]
+
+
+@dataclass(frozen=True, slots=True)
+class Conditioned:
+    """Filtered signals of one block, never across a gap.
+
+    Attributes
+    ----------
+    rows : the samples the output belongs to (their stamps, times and runs)
+    fit : role → values to learn from; also ``velocity:ROLE`` and ``acceleration:ROLE`` of the motor positions
+    now : role → values to evaluate at (positions, deflections and the set-point)
+    use : shape (N,), where every value to learn from is there and the filters have settled
+    """
+
+    rows: JointSignals
+    fit: Mapping[str, Array]
+    now: Mapping[str, Array]
+    use: Flags
+
+
+@dataclass(slots=True)
+class ConditionerState:
+    """Filter states of the run in progress, and the samples still inside the window."""
+
+    kalman: dict[str, Array] = field(default_factory=dict)
+    seen: int = 0
+    tail: JointSignals | None = None
+    tail_kalman: dict[str, Array] = field(default_factory=dict)
+
+
+class Conditioner:
+    """Filter the roles of a joint, block by block.
+
+    Parameters
+    ----------
+    roles : the roles to filter
+    signals : a block or the whole, for its period and the sensors' resolutions
+    kind : which filters
+    window : of the Savitzky–Golay filter [s]
+    degree : of the Savitzky–Golay filter
+    shape : α of the MKKF (Flacco 2012 eq. 20)
+    settle : time the MKKF is given after a start before its output is learnt from [s]
+    """
+
+    def __init__(
+        self,
+        roles: tuple[str, ...],
+        signals: JointSignals,
+        kind: FilterName,
+        *,
+        window: float = 1.0,
+        degree: int = 20,
+        shape: float = 6.0,
+        settle: float | None = None,
+    ) -> None:
+        self.kind = kind
+        self.roles = roles
+        self.period = signals.period
+        self.motor_roles = tuple(r for r in roles if r.startswith("motor_position"))
+        self.moving = tuple(r for r in roles if "torque" not in r)
+        self.settings = {
+            role: KinematicSettings.for_resolution(signals.resolution[role], self.period, shape)
+            for role in self.moving
+            if signals.resolution.get(role, 0.0) > 0.0
+        }
+        self.settle = 100 if settle is None else round(settle / self.period)
+        self.window = 2 * round(0.5 * window / self.period) + 1
+        if kind != "kinematic":
+            self.weights = savgol_weights(self.window, degree, 2, self.period)
+
+    def check_length(self, longest_run: int) -> None:
+        """Refuse a log in which no run is long enough for the filter.
+
+        Raises
+        ------
+        FilterError
+            The filter would never produce a sample.
+        """
+        needed = self.window if self.kind != "kinematic" else self.settle + 1
+        if longest_run < needed:
+            raise FilterError(
+                f"the longest stretch without a gap has {longest_run} samples, but the {self.kind} filter needs"
+                f" {needed} ({needed * self.period:.3g} s); record longer, or shorten it with --tune"
+                f" {'window' if self.kind != 'kinematic' else 'settle'}=SECONDS"
+            )
+
+    def start(self) -> ConditionerState:
+        """Return the state before the first sample."""
+        return ConditionerState()
+
+    def step(self, state: ConditionerState, block: JointSignals) -> tuple[ConditionerState, list[Conditioned]]:
+        """Filter a block; the output may belong to earlier samples and be shorter or longer than the block."""
+        out: list[Conditioned] = []
+        for piece in block.between_gaps():
+            if piece.starts[0]:
+                out += self._flush(state)
+                state = self.start()
+            state, conditioned = self._within_run(state, piece)
+            out.append(conditioned)
+        return state, out
+
+    def finish(self, state: ConditionerState) -> tuple[ConditionerState, list[Conditioned]]:
+        """Give out what is still inside the window."""
+        return self.start(), self._flush(state)
+
+    def _within_run(self, state: ConditionerState, piece: JointSignals) -> tuple[ConditionerState, Conditioned]:
+        states = dict(state.kalman)
+        kalman: dict[str, Array] = {}
+        for role in self.moving:
+            raw = piece.roles[role]
+            if role in self.settings:
+                kalman[role], velocity, states[role] = kinematic_filter(
+                    raw, self.period, self.settings[role], states.get(role)
+                )
+            else:  # a signal that never moves has no resolution and needs no filter
+                kalman[role], velocity = raw, np.zeros_like(raw)
+            if role in self.motor_roles:
+                kalman[f"velocity:{role}"] = velocity
+        seen = state.seen + len(piece)
+        if self.kind == "kinematic":
+            fit = {**kalman, **{r: piece.roles[r] for r in self.roles if r not in self.moving}}
+            index = np.arange(state.seen, seen)
+            use = _complete({r: piece.roles[r] for r in self.roles}) & (index >= self.settle)
+            now = {r: kalman[r] for r in self.moving}
+            return ConditionerState(states, seen), Conditioned(piece, fit, now, use)
+        joined = piece if state.tail is None else _join(state.tail, piece)
+        joined_kalman = {
+            r: np.concatenate((state.tail_kalman[r], kalman[r])) if r in state.tail_kalman else kalman[r]
+            for r in self.moving
+        }
+        smooth = self._smooth(joined)
+        keep = max(len(joined) - self.window + 1, 0)
+        new = ConditionerState(states, seen, joined[keep:], {r: v[keep:].copy() for r, v in joined_kalman.items()})
+        if self.kind == "pair":
+            fit = {r: _at_end(v, len(piece)) for r, v in smooth.items()}
+            now = {r: kalman[r] for r in self.moving}
+            return new, Conditioned(piece, fit, now, _complete(fit))
+        return new, self._centred(joined, joined_kalman, smooth, state.seen, seen)
+
+    def _smooth(self, joined: JointSignals) -> dict[str, Array]:
+        smooth: dict[str, Array] = {}
+        for role in self.roles:
+            if role in self.motor_roles:
+                smooth[role], smooth[f"velocity:{role}"], smooth[f"acceleration:{role}"] = savgol_filter(
+                    joined.roles[role], self.weights
+                )
+            else:
+                smooth[role] = savgol_filter(joined.roles[role], self.weights[:1])[0]
+        return smooth
+
+    def _centred(
+        self, joined: JointSignals, kalman: dict[str, Array], smooth: dict[str, Array], before: int, seen: int
+    ) -> Conditioned:
+        """Give out the rows whose window is now complete, and at a run's beginning those that never have one."""
+        lag = savgol_lag(self.window)
+        first, last = max(before - lag, 0), max(seen - lag, 0)
+        offset = seen - len(joined)  # index within the run of joined's first sample
+        rows = slice(first - offset, last - offset)
+        fit = {r: _at_end(v, last - first) for r, v in smooth.items()}
+        use = _complete(fit)
+        now = {r: np.where(np.isfinite(fit[r]), fit[r], kalman[r][rows]) for r in self.moving}
+        return Conditioned(joined[rows], fit, now, use)
+
+    def _flush(self, state: ConditionerState) -> list[Conditioned]:
+        if self.kind != "savitzky-golay" or state.tail is None:
+            return []
+        pending = min(savgol_lag(self.window), state.seen)
+        rows = state.tail[len(state.tail) - pending :]
+        nothing = np.full(pending, np.nan)
+        names = [*self.roles, *(f"{d}:{r}" for r in self.motor_roles for d in ("velocity", "acceleration"))]
+        now = {r: state.tail_kalman[r][len(state.tail) - pending :] for r in self.moving}
+        return [Conditioned(rows, dict.fromkeys(names, nothing), now, np.zeros(pending, dtype=np.bool_))]
+
+
+def _complete(values: Mapping[str, Array]) -> Flags:
+    use: Flags | None = None
+    for v in values.values():
+        finite = np.isfinite(v)
+        use = finite if use is None else use & finite
+    if use is None:
+        raise FilterError("there is no signal to filter")
+    return use
+
+
+def _at_end(values: Array, length: int) -> Array:
+    """Return `length` values that end with `values`, NaN in front where there are fewer."""
+    if values.shape[0] >= length:
+        return values[values.shape[0] - length :]
+    return np.concatenate((np.full(length - values.shape[0], np.nan), values))
+
+
+def _join(first: JointSignals, second: JointSignals) -> JointSignals:
+    return replace(
+        second,
+        stamps=np.concatenate((first.stamps, second.stamps)),
+        time=np.concatenate((first.time, second.time)),
+        roles={r: np.concatenate((first.roles[r], v)) for r, v in second.roles.items()},
+        starts=np.concatenate((first.starts, second.starts)),
+        run=np.concatenate((first.run, second.run)),
+    )

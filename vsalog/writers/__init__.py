@@ -1,0 +1,1 @@
+"""Writers of results and of recordings; every one of them is atomic."""

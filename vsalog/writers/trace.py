@@ -1,0 +1,104 @@
+"""Stiffness traces as Parquet: one row per sample and transmission, units in the fields' metadata."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from contextlib import ExitStack
+from pathlib import Path
+from types import TracebackType
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.parquet as pq
+
+from vsalog.trace import EXTRA_UNITS, UNITS, Trace
+from vsalog.writers.atomic import atomic_path
+
+
+def _unit(column: str) -> str:
+    if column.startswith("coefficient_"):
+        return "N*m"
+    return UNITS.get(column, EXTRA_UNITS.get(column, ""))
+
+
+def _field(name: str, kind: pa.DataType, unit: str = "") -> pa.Field:
+    return pa.field(name, kind, metadata={"unit": unit} if unit else None)
+
+
+def trace_schema(columns: list[str], metadata: Mapping[str, str] | None = None) -> pa.Schema:
+    """Return the schema of a trace with these columns; those every estimator gives come first."""
+    text = pa.dictionary(pa.int32(), pa.string())
+    fields = [
+        _field("time", pa.float64(), "s"),
+        _field("stamp", pa.int64(), "ns"),
+        _field("joint", text),
+        _field("transmission", text),
+        _field("run", text),
+    ]
+    for name in [*UNITS, *(c for c in columns if c not in UNITS)]:
+        fields.append(_field(name, pa.bool_() if name == "excited" else pa.float64(), _unit(name)))
+    return pa.schema(fields, metadata=dict(metadata) if metadata else None)
+
+
+def trace_columns(trace: Trace) -> list[str]:
+    """Return the names of all columns that any transmission of a trace has, in order."""
+    return list(dict.fromkeys(name for columns in trace.transmissions.values() for name in columns))
+
+
+def trace_tables(trace: Trace, schema: pa.Schema | None = None) -> Iterator[pa.Table]:
+    """Turn a trace, or a block of one, into a table per transmission; columns a transmission lacks are null."""
+    schema = schema or trace_schema(trace_columns(trace))
+    runs = pa.DictionaryArray.from_arrays(pa.array(trace.run, pa.int32()), pa.array(trace.run_names, pa.string()))
+    for name, columns in trace.transmissions.items():
+        fixed = {
+            "time": pa.array(trace.time),
+            "stamp": pa.array(trace.stamps),
+            "joint": _constant(trace.joint, len(trace)),
+            "transmission": _constant(name, len(trace)),
+            "run": runs,
+        }
+        arrays = [
+            fixed[field.name]
+            if field.name in fixed
+            else pa.array(columns[field.name], field.type)
+            if field.name in columns
+            else pa.nulls(len(trace), field.type)
+            for field in schema
+        ]
+        yield pa.Table.from_arrays(arrays, schema=schema)
+
+
+def _constant(text: str, length: int) -> pa.DictionaryArray:
+    return pa.DictionaryArray.from_arrays(pa.array(np.zeros(length, np.int32)), pa.array([text], pa.string()))
+
+
+class TraceWriter:
+    """Write blocks of traces to one Parquet file, which appears when all is written and not before.
+
+    Use as a context manager. Rows of one transmission are in the order of time; each block is its own row group.
+    """
+
+    def __init__(self, path: Path, metadata: Mapping[str, str]) -> None:
+        self.path, self.metadata = path, metadata
+        self._stack = ExitStack()
+        self._writer: pq.ParquetWriter | None = None
+        self._schema: pa.Schema | None = None
+
+    def __enter__(self) -> TraceWriter:
+        self._temporary = self._stack.enter_context(atomic_path(self.path))
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        if self._writer is not None:
+            self._writer.close()
+        self._stack.__exit__(kind, error, trace)
+
+    def write(self, trace: Trace, columns: list[str] | None = None) -> None:
+        """Append a block; `columns`, on the first call, names those that later blocks may have besides."""
+        if self._writer is None:
+            self._schema = trace_schema(columns or trace_columns(trace), self.metadata)
+            self._writer = pq.ParquetWriter(self._temporary, self._schema, compression="zstd")
+        for table in trace_tables(trace, self._schema):
+            self._writer.write_table(table)
