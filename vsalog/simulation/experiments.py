@@ -1,0 +1,283 @@
+"""The experiments of the papers, ready to run: VSA-II, AwAS, and an elastic joint.
+
+Values that a paper prints are cited; the others are marked as chosen.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import replace
+
+import msgspec
+import numpy as np
+from numpy.typing import NDArray
+
+from vsalog.errors import SimulationError
+from vsalog.rig.schema import (
+    AntagonisticJoint,
+    AntagonisticSignals,
+    AwasTransmission,
+    Basis,
+    CubicTransmission,
+    ElasticJoint,
+    Lever,
+    Link,
+    Motor,
+    RigFile,
+    SerialJoint,
+    SerialSignals,
+    SingleSignals,
+    Transmission,
+    Vsa2Transmission,
+)
+from vsalog.simulation.channels import DEFAULT_CHANNELS
+from vsalog.simulation.experiment import Experiment
+from vsalog.simulation.inputs import TorqueInput, sine, soft_square, sum_of
+from vsalog.simulation.sensors import IDEAL, Sensors
+from vsalog.simulation.simulate import simulate
+
+Array = NDArray[np.float64]
+
+# Encoders: Flacco 2012 §6.1. Noise (1 N·mm rms) and the converter (16 bit over ±250 N·mm): chosen.
+VSA2_SENSORS = Sensors(
+    motor_pulses=4059,
+    link_pulses=4059,
+    motor_torque_noise=1e-3,
+    torque_sensor_noise=1e-3,
+    torque_step=2.0**-17,
+)
+# Encoders: Flacco 2012 §6.2. Noise (0.05 N·m rms) and the converter (16 bit over ±64 N·m): chosen.
+AWAS_SENSORS = Sensors(
+    motor_pulses=40_000,
+    link_pulses=40_000,
+    secondary_pulses=1024,
+    motor_torque_noise=0.05,
+    torque_sensor_noise=0.05,
+    torque_step=2.0**-9,
+)
+# All chosen: 16-bit encoders, 0.02 N·m rms, a converter of 16 bit over ±16 N·m.
+ELASTIC_SENSORS = Sensors(
+    motor_pulses=65_536,
+    link_pulses=65_536,
+    motor_torque_noise=0.02,
+    torque_sensor_noise=0.02,
+    torque_step=2.0**-11,
+)
+
+
+def vsa2_rig() -> RigFile:
+    """Return the VSA-II of Flacco 2012 §6.1: k, B and D printed; C, the link and its gravity torque chosen."""
+    motor = Motor(inertia=7.3e-3, damping=1e-3)
+    transmission = Vsa2Transmission(stiffness=0.5, geometry=1.8)
+    roles = [f"{role}_{i}" for i in (1, 2) for role in ("motor_position", "motor_torque", "torque_sensor")]
+    joint = AntagonisticJoint(
+        motor_1=motor,
+        motor_2=motor,
+        transmission_1=transmission,
+        transmission_2=transmission,
+        link=Link(inertia=2e-3, damping=5e-3, gravity_torque=60e-3),
+        signals=AntagonisticSignals(**{r: DEFAULT_CHANNELS[r] for r in [*roles, "link_position"]}),
+    )
+    return RigFile(name="VSA-II", joint={"vsa2": joint})
+
+
+def awas_rig() -> RigFile:
+    """Return the AwAS of Flacco 2012 §6.2 eq. 53, all printed."""
+    roles = ("motor_position", "motor_torque", "link_position", "torque_sensor", "setpoint")
+    joint = SerialJoint(
+        motor=Motor(inertia=2.3e-5, damping=0.001, gear_ratio=50.0, side="rotor"),
+        secondary_motor=Motor(inertia=1.29e-7, damping=0.0141, gear_ratio=23.0, side="rotor"),
+        transmission=AwasTransmission(spring_stiffness=14_220.0),
+        lever=Lever(start=0.1, travel=2.5e-3 / (2.0 * np.pi)),
+        link=Link(inertia=0.1, damping=0.15),
+        basis=Basis(order=6, setpoint_order=3),
+        signals=SerialSignals(**{r: DEFAULT_CHANNELS[r] for r in roles}),
+    )
+    return RigFile(name="AwAS", joint={"awas": joint})
+
+
+def elastic_rig(transmission: Transmission | None = None) -> RigFile:
+    """Return a series elastic joint that hangs, all values chosen.
+
+    Parameters
+    ----------
+    transmission : τ_e = 20 φ + 2000 φ³ N·m (a hardening spring) when absent
+    """
+    roles = ("motor_position", "motor_torque", "link_position", "torque_sensor")
+    joint = ElasticJoint(
+        motor=Motor(inertia=0.08, damping=0.4),
+        transmission=CubicTransmission(stiffness=20.0, cubic=2000.0) if transmission is None else transmission,
+        link=Link(inertia=0.05, damping=0.1, gravity_torque=3.0),
+        signals=SingleSignals(**{r: DEFAULT_CHANNELS[r] for r in roles}),
+    )
+    return RigFile(name="series elastic joint", joint={"sea": joint})
+
+
+# The second experiment of each has other inputs: what a model fitted to the first is validated with. Chosen.
+_VSA2_TORQUES: dict[int, dict[str, Callable[[Array], Array]]] = {
+    1: {"motor_torque_1": sine(0.05, 0.05), "motor_torque_2": sine(0.05, 1.0)},
+    2: {
+        "motor_torque_1": sine(0.015, 0.13),
+        "motor_torque_2": sum_of(sine(-0.015, 0.13), sine(0.035, 0.8)),
+    },
+}
+_AWAS_TORQUES: dict[int, dict[str, Callable[[Array], Array]]] = {
+    1: {"motor_torque": sine(15.0, 0.1), "secondary_torque": soft_square(200.0, 10.0, 0.05)},
+    2: {
+        "motor_torque": sum_of(sine(6.0, 0.23), sine(1.0, 0.9)),
+        "secondary_torque": soft_square(265.0, 10.0, 0.6),
+    },
+}
+_ELASTIC_TORQUES: dict[int, dict[str, Callable[[Array], Array]]] = {
+    1: {"motor_torque": sum_of(sine(2.0, 0.2), sine(1.0, 1.3))},
+    2: {"motor_torque": sum_of(sine(1.6, 0.37), sine(1.2, 0.8))},
+}
+
+
+def vsa2_experiment(
+    number: int = 1,
+    *,
+    ideal: bool = False,
+    seed: int = 1,
+    duration: float = 20.0,
+    period: float = 1e-3,
+    torques: Mapping[str, TorqueInput] | None = None,
+    drift: float = 0.0,
+    inertia: float | None = None,
+    damping: float | None = None,
+    sensors: Sensors | None = None,
+) -> Experiment:
+    """Run the VSA-II (Flacco 2012 §6.1; Flacco 2014 §V with `drift`, `inertia` and `damping`).
+
+    Parameters
+    ----------
+    number : 1 for the paper's torques, 50 sin 0.1πt and 50 sin 2πt N·mm; 2 for others, to validate with
+    ideal : no quantisation and no noise
+    seed : of the noise
+    duration, period : [s]
+    torques : instead of the experiment's, as for `simulate`
+    drift : ∂k/∂t of both springs [N·m/rad/s]; Flacco 2014 has 0.5e-6
+    inertia, damping : of both motors as they are [kg·m²], [N·m·s/rad], where they differ from what the rig says;
+        Flacco 2014 has 7.5e-3 and 0.9e-3
+    sensors : instead of the experiment's, `VSA2_SENSORS`
+    """
+    believed = vsa2_rig()
+    joint = believed.joint["vsa2"]
+    assert isinstance(joint, AntagonisticJoint)
+    motor = _altered(joint.motor_1, inertia, damping)
+    actual = msgspec.structs.replace(
+        believed, joint={"vsa2": msgspec.structs.replace(joint, motor_1=motor, motor_2=motor)}
+    )
+    spring = joint.transmission_1
+    assert isinstance(spring, Vsa2Transmission)
+    played = simulate(
+        actual,
+        torques if torques is not None else _numbered(_VSA2_TORQUES, number),
+        duration,
+        period=period,
+        seed=seed,
+        sensors=_sensors(sensors, ideal, VSA2_SENSORS),
+        drift_rate=drift / spring.stiffness,
+        name=f"vsa2_exp{number}",
+    )
+    return replace(played, rig=believed)
+
+
+def awas_experiment(
+    number: int = 1,
+    *,
+    ideal: bool = False,
+    seed: int = 1,
+    duration: float = 20.0,
+    period: float = 1e-3,
+    torques: Mapping[str, TorqueInput] | None = None,
+    drift: float = 0.0,
+    inertia: float | None = None,
+    damping: float | None = None,
+    sensors: Sensors | None = None,
+) -> Experiment:
+    """Run the AwAS (Flacco 2012 §6.2).
+
+    Parameters
+    ----------
+    number : 1 for the paper's motor torque, 0.3 sin 0.2πt N·m on the rotor (15 on the joint's side), and a secondary
+        torque that moves the lever arm between 47 and 100 mm; 2 for others, to validate with
+    ideal, seed, duration, period, torques : as for `vsa2_experiment`
+    drift : ∂k_s/∂t of the springs [N/m/s]
+    inertia, damping : of the primary motor's rotor as they are, where they differ from what the rig says
+    sensors : instead of the experiment's, `AWAS_SENSORS`
+    """
+    believed = awas_rig()
+    joint = believed.joint["awas"]
+    assert isinstance(joint, SerialJoint)
+    motor = _altered(joint.motor, inertia, damping)
+    actual = msgspec.structs.replace(believed, joint={"awas": msgspec.structs.replace(joint, motor=motor)})
+    spring = joint.transmission
+    assert isinstance(spring, AwasTransmission)
+    played = simulate(
+        actual,
+        torques if torques is not None else _numbered(_AWAS_TORQUES, number),
+        duration,
+        period=period,
+        seed=seed,
+        sensors=_sensors(sensors, ideal, AWAS_SENSORS),
+        drift_rate=drift / spring.spring_stiffness,
+        name=f"awas_exp{number}",
+    )
+    return replace(played, rig=believed)
+
+
+def elastic_experiment(
+    number: int = 1,
+    *,
+    ideal: bool = False,
+    seed: int = 1,
+    duration: float = 20.0,
+    period: float = 2e-3,
+    torques: Mapping[str, TorqueInput] | None = None,
+    transmission: Transmission | None = None,
+    drift_rate: float = 0.0,
+    sensors: Sensors | None = None,
+) -> Experiment:
+    """Run a series elastic joint that hangs under gravity (Flacco 2012 eq. 3–4), 500 Hz, all values chosen.
+
+    Parameters
+    ----------
+    number : 1 or 2, two sets of torques
+    ideal, seed, duration, period, torques : as for `vsa2_experiment`
+    transmission : as for `elastic_rig`
+    drift_rate : relative drift of the transmission's torque [1/s]
+    sensors : instead of the experiment's, `ELASTIC_SENSORS`
+    """
+    return simulate(
+        elastic_rig(transmission),
+        torques if torques is not None else _numbered(_ELASTIC_TORQUES, number),
+        duration,
+        period=period,
+        seed=seed,
+        sensors=_sensors(sensors, ideal, ELASTIC_SENSORS),
+        drift_rate=drift_rate,
+        name=f"sea_exp{number}",
+    )
+
+
+def _altered(motor: Motor, inertia: float | None, damping: float | None) -> Motor:
+    return msgspec.structs.replace(
+        motor,
+        inertia=motor.inertia if inertia is None else inertia,
+        damping=motor.damping if damping is None else damping,
+    )
+
+
+def _numbered(
+    table: Mapping[int, Mapping[str, Callable[[Array], Array]]], number: int
+) -> Mapping[str, Callable[[Array], Array]]:
+    if number not in table:
+        raise SimulationError(f"there is no experiment {number}, only {', '.join(map(str, table))}")
+    return table[number]
+
+
+def _sensors(sensors: Sensors | None, ideal: bool, usual: Sensors) -> Sensors:
+    if ideal:
+        return IDEAL
+    return usual if sensors is None else sensors
