@@ -30,8 +30,6 @@ DEFAULT_CHANNELS = {
     "torque_sensor_2": "/joint_torque.effort[transmission_2]",
 }
 
-_LENGTH_UNITS = {"m": 1.0, "mm": 1e-3}
-
 
 @dataclass(frozen=True, slots=True)
 class RecordedColumn:

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vsalog.recording import Channel, Recording, Stream
-from vsalog.rig.schema import Joint, RigFile
+from vsalog.rig.schema import RigFile
 from vsalog.signals import JointSignals
 from vsalog.simulation.channels import JOINT_STATE, RecordedColumn, recorded_columns
 
@@ -94,8 +94,3 @@ class Experiment:
 def sample_stamps(count: int, period: float) -> Stamps:
     """Return the stamps of `count` samples [ns since the epoch], each rounded to the nanosecond."""
     return EPOCH_NS + np.round(np.arange(count) * (period * 1e9)).astype(np.int64)
-
-
-def single_joint(rig: RigFile) -> tuple[str, Joint]:
-    """Return name and structure of the first joint of a rig."""
-    return next(iter(rig.joint.items()))

@@ -117,8 +117,8 @@ def elastic_rig(transmission: Transmission | None = None) -> RigFile:
 _VSA2_TORQUES: dict[int, dict[str, Callable[[Array], Array]]] = {
     1: {"motor_torque_1": sine(0.05, 0.05), "motor_torque_2": sine(0.05, 1.0)},
     2: {
-        "motor_torque_1": sine(0.015, 0.13),
-        "motor_torque_2": sum_of(sine(-0.015, 0.13), sine(0.035, 0.8)),
+        "motor_torque_1": sine(0.035, 0.13),
+        "motor_torque_2": sum_of(sine(-0.035, 0.13), sine(0.050, 1.4)),
     },
 }
 _AWAS_TORQUES: dict[int, dict[str, Callable[[Array], Array]]] = {

@@ -140,8 +140,8 @@ def _serial(
 ) -> dict[str, Array]:
     if not isinstance(joint.transmission, AwasTransmission) or joint.lever is None:
         raise SimulationError("a serial joint is simulated with an 'awas' transmission and a lever only")
-    if joint.secondary_motor is None or joint.secondary_motor.reflected_damping <= 0.0:
-        raise SimulationError("a serial joint is simulated with a secondary motor that has inertia and damping")
+    if joint.secondary_motor is None:
+        raise SimulationError("a serial joint without a secondary motor cannot be simulated")
     inputs = _inputs(torques, ["motor_torque", "secondary_torque"])
     spring, lever = joint.transmission.spring_stiffness, joint.lever
     states = integrate_awas(
