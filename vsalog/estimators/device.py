@@ -2,20 +2,24 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
 
 from vsalog.errors import EstimatorError
 from vsalog.estimators.basis import PolynomialBasis
 from vsalog.rig.schema import (
     AntagonisticJoint,
-    ElasticJoint,
     Joint,
     Motor,
     RigidJoint,
     SerialJoint,
     Transmission,
 )
+
+Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, slots=True)
@@ -55,8 +59,13 @@ class Device:
     has_setpoint: bool
 
 
-def device_of(name: str, joint: Joint) -> Device:
+def device_of(name: str, joint: Joint, roles: Mapping[str, Array] | None = None) -> Device:
     """See a joint of a rig as a device.
+
+    Parameters
+    ----------
+    name, joint : of the rig
+    roles : the joint's signals, from which the scales are taken that the rig's basis leaves open; these are 1 without
 
     Raises
     ------
@@ -70,22 +79,37 @@ def device_of(name: str, joint: Joint) -> Device:
             " and name the channels of both sides of the transmission"
         )
     serial = isinstance(joint, SerialJoint)
-    basis = PolynomialBasis.make(
-        joint.basis.order,
-        odd=joint.basis.odd,
-        setpoint_order=joint.basis.setpoint_order if serial else 1,
-        deflection_scale=joint.basis.deflection_scale,
-        setpoint_scale=joint.basis.setpoint_scale if serial else 1.0,
-    )
+    views: tuple[TransmissionView, ...]
     if isinstance(joint, AntagonisticJoint):
-        views: tuple[TransmissionView, ...] = (
+        views = (
             _view("1", joint.motor_1, joint.transmission_1, "_1"),
             _view("2", joint.motor_2, joint.transmission_2, "_2"),
         )
     else:
-        assert isinstance(joint, ElasticJoint | SerialJoint)
         views = (_view("1", joint.motor, joint.transmission, ""),)
+    deflections = [deflection_of(roles, v) for v in views] if roles is not None else []
+    setpoints = [roles["setpoint"]] if roles is not None and serial else []
+    basis = PolynomialBasis.make(
+        joint.basis.order,
+        odd=joint.basis.odd,
+        setpoint_order=joint.basis.setpoint_order if serial else 1,
+        deflection_scale=joint.basis.deflection_scale or largest(*deflections),
+        setpoint_scale=joint.basis.setpoint_scale or largest(*setpoints),
+    )
     return Device(name, views, basis, serial)
+
+
+def deflection_of(values: Mapping[str, Array], view: TransmissionView) -> Array:
+    """Return φ, measured itself or φ = q − θ (Flacco 2012 §2.1), shape (N,) [rad]."""
+    if view.deflection in values:
+        return values[view.deflection]
+    return values["link_position"] - values[view.motor_position]
+
+
+def largest(*signals: Array) -> float:
+    """Return the largest finite |x| of all signals; 1 where there is none or all are zero."""
+    finite = [np.abs(x[np.isfinite(x)]) for x in signals]
+    return max((float(x.max()) for x in finite if x.size), default=0.0) or 1.0
 
 
 def _view(name: str, motor: Motor, nominal: Transmission, suffix: str) -> TransmissionView:

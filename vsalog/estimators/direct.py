@@ -51,8 +51,11 @@ def roles(device: Device, offered: Collection[str], tuning: DirectTuning) -> tup
 def build(device: Device, signals: JointSignals, tuning: DirectTuning) -> RegressionFold:
     """Assemble the estimator for a joint's signals."""
     memory = tuning.memory_samples(signals)
+    p0 = tuning.initial_covariance(device, signals)
     solver: Solver = (
-        QrSolver(tuning.forgetting, memory) if tuning.solver == "qr" else RlsSolver(tuning.p0, tuning.c, memory)
+        QrSolver(tuning.forgetting, memory, 0, tuning.c * p0)
+        if tuning.solver == "qr"
+        else RlsSolver(p0, tuning.c, memory)
     )
     needed = roles(device, signals.roles, tuning)
     equations = sensor_equations(device, signals.roles)

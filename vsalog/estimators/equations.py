@@ -10,8 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vsalog.estimators.basis import PolynomialBasis
-from vsalog.estimators.device import TransmissionView
-from vsalog.estimators.regression import EquationRows, deflection_of
+from vsalog.estimators.device import TransmissionView, deflection_of
+from vsalog.estimators.regression import EquationRows
 from vsalog.estimators.torque import integral_block, lag_block, residual_block
 from vsalog.filters.conditioning import Conditioned
 

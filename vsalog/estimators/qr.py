@@ -25,9 +25,19 @@ class QrState:
         self.Rp, self.noise = Rp, noise
 
     @classmethod
-    def start(cls, size: int) -> QrState:
-        """Begin with no data at all; the first n samples set up R (Flacco 2014 §IV)."""
-        return cls(np.zeros((size, size + 1)), np.zeros(5))
+    def start(cls, size: int, leading: int = 0, p0: float = np.inf) -> QrState:
+        """Begin with no data at all (the first n samples then set up R, Flacco 2014 §IV), or with a prior.
+
+        Parameters
+        ----------
+        size : n, number of unknowns
+        leading : the first unknowns, which have no prior
+        p0 : the other unknowns begin at zero with covariance p0 I, as in RLS; infinite for no prior
+        """
+        Rp = np.zeros((size, size + 1))
+        for i in range(leading, size):
+            Rp[i, i] = p0**-0.5
+        return cls(Rp, np.zeros(5))
 
     def copy(self) -> QrState:
         """Return an independent copy."""
@@ -50,6 +60,8 @@ def qr_block(
     spread: Flags,
     forgetting: float,
     memory: float,
+    leading: int = 0,
+    p0: float = np.inf,
 ) -> tuple[QrState, Array, Array, Array, Array]:
     """Update with a block of samples and evaluate linear functionals of the unknowns after each.
 
@@ -64,6 +76,7 @@ def qr_block(
     spread : shape (q,), which of them need a variance
     forgetting : λ of eq. 21–22; R is multiplied by it, so a sample's squared error is discounted by λ² a step
     memory : samples over which the noise is observed
+    leading, p0 : as the state was started with; the variances count what the prior may have pulled the estimate to zero
 
     Returns
     -------
@@ -73,7 +86,26 @@ def qr_block(
     count, q, n = E.shape
     values, variances = np.empty((count, q)), np.empty((count, q))
     unknowns, residual = np.empty((count, n)), np.empty(count)
-    _run(F, y, use, fresh, E, spread, forgetting, memory, new.Rp, new.noise, values, variances, unknowns, residual)
+    # With forgetting the prior is forgotten too.
+    prior = 1.0 / p0 if forgetting == 1.0 else 0.0
+    _run(
+        F,
+        y,
+        use,
+        fresh,
+        E,
+        spread,
+        forgetting,
+        memory,
+        leading,
+        prior,
+        new.Rp,
+        new.noise,
+        values,
+        variances,
+        unknowns,
+        residual,
+    )
     return new, values, variances, unknowns, residual
 
 
@@ -133,6 +165,8 @@ def _run(
     spread: Flags,
     forgetting: float,
     memory: float,
+    leading: int,
+    prior: float,
     Rp: Array,
     noise: Array,
     values: Array,
@@ -182,6 +216,14 @@ def _run(
                         t -= Rp[j, i] * z[j]
                     z[i] = t / Rp[i, i]
                     total += z[i] * z[i]
-                variances[k, s] = sigma2 * total
+                pulled = 0.0
+                if prior > 0.0:
+                    for i in range(n - 1, -1, -1):
+                        for j in range(i + 1, n):
+                            z[i] -= Rp[i, j] * z[j]
+                        z[i] /= Rp[i, i]
+                        if i >= leading:
+                            pulled += prior * z[i] * xi[i]
+                variances[k, s] = sigma2 * total + pulled * pulled
         for i in range(n):
             unknowns[k, i] = xi[i]

@@ -16,7 +16,7 @@ from vsalog.estimators.equations import IntegratedMotorEquation
 from vsalog.estimators.needs import deflection_roles, require
 from vsalog.estimators.regression import RegressionFold
 from vsalog.estimators.solvers import QrSolver
-from vsalog.estimators.tuning import Tuning
+from vsalog.estimators.tuning import Positive, Tuning, largest_regressor
 from vsalog.filters.conditioning import FilterName
 from vsalog.signals import JointSignals
 
@@ -30,10 +30,13 @@ class QrRlsTuning(Tuning, frozen=True, forbid_unknown_fields=True, kw_only=True)
     Attributes
     ----------
     forgetting : λ of eq. 21–22, 1 forgets nothing
+    p0 : the coefficients begin at zero with covariance p0 I, which keeps an unexcited direction from running away; the paper
+        begins without (inf). When absent, weak, from the log's largest deflection and set-point
     """
 
     filter: FilterName = "pair"
     forgetting: Annotated[float, Meta(gt=0.0, le=1.0)] = 1.0
+    p0: Positive | None = None
 
 
 TUNING = QrRlsTuning
@@ -50,7 +53,8 @@ def roles(device: Device, offered: Collection[str], tuning: Tuning, name: str = 
 
 def build(device: Device, signals: JointSignals, tuning: QrRlsTuning) -> RegressionFold:
     """Assemble the estimator for a joint's signals."""
-    solver = QrSolver(tuning.forgetting, tuning.memory_samples(signals))
+    p0 = tuning.p0 if tuning.p0 is not None else 1e4 / largest_regressor(device, signals) ** 2
+    solver = QrSolver(tuning.forgetting, tuning.memory_samples(signals), IntegratedMotorEquation.leading, p0)
     equations = tuple(IntegratedMotorEquation(v, device.basis, signals.period) for v in device.transmissions)
     needed = roles(device, signals.roles, tuning)
     return RegressionFold(NAME, "INTEGRATED", device, tuning.conditioner(needed, signals), equations, solver)

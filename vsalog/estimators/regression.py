@@ -12,7 +12,7 @@ from typing import Any, ClassVar, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from vsalog.estimators.device import Device, TransmissionView
+from vsalog.estimators.device import Device, TransmissionView, deflection_of
 from vsalog.estimators.region import Region
 from vsalog.filters.conditioning import Conditioned, Conditioner, ConditionerState
 from vsalog.model import JointModel, TransmissionModel, basis_spec
@@ -261,13 +261,6 @@ class RegressionFold:
             transmission=tuple(parts),
             motor=motor,
         )
-
-
-def deflection_of(values: Mapping[str, Array], view: TransmissionView) -> Array:
-    """Return φ, measured itself or φ = q − θ (Flacco 2012 §2.1), shape (N,) [rad]."""
-    if view.deflection in values:
-        return values[view.deflection]
-    return values["link_position"] - values[view.motor_position]
 
 
 def _total(columns: Mapping[str, Mapping[str, Any]], variance: Array, device: Device) -> dict[str, Any]:

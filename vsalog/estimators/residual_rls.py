@@ -12,10 +12,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vsalog.errors import EstimatorError
-from vsalog.estimators.device import Device, TransmissionView
+from vsalog.estimators.device import Device, TransmissionView, deflection_of
 from vsalog.estimators.equations import ResidualEquation, TorqueEquation
 from vsalog.estimators.needs import deflection_roles, require
-from vsalog.estimators.regression import Equation, RegressionFold, deflection_of
+from vsalog.estimators.regression import Equation, RegressionFold
 from vsalog.estimators.solvers import RlsSolver
 from vsalog.estimators.tuning import Modality, Positive, RlsTuning
 from vsalog.filters.conditioning import Conditioned
@@ -67,7 +67,7 @@ def build(device: Device, signals: JointSignals, tuning: ResidualRlsTuning) -> R
     EstimatorError
         The modality needs a motor inertia or a nominal transmission that the rig does not give.
     """
-    solver = RlsSolver(tuning.p0, tuning.c, tuning.memory_samples(signals))
+    solver = RlsSolver(tuning.initial_covariance(device, signals), tuning.c, tuning.memory_samples(signals))
     needed = roles(device, signals.roles, tuning)
     equations = _equations(device, signals, tuning)
     return RegressionFold(NAME, tuning.modality, device, tuning.conditioner(needed, signals), equations, solver)

@@ -35,7 +35,7 @@ class RlsState:
 
 
 def rls_block(
-    state: RlsState, F: Array, y: Array, use: Flags, E: Array, spread: Flags, c: float, memory: float
+    state: RlsState, F: Array, y: Array, use: Flags, E: Array, spread: Flags, c: float, p0: float, memory: float
 ) -> tuple[RlsState, Array, Array, Array, Array, Array]:
     """Update with a block of samples and evaluate linear functionals of the coefficients after each.
 
@@ -48,11 +48,13 @@ def rls_block(
     E : shape (N, q, n), functionals to evaluate
     spread : shape (q,), which of them need a variance
     c : of eq. 40–41; c = 1 is plain RLS (eq. 23)
+    p0 : of P(0) = p0 I; the variances count what this prior may have pulled the estimate to zero
     memory : samples over which the noise is observed
 
     Returns
     -------
-    state, values (N, q), variances (N, q; NaN where not asked for or not yet known), coefficients (N, n), innovation ε(k) (N,), stability factor a(k) (N,)
+    state, values (N, q), variances (N, q; NaN where not asked for or not yet known), coefficients (N, n),
+    innovation ε(k) (N,), stability factor a(k) (N,)
     """
     new = state.copy()
     count, q, n = E.shape
@@ -65,6 +67,7 @@ def rls_block(
         E,
         spread,
         c,
+        p0,
         memory,
         new.alpha,
         new.P,
@@ -112,6 +115,7 @@ def _run(
     E: Array,
     spread: Flags,
     c: float,
+    p0: float,
     memory: float,
     alpha: Array,
     P: Array,
@@ -151,12 +155,13 @@ def _run(
             values[k, s] = value
             variances[k, s] = np.nan
             if spread[s]:
-                variance = 0.0
+                variance, pulled = 0.0, 0.0
                 for i in range(n):
                     t = 0.0
                     for j in range(n):
                         t += P[i, j] * E[k, s, j]
                     variance += E[k, s, i] * t
-                variances[k, s] = sigma2 * c * variance
+                    pulled += t * alpha[i] / p0
+                variances[k, s] = sigma2 * c * variance + pulled * pulled
         for i in range(n):
             coefficients[k, i] = alpha[i]

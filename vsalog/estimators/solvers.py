@@ -34,7 +34,7 @@ class RlsSolver:
     ) -> tuple[RlsState, Array, Array, Array, Mapping[str, Array]]:
         """Learn from a block and evaluate E ξ̂ after each sample."""
         state, values, variances, unknowns, _, factor = rls_block(
-            state, rows.F, rows.y, use, E, spread, self.c, self.memory
+            state, rows.F, rows.y, use, E, spread, self.c, self.p0, self.memory
         )
         return state, values, variances, unknowns, {"stability_factor": factor}
 
@@ -46,21 +46,23 @@ class RlsSolver:
 
 @dataclass(frozen=True, slots=True)
 class QrSolver:
-    """QR-RLS (Flacco 2014 eq. 21–23) with forgetting factor λ."""
+    """QR-RLS (Flacco 2014 eq. 21–23) with forgetting factor λ and, for poor excitation, a prior on all but the leading unknowns."""
 
     forgetting: float
     memory: float
+    leading: int = 0
+    p0: float = np.inf
 
     def start(self, size: int) -> QrState:
         """Return the state before the first sample."""
-        return QrState.start(size)
+        return QrState.start(size, self.leading, self.p0)
 
     def block(
         self, state: QrState, rows: EquationRows, use: Flags, E: Array, spread: Flags
     ) -> tuple[QrState, Array, Array, Array, Mapping[str, Array]]:
         """Learn from a block and evaluate E ξ̂ after each sample."""
         state, values, variances, unknowns, _ = qr_block(
-            state, rows.F, rows.y, use, rows.fresh, E, spread, self.forgetting, self.memory
+            state, rows.F, rows.y, use, rows.fresh, E, spread, self.forgetting, self.memory, self.leading, self.p0
         )
         return state, values, variances, unknowns, {}
 

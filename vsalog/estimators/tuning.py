@@ -6,9 +6,11 @@ from collections.abc import Mapping
 from typing import Annotated, Literal, TypeVar
 
 import msgspec
+import numpy as np
 from msgspec import Meta
 
 from vsalog.errors import EstimatorError, did_you_mean
+from vsalog.estimators.device import Device, deflection_of, largest
 from vsalog.filters.conditioning import Conditioner, FilterName
 from vsalog.signals import JointSignals
 
@@ -59,12 +61,26 @@ class RlsTuning(Tuning, frozen=True, forbid_unknown_fields=True, kw_only=True):
 
     Attributes
     ----------
-    p0 : P(0) = p0 I (Flacco 2012 §7)
+    p0 : P(0) = p0 I (Flacco 2012 §7); when absent, such that the prior weighs as much as a tenth of a sample at the log's
+        largest deflection and set-point
     c : of the enhanced RLS (eq. 40–41); only the product p0·c matters, c = 1 is plain RLS
     """
 
-    p0: Positive = 1e11
+    p0: Positive | None = None
     c: Annotated[float, Meta(gt=0.0, le=1.0)] = 1e-5
+
+    def initial_covariance(self, device: Device, signals: JointSignals) -> float:
+        """Return p0, as given or from the log's own signals."""
+        return self.p0 if self.p0 is not None else 10.0 / (self.c * largest_regressor(device, signals) ** 2)
+
+
+def largest_regressor(device: Device, signals: JointSignals) -> float:
+    """Return the largest value that any function of the basis takes on a joint's signals; 1 where there is none."""
+    corner = np.array([largest(signals.roles["setpoint"])]) if device.has_setpoint else None
+    return max(
+        float(device.basis.rows(np.array([largest(deflection_of(signals.roles, view))]), corner, 0).max())
+        for view in device.transmissions
+    )
 
 
 Modality = Literal["MODEL", "SENSOR", "RESIDUAL"]

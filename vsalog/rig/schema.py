@@ -136,15 +136,15 @@ class Basis(Base):
     order : n, number of terms in φ
     odd : only odd powers φ, φ³, …, φ^(2n−1) (a transmission that behaves alike in both directions); else φ⁰ … φ^(n−1)
     setpoint_order : m, number of powers of the set-point (θ_c or r) each φ-term is multiplied with; 1 without a set-point
-    deflection_scale : φ is divided by this before powers are taken [rad]
-    setpoint_scale : the set-point is divided by this [rad or m]
+    deflection_scale : φ is divided by this before powers are taken [rad]; the log's largest |φ| when absent
+    setpoint_scale : the set-point is divided by this [rad or m]; the log's largest when absent
     """
 
     order: Annotated[int, Meta(description="number of terms in the deflection", ge=1, le=20)] = 4
     odd: bool = True
     setpoint_order: Annotated[int, Meta(description="number of powers of the set-point", ge=1, le=10)] = 3
-    deflection_scale: Annotated[float, _quantity("rad", "deflection the powers are taken of", gt=0.0)] = 1.0
-    setpoint_scale: Annotated[float, Meta(description="set-point the powers are taken of, SI", gt=0.0)] = 1.0
+    deflection_scale: Annotated[float, _quantity("rad", "deflection the powers are taken of", gt=0.0)] | None = None
+    setpoint_scale: Annotated[float, Meta(description="set-point the powers are taken of, SI", gt=0.0)] | None = None
 
 
 class Signal(Base):

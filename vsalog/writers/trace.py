@@ -14,6 +14,9 @@ import pyarrow.parquet as pq
 from vsalog.trace import EXTRA_UNITS, UNITS, Trace
 from vsalog.writers.atomic import atomic_path
 
+# Rows per row group: large enough to compress well, small enough not to weigh in memory.
+ROW_GROUP = 65536
+
 
 def _unit(column: str) -> str:
     if column.startswith("coefficient_"):
@@ -75,7 +78,7 @@ def _constant(text: str, length: int) -> pa.DictionaryArray:
 class TraceWriter:
     """Write blocks of traces to one Parquet file, which appears when all is written and not before.
 
-    Use as a context manager. Rows of one transmission are in the order of time; each block is its own row group.
+    Use as a context manager. Rows of one transmission are in the order of time.
     """
 
     def __init__(self, path: Path, metadata: Mapping[str, str]) -> None:
@@ -83,6 +86,7 @@ class TraceWriter:
         self._stack = ExitStack()
         self._writer: pq.ParquetWriter | None = None
         self._schema: pa.Schema | None = None
+        self._pending: list[Trace] = []
 
     def __enter__(self) -> TraceWriter:
         self._temporary = self._stack.enter_context(atomic_path(self.path))
@@ -91,8 +95,13 @@ class TraceWriter:
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
-        if self._writer is not None:
-            self._writer.close()
+        try:
+            if error is None:
+                self._flush()
+        except BaseException as failure:
+            # A full disk shows here: the temporary file must go all the same.
+            self._stack.__exit__(type(failure), failure, failure.__traceback__)
+            raise
         self._stack.__exit__(kind, error, trace)
 
     def write(self, trace: Trace, columns: list[str] | None = None) -> None:
@@ -100,5 +109,15 @@ class TraceWriter:
         if self._writer is None:
             self._schema = trace_schema(columns or trace_columns(trace), self.metadata)
             self._writer = pq.ParquetWriter(self._temporary, self._schema, compression="zstd")
-        for table in trace_tables(trace, self._schema):
-            self._writer.write_table(table)
+            self._stack.callback(self._writer.close)
+        if self._pending and self._pending[0].joint != trace.joint:
+            self._flush()
+        self._pending.append(trace)
+        if sum(map(len, self._pending)) >= ROW_GROUP:
+            self._flush()
+
+    def _flush(self) -> None:
+        if self._pending and self._writer is not None:
+            for table in trace_tables(Trace.concatenate(self._pending), self._schema):
+                self._writer.write_table(table)
+        self._pending.clear()
