@@ -38,30 +38,30 @@ from vsalog.simulation.simulate import simulate
 
 Array = NDArray[np.float64]
 
-# Encoders: Flacco 2012 §6.1. Noise (1 N·mm rms) and the converter (16 bit over ±250 N·mm): chosen.
+# Encoders: Flacco 2012 §6.1. Noise (1 N·mm rms) and the converter (14 bit over ±250 N·mm): chosen.
 VSA2_SENSORS = Sensors(
     motor_pulses=4059,
     link_pulses=4059,
     motor_torque_noise=1e-3,
     torque_sensor_noise=1e-3,
-    torque_step=2.0**-17,
+    torque_step=2.0**-15,
 )
-# Encoders: Flacco 2012 §6.2. Noise (0.05 N·m rms) and the converter (16 bit over ±64 N·m): chosen.
+# Encoders: Flacco 2012 §6.2. Noise (0.05 N·m rms) and the converter (14 bit over ±64 N·m): chosen.
 AWAS_SENSORS = Sensors(
     motor_pulses=40_000,
     link_pulses=40_000,
     secondary_pulses=1024,
     motor_torque_noise=0.05,
     torque_sensor_noise=0.05,
-    torque_step=2.0**-9,
+    torque_step=2.0**-7,
 )
-# All chosen: 16-bit encoders, 0.02 N·m rms, a converter of 16 bit over ±16 N·m.
+# All chosen: encoders of 0.01°, 0.02 N·m rms, a converter with steps of 1 N·mm.
 ELASTIC_SENSORS = Sensors(
-    motor_pulses=65_536,
-    link_pulses=65_536,
+    motor_pulses=36_000,
+    link_pulses=36_000,
     motor_torque_noise=0.02,
     torque_sensor_noise=0.02,
-    torque_step=2.0**-11,
+    torque_step=1e-3,
 )
 
 

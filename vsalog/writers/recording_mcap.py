@@ -1,0 +1,64 @@
+"""Recordings as MCAP files with ROS 2 messages, as rosbag2, Foxglove and PlotJuggler open them."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+
+from mcap.writer import CompressionType, Writer
+
+from vsalog.recording import Recording
+from vsalog.writers.atomic import atomic_path
+from vsalog.writers.recording_messages import ROS2_DEFINITIONS, merged_messages
+from vsalog.writers.recording_topics import Topic, topics_of
+
+# The metadata record that carries the rig, and its key.
+RIG_RECORD, RIG_KEY = "vsalog.rig", "toml"
+
+
+def write_mcap(recording: Recording, path: Path | str, rig_text: str | None = None) -> None:
+    """Write a recording as MCAP: profile ``ros2``, CDR messages, definitions embedded, zstd chunks.
+
+    Parameters
+    ----------
+    recording : its channels are sorted into topics as `topics_of` says
+    path : appears when all is written; replaced when it is there
+    rig_text : the rig as TOML, kept in the metadata record ``vsalog.rig``; the recording's own when absent
+
+    Raises
+    ------
+    WriteError
+        The file cannot be written, or the channels do not make topics.
+    """
+    write_topics_mcap(topics_of(recording), path, rig_text or recording.rig_text)
+
+
+def write_topics_mcap(
+    topics: Sequence[Topic],
+    path: Path | str,
+    rig_text: str | None = None,
+    metadata: Mapping[str, Mapping[str, str]] | None = None,
+) -> None:
+    """Write topics as MCAP, in the order of time.
+
+    Parameters
+    ----------
+    topics : each with its own stamps, which are log time, publish time and, where the message has one, header stamp
+    path, rig_text : as for `write_mcap`
+    metadata : further metadata records, name → key → text
+    """
+    records = {name: dict(entries) for name, entries in (metadata or {}).items()}
+    if rig_text is not None:
+        records[RIG_RECORD] = {RIG_KEY: rig_text}
+    with atomic_path(Path(path)) as temporary, temporary.open("wb") as file:
+        writer = Writer(file, compression=CompressionType.ZSTD)
+        writer.start(profile="ros2", library="vsalog")
+        for name, entries in records.items():
+            writer.add_metadata(name, entries)
+        kinds = dict.fromkeys(topic.type for topic in topics)
+        schemas = {kind: writer.register_schema(kind, "ros2msg", ROS2_DEFINITIONS[kind].encode()) for kind in kinds}
+        channels = [writer.register_channel(topic.name, "cdr", schemas[topic.type]) for topic in topics]
+        for stamp, index, sequence, message in merged_messages(topics, cdr=True):
+            # The sequence is a 32-bit number that may wrap around.
+            writer.add_message(channels[index], stamp, message, stamp, sequence & 0xFFFFFFFF)
+        writer.finish()  # type: ignore[no-untyped-call]
