@@ -5,14 +5,15 @@ from __future__ import annotations
 import csv
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 from mcap.reader import make_reader
-from mcap_ros2.decoder import DecoderFactory
+from mcap.records import Message
 from numpy.typing import NDArray
 from rosbags.rosbag1 import Reader as Bag
-from rosbags.typesys import Stores, get_typestore
+from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
 from vsalog.errors import WriteError
 from vsalog.recording import Channel, Recording, Stamps
@@ -55,6 +56,20 @@ def mixed() -> Recording:
     )
 
 
+def decoded_mcap(path: Path) -> list[tuple[str, Message, Any]]:
+    """(topic, record, message) in the order of time, decoded with the definitions embedded in the file."""
+    types = get_typestore(Stores.EMPTY)
+    with path.open("rb") as file:
+        rows = []
+        for schema, channel, record in make_reader(file).iter_messages():
+            assert schema is not None
+            assert (schema.encoding, channel.message_encoding) == ("ros2msg", "cdr")
+            if schema.name not in types.types:
+                types.register(get_types_from_msg(schema.data.decode(), schema.name))
+            rows.append((channel.topic, record, types.deserialize_cdr(record.data, schema.name)))
+    return rows
+
+
 def assert_same_bits(a: object, b: Array) -> None:
     assert np.asarray(a, dtype=np.float64).tobytes() == b.tobytes()
 
@@ -63,8 +78,7 @@ def test_mcap_reads_back_with_its_own_libraries(tmp_path: Path) -> None:
     written, path = mixed(), tmp_path / "a.mcap"
     write_mcap(written, path, rig_text="name = 'Größe'\n")
     with path.open("rb") as file:
-        reader = make_reader(file, decoder_factories=[DecoderFactory()])
-        rows = list(reader.iter_decoded_messages())
+        reader = make_reader(file)
         metadata = {m.name: m.metadata for m in reader.iter_metadata()}
         summary = reader.get_summary()
         assert reader.get_header().profile == "ros2"
@@ -72,9 +86,10 @@ def test_mcap_reads_back_with_its_own_libraries(tmp_path: Path) -> None:
     assert summary is not None
     assert {s.name for s in summary.schemas.values()} == {JOINT_STATE, FLOAT64}
     assert {c.compression for c in summary.chunk_indexes} == {"zstd"}
-    times = [m.log_time for _, _, m, _ in rows]
+    rows = decoded_mcap(path)
+    times = [m.log_time for _, m, _ in rows]
     assert times == sorted(times)
-    joints = [(m, d) for _, c, m, d in rows if c.topic == "/js"]
+    joints = [(m, d) for topic, m, d in rows if topic == "/js"]
     stamps = written.channels["/js.position[a]"].stamps
     assert [d.header.stamp.sec * 10**9 + d.header.stamp.nanosec for _, d in joints] == stamps.tolist()
     assert [m.log_time for m, _ in joints] == [m.publish_time for m, _ in joints] == stamps.tolist()
@@ -84,7 +99,7 @@ def test_mcap_reads_back_with_its_own_libraries(tmp_path: Path) -> None:
     assert_same_bits([d.position[1] for _, d in joints], written.channels["/js.position[bcd]"].values)
     assert_same_bits([d.effort[1] for _, d in joints], written.channels["/js.effort[bcd]"].values)
     assert np.isnan([d.effort[0] for _, d in joints]).all()
-    scalars = [(m, d) for _, c, m, d in rows if c.topic == "/pressure"]
+    scalars = [(m, d) for topic, m, d in rows if topic == "/pressure"]
     assert [m.log_time for m, _ in scalars] == written.channels["/pressure.data"].stamps.tolist()
     assert_same_bits([d.data for _, d in scalars], written.channels["/pressure.data"].values)
 
@@ -164,9 +179,7 @@ def test_topics_with_their_own_clocks(tmp_path: Path) -> None:
         scalar_topic("/early", np.array([1, 5]), np.array([3.0, 4.0])),
     ]
     write_topics_mcap(topics, path, metadata={"other": {"k": "v"}})
-    with path.open("rb") as file:
-        reader = make_reader(file, decoder_factories=[DecoderFactory()])
-        order = [(c.topic, m.log_time, d.data) for _, c, m, d in reader.iter_decoded_messages()]
+    order = [(topic, m.log_time, d.data) for topic, m, d in decoded_mcap(path)]
     assert sorted(order) == [("/early", 1, 3.0), ("/early", 5, 4.0), ("/late", 5, 1.0), ("/late", 9, 2.0)]
 
 
