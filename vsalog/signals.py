@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field, replace
+from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
@@ -63,6 +64,6 @@ class JointSignals:
         """Cut at the gaps, so that only the first sample of a piece can be a start."""
         cuts = np.flatnonzero(self.starts)
         edges = [0, *[int(c) for c in cuts if c > 0], len(self)]
-        for first, last in zip(edges[:-1], edges[1:], strict=True):
+        for first, last in pairwise(edges):
             if last > first:
                 yield self[first:last]

@@ -46,7 +46,7 @@ class RlsSolver:
 
 @dataclass(frozen=True, slots=True)
 class QrSolver:
-    """QR-RLS (Flacco 2014 eq. 21–23) with forgetting factor λ and, for poor excitation, a prior on all but the leading unknowns."""
+    """QR-RLS (Flacco 2014 eq. 21–23) with forgetting factor λ and a weak prior on all but the leading unknowns."""
 
     forgetting: float
     memory: float

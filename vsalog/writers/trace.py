@@ -38,8 +38,10 @@ def trace_schema(columns: list[str], metadata: Mapping[str, str] | None = None) 
         _field("transmission", text),
         _field("run", text),
     ]
-    for name in [*UNITS, *(c for c in columns if c not in UNITS)]:
-        fields.append(_field(name, pa.bool_() if name == "excited" else pa.float64(), _unit(name)))
+    fields += [
+        _field(name, pa.bool_() if name == "excited" else pa.float64(), _unit(name))
+        for name in [*UNITS, *(c for c in columns if c not in UNITS)]
+    ]
     return pa.schema(fields, metadata=dict(metadata) if metadata else None)
 
 
