@@ -11,13 +11,17 @@ import pytest
 from vsalog.errors import SimulationError
 from vsalog.mechanics import stiffness
 from vsalog.rig.schema import (
+    AntagonisticJoint,
+    AntagonisticSignals,
     ElasticJoint,
     LinearTransmission,
     Motor,
     RigFile,
     RigidJoint,
     SerialJoint,
+    SerialSignals,
     Signal,
+    SingleSignals,
     UnknownTransmission,
 )
 from vsalog.simulation import (
@@ -29,6 +33,7 @@ from vsalog.simulation import (
     elastic_rig,
     simulate,
     vsa2_experiment,
+    vsa2_rig,
 )
 from vsalog.simulation.inputs import at_steps
 
@@ -168,6 +173,60 @@ def test_channels_follow_the_rig_s_signals() -> None:
         channels["/joint_states.position[rotor]"].values, (played.measured["motor_position"] + 0.2) * 50.0
     )
     assert not any("secondary" in name for name in channels)
+
+
+def test_channels_are_in_the_rig_s_units() -> None:
+    rig = awas_rig()
+    joint = rig.joint["awas"]
+    assert isinstance(joint, SerialJoint)
+    signals = SerialSignals(
+        motor_torque=Signal(channel="current", unit="mA"),
+        link_position=Signal(channel="angle", unit="deg"),
+        deflection=Signal(channel="twist", unit="mrad"),
+        setpoint=Signal(channel="lever", unit="mm"),
+    )
+    motor = msgspec.structs.replace(joint.motor, torque_constant=0.02)
+    recast = RigFile(joint={"awas": msgspec.structs.replace(joint, signals=signals, motor=motor)})
+    torques = {"motor_torque": lambda t: 5.0 * np.sin(t), "secondary_torque": lambda t: 50.0 * np.sin(t)}
+    played = simulate(recast, torques, 0.5)
+    channels, truth = played.recording().channels, played.truth
+    assert {name: c.unit for name, c in channels.items()} == {
+        "current": "mA",
+        "angle": "deg",
+        "twist": "mrad",
+        "lever": "mm",
+    }
+    np.testing.assert_allclose(channels["current"].values, truth["motor_torque"] / 50.0 / 0.02 * 1e3)
+    np.testing.assert_allclose(channels["angle"].values, np.degrees(truth["link_position"]))
+    np.testing.assert_allclose(channels["twist"].values, truth["deflection"] * 1e3)
+    np.testing.assert_allclose(channels["lever"].values, truth["lever_arm"] * 1e3)
+
+
+def test_one_torque_sensor_for_an_antagonistic_joint() -> None:
+    rig = vsa2_rig()
+    joint = rig.joint["vsa2"]
+    assert isinstance(joint, AntagonisticJoint)
+    signals = AntagonisticSignals(torque_sensor="/sensor.data", link_position="/q.data")
+    played = simulate(
+        RigFile(joint={"j": msgspec.structs.replace(joint, signals=signals)}), {"motor_torque_1": 0.02}, 0.5
+    )
+    channels = played.recording().channels
+    assert list(channels) == ["/q.data", "/sensor.data"]
+    np.testing.assert_array_equal(channels["/sensor.data"].values, played.truth["flexibility_torque_total"])
+
+
+@pytest.mark.parametrize(
+    ("signals", "words"),
+    [
+        (SingleSignals(link_position="x", motor_position="x"), "another role"),
+        (SingleSignals(link_position="{run}.q"), "run"),
+        (SingleSignals(motor_torque=Signal(channel="i", unit="A")), "torque_constant"),
+    ],
+)
+def test_signals_that_cannot_be_recorded(signals: SingleSignals, words: str) -> None:
+    played = simulate(_elastic(signals=signals), {}, 0.1)
+    with pytest.raises(SimulationError, match=words):
+        played.recording()
 
 
 def test_recording_and_truth_have_their_names() -> None:

@@ -5,17 +5,19 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 
+import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
 from vsalog.errors import SimulationError
-from vsalog.rig.schema import AntagonisticJoint, Joint, Motor, SerialJoint, Signal
+from vsalog.rig.schema import AntagonisticJoint, Joint, Motor, SerialJoint, Signal, SignalSpec
+from vsalog.units import matching, si_factor
 
 Array = NDArray[np.float64]
 
 JOINT_STATE = "sensor_msgs/msg/JointState"
 
-# Where a role is recorded when the rig does not say.
+# Where a role is recorded when the rig names no channel at all.
 DEFAULT_CHANNELS = {
     "motor_position": "/joint_states.position[motor]",
     "motor_position_1": "/joint_states.position[motor_1]",
@@ -42,57 +44,77 @@ class RecordedColumn:
     type: str
 
 
+def named_signals(joint: Joint) -> dict[str, Signal]:
+    """Return role → where it is recorded, for the roles that the rig names; usual names where it names none."""
+    specs: dict[str, SignalSpec | None] = msgspec.structs.asdict(joint.signals)
+    named = {role: _in_full(spec) for role, spec in specs.items() if spec is not None}
+    if not named:
+        named = {role: Signal(channel=name) for role, name in DEFAULT_CHANNELS.items() if role in specs}
+    return named
+
+
 def recorded_columns(joint: Joint, measured: Mapping[str, Array]) -> list[RecordedColumn]:
-    """Turn measured roles into channels, as the rig's signals describe them.
+    """Turn measured roles into channels: unit, side, sign and offset as the rig's signals describe them.
 
     Parameters
     ----------
-    joint : its signals name the channel, side, sign and offset of each role; roles it does not name are recorded under
-        their usual names
+    joint : of the rig
     measured : role → shape (N,), SI, on the joint's side; a serial joint's ``setpoint`` is the secondary motor's angle θ_c
 
-    Returns
-    -------
-    positions first, so that a log's columns come in the usual order
+    Raises
+    ------
+    SimulationError
+        A channel has a place-holder for runs, or two roles share a channel.
     """
-    columns = []
-    for role in DEFAULT_CHANNELS:
-        if role in measured:
-            signal = signal_of(joint, role)
-            if signal.channel is not None:
-                columns.append(_column(joint, role, signal, measured[role]))
-    return columns
+    columns: dict[str, RecordedColumn] = {}
+    for role, signal in named_signals(joint).items():
+        if role not in measured or signal.channel is None:
+            continue
+        if "{run}" in signal.channel:
+            raise SimulationError(f"role '{role}': a channel with a '{{run}}' cannot be simulated")
+        if signal.channel in columns:
+            raise SimulationError(f"role '{role}': another role is recorded as {signal.channel} already")
+        columns[signal.channel] = _column(joint, role, signal, measured[role])
+    return list(columns.values())
 
 
-def signal_of(joint: Joint, role: str) -> Signal:
-    """Return where a role is recorded, in full."""
-    spec = getattr(joint.signals, role, None)
-    if spec is None:
-        return Signal(channel=DEFAULT_CHANNELS[role])
+def _in_full(spec: SignalSpec) -> Signal:
     if isinstance(spec, Signal):
         return spec
     return Signal(channel=spec) if isinstance(spec, str) else Signal(constant=spec)
 
 
 def _column(joint: Joint, role: str, signal: Signal, values: Array) -> RecordedColumn:
-    name = signal.channel or ""
-    if "{run}" in name:
-        raise SimulationError(f"role '{role}': a channel with a '{{run}}' cannot be simulated")
-    recorded = (values + signal.offset) * signal.sign
-    if signal.side == "rotor":
-        ratio = _gear_ratio(joint, role)
-        recorded = recorded / ratio if "torque" in role else recorded * ratio
-    stream = name.partition(".")[0] or name
+    name, ratio, unit = signal.channel or "", _motor(joint, role).gear_ratio, signal.unit
     kind = JOINT_STATE if name.endswith("]") else "std_msgs/msg/Float64"
-    return RecordedColumn(name, recorded, "N*m" if "torque" in role else "rad", stream, kind)
+    usual = "N*m" if "torque" in role else "rad"
+    if role == "setpoint" and isinstance(joint, SerialJoint) and joint.lever and _is_length(unit):
+        usual, values = "m", joint.lever.start - joint.lever.travel * values
+    recorded = (values + signal.offset) * signal.sign
+    if unit is not None and usual == "N*m" and matching(unit, ("N*m", "A")) == "A":
+        # A current drives the rotor, whatever side is named.
+        usual, recorded = "A", recorded / (ratio * _torque_constant(joint, role))
+    elif signal.side == "rotor" and usual != "m":
+        recorded = recorded / ratio if usual == "N*m" else recorded * ratio
+    if unit is not None and unit != usual:
+        recorded = recorded / si_factor(unit, usual)
+    return RecordedColumn(name, recorded, unit or usual, name.partition(".")[0], kind)
 
 
-def _gear_ratio(joint: Joint, role: str) -> float:
-    motor: Motor | None
+def _motor(joint: Joint, role: str) -> Motor:
     if isinstance(joint, AntagonisticJoint):
-        motor = joint.motor_2 if role.endswith("_2") else joint.motor_1
-    elif isinstance(joint, SerialJoint) and role == "setpoint":
-        motor = joint.secondary_motor
-    else:
-        motor = joint.motor
-    return 1.0 if motor is None else motor.gear_ratio
+        return joint.motor_2 if role.endswith("_2") else joint.motor_1
+    if isinstance(joint, SerialJoint) and role == "setpoint":
+        return joint.secondary_motor or Motor()
+    return joint.motor
+
+
+def _torque_constant(joint: Joint, role: str) -> float:
+    constant = _motor(joint, role).torque_constant
+    if constant is None:
+        raise SimulationError(f"role '{role}' is recorded as a current: give the motor's 'torque_constant' in the rig")
+    return constant
+
+
+def _is_length(unit: str | None) -> bool:
+    return unit is not None and matching(unit, ("rad", "m")) == "m"

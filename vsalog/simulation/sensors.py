@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass
 from typing import Literal
 
@@ -20,7 +21,14 @@ NOISE_STREAM = {
     "torque_sensor": 3,
     "torque_sensor_1": 4,
     "torque_sensor_2": 5,
-    "secondary_torque": 6,
+}
+
+# Roles whose truth goes by another name.
+_SENSED = {
+    "torque_sensor": "flexibility_torque",
+    "torque_sensor_1": "flexibility_torque_1",
+    "torque_sensor_2": "flexibility_torque_2",
+    "setpoint": "secondary_position",
 }
 
 
@@ -80,6 +88,44 @@ def torque_reading(torque: Array, role: str, noise: float, step: float, seed: in
         generator = np.random.default_rng([seed, NOISE_STREAM[role]])
         reading += noise * generator.standard_normal(torque.shape)
     return _stepped(reading, step, "round") if step > 0.0 else reading
+
+
+def sense(
+    truth: Mapping[str, Array], sensors: Sensors, seed: int, roles: Collection[str]
+) -> tuple[dict[str, Array], dict[str, float]]:
+    """Return role → reading and role → least step, in SI on the joint's side.
+
+    Parameters
+    ----------
+    truth : as in `Experiment`
+    sensors : what they make of it
+    seed : of the noise
+    roles : those wanted; ``setpoint`` is the secondary motor's angle θ_c
+    """
+    measured, resolution = {}, {}
+    for role in sorted(roles):
+        quantity = _SENSED.get(role, role)
+        if role == "torque_sensor" and "flexibility_torque_total" in truth:
+            quantity = "flexibility_torque_total"
+        if quantity not in truth:
+            continue
+        if "torque" in role:
+            noise = sensors.motor_torque_noise if role.startswith("motor") else sensors.torque_sensor_noise
+            measured[role] = torque_reading(truth[quantity], role, noise, sensors.torque_step, seed)
+            resolution[role] = sensors.torque_step
+        elif role.startswith("deflection"):
+            # The difference of two encoders, as a controller would log it.
+            motor = role.replace("deflection", "motor_position")
+            measured[role] = encoder(truth["link_position"], sensors.link_pulses, sensors.rounding) - encoder(
+                truth[motor], sensors.motor_pulses, sensors.rounding
+            )
+            resolution[role] = encoder_step(sensors.link_pulses)
+        else:
+            pulses = sensors.motor_pulses if role.startswith("motor") else sensors.link_pulses
+            pulses = sensors.secondary_pulses if role == "setpoint" else pulses
+            measured[role] = encoder(truth[quantity], pulses, sensors.rounding)
+            resolution[role] = encoder_step(pulses)
+    return measured, resolution
 
 
 def _stepped(values: Array, step: float, rounding: Literal["round", "floor"]) -> Array:

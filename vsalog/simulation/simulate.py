@@ -24,9 +24,10 @@ from vsalog.rig.schema import (
 )
 from vsalog.simulation._awas import integrate_awas
 from vsalog.simulation._parallel import CUBIC, LINEAR, VSA2, integrate_parallel
+from vsalog.simulation.channels import named_signals
 from vsalog.simulation.experiment import Experiment, sample_stamps
 from vsalog.simulation.inputs import TorqueInput, at_samples, at_steps
-from vsalog.simulation.sensors import IDEAL, Sensors, encoder, encoder_step, torque_reading
+from vsalog.simulation.sensors import IDEAL, Sensors, sense
 
 Array = NDArray[np.float64]
 
@@ -82,7 +83,7 @@ def simulate(
         truth = _parallel(plant, torques, time, period, steps, drift_rate, start)
     else:
         raise SimulationError(f"joint '{joint_name}' is rigid: it has no transmission to simulate")
-    measured, resolution = _sense(truth, sensors, seed)
+    measured, resolution = sense(truth, sensors, seed, set(named_signals(plant)))
     return Experiment(name, rig, joint_name, period, sample_stamps(count, period), time, measured, truth, resolution)
 
 
@@ -177,30 +178,6 @@ def _serial(
             "reaction_torque": scale * reaction_torque(joint.transmission, phi, arm, lever.travel),
         }
     )
-
-
-def _sense(truth: Mapping[str, Array], sensors: Sensors, seed: int) -> tuple[dict[str, Array], dict[str, float]]:
-    """Return role → reading and role → least step, in SI on the joint's side; `setpoint` is the angle θ_c."""
-    measured, resolution = {}, {}
-    for suffix in ("", "_1", "_2"):
-        if f"motor_position{suffix}" not in truth:
-            continue
-        for role, quantity, pulses in (
-            (f"motor_position{suffix}", f"motor_position{suffix}", sensors.motor_pulses),
-            ("link_position", "link_position", sensors.link_pulses),
-        ):
-            measured[role] = encoder(truth[quantity], pulses, sensors.rounding)
-            resolution[role] = encoder_step(pulses)
-        for role, quantity, noise in (
-            (f"motor_torque{suffix}", f"motor_torque{suffix}", sensors.motor_torque_noise),
-            (f"torque_sensor{suffix}", f"flexibility_torque{suffix}", sensors.torque_sensor_noise),
-        ):
-            measured[role] = torque_reading(truth[quantity], role, noise, sensors.torque_step, seed)
-            resolution[role] = sensors.torque_step
-    if "secondary_position" in truth:
-        measured["setpoint"] = encoder(truth["secondary_position"], sensors.secondary_pulses, sensors.rounding)
-        resolution["setpoint"] = encoder_step(sensors.secondary_pulses)
-    return measured, resolution
 
 
 def _inputs(torques: Mapping[str, TorqueInput], roles: list[str]) -> list[TorqueInput]:
