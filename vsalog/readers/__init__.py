@@ -1,0 +1,111 @@
+"""Logs → recordings. The format is told by content, never by the name's ending."""
+
+from __future__ import annotations
+
+from collections.abc import Collection
+from os import PathLike
+from pathlib import Path
+
+from vsalog.errors import ReadError
+from vsalog.readers.base import Block, Catalogue, ChannelInfo, Reader
+from vsalog.recording import Recording
+
+__all__ = ["Block", "Catalogue", "ChannelInfo", "Reader", "open_reader", "read"]
+
+TIMES = ("auto", "header", "log", "publish")
+
+
+def open_reader(path: str | PathLike[str], rate: float | None = None) -> Reader:
+    """Open a log of whatever format.
+
+    Parameters
+    ----------
+    path : path
+        A file, or the folder of a ROS 2 bag.
+    rate : float, optional
+        Samples per second [Hz] of tables that have no time column.
+
+    Raises
+    ------
+    ReadError
+        There is no such file, it is empty, damaged at its head or of no known format, or `rate` is not positive.
+    """
+    from vsalog.readers.sniff import sniff
+
+    path = Path(path)
+    if rate is not None and not 0 < rate < float("inf"):
+        raise ReadError(f"the sample rate has to be positive, not {rate} Hz")
+    kind = sniff(path)
+    if kind == "table":
+        from vsalog.readers.table import TableReader
+
+        return TableReader(path, rate)
+    if kind == "parquet":
+        from vsalog.readers.parquet import ParquetReader
+
+        return ParquetReader(path, rate)
+    if kind == "matlab":
+        from vsalog.readers.matlab import MatlabReader
+
+        return MatlabReader(path, rate)
+    return _open_bag(path, kind)
+
+
+def read(
+    path: str | PathLike[str],
+    wanted: Collection[str] | None = None,
+    time: str = "auto",
+    rate: float | None = None,
+) -> Recording:
+    """Read a log, or some channels of it.
+
+    Parameters
+    ----------
+    path : path
+        A file, or the folder of a ROS 2 bag.
+    wanted : collection of str, optional
+        Names of the channels to decode and keep; None is all of them. Names the log does not have are passed over.
+    time : str
+        ``auto``: header stamps, or log time for a whole stream where they are missing, zero or implausible; or one of
+        ``header``, ``log`` and ``publish`` to insist on that clock where a stream has it.
+    rate : float, optional
+        Samples per second [Hz] of tables that have no time column.
+
+    Returns
+    -------
+    Recording
+        Stamps are strictly increasing int64 nanoseconds, values float64 in the channel's unit as recorded.
+
+    Raises
+    ------
+    ReadError
+        The log cannot be read, or `time` or `rate` is impossible.
+    """
+    from vsalog.readers.collect import collect
+
+    if time not in TIMES:
+        raise ReadError(f"time is one of {', '.join(TIMES)}, not '{time}'")
+    return collect(Path(path), open_reader(path, rate), None if wanted is None else frozenset(wanted), time)
+
+
+def _open_bag(path: Path, kind: str) -> Reader:
+    from vsalog.readers.bag import BagReader, Container
+
+    container: Container
+    if kind == "rosbag1":
+        from vsalog.readers.rosbag1 import Rosbag1Container
+
+        container = Rosbag1Container(path)
+    elif kind == "rosbag2-folder":
+        from vsalog.readers.rosbag2 import FolderContainer
+
+        container = FolderContainer(path)
+    elif kind == "mcap":
+        from vsalog.readers.mcap_file import McapContainer
+
+        container = McapContainer(path)
+    else:
+        from vsalog.readers.rosbag2 import bag_file
+
+        container = bag_file(path, shown=path)
+    return BagReader(container)

@@ -1,0 +1,266 @@
+"""Containers of serialised messages → blocks. What MCAP, ROS 1 bags and ROS 2 bags have in common."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Collection, Iterator, Mapping
+from dataclasses import dataclass, field
+from typing import Protocol
+
+import numpy as np
+
+from vsalog.readers.base import BLOCK_ROWS, Block, Catalogue, ChannelInfo, plural
+from vsalog.readers.definitions import DefinitionError, normal_type, parse_definition
+from vsalog.readers.json_messages import JsonDecoder
+from vsalog.readers.layout import printable
+from vsalog.readers.messages import Decoder, RosDecoder
+from vsalog.recording import Stamps, Values
+
+BLOCK_BYTES = 16 * 2**20
+CATALOGUE_MESSAGES = 20
+ZSTD_MAGIC = b"\x28\xb5\x2f\xfd"
+
+RawMessage = tuple[int, int, int, bytes]
+"""Connection, log time [ns], publish time [ns], the serialised message."""
+
+
+@dataclass(frozen=True, slots=True)
+class Connection:
+    """Who publishes what: one per topic, type, definition and publisher.
+
+    Attributes
+    ----------
+    id : int
+        The container's own number.
+    topic, type : str
+        As in the log.
+    encoding : str
+        Of the messages: ``cdr``, ``ros1``, ``json`` …
+    language : str
+        Of the definition: ``msg``, ``idl`` or "".
+    definition : str
+        Text, "" where the log has none.
+    metadata : mapping of str to str
+        What else the log says; ``unit`` and ``unit:FIELD`` are units.
+    """
+
+    id: int
+    topic: str
+    type: str
+    encoding: str
+    language: str
+    definition: str
+    metadata: Mapping[str, str] = field(default_factory=dict)
+
+
+class Container(Protocol):
+    """A file of serialised messages.
+
+    `has_publish` tells whether it keeps a publish time beside the log time.
+    """
+
+    format: str
+    has_publish: bool
+    notes: list[str]
+
+    @property
+    def rig_text(self) -> str | None: ...  # noqa: D102
+
+    def connections(self) -> list[Connection]:
+        """Return all connections."""
+        ...
+
+    def messages(self, ids: Collection[int]) -> Iterator[RawMessage]:
+        """Yield the messages of some connections in the order of the file."""
+        ...
+
+
+@dataclass(slots=True)
+class _Batch:
+    """Messages of one stream and one definition that wait to be decoded."""
+
+    stream: str
+    type: str
+    decoder: Decoder
+    metadata: Mapping[str, str]
+    log: list[int] = field(default_factory=list)
+    publish: list[int] = field(default_factory=list)
+    messages: list[bytes] = field(default_factory=list)
+    size: int = 0
+
+    def add(self, log: int, publish: int, message: bytes) -> None:
+        self.log.append(log)
+        self.publish.append(publish)
+        self.messages.append(message)
+        self.size += len(message)
+
+    def full(self) -> bool:
+        return len(self.messages) >= BLOCK_ROWS or self.size >= BLOCK_BYTES
+
+    def clear(self) -> None:
+        self.log, self.publish, self.messages, self.size = [], [], [], 0
+
+
+class BagReader:
+    """Reads a container of messages; see `vsalog.readers.base.Reader`."""
+
+    def __init__(self, container: Container) -> None:
+        self._container = container
+        self.format = container.format
+        self.notes = container.notes
+        self.unread: dict[str, str] = {}
+
+    @property
+    def rig_text(self) -> str | None:
+        """The rig the log carries, as TOML."""
+        return self._container.rig_text
+
+    def catalogue(self) -> Catalogue:
+        """Return the channels of the first messages of each topic, and what is no signal."""
+        channels: dict[str, ChannelInfo] = {}
+        for block in self._blocks(None, first_only=True):
+            for name in block.columns:
+                channels.setdefault(name, ChannelInfo(block.stream, block.type, block.units.get(name)))
+        return Catalogue(channels, dict(self.unread))
+
+    def blocks(self, wanted: Collection[str] | None) -> Iterator[Block]:
+        """Yield blocks with the wanted channels, stream by stream as they fill up.
+
+        Raises
+        ------
+        ReadError
+            The file cannot be read.
+        """
+        return self._blocks(None if wanted is None else frozenset(wanted), first_only=False)
+
+    def _blocks(self, wanted: frozenset[str] | None, first_only: bool) -> Iterator[Block]:
+        batches = self._batches(wanted)
+        seen: Counter[int] = Counter()
+        damaged: Counter[str] = Counter()
+        total: Counter[str] = Counter()
+        for connection, log, publish, message in self._container.messages(batches.keys()):
+            seen[connection] += 1
+            if first_only and seen[connection] > CATALOGUE_MESSAGES:
+                continue
+            batch = batches[connection]
+            batch.add(log, publish, _plain(message) if message.startswith(ZSTD_MAGIC) else message)
+            if batch.full():
+                yield self._flush(batch, total, damaged)
+        for batch in {id(batch): batch for batch in batches.values()}.values():
+            if batch.messages:
+                yield self._flush(batch, total, damaged)
+        self._report(batches, total, damaged)
+
+    def _batches(self, wanted: frozenset[str] | None) -> dict[int, _Batch]:
+        """Return a batch per connection that may hold wanted channels; publishers of one type share it."""
+        batches: dict[int, _Batch] = {}
+        shared: dict[tuple[str, str, str], _Batch] = {}
+        for connection, stream in self._named_streams():
+            if wanted is not None and not any(name.startswith(stream + ".") for name in wanted):
+                continue
+            key = (stream, connection.encoding, connection.definition)
+            if key not in shared:
+                try:
+                    decoder = _decoder(connection, stream, wanted)
+                except DefinitionError as error:
+                    self.unread.setdefault(stream, str(error))
+                    continue
+                kind = normal_type(printable(connection.type)) or connection.encoding
+                shared[key] = _Batch(stream, kind, decoder, connection.metadata)
+            batches[connection.id] = shared[key]
+        return batches
+
+    def _named_streams(self) -> list[tuple[Connection, str]]:
+        """Return each connection with its stream's name: the topic, with the type where a topic has several."""
+        connections = self._container.connections()
+        types: dict[str, set[str]] = {}
+        for connection in connections:
+            types.setdefault(connection.topic, set()).add(normal_type(connection.type))
+        named = []
+        for connection in connections:
+            name = printable(connection.topic)
+            if len(types[connection.topic]) > 1:
+                name = f"{name} ({normal_type(printable(connection.type))})"
+            named.append((connection, name))
+        return named
+
+    def _flush(self, batch: _Batch, total: Counter[str], damaged: Counter[str]) -> Block:
+        """Decode a batch into a block and empty it."""
+        decoded = batch.decoder.decode(batch.messages)
+        total[batch.stream] += len(batch.messages)
+        damaged[batch.stream] += int(len(decoded.good) - decoded.good.sum())
+        clocks: dict[str, Stamps] = {"log": _stamps(batch.log)}
+        if self._container.has_publish:
+            clocks["publish"] = _stamps(batch.publish)
+        if decoded.stamps is not None:
+            clocks["header"] = decoded.stamps
+        columns: dict[str, Values] = decoded.columns
+        if not decoded.good.all():
+            clocks = {kind: stamps[decoded.good] for kind, stamps in clocks.items()}
+            columns = {name: values[decoded.good] for name, values in columns.items()}
+        for name, reason in batch.decoder.unread.items():
+            self.unread.setdefault(name, reason)
+        units = {**decoded.units, **_stated_units(batch, columns)}
+        batch.clear()
+        return Block(batch.stream, batch.type, clocks, columns, units)
+
+    def _report(self, batches: Mapping[int, _Batch], total: Counter[str], damaged: Counter[str]) -> None:
+        for stream in dict.fromkeys(batch.stream for batch in batches.values()):
+            if not total[stream]:
+                self.unread.setdefault(stream, "no messages")
+            elif damaged[stream] == total[stream]:
+                self.unread.setdefault(stream, "no message fits the definition in the log")
+            elif damaged[stream]:
+                note = (
+                    f"{stream}: {damaged[stream]} of {plural(total[stream], 'message')} do not fit the definition"
+                    " in the log and were left out"
+                )
+                if note not in self.notes:
+                    self.notes.append(note)
+
+
+def _plain(message: bytes) -> bytes:
+    """Decompress a message of a ROS 2 bag that compresses them one by one."""
+    import zstandard
+
+    try:
+        return zstandard.ZstdDecompressor().decompressobj().decompress(message)
+    except zstandard.ZstdError:
+        return message  # not compressed after all: the decoder knows
+
+
+def _stamps(times: list[int]) -> Stamps:
+    """Pack times [ns]; the formats count them unsigned, nonsense beyond int64 becomes negative."""
+    return np.array(times, dtype=np.uint64).view(np.int64)
+
+
+def _stated_units(batch: _Batch, columns: Collection[str]) -> dict[str, str]:
+    """Return the units that a channel's metadata states, for its whole stream or field by field."""
+    units: dict[str, str] = {}
+    if "unit" in batch.metadata:
+        units = dict.fromkeys(columns, printable(batch.metadata["unit"]))
+    for key, unit in batch.metadata.items():
+        name = f"{batch.stream}.{key.removeprefix('unit:')}"
+        if key.startswith("unit:"):
+            same = (column for column in columns if column == name or column.startswith((name + "[", name + ".")))
+            units.update(dict.fromkeys(same, printable(unit)))
+    return units
+
+
+def _decoder(connection: Connection, stream: str, wanted: frozenset[str] | None) -> Decoder:
+    """Return what decodes a connection's messages.
+
+    Raises
+    ------
+    DefinitionError
+        Nothing does; its text says why.
+    """
+    if connection.encoding == "json":
+        return JsonDecoder(stream, wanted)
+    if connection.encoding not in ("cdr", "ros1"):
+        raise DefinitionError(f"messages encoded as '{printable(connection.encoding)}' are not supported")
+    if connection.definition.strip() and connection.language not in ("msg", "idl"):
+        raise DefinitionError("its definition is in a language that is not supported")
+    ros1 = connection.encoding == "ros1"
+    root = parse_definition(connection.type, connection.definition, connection.language, ros1)
+    return RosDecoder(root, not ros1, stream, wanted)

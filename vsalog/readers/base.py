@@ -1,0 +1,126 @@
+"""What every reader offers, and the structures it hands over."""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Iterator, Mapping
+from dataclasses import dataclass, field
+from typing import Protocol
+
+from vsalog.recording import Stamps, Values
+
+BLOCK_ROWS = 8192
+"""Samples a block has at most: large enough for NumPy, small enough that a log never sits in memory."""
+
+MAX_ARRAY = 64
+"""Arrays with more values than this are images, clouds or maps, not signals."""
+
+CLOCKS = ("header", "log", "publish", "column", "rate", "none")
+"""Kinds of time stamps, best first."""
+
+
+@dataclass(frozen=True, slots=True)
+class ChannelInfo:
+    """What a catalogue knows of a channel before its values are read.
+
+    Attributes
+    ----------
+    stream : str
+        Topic, table or struct it belongs to.
+    type : str
+        Message type, or the column's type.
+    unit : str or None
+        As the log states it.
+    """
+
+    stream: str
+    type: str
+    unit: str | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class Catalogue:
+    """What a log holds, told from its head and its definitions without decoding everything.
+
+    Attributes
+    ----------
+    channels : mapping of str to ChannelInfo
+        By full name, in the log's order.
+    unread : mapping of str to str
+        Fields that are no signal, with the reason.
+    """
+
+    channels: Mapping[str, ChannelInfo]
+    unread: Mapping[str, str]
+
+
+@dataclass(frozen=True, slots=True)
+class Block:
+    """A stretch of one stream, in the order of the log.
+
+    Attributes
+    ----------
+    stream, type : str
+        Name of the stream and its message type.
+    clocks : mapping of str to int64 array, shape (n,)
+        Nanoseconds by kind of clock (one of `CLOCKS`), each where the format has it.
+    columns : mapping of str to float64 array, shape (n,)
+        By channel name, NaN where a sample has no such value.
+    units : mapping of str to str
+        Units of the columns that state one.
+    """
+
+    stream: str
+    type: str
+    clocks: Mapping[str, Stamps]
+    columns: Mapping[str, Values]
+    units: Mapping[str, str] = field(default_factory=dict)
+
+
+class Reader(Protocol):
+    """A log that is read from the start, block by block.
+
+    Attributes
+    ----------
+    format : str
+        ``mcap``, ``rosbag1``, ``rosbag2-sqlite3``, ``rosbag2-mcap``, ``csv``, ``parquet`` or ``matlab``.
+    rig_text : str or None
+        The rig the log carries, as TOML; known at once.
+    notes : list of str
+        Salvage counts and the like; complete once the blocks are read.
+    unread : dict of str to str
+        Fields that are no signal, with the reason; complete once the blocks are read.
+    """
+
+    format: str
+    notes: list[str]
+    unread: dict[str, str]
+
+    @property
+    def rig_text(self) -> str | None: ...  # noqa: D102
+
+    def catalogue(self) -> Catalogue:
+        """Return what the log holds, without decoding all of it.
+
+        Raises
+        ------
+        ReadError
+            The log cannot be read.
+        """
+        ...
+
+    def blocks(self, wanted: Collection[str] | None) -> Iterator[Block]:
+        """Yield the log's blocks, each with those of its channels that are in `wanted` (None: all of them).
+
+        Raises
+        ------
+        ReadError
+            The log cannot be read.
+        """
+        ...
+
+
+def plural(count: int, noun: str) -> str:
+    """Return "1 message", "2 messages", "2 copies"."""
+    if count == 1:
+        return f"1 {noun}"
+    return f"{count} {noun[:-1]}ies" if noun.endswith("y") else f"{count} {noun}s"

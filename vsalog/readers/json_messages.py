@@ -1,0 +1,134 @@
+"""JSON messages → columns of numbers."""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Sequence
+from typing import Any
+
+import numpy as np
+
+from vsalog.readers.base import MAX_ARRAY
+from vsalog.readers.layout import best_label_field, printable
+from vsalog.readers.messages import Decoded
+
+MAX_DEPTH = 32
+
+
+class JsonDecoder:
+    """Decodes JSON objects: every number in them is a channel, named by its path.
+
+    ``header.stamp`` or ``timestamp`` with the members ``sec`` and ``nanosec`` (or ``nsec``) is the header's time stamp.
+
+    Parameters
+    ----------
+    prefix : str
+        Name of the stream, ahead of every channel's name.
+    wanted : collection of str or None
+        Channels to decode; None is all of them.
+    """
+
+    def __init__(self, prefix: str, wanted: Collection[str] | None) -> None:
+        self.prefix = prefix
+        self.wanted = wanted
+        self.unread: dict[str, str] = {}
+
+    def decode(self, messages: Sequence[bytes]) -> Decoded:
+        """Decode a batch of messages; what is no JSON object counts as damaged."""
+        import msgspec
+
+        count = len(messages)
+        result = Decoded(good=np.zeros(count, dtype=bool))
+        decoder = msgspec.json.Decoder()
+        for i, raw in enumerate(messages):
+            try:
+                message = decoder.decode(raw)
+            except (msgspec.DecodeError, UnicodeDecodeError, RecursionError):
+                continue
+            if isinstance(message, dict):
+                self._message(message, i, count, result)
+        return result
+
+    def _message(self, message: dict[str, Any], row: int, count: int, result: Decoded) -> None:
+        result.good[row] = True
+        stamp = _header_stamp(message)
+        if stamp is not None:
+            if result.stamps is None:
+                result.stamps = np.zeros(count, dtype=np.int64)
+            result.stamps[row] = stamp
+        found: dict[str, float] = {}
+        self._flatten(message, self.prefix, found, 0)
+        for name, value in found.items():
+            if self.wanted is not None and name not in self.wanted:
+                continue
+            if name not in result.columns:
+                result.columns[name] = np.full(count, np.nan)
+            result.columns[name][row] = value
+
+    def _flatten(self, value: Any, path: str, found: dict[str, float], depth: int) -> None:
+        """Collect the numbers below `value` in `found`, by path."""
+        if isinstance(value, bool | int | float):
+            try:
+                found[path] = float(value)
+            except OverflowError:
+                self.unread[path] = "integer beyond the range of numbers"
+        elif isinstance(value, str):
+            self.unread.setdefault(path, "text")
+        elif depth >= MAX_DEPTH:
+            self.unread.setdefault(path, f"nested more than {MAX_DEPTH} deep")
+        elif isinstance(value, dict):
+            self._flatten_object(value, path, found, depth)
+        elif isinstance(value, list):
+            self._flatten_list(value, path, None, found, depth)
+
+    def _flatten_object(self, value: dict[str, Any], path: str, found: dict[str, float], depth: int) -> None:
+        texts = {
+            key: [printable(text) for text in child]
+            for key, child in value.items()
+            if isinstance(child, list) and child and all(isinstance(text, str) for text in child)
+        }
+        for key, child in value.items():
+            child_path = f"{path}.{printable(key)}"
+            if depth == 0 and _is_stamp_member(key, child):
+                continue
+            if isinstance(child, list) and key not in texts:
+                label_field = best_label_field(texts, len(child))
+                self._flatten_list(child, child_path, texts.get(label_field or ""), found, depth)
+            elif key not in texts:
+                self._flatten(child, child_path, found, depth + 1)
+
+    def _flatten_list(
+        self, value: list[Any], path: str, labels: list[str] | None, found: dict[str, float], depth: int
+    ) -> None:
+        if labels is None and len(value) > MAX_ARRAY:
+            self.unread.setdefault(path, f"array of {len(value)} values")
+            return
+        for i, child in enumerate(value):
+            self._flatten(child, f"{path}[{labels[i] if labels else i}]", found, depth + 1)
+
+
+def _header_stamp(message: dict[str, Any]) -> int | None:
+    """Return the header's time stamp [ns], or None."""
+    header = message.get("header")
+    for candidate in (header.get("stamp") if isinstance(header, dict) else None, message.get("timestamp")):
+        stamp = _stamp(candidate)
+        if stamp is not None:
+            return stamp
+    return None
+
+
+def _stamp(value: Any) -> int | None:
+    if not isinstance(value, dict):
+        return None
+    seconds = value.get("sec", value.get("secs"))
+    fraction = value.get("nanosec", value.get("nsec", value.get("nsecs")))
+    if not isinstance(seconds, int) or not isinstance(fraction, int):
+        return None
+    stamp = seconds * 1_000_000_000 + fraction
+    return stamp if abs(stamp) < 2**63 else None
+
+
+def _is_stamp_member(key: str, child: Any) -> bool:
+    """Tell whether a member of the message is its clock, which is no channel."""
+    if key == "timestamp":
+        return _stamp(child) is not None
+    return key == "header" and isinstance(child, dict) and _stamp(child.get("stamp")) is not None

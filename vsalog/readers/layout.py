@@ -1,0 +1,331 @@
+"""Where the numbers lie in a serialised ROS message.
+
+Most messages of a topic have the same shape. One of them is walked with its definition, which gives a *layout*: the byte
+offset of every number, and the *guards*, the bytes that have to be the same in another message for the layout to hold
+there too (array lengths, text lengths, the names that name array elements). All messages that match are then read at once
+by NumPy.
+"""
+
+from __future__ import annotations
+
+import struct
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vsalog.readers.base import MAX_ARRAY
+from vsalog.readers.definitions import Array, Node, Scalar, Struct, Text, Time, is_placeholder
+from vsalog.readers.known_units import unit_of
+
+Bytes = NDArray[np.uint8]
+
+LABEL_FIELDS = ("name", "names", "joint_names", "interface_names")
+MAX_LABELS = 1024
+MAX_FIELDS = 8192
+MAX_STEPS = 500_000
+
+
+class DamagedMessageError(Exception):
+    """The bytes of a message do not fit its definition."""
+
+
+@dataclass(frozen=True, slots=True)
+class Field:
+    """One number in a message: its path, where it starts and what it is.
+
+    `code` is a NumPy type with byte order, or that of seconds and nanoseconds, ``<i4,<u4``.
+    """
+
+    path: str
+    offset: int
+    code: str
+    unit: str | None
+
+
+@dataclass(frozen=True, slots=True)
+class Layout:
+    """Where the numbers lie in messages of `length` bytes whose `guards` equal those of `sample`.
+
+    Attributes
+    ----------
+    length : int
+        Bytes of the message.
+    guards : tuple of (int, int)
+        Byte ranges that must be equal.
+    sample : uint8 array, shape (length,)
+        The message the layout was learnt from.
+    stamp : Field or None
+        The header's time stamp.
+    fields : tuple of Field
+        The numbers.
+    unread : dict of str to str
+        Paths that are no signal, with the reason.
+    """
+
+    length: int
+    guards: tuple[tuple[int, int], ...]
+    sample: Bytes
+    stamp: Field | None
+    fields: tuple[Field, ...]
+    unread: dict[str, str]
+
+    def matches(self, table: Bytes) -> NDArray[np.bool_]:
+        """Tell which rows of `table`, shape (n, length), this layout holds for."""
+        match = np.ones(len(table), dtype=bool)
+        for start, stop in self.guards:
+            match &= (table[:, start:stop] == self.sample[start:stop]).all(axis=1)
+        return match
+
+
+def column(table: Bytes, field: Field) -> NDArray[np.float64]:
+    """Return a field's values [as recorded, times in s], shape (n,), from messages as rows of bytes."""
+    if field.code.startswith((">i4,", "<i4,")):
+        return np.asarray(nanoseconds(table, field) * 1e-9, dtype=np.float64)
+    width = int(field.code[2])
+    raw = np.ascontiguousarray(table[:, field.offset : field.offset + width])
+    return raw.view(field.code).reshape(-1).astype(np.float64)
+
+
+def nanoseconds(table: Bytes, field: Field) -> NDArray[np.int64]:
+    """Return a time field's values [ns], shape (n,), exact."""
+    order = field.code[0]
+    raw = np.ascontiguousarray(table[:, field.offset : field.offset + 8])
+    seconds = raw[:, :4].copy().view(f"{order}i4").reshape(-1).astype(np.int64)
+    fraction = raw[:, 4:].copy().view(f"{order}u4").reshape(-1).astype(np.int64)
+    return seconds * 1_000_000_000 + fraction
+
+
+def learn(raw: bytes, root: Struct, cdr: bool) -> Layout:
+    """Return the layout of one message.
+
+    Parameters
+    ----------
+    raw : bytes
+        The serialised message.
+    root : Struct
+        Its definition.
+    cdr : bool
+        ROS 2's encoding (aligned, four bytes ahead that tell the byte order) or ROS 1's.
+
+    Raises
+    ------
+    DamagedMessageError
+        The message does not fit the definition.
+    """
+    walk = _Walk(raw, cdr)
+    walk.struct(root, "", None)
+    spare = len(raw) - walk.pos
+    if spare < 0 or spare > (3 if cdr else 0):  # CDR may be padded to a multiple of four
+        raise DamagedMessageError("its length differs from what the definition says")
+    return Layout(
+        length=len(raw),
+        guards=_merged(walk.guards),
+        sample=np.frombuffer(raw, np.uint8),
+        stamp=walk.stamp,
+        fields=tuple(walk.fields),
+        unread=walk.unread,
+    )
+
+
+def printable(text: str) -> str:
+    """Return text from a log with everything replaced that could disturb a terminal."""
+    return "".join(c if c.isprintable() else "�" for c in text)
+
+
+def usable_labels(labels: list[str]) -> bool:
+    """Tell whether texts can name the elements of an array: none empty, all different."""
+    return 0 < len(labels) <= MAX_LABELS and "" not in labels and len(set(labels)) == len(labels)
+
+
+def best_label_field(fields: dict[str, list[str]], count: int) -> str | None:
+    """Return which array of texts names the elements of an array of `count` values, or None."""
+    fitting = [name for name, labels in fields.items() if len(labels) == count and usable_labels(labels)]
+    preferred = [name for name in LABEL_FIELDS if name in fitting]
+    return next(iter(preferred or fitting), None)
+
+
+def _merged(ranges: list[tuple[int, int]]) -> tuple[tuple[int, int], ...]:
+    """Join adjoining byte ranges: fewer comparisons."""
+    joined: list[tuple[int, int]] = []
+    for start, stop in sorted(ranges):
+        if joined and start <= joined[-1][1]:
+            joined[-1] = (joined[-1][0], max(stop, joined[-1][1]))
+        elif stop > start:
+            joined.append((start, stop))
+    return tuple(joined)
+
+
+class _Walk:
+    """One pass over a message: knows the position, collects fields and guards."""
+
+    def __init__(self, raw: bytes, cdr: bool) -> None:
+        self.raw = raw
+        self.cdr = cdr
+        self.pos = 0
+        self.order = "<"
+        self.guards: list[tuple[int, int]] = []
+        self.fields: list[Field] = []
+        self.unread: dict[str, str] = {}
+        self.stamp: Field | None = None
+        self.emitting = True
+        self.guarding = True
+        self.steps = 0
+        if cdr:
+            self._encapsulation()
+
+    def _encapsulation(self) -> None:
+        if len(self.raw) < 4 or self.raw[0] != 0 or self.raw[1] > 1:
+            raise DamagedMessageError("its CDR header is of a kind that is not supported")
+        self.order = "<" if self.raw[1] else ">"
+        self.guards.append((0, 2))
+        self.pos = 4
+
+    def struct(self, node: Struct, path: str, unit: str | None) -> None:
+        """Walk the fields of a message."""
+        texts, counts = self._label_arrays(node) if node.named and self.emitting else ({}, set())
+        for field, child in node.fields:
+            self._step()
+            child_path = f"{path}.{field}" if path else field
+            child_unit = unit_of(node.name, field) or unit
+            if isinstance(child, Array):
+                is_key = field in texts and len(texts[field]) in counts
+                self._array(child, child_path, child_unit, texts, is_key)
+            else:
+                self._node(child, child_path, child_unit)
+
+    def _step(self) -> None:
+        self.steps += 1
+        if self.steps > MAX_STEPS:
+            raise DamagedMessageError("it has too many parts")
+
+    def _label_arrays(self, node: Struct) -> tuple[dict[str, list[str]], set[int]]:
+        """Look ahead: the arrays of texts in this message, and the lengths of its other arrays."""
+        before = (self.pos, self.emitting, self.guarding)
+        self.emitting = self.guarding = False
+        texts: dict[str, list[str]] = {}
+        counts: set[int] = set()
+        for field, child in node.fields:
+            if not isinstance(child, Array):
+                self._node(child, "", None)
+            elif isinstance(child.element, Text):
+                texts[field] = [printable(self._text()) for _ in range(self._count(child))]
+            else:
+                start = self.pos
+                counts.add(self._count(child))
+                self.pos = start
+                self._array(child, "", None, {}, False)
+        self.pos, self.emitting, self.guarding = before
+        return texts, counts
+
+    def _node(self, node: Node, path: str, unit: str | None) -> None:
+        self._step()
+        if isinstance(node, Scalar):
+            self._align(node.size)
+            self._emit(path, self.order + node.code, unit)
+            self._advance(node.size)
+        elif isinstance(node, Time):
+            self._time(path)
+        elif isinstance(node, Text):
+            self._text()
+            if self.emitting and path not in ("header.frame_id", "frame_id"):
+                self.unread[path] = "text"
+        elif isinstance(node, Struct):
+            self.struct(node, path, unit)
+        else:
+            self._array(node, path, unit, {}, False)
+
+    def _time(self, path: str) -> None:
+        self._align(4)
+        code = f"{self.order}i4,{self.order}u4"
+        if path in ("header.stamp", "stamp") and self.stamp is None and self.emitting:
+            self.stamp = Field(path, self.pos, code, "s")
+        else:
+            self._emit(path, code, "s")
+        self._advance(8)
+
+    def _array(self, node: Array, path: str, unit: str | None, texts: dict[str, list[str]], is_key: bool) -> None:
+        """Walk an array; its elements are named by one of `texts`, or else by their index."""
+        count = self._count(node)
+        if isinstance(node.element, Text):
+            for _ in range(count):
+                self._text(guard=is_key)
+            if self.emitting and not is_key and count:
+                self.unread[path] = "text"
+            return
+        key = best_label_field(texts, count)
+        labels = texts[key] if key else [str(i) for i in range(min(count, MAX_ARRAY + 1))]
+        silent = self.emitting and key is None and count > MAX_ARRAY
+        if silent:
+            self.unread[path] = f"array of {count} values"
+            self.emitting = False
+        if isinstance(node.element, Scalar):
+            self._numbers(node.element, count, path, unit, labels)
+        else:
+            self._elements(node.element, count, path, unit, labels)
+        if silent:
+            self.emitting = True
+
+    def _numbers(self, node: Scalar, count: int, path: str, unit: str | None, labels: list[str]) -> None:
+        if not count:
+            return
+        self._align(node.size)
+        if self.emitting:
+            code = self.order + node.code
+            for i, label in enumerate(labels):
+                self._emit(f"{path}[{label}]", code, unit, self.pos + i * node.size)
+        self._advance(count * node.size)
+
+    def _elements(self, node: Node, count: int, path: str, unit: str | None, labels: list[str]) -> None:
+        guards = len(self.guards)
+        for i in range(count):
+            end = self.pos
+            self._node(node, f"{path}[{labels[i]}]" if self.emitting else "", unit)
+            stride = self.pos - end
+            fixed = len(self.guards) == guards and self.guarding
+            if not self.emitting and fixed and i and stride % 8 == 0:
+                self._advance(stride * (count - 1 - i))  # every further element looks the same
+                return
+
+    def _count(self, node: Array) -> int:
+        if node.count is not None:
+            count = node.count
+        else:
+            self._align(4)
+            count = self._word()
+        if count > len(self.raw):  # every element takes a byte at least
+            raise DamagedMessageError(f"it claims an array of {count} values")
+        return count
+
+    def _text(self, guard: bool = False) -> str:
+        self._align(4)
+        length = self._word()
+        start = self.pos
+        self._advance(length)
+        if guard and self.guarding:
+            self.guards.append((start, self.pos))
+        return self.raw[start : self.pos].rstrip(b"\0").decode("utf-8", "replace")
+
+    def _word(self) -> int:
+        start = self.pos
+        self._advance(4)
+        if self.guarding:
+            self.guards.append((start, self.pos))
+        return int(struct.unpack_from(f"{self.order}I", self.raw, start)[0])
+
+    def _align(self, size: int) -> None:
+        if self.cdr:
+            self.pos = 4 + ((self.pos - 4 + size - 1) & -size)
+
+    def _advance(self, size: int) -> None:
+        self.pos += size
+        if self.pos > len(self.raw):
+            raise DamagedMessageError("it ends too early")
+
+    def _emit(self, path: str, code: str, unit: str | None, offset: int | None = None) -> None:
+        if not self.emitting or is_placeholder(path.rpartition(".")[2]):
+            return
+        if len(self.fields) >= MAX_FIELDS:
+            self.unread[path.partition(".")[0]] = f"more than {MAX_FIELDS} values"
+            return
+        self.fields.append(Field(path, self.pos if offset is None else offset, code, unit))

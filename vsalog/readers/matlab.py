@@ -1,0 +1,194 @@
+"""MATLAB v5 files: every structure that holds vectors of equal length is a stream."""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Iterator, Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vsalog.errors import ReadError
+from vsalog.readers.base import MAX_ARRAY, Block, Catalogue, ChannelInfo
+from vsalog.readers.layout import printable
+from vsalog.readers.row_clock import ROW_NOTE, row_clock
+from vsalog.recording import Stamps, Values
+
+MAX_DEPTH = 16
+
+Clocks = Mapping[int, Stamps]
+"""Clocks of the structures around, by their length."""
+
+
+class MatlabReader:
+    """Reads a MATLAB v5 file; see `vsalog.readers.base.Reader`.
+
+    A vector whose name tells of time and which rises strictly is the clock, in seconds, of the vectors of the same length
+    beside it and in structures below.
+
+    Parameters
+    ----------
+    path : Path
+        The file.
+    rate : float or None
+        Samples per second [Hz], for vectors without a clock.
+
+    Raises
+    ------
+    ReadError
+        The file cannot be opened or is damaged.
+    """
+
+    format = "matlab"
+    rig_text: str | None = None
+
+    def __init__(self, path: Path, rate: float | None) -> None:
+        self.path = path
+        self.rate = rate
+        self.notes: list[str] = []
+        self.unread: dict[str, str] = {}
+
+    def catalogue(self) -> Catalogue:
+        """Return the vectors; the file has to be read for it."""
+        channels = {
+            name: ChannelInfo(block.stream, block.type) for block in self.blocks(None) for name in block.columns
+        }
+        return Catalogue(channels, dict(self.unread))
+
+    def blocks(self, wanted: Collection[str] | None) -> Iterator[Block]:
+        """Yield one block per stream.
+
+        Raises
+        ------
+        ReadError
+            The file is damaged.
+        """
+        yield from self._structure("", self._load(), {}, None if wanted is None else frozenset(wanted), 0)
+
+    def _load(self) -> dict[str, Any]:
+        from scipy.io import loadmat
+
+        try:
+            content = loadmat(str(self.path), squeeze_me=False, struct_as_record=True, chars_as_strings=True)
+        except OSError as error:
+            raise ReadError(f"{self.path}: cannot be opened: {error.strerror or error}") from error
+        except Exception as error:  # scipy raises whatever a damaged file provokes
+            raise ReadError(f"{self.path}: the MATLAB file is damaged: {error}") from error
+        return {name: value for name, value in content.items() if not name.startswith("__")}
+
+    def _structure(
+        self, path: str, members: Mapping[str, Any], outer: Clocks, wanted: frozenset[str] | None, depth: int
+    ) -> Iterator[Block]:
+        """Yield the stream of a structure's own vectors, then those of the structures in it."""
+        vectors: dict[str, Values] = {}
+        inner: list[tuple[str, Any]] = []
+        for name, value in members.items():
+            full = f"{path}.{printable(name)}" if path else printable(name)
+            kind = _kind(value)
+            if kind == "numbers":
+                vectors.update(self._vectors(full, value))
+            elif kind == "nested" and depth < MAX_DEPTH:
+                inner.append((full, value))
+            else:
+                self.unread[full] = "text" if kind == "text" else f"MATLAB object of type {type(value).__name__}"
+        clock = _clock(vectors)
+        clocks = dict(outer)
+        if clock is not None:
+            seconds = vectors.pop(clock)
+            clocks[len(seconds)] = np.rint(seconds * 1e9).astype(np.int64)
+        yield from self._streams(path, vectors, clocks, wanted)
+        for full, value in inner:
+            for element, content in _elements(full, value):
+                yield from self._structure(element, content, clocks, wanted, depth + 1)
+
+    def _vectors(self, full: str, value: NDArray[Any]) -> dict[str, Values]:
+        """Return the columns of a numeric array; what is no signal is listed as unread."""
+        if np.iscomplexobj(value):
+            self.unread[full] = "complex numbers"
+            return {}
+        if value.ndim > 2 or value.size == 0:
+            self.unread[full] = f"array of shape {value.shape}"
+            return {}
+        if value.size == 1:
+            self.unread[full] = "a single value"
+            return {}
+        table = np.asarray(value, dtype=np.float64)
+        if 1 in table.shape:
+            return {full: table.reshape(-1)}
+        if table.shape[0] < table.shape[1]:
+            table = table.T
+        if table.shape[1] > MAX_ARRAY:
+            self.unread[full] = f"array of {table.shape[1]} values"
+            return {}
+        return {f"{full}[{i}]": np.ascontiguousarray(table[:, i]) for i in range(table.shape[1])}
+
+    def _streams(
+        self, path: str, vectors: dict[str, Values], clocks: Clocks, wanted: frozenset[str] | None
+    ) -> Iterator[Block]:
+        """Yield a block per length of vectors: only those of equal length can share a clock."""
+        name = path or self.path.stem
+        lengths = list(dict.fromkeys(len(values) for values in vectors.values()))
+        for length in lengths:
+            columns = {
+                column: values
+                for column, values in vectors.items()
+                if len(values) == length and (wanted is None or column in wanted)
+            }
+            if wanted is not None and not columns:
+                continue
+            if length in clocks:
+                stamps = {"column": clocks[length]}
+            else:
+                stamps = row_clock(0, length, self.rate)
+                if self.rate is None:
+                    self._note(f"{name}: {ROW_NOTE}")
+            stream = name if len(lengths) == 1 else f"{name} ({length} values)"
+            yield Block(stream, "matlab", stamps, columns)
+
+    def _note(self, text: str) -> None:
+        if text not in self.notes:
+            self.notes.append(text)
+
+
+def _kind(value: Any) -> str:
+    """Return ``numbers``, ``text``, ``nested`` (structures and cells) or ``other``."""
+    if not isinstance(value, np.ndarray):
+        return "text" if isinstance(value, str) else "other"
+    if value.dtype.names is not None:
+        return "nested" if type(value) is np.ndarray else "other"  # MATLAB's classes come as subclasses
+    if value.dtype.kind in "US":
+        return "text"
+    if value.dtype.kind == "O":
+        return "nested"
+    return "numbers" if value.dtype.kind in "biufc" else "other"
+
+
+def _elements(full: str, value: NDArray[Any]) -> Iterator[tuple[str, dict[str, Any]]]:
+    """Yield path and members of each structure in an array of structures, or of a cell array."""
+    flat = value.reshape(-1, order="F")
+    if value.dtype.names is None:
+        parent, _, last = full.rpartition(".")
+        yield parent, {f"{last}[{i}]": element for i, element in enumerate(flat[:MAX_ARRAY])}
+        return
+    for i, element in enumerate(flat[:MAX_ARRAY]):
+        path = full if len(flat) == 1 else f"{full}[{i}]"
+        yield path, {name: element[name] for name in value.dtype.names}
+
+
+def _clock(vectors: Mapping[str, Values]) -> str | None:
+    """Return which vector is the time: named so, and rising strictly."""
+    for test in (_is_time_name, _tells_of_time):
+        for name, values in vectors.items():
+            own = name.rpartition(".")[2]
+            if test(own) and np.isfinite(values).all() and (np.diff(values) > 0).all() and abs(values).max() < 9e9:
+                return name
+    return None
+
+
+def _is_time_name(name: str) -> bool:
+    return name.lower() in ("time", "t", "timestamp", "time_s", "tout")
+
+
+def _tells_of_time(name: str) -> bool:
+    return "time" in name.lower()

@@ -1,0 +1,151 @@
+"""Serialised messages of one type → columns of numbers."""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Iterator, Sequence
+from dataclasses import dataclass, field
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vsalog.readers.definitions import Struct
+from vsalog.readers.layout import Bytes, DamagedMessageError, Layout, column, learn, nanoseconds
+from vsalog.recording import Stamps, Values
+
+MAX_LAYOUTS = 64
+"""Shapes remembered per message type; beyond, messages of a new shape are walked one by one."""
+
+
+@dataclass(slots=True)
+class Decoded:
+    """The numbers of a batch of n messages.
+
+    Attributes
+    ----------
+    good : bool array, shape (n,)
+        Which messages could be decoded.
+    stamps : int64 array, shape (n,), or None
+        Header stamps [ns], 0 where a message has none; None where the type has none.
+    columns : dict of str to float64 array, shape (n,)
+        By channel name, NaN where a message has no such value.
+    units : dict of str to str
+        By channel name, where the message type implies one.
+    """
+
+    good: NDArray[np.bool_]
+    stamps: Stamps | None = None
+    columns: dict[str, Values] = field(default_factory=dict)
+    units: dict[str, str] = field(default_factory=dict)
+
+
+class Decoder(Protocol):
+    """Decodes the messages of one type.
+
+    `unread` collects fields that are no signal, by full name, with the reason.
+    """
+
+    unread: dict[str, str]
+
+    def decode(self, messages: Sequence[bytes]) -> Decoded:
+        """Decode a batch of messages."""
+        ...
+
+
+class RosDecoder:
+    """Decodes ROS messages, those of equal shape together.
+
+    Parameters
+    ----------
+    root : Struct
+        The definition of the message type.
+    cdr : bool
+        ROS 2's encoding, or ROS 1's.
+    prefix : str
+        Name of the stream, ahead of every channel's name.
+    wanted : collection of str or None
+        Channels to decode; None is all of them.
+    """
+
+    def __init__(self, root: Struct, cdr: bool, prefix: str, wanted: Collection[str] | None) -> None:
+        self.root = root
+        self.cdr = cdr
+        self.prefix = prefix
+        self.wanted = wanted
+        self.unread: dict[str, str] = {}
+        self._layouts: dict[int, list[Layout]] = {}
+        self._learnt = 0
+
+    def decode(self, messages: Sequence[bytes]) -> Decoded:
+        """Decode a batch of messages."""
+        count = len(messages)
+        result = Decoded(good=np.zeros(count, dtype=bool))
+        for rows in _by_length(messages):
+            length = len(messages[rows[0]])
+            joined = b"".join([messages[i] for i in rows])
+            table = np.frombuffer(joined, np.uint8).reshape(len(rows), length)
+            self._decode_table(table, rows, result)
+        return result
+
+    def _decode_table(self, table: Bytes, rows: NDArray[np.intp], result: Decoded) -> None:
+        """Decode messages of equal length, the rows of `table`; `rows` tells where they go in the result."""
+        for layout in self._layouts.get(table.shape[1], ()):
+            table, rows = self._take_matching(layout, table, rows, result)
+        while len(rows):
+            layout_or_none = self._learn(table[0].tobytes())
+            if layout_or_none is None:
+                table, rows = table[1:], rows[1:]
+            elif self._learnt < MAX_LAYOUTS:
+                self._learnt += 1
+                self._layouts.setdefault(table.shape[1], []).append(layout_or_none)
+                table, rows = self._take_matching(layout_or_none, table, rows, result)
+            else:
+                self._store(layout_or_none, table[:1], rows[:1], result)
+                table, rows = table[1:], rows[1:]
+
+    def _learn(self, raw: bytes) -> Layout | None:
+        try:
+            layout = learn(raw, self.root, self.cdr)
+        except DamagedMessageError:
+            return None
+        for path, reason in layout.unread.items():
+            self.unread.setdefault(f"{self.prefix}.{path}", reason)
+        return layout
+
+    def _take_matching(
+        self, layout: Layout, table: Bytes, rows: NDArray[np.intp], result: Decoded
+    ) -> tuple[Bytes, NDArray[np.intp]]:
+        """Store the messages that have this layout; return the others."""
+        match = layout.matches(table)
+        if match.all():
+            self._store(layout, table, rows, result)
+            return table[:0], rows[:0]
+        if match.any():
+            self._store(layout, table[match], rows[match], result)
+            return table[~match], rows[~match]
+        return table, rows
+
+    def _store(self, layout: Layout, table: Bytes, rows: NDArray[np.intp], result: Decoded) -> None:
+        result.good[rows] = True
+        count = len(result.good)
+        if layout.stamp is not None:
+            if result.stamps is None:
+                result.stamps = np.zeros(count, dtype=np.int64)
+            result.stamps[rows] = nanoseconds(table, layout.stamp)
+        for one in layout.fields:
+            name = f"{self.prefix}.{one.path}"
+            if self.wanted is not None and name not in self.wanted:
+                continue
+            if name not in result.columns:
+                result.columns[name] = np.full(count, np.nan)
+                if one.unit is not None:
+                    result.units[name] = one.unit
+            result.columns[name][rows] = column(table, one)
+
+
+def _by_length(messages: Sequence[bytes]) -> Iterator[NDArray[np.intp]]:
+    """Yield the indices of the messages of each length, in order."""
+    lengths = np.fromiter(map(len, messages), dtype=np.int64, count=len(messages))
+    order = np.argsort(lengths, kind="stable")
+    ends = np.flatnonzero(np.diff(lengths[order])) + 1
+    yield from np.split(order, ends)

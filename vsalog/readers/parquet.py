@@ -1,0 +1,213 @@
+"""Parquet files."""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Iterator
+from pathlib import Path
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.compute as pc
+import pyarrow.parquet as pq
+from numpy.typing import NDArray
+
+from vsalog.errors import ReadError
+from vsalog.readers.base import Block, Catalogue, ChannelInfo, plural
+from vsalog.readers.headers import unique_names
+from vsalog.readers.row_clock import ROW_NOTE, row_clock
+from vsalog.readers.time_columns import find_clocks, nanoseconds
+from vsalog.recording import Stamps, Values
+from vsalog.units import split_header
+
+BATCH_ROWS = 65_536
+SAMPLE_ROWS = 200
+KEYS = ("joint", "transmission")
+"""Text columns of vsalog's own traces: their values name the part of the device a row belongs to."""
+
+
+class ParquetReader:
+    """Reads a Parquet file; see `vsalog.readers.base.Reader`.
+
+    Parameters
+    ----------
+    path : Path
+        The file.
+    rate : float or None
+        Samples per second [Hz], for a file without a time column.
+
+    Raises
+    ------
+    ReadError
+        The file cannot be opened or is damaged.
+    """
+
+    format = "parquet"
+    rig_text: str | None = None
+
+    def __init__(self, path: Path, rate: float | None) -> None:
+        self.path = path
+        self.rate = rate
+        self.notes: list[str] = []
+        self.unread: dict[str, str] = {}
+        try:
+            self._file = pq.ParquetFile(path)
+            sample = next(self._file.iter_batches(batch_size=SAMPLE_ROWS), None)
+        except (pa.ArrowException, OSError) as error:
+            raise ReadError(f"{path}: the Parquet file cannot be read: {error}") from error
+        schema = self._file.schema_arrow
+        pairs = [split_header(name) for name in schema.names]
+        self._names = unique_names([name for name, _ in pairs])
+        self._units = [_unit(schema.field(i)) or unit for i, (_, unit) in enumerate(pairs)]
+        columns = [] if sample is None else [sample.column(i) for i in range(sample.num_columns)]
+        self._plan = find_clocks(self._names, self._units, columns)
+        self._keys = [
+            schema.names.index(key) for key in KEYS if key in schema.names and _is_text(schema.field(key).type)
+        ]
+        if len(self._keys) < len(KEYS):
+            self._keys = []
+
+    def catalogue(self) -> Catalogue:
+        """Return the columns."""
+        channels: dict[str, ChannelInfo] = {}
+        for part in self._parts():
+            for i in self._number_columns():
+                channels[self._name(i, part)] = ChannelInfo(self._stream(part), "parquet", self._units[i])
+        return Catalogue(channels, self._text_columns())
+
+    def blocks(self, wanted: Collection[str] | None) -> Iterator[Block]:
+        """Yield the file's rows, block by block; only the wanted columns are read.
+
+        Raises
+        ------
+        ReadError
+            The file is damaged.
+        """
+        self.unread.update(self._text_columns())
+        self._note_clock()
+        parts = self._parts()
+        columns = [
+            i for i in self._number_columns() if wanted is None or any(self._name(i, part) in wanted for part in parts)
+        ]
+        schema = self._file.schema_arrow
+        needed = [schema.names[i] for i in sorted({*columns, *self._plan.columns(), *self._keys})] or schema.names[:1]
+        rows: dict[str | None, int] = {}
+        dropped = 0
+        try:
+            for batch in self._file.iter_batches(batch_size=BATCH_ROWS, columns=needed):
+                for part, piece in self._split(batch):
+                    block, missing = self._block(piece, part, columns, rows.get(part, 0), wanted)
+                    rows[part] = rows.get(part, 0) + piece.num_rows
+                    dropped += missing
+                    yield block
+        except (pa.ArrowException, OSError) as error:
+            raise ReadError(f"{self.path}: the Parquet file is damaged: {error}") from error
+        if dropped:
+            self.notes.append(f"{plural(dropped, 'row')} without a time left out")
+
+    def _block(
+        self, batch: pa.RecordBatch, part: str | None, columns: list[int], row: int, wanted: Collection[str] | None
+    ) -> tuple[Block, int]:
+        """Return a batch as a block, and how many of its rows have no time."""
+        original = self._file.schema_arrow.names
+        good = np.ones(batch.num_rows, dtype=bool)
+        stamps: dict[str, Stamps] = {} if self._plan.clocks else row_clock(row, batch.num_rows, self.rate)
+        for kind, clock in self._plan.clocks.items():
+            cells = [batch.column(original[i]) for i in clock.columns]
+            stamps[kind], valid = nanoseconds(cells, clock.form)
+            good &= valid
+        values: dict[str, Values] = {}
+        units: dict[str, str] = {}
+        for i in columns:
+            name = self._name(i, part)
+            if wanted is None or name in wanted:
+                values[name] = _numbers(batch.column(original[i]))
+                unit = self._units[i]
+                if unit is not None:
+                    units[name] = unit
+        if not good.all():
+            stamps = {kind: times[good] for kind, times in stamps.items()}
+            values = {name: cells[good] for name, cells in values.items()}
+        return Block(self._stream(part), "parquet", stamps, values, units), int(np.count_nonzero(~good))
+
+    def _number_columns(self) -> list[int]:
+        schema = self._file.schema_arrow
+        clocks = {*self._plan.columns(), *self._keys}
+        return [i for i, field in enumerate(schema) if i not in clocks and _is_number(field.type)]
+
+    def _text_columns(self) -> dict[str, str]:
+        """Return the columns that are no signals, with the reason."""
+        clocks = {*self._plan.columns(), *self._keys}
+        return {
+            self._names[i]: "text" if _is_text(field.type) else f"column of type {field.type}"
+            for i, field in enumerate(self._file.schema_arrow)
+            if i not in clocks and not _is_number(field.type)
+        }
+
+    def _parts(self) -> list[str | None]:
+        """Return the parts of the device that a trace's rows belong to; only None for other tables."""
+        if not self._keys:
+            return [None]
+        names = [self._file.schema_arrow.names[i] for i in self._keys]
+        parts: dict[str | None, None] = {}
+        for batch in self._file.iter_batches(batch_size=BATCH_ROWS, columns=names):
+            parts.update(dict.fromkeys(pc.unique(_part_names(batch, names)).to_pylist()))
+        return list(parts)
+
+    def _split(self, batch: pa.RecordBatch) -> Iterator[tuple[str | None, pa.RecordBatch]]:
+        """Yield the rows of each part of the device."""
+        if not self._keys:
+            yield None, batch
+            return
+        parts = _part_names(batch, [self._file.schema_arrow.names[i] for i in self._keys])
+        for part in pc.unique(parts).to_pylist():
+            yield part, batch.filter(pc.equal(parts, part))
+
+    def _stream(self, part: str | None) -> str:
+        return self.path.stem if part is None else f"{self.path.stem}[{part}]"
+
+    def _name(self, i: int, part: str | None) -> str:
+        return self._names[i] if part is None else f"{self._names[i]}[{part}]"
+
+    def _note_clock(self) -> None:
+        self.notes += [note for note in self._plan.notes if note not in self.notes]
+        if not self._plan.clocks and self.rate is None:
+            self.notes.append(ROW_NOTE)
+        elif self._plan.clocks and self.rate is not None:
+            self.notes.append("the table has a time column: the sample rate that was given is not used")
+
+
+def _part_names(batch: pa.RecordBatch, names: list[str]) -> pa.Array:
+    texts = [pc.fill_null(pc.cast(batch.column(name), pa.string()), "") for name in names]
+    return pc.binary_join_element_wise(*texts, ".")
+
+
+def _unit(field: pa.Field) -> str | None:
+    """Return the unit in a column's metadata."""
+    raw = (field.metadata or {}).get(b"unit", b"").decode("utf-8", "replace").strip()
+    return raw or None
+
+
+def _is_text(kind: pa.DataType) -> bool:
+    if pa.types.is_dictionary(kind):
+        return _is_text(kind.value_type)
+    return bool(pa.types.is_string(kind) or pa.types.is_large_string(kind))
+
+
+def _is_number(kind: pa.DataType) -> bool:
+    return bool(
+        pa.types.is_integer(kind)
+        or pa.types.is_floating(kind)
+        or pa.types.is_boolean(kind)
+        or pa.types.is_decimal(kind)
+        or pa.types.is_duration(kind)
+    )
+
+
+def _numbers(cells: pa.Array) -> NDArray[np.float64]:
+    """Return a column as numbers, durations in seconds, NaN where a cell is empty."""
+    if pa.types.is_duration(cells.type):
+        cells = pc.cast(pc.cast(cells, pa.duration("ns")), pa.int64())
+        return np.asarray(pc.cast(cells, pa.float64(), safe=False).to_numpy(zero_copy_only=False), np.float64) * 1e-9
+    if pa.types.is_boolean(cells.type):
+        cells = pc.cast(cells, pa.uint8())
+    return np.array(pc.cast(cells, pa.float64(), safe=False).to_numpy(zero_copy_only=False), np.float64)

@@ -1,0 +1,113 @@
+"""What a file is, told from its first bytes, never from its name."""
+
+from __future__ import annotations
+
+import gzip
+from pathlib import Path
+
+from vsalog.errors import ReadError
+
+HEAD_BYTES = 4096
+
+_HDF5 = b"\x89HDF\r\n\x1a\n"
+_MAGIC = (
+    (b"\x89MCAP0\r\n", "mcap"),
+    (b"#ROSBAG V", "rosbag1"),
+    (b"SQLite format 3\0", "rosbag2"),
+    (b"\x28\xb5\x2f\xfd", "rosbag2"),
+    (b"PAR1", "parquet"),
+    (b"MATLAB 5.0 MAT-file", "matlab"),
+)
+_FOREIGN = (
+    (_HDF5, "is an HDF5 file"),
+    (b"PK\x03\x04", "is a zip archive (a spreadsheet?); unpack it, or export a spreadsheet as CSV"),
+    (b"ULog\x01\x12\x35", "is a PX4 ULog file; convert it with 'ulog2csv' first"),
+    (b"ARROW1\0\0", "is an Arrow IPC file; save it as Parquet"),
+    (b"%PDF-", "is a PDF document"),
+    (b"\x7fELF", "is a program"),
+    (b"BZh", "is compressed with bzip2; unpack it first"),
+    (b"\xfd7zXZ\0", "is compressed with xz; unpack it first"),
+)
+_BOMS = (b"\xff\xfe", b"\xfe\xff", b"\xef\xbb\xbf")
+
+
+def sniff(path: Path) -> str:
+    """Return what a file or folder is: ``mcap``, ``rosbag1``, ``rosbag2``, ``rosbag2-folder``, ``parquet``, ``matlab`` or
+    ``table``.
+
+    Raises
+    ------
+    ReadError
+        There is no such file, it cannot be opened, is empty or is nothing that can be read.
+    """
+    try:
+        if path.is_dir():
+            return _sniff_folder(path)
+        with path.open("rb") as file:
+            head = file.read(HEAD_BYTES)
+    except FileNotFoundError:
+        raise ReadError(f"{path}: there is no such file") from None
+    except PermissionError:
+        raise ReadError(f"{path}: may not be read (permission denied)") from None
+    except (OSError, ValueError) as error:  # ValueError: a path with a null byte
+        raise ReadError(f"{path}: cannot be opened: {getattr(error, 'strerror', None) or error}") from error
+    return _sniff_head(path, head)
+
+
+def _sniff_folder(path: Path) -> str:
+    from vsalog.readers.rosbag2 import is_bag_folder
+
+    if not is_bag_folder(path):
+        raise ReadError(
+            f"{path}: is a folder, but no ROS 2 bag: it has neither a metadata.yaml nor MCAP or SQLite files;"
+            " name one of the files in it"
+        )
+    return "rosbag2-folder"
+
+
+def _sniff_head(path: Path, head: bytes) -> str:
+    if not head:
+        raise ReadError(f"{path}: is empty")
+    for magic, kind in _MAGIC:
+        if head.startswith(magic):
+            return kind
+    if head.startswith(b"MATLAB 7.3 MAT-file") or _HDF5 in head[:1024]:
+        raise ReadError(
+            f"{path}: is a MATLAB v7.3 or other HDF5 file, which is not supported;"
+            " in MATLAB save it with save('file.mat', '-v7')"
+        )
+    for magic, words in _FOREIGN:
+        if head.startswith(magic):
+            raise ReadError(f"{path}: {words}")
+    if head.startswith(b"\x1f\x8b"):
+        head = _gzip_head(path)
+    if not looks_like_text(head):
+        raise ReadError(
+            f"{path}: is of no known format; MCAP, ROS 1 and ROS 2 bags, CSV, Parquet and MATLAB v5 files can be read"
+        )
+    return "table"
+
+
+def _gzip_head(path: Path) -> bytes:
+    try:
+        with gzip.open(path, "rb") as file:
+            return file.read(HEAD_BYTES)
+    except (OSError, EOFError) as error:
+        raise ReadError(f"{path}: is compressed with gzip, but damaged: {error}") from error
+
+
+def looks_like_text(head: bytes) -> bool:
+    """Tell whether bytes are text in UTF-8, UTF-16 or a Latin encoding."""
+    if not head.strip():
+        return False
+    if head.startswith(_BOMS):
+        return True
+    if head.count(0) > len(head) // 4 and _zeros_alternate(head):
+        return True  # UTF-16 without its mark
+    control = sum(byte < 32 and byte not in b"\t\n\v\f\r\x1b" for byte in head)
+    return control == 0
+
+
+def _zeros_alternate(head: bytes) -> bool:
+    even, odd = head[0::2].count(0), head[1::2].count(0)
+    return min(even, odd) == 0

@@ -1,0 +1,300 @@
+"""CSV, TSV and other text tables."""
+
+from __future__ import annotations
+
+import gzip
+import zlib
+from collections.abc import Collection, Iterator
+from pathlib import Path
+from typing import IO, Any
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.compute as pc
+import pyarrow.csv as pacsv
+from numpy.typing import NDArray
+
+from vsalog.errors import ReadError
+from vsalog.readers.base import Block, Catalogue, ChannelInfo, plural
+from vsalog.readers.headers import printable_cell
+from vsalog.readers.row_clock import ROW_NOTE, row_clock
+from vsalog.readers.table_dialect import NUMBER, WHITESPACE, Dialect, detect
+from vsalog.readers.text_source import TextSource
+from vsalog.readers.time_columns import find_clocks, looks_like_clock, nanoseconds
+from vsalog.recording import Stamps, Values
+
+HEAD_BYTES = 256 * 1024
+BLOCK_BYTES = 4 * 2**20
+
+_NULLS = ["", "NA", "N/A", "n/a", "null", "NULL", "None", "none", "-", "--"]
+_CELL = NUMBER.replace("^", "^(", 1)[:-1] + r"|[+-]?(?i:inf|infinity)|[+-]?(?i:nan))$"
+
+
+class TableReader:
+    """Reads a text table; see `vsalog.readers.base.Reader`.
+
+    Parameters
+    ----------
+    path : Path
+        The file, plain or compressed with gzip.
+    rate : float or None
+        Samples per second [Hz], for a table without a time column.
+
+    Raises
+    ------
+    ReadError
+        The file cannot be opened or has no rows of values.
+    """
+
+    format = "csv"
+    rig_text: str | None = None
+
+    def __init__(self, path: Path, rate: float | None) -> None:
+        self.path = path
+        self.rate = rate
+        self.notes: list[str] = []
+        self.unread: dict[str, str] = {}
+        self._gzip = False
+        self._dialect = self._detect()
+        self._sample = _sample_columns(self._dialect)
+        self._plan = find_clocks(self._dialect.names, self._dialect.units, self._sample)
+        self._counts: dict[str, _Cells] = {}
+
+    def catalogue(self) -> Catalogue:
+        """Return the columns; those whose first cells are all text are listed as unread."""
+        channels: dict[str, ChannelInfo] = {}
+        unread: dict[str, str] = {}
+        clocks = self._plan.columns()
+        for i, (name, unit) in enumerate(zip(self._dialect.names, self._dialect.units, strict=True)):
+            if i in clocks:
+                continue
+            cells = _Cells()
+            cells.convert(self._sample[i])
+            if cells.text:
+                unread[name] = cells.text
+            else:
+                channels[name] = ChannelInfo(self.path.stem, "csv", unit)
+        return Catalogue(channels, unread)
+
+    def blocks(self, wanted: Collection[str] | None) -> Iterator[Block]:
+        """Yield the table's rows, block by block.
+
+        Raises
+        ------
+        ReadError
+            The table cannot be parsed.
+        """
+        self._note_dialect()
+        clocks = self._plan.columns()
+        names = self._dialect.names
+        columns = [i for i in range(len(names)) if i not in clocks and (wanted is None or names[i] in wanted)]
+        self._counts = {names[i]: _Cells() for i in columns}
+        row, dropped = 0, 0
+        for batch in self._batches(columns):
+            stamps, good = self._clock(batch, row)
+            values = {names[i]: self._counts[names[i]].convert(batch.column(names[i])) for i in columns}
+            row += batch.num_rows
+            if not good.all():
+                dropped += int(np.count_nonzero(~good))
+                stamps = {kind: times[good] for kind, times in stamps.items()}
+                values = {name: cells[good] for name, cells in values.items()}
+            units = {names[i]: unit for i in columns if (unit := self._dialect.units[i]) is not None}
+            yield Block(self.path.stem, "csv", stamps, values, units)
+        self._report(dropped)
+
+    def _detect(self) -> Dialect:
+        try:
+            with self.path.open("rb") as file:
+                self._gzip = file.read(2) == b"\x1f\x8b"
+            with self._open() as source:
+                head = _read_head(source)
+        except OSError as error:
+            raise ReadError(f"{self.path}: cannot be read: {error.strerror or error}") from error
+        dialect = detect(head, whole=len(head) < HEAD_BYTES)
+        if not dialect.names or not dialect.rows:
+            raise ReadError(f"{self.path}: holds text, but no table: no row of values was found")
+        return dialect
+
+    def _open(self) -> IO[bytes]:
+        return gzip.open(self.path, "rb") if self._gzip else self.path.open("rb")  # type: ignore[return-value]
+
+    def _clock(self, batch: pa.RecordBatch, row: int) -> tuple[dict[str, Stamps], NDArray[np.bool_]]:
+        """Return a batch's stamps by kind of clock, and which rows have one."""
+        good = np.ones(batch.num_rows, dtype=bool)
+        if not self._plan.clocks:
+            return row_clock(row, batch.num_rows, self.rate), good
+        stamps = {}
+        for kind, clock in self._plan.clocks.items():
+            cells = [self._point(batch.column(self._dialect.names[i])) for i in clock.columns]
+            stamps[kind], valid = nanoseconds(cells, clock.form)
+            good &= valid
+        return stamps, good
+
+    def _point(self, cells: pa.Array) -> pa.Array:
+        return pc.replace_substring(cells, ",", ".") if self._dialect.decimal_comma else cells
+
+    def _batches(self, columns: list[int]) -> Iterator[pa.RecordBatch]:
+        """Parse the table, wanted columns and clocks only, all as text."""
+        dialect = self._dialect
+        chosen = [dialect.names[i] for i in sorted({*columns, *self._plan.columns()})] or [dialect.names[0]]
+        ragged = _Ragged()
+        with self._open() as file:
+            plain = dialect.encoding == "utf-8" and dialect.separator != WHITESPACE
+            source = file if plain else TextSource(file, dialect.encoding, dialect.separator == WHITESPACE)
+            try:
+                reader = pacsv.open_csv(
+                    source,
+                    read_options=pacsv.ReadOptions(
+                        use_threads=False,
+                        block_size=BLOCK_BYTES,
+                        skip_rows=dialect.skip_lines,
+                        column_names=list(dialect.names),
+                    ),
+                    parse_options=pacsv.ParseOptions(delimiter=dialect.separator, invalid_row_handler=ragged.handle),
+                    convert_options=pacsv.ConvertOptions(
+                        include_columns=chosen,
+                        column_types=dict.fromkeys(chosen, pa.string()),
+                        strings_can_be_null=True,
+                        quoted_strings_can_be_null=True,
+                        null_values=_NULLS,
+                        check_utf8=False,
+                    ),
+                )
+                yield from (self._pointed(batch, columns) for batch in reader)
+            except pa.ArrowInvalid as error:
+                raise ReadError(f"{self.path}: cannot be parsed as a table: {error}") from error
+            except (EOFError, zlib.error, OSError) as error:
+                self.notes.append(f"the compressed file is damaged or cut off ({error}): read up to there")
+        self.notes.extend(ragged.notes(len(dialect.names)))
+
+    def _pointed(self, batch: pa.RecordBatch, columns: list[int]) -> pa.RecordBatch:
+        """Write the decimal commas of the values as points."""
+        if not self._dialect.decimal_comma:
+            return batch
+        for name in (self._dialect.names[i] for i in columns):
+            at = batch.schema.get_field_index(name)
+            batch = batch.set_column(at, name, pc.replace_substring(batch.column(at), ",", "."))
+        return batch
+
+    def _note_dialect(self) -> None:
+        self.notes += [note for note in (*self._dialect.notes, *self._plan.notes) if note not in self.notes]
+        if self._dialect.decimal_comma and self._dialect.separator == ",":
+            self.notes.append("the comma in the quoted numbers is read as a decimal mark")
+        if self.rate is not None and self._plan.clocks:
+            self.notes.append("the table has a time column: the sample rate that was given is not used")
+        if self._plan.clocks or self.rate is not None:
+            return
+        self.notes.append(ROW_NOTE)
+        for name, cells in zip(self._dialect.names, self._sample, strict=True):
+            if looks_like_clock(_Cells().convert(cells)):
+                self.notes.append(f"column '{name}' rises evenly: if it is the time, call it 'time [s]' in the header")
+                break
+
+    def _report(self, dropped: int) -> None:
+        """Tell what was wrong with the cells."""
+        if dropped:
+            self.notes.append(f"{plural(dropped, 'row')} without a time left out")
+        for name, cells in self._counts.items():
+            if cells.text:
+                self.unread[name] = cells.text
+            elif cells.bad:
+                self.notes.append(
+                    f"column '{name}': {plural(cells.bad, 'cell')} hold no number and read as NaN"
+                    f" (the first in row {cells.first_row + 1}: '{printable_cell(cells.first)}')"
+                )
+
+
+class _Cells:
+    """Turns the cells of a column into numbers and counts those that are none."""
+
+    def __init__(self) -> None:
+        self.rows = 0
+        self.good = 0
+        self.bad = 0
+        self.first = ""
+        self.first_row = 0
+
+    @property
+    def text(self) -> str:
+        """Why the column is no signal, "" where it is one."""
+        if self.good:
+            return ""
+        return "text" if self.bad else "no values"
+
+    def convert(self, cells: pa.Array) -> Values:
+        """Return the numbers in a stretch of the column, NaN where there is none."""
+        try:
+            numbers = pc.cast(cells, pa.float64())
+            bad = 0
+        except pa.ArrowInvalid:
+            numbers, bad = self._convert_carefully(cells)
+        self.good += len(cells) - cells.null_count - bad
+        self.bad += bad
+        self.rows += len(cells)
+        return np.array(numbers.to_numpy(zero_copy_only=False), dtype=np.float64)
+
+    def _convert_carefully(self, cells: pa.Array) -> tuple[pa.Array, int]:
+        cells = pc.ascii_trim_whitespace(cells)
+        cells = pc.replace_substring_regex(cells, "^(?i:true)$", "1")
+        cells = pc.replace_substring_regex(cells, "^(?i:false)$", "0")
+        number = pc.match_substring_regex(cells, _CELL)
+        empty = pc.equal(cells, "")
+        wrong = pc.fill_null(pc.and_not(pc.invert(number), empty), False)
+        count = int(pc.sum(wrong).as_py() or 0)
+        if count and not self.bad:
+            at = int(pc.index(wrong, True).as_py())
+            self.first_row = self.rows + at
+            self.first = bytes(pc.cast(cells[at], pa.binary()).as_py()).decode("utf-8", "replace")
+        nothing = pa.scalar(None, pa.string())
+        return pc.cast(pc.if_else(pc.fill_null(number, False), cells, nothing), pa.float64()), count
+
+
+class _Ragged:
+    """Counts lines with too many or too few cells; remarks do not count."""
+
+    def __init__(self) -> None:
+        self.count = 0
+        self.example = ""
+
+    def handle(self, row: Any) -> str:
+        """Skip a line."""
+        text = str(row.text or "")
+        if not text.lstrip().startswith(("#", "%")):
+            self.count += 1
+            self.example = self.example or text
+        return "skip"
+
+    def notes(self, width: int) -> list[str]:
+        """Return what to tell."""
+        if not self.count:
+            return []
+        return [
+            f"{plural(self.count, 'line')} without exactly {width} cells skipped (the first: '{printable_cell(self.example)}')"
+        ]
+
+
+def _read_head(source: IO[bytes]) -> bytes:
+    """Return the start of a file, of a damaged one as far as it goes."""
+    parts: list[bytes] = []
+    size = 0
+    while size < HEAD_BYTES:
+        try:
+            part = source.read(min(16 * 1024, HEAD_BYTES - size))
+        except (EOFError, zlib.error, gzip.BadGzipFile):
+            break
+        if not part:
+            break
+        parts.append(part)
+        size += len(part)
+    return b"".join(parts)
+
+
+def _sample_columns(dialect: Dialect) -> list[pa.Array]:
+    """Return the columns' first cells, with decimal points."""
+    rows = dialect.rows
+    columns = []
+    for i in range(len(dialect.names)):
+        cells = [row[i] if row[i] not in _NULLS else None for row in rows]
+        column = pa.array(cells, pa.string())
+        columns.append(pc.replace_substring(column, ",", ".") if dialect.decimal_comma else column)
+    return columns
