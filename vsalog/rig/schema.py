@@ -1,19 +1,22 @@
 """The structures of `rig.toml`: everything a log does not say about the joints it was recorded on.
 
-Every quantity is SI inside. The SI unit stands in each field's metadata (``Quantity``), from which the loader converts
-strings such as ``"500 N·mm/rad"``, the JSON Schema is generated and `docs/rig.md` is checked.
+Every quantity is SI inside. The SI unit stands in each field's metadata (``extra["unit"]``), from which the loader
+converts strings such as ``"500 N·mm/rad"``, the JSON Schema is generated and `docs/rig.md` is checked.
 """
 
 from __future__ import annotations
 
-from typing import Annotated, ClassVar, Literal
+from typing import Annotated, Literal
 
-import msgspec
-from msgspec import Meta, Struct, UNSET, UnsetType
+from msgspec import Meta, Struct
 
 
-def _quantity(unit: str, description: str, **bounds: float) -> Meta:
-    return Meta(description=description, extra={"unit": unit}, **bounds)  # type: ignore[arg-type]
+def _quantity(
+    unit: str, description: str, *, gt: float | None = None, ge: float | None = None, alternative: str | None = None
+) -> Meta:
+    """Describe a number in `unit`, or in `alternative` where a key may hold one of two things."""
+    units = (unit,) if alternative is None else (unit, alternative)
+    return Meta(description=f"{description} [{' or '.join(units)}]", gt=gt, ge=ge, extra={"unit": unit, "units": units})
 
 
 # Fields of this type are numbers in the SI unit named here, or strings with any unit that converts to it.
@@ -27,7 +30,29 @@ Length = Annotated[float, _quantity("m", "length", gt=0.0)]
 LengthPerAngle = Annotated[float, _quantity("m/rad", "travel per angle")]
 Angle = Annotated[float, _quantity("rad", "angle")]
 Torque = Annotated[float, _quantity("N*m", "torque")]
+DeflectionScale = Annotated[float, _quantity("rad", "deflection the powers are taken of", gt=0.0)]
+SetpointScale = Annotated[float, _quantity("rad", "set-point the powers are taken of", gt=0.0, alternative="m")]
 Ratio = Annotated[float, Meta(description="a number without unit", gt=0.0)]
+
+
+# Numbers whose unit depends on the role they are given for (`ROLE_UNITS`).
+RoleValue = Annotated[float, Meta(description="in the role's SI unit", extra={"role": True})]
+RoleStep = Annotated[float, Meta(description="in the role's SI unit", gt=0.0, extra={"role": True})]
+
+# What a role may be measured in, before torque constant and lever make a current a torque and an angle a lever arm.
+ROLE_UNITS: dict[str, tuple[str, ...]] = {
+    "motor_position": ("rad",),
+    "link_position": ("rad",),
+    "deflection": ("rad",),
+    "motor_torque": ("N*m", "A"),
+    "torque_sensor": ("N*m",),
+    "setpoint": ("rad", "m"),
+}
+
+
+def role_units(role: str) -> tuple[str, ...]:
+    """Return the SI units of what a role may be measured in; ``motor_position_1`` is a ``motor_position``."""
+    return ROLE_UNITS[role.removesuffix("_1").removesuffix("_2")]
 
 
 class Base(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True, omit_defaults=True):
@@ -98,9 +123,7 @@ class UnknownTransmission(Base, tag="unknown", tag_field="type"):
     """No nominal model is known: it is estimated all the same, only the MODEL modality is not available."""
 
 
-Transmission = (
-    LinearTransmission | CubicTransmission | Vsa2Transmission | AwasTransmission | UnknownTransmission
-)
+Transmission = LinearTransmission | CubicTransmission | Vsa2Transmission | AwasTransmission | UnknownTransmission
 
 
 class Link(Base):
@@ -143,8 +166,8 @@ class Basis(Base):
     order: Annotated[int, Meta(description="number of terms in the deflection", ge=1, le=20)] = 4
     odd: bool = True
     setpoint_order: Annotated[int, Meta(description="number of powers of the set-point", ge=1, le=10)] = 3
-    deflection_scale: Annotated[float, _quantity("rad", "deflection the powers are taken of", gt=0.0)] | None = None
-    setpoint_scale: Annotated[float, Meta(description="set-point the powers are taken of, SI", gt=0.0)] | None = None
+    deflection_scale: DeflectionScale | None = None
+    setpoint_scale: SetpointScale | None = None
 
 
 class Signal(Base):
@@ -164,12 +187,12 @@ class Signal(Base):
     """
 
     channel: str | None = None
-    constant: float | None = None
+    constant: RoleValue | None = None
     unit: str | None = None
     side: Literal["joint", "rotor"] = "joint"
     sign: Literal[1, -1] = 1
-    offset: float = 0.0
-    resolution: Annotated[float, Meta(gt=0.0)] | None = None
+    offset: RoleValue = 0.0
+    resolution: RoleStep | None = None
 
 
 # A role may be given in short, as a channel's name or as a number, or in full, as a table.
@@ -193,7 +216,10 @@ class SerialSignals(SingleSignals):
 
 
 class AntagonisticSignals(Base):
-    """The roles of an antagonistic joint: one link, two motors, two transmissions."""
+    """The roles of an antagonistic joint: one link, two motors, two transmissions.
+
+    `torque_sensor` is one sensor for the whole joint, `torque_sensor_1` and `torque_sensor_2` are one per transmission.
+    """
 
     motor_position_1: SignalSpec | None = None
     motor_position_2: SignalSpec | None = None
@@ -202,6 +228,7 @@ class AntagonisticSignals(Base):
     link_position: SignalSpec | None = None
     deflection_1: SignalSpec | None = None
     deflection_2: SignalSpec | None = None
+    torque_sensor: SignalSpec | None = None
     torque_sensor_1: SignalSpec | None = None
     torque_sensor_2: SignalSpec | None = None
 

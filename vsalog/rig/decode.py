@@ -1,0 +1,363 @@
+"""TOML tables → the structures of `vsalog.rig.schema`, with messages that name the key, the value and the way out.
+
+msgspec could do the conversion alone, but it stops at "Expected `float` - at `$.joint[...]`". Here the tables are walked
+along the structures' types: unknown keys are refused with the nearest known one, quantities become SI, and what is left
+for msgspec is to build the structures.
+"""
+
+from __future__ import annotations
+
+import math
+import re
+from collections.abc import Mapping
+from typing import Any, NoReturn
+
+import msgspec
+from msgspec import inspect
+
+from vsalog.errors import RigError, UnitError, did_you_mean
+from vsalog.rig.schema import RigFile, role_units
+from vsalog.units import matching, parse_quantity, shown, si_factor, split_quantity
+
+Path = tuple[str, ...]
+Table = dict[str, Any]
+
+MAX_NAME = 200
+
+# What to do about a value that cannot be, by the key's name.
+_HINTS = {
+    "inertia": "leave the key out where it is not known",
+    "gear_ratio": "it is the number of rotor turns per turn of the joint, e.g. 50",
+    "torque_constant": "turn the signal round with sign = -1 if need be, and leave the key out where it is not known",
+    "stiffness": 'give the transmission type = "unknown" where it is not known',
+    "geometry": "the VSA-II's four-bar mechanism only exists with C > 1",
+    "resolution": "leave the key out to have it taken from the data",
+    "sign": "write 1, or -1 for a sensor that counts the other way round",
+    "damping": "friction takes energy out; 0 where it is not known",
+}
+
+
+def decode_rig(raw: Mapping[str, Any]) -> RigFile:
+    """Return the structures for a rig's tables.
+
+    Raises
+    ------
+    RigError
+        A key is unknown or missing, or a value is not possible; the message begins with the key's path.
+    """
+    root = inspect.type_info(RigFile)
+    assert isinstance(root, inspect.StructType)
+    checked = _struct(dict(raw), root, ())
+    return msgspec.convert(checked, RigFile)
+
+
+def key_path(path: Path) -> str:
+    """Write a path as TOML does: ``joint.elbow.motor``, ``joint."left elbow".run[0]``."""
+    parts: list[str] = []
+    for part in path:
+        if part.startswith("["):
+            parts[-1] += part
+        elif re.fullmatch(r"[A-Za-z0-9_-]+", part):
+            parts.append(part)
+        else:
+            parts.append(f'"{shown(part)}"')
+    return ".".join(parts)
+
+
+def refuse(path: Path, reason: str) -> NoReturn:
+    """Raise a RigError about the key at `path`."""
+    raise RigError(f"{key_path(path)}: {reason}" if path else reason)
+
+
+def _value(value: Any, kind: inspect.Type, path: Path) -> Any:
+    """Check one value against its type and return it in SI."""
+    if isinstance(kind, inspect.UnionType):
+        return _union(value, kind, path)
+    if isinstance(kind, inspect.Metadata):
+        extra = kind.extra or {}
+        if "units" in extra:
+            value = _si(value, extra["units"], path)
+        return _value(value, kind.type, path)
+    if isinstance(kind, inspect.StructType):
+        return _struct(_table(value, path), kind, path)
+    if isinstance(kind, inspect.DictType):
+        return {_name(k, path): _value(v, kind.value_type, (*path, k)) for k, v in _table(value, path).items()}
+    if isinstance(kind, inspect.VarTupleType):
+        return _list(value, kind, path)
+    return _leaf(value, kind, path)
+
+
+def _union(value: Any, kind: inspect.UnionType, path: Path) -> Any:
+    tagged = [t for t in kind.types if isinstance(t, inspect.StructType) and t.tag is not None]
+    if tagged:
+        return _tagged(_table(value, path), tagged, path)
+    (only,) = [t for t in kind.types if not isinstance(t, inspect.NoneType)]
+    return _value(value, only, path)
+
+
+def _tagged(value: Table, kinds: list[inspect.StructType], path: Path) -> Table:
+    """Choose the structure that the table's `kind` or `type` names."""
+    field = kinds[0].tag_field
+    assert field is not None
+    known = {str(k.tag): k for k in kinds}
+    among = ", ".join(f'"{name}"' for name in known)
+    if field not in value:
+        refuse(path, f"'{field}' is missing; it is one of {among}")
+    tag = value[field]
+    if not isinstance(tag, str) or tag not in known:
+        hint = did_you_mean(tag, known) if isinstance(tag, str) else ""
+        refuse((*path, field), f"{_written(tag)} is not one of {among}{hint}")
+    return _struct(value, known[tag], path)
+
+
+def _struct(value: Table, kind: inspect.StructType, path: Path) -> Table:
+    """Check a table against a structure: no unknown key, none missing, each value of its type."""
+    fields = {f.encode_name: f for f in kind.fields}
+    result: Table = {}
+    for key, item in value.items():
+        if key == kind.tag_field:
+            result[key] = item
+        elif key not in fields:
+            _refuse_key(key, kind, path)
+        elif key == "signals":
+            result[key] = _signals(_table(item, (*path, key)), fields[key].type, (*path, key))
+        elif key == "run":
+            result[key] = _runs(item, fields[key].type, value, (*path, key))
+        else:
+            result[key] = _value(item, fields[key].type, (*path, key))
+    missing = [name for name, field in fields.items() if field.required and name not in value]
+    if missing:
+        names = " and ".join(f"'{name}'" for name in missing)
+        refuse(path, f"{names} {'is' if len(missing) == 1 else 'are'} missing{_of_kind(kind)}")
+    return result
+
+
+def _refuse_key(key: str, kind: inspect.StructType, path: Path) -> NoReturn:
+    known = [f.encode_name for f in kind.fields] + ([kind.tag_field] if kind.tag_field else [])
+    hint = did_you_mean(key, known) or f"; known here: {', '.join(known) or 'none'}"
+    refuse((*path, key), f"there is no such key{_of_kind(kind)}{hint}")
+
+
+def _of_kind(kind: inspect.StructType) -> str:
+    if kind.tag_field is None:
+        return ""
+    what = "a joint of kind" if kind.tag_field == "kind" else "a transmission of type"
+    return f' in {what} "{kind.tag}"'
+
+
+def _signals(value: Table, kind: inspect.Type, path: Path) -> Table:
+    assert isinstance(kind, inspect.StructType)
+    roles = [f.encode_name for f in kind.fields]
+    for role in value:
+        if role not in roles:
+            hint = did_you_mean(role, roles) or f"; the roles of this joint are {', '.join(roles)}"
+            refuse((*path, role), f"there is no such role in this kind of joint{hint}")
+    return {role: _signal(item, role, kind, (*path, role)) for role, item in value.items()}
+
+
+def _signal(value: Any, role: str, signals: inspect.StructType, path: Path) -> Any:
+    """Check what a role is given: a channel's name, a number, or a table."""
+    if isinstance(value, list):
+        refuse(path, f"{len(value)} values for one role: one role, one channel")
+    if isinstance(value, str):
+        return _channel(value, path)
+    if not isinstance(value, dict):
+        return _finite(value, path)
+    (union,) = [f.type for f in signals.fields if f.encode_name == role]
+    assert isinstance(union, inspect.UnionType)
+    (kind,) = [t for t in union.types if isinstance(t, inspect.StructType)]
+    return _signal_table(value, kind, role_units(role), path)
+
+
+def _signal_table(value: Table, kind: inspect.StructType, units: tuple[str, ...], path: Path) -> Table:
+    if "channel" in value and "constant" in value:
+        refuse(path, "both a channel and a constant are given; keep one of them")
+    if "channel" not in value and "constant" not in value:
+        refuse(path, "neither a channel nor a constant is given; a role needs one of them")
+    if "channel" in value:
+        _channel(value["channel"], (*path, "channel"))
+    plain = dict(value)
+    if "unit" in value:
+        _unit(value["unit"], units, (*path, "unit"))
+    if "constant" in value:
+        plain.update(_constant(value, units, (*path, "constant")))
+    for key in ("offset", "resolution"):
+        if isinstance(value.get(key), str):
+            plain[key] = _end_value(value[key], units, (*path, key))
+    return _struct(plain, kind, path)
+
+
+def _channel(value: Any, path: Path) -> str:
+    if isinstance(value, list):
+        refuse(path, f"{len(value)} channels for one role: one role, one channel")
+    if not isinstance(value, str):
+        refuse(path, f"{_written(value)} is not a channel's name")
+    if not value.strip():
+        refuse(path, "the channel's name is empty; leave the key out where there is no channel")
+    return value
+
+
+def _unit(value: Any, units: tuple[str, ...], path: Path) -> None:
+    if not isinstance(value, str):
+        refuse(path, f'{_written(value)} is not a unit; write it as text, such as "deg"')
+    try:
+        matching(value, units)
+    except UnitError as error:
+        refuse(path, str(error))
+
+
+def _constant(signal: Table, units: tuple[str, ...], path: Path) -> Table:
+    """Return `constant` in SI with its `unit`: which of a role's units it has may matter later (a current, an angle)."""
+    value, unit = signal["constant"], signal.get("unit")
+    try:
+        if isinstance(value, str):
+            if unit is not None:
+                refuse(path, f"{_written(value)} brings its own unit; remove unit = {_written(unit)}")
+            number, unit = split_quantity(value)
+        else:
+            number = _finite(value, path)
+        if unit is None:
+            return {"constant": number}
+        like = matching(unit, units)
+        return {"constant": number * si_factor(unit, like), "unit": like}
+    except UnitError as error:
+        refuse(path, str(error))
+
+
+def _end_value(text: str, units: tuple[str, ...], path: Path) -> float:
+    """Return an offset or a step in SI; it applies to the end value, so for a current it is a torque."""
+    try:
+        _, unit = split_quantity(text)
+        like = matching(unit, units)
+        if like == "A":
+            refuse(
+                path, f"{_written(text)} is a current; give the torque it makes: current × torque_constant × gear_ratio"
+            )
+        return parse_quantity(text, like)
+    except UnitError as error:
+        refuse(path, str(error))
+
+
+def _runs(value: Any, kind: inspect.Type, joint: Table, path: Path) -> list[Table]:
+    assert isinstance(kind, inspect.VarTupleType)
+    runs: list[Table] = _list(value, kind, path)
+    for i, run in enumerate(runs):
+        if isinstance(run.get("setpoint"), str):
+            run["setpoint"] = _run_setpoint(run["setpoint"], joint.get("lever"), (*path, f"[{i}]", "setpoint"))
+    return runs
+
+
+def _run_setpoint(text: str, lever: Any, path: Path) -> float:
+    """Return a run's set-point in SI: the lever arm r where the joint has a lever, even if an angle was given."""
+    try:
+        _, unit = split_quantity(text)
+        like = matching(unit, role_units("setpoint"))
+        number = parse_quantity(text, like)
+        if like == "rad" and isinstance(lever, dict) and {"start", "travel"} <= set(lever):
+            start = _si(lever["start"], ("m",), path)
+            travel = _si(lever["travel"], ("m/rad",), path)
+            return float(start) - float(travel) * number
+        return number
+    except UnitError as error:
+        refuse(path, str(error))
+
+
+def _si(value: Any, units: tuple[str, ...], path: Path) -> Any:
+    """Return a quantity written as text in SI; anything else is left to the check of its type."""
+    if not isinstance(value, str):
+        return value
+    try:
+        _, unit = split_quantity(value)
+        return parse_quantity(value, matching(unit, units))
+    except UnitError as error:
+        refuse(path, str(error))
+
+
+def _list(value: Any, kind: inspect.VarTupleType, path: Path) -> list[Any]:
+    if not isinstance(value, list):
+        refuse(path, f"a list of tables is wanted here: write [[{key_path(path)}]]")
+    return [_value(item, kind.item_type, (*path, f"[{i}]")) for i, item in enumerate(value)]
+
+
+def _table(value: Any, path: Path) -> Table:
+    if not isinstance(value, dict):
+        refuse(path, f"{_written(value)} is given where a table is wanted: [{key_path(path)}]")
+    return value
+
+
+def _name(name: str, path: Path) -> str:
+    if not name.strip() or len(name) > MAX_NAME or not name.isprintable():
+        refuse(path, f"'{shown(name)}' is not usable as a name: one to {MAX_NAME} printable characters")
+    return name
+
+
+def _leaf(value: Any, kind: inspect.Type, path: Path) -> Any:
+    if isinstance(kind, inspect.FloatType):
+        return _bounded(_finite(value, path), kind, value, path)
+    if isinstance(kind, inspect.IntType):
+        if not isinstance(value, int) or isinstance(value, bool):
+            refuse(path, f"{_written(value)} is not a whole number")
+        return _bounded(value, kind, value, path)
+    if isinstance(kind, inspect.LiteralType):
+        if isinstance(value, bool) or value not in kind.values:
+            among = " or ".join(_written(v) for v in kind.values)
+            refuse(path, f"{_written(value)} is not {among}{_hint(path)}")
+        return value
+    wanted = bool if isinstance(kind, inspect.BoolType) else str
+    if not isinstance(value, wanted):
+        refuse(path, f"{_written(value)} is not {'true or false' if wanted is bool else 'a text in quotes'}")
+    return value
+
+
+def _finite(value: Any, path: Path) -> float:
+    if isinstance(value, str):
+        refuse(path, f"{_written(value)} is a text, but a plain number without unit is wanted")
+    if isinstance(value, bool) or not isinstance(value, int | float):
+        refuse(path, f"{_written(value)} is not a number")
+    try:
+        number = float(value)
+    except OverflowError:
+        number = math.inf
+    if not math.isfinite(number):
+        refuse(path, f"{_written(value)} is not a finite number")
+    return number
+
+
+def _bounded(number: float, kind: inspect.FloatType | inspect.IntType, written: Any, path: Path) -> float:
+    bounds = (
+        (kind.gt, "greater than", lambda x, b: x > b),
+        (kind.ge, "at least", lambda x, b: x >= b),
+        (kind.le, "at most", lambda x, b: x <= b),
+    )
+    if not math.isfinite(number):
+        refuse(path, f"{_written(written)} is not a finite number")
+    for bound, words, holds in bounds:
+        if bound is not None and not holds(number, bound):
+            refuse(path, f"{_written(written)} is not possible: it has to be {words} {bound:g}{_hint(path)}")
+    return number
+
+
+def _hint(path: Path) -> str:
+    hint = _HINTS.get(path[-1])
+    return f"; {hint}" if hint else ""
+
+
+def _written(value: Any) -> str:
+    """Show a value as it stands in the file."""
+    if isinstance(value, bool):
+        return str(value).lower()
+    if isinstance(value, int | float):
+        return (
+            shown(f"{value:g}")
+            if isinstance(value, float)
+            else shown(f"{value:d}")
+            if abs(value) < 1e20
+            else "a huge number"
+        )
+    if isinstance(value, str):
+        return f'"{shown(value)}"'
+    if isinstance(value, dict):
+        return "a table"
+    if isinstance(value, list):
+        return "a list"
+    return f"a {type(value).__name__}"

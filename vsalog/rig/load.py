@@ -1,0 +1,246 @@
+"""Rigs: from a file, a text, a log's own record or a preset, and back to TOML."""
+
+from __future__ import annotations
+
+import tomllib
+from collections.abc import Mapping
+from dataclasses import dataclass
+from importlib import resources
+from pathlib import Path
+from typing import Any
+
+import msgspec
+
+from vsalog.errors import RigError, did_you_mean
+from vsalog.rig.checks import check_rig
+from vsalog.rig.decode import decode_rig, key_path
+from vsalog.rig.merge import Table, merged
+from vsalog.rig.schema import Joint, RigFile
+from vsalog.units import shown
+
+MAX_BYTES = 1_000_000
+
+
+@dataclass(frozen=True, slots=True)
+class Rig:
+    """A loaded rig: every value checked and in SI, the preset it started from worked in.
+
+    Attributes
+    ----------
+    file : its structures
+    where : what messages call it: the file's name, a log's name, or ``preset vsa2``
+    """
+
+    file: RigFile
+    where: str = "rig"
+
+    @classmethod
+    def load(cls, source: str | Path) -> Rig:
+        """Load from a file's path, a preset's name or TOML text.
+
+        Raises
+        ------
+        RigError
+            There is no such file or preset, or what it says is not possible.
+        """
+        if isinstance(source, str) and ("\n" in source or "=" in source):
+            return cls.from_toml(source, "rig")
+        path = Path(source)
+        if path.is_file():
+            return cls.from_toml(_read(path), path.name)
+        if isinstance(source, str) and source in presets():
+            return cls.preset(source)
+        hint = did_you_mean(str(source), presets())
+        raise RigError(
+            f"there is no rig file '{shown(str(source))}'{hint or '.'}"
+            f" (presets: {', '.join(presets())}; 'vsalog init LOG' writes a rig file)"
+        )
+
+    @classmethod
+    def from_toml(cls, text: str, where: str = "rig") -> Rig:
+        """Load from TOML text; `where` is what messages call it.
+
+        Raises
+        ------
+        RigError
+            The text is no TOML, or what it says is not possible; the message names the key.
+        """
+        return _build(_parse(text, where), where)
+
+    @classmethod
+    def preset(cls, name: str) -> Rig:
+        """Load one of the rigs that come with vsalog.
+
+        Raises
+        ------
+        RigError
+            There is no preset of that name.
+        """
+        return cls.from_toml(preset_text(name), f"preset {name}")
+
+    @property
+    def name(self) -> str:
+        """What the rig is called in reports."""
+        return self.file.name
+
+    @property
+    def joints(self) -> Mapping[str, Joint]:
+        """The joints by name."""
+        return self.file.joint
+
+    def to_toml(self) -> str:
+        """Write the rig as TOML that loads to an equal rig: everything in SI, defaults left out."""
+        import tomli_w  # only needed for writing
+
+        return tomli_w.dumps(self._tables())
+
+    def with_setting(self, key: str, value: str) -> Rig:
+        """Return the rig with one key changed, as `--set joint.elbow.motor.inertia="7.3 kg*m*mm"` asks for.
+
+        Parameters
+        ----------
+        key : its path as TOML writes it, e.g. ``joint.elbow.motor.inertia``; ``…run[0].setpoint`` for a run
+        value : as TOML, or a text without quotes
+
+        Raises
+        ------
+        RigError
+            There is no such key, or it cannot have that value.
+        """
+        where = f"--set {shown(key)}"
+        return _build(_with_key(self._tables(), key, _setting(value), where), where).renamed(self.where)
+
+    def renamed(self, where: str) -> Rig:
+        """Return the rig with another name for messages."""
+        return Rig(self.file, where)
+
+    def _tables(self) -> Table:
+        tables = _without_empty(msgspec.to_builtins(self.file))
+        assert isinstance(tables, dict)
+        return tables
+
+
+def presets() -> list[str]:
+    """Return the names of the rigs that come with vsalog."""
+    folder = resources.files("vsalog.rig") / "presets"
+    return sorted(entry.name.removesuffix(".toml") for entry in folder.iterdir() if entry.name.endswith(".toml"))
+
+
+def preset_text(name: str) -> str:
+    """Return a preset's TOML with its comments.
+
+    Raises
+    ------
+    RigError
+        There is no preset of that name.
+    """
+    known = presets()
+    if name not in known:
+        hint = did_you_mean(name, known)
+        raise RigError(f"there is no preset '{shown(name)}'{hint or '.'} (presets: {', '.join(known)})")
+    return (resources.files("vsalog.rig") / "presets" / f"{name}.toml").read_text(encoding="utf-8")
+
+
+def _read(path: Path) -> str:
+    try:
+        if path.stat().st_size > MAX_BYTES:
+            raise RigError(f"{path.name}: more than {MAX_BYTES // 1000} kB is no rig file")
+        return path.read_text(encoding="utf-8-sig")
+    except OSError as error:
+        raise RigError(f"{path.name}: cannot be read ({error.strerror})") from error
+    except UnicodeDecodeError as error:
+        raise RigError(f"{path.name}: is not UTF-8 text (byte {error.start}), so it is no rig file") from error
+
+
+def _parse(text: str, where: str) -> Table:
+    if len(text) > MAX_BYTES:
+        raise RigError(f"{where}: more than {MAX_BYTES // 1000} kB is no rig file")
+    try:
+        return tomllib.loads(text)
+    except RecursionError:
+        raise RigError(f"{where}: is nested too deeply") from None
+    except ValueError as error:  # tomllib's own error is one; a number of ten thousand digits raises another
+        raise RigError(f"{where}: is not valid TOML: {shown(str(error))}") from error
+
+
+def _build(tables: Table, where: str) -> Rig:
+    try:
+        tables, preset = _over_preset(tables)
+    except RigError as error:
+        raise RigError(f"{where}: {error}") from None
+    try:
+        file = decode_rig(tables)
+        check_rig(file)
+    except RigError as error:
+        raise RigError(f"{where}: {error}{preset}") from None
+    return Rig(file, where)
+
+
+def _over_preset(tables: Table) -> tuple[Table, str]:
+    """Lay the tables over the preset they name; also return what a message says about the preset."""
+    if "preset" not in tables:
+        return tables, ""
+    name = tables["preset"]
+    if not isinstance(name, str):
+        raise RigError('preset: the name of a preset is wanted, such as "vsa2"')
+    below = tomllib.loads(preset_text(name))
+    above = {key: value for key, value in tables.items() if key != "preset"}
+    joints = ", ".join(key_path((joint,)) for joint in below.get("joint", {}))
+    return merged(below, above), f' (preset "{name}" has joint {joints})'
+
+
+def _without_empty(value: Any) -> Any:
+    """Drop what TOML cannot say (None) and tables that say nothing."""
+    if isinstance(value, dict):
+        kept = {key: _without_empty(item) for key, item in value.items() if item is not None}
+        return {key: item for key, item in kept.items() if item not in ({}, [], ())}
+    if isinstance(value, list | tuple):
+        return [_without_empty(item) for item in value]
+    return value
+
+
+def _setting(text: str) -> Any:
+    """Read a value as TOML, or else as the text it is."""
+    try:
+        table = tomllib.loads(f"value = {text}")
+    except (ValueError, RecursionError):
+        return text
+    return table["value"] if len(table) == 1 else text
+
+
+def _with_key(tables: Table, key: str, value: Any, where: str) -> Table:
+    """Return the tables with the value put at the key's path."""
+    path = _split_key(key, where)
+    above: Any = value
+    # A run is an element of a list, which merging would replace as a whole.
+    if len(path) > 3 and path[0] == "joint" and path[2] == "run":
+        runs = _with_run(tables, path, value, where)
+        path, above = path[:3], runs
+    for part in reversed(path):
+        above = {part: above}
+    return merged(tables, above)
+
+
+def _with_run(tables: Table, path: list[str], value: Any, where: str) -> list[Any]:
+    runs = list(tables.get("joint", {}).get(path[1], {}).get("run", []))
+    index = path[3]
+    if not index.isdigit() or int(index) >= len(runs) or len(path) != 5:
+        raise RigError(f"{where}: runs are counted from 0 and there are {len(runs)}: write …run[0].setpoint")
+    runs[int(index)] = {**runs[int(index)], path[4]: value}
+    return runs
+
+
+def _split_key(key: str, where: str) -> list[str]:
+    """Split a dotted key as TOML does, quotes included; ``run[0]`` becomes ``run``, ``0``."""
+    dotted = key.replace("[", ".").replace("]", "") if "run[" in key else key
+    try:
+        node: Any = tomllib.loads(f"{dotted} = 0") if "\n" not in key and "=" not in key else None
+    except (ValueError, RecursionError):
+        node = None
+    path: list[str] = []
+    while isinstance(node, dict) and len(node) == 1:
+        ((part, node),) = node.items()
+        path.append(part)
+    if node != 0 or not path:
+        raise RigError(f"{where}: is not the path of a key, such as joint.elbow.motor.inertia")
+    return path
