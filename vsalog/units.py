@@ -13,13 +13,10 @@ from __future__ import annotations
 import math
 import re
 from functools import cache, lru_cache
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import Any, NamedTuple
 
 from vsalog.errors import UnitError
 from vsalog.unit_tables import ATOMS, KINDS, OFFSET_UNITS, QUANTITIES, Dimension
-
-if TYPE_CHECKING:
-    import pint
 
 MAX_UNIT_LENGTH = 64
 MAX_EXPONENT = 12.0
@@ -286,7 +283,7 @@ class _Parser:
 
 
 @cache
-def _registry() -> pint.UnitRegistry[float]:
+def _registry() -> Any:
     import pint  # takes a third of a second, and hardly anybody needs it
 
     return pint.UnitRegistry()
@@ -304,10 +301,9 @@ def _ask_pint(name: str) -> Unit | None:
     except Exception:  # pint's parser raises many kinds for a text that is no unit
         return None
     exponents = dict(once.dimensionality)
-    size: Any = once.magnitude
     if nothing.magnitude != 0.0 or not set(exponents) <= set(_PINT_BASES):
         return None
-    return Unit(float(size), (*(float(exponents.get(base, 0)) for base in _PINT_BASES), 0.0))
+    return Unit(float(once.magnitude), (*(float(exponents.get(base, 0)) for base in _PINT_BASES), 0.0))
 
 
 def _times(a: Unit, b: Unit, exponent: float) -> Unit:

@@ -91,7 +91,10 @@ def _union(value: Any, kind: inspect.UnionType, path: Path) -> Any:
     tagged = [t for t in kind.types if isinstance(t, inspect.StructType) and t.tag is not None]
     if tagged:
         return _tagged(_table(value, path), tagged, path)
-    (only,) = [t for t in kind.types if not isinstance(t, inspect.NoneType)]
+    possible = [t for t in kind.types if not isinstance(t, inspect.NoneType)]
+    if isinstance(value, str) and any(isinstance(t, inspect.StrType) for t in possible):
+        return value
+    (only,) = [t for t in possible if len(possible) == 1 or not isinstance(t, inspect.StrType)]
     return _value(value, only, path)
 
 
@@ -293,13 +296,13 @@ def _name(name: str, path: Path) -> str:
 
 def _leaf(value: Any, kind: inspect.Type, path: Path) -> Any:
     if isinstance(kind, inspect.FloatType):
-        return _bounded(_finite(value, path), kind, value, path)
+        return _bounded(_finite(value, path), kind, path)
     if isinstance(kind, inspect.IntType):
         if not isinstance(value, int) or isinstance(value, bool):
             refuse(path, f"{_written(value)} is not a whole number")
-        return _bounded(value, kind, value, path)
+        return _bounded(value, kind, path)
     if isinstance(kind, inspect.LiteralType):
-        if isinstance(value, bool) or value not in kind.values:
+        if type(value) is not type(kind.values[0]) or value not in kind.values:
             among = " or ".join(_written(v) for v in kind.values)
             refuse(path, f"{_written(value)} is not {among}{_hint(path)}")
         return value
@@ -323,17 +326,16 @@ def _finite(value: Any, path: Path) -> float:
     return number
 
 
-def _bounded(number: float, kind: inspect.FloatType | inspect.IntType, written: Any, path: Path) -> float:
-    bounds = (
-        (kind.gt, "greater than", lambda x, b: x > b),
-        (kind.ge, "at least", lambda x, b: x >= b),
-        (kind.le, "at most", lambda x, b: x <= b),
-    )
-    if not math.isfinite(number):
-        refuse(path, f"{_written(written)} is not a finite number")
-    for bound, words, holds in bounds:
-        if bound is not None and not holds(number, bound):
-            refuse(path, f"{_written(written)} is not possible: it has to be {words} {bound:g}{_hint(path)}")
+def _bounded(number: float, kind: inspect.FloatType | inspect.IntType, path: Path) -> float:
+    broken = None
+    if kind.gt is not None and not number > kind.gt:
+        broken = f"greater than {kind.gt:g}"
+    elif kind.ge is not None and not number >= kind.ge:
+        broken = f"at least {kind.ge:g}"
+    elif kind.le is not None and not number <= kind.le:
+        broken = f"at most {kind.le:g}"
+    if broken:
+        refuse(path, f"{_written(number)} is not possible: it has to be {broken}{_hint(path)}")
     return number
 
 

@@ -107,7 +107,7 @@ class Rig:
         RigError
             There is no such key, or it cannot have that value.
         """
-        where = f"--set {shown(key)}"
+        where = "--set"
         return _build(_with_key(self._tables(), key, _setting(value), where), where).renamed(self.where)
 
     def renamed(self, where: str) -> Rig:
@@ -242,5 +242,5 @@ def _split_key(key: str, where: str) -> list[str]:
         ((part, node),) = node.items()
         path.append(part)
     if node != 0 or not path:
-        raise RigError(f"{where}: is not the path of a key, such as joint.elbow.motor.inertia")
+        raise RigError(f"{where}: '{shown(key)}' is not the path of a key, such as joint.elbow.motor.inertia")
     return path

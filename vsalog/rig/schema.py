@@ -16,7 +16,11 @@ def _quantity(
 ) -> Meta:
     """Describe a number in `unit`, or in `alternative` where a key may hold one of two things."""
     units = (unit,) if alternative is None else (unit, alternative)
-    return Meta(description=f"{description} [{' or '.join(units)}]", gt=gt, ge=ge, extra={"unit": unit, "units": units})
+    words, extra = f"{description} [{' or '.join(units)}]", {"unit": unit, "units": units}
+    # msgspec's stubs know only one bound at a time.
+    if gt is not None:
+        return Meta(description=words, gt=gt, extra=extra)
+    return Meta(description=words, extra=extra) if ge is None else Meta(description=words, ge=ge, extra=extra)
 
 
 # Fields of this type are numbers in the SI unit named here, or strings with any unit that converts to it.
@@ -59,7 +63,7 @@ class Base(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True, omit_d
     """Unknown keys are refused, values never change, and defaults are not written out."""
 
 
-class Motor(Base):
+class Motor(Base, frozen=True):
     """A motor and its gear (Flacco 2012 eq. 4). Inertia and damping are what the joint feels unless `side` says otherwise.
 
     Attributes
@@ -90,20 +94,20 @@ class Motor(Base):
         return self.damping if self.side == "joint" else self.damping * self.gear_ratio**2
 
 
-class LinearTransmission(Base, tag="linear", tag_field="type"):
+class LinearTransmission(Base, frozen=True, tag="linear", tag_field="type"):
     """τ_e = k φ: a series elastic joint. `stiffness` is k [N·m/rad]."""
 
     stiffness: Stiffness
 
 
-class CubicTransmission(Base, tag="cubic", tag_field="type"):
+class CubicTransmission(Base, frozen=True, tag="cubic", tag_field="type"):
     """τ_e = k₁ φ + k₃ φ³. `stiffness` is k₁ [N·m/rad], `cubic` is k₃ [N·m/rad³]."""
 
     stiffness: Stiffness
     cubic: CubicStiffness
 
 
-class Vsa2Transmission(Base, tag="vsa2", tag_field="type"):
+class Vsa2Transmission(Base, frozen=True, tag="vsa2", tag_field="type"):
     """The four-bar mechanism of the VSA-II (Flacco 2012 eq. 47–48).
 
     `stiffness` is the spring's k [N·m/rad], `geometry` is C > 1; the mechanism's singularity is at C sin(φ/2) = 1.
@@ -113,20 +117,20 @@ class Vsa2Transmission(Base, tag="vsa2", tag_field="type"):
     geometry: Annotated[float, Meta(description="geometric parameter C of the four-bar mechanism", gt=1.0)]
 
 
-class AwasTransmission(Base, tag="awas", tag_field="type"):
+class AwasTransmission(Base, frozen=True, tag="awas", tag_field="type"):
     """Springs on a lever arm r (Flacco 2012 eq. 49): τ_e = k_s r² sin 2φ. `spring_stiffness` is k_s [N/m]."""
 
     spring_stiffness: LinearStiffness
 
 
-class UnknownTransmission(Base, tag="unknown", tag_field="type"):
+class UnknownTransmission(Base, frozen=True, tag="unknown", tag_field="type"):
     """No nominal model is known: it is estimated all the same, only the MODEL modality is not available."""
 
 
 Transmission = LinearTransmission | CubicTransmission | Vsa2Transmission | AwasTransmission | UnknownTransmission
 
 
-class Link(Base):
+class Link(Base, frozen=True):
     """The driven link (Flacco 2012 eq. 3), used by the simulation only; the estimators here work on the motor side.
 
     Attributes
@@ -141,7 +145,7 @@ class Link(Base):
     gravity_torque: Torque = 0.0
 
 
-class Lever(Base):
+class Lever(Base, frozen=True):
     """How a secondary motor's angle sets the lever arm: r = start − travel θ_c (Flacco 2012 eq. 51).
 
     Where a rig has a lever, a set-point recorded as an angle is converted to the length r.
@@ -151,7 +155,7 @@ class Lever(Base):
     travel: LengthPerAngle
 
 
-class Basis(Base):
+class Basis(Base, frozen=True):
     """The functions the flexibility torque is fitted with (Flacco 2012 eq. 25–29, 35–36).
 
     Attributes
@@ -170,7 +174,7 @@ class Basis(Base):
     setpoint_scale: SetpointScale | None = None
 
 
-class Signal(Base):
+class Signal(Base, frozen=True):
     """Where a role is found in the log, and how its numbers become SI on the joint's side.
 
     value = sign × (recorded, in SI, divided or multiplied by the gear ratio when `side` is rotor) − offset
@@ -199,7 +203,7 @@ class Signal(Base):
 SignalSpec = str | float | Signal
 
 
-class SingleSignals(Base):
+class SingleSignals(Base, frozen=True):
     """The roles of a joint with one transmission."""
 
     motor_position: SignalSpec | None = None
@@ -209,13 +213,13 @@ class SingleSignals(Base):
     torque_sensor: SignalSpec | None = None
 
 
-class SerialSignals(SingleSignals):
+class SerialSignals(SingleSignals, frozen=True):
     """The roles of a serial variable stiffness joint: those of one transmission and the set-point (θ_c, or lever arm r)."""
 
     setpoint: SignalSpec | None = None
 
 
-class AntagonisticSignals(Base):
+class AntagonisticSignals(Base, frozen=True):
     """The roles of an antagonistic joint: one link, two motors, two transmissions.
 
     `torque_sensor` is one sensor for the whole joint, `torque_sensor_1` and `torque_sensor_2` are one per transmission.
@@ -233,7 +237,7 @@ class AntagonisticSignals(Base):
     torque_sensor_2: SignalSpec | None = None
 
 
-class Run(Base):
+class Run(Base, frozen=True):
     """One stretch of data under a fixed set-point, when a log or a set of logs holds several.
 
     `name` is what ``{run}`` in the signals' channels stands for (a group inside a file); `file` is a pattern that the
@@ -245,7 +249,7 @@ class Run(Base):
     setpoint: str | float | None = None
 
 
-class RigidJoint(Base, tag="rigid", tag_field="kind"):
+class RigidJoint(Base, frozen=True, tag="rigid", tag_field="kind"):
     """A joint without a compliant transmission: listed for completeness, there is no stiffness to estimate."""
 
     motor: Motor = Motor()
@@ -253,7 +257,7 @@ class RigidJoint(Base, tag="rigid", tag_field="kind"):
     signals: SingleSignals = SingleSignals()
 
 
-class ElasticJoint(Base, tag="elastic", tag_field="kind"):
+class ElasticJoint(Base, frozen=True, tag="elastic", tag_field="kind"):
     """One motor, one (linear or nonlinear) transmission: a series elastic joint (Flacco 2012 eq. 3–4)."""
 
     motor: Motor = Motor()
@@ -264,7 +268,7 @@ class ElasticJoint(Base, tag="elastic", tag_field="kind"):
     run: tuple[Run, ...] = ()
 
 
-class SerialJoint(Base, tag="serial", tag_field="kind"):
+class SerialJoint(Base, frozen=True, tag="serial", tag_field="kind"):
     """A primary motor behind one transmission, whose stiffness a secondary motor sets (Flacco 2012 eq. 12)."""
 
     motor: Motor = Motor()
@@ -277,7 +281,7 @@ class SerialJoint(Base, tag="serial", tag_field="kind"):
     run: tuple[Run, ...] = ()
 
 
-class AntagonisticJoint(Base, tag="antagonistic", tag_field="kind"):
+class AntagonisticJoint(Base, frozen=True, tag="antagonistic", tag_field="kind"):
     """Two motors behind two nonlinear transmissions pull one link (Flacco 2012 eq. 7–8)."""
 
     motor_1: Motor = Motor()
@@ -293,7 +297,7 @@ class AntagonisticJoint(Base, tag="antagonistic", tag_field="kind"):
 Joint = RigidJoint | ElasticJoint | SerialJoint | AntagonisticJoint
 
 
-class RigFile(Base):
+class RigFile(Base, frozen=True):
     """A whole `rig.toml`.
 
     Attributes
