@@ -13,24 +13,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vsalog.errors import SimulationError
+from vsalog.rig import Rig
 from vsalog.rig.schema import (
     AntagonisticJoint,
-    AntagonisticSignals,
     AwasTransmission,
-    Basis,
-    CubicTransmission,
     ElasticJoint,
-    Lever,
-    Link,
     Motor,
     RigFile,
     SerialJoint,
-    SerialSignals,
-    SingleSignals,
     Transmission,
     Vsa2Transmission,
 )
-from vsalog.simulation.channels import DEFAULT_CHANNELS
 from vsalog.simulation.experiment import Experiment
 from vsalog.simulation.inputs import TorqueInput, sine, soft_square, sum_of
 from vsalog.simulation.sensors import IDEAL, Sensors
@@ -66,51 +59,28 @@ ELASTIC_SENSORS = Sensors(
 
 
 def vsa2_rig() -> RigFile:
-    """Return the VSA-II of Flacco 2012 §6.1: k, B and D printed; C, the link and its gravity torque chosen."""
-    motor = Motor(inertia=7.3e-3, damping=1e-3)
-    transmission = Vsa2Transmission(stiffness=0.5, geometry=1.8)
-    roles = [f"{role}_{i}" for i in (1, 2) for role in ("motor_position", "motor_torque", "torque_sensor")]
-    joint = AntagonisticJoint(
-        motor_1=motor,
-        motor_2=motor,
-        transmission_1=transmission,
-        transmission_2=transmission,
-        link=Link(inertia=2e-3, damping=5e-3, gravity_torque=60e-3),
-        signals=AntagonisticSignals(**{r: DEFAULT_CHANNELS[r] for r in [*roles, "link_position"]}),
-    )
-    return RigFile(name="VSA-II", joint={"vsa2": joint})
+    """Return the VSA-II of Flacco 2012 §6.1, the preset ``vsa2``."""
+    return Rig.preset("vsa2").file
 
 
 def awas_rig() -> RigFile:
-    """Return the AwAS of Flacco 2012 §6.2 eq. 53, all printed."""
-    roles = ("motor_position", "motor_torque", "link_position", "torque_sensor", "setpoint")
-    joint = SerialJoint(
-        motor=Motor(inertia=2.3e-5, damping=0.001, gear_ratio=50.0, side="rotor"),
-        secondary_motor=Motor(inertia=1.29e-7, damping=0.0141, gear_ratio=23.0, side="rotor"),
-        transmission=AwasTransmission(spring_stiffness=14_220.0),
-        lever=Lever(start=0.1, travel=2.5e-3 / (2.0 * np.pi)),
-        link=Link(inertia=0.1, damping=0.15),
-        basis=Basis(order=6, setpoint_order=3),
-        signals=SerialSignals(**{r: DEFAULT_CHANNELS[r] for r in roles}),
-    )
-    return RigFile(name="AwAS", joint={"awas": joint})
+    """Return the AwAS of Flacco 2012 §6.2, the preset ``awas``."""
+    return Rig.preset("awas").file
 
 
 def elastic_rig(transmission: Transmission | None = None) -> RigFile:
-    """Return a series elastic joint that hangs, all values chosen.
+    """Return a series elastic joint that hangs, the preset ``sea``.
 
     Parameters
     ----------
-    transmission : τ_e = 20 φ + 2000 φ³ N·m (a hardening spring) when absent
+    transmission : instead of the preset's hardening spring
     """
-    roles = ("motor_position", "motor_torque", "link_position", "torque_sensor")
-    joint = ElasticJoint(
-        motor=Motor(inertia=0.08, damping=0.4),
-        transmission=CubicTransmission(stiffness=20.0, cubic=2000.0) if transmission is None else transmission,
-        link=Link(inertia=0.05, damping=0.1, gravity_torque=3.0),
-        signals=SingleSignals(**{r: DEFAULT_CHANNELS[r] for r in roles}),
-    )
-    return RigFile(name="series elastic joint", joint={"sea": joint})
+    rig = Rig.preset("sea").file
+    joint = rig.joint["sea"]
+    assert isinstance(joint, ElasticJoint)
+    if transmission is None:
+        return rig
+    return msgspec.structs.replace(rig, joint={"sea": msgspec.structs.replace(joint, transmission=transmission)})
 
 
 # The second experiment of each has other inputs: what a model fitted to the first is validated with. Chosen.
