@@ -10,8 +10,9 @@ import pytest
 from numpy.typing import NDArray
 from scipy.integrate import solve_ivp
 
+from vsalog.errors import SimulationError
 from vsalog.mechanics import elastic_energy
-from vsalog.rig.schema import AntagonisticJoint, ElasticJoint, Link, Motor, RigFile, SerialJoint
+from vsalog.rig.schema import AntagonisticJoint, CubicTransmission, ElasticJoint, Link, Motor, RigFile, SerialJoint
 from vsalog.simulation import (
     Experiment,
     awas_experiment,
@@ -200,3 +201,41 @@ def test_awas_agrees_on_both_sides_of_the_stiff_limit(damping: float) -> None:
     coarse, fine = (simulate(rig, torques, 3.0, steps=steps).truth for steps in (4, 64))
     for name in ("secondary_position", "deflection", "link_position"):
         assert np.abs(coarse[name] - fine[name]).max() < 1e-5 * np.ptp(fine[name]), name
+
+
+def test_light_motors_with_much_damping_get_enough_steps() -> None:
+    # Flacco 2014 §VII, second case: B = 1e-4 and D = 1.27 settle within 80 µs, which four steps per ms cannot follow.
+    spring = CubicTransmission(stiffness=5.0, cubic=20.0)
+    motor = Motor(inertia=1e-4, damping=1.27)
+    joint = AntagonisticJoint(
+        motor_1=motor,
+        motor_2=motor,
+        transmission_1=spring,
+        transmission_2=spring,
+        link=Link(inertia=0.05, damping=0.1),
+    )
+    torques = {"motor_torque_1": lambda t: 2.0 * np.sin(3.0 * t), "motor_torque_2": lambda t: np.sin(5.0 * t)}
+    played = simulate(RigFile(joint={"j": joint}), torques, 2.0)
+
+    def equations(t: float, x: Array) -> list[float]:
+        q, dq, a, da, b, db = x
+        e1, e2 = (5.0 * p + 20.0 * p**3 for p in (q - a, q - b))
+        return [
+            dq,
+            (-e1 - e2 - 0.1 * dq) / 0.05,
+            da,
+            (2.0 * np.sin(3.0 * t) + e1 - 1.27 * da) / 1e-4,
+            db,
+            (np.sin(5.0 * t) + e2 - 1.27 * db) / 1e-4,
+        ]
+
+    q, _, a, da, *_ = reference(equations, 6, played.time, "Radau")
+    assert_close_in_range(played, {"link_position": q, "motor_position_1": a, "motor_velocity_1": da}, 1e-6)
+
+
+def test_a_rig_in_wrong_units_is_said() -> None:
+    joint = elastic_rig().joint["sea"]
+    assert isinstance(joint, ElasticJoint)
+    tiny = msgspec.structs.replace(joint, motor=Motor(inertia=1e-12, damping=1.0))
+    with pytest.raises(SimulationError, match="units"):
+        simulate(RigFile(joint={"j": tiny}), {}, 0.1)

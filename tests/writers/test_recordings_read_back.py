@@ -54,3 +54,14 @@ def test_header_stamps_are_the_time_of_joint_states(tmp_path: Path) -> None:
         assert streams["/joint_states"].time_source == "header"
         assert streams["/truth/stiffness_1"].time_source == "log"
         assert all(stream.conflicts == stream.duplicates == 0 for stream in streams.values())
+
+
+def test_a_log_goes_from_format_to_format(tmp_path: Path) -> None:
+    write_mcap(awas_experiment(duration=0.2).recording(), tmp_path / "a")
+    first = read(tmp_path / "a")
+    write_csv(first, tmp_path / "b")
+    write_rosbag1(read(tmp_path / "b"), tmp_path / "c")
+    last = read(tmp_path / "c")
+    for name, channel in first.channels.items():
+        assert last.channels[name].values.tobytes() == channel.values.tobytes(), name
+        np.testing.assert_array_equal(last.channels[name].stamps, channel.stamps)

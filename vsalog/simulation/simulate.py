@@ -18,8 +18,10 @@ from vsalog.rig.schema import (
     Link,
     Motor,
     RigFile,
+    RigidJoint,
     SerialJoint,
     Transmission,
+    UnknownTransmission,
     Vsa2Transmission,
 )
 from vsalog.simulation._awas import integrate_awas
@@ -31,6 +33,11 @@ from vsalog.simulation.sensors import IDEAL, Sensors, sense
 
 Array = NDArray[np.float64]
 
+# Per step, a damped motion may decay by this much (D/B · h) and a vibration turn by this angle [rad]; both keep the
+# Runge–Kutta step's error far below 1e-6, the latter with a margin for springs that harden as they deflect.
+DAMPING_PER_STEP, ANGLE_PER_STEP = 0.5, 0.05
+FEWEST_STEPS, MOST_STEPS = 4, 2000
+
 
 def simulate(
     rig: RigFile,
@@ -39,7 +46,7 @@ def simulate(
     *,
     joint: str | None = None,
     period: float = 1e-3,
-    steps: int = 4,
+    steps: int | None = None,
     seed: int = 0,
     sensors: Sensors = IDEAL,
     drift_rate: float = 0.0,
@@ -57,7 +64,7 @@ def simulate(
     duration : [s]; N = duration / period + 1 samples, the first at rest before anything moves
     joint : its name; the rig's first when absent
     period : sample time T [s]
-    steps : integration steps per period
+    steps : integration steps per period; as many as the fastest damping and the springs at rest need when absent
     seed : of all noise; equal seeds give equal recordings, bit for bit
     sensors : what they make of the truth; ideal when absent
     drift_rate : every transmission's torque is multiplied with 1 + drift_rate · t [1/s]
@@ -72,17 +79,18 @@ def simulate(
     joint_name = next(iter(rig.joint), "") if joint is None else joint
     if joint_name not in rig.joint:
         raise SimulationError(f"rig '{rig.name}' has no joint '{joint_name}' to simulate")
-    if not (np.isfinite(duration) and duration > 0.0 and period > 0.0 and steps >= 1):
+    if not (np.isfinite(duration) and duration > 0.0 and period > 0.0 and (steps is None or steps >= 1)):
         raise SimulationError("a simulation needs a positive duration, period and number of steps")
     count = round(duration / period) + 1
     time = np.arange(count, dtype=np.float64) * period
     plant = rig.joint[joint_name]
+    if isinstance(plant, RigidJoint):
+        raise SimulationError(f"joint '{joint_name}' is rigid: it has no transmission to simulate")
+    steps = _steps(plant, period) if steps is None else steps
     if isinstance(plant, SerialJoint):
         truth = _serial(plant, torques, time, period, steps, drift_rate, start)
-    elif isinstance(plant, AntagonisticJoint | ElasticJoint):
-        truth = _parallel(plant, torques, time, period, steps, drift_rate, start)
     else:
-        raise SimulationError(f"joint '{joint_name}' is rigid: it has no transmission to simulate")
+        truth = _parallel(plant, torques, time, period, steps, drift_rate, start)
     measured, resolution = sense(truth, sensors, seed, set(named_signals(plant)))
     return Experiment(name, rig, joint_name, period, sample_stamps(count, period), time, measured, truth, resolution)
 
@@ -178,6 +186,27 @@ def _serial(
             "reaction_torque": scale * reaction_torque(joint.transmission, phi, arm, lever.travel),
         }
     )
+
+
+def _steps(joint: AntagonisticJoint | ElasticJoint | SerialJoint, period: float) -> int:
+    """Return enough integration steps per period for a rig's fastest mode, the AwAS' secondary motor aside."""
+    if isinstance(joint, AntagonisticJoint):
+        motors, transmissions = [joint.motor_1, joint.motor_2], [joint.transmission_1, joint.transmission_2]
+    else:
+        motors, transmissions = [joint.motor], [joint.transmission]
+    arm = joint.lever.start if isinstance(joint, SerialJoint) and joint.lever else None
+    mass, friction, _ = _link(joint.link)
+    springs = [float(stiffness(t, 0.0, arm)) for t in transmissions if not isinstance(t, UnknownTransmission)]
+    rates = [friction / mass] + [damping / inertia for inertia, damping in map(_motor, motors)]
+    lightest = min([mass, *(inertia for inertia, _ in map(_motor, motors))])
+    frequency = np.sqrt(sum(springs) / lightest)
+    needed = max(period * max(rates) / DAMPING_PER_STEP, period * frequency / ANGLE_PER_STEP)
+    if needed > MOST_STEPS:
+        raise SimulationError(
+            f"the rig's fastest mode needs more than {MOST_STEPS} integration steps per period: are inertia, damping"
+            " and stiffness in the units the rig states?"
+        )
+    return max(FEWEST_STEPS, int(np.ceil(needed)))
 
 
 def _inputs(torques: Mapping[str, TorqueInput], roles: list[str]) -> list[TorqueInput]:

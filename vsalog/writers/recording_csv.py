@@ -70,9 +70,7 @@ def _column(channel: Channel, stamps: Stamps) -> pa.Array[Any]:
 
 
 def _heading(channel: Channel) -> str:
-    # Brackets at the end of a header are read as its unit, so a name that ends in some gets one that says nothing.
-    unit = channel.unit or ("-" if channel.name.endswith(("]", ")")) else "")
-    return f"{channel.name} [{unit}]" if unit else channel.name
+    return f"{channel.name} [{channel.unit}]" if channel.unit else channel.name
 
 
 def _quoted(text: str) -> str:
