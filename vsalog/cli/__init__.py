@@ -7,6 +7,7 @@ import sys
 import rich_click as click
 
 from vsalog._version import __version__
+from vsalog.cli.estimate import estimate
 from vsalog.errors import VsalogError
 
 
@@ -17,12 +18,22 @@ def cli(debug: bool) -> None:
     """Stiffness, with honest uncertainty, from the recordings of compliant robot joints."""
 
 
+cli.add_command(estimate)
+
+
 def main() -> None:
-    """Run the command line; what the input is to blame for ends in one line on stderr and exit code 2."""
+    """Run the command line: exit code 2 and one line on stderr where the input is to blame, 1 for a bug of ours."""
     try:
         cli()
-    except VsalogError as error:
+    except Exception as error:
         if "--debug" in sys.argv:
             raise
-        click.echo(f"vsalog: {error}", err=True)
-        sys.exit(2)
+        if isinstance(error, VsalogError):
+            click.echo(f"vsalog: {error}", err=True)
+            sys.exit(2)
+        click.echo(
+            f"vsalog: this is a bug in vsalog, not in your log: {type(error).__name__}: {error}\n"
+            "Please report it with what 'vsalog --debug …' prints.",
+            err=True,
+        )
+        sys.exit(1)

@@ -1,0 +1,365 @@
+"""A recording and a joint of a rig become the joint's signals: SI, the joint's side of the gear, one uniform grid.
+
+Nothing is interpolated across a gap: where a role that is used has none for more than a few of its own sample times, or a
+clock jumps back, the run ends and another begins.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Mapping, Sequence
+from dataclasses import dataclass, replace
+from fnmatch import fnmatchcase
+from itertools import pairwise
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vsalog.errors import BindingError, UnitError
+from vsalog.recording import Channel, Recording
+from vsalog.rig.schema import Joint, Motor, RigidJoint, Run, SerialJoint, Signal
+from vsalog.signals import JointSignals
+from vsalog.units import si_factor
+
+Array = NDArray[np.float64]
+Stamps = NDArray[np.int64]
+
+# A gap longer than this many sample times of a channel ends the run.
+GAP = 2.5
+# Stamps that stray less than this share of the period from an even spacing are on the grid as they are.
+EVEN = 0.02
+# What a role is measured in when neither the rig nor the log says.
+SI = {"motor_position": "rad", "link_position": "rad", "deflection": "rad", "motor_torque": "N*m", "torque_sensor": "N*m"}
+
+
+@dataclass(frozen=True, slots=True)
+class _Bound:
+    """One role of one run: its stamps and SI values, or a constant."""
+
+    stamps: Stamps
+    values: Array
+    period: int
+    constant: float | None = None
+
+
+def signal_of(spec: str | float | Signal) -> Signal:
+    """Write out a role given in short: a channel's name, or a constant."""
+    if isinstance(spec, Signal):
+        return spec
+    return Signal(channel=spec) if isinstance(spec, str) else Signal(constant=float(spec))
+
+
+def offered_roles(joint: Joint) -> dict[str, Signal]:
+    """Return the roles a joint's rig names, written out; a run's set-point counts as one."""
+    signals = joint.signals
+    roles = {
+        role: signal_of(spec)
+        for role in signals.__struct_fields__
+        if (spec := getattr(signals, role)) is not None
+    }
+    runs = () if isinstance(joint, RigidJoint) else joint.run
+    if "setpoint" not in roles and isinstance(joint, SerialJoint) and any(r.setpoint is not None for r in runs):
+        roles["setpoint"] = Signal(constant=float("nan"))
+    return roles
+
+
+def runs_of(joint: Joint, recording: Recording) -> tuple[Run, ...]:
+    """Return the runs of a joint that apply to a recording; one without a name when the rig has none.
+
+    Raises
+    ------
+    BindingError
+        The rig has runs, but none is for a file of that name.
+    """
+    runs = () if isinstance(joint, RigidJoint) else joint.run
+    if not runs:
+        return (Run(),)
+    fitting = tuple(r for r in runs if fnmatchcase(recording.path.name, r.file))
+    if not fitting:
+        patterns = ", ".join(f"'{r.file}'" for r in runs[:5])
+        raise BindingError(f"{recording.path.name}: no run of the rig is for a file of that name (there are {patterns})")
+    return fitting
+
+
+def wanted_channels(joint: Joint, recording_name: str, roles: Collection[str] | None = None) -> set[str]:
+    """Return the names of the channels that the roles of a joint are found in, for reading no more than these."""
+    runs = () if isinstance(joint, RigidJoint) else joint.run
+    names = [r.name for r in runs if fnmatchcase(recording_name, r.file)] or [""]
+    return {
+        signal.channel.replace("{run}", name)
+        for role, signal in offered_roles(joint).items()
+        if signal.channel is not None and (roles is None or role in roles)
+        for name in names
+    }
+
+
+def bind(
+    recordings: Sequence[Recording],
+    name: str,
+    joint: Joint,
+    roles: Collection[str],
+    setpoints: Sequence[float | None] = (),
+) -> JointSignals:
+    """Bind the roles of a joint to one or more recordings.
+
+    Parameters
+    ----------
+    recordings : in the order their runs shall have
+    name, joint : of the rig
+    roles : the roles to bind, each offered by the rig
+    setpoints : a fixed set-point per recording that goes before what the rig says, SI; None for none
+
+    Raises
+    ------
+    BindingError
+        A channel is not there, is text, is empty or has no clock, its unit does not fit, or the clocks do not overlap.
+    """
+    offered = offered_roles(joint)
+    pieces: list[JointSignals] = []
+    names: list[str] = []
+    for i, recording in enumerate(recordings):
+        fixed = setpoints[i] if i < len(setpoints) else None
+        for run in runs_of(joint, recording):
+            bound = {
+                role: _bind_role(recording, run, role, offered.get(role, Signal()), joint, fixed) for role in roles
+            }
+            names.append("/".join(p for p in ((recording.path.name if len(recordings) > 1 else ""), run.name) if p))
+            pieces.append(_on_one_grid(recording, name, bound, len(names) - 1))
+    return _concatenate(name, pieces, tuple(names))
+
+
+def _bind_role(
+    recording: Recording, run: Run, role: str, signal: Signal, joint: Joint, fixed: float | None
+) -> _Bound:
+    constant = signal.constant
+    if role == "setpoint":
+        constant = fixed if fixed is not None else run.setpoint if run.setpoint is not None else constant
+    if constant is not None and (role != "setpoint" or signal.channel is None or fixed is not None):
+        if not np.isfinite(constant):
+            raise BindingError(
+                f"{recording.path.name}: run '{run.name}' has no set-point; give it one in the rig or with"
+                " --set setpoint=VALUE"
+            )
+        return _Bound(np.empty(0, np.int64), np.empty(0), 0, float(constant))
+    assert signal.channel is not None
+    channel = recording.channel(signal.channel.replace("{run}", run.name))
+    _check(recording, channel, role)
+    values = channel.values * _factor(recording, channel, role, signal, joint) - signal.offset
+    if role == "setpoint" and isinstance(joint, SerialJoint) and joint.lever is not None and _is_angle(channel, signal):
+        values = joint.lever.start - joint.lever.travel * values
+    period = int(np.median(np.diff(channel.stamps)))
+    return _Bound(channel.stamps, values, period)
+
+
+def _check(recording: Recording, channel: Channel, role: str) -> None:
+    where = f"{recording.path.name}: channel '{channel.name}' ({role})"
+    stream = recording.streams.get(channel.stream)
+    if stream is not None and stream.time_source == "none":
+        raise BindingError(f"{where} has no time column; say how fast it was sampled with --rate HZ")
+    if channel.values.size < 2:
+        raise BindingError(f"{where} has {channel.values.size} samples; at least two are needed")
+    finite = np.isfinite(channel.values)
+    if not finite.any():
+        raise BindingError(f"{where} holds no finite number at all")
+
+
+def _motor(joint: Joint, role: str) -> Motor:
+    name = "motor_2" if role.endswith("_2") else "motor_1"
+    motor: Motor = getattr(joint, name) if hasattr(joint, name) else joint.motor  # type: ignore[union-attr]
+    if role == "setpoint":
+        return getattr(joint, "secondary_motor", None) or Motor()
+    return motor
+
+
+def _unit(channel: Channel, signal: Signal) -> str | None:
+    return signal.unit if signal.unit is not None else channel.unit
+
+
+def _is_angle(channel: Channel, signal: Signal) -> bool:
+    unit = _unit(channel, signal)
+    return unit is None or _converts(unit, "rad")
+
+
+def _converts(unit: str, like: str) -> bool:
+    try:
+        si_factor(unit, like)
+    except UnitError:
+        return False
+    return True
+
+
+def _factor(recording: Recording, channel: Channel, role: str, signal: Signal, joint: Joint) -> float:
+    """What a recorded number is multiplied with to be SI, the right way round, on the joint's side of the gear."""
+    base, motor, unit = role.rstrip("_12"), _motor(joint, role), _unit(channel, signal)
+    gear = motor.gear_ratio if signal.side == "rotor" else 1.0
+    like = SI.get(base, "rad")
+    factor = float(signal.sign)
+    if base == "motor_torque":
+        factor *= gear
+        if unit is not None and _converts(unit, "A"):
+            if motor.torque_constant is None:
+                raise BindingError(
+                    f"{recording.path.name}: channel '{channel.name}' ({role}) is a current [{unit}]: give the motor's"
+                    " torque_constant in the rig"
+                )
+            # The torque constant is the rotor's, whichever side the signal is said to be on.
+            return float(signal.sign) * si_factor(unit, "A") * motor.torque_constant * motor.gear_ratio
+    elif base in ("motor_position", "setpoint"):
+        factor /= gear
+    if base == "setpoint" and unit is not None and _converts(unit, "m"):
+        return float(signal.sign) * si_factor(unit, "m")
+    if unit is None:
+        return factor
+    try:
+        return factor * si_factor(unit, like)
+    except UnitError as error:
+        raise BindingError(
+            f"{recording.path.name}: channel '{channel.name}' ({role}): {error}. If the log has the unit wrong, put the"
+            " right one into the rig: { channel = \"…\", unit = \"…\" }"
+        ) from error
+
+
+def _on_one_grid(recording: Recording, joint: str, bound: Mapping[str, _Bound], run: int) -> JointSignals:
+    moving = {role: b for role, b in bound.items() if b.constant is None}
+    if not moving:
+        raise BindingError(f"joint '{joint}': every role is a constant; there is nothing to estimate from")
+    period = min(b.period for b in moving.values())
+    if period <= 0:
+        raise BindingError(f"{recording.path.name}: the time stamps of joint '{joint}' do not advance")
+    origin = min(int(c.stamps[0]) for c in recording.channels.values() if c.stamps.size)
+    segments = _segments(recording, joint, moving)
+    grids = [_grid(segment, moving, period) for segment in segments]
+    stamps = np.concatenate(grids)
+    starts = np.zeros(stamps.size, dtype=np.bool_)
+    starts[np.cumsum([0, *[g.size for g in grids[:-1]]])] = True
+    roles: dict[str, Array] = {}
+    for role, b in bound.items():
+        roles[role] = np.full(stamps.size, b.constant) if b.constant is not None else _at(b, stamps)
+    return JointSignals(
+        joint,
+        period * 1e-9,
+        stamps,
+        (stamps - origin) * 1e-9,
+        roles,
+        starts,
+        np.full(stamps.size, run, dtype=np.int32),
+        resolution={role: _resolution(b.values) for role, b in moving.items()},
+        notes=_notes(joint, segments, moving),
+    )
+
+
+def _segments(recording: Recording, joint: str, moving: Mapping[str, _Bound]) -> list[tuple[int, int]]:
+    """Stretches of time, first and last stamp, in which every role has samples without a gap."""
+    segments: list[tuple[int, int]] | None = None
+    for b in moving.values():
+        gaps = np.flatnonzero(np.diff(b.stamps) > GAP * b.period)
+        edges = [0, *(gaps + 1), b.stamps.size]
+        own = [
+            (int(b.stamps[i]), int(b.stamps[j - 1])) for i, j in pairwise(edges) if j - i > 1
+        ]
+        segments = own if segments is None else _overlap(segments, own)
+    if not segments:
+        raise BindingError(
+            f"{recording.path.name}: the channels of joint '{joint}' have no time in common; are they on different"
+            " clocks? 'vsalog inspect' shows when each begins and ends"
+        )
+    return segments
+
+
+def _overlap(a: list[tuple[int, int]], b: list[tuple[int, int]]) -> list[tuple[int, int]]:
+    out, i, j = [], 0, 0
+    while i < len(a) and j < len(b):
+        first, last = max(a[i][0], b[j][0]), min(a[i][1], b[j][1])
+        if last > first:
+            out.append((first, last))
+        if a[i][1] < b[j][1]:
+            i += 1
+        else:
+            j += 1
+    return out
+
+
+def _grid(segment: tuple[int, int], moving: Mapping[str, _Bound], period: int) -> Stamps:
+    """Stamps of the fastest channel where these are even, evenly spaced ones otherwise."""
+    first, last = segment
+    fastest = min(moving.values(), key=lambda b: b.period)
+    own = fastest.stamps[(fastest.stamps >= first) & (fastest.stamps <= last)]
+    if own.size > 1 and np.abs(np.diff(own) - period).max() <= EVEN * period:
+        return own
+    return first + period * np.arange((last - first) // period + 1, dtype=np.int64)
+
+
+def _at(b: _Bound, stamps: Stamps) -> Array:
+    """Values at the grid's stamps: as they are where they lie on it, linearly between neighbours otherwise."""
+    if b.stamps.size == stamps.size and np.array_equal(b.stamps, stamps):
+        return b.values
+    # Relative to the first stamp: nanoseconds since the epoch do not fit into the digits of a float.
+    origin = stamps[0]
+    after = np.clip(np.searchsorted(b.stamps, stamps), 1, b.stamps.size - 1)
+    t0, t1 = b.stamps[after - 1], b.stamps[after]
+    v0, v1 = b.values[after - 1], b.values[after]
+    share = ((stamps - origin) - (t0 - origin)) / (t1 - t0)
+    exact = np.where(stamps == t0, v0, np.where(stamps == t1, v1, v0 + share * (v1 - v0)))
+    return np.asarray(exact, dtype=np.float64)
+
+
+def _resolution(values: Array) -> float:
+    """Least step of a quantised signal, 0 for one that never moves.
+
+    A signal without steps has noise instead: it is given the step whose rounding error would be as large.
+    """
+    finite = values[np.isfinite(values)]
+    levels = np.unique(finite)
+    span = float(levels[-1] - levels[0])
+    if span == 0.0:
+        return 0.0
+    steps = np.diff(levels)
+    steps = steps[steps > 1e-9 * span]  # levels closer than float rounding are one level
+    least = float(steps.min())
+    multiples = steps[steps < 100.0 * least] / least
+    if np.mean(np.abs(multiples - np.round(multiples)) < 0.02) > 0.95 and least > 1e-7 * span:
+        return least
+    # Third differences leave little of a smooth motion; of white noise their variance is 20 times its own.
+    third = np.abs(np.diff(finite, 3))
+    deviation = 1.4826 * float(np.median(third)) / 20.0**0.5 if third.size else 0.0
+    return max(deviation * 12.0**0.5, 1e-12 * span)
+
+
+def _notes(joint: str, segments: list[tuple[int, int]], moving: Mapping[str, _Bound]) -> tuple[str, ...]:
+    notes = []
+    if len(segments) > 1:
+        lost = (segments[-1][1] - segments[0][0] - sum(b - a for a, b in segments)) * 1e-9
+        notes.append(f"joint '{joint}': {len(segments) - 1} gaps, {lost:.3g} s in all; nothing is estimated across them")
+    for role, b in moving.items():
+        bad = int(np.count_nonzero(~np.isfinite(b.values)))
+        if bad:
+            notes.append(f"joint '{joint}': {bad} of {b.values.size} samples of {role} are no finite number; left out")
+        if np.ptp(b.values[np.isfinite(b.values)]) == 0.0 and role != "setpoint":
+            notes.append(f"joint '{joint}': {role} never changes")
+    return tuple(notes)
+
+
+def _concatenate(name: str, pieces: Sequence[JointSignals], run_names: tuple[str, ...]) -> JointSignals:
+    first = pieces[0]
+    periods = np.array([p.period for p in pieces])
+    if np.ptp(periods) > EVEN * periods[0]:
+        raise BindingError(
+            f"joint '{name}': the runs were sampled at different rates"
+            f" ({1.0 / periods.max():.4g} to {1.0 / periods.min():.4g} Hz); estimate them one by one"
+        )
+    if len(pieces) == 1:
+        return replace(first, run_names=run_names)
+    steps = {
+        role: [p.resolution[role] for p in pieces if p.resolution.get(role, 0.0) > 0.0] for role in first.roles
+    }
+    return JointSignals(
+        name,
+        first.period,
+        np.concatenate([p.stamps for p in pieces]),
+        np.concatenate([p.time for p in pieces]),
+        {role: np.concatenate([p.roles[role] for p in pieces]) for role in first.roles},
+        np.concatenate([p.starts for p in pieces]),
+        np.concatenate([p.run for p in pieces]),
+        run_names,
+        {role: min(found) for role, found in steps.items() if found},
+        tuple(note for p in pieces for note in p.notes),
+    )

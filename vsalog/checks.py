@@ -1,0 +1,57 @@
+"""What is suspicious about a joint's signals, in words for the person who recorded them."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vsalog.estimators.device import Device, deflection_of
+from vsalog.signals import JointSignals
+
+Array = NDArray[np.float64]
+
+# A measured torque that follows the deflection this closely was not measured: float32 rounding is all that is left.
+COMPUTED = 1e-5
+
+
+def signal_warnings(device: Device, signals: JointSignals) -> tuple[str, ...]:
+    """Return warnings about a joint's bound signals, loudest first."""
+    warnings: list[str] = []
+    for view in device.transmissions:
+        sensor = view.torque_sensor if view.torque_sensor in signals.roles else "torque_sensor"
+        if sensor not in signals.roles:
+            continue
+        for role in (view.deflection, view.motor_torque):
+            if role in signals.roles:
+                warnings += _computed_from(signals, sensor, role)
+        if view.deflection not in signals.roles and view.motor_position in signals.roles:
+            warnings += _computed(signals, sensor, "deflection q − θ", deflection_of(signals.roles, view))
+    for view in device.transmissions:
+        phi = deflection_of(signals.roles, view)
+        finite = phi[np.isfinite(phi)]
+        if finite.size and np.ptp(finite) == 0.0:
+            warnings.append(
+                f"joint '{signals.joint}': the deflection of transmission {view.name} never changes; its stiffness"
+                " cannot be told"
+            )
+    return tuple(dict.fromkeys(warnings))
+
+
+def _computed_from(signals: JointSignals, sensor: str, role: str) -> list[str]:
+    return _computed(signals, sensor, role, signals.roles[role])
+
+
+def _computed(signals: JointSignals, sensor: str, name: str, x: Array) -> list[str]:
+    tau = signals.roles[sensor]
+    both = np.isfinite(x) & np.isfinite(tau)
+    if np.count_nonzero(both) < 3 or np.ptp(x[both]) == 0.0 or np.ptp(tau[both]) == 0.0:
+        return []
+    a, b = x[both] - x[both].mean(), tau[both] - tau[both].mean()
+    factor = float(a @ b / (a @ a))
+    left = float(np.sqrt(np.mean((b - factor * a) ** 2) / np.mean(b**2)))
+    if left > COMPUTED:
+        return []
+    return [
+        f"joint '{signals.joint}': {sensor} is exactly {factor:.6g} times {name}: it was computed from it, not measured."
+        " The stiffness below is the constant someone put into that computation; it validates nothing"
+    ]

@@ -1,0 +1,75 @@
+"""`vsalog estimate`: logs in, stiffness out."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import rich_click as click
+
+
+def _pairs(context: click.Context, parameter: click.Parameter, values: tuple[str, ...]) -> dict[str, str]:
+    out = {}
+    for value in values:
+        name, equals, text = value.partition("=")
+        if not equals or not name.strip():
+            raise click.BadParameter(f"'{value}' is not NAME=VALUE", context, parameter)
+        out[name.strip()] = text.strip()
+    return out
+
+
+@click.command()
+@click.argument("logs", nargs=-1, required=True, type=click.Path(path_type=Path), metavar="LOG...")
+@click.option("--rig", metavar="FILE|PRESET", help="The rig; else the one in the log, LOG.rig.toml or rig.toml beside it.")
+@click.option("--joint", "joints", multiple=True, metavar="NAME", help="Estimate this joint only; may be given again.")
+@click.option(
+    "-e",
+    "--estimator",
+    default="auto",
+    show_default=True,
+    metavar="NAME",
+    help="residual-rls, qr-rls, batch-ls, direct, or auto: whichever the recorded signals allow.",
+)
+@click.option("--tune", multiple=True, callback=_pairs, metavar="NAME=VALUE", help="Tune the estimator, e.g. forgetting=0.98.")
+@click.option(
+    "--set",
+    "settings",
+    multiple=True,
+    callback=_pairs,
+    metavar="KEY=VALUE",
+    help="Change the rig for this run, e.g. joint.elbow.motor.inertia='7.3 kg*m*mm'; setpoint=33mm fixes the set-point"
+    " (one value, or one per log with commas between).",
+)
+@click.option("-o", "--output", type=click.Path(path_type=Path), metavar="PATH", help="The Parquet file, or a folder for the results.")
+@click.option("--mcap", type=click.Path(path_type=Path), metavar="FILE", help="Write the trace as an MCAP log too, for Foxglove or PlotJuggler.")
+@click.option("--rate", type=click.FloatRange(min=0.0, min_open=True), metavar="HZ", help="Sample rate of a table that has no time column.")
+@click.option("--time", type=click.Choice(["auto", "header", "log", "publish"]), default="auto", show_default=True, help="Which clock to trust.")
+@click.option("--json", "as_json", is_flag=True, help="Print the summary as one JSON document on stdout.")
+def estimate(
+    logs: tuple[Path, ...],
+    rig: str | None,
+    joints: tuple[str, ...],
+    estimator: str,
+    tune: dict[str, str],
+    settings: dict[str, str],
+    output: Path | None,
+    mcap: Path | None,
+    rate: float | None,
+    time: str,
+    as_json: bool,
+) -> None:
+    """Estimate the stiffness of every joint of a log, over time, with its uncertainty.
+
+    Writes LOG.stiffness.parquet (one row per sample and transmission) and LOG.model.toml (the fitted model) to the current
+    folder. Several logs make one model and one trace, whose column `run` says which log a row is from.
+    """
+    from vsalog.job import Options, prepare
+    from vsalog.reports.estimate import Progress, print_json, print_summary
+    from vsalog.writers.results import Outputs, write_results
+
+    options = Options(rig, joints, estimator, tune, settings, rate, time)
+    outputs = Outputs.named(logs, output, mcap)
+    with Progress() as progress:
+        job = prepare(logs, options, progress.say)
+        progress.say_when_compiling()
+        estimates = write_results(job, outputs, progress.say)
+    (print_json if as_json else print_summary)(job, estimates, outputs)

@@ -1,0 +1,228 @@
+"""From recordings and a rig to traces and models: the main job."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Collection, Mapping, Sequence
+from dataclasses import dataclass
+
+import msgspec
+import numpy as np
+
+from vsalog.binding import bind, offered_roles
+from vsalog.checks import signal_warnings
+from vsalog.errors import EstimatorError, VsalogError, did_you_mean
+from vsalog.estimators import Method, method
+from vsalog.estimators.device import Device, device_of
+from vsalog.estimators.needs import MEANING
+from vsalog.estimators.regression import BLOCK, RegressionFold
+from vsalog.estimators.tuning import Tuning, read_tuning
+from vsalog.model import JointModel
+from vsalog.recording import Recording
+from vsalog.rig.schema import Joint
+from vsalog.signals import JointSignals
+from vsalog.summary import JointSummary, Summarizer
+from vsalog.trace import Trace
+
+Sink = Callable[[Trace], None]
+
+
+@dataclass(frozen=True, slots=True)
+class Choice:
+    """The estimator for a joint, the roles it will read, and why it was chosen."""
+
+    name: str
+    method: Method
+    tuning: Tuning
+    roles: tuple[str, ...]
+    reason: str
+
+
+@dataclass(frozen=True, slots=True)
+class JointEstimate:
+    """What was learnt of one joint.
+
+    Attributes
+    ----------
+    joint : the joint's name
+    estimator, reason : the method, and why it was chosen
+    settings : its tuning
+    model : the fitted model, frozen at the end of the log
+    summary : key figures per transmission
+    warnings : what a person should know
+    trace : the estimates over time; None where they went to a sink instead
+    """
+
+    joint: str
+    estimator: str
+    reason: str
+    settings: dict[str, str | float | int | bool]
+    model: JointModel
+    summary: JointSummary
+    warnings: tuple[str, ...]
+    trace: Trace | None
+
+
+def choose(name: str, joint: Joint, estimator: str, tuning: Mapping[str, str]) -> Choice:
+    """Choose the estimator for a joint by the roles its rig offers, or take the one asked for.
+
+    Raises
+    ------
+    EstimatorError
+        The joint has no transmission, or a role is missing; the message says which.
+    """
+    offered = offered_roles(joint)
+    device = device_of(name, joint)
+    if estimator != "auto":
+        found = method(estimator)
+        values = read_tuning(found.TUNING, estimator, tuning)
+        return Choice(estimator, found, values, found.roles(device, offered, values), "asked for")
+    estimator, reason = _automatic(device, offered)
+    found = method(estimator)
+    values = read_tuning(found.TUNING, estimator, tuning)
+    return Choice(estimator, found, values, found.roles(device, offered, values), reason)
+
+
+def _automatic(device: Device, offered: Collection[str]) -> tuple[str, str]:
+    views = device.transmissions
+    _require_some_torque(device, offered)
+    motors = all({v.motor_position, v.motor_torque} <= set(offered) for v in views)
+    if motors and all(v.motor.inertia is not None for v in views):
+        return "residual-rls", "motor position and torque are recorded and the motor's inertia is known"
+    if "torque_sensor" in offered or all(v.torque_sensor in offered for v in views):
+        lack = "no motor torque is recorded" if not motors else "the motor's inertia is not known"
+        return "direct", f"there is a torque sensor, and {lack}"
+    return "qr-rls", "motor position and torque are recorded, but neither the motor's inertia nor a torque sensor is there"
+
+
+def _require_some_torque(device: Device, offered: Collection[str]) -> None:
+    """Refuse a joint that no method can do anything with, naming each missing role."""
+    missing: list[str] = []
+    for view in device.transmissions:
+        if view.deflection not in offered:
+            missing += [r for r in ("link_position", view.motor_position) if r not in offered]
+        if view.torque_sensor not in offered and "torque_sensor" not in offered:
+            missing += [r for r in (view.motor_torque, view.motor_position) if r not in offered]
+    if device.has_setpoint and "setpoint" not in offered:
+        missing.append("setpoint")
+    if not missing:
+        return
+    listed = "; ".join(f"{role}: {MEANING[role.rstrip('_12')]}" for role in dict.fromkeys(missing))
+    raise EstimatorError(
+        f"joint '{device.joint}': no stiffness can be estimated, because a role is missing: {listed}. A stiffness needs"
+        " the deflection (link_position and motor_position, or deflection) and a torque (torque_sensor, or motor_torque"
+        f" with motor_position). Name the channels under [joint.{device.joint}.signals] in the rig"
+    )
+
+
+def estimate_joint(
+    recordings: Sequence[Recording],
+    name: str,
+    joint: Joint,
+    choice: Choice,
+    *,
+    setpoints: Sequence[float | None] = (),
+    sink: Sink | None = None,
+    block: int = BLOCK,
+) -> JointEstimate:
+    """Run an estimator over recordings, several of which make one model.
+
+    Parameters
+    ----------
+    recordings : in order; what is learnt from one goes on in the next
+    name, joint : of the rig
+    choice : the estimator, of `choose`
+    setpoints : a fixed set-point per recording [SI], None for none
+    sink : where blocks of the trace go; they are kept in memory when absent
+    block : rows at a time
+
+    Raises
+    ------
+    VsalogError
+        The recordings do not fit the rig, or the signals do not fit the estimator.
+    """
+    signals = bind(recordings, name, joint, choice.roles, setpoints)
+    device = device_of(name, joint, signals.roles)
+    fold = choice.method.build(device, signals, choice.tuning)
+    runs = np.diff(np.append(np.flatnonzero(signals.starts), len(signals)))
+    fold.conditioner.check_length(int(runs.max()))
+    warnings = [*signals.notes, *signal_warnings(device, signals)]
+    kept: list[Trace] = []
+    summarizer = Summarizer(device)
+    state = _fold(fold, signals, block, (kept.append if sink is None else sink), summarizer)
+    summary = summarizer.result(fold.conditioner, signals)
+    return JointEstimate(
+        name,
+        choice.name,
+        choice.reason,
+        _settings(choice.tuning),
+        fold.model(state),
+        summary,
+        (*warnings, *summary.warnings),
+        Trace.concatenate(kept) if kept else None,
+    )
+
+
+def _fold(fold: RegressionFold, signals: JointSignals, block: int, sink: Sink, summarizer: Summarizer):  # type: ignore[no-untyped-def]
+    state = fold.start()
+    for last in range(fold.passes - 1, -1, -1):
+
+        def give(traces: list[Trace], wanted: bool = last == 0) -> None:
+            if wanted:
+                for trace in traces:
+                    summarizer.add(trace)
+                    sink(trace)
+
+        for part in signals.blocks(block):
+            state, traces = fold.step(state, part)
+            give(traces)
+        state, traces = fold.finish(state)
+        give(traces)
+        if last:
+            state = fold.freeze(state)
+    return state
+
+
+def _settings(tuning: Tuning) -> dict[str, str | float | int | bool]:
+    return {k: v for k, v in msgspec.structs.asdict(tuning).items() if v is not None}
+
+
+def pick_joints(joints: Mapping[str, Joint], wanted: Sequence[str]) -> dict[str, Joint]:
+    """Return the joints of that name, all when none is named.
+
+    Raises
+    ------
+    EstimatorError
+        The rig has no joint of that name, or none at all.
+    """
+    if not joints:
+        raise EstimatorError("the rig has no joint; describe one under [joint.NAME], 'vsalog init LOG' writes a start")
+    for name in wanted:
+        if name not in joints:
+            raise EstimatorError(
+                f"the rig has no joint '{name}'{did_you_mean(name, joints) or '.'} It has: {', '.join(joints)}"
+            )
+    return {name: joint for name, joint in joints.items() if not wanted or name in wanted}
+
+
+def choose_all(
+    joints: Mapping[str, Joint], estimator: str, tuning: Mapping[str, str]
+) -> tuple[dict[str, Choice], dict[str, str]]:
+    """Choose an estimator for every joint; joints that offer too little are left out, with the reason.
+
+    Raises
+    ------
+    VsalogError
+        No joint is left.
+    """
+    choices: dict[str, Choice] = {}
+    left_out: dict[str, str] = {}
+    first: VsalogError | None = None
+    for name, joint in joints.items():
+        try:
+            choices[name] = choose(name, joint, estimator, tuning)
+        except EstimatorError as error:
+            left_out[name] = str(error)
+            first = first or error
+    if not choices and first is not None:
+        raise first
+    return choices, left_out

@@ -1,0 +1,190 @@
+"""One run of `estimate`: logs and options in, estimates and their provenance out."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+
+from vsalog._version import __version__
+from vsalog.binding import offered_roles, wanted_channels
+from vsalog.errors import ReadError, RigError
+from vsalog.estimation import (
+    Choice,
+    JointEstimate,
+    choose_all,
+    estimate_joint,
+    pick_joints,
+)
+from vsalog.model import UNITS, ModelFile
+from vsalog.readers import open_reader, read
+from vsalog.recording import Recording
+from vsalog.rig import Rig
+from vsalog.rig.find import find_rig
+from vsalog.trace import Trace
+
+Progress = Callable[[str], None]
+
+
+@dataclass(frozen=True, slots=True)
+class Options:
+    """What can be asked of `estimate`; the command line's options of the same names.
+
+    Attributes
+    ----------
+    rig : a rig file or preset; looked for in and beside the log when absent
+    joints : names of the joints wanted; all when empty
+    estimator : a method's name or ``auto``
+    tune : NAME → VALUE of the method's tuning
+    set : key → VALUE; ``setpoint`` is the logs' fixed set-point (one value, or one per log with commas between), every other
+        key is one of the rig's
+    rate : samples per second of tables without a time column [Hz]
+    time : which clock stamps come from: auto, header, log, publish
+    """
+
+    rig: str | Path | None = None
+    joints: tuple[str, ...] = ()
+    estimator: str = "auto"
+    tune: Mapping[str, str] = field(default_factory=dict)
+    set: Mapping[str, str] = field(default_factory=dict)
+    rate: float | None = None
+    time: str = "auto"
+
+
+@dataclass(frozen=True, slots=True)
+class Job:
+    """Logs that were read, with their rig and the estimators chosen: ready to run.
+
+    Attributes
+    ----------
+    rig : as loaded, with the settings worked in
+    guessed : whether no rig was found and the roles were guessed
+    choices : the estimator for each joint
+    warnings : what was noticed so far
+    """
+
+    logs: tuple[Path, ...]
+    recordings: tuple[Recording, ...]
+    rig: Rig
+    guessed: bool
+    choices: Mapping[str, Choice]
+    setpoints: tuple[float | None, ...]
+    warnings: tuple[str, ...]
+
+    def run(self, sink: Callable[[Trace], None] | None = None, progress: Progress = lambda _: None) -> list[JointEstimate]:
+        """Estimate every joint that can be; traces go to the sink, or stay in memory without one."""
+        out = []
+        for name, choice in self.choices.items():
+            progress(f"estimating joint {name}")
+            out.append(
+                estimate_joint(
+                    self.recordings, name, self.rig.joints[name], choice, setpoints=self.setpoints, sink=sink
+                )
+            )
+        return out
+
+    def provenance(self) -> dict[str, str]:
+        """Return what a result says of where it came from: version, rig, settings, and the input's hashes."""
+        settings = {
+            name: {"estimator": c.name, **{k: getattr(c.tuning, k) for k in c.tuning.__struct_fields__}}
+            for name, c in self.choices.items()
+        }
+        return {
+            "vsalog.version": __version__,
+            "vsalog.rig": self.rig.to_toml(),
+            "vsalog.estimator": json.dumps(settings),
+            "vsalog.input": json.dumps({log.name: sha256(log) for log in self.logs}),
+        }
+
+    def model_file(self, estimates: Sequence[JointEstimate], provenance: Mapping[str, str]) -> ModelFile:
+        """Put the joints' models into one file's structure."""
+        return ModelFile(
+            vsalog=__version__,
+            units=dict(UNITS),
+            log=json.loads(provenance["vsalog.input"]),
+            settings={e.joint: {"estimator": e.estimator, **e.settings} for e in estimates},
+            rig=provenance["vsalog.rig"],
+            joint={e.joint: e.model for e in estimates},
+        )
+
+
+def prepare(logs: Sequence[Path], options: Options, progress: Progress = lambda _: None) -> Job:
+    """Find the rig, choose the estimators, and read the channels they need.
+
+    Raises
+    ------
+    VsalogError
+        A log cannot be read, the rig is missing or does not fit, or a role is missing.
+    """
+    if not logs:
+        raise ReadError("no log was given")
+    warnings: list[str] = []
+    rig, guessed = _rig(logs[0], options), False
+    recordings: list[Recording] | None = None
+    if rig is None:
+        progress(f"reading {logs[0].name}")
+        recordings = [read(log, time=options.time, rate=options.rate) for log in logs]
+        rig, remarks = _guess(recordings[0])
+        guessed = True
+        warnings += remarks
+    fixed = {k: v for k, v in options.set.items() if k != "setpoint"}
+    for key, value in fixed.items():
+        rig = rig.with_setting(key, value)
+    rig, setpoints = _setpoints(rig, options.set.get("setpoint"), len(logs))
+    joints = pick_joints(rig.joints, options.joints)
+    choices, left_out = choose_all(joints, options.estimator, options.tune)
+    warnings += [f"left out: {reason}" for reason in left_out.values()]
+    if recordings is None:
+        recordings = []
+        for log in logs:
+            progress(f"reading {log.name}")
+            wanted = set().union(*(wanted_channels(joints[n], log.name, c.roles) for n, c in choices.items()))
+            recordings.append(read(log, wanted, time=options.time, rate=options.rate))
+    warnings += [f"{r.path.name}: {note}" for r in recordings for note in r.notes]
+    return Job(tuple(logs), tuple(recordings), rig, guessed, choices, setpoints, tuple(warnings))
+
+
+def _rig(log: Path, options: Options) -> Rig | None:
+    text = open_reader(log, options.rate).rig_text if options.rig is None else None
+    return find_rig(log, text, options.rig)
+
+
+def _guess(recording: Recording) -> tuple[Rig, list[str]]:
+    """Guess the rig of a log that has none; what was guessed is said loudly."""
+    from vsalog.rig.guess import guess_rig
+
+    rig, reasons = guess_rig(recording)
+    name = recording.path.name
+    return rig, [
+        f"no rig was found in or beside {name}: roles are guessed ({reasons})."
+        f" 'vsalog init {name} -o {recording.path.stem}.rig.toml' writes them down for you to correct"
+    ]
+
+
+def _setpoints(rig: Rig, text: str | None, count: int) -> tuple[Rig, tuple[float | None, ...]]:
+    """Read --set setpoint=VALUE[,VALUE…] by way of the rig, which knows the units."""
+    if text is None:
+        return rig, ()
+    serial = [name for name, joint in rig.joints.items() if "setpoint" in joint.signals.__struct_fields__]
+    if not serial:
+        raise RigError("--set setpoint: no joint of the rig has a set-point (kind = \"serial\")")
+    values = [v.strip() for v in text.split(",")]
+    if len(values) not in (1, count):
+        raise RigError(f"--set setpoint: {len(values)} values for {count} logs; give one, or one per log")
+    out: list[float | None] = []
+    for value in values * (count if len(values) == 1 else 1):
+        for name in serial:
+            rig = rig.with_setting(f"joint.{name}.signals.setpoint", f"{{ constant = {json.dumps(value)} }}")
+        out.append(offered_roles(rig.joints[serial[0]])["setpoint"].constant)
+    return rig, tuple(out)
+
+
+def sha256(path: Path) -> str:
+    """Hash a file; of a folder, the hashes of its files in the order of their names."""
+    if path.is_dir():
+        parts = [sha256(p) for p in sorted(path.rglob("*")) if p.is_file()]
+        return hashlib.sha256("".join(parts).encode()).hexdigest()
+    with path.open("rb") as file:
+        return hashlib.file_digest(file, "sha256").hexdigest()

@@ -1,0 +1,1 @@
+"""Results as text: the terminal, and JSON for programs."""

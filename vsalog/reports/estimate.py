@@ -1,0 +1,129 @@
+"""What `estimate` says: progress on stderr, the summary on stdout."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+from types import TracebackType
+
+import msgspec
+from rich.console import Console
+from rich.markup import escape
+from rich.status import Status
+from rich.table import Table
+
+from vsalog.estimation import JointEstimate
+from vsalog.job import Job
+from vsalog.summary import TransmissionSummary
+from vsalog.writers.results import Outputs
+
+
+class Progress:
+    """One line on stderr that says what is being done, on a terminal; a log file gets the slow steps only."""
+
+    def __init__(self) -> None:
+        self._console = Console(stderr=True)
+        self._status: Status | None = None
+
+    def __enter__(self) -> Progress:
+        if self._console.is_terminal:
+            self._status = self._console.status("starting")
+            self._status.start()
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        if self._status is not None:
+            self._status.stop()
+
+    def say(self, text: str) -> None:
+        """Show what is being done."""
+        if self._status is not None:
+            self._status.update(escape(_plain(text)))
+
+    def say_when_compiling(self) -> None:
+        """Say so when the numerical kernels are not compiled yet, since that takes a while."""
+        from vsalog.estimators import rls
+
+        cache = Path(rls._run._cache.cache_path)
+        if not any(cache.glob("rls._run*.nbi")):
+            self._console.print("first run on this machine: compiling the numerical kernels, about ten seconds …")
+
+
+def print_summary(job: Job, estimates: Sequence[JointEstimate], outputs: Outputs) -> None:
+    """Print the summary for people; warnings go to stderr, where a pipe does not lose them."""
+    console, errors = Console(), Console(stderr=True)
+    if not console.is_terminal:
+        console = Console(width=140)
+    for warning in [*job.warnings, *(w for e in estimates for w in e.warnings)]:
+        errors.print(f"[yellow]warning:[/] {escape(_plain(warning))}", soft_wrap=True)
+    for e in estimates:
+        s = e.summary
+        console.print(
+            f"[bold]{escape(_plain(e.joint))}[/]: {escape(e.estimator)} ({escape(e.reason)});"
+            f" {s.duration:.4g} s at {1.0 / s.period:.4g} Hz"
+        )
+        console.print(_table(s.transmissions))
+        for name, value in e.model.motor.items():
+            unit = "kg·m²" if name.startswith("inertia") else "N·m·s/rad"
+            console.print(f"  motor {escape(name)}: {value:.5g} {unit}")
+    console.print(f"trace: {escape(str(outputs.trace))}   model: {escape(str(outputs.model))}", soft_wrap=True)
+    if outputs.mcap is not None:
+        console.print(f"log of the trace: {escape(str(outputs.mcap))}", soft_wrap=True)
+
+
+def _table(parts: Sequence[TransmissionSummary]) -> Table:
+    table = Table(box=None, pad_edge=False, padding=(0, 2))
+    table.add_column("transmission")
+    for heading in ("stiffness [N·m/rad]", "± (1 std)", "torque left over [N·m]", "of its spread", "supported"):
+        table.add_column(heading, justify="right")
+    for p in parts:
+        span = "–" if p.stiffness_min is None else f"{p.stiffness_min:.4g} … {p.stiffness_max:.4g}"
+        table.add_row(
+            p.transmission,
+            span,
+            _percent(p.relative_std),
+            "–" if p.fit_rms is None else f"{p.fit_rms:.3g}",
+            _percent(p.fit_share),
+            f"{p.excited_share:.0%} of the time",
+        )
+    return table
+
+
+def _percent(x: float | None) -> str:
+    return "–" if x is None else f"{100.0 * x:.2g} %"
+
+
+def _plain(text: str) -> str:
+    """Return text from a log without control characters, which could write over the terminal."""
+    return "".join(c if c.isprintable() else "�" for c in text)
+
+
+def print_json(job: Job, estimates: Sequence[JointEstimate], outputs: Outputs) -> None:
+    """Print one JSON document on stdout."""
+    document = {
+        "logs": [str(log) for log in job.logs],
+        "rig": {"name": job.rig.name, "guessed": job.guessed},
+        "outputs": {
+            "trace": str(outputs.trace),
+            "model": str(outputs.model),
+            "mcap": None if outputs.mcap is None else str(outputs.mcap),
+        },
+        "joints": [
+            {
+                "joint": e.joint,
+                "estimator": e.estimator,
+                "reason": e.reason,
+                "modality": e.model.modality,
+                "settings": e.settings,
+                "motor": e.model.motor,
+                "summary": e.summary,
+                "warnings": list(e.warnings),
+            }
+            for e in estimates
+        ],
+        "warnings": list(job.warnings),
+    }
+    sys.stdout.write(msgspec.json.format(msgspec.json.encode(document), indent=2).decode() + "\n")

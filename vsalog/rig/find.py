@@ -1,0 +1,35 @@
+"""Where the rig of a log is: given, in the log itself, beside it, or nowhere."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from vsalog.rig.load import Rig
+
+
+def find_rig(log: Path, rig_text: str | None, given: str | Path | None = None) -> Rig | None:
+    """Find a log's rig.
+
+    Parameters
+    ----------
+    log : the log's path
+    rig_text : what the log carries itself, None for nothing
+    given : a rig file or a preset's name, which goes before all else
+
+    Returns
+    -------
+    the rig given; else the one in the log; else `LOG.rig.toml` beside `LOG.ext`; else `rig.toml` in the same folder; else None
+
+    Raises
+    ------
+    RigError
+        The rig that was found cannot be used.
+    """
+    if given is not None:
+        return Rig.load(given)
+    if rig_text is not None:
+        return Rig.from_toml(rig_text, f"rig in {log.name}")
+    for path in (log.with_name(f"{log.stem}.rig.toml"), log.with_name("rig.toml")):
+        if path.is_file():
+            return Rig.load(path)
+    return None

@@ -1,0 +1,112 @@
+"""The files one run of `estimate` leaves: trace, model and, when asked for, a log of the trace."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable, Sequence
+from contextlib import ExitStack
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from vsalog.errors import WriteError
+from vsalog.estimation import JointEstimate
+from vsalog.job import Job
+from vsalog.trace import Trace
+from vsalog.writers.atomic import atomic_path
+from vsalog.writers.trace import TraceWriter
+
+
+@dataclass(frozen=True, slots=True)
+class Outputs:
+    """Where the results go."""
+
+    trace: Path
+    model: Path
+    mcap: Path | None = None
+
+    @classmethod
+    def named(cls, logs: Sequence[Path], output: Path | None, mcap: Path | None) -> Outputs:
+        """Name the results after the first log, in the current folder, or as `output` says.
+
+        Raises
+        ------
+        WriteError
+            A result would overwrite one of the logs.
+        """
+        stem = _stem(logs[0])
+        if output is None or output.is_dir() or str(output).endswith("/"):
+            folder = Path() if output is None else output
+            trace = folder / f"{stem}.stiffness.parquet"
+        else:
+            folder, trace = output.parent, output
+            stem = re.sub(r"(\.stiffness)?\.parquet$", "", output.name)
+        outputs = cls(trace, folder / f"{stem}.model.toml", mcap)
+        for path in (outputs.trace, outputs.model, outputs.mcap):
+            if path is not None and any(path.exists() and log.exists() and path.samefile(log) for log in logs):
+                raise WriteError(f"{path}: is the log itself; choose another name with -o")
+        return outputs
+
+
+def _stem(log: Path) -> str:
+    name = log.resolve().name
+    return name if log.is_dir() else Path(name).stem
+
+
+def write_results(job: Job, outputs: Outputs, progress: Callable[[str], None] = lambda _: None) -> list[JointEstimate]:
+    """Run a job and write its results; they appear together when all went well, and not at all otherwise.
+
+    Raises
+    ------
+    VsalogError
+        The estimation failed, or a file cannot be written.
+    """
+    provenance = job.provenance()
+    kept: list[Trace] = []
+    with ExitStack() as stack:
+        writer = stack.enter_context(TraceWriter(outputs.trace, provenance))
+        model = stack.enter_context(atomic_path(outputs.model))
+        log = stack.enter_context(atomic_path(outputs.mcap)) if outputs.mcap is not None else None
+
+        def sink(trace: Trace) -> None:
+            writer.write(trace)
+            if log is not None:
+                kept.append(trace)
+
+        estimates = job.run(sink, progress)
+        model.write_text(job.model_file(estimates, provenance).to_toml(), encoding="utf-8")
+        if log is not None:
+            progress("writing the MCAP log")
+            write_trace_mcap(kept, log, provenance)
+    return estimates
+
+
+def write_trace_mcap(traces: Sequence[Trace], path: Path, provenance: dict[str, str]) -> None:
+    """Write traces as a log: per joint and transmission one Float64 topic per column that means something over time.
+
+    Raises
+    ------
+    WriteError
+        The stamps do not fit into a ROS log.
+    """
+    from vsalog.writers.recording_mcap import write_topics_mcap
+    from vsalog.writers.recording_topics import Topic, scalar_topic
+
+    topics: list[Topic] = []
+    for joint in dict.fromkeys(t.joint for t in traces):
+        whole = Trace.concatenate([t for t in traces if t.joint == joint])
+        order = np.argsort(whole.stamps, kind="stable")
+        first = np.append(True, np.diff(whole.stamps[order]) > 0)
+        rows = order[first]
+        for name, columns in whole.transmissions.items():
+            for column, values in columns.items():
+                if not column.startswith("coefficient_"):
+                    topic = "/".join(("/vsalog", _token(joint), f"transmission_{name}" if name != "total" else name, column))
+                    topics.append(scalar_topic(topic, whole.stamps[rows], np.asarray(values[rows], np.float64)))
+    write_topics_mcap(topics, path, metadata={"vsalog.provenance": provenance})
+
+
+def _token(name: str) -> str:
+    """Return a name as ROS allows it in a topic."""
+    return re.sub(r"[^A-Za-z0-9_]", "_", name) or "_"
