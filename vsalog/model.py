@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vsalog.errors import ReadError
-from vsalog.estimators.basis import PolynomialBasis
+from vsalog.basis import PolynomialBasis
 
 Array = NDArray[np.float64]
 

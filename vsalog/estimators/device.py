@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vsalog.errors import EstimatorError
-from vsalog.estimators.basis import PolynomialBasis
+from vsalog.basis import PolynomialBasis
 from vsalog.rig.schema import (
     AntagonisticJoint,
     Joint,

@@ -9,7 +9,7 @@ from typing import ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
-from vsalog.estimators.basis import PolynomialBasis
+from vsalog.basis import PolynomialBasis
 from vsalog.estimators.device import TransmissionView, deflection_of
 from vsalog.estimators.regression import EquationRows
 from vsalog.estimators.torque import integral_block, lag_block, residual_block
