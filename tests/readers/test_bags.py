@@ -1,0 +1,202 @@
+"""ROS 1 and ROS 2 bags against what was written with rosbags."""
+
+from __future__ import annotations
+
+import sqlite3
+
+import numpy as np
+import pytest
+from random_messages import STORES
+from rosbags import rosbag1, rosbag2
+from write_logs import JOINT_STATE, MS, START, joint_state, joints_mcap, serialised
+
+from vsalog.errors import ReadError
+from vsalog.readers import open_reader, read
+
+COUNT = 300
+
+
+def write_bag1(path, compression=None, chunk_threshold=4096):
+    writer = rosbag1.Writer(path)
+    writer.chunk_threshold = chunk_threshold
+    if compression:
+        writer.set_compression(compression)
+    with writer:
+        connection = writer.add_connection("/joint_states", JOINT_STATE, typestore=STORES[True])
+        for i in range(COUNT):
+            message = joint_state(START + i * MS, ["elbow", "knee"], [i, -i], ros1=True)
+            writer.write(connection, START + i * MS + 50_000, serialised(message, ros1=True))
+    return path
+
+
+def write_bag2(folder, storage, mode=None, version=9):
+    writer = rosbag2.Writer(folder, version=version, storage_plugin=storage)
+    if mode:
+        writer.set_compression(mode, rosbag2.CompressionFormat.ZSTD)
+    with writer:
+        connection = writer.add_connection("/joint_states", JOINT_STATE, typestore=STORES[False])
+        for i in range(COUNT):
+            message = joint_state(START + i * MS, ["elbow", "knee"], [i, -i])
+            writer.write(connection, START + i * MS + 50_000, serialised(message))
+    return folder
+
+
+def check(recording, count=COUNT):
+    elbow = recording.channel("/joint_states.position[elbow]")
+    np.testing.assert_array_equal(elbow.values, np.arange(count))
+    np.testing.assert_array_equal(recording.channel("/joint_states.position[knee]").values, -np.arange(count))
+    np.testing.assert_array_equal(elbow.stamps, START + np.arange(count) * MS)
+    assert recording.streams["/joint_states"].time_source == "header"
+    assert recording.streams["/joint_states"].type == JOINT_STATE
+
+
+@pytest.mark.parametrize(
+    "compression", [None, rosbag1.Writer.CompressionFormat.BZ2, rosbag1.Writer.CompressionFormat.LZ4]
+)
+def test_ros1_bag(tmp_path, compression):
+    recording = read(write_bag1(tmp_path / "log", compression))
+    assert recording.format == "rosbag1"
+    assert recording.notes == ()
+    check(recording)
+    assert "/joint_states.header.seq" in recording.channels
+
+
+def test_ros1_log_time(tmp_path):
+    recording = read(write_bag1(tmp_path / "log"), time="log")
+    stamps = recording.channel("/joint_states.position[elbow]").stamps
+    np.testing.assert_array_equal(stamps, START + 50_000 + np.arange(COUNT) * MS)
+    assert recording.streams["/joint_states"].time_source == "log"
+
+
+@pytest.mark.parametrize("fraction", [0.3, 0.6, 0.9])
+def test_a_ros1_bag_that_was_cut_off(tmp_path, fraction):
+    path = write_bag1(tmp_path / "log")
+    raw = path.read_bytes()
+    path.write_bytes(raw[: int(len(raw) * fraction)])
+    recording = read(path)
+    check(recording, recording.streams["/joint_states"].count)
+    assert 0 < recording.streams["/joint_states"].count < COUNT
+    assert any("cut off" in note for note in recording.notes)
+
+
+def test_a_ros1_bag_without_index(tmp_path):
+    path = write_bag1(tmp_path / "log")
+    raw = path.read_bytes()
+    at = raw.index(b"index_pos=") + len(b"index_pos=")
+    path.write_bytes(raw[:at] + bytes(8) + raw[at + 8 :])
+    recording = read(path)
+    check(recording)
+    assert any("no index" in note for note in recording.notes)
+
+
+def test_a_ros1_bag_with_a_bad_chunk(tmp_path):
+    path = write_bag1(tmp_path / "log", rosbag1.Writer.CompressionFormat.LZ4)
+    raw = bytearray(path.read_bytes())
+    at = raw.index(b"\x04\x22\x4d\x18", len(raw) // 2)  # lz4's magic
+    raw[at : at + 4] = b"oops"
+    path.write_bytes(raw)
+    recording = read(path)
+    assert 0 < recording.streams["/joint_states"].count < COUNT
+    assert any("damaged" in note for note in recording.notes)
+
+
+def test_ros1_bags_of_another_version_are_refused(tmp_path):
+    path = tmp_path / "log"
+    path.write_bytes(b"#ROSBAG V1.2\nwhatever")
+    with pytest.raises(ReadError, match="rosbag migrate"):
+        read(path)
+
+
+@pytest.mark.parametrize("storage", list(rosbag2.StoragePlugin))
+@pytest.mark.parametrize("mode", [None, rosbag2.CompressionMode.FILE, rosbag2.CompressionMode.MESSAGE])
+@pytest.mark.parametrize("version", [8, 9])
+def test_ros2_bag(tmp_path, storage, mode, version):
+    recording = read(write_bag2(tmp_path / "bag", storage, mode, version))
+    assert recording.format == f"rosbag2-{storage.name.lower()}"
+    check(recording)
+
+
+@pytest.mark.parametrize("storage", list(rosbag2.StoragePlugin))
+def test_a_single_file_of_a_ros2_bag(tmp_path, storage):
+    folder = write_bag2(tmp_path / "bag", storage)
+    (path,) = (path for path in folder.iterdir() if path.name != "metadata.yaml")
+    recording = read(path)
+    assert recording.format == ("mcap" if storage is rosbag2.StoragePlugin.MCAP else "rosbag2-sqlite3")
+    check(recording)
+    assert read(path, wanted=["/joint_states.position[knee]"]).channels.keys() == {"/joint_states.position[knee]"}
+
+
+def test_a_ros2_bag_in_pieces_without_metadata(tmp_path):
+    folder = tmp_path / "bag"
+    folder.mkdir()
+    for number in (10, 9, 2):
+        joints_mcap(folder / f"bag_{number}", 10)
+    (folder / "remark.txt").write_text("hello")
+    recording = read(folder)
+    assert recording.streams["/joint_states"].duplicates == 20  # the same ten messages in each file
+    assert any("took 3 files" in note for note in recording.notes)
+
+
+def test_metadata_never_lead_out_of_the_folder(tmp_path):
+    folder = tmp_path / "bag"
+    folder.mkdir()
+    joints_mcap(tmp_path / "outside", 10)
+    joints_mcap(folder / "inside", 5)
+    names = "  relative_file_paths:\n    - ../outside\n    - /etc/passwd\n    - ..\\inside\n"
+    (folder / "metadata.yaml").write_text(f"rosbag2_bagfile_information:\n{names}")
+    recording = read(folder)
+    assert recording.streams["/joint_states"].count == 5
+    assert any("missing: outside, passwd" in note for note in recording.notes)
+
+
+def test_a_broken_file_of_a_ros2_bag_does_not_hide_the_others(tmp_path):
+    folder = write_bag2(tmp_path / "bag", rosbag2.StoragePlugin.MCAP)
+    metadata = folder / "metadata.yaml"
+    metadata.write_text(metadata.read_text().replace("- bag.mcap", "- bag.mcap\n  - empty.mcap"))
+    (folder / "empty.mcap").write_bytes(b"")
+    recording = read(folder)
+    check(recording)
+    assert any("empty.mcap was left out: is empty" in note for note in recording.notes)
+
+
+def test_a_folder_with_metadata_only(tmp_path):
+    (tmp_path / "metadata.yaml").write_text("rosbag2_bagfile_information:\n")
+    with pytest.raises(ReadError, match="no bag files"):
+        read(tmp_path)
+
+
+def test_a_database_with_a_log_of_changes_not_written_back(tmp_path):
+    folder = write_bag2(tmp_path / "bag", rosbag2.StoragePlugin.SQLITE3)
+    (path,) = (path for path in folder.iterdir() if path.name != "metadata.yaml")
+    writer = sqlite3.connect(path)
+    writer.execute("PRAGMA journal_mode=WAL")
+    extra = serialised(joint_state(START + COUNT * MS, ["elbow", "knee"], [COUNT, -COUNT]))
+    writer.execute("INSERT INTO messages(topic_id, timestamp, data) VALUES (1, ?, ?)", (START + COUNT * MS, extra))
+    writer.commit()
+    check(read(path), COUNT + 1)
+    writer.close()
+
+
+def test_a_damaged_database_gives_the_rest(tmp_path):
+    folder = write_bag2(tmp_path / "bag", rosbag2.StoragePlugin.SQLITE3)
+    (path,) = (path for path in folder.iterdir() if path.name != "metadata.yaml")
+    raw = bytearray(path.read_bytes())
+    page = 4096 * (len(raw) // 4096 // 2)
+    raw[page : page + 4096] = b"\xa5" * 4096
+    path.write_bytes(raw)
+    recording = read(path)
+    assert COUNT / 2 < recording.streams["/joint_states"].count < COUNT
+    assert any("cannot be read" in note for note in recording.notes)
+
+
+def test_a_database_that_is_no_bag(tmp_path):
+    path = tmp_path / "db"
+    with sqlite3.connect(path) as database:
+        database.execute("CREATE TABLE x(a)")
+    with pytest.raises(ReadError, match="no ROS 2 bag"):
+        read(path)
+
+
+def test_catalogue_of_a_bag(tmp_path):
+    path = write_bag1(tmp_path / "log")
+    assert list(open_reader(path).catalogue().channels) == list(read(path).channels)

@@ -1,0 +1,138 @@
+"""The decoder against rosbags, over every message type that ROS ships."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from random_messages import STORES, make, numbers, same_number
+
+from vsalog.readers.definitions import DefinitionError, parse_definition
+from vsalog.readers.layout import DamagedMessageError, learn
+from vsalog.readers.messages import MAX_LAYOUTS, RosDecoder
+
+UNSUPPORTED = ("wstring", "float128")
+
+
+def serialise(store, message, name, ros1, little=True):
+    if ros1:
+        return bytes(store.serialize_ros1(message, name))
+    return bytes(store.serialize_cdr(message, name, little_endian=little))
+
+
+def definition(store, name, ros1):
+    return store.generate_msgdef(name, ros_version=1 if ros1 else 2)[0]
+
+
+@pytest.mark.parametrize("ros1", [False, True])
+def test_every_type_decodes_as_rosbags_does(ros1):
+    store = STORES[ros1]
+    rng = np.random.default_rng(20)
+    checked = 0
+    for name in store.fielddefs:
+        if name.startswith("builtin_interfaces/msg/"):
+            continue
+        root = parse_definition(name, definition(store, name, ros1), "msg", ros1)
+        messages = [make(rng, store, name) for _ in range(3)]
+        raws = [serialise(store, message, name, ros1, little) for message in messages for little in (True, False)]
+        decoded = RosDecoder(root, not ros1, "t", None).decode(raws)
+        assert decoded.good.all(), name
+        for i, message in enumerate(m for m in messages for _ in range(2)):
+            expected = numbers(store, message, name)
+            got = {k.removeprefix("t."): v[i] for k, v in decoded.columns.items()}
+            for path, value in expected.items():
+                assert same_number(got.pop(path), value), (name, path)
+            assert all(np.isnan(rest) for rest in got.values()), (name, got)
+            if decoded.stamps is not None:
+                stamp = message.header.stamp if hasattr(message, "header") else message.stamp
+                assert decoded.stamps[i] == stamp.sec * 10**9 + stamp.nanosec
+            checked += len(expected)
+    assert checked > 5000
+
+
+def test_built_in_types_are_used_where_the_log_has_no_definition():
+    store = STORES[False]
+    rng = np.random.default_rng(1)
+    message = make(rng, store, "sensor_msgs/msg/Imu")
+    root = parse_definition("sensor_msgs/Imu", "", "", False)
+    raw = serialise(store, message, "sensor_msgs/msg/Imu", False)
+    decoded = RosDecoder(root, True, "/imu", None).decode([raw])
+    assert decoded.columns["/imu.angular_velocity.y"][0] == message.angular_velocity.y
+    assert decoded.units["/imu.angular_velocity.y"] == "rad/s"
+    assert decoded.units["/imu.linear_acceleration.x"] == "m/s^2"
+
+
+def test_idl_definitions():
+    idl = (
+        f"{'=' * 80}\nIDL: a/msg/P\nmodule a {{ module msg {{ struct P {{ double x; float y; }}; }}; }};\n"
+        f"{'=' * 80}\nIDL: a/msg/Q\nmodule a {{ module msg {{ struct Q {{ long n; a::msg::P p; }}; }}; }};\n"
+    )
+    root = parse_definition("a/msg/Q", idl, "idl", False)
+    raw = b"\0\1\0\0" + np.array([7], "<i4").tobytes() + bytes(4) + np.array([1.5], "<f8").tobytes()
+    raw += np.array([2.5], "<f4").tobytes()
+    decoded = RosDecoder(root, True, "q", None).decode([raw])
+    assert {k: v[0] for k, v in decoded.columns.items()} == {"q.n": 7, "q.p.x": 1.5, "q.p.y": 2.5}
+
+
+def test_windows_line_ends_in_a_definition():
+    root = parse_definition("a/B", "float32 x\r\nfloat32 y # remark\r\n", "msg", True)
+    decoded = RosDecoder(root, False, "b", None).decode([np.array([1, 2], "<f4").tobytes()])
+    assert decoded.columns["b.y"][0] == 2
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        ("A again", "contains itself"),
+        ("Missing m", "does not hold the definition of a/msg/Missing"),
+        ("wstring w", "wstring"),
+        ("]]]", "not understood"),
+    ],
+)
+def test_definitions_that_cannot_be_read_say_why(text, words):
+    with pytest.raises(DefinitionError, match=words):
+        parse_definition("a/A", text, "msg", False)
+
+
+def test_damaged_messages_are_left_out():
+    store = STORES[False]
+    rng = np.random.default_rng(3)
+    name = "sensor_msgs/msg/JointState"
+    message = serialise(store, make(rng, store, name), name, False)
+    root = parse_definition(name, "", "", False)
+    huge = bytearray(message)
+    huge[12:16] = b"\xff\xff\xff\x7f"  # length of the frame's name
+    bad = [message[:-9], b"", message + bytes(8), bytes(huge), b"\0\7\0\0" + message[4:]]
+    decoded = RosDecoder(root, True, "j", None).decode([*bad, message])
+    assert decoded.good.tolist() == [False] * 5 + [True]
+    for raw in bad:
+        with pytest.raises(DamagedMessageError):
+            learn(raw, root, True)
+
+
+def test_more_shapes_than_are_remembered():
+    root = parse_definition("a/B", "uint8 n\nfloat64[] values\nstring tail", "msg", True)
+    rng = np.random.default_rng(4)
+    shapes = [(int(a), int(b)) for a, b in rng.integers(0, 30, (6 * MAX_LAYOUTS, 2))]
+    raws = []
+    for count, tail in shapes:
+        values = np.arange(count, dtype="<f8") + tail
+        raws.append(
+            bytes([count]) + np.array([count], "<u4").tobytes() + values.tobytes()
+            + np.array([tail], "<u4").tobytes() + b"x" * tail
+        )  # fmt: skip
+    decoded = RosDecoder(root, False, "b", None).decode(raws)
+    assert decoded.good.all()
+    assert decoded.columns["b.n"].tolist() == [count for count, _ in shapes]
+    for i in range(30):
+        expected = [i + tail if i < count else np.nan for count, tail in shapes]
+        got = decoded.columns.get(f"b.values[{i}]", np.full(len(raws), np.nan))
+        np.testing.assert_array_equal(got, expected)
+
+
+def test_only_wanted_fields_are_kept():
+    store = STORES[False]
+    name = "sensor_msgs/msg/Imu"
+    raw = serialise(store, make(np.random.default_rng(5), store, name), name, False)
+    root = parse_definition(name, "", "", False)
+    decoded = RosDecoder(root, True, "/imu", {"/imu.orientation.w"}).decode([raw])
+    assert list(decoded.columns) == ["/imu.orientation.w"]

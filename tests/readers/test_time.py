@@ -1,0 +1,104 @@
+"""Which clock a stream is on, and its order."""
+
+from __future__ import annotations
+
+from itertools import pairwise
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from write_logs import MS, START, McapLog, joint_state
+
+from vsalog.errors import ReadError
+from vsalog.readers import read
+from vsalog.readers.timing import ONE_DAY, choose_clock, implausible, put_in_order
+
+
+def log_of(tmp_path, stamps, values=None, log_times=None):
+    log = McapLog()
+    for i, stamp in enumerate(stamps):
+        time = START + i * MS if log_times is None else log_times[i]
+        value = i if values is None else values[i]
+        log.add("/j", joint_state(stamp, ["a"], [value]), time)
+    return log.save(tmp_path / "log")
+
+
+@pytest.mark.parametrize(
+    ("stamps", "words"),
+    [
+        ([0, 0, 0, 0], "all zero"),
+        ([START, 0, START + 2 * MS, START], "1 of its 4 header stamps are zero"),
+        ([10 * MS, 11 * MS, 12 * MS, 13 * MS], "before the year 2000"),
+        ([START - 2 * ONE_DAY + i for i in range(4)], "more than a day apart"),
+        ([START] * 4, "all the same"),
+    ],
+)
+def test_implausible_stamps_give_way_to_log_time_for_the_whole_stream(tmp_path, stamps, words):
+    recording = read(log_of(tmp_path, stamps))
+    stream = recording.streams["/j"]
+    assert stream.time_source == "log"
+    assert words in stream.time_reason
+    assert any(words in note for note in recording.notes)
+    np.testing.assert_array_equal(recording.channel("/j.position[a]").stamps, START + np.arange(4) * MS)
+
+
+def test_a_clock_can_be_insisted_on(tmp_path):
+    path = log_of(tmp_path, [5, 6, 7])
+    assert read(path, time="header").channel("/j.position[a]").stamps.tolist() == [5, 6, 7]
+    assert read(path, time="publish").streams["/j"].time_source == "publish"
+    with pytest.raises(ReadError, match="time is one of"):
+        read(path, time="noon")
+
+
+def test_a_simulated_log_counts_from_its_start(tmp_path):
+    stamps = [i * MS for i in range(5)]
+    recording = read(log_of(tmp_path, stamps, log_times=[s + 10 for s in stamps]))
+    assert recording.streams["/j"].time_source == "header"
+    assert not recording.absolute_time
+    assert recording.channel("/j.position[a]").stamps.tolist() == stamps
+
+
+def test_streams_without_a_header_say_so_only_where_one_was_asked_for():
+    clocks = {"log": np.arange(3), "publish": np.arange(3)}
+    assert choose_clock(clocks, "auto").reason == ""
+    assert choose_clock(clocks, "header").reason == "it has no header time"
+    assert choose_clock({"column": np.arange(3)}, "log").source == "column"
+
+
+def test_order_duplicates_and_conflicts(tmp_path):
+    stamps = [START + t * MS for t in (0, 2, 1, 2, 2, 3)]
+    recording = read(log_of(tmp_path, stamps, values=[0, 20, 10, 20, 99, 30]))
+    stream = recording.streams["/j"]
+    assert (stream.count, stream.inversions, stream.duplicates, stream.conflicts) == (4, 1, 1, 1)
+    channel = recording.channel("/j.position[a]")
+    np.testing.assert_array_equal(channel.stamps, START + np.arange(4) * MS)
+    np.testing.assert_array_equal(channel.values, [0, 10, 20, 30])
+    assert len(recording.notes) == 3
+
+
+def test_plausible_stamps_have_no_reason():
+    log = START + np.arange(5) * MS
+    assert implausible(log - 1000, log) == ""
+    assert implausible(log[:0], log[:0]) == ""
+
+
+@given(st.lists(st.tuples(st.integers(-5, 5), st.sampled_from([0.0, 1.0, float("nan")])), max_size=60))
+def test_order_keeps_the_first_of_each_stamp(samples):
+    stamps = np.array([s for s, _ in samples], dtype=np.int64)
+    values = np.array([v for _, v in samples], dtype=np.float64)
+    order = put_in_order(stamps, [values])
+    kept = slice(None) if order.keep is None else order.keep
+    first = {}
+    duplicates = conflicts = 0
+    for stamp, value in samples:
+        if stamp not in first:
+            first[stamp] = value
+        elif np.array_equal([value], [first[stamp]], equal_nan=True):
+            duplicates += 1
+        else:
+            conflicts += 1
+    assert stamps[kept].tolist() == sorted(first)
+    np.testing.assert_array_equal(values[kept], [first[s] for s in sorted(first)])
+    assert (order.duplicates, order.conflicts) == (duplicates, conflicts)
+    assert order.inversions == sum(b < a for a, b in pairwise(stamps))
