@@ -24,6 +24,8 @@ Table = dict[str, Any]
 
 MAX_NAME = 200
 
+_TORQUE_OF_CURRENT = "give the torque it makes on the joint's side: current × torque_constant × gear_ratio"
+
 # What to do about a value that cannot be, by the key's name.
 _HINTS = {
     "inertia": "leave the key out where it is not known",
@@ -123,7 +125,7 @@ def _struct(value: Table, kind: inspect.StructType, path: Path) -> Table:
         elif key not in fields:
             _refuse_key(key, kind, path)
         elif key == "signals":
-            result[key] = _signals(_table(item, (*path, key)), fields[key].type, (*path, key))
+            result[key] = _signals(_table(item, (*path, key)), fields[key].type, value, (*path, key))
         elif key == "run":
             result[key] = _runs(item, fields[key].type, value, (*path, key))
         else:
@@ -148,14 +150,19 @@ def _of_kind(kind: inspect.StructType) -> str:
     return f' in {what} "{kind.tag}"'
 
 
-def _signals(value: Table, kind: inspect.Type, path: Path) -> Table:
+def _signals(value: Table, kind: inspect.Type, joint: Table, path: Path) -> Table:
     assert isinstance(kind, inspect.StructType)
     roles = [f.encode_name for f in kind.fields]
     for role in value:
         if role not in roles:
             hint = did_you_mean(role, roles) or f"; the roles of this joint are {', '.join(roles)}"
             refuse((*path, role), f"there is no such role in this kind of joint{hint}")
-    return {role: _signal(item, role, kind, (*path, role)) for role, item in value.items()}
+    checked = {role: _signal(item, role, kind, (*path, role)) for role, item in value.items()}
+    setpoint = checked.get("setpoint")
+    if isinstance(setpoint, dict) and "constant" in setpoint and setpoint.get("unit") == "rad":
+        arm = _lever_arm(setpoint["constant"], joint, (*path, "setpoint"))
+        checked["setpoint"] = setpoint if arm is None else {"constant": arm, "unit": "m"}
+    return checked
 
 
 def _signal(value: Any, role: str, signals: inspect.StructType, path: Path) -> Any:
@@ -183,6 +190,9 @@ def _signal_table(value: Table, kind: inspect.StructType, units: tuple[str, ...]
     if "unit" in value:
         _unit(value["unit"], units, (*path, "unit"))
     if "constant" in value:
+        idle = [key for key in ("side", "sign", "offset", "resolution") if key in value]
+        if idle:
+            refuse((*path, idle[0]), "does nothing beside a constant; write the constant as it is on the joint's side")
         plain.update(_constant(value, units, (*path, "constant")))
     for key in ("offset", "resolution"):
         if isinstance(value.get(key), str):
@@ -222,6 +232,8 @@ def _constant(signal: Table, units: tuple[str, ...], path: Path) -> Table:
         if unit is None:
             return {"constant": number}
         like = matching(unit, units)
+        if like == "A":
+            refuse(path, f"'{shown(unit)}' is a current; {_TORQUE_OF_CURRENT}")
         return {"constant": number * si_factor(unit, like), "unit": like}
     except UnitError as error:
         refuse(path, str(error))
@@ -246,23 +258,29 @@ def _runs(value: Any, kind: inspect.Type, joint: Table, path: Path) -> list[Tabl
     runs: list[Table] = _list(value, kind, path)
     for i, run in enumerate(runs):
         if isinstance(run.get("setpoint"), str):
-            run["setpoint"] = _run_setpoint(run["setpoint"], joint.get("lever"), (*path, f"[{i}]", "setpoint"))
+            run["setpoint"] = _run_setpoint(run["setpoint"], joint, (*path, f"[{i}]", "setpoint"))
     return runs
 
 
-def _run_setpoint(text: str, lever: Any, path: Path) -> float:
+def _run_setpoint(text: str, joint: Table, path: Path) -> float:
     """Return a run's set-point in SI: the lever arm r where the joint has a lever, even if an angle was given."""
     try:
         _, unit = split_quantity(text)
         like = matching(unit, role_units("setpoint"))
         number = parse_quantity(text, like)
-        if like == "rad" and isinstance(lever, dict) and {"start", "travel"} <= set(lever):
-            start = _si(lever["start"], ("m",), path)
-            travel = _si(lever["travel"], ("m/rad",), path)
-            return float(start) - float(travel) * number
-        return number
     except UnitError as error:
         refuse(path, str(error))
+    arm = _lever_arm(number, joint, path) if like == "rad" else None
+    return number if arm is None else arm
+
+
+def _lever_arm(angle: float, joint: Table, path: Path) -> float | None:
+    """Return the lever arm r = start − travel · angle [m]; None in a joint without a lever."""
+    lever = joint.get("lever")
+    if not isinstance(lever, dict) or not {"start", "travel"} <= set(lever):
+        return None
+    start = _finite(_si(lever["start"], ("m",), path), path)
+    return start - _finite(_si(lever["travel"], ("m/rad",), path), path) * angle
 
 
 def _si(value: Any, units: tuple[str, ...], path: Path) -> Any:

@@ -165,6 +165,7 @@ class Basis(Base, frozen=True):
     setpoint_order : m, number of powers of the set-point (θ_c or r) each φ-term is multiplied with; 1 without a set-point
     deflection_scale : φ is divided by this before powers are taken [rad]; the log's largest |φ| when absent
     setpoint_scale : the set-point is divided by this [rad or m]; the log's largest when absent
+    branches : fit loading (|φ| grows) and unloading apart, for a transmission with hysteresis
     """
 
     order: Annotated[int, Meta(description="number of terms in the deflection", ge=1, le=20)] = 4
@@ -172,6 +173,7 @@ class Basis(Base, frozen=True):
     setpoint_order: Annotated[int, Meta(description="number of powers of the set-point", ge=1, le=10)] = 3
     deflection_scale: DeflectionScale | None = None
     setpoint_scale: SetpointScale | None = None
+    branches: bool = False
 
 
 class Signal(Base, frozen=True):

@@ -1,0 +1,173 @@
+"""Guessing which joints a log holds and which channel plays which role, each guess with its reasons and how sure it is.
+
+Names come first, then units and message types; the numbers confirm, refute and tell gear ratios and signs. A confidence
+is a person's rough odds, not a probability: 0.9 means "look once", 0.5 means "could as well be something else".
+"""
+
+from __future__ import annotations
+
+from collections import defaultdict
+from collections.abc import Sequence
+
+import msgspec
+
+from vsalog.recording import Recording
+from vsalog.rig.guess_joint import guess_joint
+from vsalog.rig.guess_names import meaning_of
+from vsalog.rig.guess_runs import RunGroup, find_runs
+from vsalog.rig.guess_types import Candidate, Guess, JointGuess, RunGuess
+
+__all__ = ["Guess", "JointGuess", "guess_roles"]
+
+_PLACED = ("position", "deflection")
+
+
+def guess_roles(recording: Recording) -> Guess:
+    """Guess the joints of a log, their kinds and the channels of their roles.
+
+    Parameters
+    ----------
+    recording : with all channels that may matter
+
+    Returns
+    -------
+    joints in the order their names appear in the log; none where nothing looks like a joint's position
+    """
+    runs = find_runs(recording)
+    candidates, warnings = _candidates(recording, runs)
+    joints = []
+    for name, group in _by_joint(candidates).items():
+        if any(c.meaning.quantity in _PLACED for c in group):
+            joints.append(guess_joint(name, group, bool(runs and runs.numbers)))
+        else:
+            names = ", ".join(f"'{c.channel.name}'" for c in group[:4])
+            warnings.append(f"{names}: no position beside it, so it belongs to no joint that could be told")
+    if runs is not None:
+        joints = [_with_runs(joint, runs) for joint in joints]
+        warnings.extend(_left_out(runs))
+    return Guess(tuple(joints), tuple(warnings))
+
+
+def _candidates(recording: Recording, runs: RunGroup | None) -> tuple[list[Candidate], list[str]]:
+    """Return the channels that may have a role, those of the runs once; and what was passed over."""
+    clockless = {name for name, stream in recording.streams.items() if stream.time_source == "none"}
+    warnings = []
+    if clockless and clockless == set(recording.streams):
+        warnings.append("there is no time column: give the sample rate with --rate, in Hz")
+        clockless = set()
+    elif clockless:
+        warnings.append(f"{_quoted(sorted(clockless))}: no time column, passed over")
+    skipped = clockless | (set(runs.streams[1:]) | set(runs.left_out) if runs else set())
+    found = []
+    for channel in recording.channels.values():
+        if channel.stream in skipped:
+            continue
+        is_run = runs is not None and channel.stream == runs.streams[0]
+        meaning = meaning_of(channel, with_stream=not is_run)
+        if meaning.quantity != "other":
+            found.append(Candidate(channel, meaning))
+    return found, warnings
+
+
+def _by_joint(candidates: list[Candidate]) -> dict[str, list[Candidate]]:
+    """Group candidates by the joint their names name."""
+    groups: dict[str, list[Candidate]] = defaultdict(list)
+    for candidate in candidates:
+        groups["_".join(candidate.meaning.joint)].append(candidate)
+    _merge_strays(groups)
+    _merge_nameless(groups)
+    return _named(_split_numbered(groups))
+
+
+def _merge_strays(groups: dict[str, list[Candidate]]) -> None:
+    """A word that only one channel has ("angleJIM") names no joint, unless a message gave the name."""
+    strays = [
+        key
+        for key, group in groups.items()
+        if key and len(group) == 1 and not group[0].meaning.label and len(groups) > 1
+    ]
+    # A log with one position per joint and nothing else has as many words as channels: these are names.
+    if len(strays) == len(groups):
+        return
+    for key in strays:
+        groups[""].extend(groups.pop(key))
+
+
+def _merge_nameless(groups: dict[str, list[Candidate]]) -> None:
+    """What names no joint belongs to the only one that is named."""
+    named = [key for key in groups if key]
+    if len(named) != 1 or not groups.get(""):
+        return
+    has_position = {key: any(c.meaning.quantity in _PLACED for c in groups[key]) for key in ("", named[0])}
+    if has_position[""] and has_position[named[0]]:
+        return
+    target = named[0] if has_position[named[0]] else ""
+    source = "" if target else named[0]
+    groups[target].extend(groups.pop(source))
+
+
+def _split_numbered(groups: dict[str, list[Candidate]]) -> dict[str, list[Candidate]]:
+    """Split a group whose links are numbered (q1, q2): the numbers count joints, not the motors of one joint."""
+    split: dict[str, list[Candidate]] = {}
+    for key, group in groups.items():
+        links = _numbers(group, "link")
+        motors = _numbers(group, "motor")
+        if len(links) < 2 and len(motors) < 3:
+            split[key] = group
+            continue
+        for candidate in group:
+            number = candidate.meaning.index
+            name = key if number is None else f"{key}_{number}" if key else f"joint_{number}"
+            split.setdefault(name, []).append(candidate)
+    return split
+
+
+def _numbers(group: list[Candidate], part: str) -> set[int]:
+    return {
+        c.meaning.index
+        for c in group
+        if c.meaning.part == part and c.meaning.quantity == "position" and c.meaning.index is not None
+    }
+
+
+def _named(groups: dict[str, list[Candidate]]) -> dict[str, list[Candidate]]:
+    """Name each group: by the one label all its channels have, else by the words left, else ``joint``."""
+    named: dict[str, list[Candidate]] = {}
+    for key, group in groups.items():
+        labels = {c.meaning.label for c in group}
+        label = labels.pop() if len(labels) == 1 else ""
+        is_whole = label and not any(c.meaning.part for c in group)
+        name = label if is_whole else key or "joint"
+        while name in named:
+            name += "_"
+        named[name] = group
+    return named
+
+
+def _with_runs(joint: JointGuess, runs: RunGroup) -> JointGuess:
+    """Replace the first run's name by ``{run}`` in the channels, and list the runs."""
+    first = runs.streams[0]
+    roles = {}
+    is_in_runs = False
+    for role, guess in joint.roles.items():
+        if guess.channel.startswith(first + "."):
+            is_in_runs = True
+            guess = msgspec.structs.replace(guess, channel=runs.template + guess.channel[len(first) :])
+        roles[role] = guess
+    if not is_in_runs:
+        return joint
+    numbers: Sequence[float | None] = runs.numbers or (None,) * len(runs.names)
+    listed = tuple(RunGuess(name, number) for name, number in zip(runs.names, numbers, strict=True))
+    missing = {role: why for role, why in joint.missing.items() if role != "setpoint" or not runs.numbers}
+    return msgspec.structs.replace(joint, roles=roles, runs=listed, missing=missing)
+
+
+def _left_out(runs: RunGroup) -> list[str]:
+    if not runs.left_out:
+        return []
+    return [f"{_quoted(runs.left_out)}: named differently from the runs '{runs.template}', left out"]
+
+
+def _quoted(names: Sequence[str], most: int = 6) -> str:
+    shown = ", ".join(f"'{name}'" for name in names[:most])
+    return shown if len(names) <= most else f"{shown} and {len(names) - most} more"

@@ -1,0 +1,105 @@
+"""What the numbers say about a joint's roles: gear ratio, signs, and torques that are no measurement."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+
+import msgspec
+
+from vsalog.recording import Channel
+from vsalog.rig import guess_data
+from vsalog.rig.guess_data import Line
+from vsalog.rig.guess_types import Kind, RoleGuess
+
+# The motor's range over the link's from which on a gear is likelier than a deflection.
+GEARED = 1.5
+SURE_SIGN = 0.8
+
+
+@dataclass(slots=True)
+class Checked:
+    """Roles with sides and signs filled in, and what was noticed."""
+
+    roles: dict[str, RoleGuess]
+    gear_ratio: float | None = None
+    warnings: list[str] = field(default_factory=list)
+
+
+def confirm(roles: Mapping[str, RoleGuess], channels: Mapping[str, Channel], kind: Kind) -> Checked:
+    """Return the roles with side and sign as the numbers show them.
+
+    Parameters
+    ----------
+    roles : by name
+    channels : role → channel
+    kind : of the joint; an antagonistic joint's motors may well move against the link
+    """
+    checked = Checked(dict(roles))
+    if kind != "antagonistic":
+        _gear(checked, channels)
+    for suffix in ("", "_1", "_2"):
+        if f"torque_sensor{suffix}" in checked.roles:
+            _torque(checked, channels, suffix)
+    return checked
+
+
+def _gear(checked: Checked, channels: Mapping[str, Channel]) -> None:
+    """Tell a gear between the two positions, and a motor that counts the other way round."""
+    if "motor_position" not in channels or "link_position" not in channels:
+        return
+    found = guess_data.gear_between(channels["motor_position"], channels["link_position"])
+    if found is None or found.slope == 0.0:
+        return
+    guess = checked.roles["motor_position"]
+    if found.slope < 0.0:
+        guess = _changed(guess, "it moves against the link", sign=-1)
+    ratio = 1.0 / abs(found.slope)
+    if ratio > GEARED:
+        checked.gear_ratio = float(f"{ratio:.4g}")
+        guess = _changed(guess, f"it moves {ratio:.4g} times as far as the link: before the gear", side="rotor")
+        checked.warnings.append(
+            f"the gear ratio {checked.gear_ratio:g} was read off the ranges of motor and link; look up the true one, for"
+            " an error in it looks like a deflection"
+        )
+    checked.roles["motor_position"] = guess
+
+
+def _torque(checked: Checked, channels: Mapping[str, Channel], suffix: str) -> None:
+    """Tell a torque that was computed from the deflection, and one that counts the other way round."""
+    role = f"torque_sensor{suffix}"
+    torque = channels[role]
+    name, line = _over_deflection(torque, checked, channels, suffix)
+    if line is None:
+        return
+    guess = checked.roles[role]
+    if line.residual < guess_data.EXACT:
+        checked.warnings.append(
+            f"'{torque.name}' is exactly {line.slope:.4g} × {name}: it was computed from it, so it is no independent"
+            " measurement of the torque and cannot tell or confirm a stiffness"
+        )
+        guess = msgspec.structs.replace(guess, confidence=round(guess.confidence * 0.6, 2))
+    if line.correlation < -SURE_SIGN:
+        guess = _changed(guess, f"it falls with {name}, while τ_e = k (q − θ) rises", sign=-1)
+    elif line.correlation > SURE_SIGN:
+        guess = _changed(guess, f"it rises with {name}")
+    checked.roles[role] = guess
+
+
+def _over_deflection(
+    torque: Channel, checked: Checked, channels: Mapping[str, Channel], suffix: str
+) -> tuple[str, Line | None]:
+    """Fit the torque over the recorded deflection, or over link minus motor."""
+    deflection = channels.get(f"deflection{suffix}")
+    if deflection is not None:
+        return f"'{deflection.name}'", guess_data.torque_over_deflection(torque, deflection)
+    motor, link = channels.get(f"motor_position{suffix}"), channels.get("link_position")
+    # A gear ratio read off the ranges is too rough to tell a deflection from.
+    if motor is None or link is None or checked.gear_ratio is not None:
+        return "", None
+    sign = checked.roles[f"motor_position{suffix}"].sign
+    return "link − motor position", guess_data.torque_over_difference(torque, link, motor, float(sign))
+
+
+def _changed(guess: RoleGuess, reason: str, **fields: object) -> RoleGuess:
+    return msgspec.structs.replace(guess, reasons=(*guess.reasons, reason), **fields)

@@ -1,0 +1,120 @@
+"""What a recording's numbers say about guesses that were made from names."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vsalog.recording import Channel
+
+Array = NDArray[np.float64]
+
+# More samples make a correlation no surer.
+MAX_SAMPLES = 20_000
+# Below this relative residual one channel was computed from the other: no two sensors agree to a part in a thousand.
+EXACT = 1e-3
+
+
+@dataclass(frozen=True, slots=True)
+class Line:
+    """Least-squares line y = slope · x + intercept.
+
+    Attributes
+    ----------
+    slope, intercept : of the line
+    correlation : of x and y, −1 … 1
+    residual : rms of what the line leaves, relative to the spread of y
+    """
+
+    slope: float
+    intercept: float
+    correlation: float
+    residual: float
+
+
+def is_constant(channel: Channel) -> bool:
+    """Tell whether a channel never changes, or holds no number at all."""
+    finite = channel.values[np.isfinite(channel.values)]
+    return finite.size == 0 or float(np.ptp(finite)) <= 1e-12 * float(np.abs(finite).max(initial=0.0))
+
+
+def span(channel: Channel) -> float:
+    """Return largest minus smallest value; 0 where there is none."""
+    finite = channel.values[np.isfinite(channel.values)]
+    return float(np.ptp(finite)) if finite.size else 0.0
+
+
+def looks_like_counts(channel: Channel) -> bool:
+    """Tell whether an angle without a unit is more likely raw counts: whole numbers, or far beyond a few turns."""
+    finite = channel.values[np.isfinite(channel.values)]
+    if finite.size == 0 or channel.unit:
+        return False
+    return bool(np.all(finite == np.round(finite))) and float(np.ptp(finite)) > 6.0
+
+
+def together(*channels: Channel) -> tuple[Array, ...]:
+    """Return the channels' values at the same instants, at most `MAX_SAMPLES`, rows with a NaN left out.
+
+    The first channel's stamps are used; the others are interpolated where they are on another clock.
+    """
+    base = channels[0].stamps
+    if any(c.stamps.size == 0 for c in channels):
+        return tuple(np.empty(0) for _ in channels)
+    step = max(1, base.size // MAX_SAMPLES)
+    rows = []
+    for channel in channels:
+        if channel.stamps is base or np.array_equal(channel.stamps, base):
+            rows.append(channel.values[::step])
+        else:
+            origin = base[0]
+            at, known = (base[::step] - origin).astype(np.float64), (channel.stamps - origin).astype(np.float64)
+            rows.append(np.interp(at, known, channel.values, left=np.nan, right=np.nan))
+    usable = np.all(np.isfinite(np.vstack(rows)), axis=0)
+    return tuple(row[usable] for row in rows)
+
+
+def line(x: Array, y: Array) -> Line | None:
+    """Fit a line; None where there is too little to fit, or one of them never changes."""
+    if x.size < 10:
+        return None
+    dx, dy = x - x.mean(), y - y.mean()
+    sx, sy = float(np.sqrt(np.mean(dx**2))), float(np.sqrt(np.mean(dy**2)))
+    if sx <= 1e-12 * float(np.abs(x).max()) or sy <= 1e-12 * float(np.abs(y).max()):
+        return None
+    # Normalised first: the raw products of a deflection of 1e-9 rad would be lost in rounding.
+    correlation = float(np.mean((dx / sx) * (dy / sy)))
+    residual = float(np.sqrt(np.mean((dy / sy - correlation * dx / sx) ** 2)))
+    slope = correlation * sy / sx
+    return Line(slope, float(y.mean() - slope * x.mean()), correlation, residual)
+
+
+def gear_between(motor: Channel, link: Channel) -> Line | None:
+    """Return link = slope · motor + intercept when the two clearly move together, else None."""
+    found = line(*together(motor, link))
+    return found if found is not None and abs(found.correlation) > 0.9 else None
+
+
+def multiple_of(y: Channel, x: Channel) -> float | None:
+    """Return the factor when `y` is exactly a multiple of `x` (plus an offset), so that it was computed from it."""
+    found = line(*together(x, y))
+    return found.slope if found is not None and found.residual < EXACT else None
+
+
+def multiple_of_difference(y: Channel, link: Channel, motor: Channel, gear: float) -> float | None:
+    """Return the factor when `y` is exactly a multiple of link − motor / gear."""
+    values, q, theta = together(y, link, motor)
+    found = line(q - theta / gear, values)
+    return found.slope if found is not None and found.residual < EXACT else None
+
+
+def torque_over_deflection(torque: Channel, deflection: Channel) -> Line | None:
+    """Return torque = slope · deflection + …, None where nothing can be fitted."""
+    return line(*together(deflection, torque))
+
+
+def torque_over_difference(torque: Channel, link: Channel, motor: Channel, gear: float) -> Line | None:
+    """Return torque = slope · (link − motor / gear) + …, None where nothing can be fitted."""
+    values, q, theta = together(torque, link, motor)
+    return line(q - theta / gear, values)

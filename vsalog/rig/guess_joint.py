@@ -1,0 +1,257 @@
+"""Guessing one joint: the roles of its channels by name, then what the numbers say."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+from vsalog.recording import Channel
+from vsalog.rig import guess_data
+from vsalog.rig.guess_checks import confirm
+from vsalog.rig.guess_types import Candidate, JointGuess, Kind, RoleGuess
+from vsalog.rig.schema import AntagonisticSignals, SerialSignals, SingleSignals
+
+_ROLES: dict[str, tuple[str, ...]] = {
+    "rigid": SingleSignals.__struct_fields__,
+    "elastic": SingleSignals.__struct_fields__,
+    "serial": SerialSignals.__struct_fields__,
+    "antagonistic": AntagonisticSignals.__struct_fields__,
+}
+
+# A torque that follows an angle this closely is a spring's.
+SPRING_CORRELATION = 0.7
+
+
+@dataclass(frozen=True, slots=True)
+class _Option:
+    """A role a channel could have."""
+
+    role: str
+    candidate: Candidate
+    confidence: float
+    reason: str
+    unit: str | None = None
+
+
+def guess_joint(name: str, group: list[Candidate], has_set_runs: bool) -> JointGuess:
+    """Guess kind and roles of one joint.
+
+    Parameters
+    ----------
+    name : of the joint
+    group : the channels whose names say that they are this joint's
+    has_set_runs : the log holds runs whose names give a set-point
+    """
+    moving, still = _without_constants(group)
+    warnings: list[str] = []
+    numbers = _motor_numbers(moving)
+    options = [option for c in moving for option in _options(c, moving)]
+    if len(numbers) == 2:
+        options = list(_numbered(options, numbers))
+    chosen = _choose(options)
+    chosen = _spring_at_rest(chosen, moving)
+    kind, confidence, reason = _kind(chosen, numbers, has_set_runs)
+    channels = {role: option.candidate.channel for role, option in chosen.items() if role in _ROLES[kind]}
+    roles = {role: _role_guess(chosen[role], warnings) for role in _ROLES[kind] if role in channels}
+    checked = confirm(roles, channels, kind)
+    warnings.extend(checked.warnings)
+    if kind == "antagonistic" and confidence < 0.7:
+        warnings.append(
+            'two motors may be antagonists, or a main motor and one that sets the stiffness (then kind = "serial")'
+        )
+    if not any(role.startswith(("motor_torque", "torque_sensor")) for role in roles):
+        warnings.append("there is no torque and no motor current, so no stiffness can be estimated from this log alone")
+    missing = {role: _why_missing(role, kind, roles, still, moving) for role in _ROLES[kind] if role not in roles}
+    return JointGuess(name, kind, reason, confidence, checked.roles, missing, checked.gear_ratio, (), tuple(warnings))
+
+
+def _without_constants(group: list[Candidate]) -> tuple[list[Candidate], list[Candidate]]:
+    """Set channels apart that never change: no position or torque, though a set-point may stand still."""
+    still = [c for c in group if c.meaning.quantity != "setpoint" and guess_data.is_constant(c.channel)]
+    return [c for c in group if c not in still], still
+
+
+def _motor_numbers(group: list[Candidate]) -> list[int]:
+    """Return the numbers of the motors (or deflections) that the names count, in order."""
+    return sorted(
+        {
+            c.meaning.index
+            for c in group
+            if c.meaning.index is not None
+            and (c.meaning.quantity == "deflection" or (c.meaning.part == "motor" and c.meaning.quantity == "position"))
+        }
+    )
+
+
+def _options(candidate: Candidate, group: list[Candidate]) -> Iterator[_Option]:
+    """Yield the roles a channel could have, judged by its name."""
+    meaning, channel = candidate.meaning, candidate.channel
+    less = 0.25 if meaning.in_command_topic else 0.0
+    less += 0.05 if meaning.joint and not meaning.label and len(group) > 1 else 0.0
+    for role, confidence, reason, unit in _by_name(candidate, group):
+        if guess_data.looks_like_counts(channel) and role != "setpoint":
+            less += 0.3
+        yield _Option(role, candidate, round(max(confidence - less, 0.05), 2), reason, unit)
+
+
+def _by_name(candidate: Candidate, group: list[Candidate]) -> Iterator[tuple[str, float, str, str | None]]:
+    meaning, channel = candidate.meaning, candidate.channel
+    part = meaning.part
+    if meaning.quantity == "deflection":
+        yield "deflection", 0.9, "its name says so", None
+    elif meaning.quantity == "setpoint":
+        yield "setpoint", 0.6, "its name is that of a set-point", None
+    elif meaning.quantity == "position":
+        yield _position(part, group)
+    elif meaning.quantity == "current" and part in ("", "motor"):
+        unit = None if channel.unit else "A"
+        sure = 0.5 if part else 0.35
+        yield (
+            "motor_torque",
+            sure,
+            f"a {part or ''} current; the torque constant makes it a torque".replace("  ", " "),
+            unit,
+        )
+    elif meaning.quantity == "torque":
+        yield from _torque(part, channel)
+
+
+def _position(part: str, group: list[Candidate]) -> tuple[str, float, str, str | None]:
+    if part == "motor":
+        return "motor_position", 0.9, "its name says motor and position", None
+    if part == "secondary":
+        return "setpoint", 0.8, "the secondary motor's position sets the stiffness", None
+    if part == "link":
+        return "link_position", 0.85, "its name says the joint's or link's position", None
+    beside = any(c.meaning.part == "motor" or c.meaning.quantity == "deflection" for c in group)
+    if beside:
+        return "link_position", 0.7, "a position beside the motor's", None
+    return "link_position", 0.5, "the only position of this joint", None
+
+
+def _torque(part: str, channel: Channel) -> Iterator[tuple[str, float, str, str | None]]:
+    if part == "motor":
+        yield "motor_torque", 0.85, "its name says motor and torque", None
+    elif part == "sensor":
+        yield "torque_sensor", 0.85, "its name says a sensor's or the transmission's torque", None
+    elif part == "link":
+        yield "torque_sensor", 0.6, "a torque on the link's side", None
+    elif part == "" and channel.type.endswith("JointState"):
+        yield "motor_torque", 0.45, "a JointState's effort is the actuator's by convention", None
+        yield "torque_sensor", 0.4, "a JointState's effort may be measured", None
+    elif part == "":
+        yield "torque_sensor", 0.5, "a torque, its name does not say whose", None
+        yield "motor_torque", 0.4, "a torque, its name does not say whose", None
+
+
+def _numbered(options: list[_Option], numbers: list[int]) -> Iterator[_Option]:
+    """Give roles the numbers 1 and 2 of an antagonistic joint's motors and transmissions."""
+    for option in options:
+        number = option.candidate.meaning.index
+        role = option.role
+        if role in ("link_position", "setpoint") or (role == "torque_sensor" and number is None):
+            yield option
+        elif number in numbers:
+            yield _Option(
+                f"{role}_{numbers.index(number) + 1}",
+                option.candidate,
+                option.confidence,
+                option.reason,
+                option.unit,
+            )
+
+
+def _choose(options: list[_Option]) -> dict[str, _Option]:
+    """Give each role the surest channel and each channel one role; the shorter name wins a draw."""
+    ordered = sorted(options, key=lambda o: (-o.confidence, _spread_rank(o), len(o.candidate.channel.name)))
+    chosen: dict[str, _Option] = {}
+    taken: set[str] = set()
+    for option in ordered:
+        if option.role not in chosen and option.candidate.channel.name not in taken:
+            chosen[option.role] = option
+            taken.add(option.candidate.channel.name)
+    return chosen
+
+
+def _spread_rank(option: _Option) -> float:
+    """Of a wrench's three axes the one that moves most is the joint's."""
+    return -guess_data.span(option.candidate.channel) if ".torque." in option.candidate.channel.name else 0.0
+
+
+def _spring_at_rest(chosen: dict[str, _Option], group: list[Candidate]) -> dict[str, _Option]:
+    """Take a lone angle as the deflection where a torque follows it: a spring held still at its other end.
+
+    Not for a JointState: there gravity makes the torque follow the angle.
+    """
+    position, torque = chosen.get("link_position"), chosen.get("torque_sensor")
+    others = {"motor_position", "deflection"} & set(chosen)
+    if position is None or torque is None or others or position.candidate.channel.type.endswith("JointState"):
+        return chosen
+    follows = guess_data.torque_over_deflection(torque.candidate.channel, position.candidate.channel)
+    if follows is None or abs(follows.correlation) < SPRING_CORRELATION:
+        return chosen
+    reason = (
+        f"the only angle, and the torque follows it (correlation {follows.correlation:.2f}) as a spring's does that is"
+        " held still at its other end"
+    )
+    spring = _Option("deflection", position.candidate, 0.5, reason, position.unit)
+    return {"deflection": spring, **{role: o for role, o in chosen.items() if role != "link_position"}}
+
+
+def _kind(chosen: dict[str, _Option], numbers: list[int], has_set_runs: bool) -> tuple[Kind, float, str]:
+    """Return the joint's kind, how sure that is, and why."""
+    if len(numbers) == 2:
+        both_torques = {"motor_torque_1", "motor_torque_2"} <= set(chosen) or {
+            "torque_sensor_1",
+            "torque_sensor_2",
+        } <= set(chosen)
+        return "antagonistic", 0.85 if both_torques else 0.5, "its names count two motors"
+    has_deflection = "deflection" in chosen or {"motor_position", "link_position"} <= set(chosen)
+    if has_deflection and "setpoint" in chosen:
+        return "serial", 0.8, "there is a deflection, and a set-point that may change the stiffness"
+    if has_deflection and has_set_runs:
+        return "serial", 0.7, "there is a deflection, and runs whose names give a set-point"
+    if has_deflection:
+        return "elastic", 0.8, "there is a deflection and no set-point"
+    return "rigid", 0.6, "there is one position only, so no deflection"
+
+
+def _role_guess(option: _Option, warnings: list[str]) -> RoleGuess:
+    channel = option.candidate.channel
+    if guess_data.looks_like_counts(channel):
+        warnings.append(
+            f"'{channel.name}' has whole numbers only and no unit: raw counts, perhaps; they need a unit to be an angle"
+        )
+    return RoleGuess(channel.name, option.confidence, (option.reason,), option.unit)
+
+
+def _why_missing(
+    role: str, kind: Kind, roles: dict[str, RoleGuess], still: list[Candidate], moving: list[Candidate]
+) -> str:
+    """Say why a role has no channel, and whether that matters."""
+    base = role.removesuffix("_1").removesuffix("_2")
+    constant = [c.channel.name for c in still if _could_be(base, c)]
+    if constant:
+        return f"not found: '{constant[0]}' never changes"
+    if kind == "rigid" and base in ("motor_position", "deflection"):
+        return "not found: a second position, on the motor's side of the spring, is what a stiffness needs"
+    if base == "deflection":
+        return "not needed where both positions are recorded" if _has_both(role, roles) else "not found"
+    if base in ("motor_position", "link_position") and role.replace(base, "deflection") in roles:
+        return "not found; not needed beside the deflection unless the motor's inertia matters"
+    if role == "torque_sensor" and kind == "antagonistic":
+        return "not found: one sensor for the whole joint"
+    if base == "motor_torque":
+        return "not found: neither a motor torque nor a motor current"
+    if base == "torque_sensor":
+        return "not found; not needed where motor torque and inertia are known"
+    return "not found"
+
+
+def _has_both(role: str, roles: dict[str, RoleGuess]) -> bool:
+    return role.replace("deflection", "motor_position") in roles and "link_position" in roles
+
+
+def _could_be(base: str, candidate: Candidate) -> bool:
+    """Tell whether a channel that stands still would have been this role's."""
+    return any(role == base for role, *_ in _by_name(candidate, []))

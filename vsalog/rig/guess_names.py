@@ -1,0 +1,205 @@
+"""What a channel's name, unit and message type say about what it measures."""
+
+from __future__ import annotations
+
+import re
+from dataclasses import dataclass
+
+from vsalog.errors import UnitError
+from vsalog.recording import Channel
+from vsalog.units import kind_of, parse_unit
+
+_WORD = re.compile(r"[A-Z]+(?![a-z])|[A-Z]?[a-z]+|\d+|[θφτδ]")
+_GREEK = {"θ": "theta", "φ": "phi", "τ": "tau", "δ": "delta"}
+
+
+def _words(text: str) -> frozenset[str]:
+    return frozenset(text.split())
+
+
+POSITION = _words("position pos angle ang encoder enc theta q rotation")
+DEFLECTION = _words("deflection defl deformation delta phi twistangle")
+TORQUE = _words("torque torques effort tau moment trq")
+CURRENT = _words("current amps iq")
+SETPOINT = _words("setpoint stiffness lever pretension preload cocontraction slider r")
+COMMAND = _words("command cmd commanded desired des ref reference target goal demand demanded")
+# Derivatives, housekeeping: never a role.
+OTHER = _words(
+    "velocity vel speed omega dq qd ddq qdd rate dot acceleration acc accel jerk gyro temperature temp "
+    "voltage pwm status seq header time timestamp stamp id count counter error err power energy pressure "
+    "force duty frame mode flag"
+)
+MOTOR = _words("motor mot rotor servo actuator primary drive")
+LINK = _words("link output load")
+SENSOR = _words("sensor spring transmission loadcell ft measured meas elastic wrench")
+SECONDARY = _words("secondary stiffener")
+FILLER = _words(
+    "joint joints data state states raw msg field value values x y z side abs absolute sensors stamped topic of the in"
+)
+
+_VOCABULARY = (
+    POSITION | DEFLECTION | TORQUE | CURRENT | SETPOINT | COMMAND | OTHER | MOTOR | LINK | SENSOR | SECONDARY | FILLER
+)
+# A number behind one of these counts the motors or transmissions of a joint.
+_NUMBERED = POSITION | DEFLECTION | TORQUE | CURRENT | MOTOR | LINK | SENSOR | {"m", "c"}
+# Words that stand for a part as well: θ is the motor's angle and q the link's throughout the literature.
+_SYMBOLS = {"theta": "motor", "q": "link"}
+
+_QUANTITY_OF_KIND = {
+    "an angle": "position",
+    "a torque": "torque",
+    "a current": "current",
+    "a plain number": None,
+    "a length": "length",
+}
+
+
+@dataclass(frozen=True, slots=True)
+class Meaning:
+    """What a name says.
+
+    Attributes
+    ----------
+    quantity : ``position``, ``deflection``, ``torque``, ``current``, ``setpoint``, ``length`` or ``other``
+    part : ``motor``, ``link``, ``sensor``, ``secondary`` or ""
+    index : the number behind the part, e.g. 2 of ``motor_2``; None without one
+    joint : the words that are left: the joint's name
+    label : the element's name in a message that names its elements, else ""
+    in_command_topic : the topic's name says that these are commands
+    """
+
+    quantity: str
+    part: str
+    index: int | None
+    joint: tuple[str, ...]
+    label: str
+    in_command_topic: bool
+
+
+def words_of(name: str) -> list[str]:
+    """Split a name into lower-case words: ``servo1_positionRaw`` → servo, 1, position, raw."""
+    words: list[str] = []
+    for found in _WORD.findall(name):
+        word = _GREEK.get(found, found.lower())
+        words.extend(_split_compound(word))
+    return words
+
+
+def meaning_of(channel: Channel, *, with_stream: bool = True) -> Meaning:
+    """Return what a channel's name and unit say; the stream's name counts unless it is a run's name only."""
+    topic, field, label = _parts(channel)
+    topic = topic if with_stream else ""
+    field_words, label_words, topic_words = words_of(field), words_of(label), words_of(topic)
+    quantity = _quantity(field_words, label_words, topic_words, channel.unit)
+    named = label_words if label else [*topic_words, *field_words]
+    part, index, joint = _part(named)
+    if label and not part and any(word in SENSOR for word in topic_words) and quantity == "torque":
+        part = "sensor"
+    if not label and not part and "joint" in named and quantity in ("position", "torque"):
+        part = "link" if quantity == "position" else ""
+    in_command_topic = any(word in COMMAND for word in topic_words)
+    return Meaning(quantity, part, index, tuple(joint), label, in_command_topic)
+
+
+def _parts(channel: Channel) -> tuple[str, str, str]:
+    """Split a full name into topic, field path and the element's label (not an index)."""
+    name = channel.name
+    topic = channel.stream if name.startswith(channel.stream + ".") else ""
+    rest = name[len(topic) + 1 :] if topic else name
+    match = re.fullmatch(r"(.*)\[([^\[\]]*)\]", rest, re.DOTALL)
+    if match is None or match[2].isdigit():
+        return topic, rest, ""
+    return topic, match[1], match[2]
+
+
+def _split_compound(word: str) -> list[str]:
+    """Split ``motorposition``; a word that is in the vocabulary, or whose halves are not, stays whole."""
+    if word in _VOCABULARY or len(word) < 6:
+        return [word]
+    for i in range(3, len(word) - 2):
+        if word[:i] in _VOCABULARY and word[i:] in _VOCABULARY:
+            return [word[:i], word[i:]]
+    return [word]
+
+
+def _quantity(field: list[str], label: list[str], topic: list[str], unit: str | None) -> str:
+    words = [*field, *label]
+    by_unit = _by_unit(unit)
+    # Simulations write what the sensors could not see beside what they saw.
+    is_truth = "truth" in topic
+    if any(word in OTHER for word in field) or by_unit == "other" or _is_command(words) or is_truth:
+        return "other"
+    named = _named_quantity(field) or _named_quantity(label) or _named_quantity(topic)
+    if by_unit == "length":
+        return "setpoint" if named in ("setpoint", "position") and _is_setpoint(words) else "other"
+    if by_unit == "current" and named in (None, "torque"):
+        return "current"
+    if by_unit in ("position", "torque") and named in (None, "setpoint"):
+        return named or by_unit
+    return named or by_unit or "other"
+
+
+def _is_setpoint(words: list[str]) -> bool:
+    return any(word in SETPOINT or word in SECONDARY for word in words)
+
+
+def _is_command(words: list[str]) -> bool:
+    """Tell whether a name is of something asked for: ``position_command``, ``position_setpoint``."""
+    if any(word in COMMAND for word in words):
+        return True
+    return "setpoint" in words and _named_quantity([w for w in words if w != "setpoint"]) not in (None, "setpoint")
+
+
+def _named_quantity(words: list[str]) -> str | None:
+    for quantity, vocabulary in (
+        ("deflection", DEFLECTION),
+        ("torque", TORQUE),
+        ("current", CURRENT),
+    ):
+        if any(word in vocabulary for word in words):
+            return quantity
+    if any(word in SETPOINT for word in words):
+        return "setpoint"
+    return "position" if any(word in POSITION for word in words) else None
+
+
+def _by_unit(unit: str | None) -> str | None:
+    """Return the quantity a unit implies, ``other`` for one that no role has, None where it says nothing."""
+    if not unit:
+        return None
+    try:
+        kind = kind_of(parse_unit(unit).dimension)
+    except UnitError:
+        return "other" if unit.strip().lower().endswith(("degc", "°c", "celsius")) else None
+    return _QUANTITY_OF_KIND.get(kind, "other")
+
+
+def _part(words: list[str]) -> tuple[str, int | None, list[str]]:
+    """Return part, its number, and the words that are neither: the joint's name."""
+    part, index = "", None
+    left: list[str] = []
+    previous = ""
+    for i, word in enumerate(words):
+        follower = words[i + 1] if i + 1 < len(words) else ""
+        if word.isdigit():
+            # "joint_1" is a name, "motor_1" is the first of a joint's motors.
+            if previous == "joint":
+                left.extend(["joint", word])
+            elif previous in _NUMBERED:
+                index = int(word)
+            else:
+                left.append(word)
+        elif (word == "c" and previous == "theta") or word in SECONDARY:
+            part = "secondary"
+        elif word in MOTOR or (word == "m" and previous in TORQUE | POSITION):
+            part = part or "motor"
+        elif word in LINK or (word in ("l", "j") and previous in TORQUE | POSITION):
+            part = "link" if part in ("", "link") else part
+        elif word in SENSOR and part in ("", "link"):
+            part = "sensor"
+        elif word in _SYMBOLS and not part:
+            part = _SYMBOLS[word]
+        elif word not in _VOCABULARY and not (word == "joint" and follower.isdigit()):
+            left.append(word)
+        previous = word
+    return part, index, left

@@ -1,0 +1,82 @@
+"""What a guess consists of."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Literal
+
+from msgspec import Struct
+
+from vsalog.recording import Channel
+from vsalog.rig.guess_names import Meaning
+
+Kind = Literal["rigid", "elastic", "serial", "antagonistic"]
+
+
+@dataclass(frozen=True, slots=True)
+class Candidate:
+    """A channel that may have a role, and what its name says."""
+
+    channel: Channel
+    meaning: Meaning
+
+
+class RoleGuess(Struct, frozen=True):
+    """A channel for a role.
+
+    Attributes
+    ----------
+    channel : its name, with ``{run}`` where the log has runs
+    confidence : 0 … 1
+    reasons : in words
+    unit : to be stated in the rig, where the log does not say what the name does
+    side, sign : as in the rig
+    """
+
+    channel: str
+    confidence: float
+    reasons: tuple[str, ...]
+    unit: str | None = None
+    side: Literal["joint", "rotor"] = "joint"
+    sign: Literal[1, -1] = 1
+
+
+class RunGuess(Struct, frozen=True):
+    """A run: what ``{run}`` stands for, and the number in it, whose unit the log does not tell."""
+
+    name: str
+    setpoint: float | None = None
+
+
+class JointGuess(Struct, frozen=True):
+    """A joint: its kind, its roles, and what is missing.
+
+    Attributes
+    ----------
+    name, kind : as for the rig
+    reason : why that kind
+    confidence : of the kind
+    roles : role → channel
+    missing : role → why there is none
+    gear_ratio : rotor turns per joint turn as the ranges of two positions show it
+    runs : where the log holds several
+    warnings : what a person should know
+    """
+
+    name: str
+    kind: Kind
+    reason: str
+    confidence: float
+    roles: Mapping[str, RoleGuess]
+    missing: Mapping[str, str]
+    gear_ratio: float | None = None
+    runs: tuple[RunGuess, ...] = ()
+    warnings: tuple[str, ...] = ()
+
+
+class Guess(Struct, frozen=True):
+    """All joints that could be told, and what a person should know."""
+
+    joints: tuple[JointGuess, ...]
+    warnings: tuple[str, ...] = ()
