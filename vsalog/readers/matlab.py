@@ -71,8 +71,6 @@ class MatlabReader:
 
         try:
             content = loadmat(str(self.path), squeeze_me=False, struct_as_record=True, chars_as_strings=True)
-        except OSError as error:
-            raise ReadError(f"{self.path}: cannot be opened: {error.strerror or error}") from error
         except Exception as error:  # scipy raises whatever a damaged file provokes
             raise ReadError(f"{self.path}: the MATLAB file is damaged: {error}") from error
         return {name: value for name, value in content.items() if not name.startswith("__")}

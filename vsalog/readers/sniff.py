@@ -105,7 +105,7 @@ def looks_like_text(head: bytes) -> bool:
     if head.count(0) > len(head) // 4 and _zeros_alternate(head):
         return True  # UTF-16 without its mark
     control = sum(byte < 32 and byte not in b"\t\n\v\f\r\x1b" for byte in head)
-    return control == 0
+    return 0 not in head and 20 * control < len(head)
 
 
 def _zeros_alternate(head: bytes) -> bool:

@@ -139,8 +139,9 @@ class TableReader:
         chosen = [dialect.names[i] for i in sorted({*columns, *self._plan.columns()})] or [dialect.names[0]]
         ragged = _Ragged()
         with self._open() as file:
-            plain = dialect.encoding == "utf-8" and dialect.separator != WHITESPACE
-            source = file if plain else TextSource(file, dialect.encoding, dialect.separator == WHITESPACE)
+            text = TextSource(file, dialect.encoding, dialect.separator == WHITESPACE)
+            plain = dialect.encoding == "utf-8" and dialect.separator != WHITESPACE and not self._gzip
+            source = file if plain else text
             try:
                 reader = pacsv.open_csv(
                     source,
@@ -163,8 +164,10 @@ class TableReader:
                 yield from (self._pointed(batch, columns) for batch in reader)
             except pa.ArrowInvalid as error:
                 raise ReadError(f"{self.path}: cannot be parsed as a table: {error}") from error
-            except (EOFError, zlib.error, OSError) as error:
-                self.notes.append(f"the compressed file is damaged or cut off ({error}): read up to there")
+            except OSError as error:
+                raise ReadError(f"{self.path}: cannot be read: {error.strerror or error}") from error
+            if text.damage:
+                self.notes.append(f"the compressed file is damaged or cut off ({text.damage}): read up to there")
         self.notes.extend(ragged.notes(len(dialect.names)))
 
     def _pointed(self, batch: pa.RecordBatch, columns: list[int]) -> pa.RecordBatch:
@@ -199,7 +202,7 @@ class TableReader:
                 self.unread[name] = cells.text
             elif cells.bad:
                 self.notes.append(
-                    f"column '{name}': {plural(cells.bad, 'cell')} hold no number and read as NaN"
+                    f"column '{name}': {plural(cells.bad, 'cell')} without a number read as NaN"
                     f" (the first in row {cells.first_row + 1}: '{printable_cell(cells.first)}')"
                 )
 

@@ -194,11 +194,11 @@ def _with_header(
 
 
 def _skip_preamble(table: Sequence[tuple[int, list[str]]], start: int, width: int, decimal_comma: bool) -> int:
-    """Step over lines of text ahead of the header that happen to have as many cells."""
+    """Step over lines of text ahead of the header that happen to have nearly as many cells."""
     while start + 2 < len(table):
         here, following = table[start][1], table[start + 1][1]
-        wordy = not any(is_value(cell, decimal_comma) for cell in here if cell)
-        if not (wordy and len(following) not in (width, width - 1)):
+        wordy = not any(is_value(cell, decimal_comma) for row in (here, following) for cell in row if cell)
+        if len(here) == width or len(following) < len(here) or not wordy:
             return start
         start += 1
     return start
@@ -213,8 +213,11 @@ def _is_header(rows: Sequence[Sequence[str]], decimal_comma: bool) -> bool:
     if len(words) == sum(bool(cell) for cell in first):
         return True
     shift = len(rows[1]) - len(first) if len(rows) > 1 else 0
-    below = [row[i + shift] for row in rows[1:] for i in words if 0 <= i + shift < len(row)]
-    return sum(is_value(cell, decimal_comma) for cell in below) > len(below) / 2
+    for i in words:
+        below = [row[i + shift] for row in rows[1:] if 0 <= i + shift < len(row) and row[i + shift]]
+        if sum(is_value(cell, decimal_comma) for cell in below) > len(below) / 2:
+            return True
+    return False
 
 
 def _aligned(header: list[str], rows: Sequence[Sequence[str]], width: int, notes: list[str]) -> list[str]:

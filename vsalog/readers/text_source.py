@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 import codecs
+import gzip
 import io
 import re
+import zlib
 from typing import IO
 
 _BLANKS = re.compile(r"[ \t]+")
 _EDGES = re.compile(r"^ | $", re.MULTILINE)
-_CHUNK = 1 << 20
+_CHUNK = 1 << 16
 
 
 class TextSource(io.RawIOBase):
@@ -23,6 +25,11 @@ class TextSource(io.RawIOBase):
         Python's name of its encoding; what does not decode is replaced.
     squeeze : bool
         Turn every run of blanks into a single space, and drop those at the ends of lines.
+
+    Attributes
+    ----------
+    damage : str
+        Why a compressed file could not be read to its end, "" where it could.
     """
 
     def __init__(self, file: IO[bytes], encoding: str, squeeze: bool) -> None:
@@ -33,6 +40,7 @@ class TextSource(io.RawIOBase):
         self._ready = b""
         self._line = ""
         self._ended = False
+        self.damage = ""
 
     def readable(self) -> bool:
         """Tell that the file can be read."""
@@ -48,7 +56,10 @@ class TextSource(io.RawIOBase):
         return count
 
     def _fill(self) -> None:
-        raw = self._file.read(_CHUNK)
+        try:
+            raw = self._file.read(_CHUNK)
+        except (EOFError, zlib.error, gzip.BadGzipFile) as error:
+            raw, self.damage = b"", str(error)
         self._ended = not raw
         text = self._line + self._decoder.decode(raw, final=self._ended)
         self._line = ""

@@ -126,7 +126,7 @@ def nanoseconds(columns: Sequence[pa.Array], form: str) -> tuple[Stamps, NDArray
     if form == "date":
         return _dates(columns[0])
     if form == "day":
-        return _integers(_cast_or_null(_text(columns[0]), pa.time64("ns")))
+        return _dates(pc.binary_join_element_wise("1970-01-01", _text(columns[0]), " "))
     return _scaled(columns[0], _DIGITS[form])
 
 
@@ -172,7 +172,8 @@ def _rising(values: NDArray[np.float64]) -> bool:
     if len(values) < 2 or not values.any():
         return True
     steps = np.diff(values)
-    return bool(np.count_nonzero(steps >= 0) >= 0.9 * len(steps) and values[-1] > values[0])
+    grows = values[-1] > values[0] or values[0] > _EPOCH[0]  # nanoseconds of today are too large to differ as floats
+    return bool(np.count_nonzero(steps >= 0) >= 0.9 * len(steps) and grows)
 
 
 def _guessed_unit(name: str, values: NDArray[np.float64]) -> tuple[str, str]:

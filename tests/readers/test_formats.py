@@ -1,0 +1,112 @@
+"""Formats are told by content, and what cannot be read is refused in words."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from write_logs import joints_mcap
+
+from vsalog.errors import ReadError
+from vsalog.readers import read
+
+
+@pytest.mark.parametrize(
+    ("content", "words"),
+    [
+        (b"", "is empty"),
+        (b"   \n\n  ", "no known format"),
+        (b"just some words", "no table"),
+        (bytes(range(256)) * 20, "no known format"),
+        (b"MATLAB 7.3 MAT-file, Platform: GLNXA64" + bytes(200), "-v7"),
+        (b"\x89HDF\r\n\x1a\n" + bytes(200), "HDF5"),
+        (b"PK\x03\x04" + bytes(200), "spreadsheet"),
+        (b"ULog\x01\x12\x35" + bytes(200), "ulog2csv"),
+        (b"\x1f\x8bnothing", "damaged"),
+        (b"\x89MCAP0\r\n", "cut off"),
+        (b"SQLite format 3\0" + b"\xa5" * 5000, "database"),
+        (b"\x28\xb5\x2f\xfd" + b"\xa5" * 100, "decompressed"),
+        (b"MATLAB 5.0 MAT-file" + b"\xa5" * 500, "damaged"),
+        (b"PAR1" + b"\xa5" * 500, "Parquet"),
+    ],
+)
+def test_what_cannot_be_read_is_refused_in_words(tmp_path, content, words):
+    path = tmp_path / "log.csv"
+    path.write_bytes(content)
+    try:
+        recording = read(path)
+    except ReadError as error:
+        message = str(error)
+        assert message.startswith(str(path))
+    else:
+        message = " ".join(recording.notes)
+    assert words in message
+    assert message.isprintable()
+
+
+def test_missing_file_and_folder_without_a_bag(tmp_path):
+    with pytest.raises(ReadError, match="no such file"):
+        read(tmp_path / "nothing")
+    (tmp_path / "remark.txt").write_text("hello")
+    with pytest.raises(ReadError, match=r"no ROS 2 bag.*metadata\.yaml"):
+        read(tmp_path)
+
+
+def test_a_file_that_may_not_be_read(tmp_path, monkeypatch):
+    path = joints_mcap(tmp_path / "log", 1)
+
+    def refuse(*_args, **_kwargs):
+        raise PermissionError(13, "Permission denied")
+
+    monkeypatch.setattr(type(path), "open", refuse)
+    with pytest.raises(ReadError, match="permission denied"):
+        read(path)
+
+
+def test_the_name_of_a_file_means_nothing(tmp_path):
+    for name in ("log.csv", "log.bag", "log.parquet", "log"):
+        assert read(joints_mcap(tmp_path / name, 3)).format == "mcap"
+
+
+@given(st.binary(max_size=400))
+def test_any_bytes_are_read_or_refused(tmp_path_factory, content):
+    path = tmp_path_factory.mktemp("bytes") / "log"
+    path.write_bytes(content)
+    try:
+        recording = read(path)
+    except ReadError as error:
+        message = str(error)
+    else:
+        message = " ".join(recording.notes)
+    assert message == "" or message.isprintable()
+
+
+@pytest.mark.parametrize("head", [b"#ROSBAG V2.0\n", b"\x89MCAP0\r\n", b"SQLite format 3\0", b"PAR1"])
+@given(content=st.binary(max_size=400))
+def test_any_bytes_behind_a_magic_are_read_or_refused(tmp_path_factory, head, content):
+    path = tmp_path_factory.mktemp("bytes") / "log"
+    path.write_bytes(head + content)
+    try:
+        recording = read(path)
+    except ReadError:
+        return
+    assert all(len(channel.values) == len(channel.stamps) for channel in recording.channels.values())
+
+
+def test_memory_stays_near_the_wanted_columns(tmp_path):
+    path = joints_mcap(tmp_path / "log", 20_000)
+    recording = read(path, wanted=["/joint_states.position[elbow]"])
+    channel = recording.channel("/joint_states.position[elbow]")
+    assert channel.values.flags.c_contiguous
+    assert channel.values.base is None
+    np.testing.assert_array_equal(channel.values, np.arange(20_000))
+
+
+def test_importing_the_readers_is_cheap():
+    code = "import sys, vsalog.readers; print([m for m in ('pyarrow', 'scipy', 'rosbags', 'mcap') if m in sys.modules])"
+    result = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert result.stdout.strip() == "[]"

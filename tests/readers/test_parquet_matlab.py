@@ -1,0 +1,155 @@
+"""Parquet and MATLAB files."""
+
+from __future__ import annotations
+
+import datetime
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.parquet as pq
+import pytest
+from scipy.io import savemat
+
+from vsalog.errors import ReadError
+from vsalog.readers import open_reader, read
+
+START = 1_700_000_000_123_456_789
+
+
+def parquet(tmp_path, columns, units=None, name="log.parquet", **options):
+    fields = []
+    for column, array in columns.items():
+        metadata = {"unit": units[column]} if units and column in units else None
+        fields.append(pa.field(column, array.type, metadata=metadata))
+    pq.write_table(pa.table(list(columns.values()), schema=pa.schema(fields)), tmp_path / name, **options)
+    return tmp_path / name
+
+
+def test_columns_types_and_units(tmp_path):
+    columns = {
+        "stamp": pa.array(START + np.arange(4) * 1_000_000),
+        "time": pa.array(np.arange(4) * 1e-3),
+        "q": pa.array([1.5, None, float("nan"), 4.5]),
+        "n [N*m]": pa.array([1, 2, 3, 4], pa.int32()),
+        "on": pa.array([True, False, True, True]),
+        "mode": pa.array(["a", "b", "c", "d"]),
+        "list": pa.array([[1], [2], [3], [4]]),
+    }
+    path = parquet(tmp_path, columns, {"stamp": "ns", "q": "rad"})
+    recording = read(path)
+    assert recording.format == "parquet"
+    assert list(recording.channels) == ["time", "q", "n", "on"]
+    np.testing.assert_array_equal(recording.channel("q").values, [1.5, np.nan, np.nan, 4.5])
+    np.testing.assert_array_equal(recording.channel("q").stamps, START + np.arange(4) * 1_000_000)
+    assert recording.channel("q").unit == "rad"
+    assert recording.channel("n").unit == "N*m"
+    assert recording.unread["mode"] == "text"
+    assert "list" in recording.unread["list"]
+    assert recording.absolute_time
+    assert list(read(path, wanted=["on"]).channels) == ["on"]
+    assert list(open_reader(path).catalogue().channels) == list(recording.channels)
+
+
+@pytest.mark.parametrize(
+    ("kind", "factor"),
+    [(pa.timestamp("ms"), 1_000_000), (pa.timestamp("ns", "Europe/Berlin"), 1), (pa.duration("us"), 1000)],
+)
+def test_time_types(tmp_path, kind, factor):
+    times = pa.array(np.arange(1, 5) * 5).cast(kind)
+    recording = read(parquet(tmp_path, {"time": times, "x": pa.array([1.0, 2.0, 3.0, 4.0])}))
+    assert recording.channel("x").stamps.tolist() == [5 * factor, 10 * factor, 15 * factor, 20 * factor]
+
+
+def test_time_as_dates_with_gaps(tmp_path):
+    when = datetime.datetime(2024, 1, 1)
+    times = pa.array([when, None, when + datetime.timedelta(seconds=1)])
+    recording = read(parquet(tmp_path, {"time": times, "x": pa.array([1.0, 2.0, 3.0])}))
+    assert recording.channel("x").values.tolist() == [1, 3]
+    assert any("1 row without a time" in note for note in recording.notes)
+
+
+def test_a_trace_of_several_parts_is_several_streams(tmp_path):
+    columns = {
+        "stamp": pa.array(np.repeat(np.arange(3) * 1_000_000, 2)),
+        "joint": pa.array(["elbow"] * 6).dictionary_encode(),
+        "transmission": pa.array(["agonist", "antagonist"] * 3),
+        "stiffness": pa.array([1.0, 10.0, 2.0, 20.0, 3.0, 30.0]),
+    }
+    recording = read(parquet(tmp_path, columns, {"stamp": "ns", "stiffness": "N*m/rad"}))
+    assert recording.channel("stiffness[elbow.agonist]").values.tolist() == [1, 2, 3]
+    assert recording.channel("stiffness[elbow.antagonist]").values.tolist() == [10, 20, 30]
+    assert recording.channel("stiffness[elbow.agonist]").unit == "N*m/rad"
+    assert recording.notes == ()
+
+
+def test_many_row_groups_and_no_time(tmp_path):
+    path = parquet(tmp_path, {"x": pa.array(np.arange(1000.0))}, row_group_size=100)
+    recording = read(path, rate=1000)
+    np.testing.assert_array_equal(recording.channel("x").values, np.arange(1000))
+    np.testing.assert_array_equal(recording.channel("x").stamps, np.arange(1000) * 1_000_000)
+    assert read(path).streams["log"].time_source == "none"
+
+
+def test_a_cut_off_parquet_file_is_refused(tmp_path):
+    path = parquet(tmp_path, {"x": pa.array(np.arange(1000.0))})
+    path.write_bytes(path.read_bytes()[:-100])
+    with pytest.raises(ReadError, match="Parquet"):
+        read(path)
+
+
+def test_structures_with_their_clocks(tmp_path):
+    t = np.arange(50) / 1000
+    content = {
+        "DEVICE": {
+            "x00": {"timeJIM": t[:, None], "angle": np.sin(t)[None, :], "torque": t * 2, "label": "soft"},
+            "x10": {"time": t * 2, "torque": t * 3, "setting": 10.0},
+        },
+        "curve": np.arange(7.0),
+        "table": np.arange(40.0).reshape(2, 20),
+        "image": np.zeros((100, 200)),
+        "spectrum": np.array([1j, 2j]),
+    }
+    path = tmp_path / "log.mat"
+    savemat(path, content)
+    recording = read(path)
+    assert recording.format == "matlab"
+    torque = recording.channel("DEVICE.x00.torque")
+    np.testing.assert_array_equal(torque.values, t * 2)
+    np.testing.assert_array_equal(torque.stamps, np.arange(50) * 1_000_000)
+    assert torque.stream == "DEVICE.x00"
+    assert recording.streams["DEVICE.x00"].time_source == "column"
+    np.testing.assert_array_equal(recording.channel("DEVICE.x10.torque").stamps, np.arange(50) * 2_000_000)
+    assert recording.unread["DEVICE.x00.label"] == "text"
+    assert recording.unread["DEVICE.x10.setting"] == "a single value"
+    assert recording.unread["image"] == "array of 100 values"
+    assert recording.unread["spectrum"] == "complex numbers"
+    np.testing.assert_array_equal(recording.channel("table[1]").values, np.arange(20, 40))
+    assert recording.streams["log (7 values)"].time_source == "none"
+    assert read(path, rate=10.0).streams["log (7 values)"].time_source == "rate"
+    assert list(read(path, wanted=["curve"]).channels) == ["curve"]
+    assert list(open_reader(path).catalogue().channels) == list(recording.channels)
+
+
+def test_a_clock_serves_the_structures_below(tmp_path):
+    t = np.arange(20) / 100
+    signals = np.array([{"values": t + 1}, {"values": t + 2}], dtype=object)
+    savemat(tmp_path / "log", {"out": {"time": t, "signals": signals}}, appendmat=False)
+    recording = read(tmp_path / "log")
+    channel = recording.channel("out.signals[1].values")
+    np.testing.assert_array_equal(channel.values, t + 2)
+    np.testing.assert_array_equal(channel.stamps, np.arange(20) * 10_000_000)
+
+
+def test_time_that_does_not_rise_is_a_channel(tmp_path):
+    savemat(tmp_path / "log", {"time": np.zeros(5), "x": np.arange(5.0)}, appendmat=False)
+    recording = read(tmp_path / "log")
+    assert list(recording.channels) == ["time", "x"]
+    assert any("--rate" in note for note in recording.notes)
+
+
+def test_a_cut_off_matlab_file_is_refused(tmp_path):
+    path = tmp_path / "log"
+    savemat(path, {"x": np.random.default_rng(1).random(1000)}, appendmat=False)
+    path.write_bytes(path.read_bytes()[:-500])
+    with pytest.raises(ReadError, match="damaged"):
+        read(path)
