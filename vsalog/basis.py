@@ -13,6 +13,7 @@ from numba import njit
 from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
+Flags = NDArray[np.bool_]
 
 
 @dataclass(frozen=True, slots=True)
@@ -25,12 +26,14 @@ class PolynomialBasis:
     setpoint_order : m, number of powers of the set-point (1: none)
     deflection_scale : [rad]
     setpoint_scale : [rad or m]
+    branches : the functions are there twice, first for loading, then for unloading
     """
 
     powers: tuple[int, ...]
     setpoint_order: int = 1
     deflection_scale: float = 1.0
     setpoint_scale: float = 1.0
+    branches: bool = False
 
     @classmethod
     def make(
@@ -41,26 +44,30 @@ class PolynomialBasis:
         setpoint_order: int = 1,
         deflection_scale: float = 1.0,
         setpoint_scale: float = 1.0,
+        branches: bool = False,
     ) -> PolynomialBasis:
         """Build the odd basis φ, φ³, …, φ^(2n−1) (eq. 26, 35) or the full one φ⁰, …, φ^(n−1) (eq. 29)."""
         powers = tuple(2 * h + 1 if odd else h for h in range(order))
-        return cls(powers, setpoint_order, deflection_scale, setpoint_scale)
+        return cls(powers, setpoint_order, deflection_scale, setpoint_scale, branches)
 
     @property
     def size(self) -> int:
-        """Number of functions, n·m."""
-        return len(self.powers) * self.setpoint_order
+        """Number of functions: n·m, twice that with branches."""
+        return len(self.powers) * self.setpoint_order * (2 if self.branches else 1)
 
     @property
     def terms(self) -> list[str]:
-        """Names of the functions, e.g. ``phi^3*c^2``."""
-        return [
+        """Names of the functions, e.g. ``phi^3*c^2``, with ``loading:`` or ``unloading:`` in front where there are branches."""
+        plain = [
             "*".join(part for part in (f"phi^{i}" if i else "", f"c^{j}" if j else "") if part) or "1"
             for i in self.powers
             for j in range(self.setpoint_order)
         ]
+        return [f"{b}:{t}" for b in ("loading", "unloading") for t in plain] if self.branches else plain
 
-    def rows(self, phi: Array, setpoint: Array | None = None, derivatives: int = 3) -> Array:
+    def rows(
+        self, phi: Array, setpoint: Array | None = None, derivatives: int = 3, loading: Flags | None = None
+    ) -> Array:
         """Evaluate the functions and their derivatives in φ.
 
         Parameters
@@ -68,12 +75,13 @@ class PolynomialBasis:
         phi : shape (n,), deflection [rad]
         setpoint : shape (n,), in SI; None where the basis has no set-point
         derivatives : highest derivative
+        loading : shape (n,), which branch a sample is on; loading everywhere when absent
 
         Returns
         -------
         shape (n, derivatives + 1, size): [:, 0] are F, [:, 1] ∂F/∂φ, … (eq. 26–28)
         """
-        out = np.empty((phi.shape[0], derivatives + 1, self.size))
+        plain = np.empty((phi.shape[0], derivatives + 1, len(self.powers) * self.setpoint_order))
         c = phi if setpoint is None else setpoint
         _rows(
             np.ascontiguousarray(phi),
@@ -82,9 +90,12 @@ class PolynomialBasis:
             self.setpoint_order,
             self.deflection_scale,
             self.setpoint_scale,
-            out,
+            plain,
         )
-        return out
+        if not self.branches:
+            return plain
+        on = (np.ones(phi.shape[0], dtype=np.bool_) if loading is None else loading)[:, None, None]
+        return np.concatenate((np.where(on, plain, 0.0), np.where(on, 0.0, plain)), axis=2)
 
 
 @njit(cache=True)

@@ -16,6 +16,7 @@ from vsalog.errors import ReadError
 from vsalog.basis import PolynomialBasis
 
 Array = NDArray[np.float64]
+Flags = NDArray[np.bool_]
 
 
 class _Base(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
@@ -29,11 +30,12 @@ class BasisSpec(_Base, frozen=True):
     setpoint_order: int = 1
     deflection_scale: float = 1.0
     setpoint_scale: float = 1.0
+    branches: bool = False
     terms: tuple[str, ...] = ()
 
     def basis(self) -> PolynomialBasis:
         """Return the basis these values describe."""
-        return PolynomialBasis(self.powers, self.setpoint_order, self.deflection_scale, self.setpoint_scale)
+        return PolynomialBasis(self.powers, self.setpoint_order, self.deflection_scale, self.setpoint_scale, self.branches)
 
 
 class TransmissionModel(_Base, frozen=True):
@@ -74,17 +76,31 @@ class JointModel(_Base, frozen=True):
     transmission: tuple[TransmissionModel, ...]
     motor: dict[str, float] = {}
 
-    def flexibility_torque(self, name: str, phi: Array, setpoint: Array | None = None) -> tuple[Array, Array]:
-        """Evaluate τ_e of a transmission and its standard deviation [N·m], each of shape (N,)."""
-        return self._evaluate(name, phi, setpoint, 0)
+    def flexibility_torque(
+        self, name: str, phi: Array, setpoint: Array | None = None, loading: Flags | None = None
+    ) -> tuple[Array, Array]:
+        """Evaluate τ_e of a transmission and its standard deviation [N·m], each of shape (N,).
 
-    def stiffness(self, name: str, phi: Array, setpoint: Array | None = None) -> tuple[Array, Array]:
-        """Evaluate σ = ∂τ_e/∂φ of a transmission and its standard deviation [N·m/rad], each of shape (N,)."""
-        return self._evaluate(name, phi, setpoint, 1)
+        Parameters
+        ----------
+        name : of the transmission
+        phi : shape (N,) [rad]
+        setpoint : shape (N,), SI; where the basis has one
+        loading : shape (N,), which branch; loading everywhere when absent
+        """
+        return self._evaluate(name, phi, setpoint, loading, 0)
 
-    def _evaluate(self, name: str, phi: Array, setpoint: Array | None, derivative: int) -> tuple[Array, Array]:
+    def stiffness(
+        self, name: str, phi: Array, setpoint: Array | None = None, loading: Flags | None = None
+    ) -> tuple[Array, Array]:
+        """Evaluate σ = ∂τ_e/∂φ of a transmission and its standard deviation [N·m/rad], as `flexibility_torque` does."""
+        return self._evaluate(name, phi, setpoint, loading, 1)
+
+    def _evaluate(
+        self, name: str, phi: Array, setpoint: Array | None, loading: Flags | None, derivative: int
+    ) -> tuple[Array, Array]:
         part = next(t for t in self.transmission if t.name == name)
-        rows = self.basis.basis().rows(np.atleast_1d(phi), setpoint, derivative)[:, derivative]
+        rows = self.basis.basis().rows(np.atleast_1d(phi), setpoint, derivative, loading)[:, derivative]
         variance = np.einsum("ki,ij,kj->k", rows, np.array(part.covariance), rows)
         return rows @ np.array(part.coefficients), np.sqrt(variance)
 
@@ -139,6 +155,7 @@ def basis_spec(basis: PolynomialBasis) -> BasisSpec:
         setpoint_order=basis.setpoint_order,
         deflection_scale=basis.deflection_scale,
         setpoint_scale=basis.setpoint_scale,
+        branches=basis.branches,
         terms=tuple(basis.terms),
     )
 

@@ -95,6 +95,7 @@ def device_of(name: str, joint: Joint, roles: Mapping[str, Array] | None = None)
         setpoint_order=joint.basis.setpoint_order if serial else 1,
         deflection_scale=joint.basis.deflection_scale or largest(*deflections),
         setpoint_scale=joint.basis.setpoint_scale or largest(*setpoints),
+        branches=joint.basis.branches,
     )
     return Device(name, views, basis, serial)
 

@@ -7,7 +7,7 @@ RLS (eq. 39–41) or by QR-RLS (Flacco 2014 eq. 21–23).
 from __future__ import annotations
 
 from collections.abc import Collection
-from typing import Annotated, Literal
+from typing import Annotated, ClassVar, Literal
 
 from msgspec import Meta
 
@@ -31,6 +31,9 @@ class DirectTuning(RlsTuning, frozen=True, forbid_unknown_fields=True, kw_only=T
     solver : ``rls`` (enhanced RLS, with p0 and c) or ``qr`` (QR-RLS, with forgetting)
     forgetting : λ of QR-RLS, 1 forgets nothing
     """
+
+    # A torque sensor is less noisy than a residual, so less of a prior is called for.
+    prior_samples: ClassVar[float] = 1e-4
 
     solver: Literal["rls", "qr"] = "rls"
     forgetting: Annotated[float, Meta(gt=0.0, le=1.0)] = 1.0

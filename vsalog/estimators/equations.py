@@ -21,7 +21,7 @@ Flags = NDArray[np.bool_]
 
 def _regressors(basis: PolynomialBasis, block: Conditioned, view: TransmissionView) -> Array:
     c = block.fit.get("setpoint") if basis.setpoint_order > 1 else None
-    return basis.rows(deflection_of(block.fit, view), c, 0)[:, 0]
+    return basis.rows(deflection_of(block.fit, view), c, 0, block.loading_fit.get(view.name))[:, 0]
 
 
 @dataclass(frozen=True, slots=True)

@@ -109,7 +109,7 @@ def qr_block(
     return new, values, variances, unknowns, residual
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def qr_update(F: Array, y: float, forgetting: float, Rp: Array, row: Array) -> None:
     """Rotate one sample into [R p] in place (eq. 21–22); `row` is scratch, shape (n + 1,)."""
     n = Rp.shape[0]
@@ -133,16 +133,19 @@ def qr_update(F: Array, y: float, forgetting: float, Rp: Array, row: Array) -> N
             row[j] = cos * b - sin * a
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def qr_solve(Rp: Array, xi: Array) -> bool:
     """Back-substitute ξ = R⁻¹ p (eq. 23) in place; returns False and NaN where R is singular to working precision."""
     n = Rp.shape[0]
     known = True
+    # Until its turn comes, xi[i] holds the largest entry of column i, gathered row by row as R lies in memory.
+    for j in range(n):
+        xi[j] = abs(Rp[0, j])
+    for i in range(1, n):
+        for j in range(i, n):
+            xi[j] = max(xi[j], abs(Rp[i, j]))
     for i in range(n - 1, -1, -1):
-        column = 0.0
-        for j in range(i + 1):
-            column = max(column, abs(Rp[j, i]))
-        if abs(Rp[i, i]) <= 1e-15 * column:
+        if abs(Rp[i, i]) <= 1e-15 * xi[i]:
             known = False
             break
         s = Rp[i, n]
@@ -155,7 +158,22 @@ def qr_solve(Rp: Array, xi: Array) -> bool:
     return known
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
+def _forward(Rp: Array, inverse: Array, z: Array) -> None:
+    """Solve Rᵀ x = z in place, given the reciprocals of R's diagonal; by rows of R, which are contiguous."""
+    n = z.shape[0]
+    for i in range(n):
+        x = z[i]
+        # Functionals of the stiffness have no part in the leading unknowns.
+        if x == 0.0:
+            continue
+        x *= inverse[i]
+        z[i] = x
+        for j in range(i + 1, n):
+            z[j] -= Rp[i, j] * x
+
+
+@njit(cache=True, error_model="numpy")
 def _run(
     F: Array,
     y: Array,
@@ -175,7 +193,9 @@ def _run(
     residual: Array,
 ) -> None:
     count, q, n = E.shape
-    row, xi, z = np.empty(n + 1), np.empty(n), np.empty(n)
+    row, xi, z, w, inverse = np.empty(n + 1), np.empty(n), np.empty(n), np.empty(n), np.empty(n)
+    forget = 1.0 - 1.0 / memory
+    wide = np.any(spread)
     known = qr_solve(Rp, xi)
     for k in range(count):
         residual[k] = np.nan
@@ -191,7 +211,6 @@ def _run(
                 for j in range(n):
                     left -= F[k, j] * xi[j]
                 residual[k] = left
-                forget = 1.0 - 1.0 / memory
                 noise[0] = forget * noise[0] + 1.0
                 noise[1] = forget * noise[1] + left * left
                 noise[2] = forget * noise[2] + (0.0 if fresh[k] else left * noise[3])
@@ -201,6 +220,14 @@ def _run(
             r = noise[2] / noise[1] if noise[1] > 0.0 else 0.0
             r = min(max(r, 0.0), 0.9999)
             sigma2 = noise[1] / noise[0] * noise[4] / (noise[4] - n) * (1.0 + r) / (1.0 - r)
+        if wide and known:
+            for i in range(n):
+                inverse[i] = 1.0 / Rp[i, i]
+            if prior > 0.0:
+                # What the prior pulls eᵀ ξ̂ by is prior · eᵀ (RᵀR)⁻¹ ξ̂ = prior · (R⁻ᵀ e)ᵀ (R⁻ᵀ ξ̂): one factor for all e.
+                for i in range(n):
+                    w[i] = xi[i] if i >= leading else 0.0
+                _forward(Rp, inverse, w)
         for s in range(q):
             value = 0.0
             for i in range(n):
@@ -209,21 +236,16 @@ def _run(
             variances[k, s] = np.nan
             if spread[s] and known:
                 # Variance of eᵀ ξ̂ is σ² |R⁻ᵀ e|²: one forward substitution.
-                total = 0.0
                 for i in range(n):
-                    t = E[k, s, i]
-                    for j in range(i):
-                        t -= Rp[j, i] * z[j]
-                    z[i] = t / Rp[i, i]
+                    z[i] = E[k, s, i]
+                _forward(Rp, inverse, z)
+                total, pulled = 0.0, 0.0
+                for i in range(n):
                     total += z[i] * z[i]
-                pulled = 0.0
                 if prior > 0.0:
-                    for i in range(n - 1, -1, -1):
-                        for j in range(i + 1, n):
-                            z[i] -= Rp[i, j] * z[j]
-                        z[i] /= Rp[i, i]
-                        if i >= leading:
-                            pulled += prior * z[i] * xi[i]
+                    for i in range(n):
+                        pulled += z[i] * w[i]
+                    pulled *= prior
                 variances[k, s] = sigma2 * total + pulled * pulled
         for i in range(n):
             unknowns[k, i] = xi[i]

@@ -6,7 +6,7 @@ A method differs from another in its equation (what is known to add up to what) 
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, ClassVar, Protocol
 
 import numpy as np
@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from vsalog.estimators.device import Device, TransmissionView, deflection_of
 from vsalog.estimators.region import Region
 from vsalog.filters.conditioning import Conditioned, Conditioner, ConditionerState
+from vsalog.filters.direction import direction_start, loading_block
 from vsalog.model import JointModel, TransmissionModel, basis_spec
 from vsalog.signals import JointSignals
 from vsalog.trace import Trace
@@ -24,6 +25,8 @@ Flags = NDArray[np.bool_]
 
 # A stiffness counts as supported when its standard deviation is below this share of it.
 SUPPORTED_SHARE = 0.2
+# A deflection that comes back by this share of the deflection scale has turned.
+BAND = 0.01
 # Rows an estimator works on at a time.
 BLOCK = 8192
 
@@ -90,6 +93,7 @@ class FoldState:
     equations: list[Any]
     solvers: list[Any]
     regions: dict[str, Region]
+    directions: dict[str, Array]
     learning: bool
 
 
@@ -122,13 +126,14 @@ class RegressionFold:
             [e.start() for e in self.equations],
             [self.solver.start(e.size) for e in self.equations],
             {t.name: Region() for t in self.device.transmissions},
+            {},
             True,
         )
 
     def freeze(self, state: FoldState) -> FoldState:
         """Go back to the first sample with what was learnt, and learn no more."""
         return FoldState(
-            self.conditioner.start(), [e.start() for e in self.equations], state.solvers, state.regions, False
+            self.conditioner.start(), [e.start() for e in self.equations], state.solvers, state.regions, {}, False
         )
 
     def step(self, state: FoldState, block: JointSignals) -> tuple[FoldState, list[Trace]]:
@@ -144,11 +149,19 @@ class RegressionFold:
     def _estimate(
         self, state: FoldState, filters: ConditionerState, ready: list[Conditioned]
     ) -> tuple[FoldState, list[Trace]]:
-        new = FoldState(filters, list(state.equations), list(state.solvers), dict(state.regions), state.learning)
+        new = FoldState(
+            filters,
+            list(state.equations),
+            list(state.solvers),
+            dict(state.regions),
+            dict(state.directions),
+            state.learning,
+        )
         traces = []
         for block in ready:
             if len(block.rows) == 0:
                 continue
+            block = self._with_branches(new, block)
             columns: dict[str, dict[str, Any]] = {}
             variance = np.zeros(len(block.rows))
             for i, equation in enumerate(self.equations):
@@ -159,6 +172,22 @@ class RegressionFold:
             columns["total"] = _total(columns, variance, self.device)
             traces.append(Trace.of_rows(block.rows, columns))
         return new, traces
+
+    def _with_branches(self, state: FoldState, block: Conditioned) -> Conditioned:
+        """Add, where the basis has branches, which one each sample is on."""
+        if not self.device.basis.branches:
+            return block
+        flags: list[dict[str, Flags]] = []
+        for kind, values in (("fit", block.fit), ("now", block.now)):
+            flags.append({})
+            for view in self.device.transmissions:
+                key = f"{kind}:{view.name}"
+                state.directions[key], flags[-1][view.name] = loading_block(
+                    state.directions.get(key, direction_start()),
+                    deflection_of(values, view),
+                    BAND * self.device.basis.deflection_scale,
+                )
+        return replace(block, loading_fit=flags[0], loading_now=flags[1])
 
     def _solve(
         self, state: FoldState, equation: Equation, solver_state: Any, rows: EquationRows, block: Conditioned
@@ -214,7 +243,8 @@ class RegressionFold:
             c = block.now.get("setpoint") if self.device.has_setpoint else None
             first = equation.leading + i * basis.size
             part = slice(first, first + basis.size)
-            E[:, 4 * i : 4 * i + 4, part] = basis.rows(phi, c if basis.setpoint_order > 1 else None)
+            loading = block.loading_now.get(view.name)
+            E[:, 4 * i : 4 * i + 4, part] = basis.rows(phi, c if basis.setpoint_order > 1 else None, 3, loading)
             E[:, 4 * count, part] = E[:, 4 * i + 1, part]
             spread[4 * i + 1] = True
             where.append((phi, c))
@@ -269,6 +299,8 @@ def _total(columns: Mapping[str, Mapping[str, Any]], variance: Array, device: De
     total: dict[str, Any] = {
         "deflection": parts[0]["deflection"] if len(parts) == 1 else np.full(variance.shape, np.nan)
     }
+    if device.has_setpoint:
+        total["setpoint"] = parts[0]["setpoint"]
     for name in ("flexibility_torque", "flexibility_torque_fit", "stiffness"):
         total[name] = sum(p[name] for p in parts)
     total["stiffness_std"] = np.sqrt(variance)

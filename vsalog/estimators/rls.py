@@ -81,7 +81,7 @@ def rls_block(
     return new, values, variances, coefficients, innovation, factor
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def rls_update(F: Array, y: float, c: float, alpha: Array, P: Array, g: Array) -> tuple[float, float, float]:
     """One enhanced RLS update in place (eq. 23, 39, 41); `g` is scratch, shape (n,). Returns ε, ρ, a."""
     n = alpha.shape[0]
@@ -96,18 +96,18 @@ def rls_update(F: Array, y: float, c: float, alpha: Array, P: Array, g: Array) -
         error -= F[i] * alpha[i]
     a = (c + c * rho) / (1.0 + c * rho)
     gain = a / (1.0 + rho)
+    step = gain * error
     for i in range(n):
-        alpha[i] += gain * g[i] * error
-        w = gain * g[i]
-        # Only one triangle is computed and mirrored, so P stays symmetric to the last bit.
-        for j in range(i + 1):
-            p = P[i, j] - w * g[j]
-            P[i, j] = p
-            P[j, i] = p
+        h = g[i]
+        alpha[i] += step * h
+        # The product g_i g_j comes first: it is the same bits as g_j g_i, so P stays symmetric to the last one. Whole rows
+        # are cheaper than one triangle and its mirror image, whose scattered writes no compiler can join.
+        for j in range(n):
+            P[i, j] -= gain * (h * g[j])
     return error, rho, a
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def _run(
     F: Array,
     y: Array,
@@ -128,6 +128,7 @@ def _run(
 ) -> None:
     count, q, n = E.shape
     g = np.empty(n)
+    forget = 1.0 - 1.0 / memory
     for k in range(count):
         innovation[k] = np.nan
         factor[k] = np.nan
@@ -137,7 +138,6 @@ def _run(
             factor[k] = a
             # What is left after the update: the first innovations are the unknown parameters, not noise.
             left = error / (1.0 + c * rho)
-            forget = 1.0 - 1.0 / memory
             noise[0] = forget * noise[0] + 1.0
             noise[1] = forget * noise[1] + left * left
             noise[2] = forget * noise[2] + left * noise[3]
@@ -161,7 +161,8 @@ def _run(
                     for j in range(n):
                         t += P[i, j] * E[k, s, j]
                     variance += E[k, s, i] * t
-                    pulled += t * alpha[i] / p0
+                    pulled += t * alpha[i]
+                pulled /= p0
                 variances[k, s] = sigma2 * c * variance + pulled * pulled
         for i in range(n):
             coefficients[k, i] = alpha[i]

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Annotated, Literal, TypeVar
+from typing import Annotated, ClassVar, Literal, TypeVar
 
 import msgspec
 import numpy as np
@@ -61,17 +61,22 @@ class RlsTuning(Tuning, frozen=True, forbid_unknown_fields=True, kw_only=True):
 
     Attributes
     ----------
-    p0 : P(0) = p0 I (Flacco 2012 §7); when absent, such that the prior weighs as much as a tenth of a sample at the log's
-        largest deflection and set-point
+    p0 : P(0) = p0 I (Flacco 2012 §7); when absent, such that the prior weighs as much as a small part of one sample at
+        the log's largest deflection and set-point
     c : of the enhanced RLS (eq. 40–41); only the product p0·c matters, c = 1 is plain RLS
     """
+
+    # How many samples at the largest deflection and set-point the derived prior weighs as much as.
+    prior_samples: ClassVar[float] = 0.1
 
     p0: Positive | None = None
     c: Annotated[float, Meta(gt=0.0, le=1.0)] = 1e-5
 
     def initial_covariance(self, device: Device, signals: JointSignals) -> float:
         """Return p0, as given or from the log's own signals."""
-        return self.p0 if self.p0 is not None else 10.0 / (self.c * largest_regressor(device, signals) ** 2)
+        if self.p0 is not None:
+            return self.p0
+        return 1.0 / (self.prior_samples * self.c * largest_regressor(device, signals) ** 2)
 
 
 def largest_regressor(device: Device, signals: JointSignals) -> float:

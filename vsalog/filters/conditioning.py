@@ -38,12 +38,15 @@ class Conditioned:
     fit : role → values to learn from; also ``velocity:ROLE`` and ``acceleration:ROLE`` of the motor positions
     now : role → values to evaluate at (positions, deflections and the set-point)
     use : shape (N,), where every value to learn from is there and the filters have settled
+    loading_fit, loading_now : transmission → shape (N,), whether it is being loaded; empty where nobody asks
     """
 
     rows: JointSignals
     fit: Mapping[str, Array]
     now: Mapping[str, Array]
     use: Flags
+    loading_fit: Mapping[str, Flags] = field(default_factory=dict)
+    loading_now: Mapping[str, Flags] = field(default_factory=dict)
 
 
 @dataclass(slots=True)

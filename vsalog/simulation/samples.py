@@ -58,10 +58,9 @@ kind = "serial"
 
 [joint.ankle.basis]
 odd = false              # the foot behaves differently in dorsi- and plantarflexion
-order = 6
+branches = true          # and when it is unloaded: the loop is wide
+order = 12               # the curve has knees
 setpoint_order = 3
-deflection_scale = "0.2 rad"
-setpoint_scale = "10 mm"
 
 [joint.ankle.signals]
 deflection = { channel = "DESR_N.{run}.angleJIM", unit = "rad" }
