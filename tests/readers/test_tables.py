@@ -185,15 +185,34 @@ def test_bad_cells_text_columns_and_empty_cells(tmp_path):
     text = 't,x,mode,gap,inf,on\n0.0,1,idle,,inf,true\n0.1,oops\x07,"run, fast",5,-Infinity,False\n0.2,3,idle,,1e400,TRUE\n'
     recording = read(table(tmp_path, text))
     np.testing.assert_array_equal(recording.channel("x").values, [1, np.nan, 3])
-    np.testing.assert_array_equal(recording.channel("gap").values, [np.nan, 5, np.nan])
+    np.testing.assert_array_equal(recording.channel("gap").values, [5])
     np.testing.assert_array_equal(recording.channel("inf").values, [np.inf, -np.inf, np.inf])
     assert recording.channel("on").values.tolist() == [1, 0, 1]
     assert recording.unread == {"mode": "text"}
-    (note,) = recording.notes
+    assert recording.channel("gap").stamps.tolist() == [S // 10]
+    (note,) = (note for note in recording.notes if "streams" not in note)
     assert "column 'x': 1 cell" in note
     assert "row 2" in note
     assert note.isprintable()
     assert open_reader(tmp_path / "log.csv").catalogue().unread == {"mode": "text"}
+
+
+def test_merged_logs_are_taken_apart(tmp_path):
+    rows = [f"{i / 1000},{i},,{'' if i % 2 else i},7\n" if i % 4 else f"{i / 1000},,{-i},{i},7\n" for i in range(40)]
+    path = table(tmp_path, "time,a,b [rad],c,d\n" + "".join(rows))
+    recording = read(path)
+    every = np.arange(40)
+    np.testing.assert_array_equal(recording.channel("a").values, every[every % 4 != 0])
+    np.testing.assert_array_equal(recording.channel("b").values, -every[every % 4 == 0])
+    np.testing.assert_array_equal(recording.channel("c").stamps, every[every % 2 == 0] * 1_000_000)
+    assert recording.channel("d").stream == "log"
+    assert recording.channel("b").unit == "rad"
+    assert len(recording.streams) == 4
+    catalogue = open_reader(path).catalogue()
+    assert {n: i.stream for n, i in catalogue.channels.items()} == {
+        c.name: c.stream for c in recording.channels.values()
+    }
+    assert any("streams of their own" in note for note in recording.notes)
 
 
 def test_rows_without_a_time_are_left_out(tmp_path):

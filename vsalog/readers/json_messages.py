@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from vsalog.readers.base import MAX_ARRAY
-from vsalog.readers.layout import best_label_field, printable
+from vsalog.readers.layout import MAX_FIELDS, best_label_field, printable
 from vsalog.readers.messages import Decoded
 
 MAX_DEPTH = 32
@@ -61,6 +61,9 @@ class JsonDecoder:
             if self.wanted is not None and name not in self.wanted:
                 continue
             if name not in result.columns:
+                if len(result.columns) >= MAX_FIELDS:
+                    self.unread.setdefault(self.prefix, f"more than {MAX_FIELDS} different fields")
+                    continue
                 result.columns[name] = np.full(count, np.nan)
             result.columns[name][row] = value
 

@@ -18,6 +18,7 @@ from vsalog.errors import ReadError
 from vsalog.readers.base import Block, Catalogue, ChannelInfo, plural
 from vsalog.readers.headers import printable_cell
 from vsalog.readers.row_clock import ROW_NOTE, row_clock
+from vsalog.readers.sparse import group_by_blanks
 from vsalog.readers.table_dialect import NUMBER, WHITESPACE, Dialect, detect
 from vsalog.readers.text_source import TextSource
 from vsalog.readers.time_columns import find_clocks, looks_like_clock, nanoseconds
@@ -59,21 +60,23 @@ class TableReader:
         self._sample = _sample_columns(self._dialect)
         self._plan = find_clocks(self._dialect.names, self._dialect.units, self._sample)
         self._counts: dict[str, _Cells] = {}
+        clocks = self._plan.columns()
+        self._channels = [i for i in range(len(self._dialect.names)) if i not in clocks]
+        groups = group_by_blanks(self._sample, self._channels) if clocks else [self._channels]
+        self._streams = {i: self._stream_name(k, group) for k, group in enumerate(groups) for i in group}
 
     def catalogue(self) -> Catalogue:
         """Return the columns; those whose first cells are all text are listed as unread."""
         channels: dict[str, ChannelInfo] = {}
         unread: dict[str, str] = {}
-        clocks = self._plan.columns()
-        for i, (name, unit) in enumerate(zip(self._dialect.names, self._dialect.units, strict=True)):
-            if i in clocks:
-                continue
+        for i in self._channels:
+            name, unit = self._dialect.names[i], self._dialect.units[i]
             cells = _Cells()
             cells.convert(self._sample[i])
             if cells.text:
                 unread[name] = cells.text
             else:
-                channels[name] = ChannelInfo(self.path.stem, "csv", unit)
+                channels[name] = ChannelInfo(self._streams[i], "csv", unit)
         return Catalogue(channels, unread)
 
     def blocks(self, wanted: Collection[str] | None) -> Iterator[Block]:
@@ -85,9 +88,8 @@ class TableReader:
             The table cannot be parsed.
         """
         self._note_dialect()
-        clocks = self._plan.columns()
         names = self._dialect.names
-        columns = [i for i in range(len(names)) if i not in clocks and (wanted is None or names[i] in wanted)]
+        columns = [i for i in self._channels if wanted is None or names[i] in wanted]
         self._counts = {names[i]: _Cells() for i in columns}
         row, dropped = 0, 0
         for batch in self._batches(columns):
@@ -98,9 +100,25 @@ class TableReader:
                 dropped += int(np.count_nonzero(~good))
                 stamps = {kind: times[good] for kind, times in stamps.items()}
                 values = {name: cells[good] for name, cells in values.items()}
-            units = {names[i]: unit for i in columns if (unit := self._dialect.units[i]) is not None}
-            yield Block(self.path.stem, "csv", stamps, values, units)
+            yield from self._by_stream(columns, stamps, values)
         self._report(dropped)
+
+    def _by_stream(self, columns: list[int], stamps: dict[str, Stamps], values: dict[str, Values]) -> Iterator[Block]:
+        """Yield a block per stream, the sparse ones without their blank rows."""
+        names, units = self._dialect.names, self._dialect.units
+        for stream in dict.fromkeys(self._streams[i] for i in columns) or [self.path.stem]:
+            own = [i for i in columns if self._streams[i] == stream]
+            cells = {names[i]: values[names[i]] for i in own}
+            times = stamps
+            if stream != self.path.stem:
+                filled = ~np.all([np.isnan(column) for column in cells.values()], axis=0)
+                cells = {name: column[filled] for name, column in cells.items()}
+                times = {kind: time[filled] for kind, time in stamps.items()}
+            stated = {names[i]: unit for i in own if (unit := units[i]) is not None}
+            yield Block(stream, "csv", times, cells, stated)
+
+    def _stream_name(self, number: int, group: list[int]) -> str:
+        return self.path.stem if number == 0 else f"{self.path.stem} ({self._dialect.names[group[0]]} …)"
 
     def _detect(self) -> Dialect:
         try:
@@ -185,6 +203,11 @@ class TableReader:
             self.notes.append("the comma in the quoted numbers is read as a decimal mark")
         if self.rate is not None and self._plan.clocks:
             self.notes.append("the table has a time column: the sample rate that was given is not used")
+        sparse = len(set(self._streams.values())) - (self.path.stem in self._streams.values())
+        if sparse:
+            self.notes.append(
+                f"{plural(sparse, 'group')} of columns with many blank cells read without them, as streams of their own"
+            )
         if self._plan.clocks or self.rate is not None:
             return
         self.notes.append(ROW_NOTE)
