@@ -257,6 +257,18 @@ def test_bytes_that_are_no_text_deep_in_the_file(tmp_path):
     assert np.isnan(recording.channel("x").values[-2])
 
 
+@pytest.mark.parametrize(
+    "text",
+    [
+        "preset = 'sea'\n\n[[joints]]\nname = 'elbow'\n",
+        "| file | what |\n| --- | --- |\n| a.csv | a log |\n| b.csv | one |\n",
+    ],
+)
+def test_text_without_numbers_is_refused(tmp_path, text):
+    with pytest.raises(ReadError, match="no table"):
+        read(table(tmp_path, text))
+
+
 def test_a_lone_header_is_refused(tmp_path):
     with pytest.raises(ReadError, match="no row of values"):
         read(table(tmp_path, "time,x\n"))

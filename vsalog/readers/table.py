@@ -58,6 +58,8 @@ class TableReader:
         self._gzip = False
         self._dialect = self._detect()
         self._sample = _sample_columns(self._dialect)
+        if all(_is_text(column) for column in self._sample):
+            raise ReadError(f"{path}: holds text, but no table: none of its columns holds numbers")
         self._plan = find_clocks(self._dialect.names, self._dialect.units, self._sample)
         self._counts: dict[str, _Cells] = {}
         clocks = self._plan.columns()
@@ -254,7 +256,7 @@ class _Cells:
             bad = 0
         except pa.ArrowInvalid:
             numbers, bad = self._convert_carefully(cells)
-        self.good += len(cells) - cells.null_count - bad
+        self.good += len(numbers) - numbers.null_count
         self.bad += bad
         self.rows += len(cells)
         return np.array(numbers.to_numpy(zero_copy_only=False), dtype=np.float64)
@@ -313,6 +315,12 @@ def _read_head(source: IO[bytes]) -> bytes:
         parts.append(part)
         size += len(part)
     return b"".join(parts)
+
+
+def _is_text(column: pa.Array) -> bool:
+    cells = _Cells()
+    cells.convert(column)
+    return bool(cells.text)
 
 
 def _sample_columns(dialect: Dialect) -> list[pa.Array]:
