@@ -138,14 +138,11 @@ def qr_solve(Rp: Array, xi: Array) -> bool:
     """Back-substitute ξ = R⁻¹ p (eq. 23) in place; returns False and NaN where R is singular to working precision."""
     n = Rp.shape[0]
     known = True
-    # Until its turn comes, xi[i] holds the largest entry of column i, gathered row by row as R lies in memory.
-    for j in range(n):
-        xi[j] = abs(Rp[0, j])
-    for i in range(1, n):
-        for j in range(i, n):
-            xi[j] = max(xi[j], abs(Rp[i, j]))
     for i in range(n - 1, -1, -1):
-        if abs(Rp[i, i]) <= 1e-15 * xi[i]:
+        column = 0.0
+        for j in range(i + 1):
+            column = max(column, abs(Rp[j, i]))
+        if abs(Rp[i, i]) <= 1e-15 * column:
             known = False
             break
         s = Rp[i, n]
