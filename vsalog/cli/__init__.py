@@ -8,6 +8,8 @@ import rich_click as click
 
 from vsalog._version import __version__
 from vsalog.cli.estimate import estimate
+from vsalog.cli.init import init
+from vsalog.cli.inspect import inspect
 from vsalog.errors import VsalogError
 
 
@@ -19,6 +21,8 @@ def cli(debug: bool) -> None:
 
 
 cli.add_command(estimate)
+cli.add_command(init)
+cli.add_command(inspect)
 
 
 def main() -> None:

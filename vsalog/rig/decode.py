@@ -245,9 +245,7 @@ def _end_value(text: str, units: tuple[str, ...], path: Path) -> float:
         _, unit = split_quantity(text)
         like = matching(unit, units)
         if like == "A":
-            refuse(
-                path, f"{_written(text)} is a current; give the torque it makes: current × torque_constant × gear_ratio"
-            )
+            refuse(path, f"'{shown(unit)}' is a current; {_TORQUE_OF_CURRENT}")
         return parse_quantity(text, like)
     except UnitError as error:
         refuse(path, str(error))

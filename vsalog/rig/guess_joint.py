@@ -59,7 +59,7 @@ def guess_joint(name: str, group: list[Candidate], has_set_runs: bool) -> JointG
         warnings.append(
             'two motors may be antagonists, or a main motor and one that sets the stiffness (then kind = "serial")'
         )
-    if not any(role.startswith(("motor_torque", "torque_sensor")) for role in roles):
+    if kind != "rigid" and not any(role.startswith(("motor_torque", "torque_sensor")) for role in roles):
         warnings.append("there is no torque and no motor current, so no stiffness can be estimated from this log alone")
     missing = {role: _why_missing(role, kind, roles, still, moving) for role in _ROLES[kind] if role not in roles}
     return JointGuess(name, kind, reason, confidence, checked.roles, missing, checked.gear_ratio, (), tuple(warnings))
@@ -222,7 +222,8 @@ def _role_guess(option: _Option, warnings: list[str]) -> RoleGuess:
         warnings.append(
             f"'{channel.name}' has whole numbers only and no unit: raw counts, perhaps; they need a unit to be an angle"
         )
-    return RoleGuess(channel.name, option.confidence, (option.reason,), option.unit)
+    is_current = option.candidate.meaning.quantity == "current"
+    return RoleGuess(channel.name, option.confidence, (option.reason,), option.unit, is_current=is_current)
 
 
 def _why_missing(
@@ -240,7 +241,7 @@ def _why_missing(
     if base in ("motor_position", "link_position") and role.replace(base, "deflection") in roles:
         return "not found; not needed beside the deflection unless the motor's inertia matters"
     if role == "torque_sensor" and kind == "antagonistic":
-        return "not found: one sensor for the whole joint"
+        return "not needed: one sensor for the whole joint, where not every transmission has its own"
     if base == "motor_torque":
         return "not found: neither a motor torque nor a motor current"
     if base == "torque_sensor":

@@ -32,6 +32,7 @@ class RoleGuess(Struct, frozen=True):
     reasons : in words
     unit : to be stated in the rig, where the log does not say what the name does
     side, sign : as in the rig
+    is_current : a motor torque that is recorded as a current
     """
 
     channel: str
@@ -40,6 +41,7 @@ class RoleGuess(Struct, frozen=True):
     unit: str | None = None
     side: Literal["joint", "rotor"] = "joint"
     sign: Literal[1, -1] = 1
+    is_current: bool = False
 
 
 class RunGuess(Struct, frozen=True):

@@ -1,0 +1,228 @@
+"""A rig file to start from: the guesses filled in, the gaps as comments, each line with its reason.
+
+The text always loads, so that it can be tried at once and filled in step by step.
+"""
+
+from __future__ import annotations
+
+import re
+import textwrap
+from collections.abc import Iterator
+
+from vsalog.recording import Recording
+from vsalog.rig.checks import RUN
+from vsalog.rig.guess_types import Guess, JointGuess, RoleGuess
+from vsalog.rig.load import Rig
+from vsalog.rig.schema import Joint, Signal
+from vsalog.units import shown
+
+# Where the comments begin, if the line leaves room.
+COLUMN = 48
+
+_MOTORS = {
+    "elastic": ("motor",),
+    "serial": ("motor", "secondary_motor"),
+    "antagonistic": ("motor_1", "motor_2"),
+    "rigid": (),
+}
+_TRANSMISSIONS = {
+    "elastic": ("transmission",),
+    "serial": ("transmission",),
+    "antagonistic": ("transmission_1", "transmission_2"),
+}
+
+
+def rig_template(recording: Recording, guess: Guess) -> str:
+    """Return a `rig.toml` for the joints guessed in a recording."""
+    lines = [*_head(recording, guess), ""]
+    for name, joint in _unique_names(guess):
+        lines.extend(_joint(name, joint))
+    return "\n".join(lines).rstrip("\n") + "\n"
+
+
+def preset_template(recording: Recording, guess: Guess, name: str) -> str:
+    """Return a `rig.toml` that starts from a preset and takes its channels from a recording.
+
+    Raises
+    ------
+    RigError
+        There is no such preset.
+    """
+    rig = Rig.preset(name)
+    lines = [*_head(recording, guess), "", f"preset = {toml_string(name)}", ""]
+    guesses = {joint.name: joint for joint in guess.joints}
+    in_order = list(guess.joints)
+    for i, (joint_name, joint) in enumerate(rig.joints.items()):
+        found = guesses.get(joint_name) or (in_order[i] if i < len(in_order) else None)
+        lines.append(f"[joint.{toml_key(joint_name)}.signals]")
+        lines.extend(_preset_signals(recording, joint, found))
+        lines.append("")
+    return "\n".join(lines).rstrip("\n") + "\n"
+
+
+def toml_string(text: str) -> str:
+    """Write a text as a TOML string, whatever is in it."""
+    escaped = []
+    for c in text:
+        if c in '"\\':
+            escaped.append("\\" + c)
+        elif c.isprintable():
+            escaped.append(c)
+        elif 0xD800 <= ord(c) <= 0xDFFF:
+            escaped.append("�")  # half a character is no text
+        else:
+            escaped.append(f"\\U{ord(c):08X}")
+    return '"' + "".join(escaped) + '"'
+
+
+def toml_key(name: str) -> str:
+    """Write a name as a TOML key, in quotes where it needs them."""
+    return name if re.fullmatch(r"[A-Za-z0-9_-]+", name) else toml_string(name)
+
+
+def _head(recording: Recording, guess: Guess) -> list[str]:
+    lines = [
+        f"# Rig of {_plain(recording.path.name)}, guessed by 'vsalog init'.",
+        "# A percentage says how sure a guess is; check them all. Lines that begin with '# key =' are gaps to fill in.",
+        '# Numbers are SI; any other unit goes into the text: "7.3 kg*m*mm", "500 N*mm/rad", "deg".',
+    ]
+    if recording.rig_text is not None:
+        lines.append("# The log carries a rig of its own, which is used when no other is given.")
+    for warning in guess.warnings:
+        lines.extend(_note(warning))
+    return lines
+
+
+def _unique_names(guess: Guess) -> Iterator[tuple[str, JointGuess]]:
+    taken: set[str] = set()
+    for joint in guess.joints:
+        name = shown(joint.name).strip() or "joint"
+        while name in taken:
+            name += "_"
+        taken.add(name)
+        yield name, joint
+
+
+def _joint(name: str, joint: JointGuess) -> Iterator[str]:
+    path = f"joint.{toml_key(name)}"
+    yield f"[{path}]"
+    yield _line(f'kind = "{joint.kind}"', f"{_percent(joint.confidence)}: {joint.reason}")
+    for warning in joint.warnings:
+        yield from _note(warning)
+    yield ""
+    for motor in _MOTORS[joint.kind]:
+        yield from _motor(f"{path}.{motor}", motor, joint)
+    for transmission in _TRANSMISSIONS.get(joint.kind, ()):
+        yield from _transmission(f"{path}.{transmission}", joint)
+    if joint.kind == "serial":
+        yield from _lever(path)
+    yield f"[{path}.signals]"
+    for role, guess in joint.roles.items():
+        yield _signal(role, guess, bool(joint.runs))
+    for role, why in joint.missing.items():
+        if role != "setpoint" or not joint.runs:
+            yield _gap(role, '"…"', why)
+    yield ""
+    for run in joint.runs:
+        yield f"[[{path}.run]]"
+        yield f"name = {toml_string(run.name)}"
+        if run.setpoint is not None and joint.kind == "serial":
+            yield _line(
+                f"setpoint = {run.setpoint!r}",
+                f'from the name, its unit is unknown: write "{run.setpoint:g} mm" or "{run.setpoint:g} deg"',
+            )
+        yield ""
+
+
+def _motor(path: str, key: str, joint: JointGuess) -> Iterator[str]:
+    if key == "secondary_motor":
+        yield f"# [{path}]"
+        yield _gap("gear_ratio", "23.0", "of the motor that sets the stiffness, where its position is the rotor's")
+        yield ""
+        return
+    yield f"[{path}]"
+    yield _gap("inertia", '"2.3e-5 kg*m^2"', "no log says it; needed where the torque comes from the motor's side")
+    yield _gap("damping", '"0.001 N*m*s/rad"', "0 when left out")
+    yield _gap("side", '"rotor"', "where inertia and damping are the rotor's own, not yet times gear_ratio²")
+    if joint.gear_ratio is not None:
+        yield _line(f"gear_ratio = {joint.gear_ratio!r}", "60 %: the ratio of the two positions' ranges; look it up")
+    else:
+        yield _gap("gear_ratio", "50.0", "1 when left out; needed for whatever is measured on the rotor's side")
+    suffix = key.removeprefix("motor")
+    torque = joint.roles.get(f"motor_torque{suffix}")
+    if torque is not None and torque.is_current:
+        yield _gap("torque_constant", '"0.05 N*m/A"', "needed: the motor torque is recorded as a current")
+    yield ""
+
+
+def _transmission(path: str, joint: JointGuess) -> Iterator[str]:
+    yield f"[{path}]"
+    choices = "linear, cubic, vsa2 or awas" if joint.kind == "serial" else "linear, cubic or vsa2"
+    yield _line('type = "unknown"', f"{choices} where the spring's law is known; then its parameters go here too")
+    yield ""
+
+
+def _lever(path: str) -> Iterator[str]:
+    yield f"# [{path}.lever]"
+    yield _gap(
+        "start", '"100 mm"', "where the set-point is an angle that moves a lever arm: r = start − travel · angle"
+    )
+    yield _gap("travel", '"2.5 mm/rev"', "both or none")
+    yield ""
+
+
+def _signal(role: str, guess: RoleGuess, has_runs: bool) -> str:
+    parts = []
+    if guess.unit is not None:
+        parts.append(f"unit = {toml_string(guess.unit)}")
+    if guess.side != "joint":
+        parts.append(f'side = "{guess.side}"')
+    if guess.sign != 1:
+        parts.append(f"sign = {guess.sign}")
+    channel = toml_string(guess.channel)
+    value = f"{{ channel = {channel}, {', '.join(parts)} }}" if parts else channel
+    why = f"{_percent(guess.confidence)}: {'; '.join(guess.reasons)}"
+    if RUN in guess.channel and not has_runs:
+        return _gap(role, value, f"{why}; but its name holds {RUN}, which stands for a run")
+    return _line(f"{role} = {value}", why)
+
+
+def _preset_signals(recording: Recording, joint: Joint, found: JointGuess | None) -> Iterator[str]:
+    """Yield a line per role: as the preset has it, as guessed, or a gap."""
+    kept = {c for role in joint.signals.__struct_fields__ if (c := _channel(joint, role)) in recording.channels}
+    for role in joint.signals.__struct_fields__:
+        there = _channel(joint, role)
+        guess = found.roles.get(role) if found is not None else None
+        if there in recording.channels:
+            yield _gap(role, toml_string(str(there)), "as in the preset: the log has this channel")
+        elif guess is not None and guess.channel not in kept:
+            yield _signal(role, guess, has_runs=False)
+        elif there is not None:
+            yield _gap(role, '"…"', f"not found: the preset says '{there}', which the log does not have")
+
+
+def _channel(joint: Joint, role: str) -> str | None:
+    spec: str | float | Signal | None = getattr(joint.signals, role)
+    channel = spec.channel if isinstance(spec, Signal) else spec
+    return channel if isinstance(channel, str) else None
+
+
+def _line(text: str, comment: str) -> str:
+    return f"{text:<{COLUMN}}# {_plain(comment)}" if len(text) < COLUMN else f"{text}  # {_plain(comment)}"
+
+
+def _gap(key: str, value: str, why: str) -> str:
+    return _line(f"# {key} = {value}", why)
+
+
+def _note(text: str) -> list[str]:
+    return textwrap.wrap(f"Note: {_plain(text)}", 116, initial_indent="# ", subsequent_indent="#   ")
+
+
+def _percent(confidence: float) -> str:
+    return f"{round(100 * confidence)} %"
+
+
+def _plain(text: str) -> str:
+    """Make a text fit for a comment: one line, no control characters."""
+    return "".join(c if c.isprintable() else "�" for c in text)
