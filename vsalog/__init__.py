@@ -1,0 +1,93 @@
+"""Stiffness, with honest uncertainty, from the recordings of compliant robot joints.
+
+The main job in three lines::
+
+    import vsalog
+
+    (joint,) = vsalog.estimate("exp1.mcap")
+    joint.trace["total"]["stiffness"]  # numpy array [N·m/rad]
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from vsalog._version import __version__
+from vsalog.errors import VsalogError
+
+if TYPE_CHECKING:
+    from vsalog.estimation import JointEstimate
+    from vsalog.model import ModelFile
+    from vsalog.readers import read
+    from vsalog.recording import Recording
+    from vsalog.rig import Rig
+
+__all__ = ["ModelFile", "Recording", "Rig", "VsalogError", "__version__", "estimate", "read"]
+
+_LAZY = {
+    "ModelFile": "vsalog.model",
+    "Recording": "vsalog.recording",
+    "Rig": "vsalog.rig",
+    "read": "vsalog.readers",
+}
+
+
+def __getattr__(name: str) -> Any:
+    """Import what is heavy when it is asked for."""
+    if name not in _LAZY:
+        raise AttributeError(f"module 'vsalog' has no attribute '{name}'")
+    from importlib import import_module
+
+    return getattr(import_module(_LAZY[name]), name)
+
+
+def estimate(
+    logs: str | Path | Recording | Sequence[str | Path | Recording],
+    rig: Rig | str | Path | None = None,
+    *,
+    joints: Sequence[str] = (),
+    estimator: str = "auto",
+    tune: Mapping[str, Any] | None = None,
+    set: Mapping[str, Any] | None = None,
+    rate: float | None = None,
+    time: str = "auto",
+) -> list[JointEstimate]:
+    """Estimate the stiffness of the joints of a log, as ``vsalog estimate`` does, without writing files.
+
+    Parameters
+    ----------
+    logs : a log's path or a recording, or several that make one model
+    rig : a rig, its file or a preset's name; what the log carries, or lies beside it, when absent
+    joints : names of the joints wanted; all when empty
+    estimator : ``residual-rls``, ``qr-rls``, ``batch-ls``, ``direct``, one of a third party's, or ``auto``
+    tune : what to tune, e.g. ``{"forgetting": 0.98}``; docs/estimators.md lists it
+    set : changes to the rig, e.g. ``{"joint.elbow.motor.damping": "1 N*mm*s/rad"}``; ``setpoint`` fixes the set-point
+    rate : samples per second of a table without a time column [Hz]
+    time : which clock to trust: auto, header, log or publish
+
+    Returns
+    -------
+    one `JointEstimate` per joint, with its `trace`, `model`, `summary` and `warnings`
+
+    Raises
+    ------
+    VsalogError
+        What the input is to blame for; the message says what, where and what to do.
+    """
+    from vsalog.job import Options, prepare
+    from vsalog.recording import Recording
+
+    if isinstance(logs, str | Path | Recording):
+        logs = [logs]
+    options = Options(
+        rig,
+        tuple(joints),
+        estimator,
+        {k: str(v) for k, v in (tune or {}).items()},
+        {k: str(v) for k, v in (set or {}).items()},
+        rate,
+        time,
+    )
+    return prepare([log if isinstance(log, Recording) else Path(log) for log in logs], options).run()

@@ -130,11 +130,11 @@ def bind(
 def _bind_role(
     recording: Recording, run: Run, role: str, signal: Signal, joint: Joint, fixed: float | None
 ) -> _Bound:
-    constant = signal.constant
+    constant: float | str | None = signal.constant
     if role == "setpoint":
         constant = fixed if fixed is not None else run.setpoint if run.setpoint is not None else constant
     if constant is not None and (role != "setpoint" or signal.channel is None or fixed is not None):
-        if not np.isfinite(constant):
+        if not np.isfinite(float(constant)):
             raise BindingError(
                 f"{recording.path.name}: run '{run.name}' has no set-point; give it one in the rig or with"
                 " --set setpoint=VALUE"
@@ -238,7 +238,7 @@ def _on_one_grid(recording: Recording, joint: str, bound: Mapping[str, _Bound], 
         joint,
         period * 1e-9,
         stamps,
-        (stamps - origin) * 1e-9,
+        (stamps - origin).astype(np.float64) * 1e-9,
         roles,
         starts,
         np.full(stamps.size, run, dtype=np.int32),
@@ -321,7 +321,7 @@ def _resolution(values: Array) -> float:
     # Third differences leave little of a smooth motion; of white noise their variance is 20 times its own.
     third = np.abs(np.diff(finite, 3))
     deviation = 1.4826 * float(np.median(third)) / 20.0**0.5 if third.size else 0.0
-    return max(deviation * 12.0**0.5, 1e-12 * span)
+    return float(max(deviation * 12.0**0.5, 1e-12 * span))
 
 
 def _notes(joint: str, segments: list[tuple[int, int]], moving: Mapping[str, _Bound]) -> tuple[str, ...]:

@@ -154,7 +154,7 @@ def estimate_joint(
         name,
         choice.name,
         choice.reason,
-        _settings(choice.tuning),
+        _settings(choice.tuning, fold),
         fold.model(state),
         summary,
         (*warnings, *summary.warnings),
@@ -182,8 +182,10 @@ def _fold(fold: RegressionFold, signals: JointSignals, block: int, sink: Sink, s
     return state
 
 
-def _settings(tuning: Tuning) -> dict[str, str | float | int | bool]:
-    return {k: v for k, v in msgspec.structs.asdict(tuning).items() if v is not None}
+def _settings(tuning: Tuning, fold: RegressionFold) -> dict[str, str | float | int | bool]:
+    """Return the tuning with what was derived from the log filled in."""
+    given = {k: v for k, v in msgspec.structs.asdict(tuning).items() if v is not None}
+    return {**given, **fold.derived}
 
 
 def pick_joints(joints: Mapping[str, Joint], wanted: Sequence[str]) -> dict[str, Joint]:

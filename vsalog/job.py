@@ -10,7 +10,7 @@ from pathlib import Path
 
 from vsalog._version import __version__
 from vsalog.binding import offered_roles, wanted_channels
-from vsalog.errors import ReadError, RigError
+from vsalog.errors import EstimatorError, ReadError, RigError
 from vsalog.estimation import (
     Choice,
     JointEstimate,
@@ -27,6 +27,8 @@ from vsalog.trace import Trace
 
 Progress = Callable[[str], None]
 
+MOST_JOINTS_TOLD = 3
+
 
 @dataclass(frozen=True, slots=True)
 class Options:
@@ -34,7 +36,7 @@ class Options:
 
     Attributes
     ----------
-    rig : a rig file or preset; looked for in and beside the log when absent
+    rig : a loaded rig, a rig file or a preset; looked for in and beside the log when absent
     joints : names of the joints wanted; all when empty
     estimator : a method's name or ``auto``
     tune : NAME → VALUE of the method's tuning
@@ -44,7 +46,7 @@ class Options:
     time : which clock stamps come from: auto, header, log, publish
     """
 
-    rig: str | Path | None = None
+    rig: Rig | str | Path | None = None
     joints: tuple[str, ...] = ()
     estimator: str = "auto"
     tune: Mapping[str, str] = field(default_factory=dict)
@@ -95,7 +97,7 @@ class Job:
             "vsalog.version": __version__,
             "vsalog.rig": self.rig.to_toml(),
             "vsalog.estimator": json.dumps(settings),
-            "vsalog.input": json.dumps({log.name: sha256(log) for log in self.logs}),
+            "vsalog.input": json.dumps({log.name: sha256(log) for log in self.logs if log.exists()}),
         }
 
     def model_file(self, estimates: Sequence[JointEstimate], provenance: Mapping[str, str]) -> ModelFile:
@@ -110,8 +112,14 @@ class Job:
         )
 
 
-def prepare(logs: Sequence[Path], options: Options, progress: Progress = lambda _: None) -> Job:
+def prepare(logs: Sequence[Path | Recording], options: Options, progress: Progress = lambda _: None) -> Job:
     """Find the rig, choose the estimators, and read the channels they need.
+
+    Parameters
+    ----------
+    logs : paths, or recordings read before
+    options : what is asked for
+    progress : told what is being done
 
     Raises
     ------
@@ -122,44 +130,76 @@ def prepare(logs: Sequence[Path], options: Options, progress: Progress = lambda 
         raise ReadError("no log was given")
     warnings: list[str] = []
     rig, guessed = _rig(logs[0], options), False
-    recordings: list[Recording] | None = None
+    read_all: list[Recording] | None = None
     if rig is None:
-        progress(f"reading {logs[0].name}")
-        recordings = [read(log, time=options.time, rate=options.rate) for log in logs]
-        rig, remarks = _guess(recordings[0])
+        read_all = [_read(log, None, options, progress) for log in logs]
+        rig, remarks = _guess(read_all[0])
         guessed = True
         warnings += remarks
-    fixed = {k: v for k, v in options.set.items() if k != "setpoint"}
-    for key, value in fixed.items():
-        rig = rig.with_setting(key, value)
+    for key, value in options.set.items():
+        if key != "setpoint":
+            rig = rig.with_setting(key, value)
     rig, setpoints = _setpoints(rig, options.set.get("setpoint"), len(logs))
     joints = pick_joints(rig.joints, options.joints)
-    choices, left_out = choose_all(joints, options.estimator, options.tune)
+    try:
+        choices, left_out = choose_all(joints, options.estimator, options.tune)
+    except EstimatorError as error:
+        if not guessed:
+            raise
+        name = _path(logs[0]).name
+        raise EstimatorError(f"{name}: no rig was found in or beside it, and by the names of its channels {error}") from None
     warnings += [f"left out: {reason}" for reason in left_out.values()]
-    if recordings is None:
-        recordings = []
+    if read_all is None:
+        read_all = []
         for log in logs:
-            progress(f"reading {log.name}")
-            wanted = set().union(*(wanted_channels(joints[n], log.name, c.roles) for n, c in choices.items()))
-            recordings.append(read(log, wanted, time=options.time, rate=options.rate))
-    warnings += [f"{r.path.name}: {note}" for r in recordings for note in r.notes]
-    return Job(tuple(logs), tuple(recordings), rig, guessed, choices, setpoints, tuple(warnings))
+            name = _path(log).name
+            wanted = set().union(*(wanted_channels(joints[n], name, c.roles) for n, c in choices.items()))
+            read_all.append(_read(log, wanted, options, progress))
+    warnings += [f"{r.path.name}: {note}" for r in read_all for note in r.notes]
+    paths = tuple(_path(log) for log in logs)
+    return Job(paths, tuple(read_all), rig, guessed, choices, setpoints, tuple(warnings))
 
 
-def _rig(log: Path, options: Options) -> Rig | None:
-    text = open_reader(log, options.rate).rig_text if options.rig is None else None
-    return find_rig(log, text, options.rig)
+def _path(log: Path | Recording) -> Path:
+    return log.path if isinstance(log, Recording) else log
+
+
+def _read(log: Path | Recording, wanted: set[str] | None, options: Options, progress: Progress) -> Recording:
+    if isinstance(log, Recording):
+        return log
+    progress(f"reading {log.name}")
+    return read(log, wanted, time=options.time, rate=options.rate)
+
+
+def _rig(log: Path | Recording, options: Options) -> Rig | None:
+    if isinstance(options.rig, Rig):
+        return options.rig
+    if options.rig is not None:
+        return find_rig(_path(log), None, options.rig)
+    text = log.rig_text if isinstance(log, Recording) else open_reader(log, options.rate).rig_text
+    return find_rig(_path(log), text)
 
 
 def _guess(recording: Recording) -> tuple[Rig, list[str]]:
-    """Guess the rig of a log that has none; what was guessed is said loudly."""
-    from vsalog.rig.guess import guess_rig
+    """Guess the rig of a log that has none; that it was guessed is said loudly."""
+    from vsalog.rig.guess import guess_roles
+    from vsalog.rig.template import rig_template
 
-    rig, reasons = guess_rig(recording)
-    name = recording.path.name
-    return rig, [
-        f"no rig was found in or beside {name}: roles are guessed ({reasons})."
-        f" 'vsalog init {name} -o {recording.path.stem}.rig.toml' writes them down for you to correct"
+    guess, name = guess_roles(recording), recording.path.name
+    if not guess.joints:
+        raise RigError(
+            f"no rig was found in or beside {name}, and no channel of it looks like a joint's position or deflection."
+            f" 'vsalog inspect {name}' lists the channels; describe the joint in a rig file (docs/rig.md) and give it with --rig"
+        )
+    roles = "; ".join(
+        f"{joint.name}: " + ", ".join(f"{role} = '{g.channel}' ({g.confidence:.0%} sure)" for role, g in joint.roles.items())
+        for joint in guess.joints[:MOST_JOINTS_TOLD]
+    )
+    more = f" and {len(guess.joints) - MOST_JOINTS_TOLD} more joints" if len(guess.joints) > MOST_JOINTS_TOLD else ""
+    return Rig.from_toml(rig_template(recording, guess), f"the rig guessed for {name}"), [
+        f"no rig was found in or beside {name}, so the roles are guessed. {roles}{more}."
+        f" 'vsalog init {name} -o {recording.path.stem}.rig.toml' writes them down for you to check and correct",
+        *guess.warnings,
     ]
 
 

@@ -74,9 +74,10 @@ def device_of(name: str, joint: Joint, roles: Mapping[str, Array] | None = None)
     """
     if isinstance(joint, RigidJoint):
         raise EstimatorError(
-            f"joint '{name}' is of kind 'rigid': it has one position only, so there is no deflection and no stiffness"
-            ' to estimate; if it is compliant, say so in the rig (kind = "elastic", "serial" or "antagonistic")'
-            " and name the channels of both sides of the transmission"
+            f"joint '{name}' is of kind 'rigid', with one position only, so there is no deflection and no stiffness to"
+            " estimate: a role is missing, motor_position (the motor's position θ) or link_position (the link's position q),"
+            " whichever the one position is not, or deflection. If the joint is compliant and both sides were recorded, say"
+            ' so in the rig (kind = "elastic", "serial" or "antagonistic") and name their channels'
         )
     serial = isinstance(joint, SerialJoint)
     views: tuple[TransmissionView, ...]

@@ -73,6 +73,10 @@ class Equation(Protocol):
 class Solver(Protocol):
     """How the unknowns are found."""
 
+    @property
+    def p0(self) -> float:
+        """Prior covariance of the coefficients, infinite for none."""
+
     def start(self, size: int) -> Any:
         """Return the state before the first sample."""
 
@@ -118,6 +122,11 @@ class RegressionFold:
     ) -> None:
         self.name, self.modality, self.device, self.conditioner = name, modality, device, conditioner
         self.equations, self.solver, self.passes = equations, solver, passes
+
+    @property
+    def derived(self) -> dict[str, float]:
+        """What was derived from the log where the tuning left it open."""
+        return {"p0": self.solver.p0, "settle": self.conditioner.settle * self.conditioner.period}
 
     def start(self) -> FoldState:
         """Return the state before the first sample."""

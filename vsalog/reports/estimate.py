@@ -47,7 +47,7 @@ class Progress:
         """Say so when the numerical kernels are not compiled yet, since that takes a while."""
         from vsalog.estimators import rls
 
-        cache = Path(rls._run._cache.cache_path)
+        cache = Path(rls._run._cache.cache_path)  # type: ignore[attr-defined]
         if not any(cache.glob("rls._run*.nbi")):
             self._console.print("first run on this machine: compiling the numerical kernels, about ten seconds …")
 
