@@ -81,18 +81,39 @@ def rls_block(
     return new, values, variances, coefficients, innovation, factor
 
 
-@njit(cache=True, error_model="numpy")
+@njit(cache=True, error_model="numpy", forceinline=True)
+def _times(P: Array, x: Array, out: Array) -> None:
+    """P x of a symmetric P. Sums run in the same order for every n, whichever way they are computed."""
+    n = x.shape[0]
+    if n < 8:
+        for i in range(n):
+            s = 0.0
+            for j in range(n):
+                s += P[i, j] * x[j]
+            out[i] = s
+        return
+    # A sum must not be reordered and cannot be vectorised, but many sums can go side by side: columns are rows here.
+    for i in range(n):
+        out[i] = 0.0
+    whole = n - n % 4
+    for j in range(0, whole, 4):
+        a, b, c, d = x[j], x[j + 1], x[j + 2], x[j + 3]
+        for i in range(n):
+            out[i] = (((out[i] + P[j, i] * a) + P[j + 1, i] * b) + P[j + 2, i] * c) + P[j + 3, i] * d
+    for j in range(whole, n):
+        for i in range(n):
+            out[i] += P[j, i] * x[j]
+
+
+@njit(cache=True, error_model="numpy", forceinline=True)
 def rls_update(F: Array, y: float, c: float, alpha: Array, P: Array, g: Array) -> tuple[float, float, float]:
     """One enhanced RLS update in place (eq. 23, 39, 41); `g` is scratch, shape (n,). Returns ε, ρ, a."""
     n = alpha.shape[0]
     rho = 0.0
     error = y
+    _times(P, F, g)
     for i in range(n):
-        s = 0.0
-        for j in range(n):
-            s += P[i, j] * F[j]
-        g[i] = s
-        rho += F[i] * s
+        rho += F[i] * g[i]
         error -= F[i] * alpha[i]
     a = (c + c * rho) / (1.0 + c * rho)
     gain = a / (1.0 + rho)
@@ -127,7 +148,7 @@ def _run(
     factor: Array,
 ) -> None:
     count, q, n = E.shape
-    g = np.empty(n)
+    g, t = np.empty(n), np.empty(n)
     forget = 1.0 - 1.0 / memory
     for k in range(count):
         innovation[k] = np.nan
@@ -156,12 +177,10 @@ def _run(
             variances[k, s] = np.nan
             if spread[s]:
                 variance, pulled = 0.0, 0.0
+                _times(P, E[k, s], t)
                 for i in range(n):
-                    t = 0.0
-                    for j in range(n):
-                        t += P[i, j] * E[k, s, j]
-                    variance += E[k, s, i] * t
-                    pulled += t * alpha[i]
+                    variance += E[k, s, i] * t[i]
+                    pulled += t[i] * alpha[i]
                 pulled /= p0
                 variances[k, s] = sigma2 * c * variance + pulled * pulled
         for i in range(n):
