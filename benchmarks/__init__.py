@@ -1,0 +1,1 @@
+"""Measurements of vsalog's speed and memory; see README.md."""
