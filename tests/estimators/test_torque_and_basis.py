@@ -20,9 +20,7 @@ from vsalog.estimators.torque import integral_block, lag_block, residual_block
     scales=st.tuples(st.floats(0.1, 3.0), st.floats(0.1, 3.0)),
 )
 def test_rows_are_powers_and_their_derivatives(order, odd, m, phi, c, scales):
-    basis = PolynomialBasis.make(
-        order, odd=odd, setpoint_order=m, deflection_scale=scales[0], setpoint_scale=scales[1]
-    )
+    basis = PolynomialBasis.make(order, odd=odd, setpoint_order=m, deflection_scale=scales[0], setpoint_scale=scales[1])
     rows = basis.rows(np.array([phi]), np.array([c]))[0]
     assert rows.shape == (4, basis.size)
     column = 0

@@ -8,8 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from vsalog.errors import EstimatorError
 from vsalog.basis import PolynomialBasis
+from vsalog.errors import EstimatorError
 from vsalog.rig.schema import (
     AntagonisticJoint,
     Joint,

@@ -17,12 +17,12 @@ Flags = NDArray[np.bool_]
 
 
 class QrState:
-    """Triangular factor with the data vector as last column, [R p], shape (n, n + 1), and the noise sums, shape (5,)."""
+    """Triangular factor with the data vector as last column: [R p], shape (n, n + 1)."""
 
-    __slots__ = ("Rp", "noise")
+    __slots__ = ("Rp",)
 
-    def __init__(self, Rp: Array, noise: Array) -> None:
-        self.Rp, self.noise = Rp, noise
+    def __init__(self, Rp: Array) -> None:
+        self.Rp = Rp
 
     @classmethod
     def start(cls, size: int, leading: int = 0, p0: float = np.inf) -> QrState:
@@ -37,11 +37,11 @@ class QrState:
         Rp = np.zeros((size, size + 1))
         for i in range(leading, size):
             Rp[i, i] = p0**-0.5
-        return cls(Rp, np.zeros(5))
+        return cls(Rp)
 
     def copy(self) -> QrState:
         """Return an independent copy."""
-        return QrState(self.Rp.copy(), self.noise.copy())
+        return QrState(self.Rp.copy())
 
     def solve(self) -> Array:
         """ξ̂ = R⁻¹ p (eq. 20), shape (n,); NaN for what the data do not determine."""
@@ -59,10 +59,9 @@ def qr_block(
     E: Array,
     spread: Flags,
     forgetting: float,
-    memory: float,
     leading: int = 0,
     p0: float = np.inf,
-) -> tuple[QrState, Array, Array, Array, Array]:
+) -> tuple[QrState, Array, Array, Array, Array, Array]:
     """Update with a block of samples and evaluate linear functionals of the unknowns after each.
 
     Parameters
@@ -75,38 +74,25 @@ def qr_block(
     E : shape (N, q, n), functionals to evaluate
     spread : shape (q,), which of them need a variance
     forgetting : λ of eq. 21–22; R is multiplied by it, so a sample's squared error is discounted by λ² a step
-    memory : samples over which the noise is observed
-    leading, p0 : as the state was started with; the variances count what the prior may have pulled the estimate to zero
+    leading, p0 : as the state was started with
 
     Returns
     -------
-    state, values (N, q), variances (N, q), unknowns (N, n), residual after the update (N,); NaN while undetermined
+    state
+    values : shape (N, q), E ξ̂; NaN while undetermined, like all that follows
+    forms : shape (N, q), their variances for noise of variance one; NaN where not asked for
+    pulled : shape (N, q), what the prior may have pulled them to zero by
+    unknowns : shape (N, n)
+    left : shape (N,), what the fit leaves over after the update; NaN where nothing was learnt
     """
     new = state.copy()
     count, q, n = E.shape
-    values, variances = np.empty((count, q)), np.empty((count, q))
-    unknowns, residual = np.empty((count, n)), np.empty(count)
+    values, forms, pulled = np.empty((count, q)), np.full((count, q), np.nan), np.full((count, q), np.nan)
+    unknowns, left = np.empty((count, n)), np.full(count, np.nan)
     # With forgetting the prior is forgotten too.
     prior = 1.0 / p0 if forgetting == 1.0 else 0.0
-    _run(
-        F,
-        y,
-        use,
-        fresh,
-        E,
-        spread,
-        forgetting,
-        memory,
-        leading,
-        prior,
-        new.Rp,
-        new.noise,
-        values,
-        variances,
-        unknowns,
-        residual,
-    )
-    return new, values, variances, unknowns, residual
+    _run(F, y, use, fresh, E, spread, forgetting, leading, prior, new.Rp, values, forms, pulled, unknowns, left)
+    return new, values, forms, pulled, unknowns, left
 
 
 @njit(cache=True, error_model="numpy")
@@ -179,44 +165,31 @@ def _run(
     E: Array,
     spread: Flags,
     forgetting: float,
-    memory: float,
     leading: int,
     prior: float,
     Rp: Array,
-    noise: Array,
     values: Array,
-    variances: Array,
+    forms: Array,
+    pulled: Array,
     unknowns: Array,
-    residual: Array,
+    left: Array,
 ) -> None:
     count, q, n = E.shape
-    row, xi, z, w, inverse = np.empty(n + 1), np.empty(n), np.empty(n), np.empty(n), np.empty(n)
-    forget = 1.0 - 1.0 / memory
+    row, xi, z, w, inverse = np.empty(n + 1), np.empty(n), np.empty(n), np.zeros(n), np.empty(n)
     wide = np.any(spread)
     known = qr_solve(Rp, xi)
     for k in range(count):
-        residual[k] = np.nan
         if use[k]:
             if fresh[k]:
                 for j in range(n + 1):
                     Rp[0, j] = 0.0
             qr_update(F[k], y[k], forgetting, Rp, row)
             known = qr_solve(Rp, xi)
-            noise[4] += 1.0
             if known:
-                left = y[k]
+                e = y[k]
                 for j in range(n):
-                    left -= F[k, j] * xi[j]
-                residual[k] = left
-                noise[0] = forget * noise[0] + 1.0
-                noise[1] = forget * noise[1] + left * left
-                noise[2] = forget * noise[2] + (0.0 if fresh[k] else left * noise[3])
-                noise[3] = left
-        sigma2 = np.nan
-        if known and noise[0] > 1.0 and noise[4] > n + 1.0:
-            r = noise[2] / noise[1] if noise[1] > 0.0 else 0.0
-            r = min(max(r, 0.0), 0.9999)
-            sigma2 = noise[1] / noise[0] * noise[4] / (noise[4] - n) * (1.0 + r) / (1.0 - r)
+                    e -= F[k, j] * xi[j]
+                left[k] = e
         if wide and known:
             for i in range(n):
                 inverse[i] = 1.0 / Rp[i, i]
@@ -230,19 +203,16 @@ def _run(
             for i in range(n):
                 value += E[k, s, i] * xi[i]
             values[k, s] = value
-            variances[k, s] = np.nan
             if spread[s] and known:
-                # Variance of eᵀ ξ̂ is σ² |R⁻ᵀ e|²: one forward substitution.
+                # The variance of eᵀ ξ̂ is σ² |R⁻ᵀ e|²: one forward substitution.
                 for i in range(n):
                     z[i] = E[k, s, i]
                 _forward(Rp, inverse, z)
-                total, pulled = 0.0, 0.0
+                form, pull = 0.0, 0.0
                 for i in range(n):
-                    total += z[i] * z[i]
-                if prior > 0.0:
-                    for i in range(n):
-                        pulled += z[i] * w[i]
-                    pulled *= prior
-                variances[k, s] = sigma2 * total + pulled * pulled
+                    form += z[i] * z[i]
+                    pull += z[i] * w[i]
+                forms[k, s] = form
+                pulled[k, s] = prior * pull
         for i in range(n):
             unknowns[k, i] = xi[i]

@@ -17,26 +17,26 @@ Flags = NDArray[np.bool_]
 
 
 class RlsState:
-    """Coefficients α, shape (n,), covariance factor P, shape (n, n), and the running noise sums, shape (5,)."""
+    """Coefficients α, shape (n,), and covariance factor P, shape (n, n)."""
 
-    __slots__ = ("P", "alpha", "noise")
+    __slots__ = ("P", "alpha")
 
-    def __init__(self, alpha: Array, P: Array, noise: Array) -> None:
-        self.alpha, self.P, self.noise = alpha, P, noise
+    def __init__(self, alpha: Array, P: Array) -> None:
+        self.alpha, self.P = alpha, P
 
     @classmethod
     def start(cls, size: int, p0: float = 1e6, alpha: Array | None = None) -> RlsState:
         """Begin with α(0) (zero when None) and P(0) = p0 I."""
-        return cls(np.zeros(size) if alpha is None else alpha.copy(), np.eye(size) * p0, np.zeros(5))
+        return cls(np.zeros(size) if alpha is None else alpha.copy(), np.eye(size) * p0)
 
     def copy(self) -> RlsState:
         """Return an independent copy."""
-        return RlsState(self.alpha.copy(), self.P.copy(), self.noise.copy())
+        return RlsState(self.alpha.copy(), self.P.copy())
 
 
 def rls_block(
-    state: RlsState, F: Array, y: Array, use: Flags, E: Array, spread: Flags, c: float, p0: float, memory: float
-) -> tuple[RlsState, Array, Array, Array, Array, Array]:
+    state: RlsState, F: Array, y: Array, use: Flags, E: Array, spread: Flags, c: float, p0: float
+) -> tuple[RlsState, Array, Array, Array, Array, Array, Array]:
     """Update with a block of samples and evaluate linear functionals of the coefficients after each.
 
     Parameters
@@ -48,37 +48,24 @@ def rls_block(
     E : shape (N, q, n), functionals to evaluate
     spread : shape (q,), which of them need a variance
     c : of eq. 40–41; c = 1 is plain RLS (eq. 23)
-    p0 : of P(0) = p0 I; the variances count what this prior may have pulled the estimate to zero
-    memory : samples over which the noise is observed
+    p0 : of P(0) = p0 I
 
     Returns
     -------
-    state, values (N, q), variances (N, q; NaN where not asked for or not yet known), coefficients (N, n),
-    innovation ε(k) (N,), stability factor a(k) (N,)
+    state
+    values : shape (N, q), E α̂
+    forms : shape (N, q), their variances for noise of variance one; NaN where not asked for
+    pulled : shape (N, q), what the prior may have pulled them to zero by
+    coefficients : shape (N, n)
+    left : shape (N,), what the fit leaves over after the update; NaN where nothing was learnt
+    factor : shape (N,), stability factor a(k)
     """
     new = state.copy()
     count, q, n = E.shape
-    values, variances = np.empty((count, q)), np.empty((count, q))
-    coefficients, innovation, factor = np.empty((count, n)), np.empty(count), np.empty(count)
-    _run(
-        F,
-        y,
-        use,
-        E,
-        spread,
-        c,
-        p0,
-        memory,
-        new.alpha,
-        new.P,
-        new.noise,
-        values,
-        variances,
-        coefficients,
-        innovation,
-        factor,
-    )
-    return new, values, variances, coefficients, innovation, factor
+    values, forms, pulled = np.empty((count, q)), np.full((count, q), np.nan), np.full((count, q), np.nan)
+    coefficients, left, factor = np.empty((count, n)), np.full(count, np.nan), np.full(count, np.nan)
+    _run(F, y, use, E, spread, c, p0, new.alpha, new.P, values, forms, pulled, coefficients, left, factor)
+    return new, values, forms, pulled, coefficients, left, factor
 
 
 @njit(cache=True, error_model="numpy", forceinline=True)
@@ -137,51 +124,35 @@ def _run(
     spread: Flags,
     c: float,
     p0: float,
-    memory: float,
     alpha: Array,
     P: Array,
-    noise: Array,
     values: Array,
-    variances: Array,
+    forms: Array,
+    pulled: Array,
     coefficients: Array,
-    innovation: Array,
+    left: Array,
     factor: Array,
 ) -> None:
     count, q, n = E.shape
     g, t = np.empty(n), np.empty(n)
-    forget = 1.0 - 1.0 / memory
     for k in range(count):
-        innovation[k] = np.nan
-        factor[k] = np.nan
         if use[k]:
             error, rho, a = rls_update(F[k], y[k], c, alpha, P, g)
-            innovation[k] = error
             factor[k] = a
-            # What is left after the update: the first innovations are the unknown parameters, not noise.
-            left = error / (1.0 + c * rho)
-            noise[0] = forget * noise[0] + 1.0
-            noise[1] = forget * noise[1] + left * left
-            noise[2] = forget * noise[2] + left * noise[3]
-            noise[3] = left
-            noise[4] += 1.0
-        sigma2 = np.nan
-        if noise[4] > n + 1.0:
-            r = noise[2] / noise[1] if noise[1] > 0.0 else 0.0
-            r = min(max(r, 0.0), 0.9999)
-            sigma2 = noise[1] / noise[0] * noise[4] / (noise[4] - n) * (1.0 + r) / (1.0 - r)
+            # After the update: the first innovations are the unknown parameters, not noise.
+            left[k] = error / (1.0 + c * rho)
         for s in range(q):
             value = 0.0
             for i in range(n):
                 value += E[k, s, i] * alpha[i]
             values[k, s] = value
-            variances[k, s] = np.nan
             if spread[s]:
-                variance, pulled = 0.0, 0.0
+                form, pull = 0.0, 0.0
                 _times(P, E[k, s], t)
                 for i in range(n):
-                    variance += E[k, s, i] * t[i]
-                    pulled += t[i] * alpha[i]
-                pulled /= p0
-                variances[k, s] = sigma2 * c * variance + pulled * pulled
+                    form += E[k, s, i] * t[i]
+                    pull += t[i] * alpha[i]
+                forms[k, s] = c * form
+                pulled[k, s] = pull / p0
         for i in range(n):
             coefficients[k, i] = alpha[i]
