@@ -86,9 +86,12 @@ def _merge_strays(groups: dict[str, list[Candidate]]) -> None:
         for key, group in groups.items()
         if key and len(group) == 1 and not group[0].meaning.label and len(groups) > 1
     ]
-    # A log with one position per joint and nothing else has as many words as channels: these are names.
+    # A log with one position per joint and nothing else has as many words as channels: these are names, unless the
+    # channels are the two ends of one joint.
     if len(strays) == len(groups):
-        return
+        parts = sorted(group[0].meaning.part for group in groups.values())
+        if parts != ["link", "motor"]:
+            return
     for key in strays:
         groups[""].extend(groups.pop(key))
 

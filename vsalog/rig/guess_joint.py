@@ -67,8 +67,12 @@ def guess_joint(name: str, group: list[Candidate], has_set_runs: bool) -> JointG
 
 def _without_constants(group: list[Candidate]) -> tuple[list[Candidate], list[Candidate]]:
     """Set channels apart that never change: no position or torque, though a set-point may stand still."""
-    still = [c for c in group if c.meaning.quantity != "setpoint" and guess_data.is_constant(c.channel)]
+    still = [c for c in group if not _is_setpoint(c) and guess_data.is_constant(c.channel)]
     return [c for c in group if c not in still], still
+
+
+def _is_setpoint(candidate: Candidate) -> bool:
+    return candidate.meaning.quantity == "setpoint" or candidate.meaning.part == "secondary"
 
 
 def _motor_numbers(group: list[Candidate]) -> list[int]:

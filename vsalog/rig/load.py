@@ -160,7 +160,9 @@ def _parse(text: str, where: str) -> Table:
     except RecursionError:
         raise RigError(f"{where}: is nested too deeply") from None
     except ValueError as error:  # tomllib's own error is one; a number of ten thousand digits raises another
-        raise RigError(f"{where}: is not valid TOML: {shown(str(error))}") from error
+        # "At end of document" is of little help in a long one.
+        why = shown(str(error)).replace("at end of document", f"at the end, line {len(text.splitlines())}")
+        raise RigError(f"{where}: is not valid TOML: {why}") from error
 
 
 def _build(tables: Table, where: str) -> Rig:

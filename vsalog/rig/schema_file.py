@@ -32,6 +32,10 @@ def rig_schema() -> dict[str, Any]:
     rig = definitions.pop("RigFile")
     strict_joints = rig["properties"]["joint"]
     rig["properties"]["joint"] = {"type": "object", "description": strict_joints.pop("description", "")}
+    strict_joints["additionalProperties"].pop("discriminator", None)  # OpenAPI's, not JSON Schema's
+    for definition in definitions.values():
+        for schema in definition.get("properties", {}).values():
+            schema.pop("discriminator", None)
     return {
         "$schema": _ID,
         "title": "vsalog rig file",

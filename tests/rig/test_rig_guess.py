@@ -1,0 +1,245 @@
+import numpy as np
+import pytest
+from rig_logs import (
+    DEFLECTION,
+    JOINT_STATE,
+    LINK,
+    MOTOR,
+    MOTOR_TORQUE,
+    RNG,
+    TIME,
+    TORQUE,
+    channels_of,
+    joint_states,
+    recording,
+    table,
+)
+
+from vsalog.binding import offered_roles
+from vsalog.rig.guess import guess_roles
+from vsalog.rig.guess_names import words_of
+from vsalog.simulation import awas_experiment, elastic_experiment, vsa2_experiment
+
+
+def only_joint(log):
+    guess = guess_roles(log)
+    (joint,) = guess.joints
+    return joint
+
+
+@pytest.mark.parametrize(
+    ("names", "units"),
+    [
+        (("motor_position", "link_position", "motor_torque", "torque_sensor"), {}),
+        (("theta", "q", "tau_m", "tau_sensor"), {}),
+        (("MotorAngle", "JointAngle", "MotorTorque", "SpringTorque"), {}),
+        (("rotor_enc", "output_enc", "actuator_effort", "loadcell_moment"), {}),
+        (("motor", "link", "motor torque", "sensor torque"), {"motor": "deg", "link": "deg"}),
+        (("elbow_motor_pos", "elbow_link_pos", "elbow_motor_trq", "elbow_sensor_trq"), {}),
+    ],
+)
+def test_names_in_tables(names, units):
+    joint = only_joint(table(dict(zip(names, (MOTOR, LINK, MOTOR_TORQUE, TORQUE), strict=True)), units=units))
+    assert joint.kind == "elastic"
+    assert joint.name == ("elbow" if names[0].startswith("elbow") else "joint")
+    roles = ("motor_position", "link_position", "motor_torque", "torque_sensor")
+    assert channels_of(joint) == dict(
+        zip(sorted(roles), [n for _, n in sorted(zip(roles, names, strict=True))], strict=True)
+    )
+    assert all(0.0 < guess.confidence <= 1.0 and guess.reasons for guess in joint.roles.values())
+
+
+@pytest.mark.parametrize(
+    ("experiment", "kind"),
+    [(vsa2_experiment, "antagonistic"), (awas_experiment, "serial"), (elastic_experiment, "elastic")],
+)
+def test_simulated_machines_are_recognised_with_their_truth_beside(experiment, kind):
+    played = experiment(duration=4.0)
+    joint = only_joint(played.recording(truth=True))
+    believed = {role: signal.channel for role, signal in offered_roles(played.rig.joint[played.joint]).items()}
+    assert joint.kind == kind
+    assert joint.gear_ratio is None
+    assert channels_of(joint) == believed
+    assert all(guess.sign == 1 and guess.side == "joint" for guess in joint.roles.values())
+
+
+def test_joints_of_an_arm_are_told_apart():
+    columns = {}
+    for name in ("shoulder", "left elbow"):
+        columns |= {
+            f"position[{name}_motor]": MOTOR,
+            f"position[{name}_link]": LINK,
+            f"effort[{name}_motor]": MOTOR_TORQUE,
+        }
+    guess = guess_roles(joint_states(columns))
+    assert [(j.name, j.kind) for j in guess.joints] == [("shoulder", "elastic"), ("left_elbow", "elastic")]
+    assert channels_of(guess.joints[1])["motor_position"] == "/joint_states.position[left elbow_motor]"
+
+
+def test_numbered_links_are_joints_and_numbered_motors_are_antagonists():
+    arm = guess_roles(table({"q1": LINK, "theta1": MOTOR, "q2": 2 * LINK, "theta2": 2 * MOTOR}))
+    assert [(j.name, channels_of(j)) for j in arm.joints] == [
+        ("joint_1", {"motor_position": "theta1", "link_position": "q1"}),
+        ("joint_2", {"motor_position": "theta2", "link_position": "q2"}),
+    ]
+    pair = only_joint(table({"q": LINK, "theta1": MOTOR, "theta2": -MOTOR, "tau1": TORQUE, "tau2": MOTOR_TORQUE}))
+    assert pair.kind == "antagonistic"
+    assert channels_of(pair)["motor_position_2"] == "theta2"
+
+
+def test_an_arm_with_one_position_per_joint_is_rigid_and_says_what_is_missing():
+    fields = {"position": LINK, "effort": TORQUE, "velocity": MOTOR}
+    columns = {f"{field}[arm_{i}_joint]": v + i for i in range(3) for field, v in fields.items()}
+    guess = guess_roles(joint_states(columns))
+    assert [j.name for j in guess.joints] == ["arm_0_joint", "arm_1_joint", "arm_2_joint"]
+    for joint in guess.joints:
+        assert joint.kind == "rigid"
+        assert "a second position" in joint.missing["motor_position"]
+        assert set(joint.roles) == {"link_position", "motor_torque"}
+
+
+def test_a_geared_motor_is_told_by_its_range_and_side():
+    joint = only_joint(table({"position": LINK, "motor_position": -120.0 * MOTOR + 3.0, "motor_current": MOTOR_TORQUE}))
+    assert joint.gear_ratio == pytest.approx(120.0, rel=0.01)
+    motor = joint.roles["motor_position"]
+    assert (motor.side, motor.sign) == ("rotor", -1)
+    current = joint.roles["motor_torque"]
+    assert (current.channel, current.unit, current.is_current) == ("motor_current", "A", True)
+    assert any("look up the true one" in warning for warning in joint.warnings)
+
+
+def test_a_torque_computed_from_the_deflection_is_no_measurement():
+    joint = only_joint(
+        table({"position": LINK, "motor_position": MOTOR, "deflection": DEFLECTION, "effort": -40.0 * DEFLECTION})
+    )
+    assert joint.roles["torque_sensor"].sign == -1
+    assert joint.roles["torque_sensor"].confidence < 0.5
+    assert any("exactly -40 × 'deflection'" in w and "no independent measurement" in w for w in joint.warnings)
+    measured = only_joint(
+        table({"position": LINK, "motor_position": MOTOR, "deflection": DEFLECTION, "effort": TORQUE})
+    )
+    assert not any("independent" in warning for warning in measured.warnings)
+
+
+def test_a_sensor_that_counts_the_other_way_round_gets_a_sign():
+    joint = only_joint(
+        table({"link": LINK, "motor": MOTOR, "spring_torque": -TORQUE}, units={"link": "rad", "motor": "rad"})
+    )
+    assert joint.roles["torque_sensor"].sign == -1
+
+
+def test_commands_rates_and_what_never_changes_are_no_roles():
+    still = np.zeros(TIME.size)
+    joint = only_joint(
+        table(
+            {
+                "position_command": LINK, "desired_position": LINK, "position_setpoint": LINK, "torque_ref": TORQUE,
+                "velocity": MOTOR, "motor_velocity": MOTOR, "dq": MOTOR, "motor_temperature": MOTOR, "seq": TIME,
+                "motor_position": MOTOR, "link_position": LINK, "motor_torque": still, "gyro": LINK,
+            }
+        )
+    )  # fmt: skip
+    assert channels_of(joint) == {"motor_position": "motor_position", "link_position": "link_position"}
+    assert joint.missing["motor_torque"] == "not found: 'motor_torque' never changes"
+    assert any("no torque and no motor current" in warning for warning in joint.warnings)
+
+
+def test_units_tell_what_names_do_not():
+    joint = only_joint(table({"motor": MOTOR, "arm": LINK}, units={"motor": "deg", "arm": "°"}))
+    assert channels_of(joint) == {"motor_position": "motor", "link_position": "arm"}
+    heat = guess_roles(table({"motor": MOTOR, "link": LINK}, units={"motor": "degC", "link": "m"}))
+    assert heat.joints == ()
+
+
+@pytest.mark.parametrize(
+    "name", ["theta_c", "lever_arm", "stiffness_setpoint", "pretension", "secondary_motor_position"]
+)
+def test_a_set_point_makes_a_serial_joint(name):
+    joint = only_joint(
+        table({"motor_position": MOTOR, "link_position": LINK, "torque_sensor": TORQUE, name: 0.05 + 0.0 * TIME})
+    )
+    assert joint.kind == "serial"
+    assert joint.roles["setpoint"].channel == name
+
+
+def test_a_lone_angle_whose_torque_follows_is_a_deflection_but_not_in_joint_states():
+    joint = only_joint(table({"angleRig": DEFLECTION, "torque": TORQUE}))
+    assert channels_of(joint) == {"deflection": "angleRig", "torque_sensor": "torque"}
+    assert "held still" in joint.roles["deflection"].reasons[0]
+    assert only_joint(joint_states({"position[a]": DEFLECTION, "effort[a]": TORQUE})).kind == "rigid"
+    assert only_joint(table({"angle": DEFLECTION, "torque": RNG.standard_normal(TIME.size)})).kind == "rigid"
+
+
+def run_columns(names, group="tests"):
+    return {f"{group}.{n}.{f}": v for n in names for f, v in (("angle", DEFLECTION), ("torque", TORQUE))}
+
+
+def test_groups_with_a_number_in_their_names_are_runs():
+    log = recording(
+        {**run_columns(["k00", "k10", "k45"]), **run_columns(["k45"], "tests_one_cam")}, absolute=False, kind="matlab"
+    )
+    guess = guess_roles(log)
+    (joint,) = guess.joints
+    assert joint.kind == "serial"
+    assert channels_of(joint) == {"deflection": "tests.{run}.angle", "torque_sensor": "tests.{run}.torque"}
+    assert [(run.name, run.setpoint) for run in joint.runs] == [("k00", 0.0), ("k10", 10.0), ("k45", 45.0)]
+    assert any("'tests_one_cam.k45'" in warning and "left out" in warning for warning in guess.warnings)
+
+
+def test_runs_that_only_count_have_no_set_point():
+    joint = only_joint(recording(run_columns(["trial1", "trial2", "trial3"]), absolute=False, kind="matlab"))
+    assert joint.kind == "elastic"
+    assert [run.setpoint for run in joint.runs] == [None, None, None]
+
+
+def test_topics_recorded_side_by_side_are_no_runs():
+    log = recording({f"/leg{i}.{f}": v for i in (1, 2) for f, v in (("position", LINK), ("effort", TORQUE))})
+    assert all(not joint.runs for joint in guess_roles(log).joints)
+
+
+def test_streams_without_time_are_passed_over_unless_there_is_nothing_else():
+    log = table({"motor_position": MOTOR, "link_position": LINK}, time_source="none")
+    guess = guess_roles(log)
+    assert guess.joints[0].kind == "elastic"
+    assert any("--rate" in warning for warning in guess.warnings)
+
+
+def test_raw_counts_are_doubted():
+    counts = np.round(500.0 + 100.0 * LINK)
+    joint = only_joint(table({"joint_angle": counts, "motor_position": MOTOR}))
+    assert joint.roles["link_position"].confidence < 0.6
+    assert any("raw counts" in warning for warning in joint.warnings)
+
+
+def test_nothing_is_made_of_nothing():
+    assert guess_roles(table({"temperature": LINK, "voltage": MOTOR})).joints == ()
+    assert guess_roles(table({"torque": TORQUE})).joints == ()
+    assert guess_roles(recording({})).joints == ()
+
+
+def test_channels_on_two_clocks_and_with_nan_are_compared_where_both_are():
+    log = recording({"/a.motor_position": MOTOR, "/b.link_position": LINK[:2000]})
+    holes = log.channels["/b.link_position"].values
+    holes[::7] = np.nan
+    joint = only_joint(log)
+    assert channels_of(joint) == {"motor_position": "/a.motor_position", "link_position": "/b.link_position"}
+
+
+def test_a_wrench_gives_the_axis_that_moves():
+    axes = {f"/ft.wrench.torque.{a}": s * TORQUE for a, s in (("x", 0.01), ("y", 0.02), ("z", 1.0))}
+    forces = {f"/ft.wrench.force.{a}": TORQUE for a in "xyz"}
+    base = recording({**axes, **forces}, stream="/ft", kind="geometry_msgs/msg/WrenchStamped")
+    states = joint_states({"position[motor]": MOTOR, "position[link]": LINK})
+    both = recording({})
+    both.channels.update({**base.channels, **states.channels})
+    both.streams.update({**base.streams, **states.streams})
+    joint = only_joint(both)
+    assert joint.roles["torque_sensor"].channel == "/ft.wrench.torque.z"
+    assert states.channels["/joint_states.position[motor]"].type == JOINT_STATE
+
+
+def test_words():
+    assert words_of("servo1_positionRaw") == ["servo", "1", "position", "raw"]
+    assert words_of("angleJIM") == ["angle", "jim"]
+    assert words_of("motorposition") == ["motor", "position"]
+    assert words_of("θ_1") == ["theta", "1"]
