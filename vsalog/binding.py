@@ -28,7 +28,13 @@ GAP = 2.5
 # Stamps that stray less than this share of the period from an even spacing are on the grid as they are.
 EVEN = 0.02
 # What a role is measured in when neither the rig nor the log says.
-SI = {"motor_position": "rad", "link_position": "rad", "deflection": "rad", "motor_torque": "N*m", "torque_sensor": "N*m"}
+SI = {
+    "motor_position": "rad",
+    "link_position": "rad",
+    "deflection": "rad",
+    "motor_torque": "N*m",
+    "torque_sensor": "N*m",
+}
 
 
 @dataclass(frozen=True, slots=True)
@@ -52,9 +58,7 @@ def offered_roles(joint: Joint) -> dict[str, Signal]:
     """Return the roles a joint's rig names, written out; a run's set-point counts as one."""
     signals = joint.signals
     roles = {
-        role: signal_of(spec)
-        for role in signals.__struct_fields__
-        if (spec := getattr(signals, role)) is not None
+        role: signal_of(spec) for role in signals.__struct_fields__ if (spec := getattr(signals, role)) is not None
     }
     runs = () if isinstance(joint, RigidJoint) else joint.run
     if "setpoint" not in roles and isinstance(joint, SerialJoint) and any(r.setpoint is not None for r in runs):
@@ -76,7 +80,9 @@ def runs_of(joint: Joint, recording: Recording) -> tuple[Run, ...]:
     fitting = tuple(r for r in runs if fnmatchcase(recording.path.name, r.file))
     if not fitting:
         patterns = ", ".join(f"'{r.file}'" for r in runs[:5])
-        raise BindingError(f"{recording.path.name}: no run of the rig is for a file of that name (there are {patterns})")
+        raise BindingError(
+            f"{recording.path.name}: no run of the rig is for a file of that name (there are {patterns})"
+        )
     return fitting
 
 
@@ -127,9 +133,7 @@ def bind(
     return _concatenate(name, pieces, tuple(names))
 
 
-def _bind_role(
-    recording: Recording, run: Run, role: str, signal: Signal, joint: Joint, fixed: float | None
-) -> _Bound:
+def _bind_role(recording: Recording, run: Run, role: str, signal: Signal, joint: Joint, fixed: float | None) -> _Bound:
     constant: float | str | None = signal.constant
     if role == "setpoint":
         constant = fixed if fixed is not None else run.setpoint if run.setpoint is not None else constant
@@ -214,7 +218,7 @@ def _factor(recording: Recording, channel: Channel, role: str, signal: Signal, j
     except UnitError as error:
         raise BindingError(
             f"{recording.path.name}: channel '{channel.name}' ({role}): {error}. If the log has the unit wrong, put the"
-            " right one into the rig: { channel = \"…\", unit = \"…\" }"
+            ' right one into the rig: { channel = "…", unit = "…" }'
         ) from error
 
 
@@ -253,9 +257,7 @@ def _segments(recording: Recording, joint: str, moving: Mapping[str, _Bound]) ->
     for b in moving.values():
         gaps = np.flatnonzero(np.diff(b.stamps) > GAP * b.period)
         edges = [0, *(gaps + 1), b.stamps.size]
-        own = [
-            (int(b.stamps[i]), int(b.stamps[j - 1])) for i, j in pairwise(edges) if j - i > 1
-        ]
+        own = [(int(b.stamps[i]), int(b.stamps[j - 1])) for i, j in pairwise(edges) if j - i > 1]
         segments = own if segments is None else _overlap(segments, own)
     if not segments:
         raise BindingError(
@@ -328,7 +330,9 @@ def _notes(joint: str, segments: list[tuple[int, int]], moving: Mapping[str, _Bo
     notes = []
     if len(segments) > 1:
         lost = (segments[-1][1] - segments[0][0] - sum(b - a for a, b in segments)) * 1e-9
-        notes.append(f"joint '{joint}': {len(segments) - 1} gaps, {lost:.3g} s in all; nothing is estimated across them")
+        notes.append(
+            f"joint '{joint}': {len(segments) - 1} gaps, {lost:.3g} s in all; nothing is estimated across them"
+        )
     for role, b in moving.items():
         bad = int(np.count_nonzero(~np.isfinite(b.values)))
         if bad:
@@ -348,9 +352,7 @@ def _concatenate(name: str, pieces: Sequence[JointSignals], run_names: tuple[str
         )
     if len(pieces) == 1:
         return replace(first, run_names=run_names)
-    steps = {
-        role: [p.resolution[role] for p in pieces if p.resolution.get(role, 0.0) > 0.0] for role in first.roles
-    }
+    steps = {role: [p.resolution[role] for p in pieces if p.resolution.get(role, 0.0) > 0.0] for role in first.roles}
     return JointSignals(
         name,
         first.period,

@@ -91,7 +91,10 @@ def _automatic(device: Device, offered: Collection[str]) -> tuple[str, str]:
     if "torque_sensor" in offered or all(v.torque_sensor in offered for v in views):
         lack = "no motor torque is recorded" if not motors else "the motor's inertia is not known"
         return "direct", f"there is a torque sensor, and {lack}"
-    return "qr-rls", "motor position and torque are recorded, but neither the motor's inertia nor a torque sensor is there"
+    return (
+        "qr-rls",
+        "motor position and torque are recorded, but neither the motor's inertia nor a torque sensor is there",
+    )
 
 
 def _require_some_torque(device: Device, offered: Collection[str]) -> None:

@@ -8,6 +8,8 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
+import msgspec
+
 from vsalog._version import __version__
 from vsalog.binding import offered_roles, wanted_channels
 from vsalog.errors import EstimatorError, ReadError, RigError
@@ -75,7 +77,9 @@ class Job:
     setpoints: tuple[float | None, ...]
     warnings: tuple[str, ...]
 
-    def run(self, sink: Callable[[Trace], None] | None = None, progress: Progress = lambda _: None) -> list[JointEstimate]:
+    def run(
+        self, sink: Callable[[Trace], None] | None = None, progress: Progress = lambda _: None
+    ) -> list[JointEstimate]:
         """Estimate every joint that can be; traces go to the sink, or stay in memory without one."""
         out = []
         for name, choice in self.choices.items():
@@ -147,7 +151,9 @@ def prepare(logs: Sequence[Path | Recording], options: Options, progress: Progre
         if not guessed:
             raise
         name = _path(logs[0]).name
-        raise EstimatorError(f"{name}: no rig was found in or beside it, and by the names of its channels {error}") from None
+        raise EstimatorError(
+            f"{name}: no rig was found in or beside it, and by the names of its channels {error}"
+        ) from None
     warnings += [f"left out: {reason}" for reason in left_out.values()]
     if read_all is None:
         read_all = []
@@ -192,7 +198,8 @@ def _guess(recording: Recording) -> tuple[Rig, list[str]]:
             f" 'vsalog inspect {name}' lists the channels; describe the joint in a rig file (docs/rig.md) and give it with --rig"
         )
     roles = "; ".join(
-        f"{joint.name}: " + ", ".join(f"{role} = '{g.channel}' ({g.confidence:.0%} sure)" for role, g in joint.roles.items())
+        f"{joint.name}: "
+        + ", ".join(f"{role} = '{g.channel}' ({g.confidence:.0%} sure)" for role, g in joint.roles.items())
         for joint in guess.joints[:MOST_JOINTS_TOLD]
     )
     more = f" and {len(guess.joints) - MOST_JOINTS_TOLD} more joints" if len(guess.joints) > MOST_JOINTS_TOLD else ""
@@ -209,16 +216,26 @@ def _setpoints(rig: Rig, text: str | None, count: int) -> tuple[Rig, tuple[float
         return rig, ()
     serial = [name for name, joint in rig.joints.items() if "setpoint" in joint.signals.__struct_fields__]
     if not serial:
-        raise RigError("--set setpoint: no joint of the rig has a set-point (kind = \"serial\")")
+        raise RigError('--set setpoint: no joint of the rig has a set-point (kind = "serial")')
     values = [v.strip() for v in text.split(",")]
     if len(values) not in (1, count):
         raise RigError(f"--set setpoint: {len(values)} values for {count} logs; give one, or one per log")
     out: list[float | None] = []
     for value in values * (count if len(values) == 1 else 1):
+        fixed = _without_setpoint(rig, serial)
         for name in serial:
-            rig = rig.with_setting(f"joint.{name}.signals.setpoint", f"{{ constant = {json.dumps(value)} }}")
-        out.append(offered_roles(rig.joints[serial[0]])["setpoint"].constant)
-    return rig, tuple(out)
+            fixed = fixed.with_setting(f"joint.{name}.signals.setpoint", f"{{ constant = {json.dumps(value)} }}")
+        out.append(offered_roles(fixed.joints[serial[0]])["setpoint"].constant)
+    return fixed, tuple(out)
+
+
+def _without_setpoint(rig: Rig, joints: Sequence[str]) -> Rig:
+    """Take out what the rig says of the set-point, so that nothing of it is mixed with what was asked for."""
+    changed = dict(rig.joints)
+    for name in joints:
+        joint = changed[name]
+        changed[name] = msgspec.structs.replace(joint, signals=msgspec.structs.replace(joint.signals, setpoint=None))
+    return Rig(msgspec.structs.replace(rig.file, joint=changed), rig.where)
 
 
 def sha256(path: Path) -> str:

@@ -12,8 +12,8 @@ import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
-from vsalog.errors import ReadError
 from vsalog.basis import PolynomialBasis
+from vsalog.errors import ReadError
 
 Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]
@@ -35,7 +35,9 @@ class BasisSpec(_Base, frozen=True):
 
     def basis(self) -> PolynomialBasis:
         """Return the basis these values describe."""
-        return PolynomialBasis(self.powers, self.setpoint_order, self.deflection_scale, self.setpoint_scale, self.branches)
+        return PolynomialBasis(
+            self.powers, self.setpoint_order, self.deflection_scale, self.setpoint_scale, self.branches
+        )
 
 
 class TransmissionModel(_Base, frozen=True):

@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
 import msgspec
 import numpy as np
+from numpy.typing import NDArray
 
 from vsalog.estimators.device import Device
 from vsalog.trace import Trace
@@ -14,6 +15,11 @@ from vsalog.trace import Trace
 if TYPE_CHECKING:
     from vsalog.filters.conditioning import Conditioner
     from vsalog.signals import JointSignals
+
+Array = NDArray[np.float64]
+
+# Supported rows kept for the quantiles.
+QUANTILE_SAMPLES = 20_000
 
 
 class TransmissionSummary(msgspec.Struct, frozen=True, kw_only=True):
@@ -24,7 +30,9 @@ class TransmissionSummary(msgspec.Struct, frozen=True, kw_only=True):
     transmission : name
     samples : rows of the trace
     excited_share : share of them at which the estimate is supported by the data so far
-    stiffness_min, stiffness_max, stiffness_last : over the supported rows [N·m/rad]
+    stiffness_low, stiffness_high : 1 % and 99 % quantile over the supported rows [N·m/rad]
+    stiffness_last : at the last of them [N·m/rad]
+    negative_share : share of them with a negative stiffness
     relative_std : root mean square of stiffness_std / stiffness over the supported rows
     fit_rms : of the flexibility torque fed minus fitted [N·m], after the first supported row
     fit_share : the same as a share of the torque's own standard deviation
@@ -34,9 +42,10 @@ class TransmissionSummary(msgspec.Struct, frozen=True, kw_only=True):
     transmission: str
     samples: int
     excited_share: float
-    stiffness_min: float | None
-    stiffness_max: float | None
+    stiffness_low: float | None
+    stiffness_high: float | None
     stiffness_last: float | None
+    negative_share: float
     relative_std: float | None
     fit_rms: float | None
     fit_share: float | None
@@ -57,8 +66,9 @@ class JointSummary(msgspec.Struct, frozen=True, kw_only=True):
 class _Sums:
     samples: int = 0
     excited: int = 0
-    low: float = np.inf
-    high: float = -np.inf
+    seen: list[Array] = field(default_factory=list)
+    every: int = 1
+    negative: int = 0
     last: float = np.nan
     relative: float = 0.0
     fit_count: int = 0
@@ -84,7 +94,8 @@ class Summarizer:
             sigma, std = np.asarray(columns["stiffness"], float), np.asarray(columns["stiffness_std"], float)
             s.samples += len(trace)
             if excited.any():
-                s.low, s.high = min(s.low, sigma[excited].min()), max(s.high, sigma[excited].max())
+                _keep(s, sigma[excited])
+                s.negative += int(np.count_nonzero(sigma[excited] < 0.0))
                 s.last = float(sigma[excited][-1])
                 s.relative += float(np.sum((std[excited] / sigma[excited]) ** 2))
             phi = np.asarray(columns["deflection"], float)
@@ -114,18 +125,26 @@ class Summarizer:
         )
 
 
+def _keep(s: _Sums, sigma: Array) -> None:
+    """Keep a thinned sample for the quantiles, of bounded size however long the log is."""
+    s.seen.append(sigma[:: s.every].copy())
+    if sum(x.size for x in s.seen) > QUANTILE_SAMPLES:
+        s.seen = [np.concatenate(s.seen)[::2]]
+        s.every *= 2
+
+
 def _figures(name: str, s: _Sums) -> TransmissionSummary:
     fit = (s.fit_square / s.fit_count) ** 0.5 if s.fit_count else None
-    spread = (
-        max(s.torque_square / s.fit_count - (s.torque_sum / s.fit_count) ** 2, 0.0) ** 0.5 if s.fit_count else 0.0
-    )
+    spread = max(s.torque_square / s.fit_count - (s.torque_sum / s.fit_count) ** 2, 0.0) ** 0.5 if s.fit_count else 0.0
+    low, high = np.quantile(np.concatenate(s.seen), (0.01, 0.99)) if s.seen else (np.nan, np.nan)
     return TransmissionSummary(
         transmission=name,
         samples=s.samples,
         excited_share=s.excited / s.samples if s.samples else 0.0,
-        stiffness_min=_known(s.low),
-        stiffness_max=_known(s.high),
+        stiffness_low=_known(low),
+        stiffness_high=_known(high),
         stiffness_last=_known(s.last),
+        negative_share=s.negative / s.excited if s.excited else 0.0,
         relative_std=(s.relative / s.excited) ** 0.5 if s.excited else None,
         fit_rms=fit,
         fit_share=fit / spread if fit is not None and spread > 0.0 else None,
@@ -153,9 +172,9 @@ def _warnings(joint: str, parts: tuple[TransmissionSummary, ...]) -> list[str]:
                 f"{where}: the estimate is supported by the data for {p.excited_share:.0%} of the time only"
                 " (column excited)"
             )
-        if p.stiffness_min is not None and p.stiffness_min < 0.0:
+        if p.negative_share > 0.01:
             warnings.append(
-                f"{where}: a negative stiffness ({p.stiffness_min:.4g} N·m/rad) was estimated: check the signs of the"
+                f"{where}: a negative stiffness was estimated for {p.negative_share:.0%} of the time: check the signs of the"
                 " torque and of the positions in the rig (sign = -1)"
             )
     return warnings

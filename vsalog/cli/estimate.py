@@ -19,7 +19,9 @@ def _pairs(context: click.Context, parameter: click.Parameter, values: tuple[str
 
 @click.command()
 @click.argument("logs", nargs=-1, required=True, type=click.Path(path_type=Path), metavar="LOG...")
-@click.option("--rig", metavar="FILE|PRESET", help="The rig; else the one in the log, LOG.rig.toml or rig.toml beside it.")
+@click.option(
+    "--rig", metavar="FILE|PRESET", help="The rig; else the one in the log, LOG.rig.toml or rig.toml beside it."
+)
 @click.option("--joint", "joints", multiple=True, metavar="NAME", help="Estimate this joint only; may be given again.")
 @click.option(
     "-e",
@@ -29,7 +31,9 @@ def _pairs(context: click.Context, parameter: click.Parameter, values: tuple[str
     metavar="NAME",
     help="residual-rls, qr-rls, batch-ls, direct, or auto: whichever the recorded signals allow.",
 )
-@click.option("--tune", multiple=True, callback=_pairs, metavar="NAME=VALUE", help="Tune the estimator, e.g. forgetting=0.98.")
+@click.option(
+    "--tune", multiple=True, callback=_pairs, metavar="NAME=VALUE", help="Tune the estimator, e.g. forgetting=0.98."
+)
 @click.option(
     "--set",
     "settings",
@@ -39,10 +43,32 @@ def _pairs(context: click.Context, parameter: click.Parameter, values: tuple[str
     help="Change the rig for this run, e.g. joint.elbow.motor.inertia='7.3 kg*m*mm'; setpoint=33mm fixes the set-point"
     " (one value, or one per log with commas between).",
 )
-@click.option("-o", "--output", type=click.Path(path_type=Path), metavar="PATH", help="The Parquet file, or a folder for the results.")
-@click.option("--mcap", type=click.Path(path_type=Path), metavar="FILE", help="Write the trace as an MCAP log too, for Foxglove or PlotJuggler.")
-@click.option("--rate", type=click.FloatRange(min=0.0, min_open=True), metavar="HZ", help="Sample rate of a table that has no time column.")
-@click.option("--time", type=click.Choice(["auto", "header", "log", "publish"]), default="auto", show_default=True, help="Which clock to trust.")
+@click.option(
+    "-o",
+    "--output",
+    type=click.Path(path_type=Path),
+    metavar="PATH",
+    help="The Parquet file, or a folder for the results.",
+)
+@click.option(
+    "--mcap",
+    type=click.Path(path_type=Path),
+    metavar="FILE",
+    help="Write the trace as an MCAP log too, for Foxglove or PlotJuggler.",
+)
+@click.option(
+    "--rate",
+    type=click.FloatRange(min=0.0, min_open=True),
+    metavar="HZ",
+    help="Sample rate of a table that has no time column.",
+)
+@click.option(
+    "--time",
+    type=click.Choice(["auto", "header", "log", "publish"]),
+    default="auto",
+    show_default=True,
+    help="Which clock to trust.",
+)
 @click.option("--json", "as_json", is_flag=True, help="Print the summary as one JSON document on stdout.")
 def estimate(
     logs: tuple[Path, ...],

@@ -33,9 +33,6 @@ class DirectTuning(RlsTuning, frozen=True, forbid_unknown_fields=True, kw_only=T
     forgetting : λ of QR-RLS, 1 forgets nothing
     """
 
-    # A torque sensor is less noisy than a residual, so less of a prior is called for.
-    prior_samples: ClassVar[float] = 1e-4
-
     # Deflection and torque must pass through the same filter, or the slower of the two seems stiff or soft.
     default_window: ClassVar[tuple[float, int]] = (0.0, 21)
 

@@ -67,7 +67,9 @@ def build(device: Device, signals: JointSignals, tuning: ResidualRlsTuning) -> R
     EstimatorError
         The modality needs a motor inertia or a nominal transmission that the rig does not give.
     """
-    solver = RlsSolver(tuning.initial_covariance(device, signals), tuning.c, tuning.memory_samples(signals))
+    # A residual is noisy: the many terms of a basis would follow its noise until there is enough of it to average.
+    p0 = tuning.initial_covariance(device, signals, 0.1 if tuning.modality == "RESIDUAL" else 0.01)
+    solver = RlsSolver(p0, tuning.c, tuning.memory_samples(signals))
     needed = roles(device, signals.roles, tuning)
     equations = _equations(device, signals, tuning)
     return RegressionFold(NAME, tuning.modality, device, tuning.conditioner(needed, signals), equations, solver)

@@ -70,17 +70,14 @@ class RlsTuning(Tuning, frozen=True, forbid_unknown_fields=True, kw_only=True):
     c : of the enhanced RLS (eq. 40–41); only the product p0·c matters, c = 1 is plain RLS
     """
 
-    # How many samples at the largest deflection and set-point the derived prior weighs as much as.
-    prior_samples: ClassVar[float] = 0.1
-
     p0: Positive | None = None
     c: Annotated[float, Meta(gt=0.0, le=1.0)] = 1e-5
 
-    def initial_covariance(self, device: Device, signals: JointSignals) -> float:
-        """Return p0, as given or from the log's own signals."""
+    def initial_covariance(self, device: Device, signals: JointSignals, samples: float = 1e-4) -> float:
+        """Return p0, as given or such that the prior weighs as much as `samples` samples at the log's largest signals."""
         if self.p0 is not None:
             return self.p0
-        return 1.0 / (self.prior_samples * self.c * largest_regressor(device, signals) ** 2)
+        return 1.0 / (samples * self.c * largest_regressor(device, signals) ** 2)
 
 
 def largest_regressor(device: Device, signals: JointSignals) -> float:

@@ -80,7 +80,7 @@ def _table(parts: Sequence[TransmissionSummary]) -> Table:
     for heading in ("stiffness [N·m/rad]", "± (1 std)", "torque left over [N·m]", "of its spread", "supported"):
         table.add_column(heading, justify="right")
     for p in parts:
-        span = "–" if p.stiffness_min is None else f"{p.stiffness_min:.4g} … {p.stiffness_max:.4g}"
+        span = "–" if p.stiffness_low is None else f"{p.stiffness_low:.4g} … {p.stiffness_high:.4g}"
         table.add_row(
             p.transmission,
             span,

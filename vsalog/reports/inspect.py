@@ -54,23 +54,21 @@ def _parts(report: LogReport, console: Console) -> Iterator[RenderableType]:
 
 def _title(report: LogReport) -> Text:
     count = sum(len(s.channels) for s in report.streams)
-    text = Text(clean(report.path), style="bold")
-    text.append(
-        f"  {report.format}, {_seconds(report.duration)}, {_plural(len(report.streams), 'stream')},"
-        f" {_plural(count, 'channel')}",
-        style="none",
+    text = _headed(
+        report.path,
+        "bold",
+        f"{report.format}, {_seconds(report.duration)}, {_plural(len(report.streams), 'stream')}, {_plural(count, 'channel')}",
     )
     starts = [s.start for s in report.streams if s.start is not None]
     if report.absolute_time and starts:
         begin = datetime.fromtimestamp(min(starts) // 1_000_000_000, UTC)
-        text.append(f", from {begin:%Y-%m-%d %H:%M:%S} UTC", style="none")
+        text.append(f", from {begin:%Y-%m-%d %H:%M:%S} UTC")
     if report.has_rig:
         text.append(", carries a rig", style="green")
     return text
 
 
 def _stream_line(stream: StreamReport) -> Text:
-    text = Text(clean(stream.name), style="bold cyan")
     facts = [clean(stream.type), _plural(stream.count, "sample")]
     if stream.rate is not None:
         jitter = f" ± {_seconds(stream.jitter)}" if stream.jitter else ""
@@ -81,7 +79,13 @@ def _stream_line(stream: StreamReport) -> Text:
     if stream.delay_median is not None:
         spread = f", spread {_seconds(stream.delay_spread)}" if stream.delay_spread is not None else ""
         facts.append(f"log time minus stamp {_seconds(stream.delay_median)}{spread}")
-    text.append("  " + ", ".join(f for f in facts if f), style="none")
+    return _headed(stream.name, "bold cyan", ", ".join(f for f in facts if f))
+
+
+def _headed(name: str, style: str, facts: str) -> Text:
+    text = Text()
+    text.append(clean(name), style=style)
+    text.append(f"  {facts}")
     return text
 
 
@@ -169,9 +173,8 @@ def _joints(report: LogReport) -> Iterator[Text]:
         return
     for joints in _alike(report.joints):
         names = ", ".join(clean(joint.name) for joint in joints)
-        text = Text(f"{'joint' if len(joints) == 1 else 'joints'} {names}", style="bold")
-        text.append(f"  {joints[0].kind} ({round(100 * joints[0].confidence)} %): {joints[0].reason}", style="none")
-        yield text
+        head = f"{'joint' if len(joints) == 1 else 'joints'} {names}"
+        yield _headed(head, "bold", f"{joints[0].kind} ({round(100 * joints[0].confidence)} %): {joints[0].reason}")
         yield from (Text(f"  {line}") for line in _missing(joints[0]))
         yield from (Text(f"  note: {clean(warning)}", style="yellow") for warning in joints[0].warnings)
     yield Text("'vsalog init LOG' writes these guesses into a rig file", style="dim")

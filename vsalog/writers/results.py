@@ -102,7 +102,9 @@ def write_trace_mcap(traces: Sequence[Trace], path: Path, provenance: dict[str, 
         for name, columns in whole.transmissions.items():
             for column, values in columns.items():
                 if not column.startswith("coefficient_"):
-                    topic = "/".join(("/vsalog", _token(joint), f"transmission_{name}" if name != "total" else name, column))
+                    topic = "/".join(
+                        ("/vsalog", _token(joint), f"transmission_{name}" if name != "total" else name, column)
+                    )
                     topics.append(scalar_topic(topic, whole.stamps[rows], np.asarray(values[rows], np.float64)))
     write_topics_mcap(topics, path, metadata={"vsalog.provenance": provenance})
 

@@ -1,0 +1,51 @@
+# make demo   the main job on a sample log
+# make test   everything that must hold: style, types, tests
+# make bench  speed, beside a reference in the same run
+
+PYTHON ?= python3
+VENV ?= .venv
+BIN = $(VENV)/bin
+MAKEFLAGS += --no-print-directory
+
+.PHONY: demo test lint bench samples schema clean
+
+demo: $(VENV)/.demo
+	@$(BIN)/vsalog inspect sample_logs/vsa2_exp1.mcap
+	@mkdir -p demo
+	@$(BIN)/vsalog estimate sample_logs/vsa2_exp1.mcap -o demo/
+	@echo
+	@echo "The stiffness trace is in demo/vsa2_exp1.stiffness.parquet, the fitted model in demo/vsa2_exp1.model.toml."
+	@echo "Next: $(BIN)/vsalog init YOUR_LOG > rig.toml, look it over, $(BIN)/vsalog estimate YOUR_LOG --rig rig.toml"
+
+test: lint
+	$(BIN)/python -m pytest -n 2
+
+lint: $(VENV)/.test
+	$(BIN)/ruff check .
+	$(BIN)/ruff format --check .
+	$(BIN)/mypy
+
+bench: $(VENV)/.bench
+	$(BIN)/python -m benchmarks.recursions
+
+samples: $(VENV)/.test
+	$(BIN)/python -m vsalog.simulation.samples sample_logs
+
+clean:
+	rm -rf $(VENV) demo build dist *.egg-info .pytest_cache .mypy_cache .ruff_cache .hypothesis
+
+$(VENV)/bin/python:
+	@$(PYTHON) -c 'import sys; sys.exit("vsalog needs Python 3.11 or newer; name one: make PYTHON=python3.12" if sys.version_info < (3, 11) else 0)'
+	$(PYTHON) -m venv $(VENV)
+
+$(VENV)/.demo: $(VENV)/bin/python pyproject.toml
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check -e .
+	@touch $@
+
+$(VENV)/.test: $(VENV)/bin/python pyproject.toml
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check -e '.[test,dev]'
+	@touch $@ $(VENV)/.demo
+
+$(VENV)/.bench: $(VENV)/bin/python pyproject.toml
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check -e '.[test,benchmark]'
+	@touch $@

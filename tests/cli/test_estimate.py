@@ -1,0 +1,199 @@
+"""`vsalog estimate` as a user runs it, on the sample logs."""
+
+import json
+
+import numpy as np
+import pyarrow.parquet as pq
+import pytest
+from mcap.reader import make_reader
+
+from vsalog.model import ModelFile
+from vsalog.simulation.experiments import awas_experiment, elastic_experiment, vsa2_experiment
+
+
+def columns(path, transmission):
+    table = pq.read_table(path).to_pandas()
+    return table[table.transmission == transmission].reset_index(drop=True)
+
+
+def test_a_log_that_carries_its_rig_needs_no_option(run, samples, tmp_path):
+    done = run("estimate", samples / "vsa2_exp1.mcap")
+    assert done.returncode == 0, done.stderr
+    assert "vsa2_exp1.stiffness.parquet" in done.stdout
+    assert sorted(p.name for p in tmp_path.iterdir()) == ["vsa2_exp1.model.toml", "vsa2_exp1.stiffness.parquet"]
+
+
+def test_the_trace_keeps_its_contract(run, samples, tmp_path):
+    run("estimate", samples / "vsa2_exp1.mcap")
+    schema = pq.read_schema(tmp_path / "vsa2_exp1.stiffness.parquet")
+    units = {f.name: (f.metadata or {}).get(b"unit") for f in schema}
+    assert units["time"] == b"s"
+    assert units["stamp"] == b"ns"
+    assert units["deflection"] == b"rad"
+    assert units["flexibility_torque"] == units["flexibility_torque_fit"] == b"N*m"
+    assert units["stiffness"] == units["stiffness_std"] == b"N*m/rad"
+    assert {b"vsalog.version", b"vsalog.rig", b"vsalog.estimator", b"vsalog.input"} <= set(schema.metadata)
+    table = pq.read_table(tmp_path / "vsa2_exp1.stiffness.parquet").to_pandas()
+    assert set(table.transmission) == {"1", "2", "total"}
+    assert set(table.joint) == {"vsa2"}
+    assert table.groupby("transmission", observed=True).size().unique() == [20001]
+    for _, rows in table.groupby("transmission", observed=True):
+        assert (np.diff(rows.stamp) > 0).all()
+        assert rows.time.iloc[0] == 0.0
+    one, two, total = (table[table.transmission == t].reset_index() for t in ("1", "2", "total"))
+    np.testing.assert_allclose(total.stiffness, one.stiffness + two.stiffness)
+    np.testing.assert_allclose(total.stiffness_std, np.hypot(one.stiffness_std, two.stiffness_std))
+
+
+@pytest.mark.parametrize(
+    ("name", "experiment", "tune", "limit"),
+    [
+        # Limits are the levels a plain implementation of the papers reaches on these plants (MSE in N²·mm²/rad², MSREP in %).
+        ("vsa2_exp1.mcap", vsa2_experiment, {"modality": "MODEL"}, {"1": 14, "2": 8, "total": 39}),
+        ("vsa2_exp1.mcap", vsa2_experiment, {"modality": "SENSOR"}, {"1": 14, "2": 8, "total": 40}),
+        ("vsa2_exp1.mcap", vsa2_experiment, {"modality": "RESIDUAL"}, {"1": 34, "2": 40, "total": 138}),
+    ],
+)
+def test_the_modalities_on_the_vsa2(run, samples, tmp_path, name, experiment, tune, limit):
+    options = [f"--tune={k}={v}" for k, v in tune.items()]
+    assert run("estimate", samples / name, "-e", "residual-rls", *options, "-o", "out.parquet").returncode == 0
+    truth = experiment(1, seed=1).truth
+    for transmission, most in limit.items():
+        trace = columns(tmp_path / "out.parquet", transmission)
+        sigma = truth[f"stiffness_{transmission}"]
+        after = trace.time >= 2.0
+        mse = np.mean(((trace.stiffness - sigma)[after] * 1e3) ** 2)
+        assert mse <= most, f"transmission {transmission}"
+
+
+@pytest.mark.parametrize(("modality", "most"), [("MODEL", 2e-6), ("SENSOR", 5e-4), ("RESIDUAL", 5e-4)])
+def test_the_modalities_on_the_awas(run, samples, tmp_path, modality, most):
+    """MSREP in % after the first second; the dominant coefficient is 2 k_s (Flacco 2012 §6.2)."""
+    assert run("estimate", samples / "awas_exp1.mcap", "--tune", f"modality={modality}", "-o", ".").returncode == 0
+    trace = columns(tmp_path / "awas_exp1.stiffness.parquet", "total")
+    sigma = awas_experiment(1, seed=1).truth["stiffness"]
+    after = trace.time >= 1.0
+    assert 100.0 * np.mean(((trace.stiffness - sigma) / sigma)[after] ** 2) <= most
+    model = ModelFile.load(tmp_path / "awas_exp1.model.toml").joint["awas"]
+    dominant = dict(zip(model.basis.terms, model.transmission[0].coefficients, strict=True))["phi^1*c^2"]
+    assert dominant == pytest.approx(0.0284, rel=0.02)  # N·m/mm², r in mm
+
+
+@pytest.mark.parametrize(("name", "number"), [("sea_exp1.csv", 1), ("sea_exp2.bag", 2)], ids=["CSV", "ROS 1 bag"])
+@pytest.mark.parametrize("estimator", ["residual-rls", "qr-rls", "batch-ls", "direct"])
+def test_every_estimator_on_an_elastic_joint(run, samples, tmp_path, name, number, estimator):
+    done = run("estimate", samples / name, "-e", estimator, "-o", "out.parquet")
+    assert done.returncode == 0, done.stderr
+    trace = columns(tmp_path / "out.parquet", "1")
+    sigma = elastic_experiment(number, seed=number, duration=20.0).truth["stiffness"]
+    late = (trace.time > 5.0) & trace.excited
+    assert late.mean() > 0.5
+    error, std = (trace.stiffness - sigma)[late], trace.stiffness_std[late]
+    assert np.sqrt(np.mean((error / sigma[late]) ** 2)) < 0.05
+    # Honest: the truth lies within three standard deviations nearly always.
+    assert np.mean(np.abs(error) < 3.0 * std) > 0.8
+
+
+def test_several_settings_in_one_file_make_one_model(run, samples, tmp_path):
+    """A real device: the loading stiffness rises with the slider, as a plain line fit through the raw data has it too."""
+    log = samples / "desr_foot" / "desr_foot.mat"
+    assert run("estimate", log).returncode == 0
+    model = ModelFile.load(tmp_path / "desr_foot.model.toml").joint["ankle"]
+    table = columns(tmp_path / "desr_foot.stiffness.parquet", "1")
+    phi = np.linspace(0.10, 0.15, 51)
+    fitted, line = [], []
+    for _, rows in table.groupby("run", observed=True, sort=True):
+        sigma, _ = model.stiffness("1", phi, np.full(51, rows.setpoint.iloc[0]))
+        loading = rows.deflection.between(0.10, 0.15) & (np.gradient(rows.deflection) > 0)
+        line.append(np.polyfit(rows.deflection[loading], rows.flexibility_torque[loading], 1)[0])
+        fitted.append(sigma.mean())
+    assert len(fitted) == 9
+    assert (np.diff(fitted) > 0).all()
+    assert np.abs(np.array(fitted) / line - 1.0).max() < 0.2
+
+
+def test_a_fixed_setpoint_from_the_command_line(run, tmp_path):
+    """Several files under different set-points fit one model: τ = (100 + 5 c) φ with c in mm."""
+    t = np.arange(0.0, 6.0, 0.01)
+    rig = tmp_path / "rig.toml"
+    rig.write_text(
+        '[joint.a]\nkind = "serial"\n[joint.a.basis]\norder = 1\nsetpoint_order = 2\n'
+        '[joint.a.signals]\ndeflection = "phi"\ntorque_sensor = "torque"\n'
+    )
+    for c in (0, 10, 20):
+        phi = 0.1 * np.sin(2 * np.pi * (0.5 + 0.01 * c) * t)
+        tau = (100 + 5 * c) * phi
+        lines = [
+            "t [s],phi [rad],torque [N·m]",
+            *(f"{a:.6f},{b:.9f},{d:.9f}" for a, b, d in zip(t, phi, tau, strict=True)),
+        ]
+        (tmp_path / f"x{c}.csv").write_text("\n".join(lines))
+    done = run("estimate", "x0.csv", "x10.csv", "x20.csv", "--rig", "rig.toml", "--set", "setpoint=0mm,10mm,20mm")
+    assert done.returncode == 0, done.stderr
+    model = ModelFile.load(tmp_path / "x0.model.toml").joint["a"]
+    for c in (0.0, 5.0, 20.0):
+        sigma, _ = model.stiffness("1", np.array([0.05]), np.array([c * 1e-3]))
+        assert sigma[0] == pytest.approx(100 + 5 * c, rel=1e-3)
+    assert set(columns(tmp_path / "x0.stiffness.parquet", "1").run) == {"x0.csv", "x10.csv", "x20.csv"}
+    wrong = run("estimate", "x0.csv", "x10.csv", "--rig", "rig.toml", "--set", "setpoint=1mm,2mm,3mm")
+    assert wrong.returncode == 2
+    assert "3 values for 2 logs" in wrong.stderr
+
+
+def test_the_motor_is_estimated_too(run, samples, tmp_path):
+    done = run("estimate", samples / "vsa2_exp1.mcap", "-e", "qr-rls", "--json")
+    assert done.returncode == 0, done.stderr
+    motor = json.loads(done.stdout)["joints"][0]["motor"]
+    for i in (1, 2):
+        assert motor[f"inertia_{i}"] == pytest.approx(7.3e-3, rel=0.01)
+        assert motor[f"damping_{i}"] == pytest.approx(1e-3, rel=0.05)
+    trace = columns(tmp_path / "vsa2_exp1.stiffness.parquet", "1")
+    assert {"motor_inertia", "motor_inertia_std", "motor_damping", "motor_damping_std"} <= set(trace.columns)
+
+
+def test_json_is_one_document_on_stdout(run, samples):
+    document = json.loads(run("estimate", samples / "awas_exp2.mcap", "--json").stdout)
+    assert document["joints"][0]["summary"]["transmissions"][0]["transmission"] == "1"
+    assert document["outputs"]["trace"] == "awas_exp2.stiffness.parquet"
+    assert document["joints"][0]["settings"]["p0"] > 0
+
+
+def test_the_trace_written_as_a_log_is_read_by_the_mcap_library(run, samples, tmp_path):
+    assert run("estimate", samples / "awas_exp2.mcap", "--mcap", "trace.mcap").returncode == 0
+    with (tmp_path / "trace.mcap").open("rb") as file:
+        summary = make_reader(file).get_summary()
+    topics = {c.topic for c in summary.channels.values()}
+    assert "/vsalog/awas/total/stiffness" in topics
+    assert "/vsalog/awas/transmission_1/stiffness_std" in topics
+    assert {s.name for s in summary.schemas.values()} == {"std_msgs/msg/Float64"}
+
+
+def test_output_names(run, samples, tmp_path):
+    (tmp_path / "folder").mkdir()
+    assert run("estimate", samples / "awas_exp2.mcap", "-o", "folder").returncode == 0
+    assert (tmp_path / "folder" / "awas_exp2.stiffness.parquet").is_file()
+    assert run("estimate", samples / "awas_exp2.mcap", "-o", "mine.parquet").returncode == 0
+    assert (tmp_path / "mine.parquet").is_file()
+    assert (tmp_path / "mine.model.toml").is_file()
+
+
+def test_a_computed_torque_is_called_so_loudly(run, tmp_path):
+    t = np.arange(0.0, 10.0, 0.01)
+    phi = 0.01 * np.sin(2 * np.pi * t) + 0.002 * np.sin(9.0 * t)
+    rows = [f"{a:.6f},{np.float32(b):.9g},{np.float32(-40.0 * b):.9g}" for a, b in zip(t, phi, strict=True)]
+    (tmp_path / "log.csv").write_text("\n".join(["time,deflection,effort", *rows]))
+    done = run("estimate", "log.csv")
+    assert done.returncode == 0, done.stderr
+    assert "computed from it, not measured" in done.stderr
+    assert "roles are guessed" in done.stderr
+
+
+def test_stiffness_in_the_readme_units_by_the_python_call(samples):
+    import vsalog
+
+    (joint,) = vsalog.estimate(samples / "awas_exp2.mcap")
+    assert joint.trace["total"]["stiffness"].shape == joint.trace.time.shape
+    assert joint.trace.to_table().num_rows == 2 * len(joint.trace)
+    assert list(joint.trace.to_pandas().columns[:5]) == ["time", "stamp", "joint", "transmission", "run"]
+    (again,) = vsalog.estimate(vsalog.read(samples / "awas_exp2.mcap"), vsalog.Rig.load("awas"))
+    np.testing.assert_array_equal(again.trace["total"]["stiffness"], joint.trace["total"]["stiffness"])

@@ -1,0 +1,41 @@
+"""What the tests share: where the sample logs are, and a way to run the command line as a user does."""
+
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).parent.parent
+
+
+@pytest.fixture(scope="session")
+def samples() -> Path:
+    return ROOT / "sample_logs"
+
+
+@pytest.fixture
+def run(tmp_path):
+    """Run `vsalog ARGS` in an empty folder; returns the finished process with text output."""
+
+    def run(*args, cwd=tmp_path):
+        command = [sys.executable, "-c", "from vsalog.cli import main; main()", *map(str, args)]
+        return subprocess.run(command, cwd=cwd, capture_output=True, text=True, timeout=120)
+
+    return run
+
+
+@pytest.fixture
+def refused(run):
+    """Run a command that must be refused: exit code 2, one line on stderr, nothing on stdout, no file left behind."""
+
+    def refused(*args, cwd):
+        before = {p for p in cwd.rglob("*")}
+        done = run(*args, cwd=cwd)
+        assert done.returncode == 2, done.stderr
+        assert "Traceback" not in done.stderr
+        assert done.stdout == ""
+        assert {p for p in cwd.rglob("*")} == before
+        return done.stderr
+
+    return refused
