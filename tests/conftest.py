@@ -30,12 +30,12 @@ def refused(run):
     """Run a command that must be refused: exit code 2, one line on stderr, nothing on stdout, no file left behind."""
 
     def refused(*args, cwd):
-        before = {p for p in cwd.rglob("*")}
+        before = set(cwd.rglob("*"))
         done = run(*args, cwd=cwd)
         assert done.returncode == 2, done.stderr
         assert "Traceback" not in done.stderr
         assert done.stdout == ""
-        assert {p for p in cwd.rglob("*")} == before
+        assert set(cwd.rglob("*")) == before
         return done.stderr
 
     return refused

@@ -44,6 +44,7 @@ class _Bound:
     stamps: Stamps
     values: Array
     period: int
+    resolution: float | None = None
     constant: float | None = None
 
 
@@ -143,7 +144,7 @@ def _bind_role(recording: Recording, run: Run, role: str, signal: Signal, joint:
                 f"{recording.path.name}: run '{run.name}' has no set-point; give it one in the rig or with"
                 " --set setpoint=VALUE"
             )
-        return _Bound(np.empty(0, np.int64), np.empty(0), 0, float(constant))
+        return _Bound(np.empty(0, np.int64), np.empty(0), 0, constant=float(constant))
     assert signal.channel is not None
     channel = recording.channel(signal.channel.replace("{run}", run.name))
     _check(recording, channel, role)
@@ -151,7 +152,7 @@ def _bind_role(recording: Recording, run: Run, role: str, signal: Signal, joint:
     if role == "setpoint" and isinstance(joint, SerialJoint) and joint.lever is not None and _is_angle(channel, signal):
         values = joint.lever.start - joint.lever.travel * values
     period = int(np.median(np.diff(channel.stamps)))
-    return _Bound(channel.stamps, values, period)
+    return _Bound(channel.stamps, values, period, signal.resolution)
 
 
 def _check(recording: Recording, channel: Channel, role: str) -> None:
@@ -193,7 +194,7 @@ def _converts(unit: str, like: str) -> bool:
 
 def _factor(recording: Recording, channel: Channel, role: str, signal: Signal, joint: Joint) -> float:
     """What a recorded number is multiplied with to be SI, the right way round, on the joint's side of the gear."""
-    base, motor, unit = role.rstrip("_12"), _motor(joint, role), _unit(channel, signal)
+    base, motor, unit = role.removesuffix("_1").removesuffix("_2"), _motor(joint, role), _unit(channel, signal)
     gear = motor.gear_ratio if signal.side == "rotor" else 1.0
     like = SI.get(base, "rad")
     factor = float(signal.sign)
@@ -246,7 +247,9 @@ def _on_one_grid(recording: Recording, joint: str, bound: Mapping[str, _Bound], 
         roles,
         starts,
         np.full(stamps.size, run, dtype=np.int32),
-        resolution={role: _resolution(b.values) for role, b in moving.items()},
+        resolution={
+            role: _resolution(b.values) if b.resolution is None else b.resolution for role, b in moving.items()
+        },
         notes=_notes(joint, segments, moving),
     )
 

@@ -13,7 +13,7 @@ from vsalog.checks import signal_warnings
 from vsalog.errors import EstimatorError, VsalogError, did_you_mean
 from vsalog.estimators import Method, method
 from vsalog.estimators.device import Device, device_of
-from vsalog.estimators.needs import MEANING
+from vsalog.estimators.needs import meaning
 from vsalog.estimators.regression import BLOCK, RegressionFold
 from vsalog.estimators.tuning import Tuning, read_tuning
 from vsalog.model import JointModel
@@ -109,7 +109,7 @@ def _require_some_torque(device: Device, offered: Collection[str]) -> None:
         missing.append("setpoint")
     if not missing:
         return
-    listed = "; ".join(f"{role}: {MEANING[role.rstrip('_12')]}" for role in dict.fromkeys(missing))
+    listed = "; ".join(f"{role}: {meaning(role)}" for role in dict.fromkeys(missing))
     raise EstimatorError(
         f"joint '{device.joint}': no stiffness can be estimated, because a role is missing: {listed}. A stiffness needs"
         " the deflection (link_position and motor_position, or deflection) and a torque (torque_sensor, or motor_torque"

@@ -12,7 +12,7 @@ import msgspec
 
 from vsalog._version import __version__
 from vsalog.binding import offered_roles, wanted_channels
-from vsalog.errors import EstimatorError, ReadError, RigError
+from vsalog.errors import BindingError, EstimatorError, ReadError, RigError, did_you_mean
 from vsalog.estimation import (
     Choice,
     JointEstimate,
@@ -174,7 +174,16 @@ def _read(log: Path | Recording, wanted: set[str] | None, options: Options, prog
     if isinstance(log, Recording):
         return log
     progress(f"reading {log.name}")
-    return read(log, wanted, time=options.time, rate=options.rate)
+    recording = read(log, wanted, time=options.time, rate=options.rate)
+    missing = sorted((wanted or set()) - set(recording.channels) - set(recording.unread))
+    if missing:
+        known = open_reader(log, options.rate).catalogue()
+        if missing[0] not in known.unread:
+            raise BindingError(
+                f"{log.name}: there is no channel '{missing[0]}'{did_you_mean(missing[0], known.channels) or '.'}"
+                f" 'vsalog inspect {log.name}' lists all {len(known.channels)}"
+            )
+    return recording
 
 
 def _rig(log: Path | Recording, options: Options) -> Rig | None:

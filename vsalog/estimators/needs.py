@@ -18,6 +18,11 @@ MEANING = {
 }
 
 
+def meaning(role: str) -> str:
+    """Return what a role is, in words; that of one of two transmissions has a number at its end."""
+    return MEANING[role.removesuffix("_1").removesuffix("_2")]
+
+
 def require(name: str, device: Device, needed: Collection[str], offered: Collection[str]) -> None:
     """Refuse when a role that a method needs is not in the rig.
 
@@ -28,7 +33,7 @@ def require(name: str, device: Device, needed: Collection[str], offered: Collect
     """
     missing = [role for role in dict.fromkeys(needed) if role not in offered]
     if missing:
-        listed = "; ".join(f"{role} ({MEANING[role.rstrip('_12')]})" for role in missing)
+        listed = "; ".join(f"{role} ({meaning(role)})" for role in missing)
         raise EstimatorError(
             f"joint '{device.joint}': the estimator {name} needs {', '.join(needed)}, but there is no channel for"
             f" {listed}. Name it under [joint.{device.joint}.signals] in the rig, or choose an estimator that can do"

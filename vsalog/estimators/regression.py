@@ -213,7 +213,7 @@ class RegressionFold:
             phi_fit, c_fit = deflection_of(block.fit, view), block.fit.get("setpoint")
             state.regions[view.name], seen = state.regions[view.name].block(phi_fit, c_fit, use, phi, c)
             with np.errstate(invalid="ignore"):
-                excited = seen & (std <= SUPPORTED_SHARE * np.abs(sigma))
+                excited = seen & (std < SUPPORTED_SHARE * np.abs(sigma))
             columns[view.name] = {
                 "deflection": phi,
                 "flexibility_torque": rows.fed[view.name],

@@ -161,9 +161,10 @@ class TableReader:
         with self._open() as file:
             text = TextSource(file, dialect.encoding, dialect.separator == WHITESPACE)
             plain = dialect.encoding == "utf-8" and dialect.separator != WHITESPACE and not self._gzip
-            source = file if plain else text
+            # Arrow reads ahead in a thread of its own. It must not need the interpreter, which may be gone by then at exit.
+            source = pa.memory_map(str(self.path)) if plain and _arrow_can_open(self.path) else file if plain else text
             try:
-                reader = pacsv.open_csv(
+                with pacsv.open_csv(
                     source,
                     read_options=pacsv.ReadOptions(
                         use_threads=False,
@@ -180,8 +181,8 @@ class TableReader:
                         null_values=_NULLS,
                         check_utf8=False,
                     ),
-                )
-                yield from (self._pointed(batch, columns) for batch in reader)
+                ) as reader:
+                    yield from (self._pointed(batch, columns) for batch in reader)
             except pa.ArrowInvalid as error:
                 raise ReadError(f"{self.path}: cannot be parsed as a table: {error}") from error
             except OSError as error:
@@ -332,3 +333,12 @@ def _sample_columns(dialect: Dialect) -> list[pa.Array]:
         column = pa.array(cells, pa.string())
         columns.append(pc.replace_substring(column, ",", ".") if dialect.decimal_comma else column)
     return columns
+
+
+def _arrow_can_open(path: Path) -> bool:
+    """Tell whether a path is one that Arrow can be given: file names may hold bytes that are no text."""
+    try:
+        str(path).encode("utf-8")
+    except UnicodeEncodeError:
+        return False
+    return True

@@ -1,0 +1,219 @@
+"""Bad input gets one clear line on stderr, exit code 2, and leaves nothing behind."""
+
+import numpy as np
+import pytest
+
+RIG = """
+[joint.knee]
+kind = "elastic"
+[joint.knee.motor]
+inertia = 0.1
+[joint.knee.signals]
+motor_position = "theta"
+motor_torque = "tau"
+link_position = "q"
+torque_sensor = "sensor"
+"""
+
+
+def table(path, count=3000, header="time [s],theta [rad],tau [N·m],q [rad],sensor [N·m]", **columns):
+    t = np.arange(count) * 1e-3
+    data = {
+        "time": t,
+        "theta": 0.3 * np.sin(6.0 * t),
+        "tau": 2.0 * np.sin(6.0 * t),
+        "q": 0.4 * np.sin(6.0 * t),
+        "sensor": 10.0 * np.sin(6.0 * t) + 0.01 * np.cos(40.0 * t),
+    }
+    data.update(columns)
+    rows = zip(*(data[k] for k in ("time", "theta", "tau", "q", "sensor")), strict=True)
+    path.write_text("\n".join([header, *(",".join(str(v) for v in row) for row in rows)]))
+
+
+@pytest.fixture
+def bench(tmp_path):
+    table(tmp_path / "log.csv")
+    (tmp_path / "rig.toml").write_text(RIG)
+    return tmp_path
+
+
+def test_the_bench_itself_works(run, bench):
+    done = run("estimate", "log.csv", cwd=bench)
+    assert done.returncode == 0, done.stderr
+
+
+def test_a_log_that_is_not_there(refused, bench):
+    assert "nowhere.mcap" in refused("estimate", "nowhere.mcap", cwd=bench)
+
+
+def test_an_empty_file(refused, bench):
+    (bench / "log.csv").write_bytes(b"")
+    assert "empty" in refused("estimate", "log.csv", cwd=bench)
+
+
+def test_a_file_of_another_kind(refused, bench):
+    (bench / "log.mcap").write_bytes(b"\x89PNG\r\n\x1a\n" + bytes(range(256)) * 8)
+    message = refused("estimate", "log.mcap", cwd=bench)
+    assert "log.mcap" in message
+
+
+def test_a_channel_that_is_text(refused, bench):
+    table(bench / "log.csv", tau=["idle"] * 3000)
+    message = refused("estimate", "log.csv", cwd=bench)
+    assert "'tau'" in message
+    assert "text" in message
+
+
+def test_a_missing_channel_and_what_may_have_been_meant(refused, bench):
+    (bench / "rig.toml").write_text(RIG.replace('"theta"', '"thetta"'))
+    assert "did you mean 'theta'" in refused("estimate", "log.csv", cwd=bench)
+
+
+def test_a_unit_that_does_not_fit(refused, bench):
+    table(bench / "log.csv", header="time [s],theta [m],tau [N·m],q [rad],sensor [N·m]")
+    message = refused("estimate", "log.csv", cwd=bench)
+    assert "theta" in message
+    assert "'m'" in message
+
+
+def test_a_unit_in_the_rig_that_does_not_fit(refused, bench):
+    (bench / "rig.toml").write_text(RIG.replace("inertia = 0.1", 'inertia = "3 N*m"'))
+    assert "joint.knee.motor.inertia" in refused("estimate", "log.csv", cwd=bench)
+
+
+def test_a_negative_inertia(refused, bench):
+    (bench / "rig.toml").write_text(RIG.replace("inertia = 0.1", "inertia = -0.1"))
+    message = refused("estimate", "log.csv", cwd=bench)
+    assert "joint.knee.motor.inertia" in message
+    assert "-0.1" in message
+
+
+def test_two_channels_for_one_role(refused, bench):
+    (bench / "rig.toml").write_text(RIG.replace('"theta"', '["theta", "q"]'))
+    assert "motor_position" in refused("estimate", "log.csv", cwd=bench)
+
+
+def test_one_channel_for_two_roles(refused, bench):
+    (bench / "rig.toml").write_text(RIG.replace('"q"', '"theta"'))
+    assert "theta" in refused("estimate", "log.csv", cwd=bench)
+
+
+def test_a_key_that_is_not_one(refused, bench):
+    (bench / "rig.toml").write_text(RIG.replace("inertia", "intertia"))
+    message = refused("estimate", "log.csv", cwd=bench)
+    assert "intertia" in message
+    assert "inertia" in message
+
+
+def test_a_log_shorter_than_the_window(refused, bench):
+    table(bench / "log.csv", count=400)
+    message = refused("estimate", "log.csv", "-e", "qr-rls", cwd=bench)
+    assert "400 samples" in message
+    assert "window" in message
+
+
+def test_a_rig_without_inertia(refused, bench):
+    (bench / "rig.toml").write_text(RIG.replace("inertia = 0.1", ""))
+    message = refused("estimate", "log.csv", "-e", "residual-rls", cwd=bench)
+    assert "[joint.knee.motor] inertia" in message
+    assert "qr-rls" in message
+
+
+def test_a_role_that_is_missing(refused, bench):
+    (bench / "rig.toml").write_text(RIG.replace('link_position = "q"', ""))
+    assert "link_position" in refused("estimate", "log.csv", cwd=bench)
+
+
+def test_no_second_position_at_all(refused, tmp_path):
+    """A robot's JointState has one position per joint: what is missing is said, joint by joint names are shown."""
+    t = np.arange(500) * 0.01
+    rows = [f"{a:.3f},{np.sin(a):.6f},{np.cos(a):.6f}" for a in t]
+    (tmp_path / "log.csv").write_text("\n".join(["time,arm_0.position,arm_0.effort", *rows]))
+    message = refused("estimate", "log.csv", cwd=tmp_path)
+    assert "a role is missing" in message
+    assert "motor_position" in message
+
+
+def test_no_torque_at_all(refused, tmp_path):
+    t = np.arange(500) * 0.01
+    rows = [f"{a:.3f},{np.sin(a):.6f},{np.cos(a):.6f}" for a in t]
+    (tmp_path / "log.csv").write_text("\n".join(["time,motor_position,link_position", *rows]))
+    message = refused("estimate", "log.csv", cwd=tmp_path)
+    assert "a role is missing" in message
+    assert "torque" in message
+
+
+def test_no_time_column(refused, bench):
+    t = np.arange(500)
+    rows = [f"{np.sin(0.01 * a):.6f},{np.cos(0.01 * a):.6f},{0.5 * np.sin(0.01 * a):.6f},{a % 7}" for a in t]
+    (bench / "log.csv").write_text("\n".join(["theta,tau,q,sensor", *rows]))
+    assert "--rate" in refused("estimate", "log.csv", cwd=bench)
+
+
+@pytest.mark.parametrize("value", ["nan", "inf", "-inf"])
+def test_stretches_without_numbers_are_left_out_and_said(run, bench, value):
+    t = np.arange(3000) * 1e-3
+    torque = [value if 1000 <= k < 1100 else str(2.0 * np.sin(6.0 * a)) for k, a in enumerate(t)]
+    table(bench / "log.csv", tau=torque)
+    done = run("estimate", "log.csv", cwd=bench)
+    assert done.returncode == 0, done.stderr
+    assert "100 of 3000 samples of motor_torque are no finite number" in done.stderr
+
+
+def test_a_channel_of_nothing_but_nan(refused, bench):
+    table(bench / "log.csv", tau=["nan"] * 3000)
+    message = refused("estimate", "log.csv", cwd=bench)
+    assert "tau" in message
+
+
+def test_a_joint_that_stands_still(run, bench):
+    """Constant signals tell nothing: the trace is there, and says so on every row."""
+    import pyarrow.parquet as pq
+
+    table(bench / "log.csv", theta=[0.1] * 3000, q=[0.1] * 3000, tau=[0.0] * 3000)
+    done = run("estimate", "log.csv", cwd=bench)
+    assert done.returncode == 0, done.stderr
+    assert "never changes" in done.stderr
+    assert not pq.read_table(bench / "log.stiffness.parquet")["excited"].to_numpy().any()
+
+
+@pytest.mark.parametrize(
+    ("options", "said"),
+    [
+        (["-e", "residual-rsl"], "did you mean 'residual-rls'"),
+        (["--tune", "bandwith=3"], "did you mean 'bandwidth'"),
+        (["--tune", "bandwidth=fast"], "bandwidth"),
+        (["--tune", "bandwidth=-1"], "bandwidth"),
+        (["--tune", "bandwidth"], "NAME=VALUE"),
+        (["--joint", "kne"], "did you mean 'knee'"),
+        (["--set", "joint.knee.motor.inertia=heavy"], "inertia"),
+        (["--set", "setpoint=3"], "no joint of the rig has a set-point"),
+        (["--rate", "0"], "--rate"),
+        (["--rig", "vsa3"], "did you mean 'vsa2'"),
+        (["-o", "nowhere/out.parquet"], "nowhere"),
+        (["-o", "log.csv"], "is the log itself"),
+        (["--mcap", "log.csv"], "is the log itself"),
+    ],
+)
+def test_options_that_cannot_be(refused, bench, options, said):
+    assert said in refused("estimate", "log.csv", *options, cwd=bench)
+
+
+def test_no_log_at_all(run, tmp_path):
+    assert run("estimate").returncode == 2
+
+
+def test_hostile_names_do_not_reach_the_terminal_or_the_disk(run, tmp_path):
+    """A joint's name is text from a file: no escape sequence is printed, no path is made of it."""
+    table(tmp_path / "log.csv")
+    name = "../../\\u001b[31mevil[bold]"
+    (tmp_path / "rig.toml").write_text(RIG.replace("[joint.knee", f'[joint."{name}"'))
+    done = run("estimate", "log.csv", "--mcap", "out.mcap")
+    assert "\x1b[31mevil" not in done.stdout + done.stderr
+    assert {p.name for p in tmp_path.iterdir()} <= {
+        "log.csv",
+        "rig.toml",
+        "log.stiffness.parquet",
+        "log.model.toml",
+        "out.mcap",
+    }
