@@ -25,6 +25,8 @@ from vsalog.signals import JointSignals
 
 Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]
+# Step that a signal without steps is taken to have [rad or m]: the MKKF then trusts it at every speed.
+FINEST = 1e-12
 FilterName = Literal["kinematic", "pair", "savitzky-golay"]
 
 
@@ -90,9 +92,8 @@ class Conditioner:
         self.motor_roles = tuple(r for r in roles if r.startswith("motor_position"))
         self.moving = tuple(r for r in roles if "torque" not in r)
         self.settings = {
-            role: KinematicSettings.for_resolution(signals.resolution[role], self.period, shape)
+            role: KinematicSettings.for_resolution(signals.resolution.get(role) or FINEST, self.period, shape)
             for role in self.moving
-            if signals.resolution.get(role, 0.0) > 0.0
         }
         self.settle = 100 if settle is None else round(settle / self.period)
         self.window = 2 * round(0.5 * window / self.period) + 1
@@ -139,12 +140,9 @@ class Conditioner:
         kalman: dict[str, Array] = {}
         for role in self.moving:
             raw = piece.roles[role]
-            if role in self.settings:
-                kalman[role], velocity, states[role] = kinematic_filter(
-                    raw, self.period, self.settings[role], states.get(role)
-                )
-            else:  # a signal that never moves has no resolution and needs no filter
-                kalman[role], velocity = raw, np.zeros_like(raw)
+            kalman[role], velocity, states[role] = kinematic_filter(
+                raw, self.period, self.settings[role], states.get(role)
+            )
             if role in self.motor_roles:
                 kalman[f"velocity:{role}"] = velocity
         seen = state.seen + len(piece)

@@ -1,0 +1,223 @@
+"""Recordings bound to rigs: units, gears and signs, clocks, rates and gaps."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from vsalog.binding import bind, offered_roles, wanted_channels
+from vsalog.errors import BindingError
+from vsalog.recording import Channel, Recording
+from vsalog.rig import Rig
+
+
+def recording(name="log.csv", **channels):
+    """channels: name → (seconds, values) or (seconds, values, unit)."""
+    made = {}
+    for key, (seconds, values, *unit) in channels.items():
+        stamps = 1_700_000_000_000_000_000 + np.round(np.asarray(seconds) * 1e9).astype(np.int64)
+        made[key] = Channel(key, stamps, np.asarray(values, dtype=float), unit[0] if unit else None, key, "float64")
+    return Recording(Path(name), "csv", made, {})
+
+
+def joint_of(text):
+    rig = Rig.from_toml(text)
+    ((name, joint),) = rig.joints.items()
+    return name, joint
+
+
+ELASTIC = """
+[joint.j]
+kind = "elastic"
+[joint.j.motor]
+gear_ratio = 50.0
+torque_constant = 0.1
+[joint.j.signals]
+"""
+
+
+def bound(signals, rec, **options):
+    name, joint = joint_of(ELASTIC + signals)
+    return bind([rec], name, joint, tuple(offered_roles(joint)), **options)
+
+
+T = np.arange(1000) * 1e-3
+
+
+@pytest.mark.parametrize(
+    ("signal", "unit", "factor"),
+    [
+        ('motor_position = "x"', "deg", np.pi / 180.0),
+        ('motor_position = { channel = "x", unit = "deg" }', None, np.pi / 180.0),
+        ('motor_position = { channel = "x", unit = "rad" }', "deg", 1.0),
+        ('motor_position = { channel = "x", side = "rotor" }', None, 1.0 / 50.0),
+        ('motor_position = { channel = "x", side = "rotor", sign = -1 }', "deg", -np.pi / 180.0 / 50.0),
+        ('motor_torque = "x"', "N·mm", 1e-3),
+        ('motor_torque = { channel = "x", side = "rotor" }', None, 50.0),
+        ('motor_torque = "x"', "A", 0.1 * 50.0),
+        ('motor_torque = "x"', "mA", 1e-3 * 0.1 * 50.0),
+        ('link_position = "x"', "mrad", 1e-3),
+        ('torque_sensor = { channel = "x", sign = -1 }', None, -1.0),
+    ],
+)
+def test_units_gears_and_signs(signal, unit, factor):
+    x = np.sin(T)
+    signals = bound(signal, recording(x=(T, x, unit)))
+    (values,) = signals.roles.values()
+    np.testing.assert_allclose(values, factor * x, rtol=1e-12)
+    assert signals.period == pytest.approx(1e-3)
+
+
+def test_an_offset_is_subtracted_in_si_after_everything_else():
+    signals = bound('motor_position = { channel = "x", unit = "deg", sign = -1, offset = 0.5 }', recording(x=(T, T)))
+    np.testing.assert_allclose(signals.roles["motor_position"], -np.deg2rad(T) - 0.5)
+
+
+def test_a_current_needs_a_torque_constant():
+    name, joint = joint_of(
+        '[joint.j]\nkind = "elastic"\n[joint.j.signals]\nmotor_torque = { channel = "x", unit = "A" }'
+    )
+    with pytest.raises(BindingError, match="torque_constant"):
+        bind([recording(x=(T, T))], name, joint, ("motor_torque",))
+
+
+def test_an_angle_becomes_the_lever_arm_and_a_length_is_one():
+    text = """
+[joint.j]
+kind = "serial"
+[joint.j.lever]
+start = 0.1
+travel = 4e-4
+[joint.j.signals]
+setpoint = "x"
+deflection = "y"
+"""
+    name, joint = joint_of(text)
+    angle = bind([recording(x=(T, 10.0 * T), y=(T, T))], name, joint, ("setpoint", "deflection"))
+    np.testing.assert_allclose(angle.roles["setpoint"], 0.1 - 4e-4 * 10.0 * T)
+    length = bind([recording(x=(T, 80.0 + T, "mm"), y=(T, T))], name, joint, ("setpoint", "deflection"))
+    np.testing.assert_allclose(length.roles["setpoint"], (80.0 + T) * 1e-3)
+
+
+TWO = 'motor_position = "x"\nlink_position = "y"\n'
+
+
+def test_channels_on_one_clock_are_taken_as_they_are():
+    x, y = np.random.default_rng(0).normal(size=(2, 1000))
+    signals = bound(TWO, recording(x=(T, x), y=(T, y)))
+    np.testing.assert_array_equal(signals.roles["motor_position"], x)
+    np.testing.assert_array_equal(signals.roles["link_position"], y)
+    assert list(np.flatnonzero(signals.starts)) == [0]
+
+
+def test_a_slower_channel_is_interpolated_onto_the_faster_grid():
+    slow = np.arange(100) * 1e-2
+    signals = bound(TWO, recording(x=(T, T), y=(slow, 3.0 * slow)))
+    assert signals.period == pytest.approx(1e-3)
+    np.testing.assert_allclose(signals.roles["link_position"], 3.0 * signals.time, atol=1e-9)
+
+
+def test_jittered_stamps_are_brought_onto_an_even_grid():
+    rng = np.random.default_rng(1)
+    jittered = T + rng.uniform(-3e-4, 3e-4, T.size)
+    signals = bound(TWO, recording(x=(jittered, np.sin(5 * jittered)), y=(jittered, np.cos(5 * jittered))))
+    assert np.ptp(np.diff(signals.stamps)) == 0
+    start = jittered[0] + signals.time
+    np.testing.assert_allclose(signals.roles["motor_position"], np.sin(5 * start), atol=1e-4)
+
+
+def test_a_gap_splits_the_run_and_nothing_is_bridged():
+    keep = (T < 0.4) | (T > 0.45)
+    signals = bound(TWO, recording(x=(T[keep], T[keep]), y=(T, T)))
+    starts = np.flatnonzero(signals.starts)
+    assert starts.size == 2
+    assert not ((signals.time > 0.4) & (signals.time < 0.45)).any()
+    assert any("gap" in note for note in signals.notes)
+
+
+def test_one_lost_sample_is_no_gap():
+    keep = np.arange(1000) != 500
+    signals = bound(TWO, recording(x=(T[keep], T[keep]), y=(T[keep], T[keep])))
+    assert np.count_nonzero(signals.starts) == 1
+
+
+def test_a_sample_that_is_no_number_stays_one():
+    x = T.copy()
+    x[100] = np.nan
+    signals = bound(TWO, recording(x=(T, x), y=(T, T)))
+    assert np.isnan(signals.roles["motor_position"][100])
+    assert any("no finite number" in note for note in signals.notes)
+
+
+def test_clocks_that_never_meet_are_refused():
+    with pytest.raises(BindingError, match="no time in common"):
+        bound(TWO, recording(x=(T, T), y=(T + 100.0, T)))
+
+
+@pytest.mark.parametrize(
+    ("values", "said"), [(np.full(1000, np.nan), "no finite number at all"), (np.array([1.0]), "at least two")]
+)
+def test_channels_that_say_nothing_are_refused(values, said):
+    with pytest.raises(BindingError, match=said):
+        bound(TWO, recording(x=(T[: values.size], values), y=(T, T)))
+
+
+def test_a_missing_channel_is_refused_with_the_nearest_name():
+    with pytest.raises(BindingError, match="did you mean 'x_motor'"):
+        bound('motor_position = "x_moter"', recording(x_motor=(T, T)))
+
+
+@pytest.mark.parametrize("pulses", [256, 4059, 40_000])
+def test_the_step_of_an_encoder_is_found(pulses):
+    step = 2.0 * np.pi / pulses
+    angle = np.sin(2 * np.pi * 0.7 * T * 5)
+    signals = bound(TWO, recording(x=(T, np.round(angle / step) * step), y=(T, T)))
+    assert signals.resolution["motor_position"] == pytest.approx(step, rel=1e-6)
+
+
+@given(log_noise=st.floats(-6.0, -2.0))
+def test_a_signal_without_steps_is_given_the_step_of_its_noise(log_noise):
+    noise = 10.0**log_noise
+    x = np.sin(T) + noise * np.random.default_rng(2).normal(size=T.size)
+    signals = bound(TWO, recording(x=(T, x), y=(T, T)))
+    assert signals.resolution["motor_position"] == pytest.approx(noise * 12**0.5, rel=0.25)
+
+
+def test_a_stated_resolution_goes_before_what_the_data_look_like():
+    signals = bound('motor_position = { channel = "x", resolution = 0.01 }', recording(x=(T, np.sin(T))))
+    assert signals.resolution["motor_position"] == 0.01
+
+
+RUNS = """
+[joint.j]
+kind = "serial"
+[joint.j.signals]
+deflection = "{run}.phi"
+torque_sensor = "{run}.tau"
+[[joint.j.run]]
+name = "a"
+setpoint = 0.01
+[[joint.j.run]]
+name = "b"
+setpoint = 0.02
+"""
+
+
+def test_runs_in_one_file_follow_each_other():
+    name, joint = joint_of(RUNS)
+    rec = recording(**{"a.phi": (T, T), "a.tau": (T, T), "b.phi": (T, 2 * T), "b.tau": (T, T)})
+    assert wanted_channels(joint, "log.csv") == {"a.phi", "a.tau", "b.phi", "b.tau"}
+    signals = bind([rec], name, joint, ("deflection", "torque_sensor", "setpoint"))
+    assert signals.run_names == ("a", "b")
+    assert len(signals) == 2000
+    np.testing.assert_array_equal(signals.roles["setpoint"], np.repeat([0.01, 0.02], 1000))
+    np.testing.assert_array_equal(np.flatnonzero(signals.starts), [0, 1000])
+
+
+def test_runs_at_different_rates_are_refused():
+    name, joint = joint_of(RUNS)
+    rec = recording(**{"a.phi": (T, T), "a.tau": (T, T), "b.phi": (2 * T, T), "b.tau": (2 * T, T)})
+    with pytest.raises(BindingError, match="different rates"):
+        bind([rec], name, joint, ("deflection", "torque_sensor", "setpoint"))
