@@ -27,6 +27,8 @@ Stamps = NDArray[np.int64]
 GAP = 2.5
 # Stamps that stray less than this share of the period from an even spacing are on the grid as they are.
 EVEN = 0.02
+# Stretches of a long signal that its resolution is told from, and their length.
+STRETCHES, STRETCH = 8, 32_768
 # What a role is measured in when neither the rig nor the log says.
 SI = {
     "motor_position": "rad",
@@ -148,7 +150,11 @@ def _bind_role(recording: Recording, run: Run, role: str, signal: Signal, joint:
     assert signal.channel is not None
     channel = recording.channel(signal.channel.replace("{run}", run.name))
     _check(recording, channel, role)
-    values = channel.values * _factor(recording, channel, role, signal, joint) - signal.offset
+    factor = _factor(recording, channel, role, signal, joint)
+    # A long log's columns are not copied when there is nothing to change.
+    values = channel.values if factor == 1.0 else channel.values * factor
+    if signal.offset:
+        values = values - signal.offset
     if role == "setpoint" and isinstance(joint, SerialJoint) and joint.lever is not None and _is_angle(channel, signal):
         values = joint.lever.start - joint.lever.travel * values
     period = int(np.median(np.diff(channel.stamps)))
@@ -233,7 +239,7 @@ def _on_one_grid(recording: Recording, joint: str, bound: Mapping[str, _Bound], 
     origin = min(int(c.stamps[0]) for c in recording.channels.values() if c.stamps.size)
     segments = _segments(recording, joint, moving)
     grids = [_grid(segment, moving, period) for segment in segments]
-    stamps = np.concatenate(grids)
+    stamps = grids[0] if len(grids) == 1 else np.concatenate(grids)
     starts = np.zeros(stamps.size, dtype=np.bool_)
     starts[np.cumsum([0, *[g.size for g in grids[:-1]]])] = True
     roles: dict[str, Array] = {}
@@ -287,8 +293,9 @@ def _grid(segment: tuple[int, int], moving: Mapping[str, _Bound], period: int) -
     """Stamps of the fastest channel where these are even, evenly spaced ones otherwise."""
     first, last = segment
     fastest = min(moving.values(), key=lambda b: b.period)
-    own = fastest.stamps[(fastest.stamps >= first) & (fastest.stamps <= last)]
-    if own.size > 1 and np.abs(np.diff(own) - period).max() <= EVEN * period:
+    own = fastest.stamps[np.searchsorted(fastest.stamps, first) : np.searchsorted(fastest.stamps, last, "right")]
+    steps = np.diff(own)
+    if own.size > 1 and max(steps.max() - period, period - steps.min()) <= EVEN * period:
         return own
     return first + period * np.arange((last - first) // period + 1, dtype=np.int64)
 
@@ -310,11 +317,21 @@ def _at(b: _Bound, stamps: Stamps) -> Array:
 def _resolution(values: Array) -> float:
     """Least step of a quantised signal, 0 for one that never moves.
 
-    A signal without steps has noise instead: it is given the step whose rounding error would be as large.
+    A signal without steps has noise instead: it is given the step whose rounding error would be as large. Of a long signal
+    some stretches tell as much as the whole.
     """
+    if values.size > STRETCHES * STRETCH:
+        starts = np.linspace(0, values.size - STRETCH, STRETCHES, dtype=np.int64)
+        found = _least_step(np.concatenate([values[k : k + STRETCH] for k in starts]))
+        if found > 0.0:
+            return found
+    return _least_step(values)
+
+
+def _least_step(values: Array) -> float:
     finite = values[np.isfinite(values)]
     levels = np.unique(finite)
-    span = float(levels[-1] - levels[0])
+    span = float(levels[-1] - levels[0]) if levels.size else 0.0
     if span == 0.0:
         return 0.0
     steps = np.diff(levels)
@@ -337,6 +354,11 @@ def _notes(joint: str, segments: list[tuple[int, int]], moving: Mapping[str, _Bo
             f"joint '{joint}': {len(segments) - 1} gaps, {lost:.3g} s in all; nothing is estimated across them"
         )
     for role, b in moving.items():
+        lost = int(np.count_nonzero(np.diff(b.stamps) > 1.5 * b.period)) - (len(segments) - 1)
+        if lost > 0:
+            notes.append(
+                f"joint '{joint}': {role} lacks a sample or two at {lost} places; bridged between the neighbours"
+            )
         bad = int(np.count_nonzero(~np.isfinite(b.values)))
         if bad:
             notes.append(f"joint '{joint}': {bad} of {b.values.size} samples of {role} are no finite number; left out")

@@ -239,15 +239,6 @@ def test_recording_and_truth_have_their_names() -> None:
     assert not any(n.startswith("/truth") for n in vsa2_experiment(duration=0.1).recording().channels)
 
 
-def test_joint_signals_are_the_measured_roles() -> None:
-    played = awas_experiment(duration=0.2)
-    signals = played.joint_signals()
-    assert len(signals) == 201
-    assert signals.starts.sum() == 1
-    assert signals.roles["setpoint"] is played.measured["setpoint"]
-    assert signals.resolution["setpoint"] == 2.0 * np.pi / 1024
-
-
 def _elastic(**changes: object) -> RigFile:
     return RigFile(name="r", joint={"j": msgspec.structs.replace(elastic_rig().joint["sea"], **changes)})
 

@@ -96,6 +96,6 @@ def estimate(
     outputs = Outputs.named(logs, output, mcap)
     with Progress() as progress:
         job = prepare(logs, options, progress.say)
-        progress.say_when_compiling()
-        estimates = write_results(job, outputs, progress.say)
+        with progress.saying_when_compiling():
+            estimates = write_results(job, outputs, progress.say)
     (print_json if as_json else print_summary)(job, estimates, outputs)

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import sys
-from collections.abc import Sequence
-from pathlib import Path
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from types import TracebackType
 
 import msgspec
@@ -43,13 +43,26 @@ class Progress:
         if self._status is not None:
             self._status.update(escape(_plain(text)))
 
-    def say_when_compiling(self) -> None:
-        """Say so when the numerical kernels are not compiled yet, since that takes a while."""
-        from vsalog.estimators import rls
+    @contextmanager
+    def saying_when_compiling(self) -> Iterator[None]:
+        """Say so, once, when numba begins to compile a numerical loop that is not in its cache yet."""
+        from numba.core import event
 
-        cache = Path(rls._run._cache.cache_path)  # type: ignore[attr-defined]
-        if not any(cache.glob("rls._run*.nbi")):
-            self._console.print("first run on this machine: compiling the numerical kernels, about ten seconds …")
+        console = self._console
+
+        class Once(event.Listener):
+            said = False
+
+            def on_start(self, event: object) -> None:
+                if not self.said:
+                    console.print("first run: compiling the numerical loops takes a few seconds …", soft_wrap=True)
+                self.said = True
+
+            def on_end(self, event: object) -> None:
+                pass
+
+        with event.install_listener("numba:compile", Once()):
+            yield
 
 
 def print_summary(job: Job, estimates: Sequence[JointEstimate], outputs: Outputs) -> None:

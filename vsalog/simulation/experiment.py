@@ -11,7 +11,6 @@ from numpy.typing import NDArray
 
 from vsalog.recording import Channel, Recording, Stream
 from vsalog.rig.schema import RigFile
-from vsalog.signals import JointSignals
 from vsalog.simulation.channels import JOINT_STATE, RecordedColumn, recorded_columns
 
 Array = NDArray[np.float64]
@@ -73,22 +72,6 @@ class Experiment:
             for c in channels.values()
         }
         return Recording(path=Path(self.name), format="simulation", channels=channels, streams=streams)
-
-    def joint_signals(self) -> JointSignals:
-        """Return the measured roles as bound signals, without going through a log."""
-        count = int(self.time.shape[0])
-        starts = np.zeros(count, dtype=np.bool_)
-        starts[0] = True
-        return JointSignals(
-            joint=self.joint,
-            period=self.period,
-            stamps=self.stamps,
-            time=self.time,
-            roles=dict(self.measured),
-            starts=starts,
-            run=np.zeros(count, dtype=np.int32),
-            resolution=dict(self.resolution),
-        )
 
 
 def sample_stamps(count: int, period: float) -> Stamps:

@@ -6,6 +6,7 @@ from collections.abc import Iterator, Mapping
 from contextlib import ExitStack
 from pathlib import Path
 from types import TracebackType
+from typing import Any
 
 import numpy as np
 import pyarrow as pa
@@ -77,6 +78,13 @@ def _constant(text: str, length: int) -> pa.DictionaryArray:
     return pa.DictionaryArray.from_arrays(pa.array(np.zeros(length, np.int32)), pa.array([text], pa.string()))
 
 
+def _encodings(schema: pa.Schema) -> dict[str, Any]:
+    """Numbers that hardly ever repeat gain nothing from a dictionary: bytes apart compress better, and faster."""
+    texts = [f.name for f in schema if pa.types.is_dictionary(f.type)]
+    floats = {f.name: "BYTE_STREAM_SPLIT" for f in schema if pa.types.is_float64(f.type)}
+    return {"use_dictionary": texts, "column_encoding": {**floats, "stamp": "DELTA_BINARY_PACKED"}}
+
+
 class TraceWriter:
     """Write blocks of traces to one Parquet file, which appears when all is written and not before.
 
@@ -110,7 +118,9 @@ class TraceWriter:
         """Append a block; `columns`, on the first call, names those that later blocks may have besides."""
         if self._writer is None:
             self._schema = trace_schema(columns or trace_columns(trace), self.metadata)
-            self._writer = pq.ParquetWriter(self._temporary, self._schema, compression="zstd")
+            self._writer = pq.ParquetWriter(
+                self._temporary, self._schema, compression="zstd", **_encodings(self._schema)
+            )
             self._stack.callback(self._writer.close)
         if self._pending and self._pending[0].joint != trace.joint:
             self._flush()
