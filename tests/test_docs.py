@@ -1,0 +1,51 @@
+"""The documentation keeps up with the code."""
+
+import re
+from pathlib import Path
+
+import pytest
+
+from vsalog.cli import cli
+from vsalog.estimators import BUILT_IN, method
+from vsalog.trace import EXTRA_UNITS, UNITS
+
+ROOT = Path(__file__).parent.parent
+
+
+def test_every_command_and_option_is_in_the_reference():
+    """`python docs/make_cli.py` writes it; click's own wording may differ from version to version."""
+    text = (ROOT / "docs" / "cli.md").read_text(encoding="utf-8")
+    for name, command in cli.commands.items():
+        section = text.split(f"## vsalog {name}\n")[1].split("\n## ")[0]
+        for option in command.params:
+            assert option.param_type_name == "argument" or option.opts[-1] in section, (name, option.name)
+
+
+@pytest.mark.parametrize("name", BUILT_IN)
+def test_every_estimator_and_all_its_tuning_is_documented(name):
+    text = (ROOT / "docs" / "estimators.md").read_text(encoding="utf-8")
+    assert f"## {name}\n" in text
+    for field in method(name).TUNING.__struct_fields__:
+        assert f"`{field}`" in text or f"`{field}=" in text, field
+
+
+def test_every_column_is_documented():
+    text = (ROOT / "docs" / "output.md").read_text(encoding="utf-8")
+    for column in [*UNITS, *(c.removesuffix("_std") for c in EXTRA_UNITS)]:
+        assert f"`{column}`" in text, column
+
+
+def test_the_links_of_the_readme_lead_somewhere():
+    text = (ROOT / "README.md").read_text(encoding="utf-8")
+    links = re.findall(r"\]\(([^)#]+)\)", text)
+    assert len(links) > 5
+    for link in links:
+        assert (ROOT / link).exists(), link
+
+
+def test_every_public_name_has_a_docstring():
+    import vsalog
+
+    for name in vsalog.__all__:
+        if not name.startswith("__"):
+            assert getattr(vsalog, name).__doc__, name
