@@ -17,8 +17,8 @@ def reference() -> str:
     parts += [
         "## Exit codes",
         "",
-        "0: done. 2: the input or the command line is at fault; one line on stderr says what, where and what to do, and nothing was",
-        "written. 1: a bug in vsalog. `vsalog --debug …` shows a traceback.",
+        "0: done. 2: the input or the command line is at fault; one line on stderr says what, where and what to do, and",
+        "nothing was written. 1: a bug in vsalog. `vsalog --debug …` shows a traceback.",
         "",
     ]
     return "\n".join(parts)
