@@ -5,6 +5,11 @@ import sys
 from pathlib import Path
 
 import pytest
+from hypothesis import settings
+
+# The first call of a compiled loop takes as long as its compilation: no deadline would be fair to it.
+settings.register_profile("vsalog", deadline=None)
+settings.load_profile("vsalog")
 
 ROOT = Path(__file__).parent.parent
 
