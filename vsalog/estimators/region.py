@@ -77,6 +77,6 @@ def _hull(points: Array) -> Array:
         return np.unique(ends, axis=0)
     try:
         # Both axes are brought to one scale, or qhull would take a thin region for a line.
-        return points[ConvexHull((points - points.min(axis=0)) / span).vertices]
+        return np.asarray(points[ConvexHull((points - points.min(axis=0)) / span).vertices])
     except QhullError:
         return np.unique(ends, axis=0)
