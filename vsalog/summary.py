@@ -35,7 +35,8 @@ class TransmissionSummary(msgspec.Struct, frozen=True, kw_only=True):
     negative_share : share of them with a negative stiffness
     relative_std : root mean square of stiffness_std / stiffness over the supported rows
     fit_rms : of the flexibility torque fed minus fitted [N·m], after the first supported row
-    fit_share : the same as a share of the torque's own standard deviation
+    fit_mean : mean of fed minus fitted [N·m]
+    fit_share : fit_rms as a share of the torque's own standard deviation
     deflection_span : greatest minus least deflection [rad]
     """
 
@@ -48,6 +49,7 @@ class TransmissionSummary(msgspec.Struct, frozen=True, kw_only=True):
     negative_share: float
     relative_std: float | None
     fit_rms: float | None
+    fit_mean: float | None
     fit_share: float | None
     deflection_span: float | None
 
@@ -73,6 +75,7 @@ class _Sums:
     relative: float = 0.0
     fit_count: int = 0
     fit_square: float = 0.0
+    fit_sum: float = 0.0
     torque_sum: float = 0.0
     torque_square: float = 0.0
     phi_low: float = np.inf
@@ -110,6 +113,7 @@ class Summarizer:
             s.excited += int(np.count_nonzero(excited))
             s.fit_count += int(np.count_nonzero(both))
             s.fit_square += float(np.sum((fed - fit)[both] ** 2))
+            s.fit_sum += float(np.sum((fed - fit)[both]))
             s.torque_sum += float(np.sum(fed[both]))
             s.torque_square += float(np.sum(fed[both] ** 2))
 
@@ -121,7 +125,7 @@ class Summarizer:
             duration=len(signals) * signals.period,
             period=signals.period,
             transmissions=parts,
-            warnings=tuple(_warnings(self.device.joint, parts)),
+            warnings=tuple(_warnings(self.device.joint, 0 not in self.device.basis.powers, parts)),
         )
 
 
@@ -147,6 +151,7 @@ def _figures(name: str, s: _Sums) -> TransmissionSummary:
         negative_share=s.negative / s.excited if s.excited else 0.0,
         relative_std=(s.relative / s.excited) ** 0.5 if s.excited else None,
         fit_rms=fit,
+        fit_mean=s.fit_sum / s.fit_count if s.fit_count else None,
         fit_share=fit / spread if fit is not None and spread > 0.0 else None,
         deflection_span=_known(s.phi_high - s.phi_low),
     )
@@ -156,7 +161,7 @@ def _known(x: float) -> float | None:
     return float(x) if np.isfinite(x) else None
 
 
-def _warnings(joint: str, parts: tuple[TransmissionSummary, ...]) -> list[str]:
+def _warnings(joint: str, odd: bool, parts: tuple[TransmissionSummary, ...]) -> list[str]:
     warnings = []
     for p in parts:
         where = f"joint '{joint}', transmission {p.transmission}"
@@ -171,6 +176,11 @@ def _warnings(joint: str, parts: tuple[TransmissionSummary, ...]) -> list[str]:
             warnings.append(
                 f"{where}: the estimate is supported by the data for {p.excited_share:.0%} of the time only"
                 " (column excited)"
+            )
+        if odd and p.fit_rms and p.fit_mean is not None and abs(p.fit_mean) > 0.5 * p.fit_rms:
+            warnings.append(
+                f"{where}: the torque lies {p.fit_mean:+.3g} N·m beside the fit on average, an offset that odd powers of the"
+                f" deflection cannot follow: set odd = false under [joint.{joint}.basis], or the offset of the torque's signal"
             )
         if p.negative_share > 0.01:
             warnings.append(

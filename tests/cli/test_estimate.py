@@ -197,3 +197,21 @@ def test_stiffness_in_the_readme_units_by_the_python_call(samples):
     assert list(joint.trace.to_pandas().columns[:5]) == ["time", "stamp", "joint", "transmission", "run"]
     (again,) = vsalog.estimate(vsalog.read(samples / "awas_exp2.mcap"), vsalog.Rig.load("awas"))
     np.testing.assert_array_equal(again.trace["total"]["stiffness"], joint.trace["total"]["stiffness"])
+
+
+def test_an_offset_that_the_basis_cannot_follow_is_named(run, tmp_path):
+    t = np.arange(0.0, 30.0, 0.005)
+    phi = 0.15 * np.sin(2 * np.pi * 0.4 * t) + 0.05 * np.sin(2 * np.pi * 1.7 * t)
+    rows = [f"{a:.4f},{b:.9f},{c:.9f}" for a, b, c in zip(t, phi, 50.0 * phi + 2.0, strict=True)]
+    (tmp_path / "log.csv").write_text("\n".join(["time [s],deflection [rad],joint_torque [N·m]", *rows]))
+    done = run("estimate", "log.csv")
+    assert "an offset that odd powers of the deflection cannot follow" in done.stderr
+    assert not columns(tmp_path / "log.stiffness.parquet", "1").excited.mean() > 0.5
+    (tmp_path / "rig.toml").write_text(
+        '[joint.a]\nkind = "elastic"\n[joint.a.basis]\nodd = false\n'
+        '[joint.a.signals]\ndeflection = "deflection"\ntorque_sensor = "joint_torque"\n'
+    )
+    done = run("estimate", "log.csv")
+    assert "offset" not in done.stderr
+    trace = columns(tmp_path / "log.stiffness.parquet", "1")
+    np.testing.assert_allclose(trace.stiffness[trace.time > 5.0], 50.0, rtol=1e-2)
