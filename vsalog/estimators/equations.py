@@ -52,8 +52,10 @@ class TorqueEquation:
         F = np.hstack([_regressors(self.basis, block, t) for t in self.transmissions])
         use = block.use & np.isfinite(y) & np.isfinite(F).all(axis=1)
         # One sensor for several transmissions says nothing of each alone.
-        each = y if len(self.transmissions) == 1 else np.full_like(y, np.nan)
-        fed = {t.name: each for t in self.transmissions}
+        alone = len(self.transmissions) == 1
+        fed = {t.name: y if alone else np.full_like(y, np.nan) for t in self.transmissions}
+        if not alone:
+            fed["total"] = y
         return None, EquationRows(F, y, use, np.zeros_like(use), fed, {})
 
 

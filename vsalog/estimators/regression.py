@@ -35,8 +35,8 @@ BLOCK = 8192
 class EquationRows:
     """A block of an equation F ξ = y, linear in the unknowns ξ.
 
-    `fresh` marks where the first unknown begins anew (an integration constant); `fed` is, per transmission, the flexibility
-    torque the estimator is fed with; `extra` are further columns of the trace, per transmission. Where the leading unknowns
+    `fresh` marks where the first unknown begins anew (an integration constant); `fed` is, per transmission or in ``total``, the
+    flexibility torque the estimator is fed with; `extra` are further columns of the trace, per transmission. Where the leading unknowns
     are parameters of the motor, the flexibility torque is `dynamics` times these unknowns plus `fed`.
     """
 
@@ -179,6 +179,8 @@ class RegressionFold:
                 columns.update(part)
                 variance += spread
             columns["total"] = _total(columns, variance, self.device)
+            if "total" in rows.fed:
+                columns["total"]["flexibility_torque"] = rows.fed["total"]
             traces.append(Trace.of_rows(block.rows, columns))
         return new, traces
 
