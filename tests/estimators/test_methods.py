@@ -166,7 +166,9 @@ def test_one_sensor_for_both_transmissions():
     assert np.sqrt(np.mean((error / sigma[after]) ** 2)) < 0.05
     assert np.mean(np.abs(error) < 3.0 * std) > 0.8
     fed, fit = trace["total"]["flexibility_torque"], trace["total"]["flexibility_torque_fit"]
-    np.testing.assert_allclose(fit[after], fed[after], atol=5e-3)
+    learnt = after & np.isfinite(fed)  # nothing is fed in the last half window
+    assert learnt.sum() == after.sum() - 10
+    np.testing.assert_allclose(fit[learnt], fed[learnt], atol=5e-3)
 
 
 @pytest.mark.parametrize("make", [vsa2_experiment, awas_experiment, elastic_experiment])
