@@ -1,5 +1,7 @@
 """Bad input gets one clear line on stderr, exit code 2, and leaves nothing behind."""
 
+import os
+
 import numpy as np
 import pytest
 
@@ -217,3 +219,17 @@ def test_hostile_names_do_not_reach_the_terminal_or_the_disk(run, tmp_path):
         "log.model.toml",
         "out.mcap",
     }
+
+
+def test_what_is_no_file_is_not_overwritten(refused, bench):
+    os.mkfifo(bench / "pipe")
+    assert "not a file" in refused("estimate", "log.csv", "-o", "pipe", cwd=bench)
+
+
+def test_results_appear_together_or_not_at_all(run, bench):
+    """The model cannot be written: then there is no trace either."""
+    (bench / "out.model.toml").mkdir()
+    done = run("estimate", "log.csv", "-o", "out.parquet", cwd=bench)
+    assert done.returncode == 2
+    assert not (bench / "out.parquet").exists()
+    assert not list(bench.glob(".*"))

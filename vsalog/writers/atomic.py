@@ -25,6 +25,8 @@ def atomic_path(path: Path) -> Iterator[Path]:
         raise WriteError(f"{path}: the folder {folder} does not exist")
     if path.is_dir():
         raise WriteError(f"{path}: is a folder; name a file")
+    if path.exists() and not path.is_file():
+        raise WriteError(f"{path}: is a device, not a file; name a file")
     temporary: Path | None = None
     try:
         handle, name = tempfile.mkstemp(prefix=f".{path.name[:40]}.", suffix=".part", dir=folder)

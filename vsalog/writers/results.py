@@ -65,9 +65,9 @@ def write_results(job: Job, outputs: Outputs, progress: Callable[[str], None] = 
     provenance = job.provenance()
     kept: list[Trace] = []
     with ExitStack() as stack:
-        writer = stack.enter_context(TraceWriter(outputs.trace, provenance))
-        model = stack.enter_context(atomic_path(outputs.model))
         log = stack.enter_context(atomic_path(outputs.mcap)) if outputs.mcap is not None else None
+        model = stack.enter_context(atomic_path(outputs.model))
+        writer = stack.enter_context(TraceWriter(outputs.trace, provenance))
 
         def sink(trace: Trace) -> None:
             writer.write(trace)
@@ -79,6 +79,8 @@ def write_results(job: Job, outputs: Outputs, progress: Callable[[str], None] = 
         if log is not None:
             progress("writing the MCAP log")
             write_trace_mcap(kept, log, provenance)
+        # All that takes time is done before the first file appears.
+        writer.finish()
     return estimates
 
 

@@ -107,12 +107,18 @@ class TraceWriter:
     ) -> None:
         try:
             if error is None:
-                self._flush()
+                self.finish()
         except BaseException as failure:
             # A full disk shows here: the temporary file must go all the same.
             self._stack.__exit__(type(failure), failure, failure.__traceback__)
             raise
         self._stack.__exit__(kind, error, trace)
+
+    def finish(self) -> None:
+        """Write what is pending and the footer; nothing can be written after that."""
+        self._flush()
+        if self._writer is not None:
+            self._writer.close()
 
     def write(self, trace: Trace, columns: list[str] | None = None) -> None:
         """Append a block; `columns`, on the first call, names those that later blocks may have besides."""
