@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from vsalog.errors import BindingError, UnitError
 from vsalog.recording import Channel, Recording
+from vsalog.resolution import resolution_of
 from vsalog.rig.schema import Joint, Motor, RigidJoint, Run, SerialJoint, Signal
 from vsalog.signals import JointSignals
 from vsalog.units import si_factor
@@ -27,8 +28,6 @@ Stamps = NDArray[np.int64]
 GAP = 2.5
 # Stamps that stray less than this share of the period from an even spacing are on the grid as they are.
 EVEN = 0.02
-# Stretches of a long signal that its resolution is told from, and their length.
-STRETCHES, STRETCH = 8, 32_768
 # What a role is measured in when neither the rig nor the log says.
 SI = {
     "motor_position": "rad",
@@ -254,7 +253,7 @@ def _on_one_grid(recording: Recording, joint: str, bound: Mapping[str, _Bound], 
         starts,
         np.full(stamps.size, run, dtype=np.int32),
         resolution={
-            role: _resolution(b.values) if b.resolution is None else b.resolution for role, b in moving.items()
+            role: resolution_of(b.values) if b.resolution is None else b.resolution for role, b in moving.items()
         },
         notes=_notes(joint, segments, moving),
     )
@@ -312,38 +311,6 @@ def _at(b: _Bound, stamps: Stamps) -> Array:
     share = ((stamps - origin) - (t0 - origin)) / (t1 - t0)
     exact = np.where(stamps == t0, v0, np.where(stamps == t1, v1, v0 + share * (v1 - v0)))
     return np.asarray(exact, dtype=np.float64)
-
-
-def _resolution(values: Array) -> float:
-    """Least step of a quantised signal, 0 for one that never moves.
-
-    A signal without steps has noise instead: it is given the step whose rounding error would be as large. Of a long signal
-    some stretches tell as much as the whole.
-    """
-    if values.size > STRETCHES * STRETCH:
-        starts = np.linspace(0, values.size - STRETCH, STRETCHES, dtype=np.int64)
-        found = _least_step(np.concatenate([values[k : k + STRETCH] for k in starts]))
-        if found > 0.0:
-            return found
-    return _least_step(values)
-
-
-def _least_step(values: Array) -> float:
-    finite = values[np.isfinite(values)]
-    levels = np.unique(finite)
-    span = float(levels[-1] - levels[0]) if levels.size else 0.0
-    if span == 0.0:
-        return 0.0
-    steps = np.diff(levels)
-    steps = steps[steps > 1e-9 * span]  # levels closer than float rounding are one level
-    least = float(steps.min())
-    multiples = steps[steps < 100.0 * least] / least
-    if np.mean(np.abs(multiples - np.round(multiples)) < 0.02) > 0.95 and least > 1e-7 * span:
-        return least
-    # Third differences leave little of a smooth motion; of white noise their variance is 20 times its own.
-    third = np.abs(np.diff(finite, 3))
-    deviation = 1.4826 * float(np.median(third)) / 20.0**0.5 if third.size else 0.0
-    return float(max(deviation * 12.0**0.5, 1e-12 * span))
 
 
 def _notes(joint: str, segments: list[tuple[int, int]], moving: Mapping[str, _Bound]) -> tuple[str, ...]:
