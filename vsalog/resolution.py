@@ -1,4 +1,4 @@
-"""The least step of a sensor, told from what it recorded."""
+"""The least step of a sensor and its noise, told from what it recorded."""
 
 from __future__ import annotations
 
@@ -7,37 +7,62 @@ from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
 
-# Stretches of a long signal that its resolution is told from, and their length.
+# Of a long signal some stretches tell as much as the whole: their number and length.
 STRETCHES, STRETCH = 8, 32_768
+# A signal has a step where this share of the differences between its levels are multiples of the smallest.
+MULTIPLES = 0.95
 
 
 def resolution_of(values: Array) -> float:
-    """Least step of a quantised signal, 0 for one that never moves.
+    """Return the least step of a signal, 0 for one that never moves.
 
-    A signal without steps has noise instead: it is given the step whose rounding error would be as large. Of a long signal
-    some stretches tell as much as the whole.
+    A signal without steps has noise instead: it is given the step whose rounding error would be as large.
     """
-    if values.size > STRETCHES * STRETCH:
-        starts = np.linspace(0, values.size - STRETCH, STRETCHES, dtype=np.int64)
-        found = _least_step(np.concatenate([values[k : k + STRETCH] for k in starts]))
-        if found > 0.0:
-            return found
-    return _least_step(values)
-
-
-def _least_step(values: Array) -> float:
     finite = values[np.isfinite(values)]
-    levels = np.unique(finite)
-    span = float(levels[-1] - levels[0]) if levels.size else 0.0
+    span = float(np.ptp(finite)) if finite.size else 0.0
     if span == 0.0:
         return 0.0
+    return step_of(values) or max((noise_of(values) or 0.0) * 12.0**0.5, 1e-12 * span)
+
+
+def step_of(values: Array) -> float | None:
+    """Return the least significant step of a quantised signal; None where it has none, or never changes."""
+    sample = _sample(values)
+    levels = np.unique(sample)
+    if levels.size < 3:
+        return float(levels[1] - levels[0]) if levels.size == 2 else None
     steps = np.diff(levels)
-    steps = steps[steps > 1e-9 * span]  # levels closer than float rounding are one level
+    # Levels closer than the rounding of 32-bit floats are one level.
+    steps = steps[steps > 4e-7 * max(abs(float(levels[0])), abs(float(levels[-1])))]
+    if steps.size == 0:
+        return None
     least = float(steps.min())
-    multiples = steps[steps < 100.0 * least] / least
-    if np.mean(np.abs(multiples - np.round(multiples)) < 0.02) > 0.95 and least > 1e-7 * span:
-        return least
-    # Third differences leave little of a smooth motion; of white noise their variance is 20 times its own.
-    third = np.abs(np.diff(finite, 3))
-    deviation = 1.4826 * float(np.median(third)) / 20.0**0.5 if third.size else 0.0
-    return float(max(deviation * 12.0**0.5, 1e-12 * span))
+    multiples = steps / least
+    near = multiples < 1000.0
+    fitting = np.abs(multiples[near] - np.round(multiples[near])) < 0.05
+    # A few levels are always multiples of the smallest step; noise needs many samples to show that it has none.
+    repeats = levels.size < 0.8 * sample.size
+    return least if repeats and float(np.mean(fitting)) >= MULTIPLES else None
+
+
+def noise_of(values: Array) -> float | None:
+    """Return the standard deviation of a signal's white noise; None where too little can be told.
+
+    Third differences leave little of a smooth motion, and their spread is √20 times that of white noise. Their median is
+    not moved by the few samples where something happens.
+    """
+    sample = _sample(values)
+    third = np.diff(sample, 3)
+    if third.size < 20:
+        return None
+    deviation = 1.4826 * float(np.median(np.abs(third - np.median(third)))) / 20.0**0.5
+    # What is left of a noiseless signal is the rounding of its numbers.
+    return deviation if deviation > 1e-13 * float(np.max(np.abs(sample))) else None
+
+
+def _sample(values: Array) -> Array:
+    """Return the finite values, or stretches of them where there are many."""
+    if values.size > STRETCHES * STRETCH:
+        starts = np.linspace(0, values.size - STRETCH, STRETCHES, dtype=np.int64)
+        values = np.concatenate([values[k : k + STRETCH] for k in starts])
+    return values[np.isfinite(values)]

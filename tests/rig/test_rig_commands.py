@@ -15,7 +15,8 @@ from rig_logs import DEFLECTION, LINK, MOTOR, MOTOR_TORQUE, TIME, TORQUE, record
 from vsalog.cli import cli
 from vsalog.reports.inspect import console_for_stdout, print_report
 from vsalog.reports.inspect_data import Inspection, LogReport, inspect_recording
-from vsalog.reports.inspect_stats import clock_of, noise_of, resolution_of
+from vsalog.reports.inspect_stats import clock_of
+from vsalog.resolution import noise_of, step_of
 from vsalog.rig import Rig
 from vsalog.rig.guess import guess_roles
 from vsalog.rig.schema import AntagonisticJoint, ElasticJoint, SerialJoint
@@ -233,11 +234,11 @@ def test_noise_and_resolution(scale):
     rng = np.random.default_rng(1)
     smooth = np.sin(TIME)
     assert noise_of(scale * (smooth + 0.01 * rng.standard_normal(TIME.size))) == pytest.approx(0.01 * scale, rel=0.1)
-    assert resolution_of(scale * (smooth + 0.01 * rng.standard_normal(TIME.size))) is None
-    assert resolution_of(scale * np.round(smooth / 0.002) * 0.002) == pytest.approx(0.002 * scale)
-    assert resolution_of((scale * np.round(smooth / 0.002) * 0.002).astype(np.float32).astype(float)) == pytest.approx(
+    assert step_of(scale * (smooth + 0.01 * rng.standard_normal(TIME.size))) is None
+    assert step_of(scale * np.round(smooth / 0.002) * 0.002) == pytest.approx(0.002 * scale)
+    assert step_of((scale * np.round(smooth / 0.002) * 0.002).astype(np.float32).astype(float)) == pytest.approx(
         0.002 * scale, rel=1e-3
     )
     assert noise_of(np.zeros(100)) is None
     assert noise_of(np.full(100, np.nan)) is None
-    assert resolution_of(np.empty(0)) is None
+    assert step_of(np.empty(0)) is None

@@ -35,9 +35,9 @@ BLOCK = 8192
 class EquationRows:
     """A block of an equation F ξ = y, linear in the unknowns ξ.
 
-    `fresh` marks where the first unknown begins anew (an integration constant); `fed` is, per transmission or in ``total``, the
-    flexibility torque the estimator is fed with; `extra` are further columns of the trace, per transmission. Where the leading unknowns
-    are parameters of the motor, the flexibility torque is `dynamics` times these unknowns plus `fed`.
+    `fresh` marks where the first unknown begins anew (an integration constant); `fed` is, per transmission or in ``total``,
+    the flexibility torque the estimator is fed with; `extra` are further columns of the trace, per transmission. Where the
+    leading unknowns are parameters of the motor, the flexibility torque is `dynamics` times these unknowns plus `fed`.
     """
 
     F: Array

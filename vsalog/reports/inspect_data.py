@@ -9,7 +9,8 @@ import numpy as np
 from msgspec import Struct
 
 from vsalog.recording import Channel, Recording, Stream
-from vsalog.reports.inspect_stats import Clock, clock_of, noise_of, resolution_of
+from vsalog.reports.inspect_stats import Clock, clock_of
+from vsalog.resolution import noise_of, step_of
 from vsalog.rig.checks import RUN
 from vsalog.rig.guess_types import Guess, JointGuess
 
@@ -202,7 +203,7 @@ def _channel(channel: Channel, role: RoleReport | None) -> ChannelReport:
         float(1.0 - finite.size / values.size) if values.size else 0.0,
         low,
         high,
-        None if constant else resolution_of(values),
+        None if constant else step_of(values),
         None if constant else noise_of(values),
         constant,
         role,
