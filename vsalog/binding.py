@@ -10,6 +10,7 @@ from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 from fnmatch import fnmatchcase
 from itertools import pairwise
+from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,6 +23,7 @@ from vsalog.signals import JointSignals
 from vsalog.units import si_factor
 
 Array = NDArray[np.float64]
+Flags = NDArray[np.bool_]
 Stamps = NDArray[np.int64]
 
 # A gap longer than this many sample times of a channel ends the run.
@@ -66,6 +68,12 @@ def offered_roles(joint: Joint) -> dict[str, Signal]:
     if "setpoint" not in roles and isinstance(joint, SerialJoint) and any(r.setpoint is not None for r in runs):
         roles["setpoint"] = Signal(constant=float("nan"))
     return roles
+
+
+def names_of(paths: Sequence[Path]) -> list[str]:
+    """Return the names of logs, with their folder in front where two logs have the same name."""
+    names = [p.name for p in paths]
+    return [f"{p.resolve().parent.name}/{p.name}" if names.count(p.name) > 1 else p.name for p in paths]
 
 
 def runs_of(joint: Joint, recording: Recording) -> tuple[Run, ...]:
@@ -124,13 +132,14 @@ def bind(
     offered = offered_roles(joint)
     pieces: list[JointSignals] = []
     names: list[str] = []
+    labels = names_of([r.path for r in recordings])
     for i, recording in enumerate(recordings):
         fixed = setpoints[i] if i < len(setpoints) else None
         for run in runs_of(joint, recording):
             bound = {
                 role: _bind_role(recording, run, role, offered.get(role, Signal()), joint, fixed) for role in roles
             }
-            names.append("/".join(p for p in ((recording.path.name if len(recordings) > 1 else ""), run.name) if p))
+            names.append("/".join(p for p in ((labels[i] if len(recordings) > 1 else ""), run.name) if p))
             pieces.append(_on_one_grid(recording, name, bound, len(names) - 1))
     return _concatenate(name, pieces, tuple(names))
 
@@ -150,14 +159,33 @@ def _bind_role(recording: Recording, run: Run, role: str, signal: Signal, joint:
     channel = recording.channel(signal.channel.replace("{run}", run.name))
     _check(recording, channel, role)
     factor = _factor(recording, channel, role, signal, joint)
+    recorded = _unwrapped(channel, signal, role)
     # A long log's columns are not copied when there is nothing to change.
-    values = channel.values if factor == 1.0 else channel.values * factor
+    values = recorded if factor == 1.0 else recorded * factor
     if signal.offset:
         values = values - signal.offset
+    if not np.isfinite(values).all():
+        values = np.where(np.isfinite(values), values, np.nan)
     if role == "setpoint" and isinstance(joint, SerialJoint) and joint.lever is not None and _is_angle(channel, signal):
         values = joint.lever.start - joint.lever.travel * values
     period = int(np.median(np.diff(channel.stamps)))
     return _Bound(channel.stamps, values, period, signal.resolution)
+
+
+def _unwrapped(channel: Channel, signal: Signal, role: str) -> Array:
+    """Return a position without the jumps of an encoder that begins anew after a turn."""
+    values, unit = channel.values, _unit(channel, signal) or "rad"
+    if not role.startswith(("motor_position", "link_position")) or not _converts(unit, "rad"):
+        return values
+    turn = 2.0 * np.pi / si_factor(unit, "rad")
+    jumps = np.abs(np.diff(values)) > 0.9 * turn
+    # Only one who stays within a turn wraps; whoever has counted further jumps for another reason.
+    if not jumps.any() or np.nanmax(values) - np.nanmin(values) > 1.01 * turn:
+        return values
+    filled = np.isfinite(values)
+    out = values.copy()
+    out[filled] = np.unwrap(values[filled], period=turn)
+    return out
 
 
 def _check(recording: Recording, channel: Channel, role: str) -> None:
@@ -244,6 +272,7 @@ def _on_one_grid(recording: Recording, joint: str, bound: Mapping[str, _Bound], 
     roles: dict[str, Array] = {}
     for role, b in bound.items():
         roles[role] = np.full(stamps.size, b.constant) if b.constant is not None else _at(b, stamps)
+    starts |= _after_long_silence(roles)
     return JointSignals(
         joint,
         period * 1e-9,
@@ -273,6 +302,20 @@ def _segments(recording: Recording, joint: str, moving: Mapping[str, _Bound]) ->
             " clocks? 'vsalog inspect' shows when each begins and ends"
         )
     return segments
+
+
+def _after_long_silence(roles: Mapping[str, Array]) -> Flags:
+    """Where a run begins anew because a role had no number for longer than a gap may be."""
+    missing = np.zeros(next(iter(roles.values())).size, dtype=np.bool_)
+    for values in roles.values():
+        missing |= np.isnan(values)
+    starts = np.zeros(missing.size, dtype=np.bool_)
+    if missing.any():
+        edges = np.flatnonzero(np.diff(np.concatenate(([False], missing, [False])).astype(np.int8)))
+        for first, after in zip(edges[::2], edges[1::2], strict=True):
+            if after - first >= GAP and after < missing.size:
+                starts[after] = True
+    return starts
 
 
 def _overlap(a: list[tuple[int, int]], b: list[tuple[int, int]]) -> list[tuple[int, int]]:

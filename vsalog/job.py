@@ -11,7 +11,7 @@ from pathlib import Path
 import msgspec
 
 from vsalog._version import __version__
-from vsalog.binding import offered_roles, wanted_channels
+from vsalog.binding import names_of, offered_roles, wanted_channels
 from vsalog.errors import BindingError, EstimatorError, ReadError, RigError, did_you_mean
 from vsalog.estimation import (
     Choice,
@@ -101,8 +101,11 @@ class Job:
             "vsalog.version": __version__,
             "vsalog.rig": self.rig.to_toml(),
             "vsalog.estimator": json.dumps(settings),
-            "vsalog.input": json.dumps({log.name: sha256(log) for log in self.logs if log.exists()}),
+            "vsalog.input": json.dumps({name: sha256(log) for name, log in self._names() if log.exists()}),
         }
+
+    def _names(self) -> list[tuple[str, Path]]:
+        return list(zip(names_of(self.logs), self.logs, strict=True))
 
     def model_file(self, estimates: Sequence[JointEstimate], provenance: Mapping[str, str]) -> ModelFile:
         """Put the joints' models into one file's structure."""
@@ -233,9 +236,17 @@ def _setpoints(rig: Rig, text: str | None, count: int) -> tuple[Rig, tuple[float
     for value in values * (count if len(values) == 1 else 1):
         fixed = _without_setpoint(rig, serial)
         for name in serial:
-            fixed = fixed.with_setting(f"joint.{name}.signals.setpoint", f"{{ constant = {json.dumps(value)} }}")
+            fixed = fixed.with_setting(f"joint.{name}.signals.setpoint", f"{{ constant = {_toml_value(value)} }}")
         out.append(offered_roles(fixed.joints[serial[0]])["setpoint"].constant)
     return fixed, tuple(out)
+
+
+def _toml_value(text: str) -> str:
+    """Write a number as one, SI, and anything else as a text, whose unit the rig reads."""
+    try:
+        return repr(float(text))
+    except ValueError:
+        return json.dumps(text)
 
 
 def _without_setpoint(rig: Rig, joints: Sequence[str]) -> Rig:

@@ -10,13 +10,12 @@ from pathlib import Path
 
 import msgspec
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from vsalog.basis import PolynomialBasis
-from vsalog.errors import ReadError
+from vsalog.errors import EstimatorError, ReadError
 
 Array = NDArray[np.float64]
-Flags = NDArray[np.bool_]
 
 
 class _Base(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
@@ -69,7 +68,7 @@ class JointModel(_Base, frozen=True):
     modality : where the torque came from: MODEL, SENSOR, RESIDUAL, or INTEGRATED for the integrated motor equation
     basis : the functions
     transmission : the fitted transmissions
-    motor : what was estimated of the motors, e.g. ``inertia_1`` [kg·m²], ``damping_1`` [N·m·s/rad]
+    motor : what was estimated of the motors: ``inertia_1`` [kg·m²], ``damping_1`` [N·m·s/rad] and their ``…_std``
     """
 
     estimator: str
@@ -79,7 +78,7 @@ class JointModel(_Base, frozen=True):
     motor: dict[str, float] = {}
 
     def flexibility_torque(
-        self, name: str, phi: Array, setpoint: Array | None = None, loading: Flags | None = None
+        self, name: str, phi: ArrayLike, setpoint: ArrayLike | None = None, loading: ArrayLike | None = None
     ) -> tuple[Array, Array]:
         """Evaluate τ_e of a transmission and its standard deviation [N·m], each of shape (N,).
 
@@ -87,22 +86,42 @@ class JointModel(_Base, frozen=True):
         ----------
         name : of the transmission
         phi : shape (N,) [rad]
-        setpoint : shape (N,), SI; where the basis has one
-        loading : shape (N,), which branch; loading everywhere when absent
+        setpoint : shape (N,) or one number, SI; needed where the basis has one
+        loading : shape (N,) or one, which branch; loading everywhere when absent
+
+        Raises
+        ------
+        EstimatorError
+            There is no such transmission, the set-point is missing, or the shapes do not fit together.
         """
         return self._evaluate(name, phi, setpoint, loading, 0)
 
     def stiffness(
-        self, name: str, phi: Array, setpoint: Array | None = None, loading: Flags | None = None
+        self, name: str, phi: ArrayLike, setpoint: ArrayLike | None = None, loading: ArrayLike | None = None
     ) -> tuple[Array, Array]:
         """Evaluate σ = ∂τ_e/∂φ of a transmission and its standard deviation [N·m/rad], as `flexibility_torque` does."""
         return self._evaluate(name, phi, setpoint, loading, 1)
 
     def _evaluate(
-        self, name: str, phi: Array, setpoint: Array | None, loading: Flags | None, derivative: int
+        self, name: str, phi: ArrayLike, setpoint: ArrayLike | None, loading: ArrayLike | None, derivative: int
     ) -> tuple[Array, Array]:
-        part = next(t for t in self.transmission if t.name == name)
-        rows = self.basis.basis().rows(np.atleast_1d(phi), setpoint, derivative, loading)[:, derivative]
+        part = next((t for t in self.transmission if t.name == name), None)
+        if part is None:
+            known = ", ".join(f"'{t.name}'" for t in self.transmission)
+            raise EstimatorError(f"the model has no transmission '{name}'; it has {known}")
+        if self.basis.setpoint_order > 1 and setpoint is None:
+            raise EstimatorError("the model depends on the set-point: say at which one to evaluate it (setpoint=…)")
+        try:
+            at, c, on = np.broadcast_arrays(
+                np.atleast_1d(np.asarray(phi, dtype=np.float64)),
+                0.0 if setpoint is None else np.asarray(setpoint, dtype=np.float64),
+                True if loading is None else np.asarray(loading, dtype=np.bool_),
+            )
+        except ValueError as error:
+            raise EstimatorError(f"deflection, set-point and loading do not fit together: {error}") from error
+        if at.ndim != 1:
+            raise EstimatorError(f"the deflection must be one number or a list of them, not of shape {at.shape}")
+        rows = self.basis.basis().rows(at, None if setpoint is None else c, derivative, on)[:, derivative]
         variance = np.einsum("ki,ij,kj->k", rows, np.array(part.covariance), rows)
         return rows @ np.array(part.coefficients), np.sqrt(variance)
 

@@ -11,7 +11,7 @@ from vsalog.errors import EstimatorError, FilterError
 from vsalog.estimators import method
 from vsalog.estimators.device import device_of
 from vsalog.estimators.tuning import read_tuning
-from vsalog.rig.schema import AntagonisticJoint
+from vsalog.rig.schema import AntagonisticJoint, LinearTransmission
 from vsalog.simulation.experiments import awas_experiment, elastic_experiment, vsa2_experiment
 from vsalog.trace import Trace
 
@@ -107,6 +107,37 @@ def test_blocks_of_any_size_give_the_same_bits_as_the_whole(short, device, name,
         assert [t.coefficients for t in a.transmission] == [t.coefficients for t in b.transmission] or np.isnan(
             a.transmission[0].coefficients
         ).any()
+
+
+@pytest.mark.parametrize("rate", [100, 200, 1000])
+def test_the_default_has_no_bias_at_any_rate(rate):
+    """A causal velocity lags by a share of a sample, which at 100 Hz costs a tenth of the stiffness; the default must not."""
+    experiment = elastic_experiment(transmission=LinearTransmission(stiffness=50.0), period=1.0 / rate)
+    fold, signals = assemble(experiment, "residual-rls")
+    trace, _ = trace_of(fold, signals)
+    late = (trace.time > 10.0) & trace["1"]["excited"]
+    assert np.mean(trace["1"]["stiffness"][late]) == pytest.approx(50.0, rel=2e-3)
+
+
+def test_missing_samples_are_masked_not_invented():
+    experiment = elastic_experiment(duration=10.0)
+    signals = signals_of(experiment)
+    gone = (signals.time > 5.0) & (signals.time < 5.5)
+    roles = {r: v.copy() for r, v in signals.roles.items()}
+    roles["link_position"][gone] = np.nan
+    for tune in ({}, {"filter": "kinematic"}, {"filter": "pair"}):
+        fold, holed = assemble(experiment, "residual-rls", replace(signals, roles=roles), **tune)
+        trace, _ = trace_of(fold, holed)
+        assert np.isnan(trace["1"]["deflection"][gone]).all()
+        assert np.isnan(trace["1"]["stiffness"][gone]).all()
+        assert not trace["1"]["excited"][gone].any()
+
+
+def test_the_pair_of_filters_claims_no_torque_for_a_row_it_does_not_belong_to():
+    fold, signals = assemble(elastic_experiment(duration=5.0), "qr-rls", filter="pair", window=0.2)
+    trace, _ = trace_of(fold, signals)
+    assert np.isnan(trace["1"]["flexibility_torque"]).all()
+    assert np.isfinite(trace["1"]["stiffness"][-1])
 
 
 @pytest.mark.parametrize("device", ["vsa2", "awas"])
@@ -207,6 +238,6 @@ def test_unknown_estimators_and_tuning_are_refused_with_a_hint():
 
 
 def test_a_run_shorter_than_the_window_is_refused():
-    fold, signals = assemble(vsa2_experiment(duration=0.5), "qr-rls")
+    fold, signals = assemble(vsa2_experiment(duration=0.5), "qr-rls", window=1.0)
     with pytest.raises(FilterError, match="needs 1001"):
         fold.conditioner.check_length(len(signals))

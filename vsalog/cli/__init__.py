@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+import os
+import signal
 import sys
+from typing import NoReturn
 
 import rich_click as click
 
@@ -26,18 +29,48 @@ cli.add_command(inspect)
 
 
 def main() -> None:
-    """Run the command line: exit code 2 and one line on stderr where the input is to blame, 1 for a bug of ours."""
+    """Run the command line.
+
+    Exit code 2 and a message on stderr where the input or the command line is to blame, 130 and 143 when interrupted or
+    terminated, 1 for a bug of ours.
+    """
+    # A polite request to end cleans up as an interrupt does, so that no temporary file stays behind.
+    for name in ("SIGTERM", "SIGHUP"):
+        if hasattr(signal, name):
+            signal.signal(getattr(signal, name), lambda number, _: sys.exit(128 + number))
     try:
-        cli()
+        code = cli(standalone_mode=False)
+        sys.stdout.flush()
+    except click.ClickException as error:
+        error.show()
+        sys.exit(error.exit_code)
+    except (click.Abort, KeyboardInterrupt):
+        click.echo("vsalog: interrupted; nothing was written", err=True)
+        sys.exit(130)
+    except BrokenPipeError:
+        # Whoever read our output has had enough of it.
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        sys.exit(0)
     except Exception as error:
         if "--debug" in sys.argv:
             raise
-        if isinstance(error, VsalogError):
-            click.echo(f"vsalog: {error}", err=True)
-            sys.exit(2)
-        click.echo(
-            f"vsalog: this is a bug in vsalog, not in your log: {type(error).__name__}: {error}\n"
-            "Please report it with what 'vsalog --debug …' prints.",
-            err=True,
-        )
-        sys.exit(1)
+        _explain(error)
+    sys.exit(code if isinstance(code, int) else 0)
+
+
+def _explain(error: Exception) -> NoReturn:
+    if isinstance(error, VsalogError | OSError):
+        said = str(error) if isinstance(error, VsalogError) else f"{error.filename or 'output'}: {error.strerror}"
+        click.echo(f"vsalog: {_printable(said)}", err=True)
+        sys.exit(2)
+    click.echo(
+        f"vsalog: this is a bug in vsalog, not in your log: {type(error).__name__}: {_printable(str(error))}\n"
+        "Please report it with what 'vsalog --debug …' prints.",
+        err=True,
+    )
+    sys.exit(1)
+
+
+def _printable(text: str) -> str:
+    """Return a message without what a terminal would obey: file and channel names may hold anything."""
+    return "".join(c if c.isprintable() else "�" for c in text)

@@ -46,7 +46,7 @@ def _pairs(context: click.Context, parameter: click.Parameter, values: tuple[str
 @click.option(
     "-o",
     "--output",
-    type=click.Path(path_type=Path),
+    type=click.Path(),
     metavar="PATH",
     help="The Parquet file, or a folder for the results.",
 )
@@ -77,7 +77,7 @@ def estimate(
     estimator: str,
     tune: dict[str, str],
     settings: dict[str, str],
-    output: Path | None,
+    output: str | None,
     mcap: Path | None,
     rate: float | None,
     time: str,

@@ -14,7 +14,6 @@ from vsalog.estimators.equations import IntegratedMotorEquation
 from vsalog.estimators.regression import RegressionFold
 from vsalog.estimators.solvers import QrSolver
 from vsalog.estimators.tuning import Tuning
-from vsalog.filters.conditioning import FilterName
 from vsalog.signals import JointSignals
 
 NAME = "batch-ls"
@@ -23,8 +22,6 @@ SUMMARY = "integrated motor equation, least squares over the whole log (Flacco 2
 
 class BatchLsTuning(Tuning, frozen=True, forbid_unknown_fields=True, kw_only=True):
     """Tuning of batch-ls: that of the filters."""
-
-    filter: FilterName = "savitzky-golay"
 
 
 TUNING = BatchLsTuning

@@ -17,7 +17,6 @@ from vsalog.estimators.regression import RegressionFold, Solver
 from vsalog.estimators.residual_rls import sensor_equations, sensor_role
 from vsalog.estimators.solvers import QrSolver, RlsSolver
 from vsalog.estimators.tuning import RlsTuning
-from vsalog.filters.conditioning import FilterName
 from vsalog.signals import JointSignals
 
 NAME = "direct"
@@ -33,10 +32,8 @@ class DirectTuning(RlsTuning, frozen=True, forbid_unknown_fields=True, kw_only=T
     forgetting : λ of QR-RLS, 1 forgets nothing
     """
 
-    # Deflection and torque must pass through the same filter, or the slower of the two seems stiff or soft.
-    default_window: ClassVar[tuple[float, int]] = (0.0, 21)
+    default_window: ClassVar[int] = 21
 
-    filter: FilterName = "savitzky-golay"
     degree: Annotated[int, Meta(ge=1, le=30)] = 3
     solver: Literal["rls", "qr"] = "rls"
     forgetting: Annotated[float, Meta(gt=0.0, le=1.0)] = 1.0

@@ -17,7 +17,6 @@ from vsalog.estimators.needs import deflection_roles, require
 from vsalog.estimators.regression import RegressionFold
 from vsalog.estimators.solvers import QrSolver
 from vsalog.estimators.tuning import Positive, Tuning, largest_regressor
-from vsalog.filters.conditioning import FilterName
 from vsalog.signals import JointSignals
 
 NAME = "qr-rls"
@@ -34,7 +33,6 @@ class QrRlsTuning(Tuning, frozen=True, forbid_unknown_fields=True, kw_only=True)
         begins without (inf). When absent, weak, from the log's largest deflection and set-point
     """
 
-    filter: FilterName = "pair"
     forgetting: Annotated[float, Meta(gt=0.0, le=1.0)] = 1.0
     p0: Positive | None = None
 

@@ -180,7 +180,7 @@ class RegressionFold:
                 variance += spread
             columns["total"] = _total(columns, variance, self.device)
             if "total" in rows.fed:
-                columns["total"]["flexibility_torque"] = rows.fed["total"]
+                columns["total"]["flexibility_torque"] = self._fed(rows.fed["total"])
             traces.append(Trace.of_rows(block.rows, columns))
         return new, traces
 
@@ -218,7 +218,7 @@ class RegressionFold:
                 excited = seen & (std < SUPPORTED_SHARE * np.abs(sigma))
             columns[view.name] = {
                 "deflection": phi,
-                "flexibility_torque": rows.fed[view.name],
+                "flexibility_torque": self._fed(rows.fed[view.name]),
                 "flexibility_torque_fit": fitted,
                 "stiffness": sigma,
                 "stiffness_std": std,
@@ -233,12 +233,16 @@ class RegressionFold:
         after = 4 * len(equation.transmissions)
         if equation.parameters:  # the equation of a single transmission
             only = columns[equation.transmissions[0].name]
-            only["flexibility_torque"] = values[:, after + 1] + rows.fed[equation.transmissions[0].name]
+            only["flexibility_torque"] = self._fed(values[:, after + 1] + rows.fed[equation.transmissions[0].name])
             for h, name in enumerate(equation.parameters):
                 only[name] = values[:, after + 2 + h]
                 only[f"{name}_std"] = deviations[:, after + 2 + h]
         # The functional after those of the transmissions is the sum of their stiffnesses: correlation is not lost.
         return solver_state, columns, variances[:, after]
+
+    def _fed(self, torque: Array) -> Array:
+        """The torque of a row; the pair of filters learns from one half a window old, which belongs to another row."""
+        return np.full_like(torque, np.nan) if self.conditioner.kind == "pair" else torque
 
     def _functionals(
         self, equation: Equation, rows: EquationRows, block: Conditioned
@@ -280,7 +284,9 @@ class RegressionFold:
             size = self.device.basis.size
             if equation.leading:
                 view = equation.transmissions[0]
-                motor |= {f"inertia_{view.name}": float(xi[1]), f"damping_{view.name}": float(xi[2])}
+                for h, quantity in ((1, "inertia"), (2, "damping")):
+                    motor[f"{quantity}_{view.name}"] = float(xi[h])
+                    motor[f"{quantity}_{view.name}_std"] = float(np.sqrt(covariance[h, h]))
             for i, view in enumerate(equation.transmissions):
                 first = equation.leading + i * size
                 part = slice(first, first + size)

@@ -23,33 +23,32 @@ class Tuning(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=Tr
 
     Attributes
     ----------
-    filter : ``kinematic`` (causal), ``pair`` (causal output, learnt from non-causally filtered signals, Flacco 2014 eq. 30) or
-        ``savitzky-golay`` (non-causal)
-    window : of the Savitzky–Golay filter [s]; when absent 1 s, as in Flacco 2014 §VII, or 21 samples for `direct`
+    filter : ``savitzky-golay`` (non-causal), ``kinematic`` (causal) or ``pair`` (causal output, learnt from non-causally
+        filtered signals, Flacco 2014 eq. 30)
+    window : of the Savitzky–Golay filter [s]; when absent 51 samples, or 21 for `direct`
     degree : of the Savitzky–Golay filter's polynomial
     shape : α of the MKKF, how sharply its measurement variance falls with speed (Flacco 2012 eq. 20)
     settle : time the MKKF gets after a start before its output is learnt from [s]; 100 samples when absent
     memory : time over which the noise is observed [s]
     """
 
-    # Window where none is asked for: seconds, or samples where these come first.
-    default_window: ClassVar[tuple[float, int]] = (1.0, 0)
+    # Window where none is asked for, in samples.
+    default_window: ClassVar[int] = 51
 
-    filter: FilterName = "kinematic"
+    filter: FilterName = "savitzky-golay"
     window: Positive | None = None
-    degree: Annotated[int, Meta(ge=1, le=30)] = 20
+    degree: Annotated[int, Meta(ge=1, le=30)] = 5
     shape: Positive = 6.0
     settle: Annotated[float, Meta(ge=0.0)] | None = None
     memory: Positive = 10.0
 
     def conditioner(self, roles: tuple[str, ...], signals: JointSignals) -> Conditioner:
         """Return the filters these values describe."""
-        seconds, samples = self.default_window
         return Conditioner(
             roles,
             signals,
             self.filter,
-            window=self.window if self.window is not None else max(seconds, samples * signals.period),
+            window=self.window if self.window is not None else (self.default_window - 1) * signals.period,
             degree=self.degree,
             shape=self.shape,
             settle=self.settle,

@@ -140,9 +140,9 @@ class Conditioner:
         kalman: dict[str, Array] = {}
         for role in self.moving:
             raw = piece.roles[role]
-            kalman[role], velocity, states[role] = kinematic_filter(
-                raw, self.period, self.settings[role], states.get(role)
-            )
+            position, velocity, states[role] = kinematic_filter(raw, self.period, self.settings[role], states.get(role))
+            # The filter goes on over a missing sample, but what it predicts there is no measurement.
+            kalman[role] = np.where(np.isnan(raw), np.nan, position)
             if role in self.motor_roles:
                 kalman[f"velocity:{role}"] = velocity
         seen = state.seen + len(piece)

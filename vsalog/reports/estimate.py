@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import sys
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from types import TracebackType
 
@@ -17,6 +17,9 @@ from vsalog.estimation import JointEstimate
 from vsalog.job import Job
 from vsalog.summary import TransmissionSummary
 from vsalog.writers.results import Outputs
+
+# An estimated motor parameter is worth printing when its standard deviation is below this share of it.
+MOTOR_SHARE = 0.2
 
 
 class Progress:
@@ -79,9 +82,8 @@ def print_summary(job: Job, estimates: Sequence[JointEstimate], outputs: Outputs
             f" {s.duration:.4g} s at {1.0 / s.period:.4g} Hz"
         )
         console.print(_table(s.transmissions))
-        for name, value in e.model.motor.items():
-            unit = "kg·m²" if name.startswith("inertia") else "N·m·s/rad"
-            console.print(f"  motor {escape(name)}: {value:.5g} {unit}")
+        for line in _motor(e.model.motor):
+            console.print(f"  {escape(line)}")
     console.print(f"trace: {escape(str(outputs.trace))}   model: {escape(str(outputs.model))}", soft_wrap=True)
     if outputs.mcap is not None:
         console.print(f"log of the trace: {escape(str(outputs.mcap))}", soft_wrap=True)
@@ -103,6 +105,18 @@ def _table(parts: Sequence[TransmissionSummary]) -> Table:
             f"{p.excited_share:.0%} of the time",
         )
     return table
+
+
+def _motor(found: Mapping[str, float]) -> Iterator[str]:
+    """Say what was estimated of the motors; a value that its own uncertainty swallows is not one."""
+    for name in (n for n in found if not n.endswith("_std")):
+        value, std = found[name], found[f"{name}_std"]
+        unit = "kg·m²" if name.startswith("inertia") else "N·m·s/rad"
+        told = value > 0.0 and std < MOTOR_SHARE * value
+        said = (
+            f"{value:.5g} ± {std:.2g} {unit}" if told else f"this log does not tell it ({value:.3g} ± {std:.2g} {unit})"
+        )
+        yield f"motor {name}: {said}"
 
 
 def _percent(x: float | None) -> str:

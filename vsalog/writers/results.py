@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import re
 from collections.abc import Callable, Sequence
 from contextlib import ExitStack
@@ -27,22 +28,27 @@ class Outputs:
     mcap: Path | None = None
 
     @classmethod
-    def named(cls, logs: Sequence[Path], output: Path | None, mcap: Path | None) -> Outputs:
+    def named(cls, logs: Sequence[Path], output: str | None, mcap: Path | None) -> Outputs:
         """Name the results after the first log, in the current folder, or as `output` says.
 
         Raises
         ------
         WriteError
-            A result would overwrite one of the logs.
+            A result would overwrite one of the logs or another result, or the folder asked for is not there.
         """
         stem = _stem(logs[0])
-        if output is None or output.is_dir() or str(output).endswith("/"):
-            folder = Path() if output is None else output
+        if output is None or Path(output).is_dir():
+            folder = Path(output or "")
             trace = folder / f"{stem}.stiffness.parquet"
+        elif output.endswith(("/", os.sep)):
+            raise WriteError(f"{output}: there is no such folder")
         else:
-            folder, trace = output.parent, output
-            stem = re.sub(r"(\.stiffness)?\.parquet$", "", output.name)
+            trace = Path(output)
+            folder = trace.parent
+            stem = re.sub(r"(\.stiffness)?\.parquet$", "", trace.name)
         outputs = cls(trace, folder / f"{stem}.model.toml", mcap)
+        if mcap is not None and mcap.resolve() in (outputs.trace.resolve(), outputs.model.resolve()):
+            raise WriteError(f"{mcap}: is asked for twice, by --mcap and by -o")
         for path in (outputs.trace, outputs.model, outputs.mcap):
             if path is not None and any(path.exists() and log.exists() and path.samefile(log) for log in logs):
                 raise WriteError(f"{path}: is the log itself; choose another name with -o")
