@@ -116,6 +116,8 @@ def _joint(name: str, joint: JointGuess) -> Iterator[str]:
         yield from _transmission(f"{path}.{transmission}", joint)
     if joint.kind == "serial":
         yield from _lever(path)
+    if joint.kind != "rigid":
+        yield from _basis(path)
     yield f"[{path}.signals]"
     for role, guess in joint.roles.items():
         yield _signal(role, guess, bool(joint.runs))
@@ -132,6 +134,18 @@ def _joint(name: str, joint: JointGuess) -> Iterator[str]:
                 f'from the name, its unit is unknown: write "{run.setpoint:g} mm" or "{run.setpoint:g} deg"',
             )
         yield ""
+
+
+def _basis(path: str) -> Iterator[str]:
+    yield f"[{path}.basis]"
+    yield _line(
+        "odd = false", "a constant term takes up what encoders and sensors are off by; true once these are zeroed"
+    )
+    yield _gap("order", "4", "terms in the deflection: more where the curve bends or has knees")
+    yield _gap(
+        "branches", "true", "loading and unloading apart, where the torque makes a wide loop over the deflection"
+    )
+    yield ""
 
 
 def _motor(path: str, key: str, joint: JointGuess) -> Iterator[str]:
