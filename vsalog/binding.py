@@ -71,9 +71,10 @@ def offered_roles(joint: Joint) -> dict[str, Signal]:
 
 
 def names_of(paths: Sequence[Path]) -> list[str]:
-    """Return the names of logs, with their folder in front where two logs have the same name."""
+    """Return the names of logs as text, with their folder in front where two logs have the same name."""
     names = [p.name for p in paths]
-    return [f"{p.resolve().parent.name}/{p.name}" if names.count(p.name) > 1 else p.name for p in paths]
+    shown = (f"{p.resolve().parent.name}/{p.name}" if names.count(p.name) > 1 else p.name for p in paths)
+    return [name.encode("utf-8", "replace").decode() for name in shown]
 
 
 def runs_of(joint: Joint, recording: Recording) -> tuple[Run, ...]:

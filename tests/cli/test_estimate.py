@@ -1,6 +1,7 @@
 """`vsalog estimate` as a user runs it, on the sample logs."""
 
 import json
+import os
 
 import numpy as np
 import pyarrow.parquet as pq
@@ -204,14 +205,39 @@ def test_an_offset_that_the_basis_cannot_follow_is_named(run, tmp_path):
     phi = 0.15 * np.sin(2 * np.pi * 0.4 * t) + 0.05 * np.sin(2 * np.pi * 1.7 * t)
     rows = [f"{a:.4f},{b:.9f},{c:.9f}" for a, b, c in zip(t, phi, 50.0 * phi + 2.0, strict=True)]
     (tmp_path / "log.csv").write_text("\n".join(["time [s],deflection [rad],joint_torque [N·m]", *rows]))
+    rig = (
+        '[joint.a]\nkind = "elastic"\n[joint.a.basis]\nodd = {}\n'
+        '[joint.a.signals]\ndeflection = "deflection"\ntorque_sensor = "joint_torque"\n'
+    )
+    (tmp_path / "rig.toml").write_text(rig.format("true"))
     done = run("estimate", "log.csv")
     assert "an offset that odd powers of the deflection cannot follow" in done.stderr
     assert not columns(tmp_path / "log.stiffness.parquet", "1").excited.mean() > 0.5
-    (tmp_path / "rig.toml").write_text(
-        '[joint.a]\nkind = "elastic"\n[joint.a.basis]\nodd = false\n'
-        '[joint.a.signals]\ndeflection = "deflection"\ntorque_sensor = "joint_torque"\n'
-    )
+    (tmp_path / "rig.toml").write_text(rig.format("false"))
     done = run("estimate", "log.csv")
     assert "offset" not in done.stderr
     trace = columns(tmp_path / "log.stiffness.parquet", "1")
     np.testing.assert_allclose(trace.stiffness[trace.time > 5.0], 50.0, rtol=1e-2)
+
+
+def test_a_file_name_that_is_no_text(run, tmp_path):
+    t = np.arange(0.0, 10.0, 0.01)
+    rows = [f"{a:.4f},{np.sin(a):.9f},{30.0 * np.sin(a) + 0.01 * (k % 3):.9f}" for k, a in enumerate(t)]
+    name = os.fsdecode(b"bad\xff\nname.csv")
+    (tmp_path / name).write_text("\n".join(["time [s],deflection [rad],joint_torque [N·m]", *rows]))
+    done = run("estimate", tmp_path / name)
+    assert done.returncode == 0, done.stderr
+    assert (tmp_path / os.fsdecode(b"bad\xff\nname.stiffness.parquet")).is_file()
+
+
+def test_an_encoder_that_wraps_is_unwrapped(run, tmp_path):
+    t = np.arange(0.0, 20.0, 0.005)
+    q = 4.0 * np.sin(0.8 * t)
+    phi = 0.1 * np.sin(2 * np.pi * 0.9 * t)
+    wrapped = np.angle(np.exp(1j * np.column_stack((q - phi, q))))
+    rows = [f"{a:.4f},{b:.9f},{c:.9f},{80.0 * d:.9f}" for a, (b, c), d in zip(t, wrapped, phi, strict=True)]
+    header = "time [s],motor_position [rad],link_position [rad],joint_torque [N·m]"
+    (tmp_path / "log.csv").write_text("\n".join([header, *rows]))
+    assert run("estimate", "log.csv").returncode == 0
+    trace = columns(tmp_path / "log.stiffness.parquet", "1")
+    np.testing.assert_allclose(trace.stiffness[trace.time > 5.0], 80.0, rtol=0.02)

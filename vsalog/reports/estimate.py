@@ -84,9 +84,11 @@ def print_summary(job: Job, estimates: Sequence[JointEstimate], outputs: Outputs
         console.print(_table(s.transmissions))
         for line in _motor(e.model.motor):
             console.print(f"  {escape(line)}")
-    console.print(f"trace: {escape(str(outputs.trace))}   model: {escape(str(outputs.model))}", soft_wrap=True)
+    console.print(
+        f"trace: {escape(_plain(str(outputs.trace)))}   model: {escape(_plain(str(outputs.model)))}", soft_wrap=True
+    )
     if outputs.mcap is not None:
-        console.print(f"log of the trace: {escape(str(outputs.mcap))}", soft_wrap=True)
+        console.print(f"log of the trace: {escape(_plain(str(outputs.mcap)))}", soft_wrap=True)
 
 
 def _table(parts: Sequence[TransmissionSummary]) -> Table:
@@ -131,12 +133,12 @@ def _plain(text: str) -> str:
 def print_json(job: Job, estimates: Sequence[JointEstimate], outputs: Outputs) -> None:
     """Print one JSON document on stdout."""
     document = {
-        "logs": [str(log) for log in job.logs],
+        "logs": [_plain(str(log)) for log in job.logs],
         "rig": {"name": job.rig.name, "guessed": job.guessed},
         "outputs": {
-            "trace": str(outputs.trace),
-            "model": str(outputs.model),
-            "mcap": None if outputs.mcap is None else str(outputs.mcap),
+            "trace": _plain(str(outputs.trace)),
+            "model": _plain(str(outputs.model)),
+            "mcap": None if outputs.mcap is None else _plain(str(outputs.mcap)),
         },
         "joints": [
             {

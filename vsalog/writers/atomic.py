@@ -29,7 +29,7 @@ def atomic_path(path: Path) -> Iterator[Path]:
         raise WriteError(f"{path}: is a device, not a file; name a file")
     temporary: Path | None = None
     try:
-        handle, name = tempfile.mkstemp(prefix=f".{path.name[:40]}.", suffix=".part", dir=folder)
+        handle, name = tempfile.mkstemp(prefix=".vsalog-", suffix=".part", dir=folder)
         os.close(handle)
         temporary = Path(name)
         yield temporary

@@ -124,9 +124,9 @@ class TraceWriter:
         """Append a block; `columns`, on the first call, names those that later blocks may have besides."""
         if self._writer is None:
             self._schema = trace_schema(columns or trace_columns(trace), self.metadata)
-            self._writer = pq.ParquetWriter(
-                self._temporary, self._schema, compression="zstd", **_encodings(self._schema)
-            )
+            # Opened here: Arrow cannot be given a name whose bytes are no text.
+            file = self._stack.enter_context(self._temporary.open("wb"))
+            self._writer = pq.ParquetWriter(file, self._schema, compression="zstd", **_encodings(self._schema))
             self._stack.callback(self._writer.close)
         if self._pending and self._pending[0].joint != trace.joint:
             self._flush()
