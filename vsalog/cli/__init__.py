@@ -5,6 +5,8 @@ from __future__ import annotations
 import os
 import signal
 import sys
+import traceback
+from contextlib import suppress
 from typing import NoReturn
 
 import rich_click as click
@@ -28,7 +30,7 @@ cli.add_command(init)
 cli.add_command(inspect)
 
 
-def main() -> None:
+def main() -> NoReturn:
     """Run the command line.
 
     Exit code 2 and a message on stderr where the input or the command line is to blame, 130 and 143 when interrupted or
@@ -38,37 +40,47 @@ def main() -> None:
     for name in ("SIGTERM", "SIGHUP"):
         if hasattr(signal, name):
             signal.signal(getattr(signal, name), lambda number, _: sys.exit(128 + number))
+    code = _run()
+    for stream in (sys.stdout, sys.stderr):
+        with suppress(OSError):
+            stream.flush()
+    # Everything is written and closed. Arrow's own threads may still be letting go of Python objects, which aborts the process
+    # when the interpreter is being taken down at that moment: so it is not taken down.
+    os._exit(code)
+
+
+def _run() -> int:
     try:
         code = cli(standalone_mode=False)
         sys.stdout.flush()
+    except SystemExit as end:
+        return end.code if isinstance(end.code, int) else 1
     except click.ClickException as error:
         error.show()
-        sys.exit(error.exit_code)
+        return error.exit_code
     except (click.Abort, KeyboardInterrupt):
         click.echo("vsalog: interrupted; nothing was written", err=True)
-        sys.exit(130)
+        return 130
     except BrokenPipeError:
-        # Whoever read our output has had enough of it.
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
-        sys.exit(0)
+        return 0  # whoever read our output has had enough of it
     except Exception as error:
         if "--debug" in sys.argv:
-            raise
-        _explain(error)
-    sys.exit(code if isinstance(code, int) else 0)
+            traceback.print_exc()
+        return _explain(error)
+    return code if isinstance(code, int) else 0
 
 
-def _explain(error: Exception) -> NoReturn:
+def _explain(error: Exception) -> int:
     if isinstance(error, VsalogError | OSError):
         said = str(error) if isinstance(error, VsalogError) else f"{error.filename or 'output'}: {error.strerror}"
         click.echo(f"vsalog: {_printable(said)}", err=True)
-        sys.exit(2)
+        return 2
     click.echo(
         f"vsalog: this is a bug in vsalog, not in your log: {type(error).__name__}: {_printable(str(error))}\n"
         "Please report it with what 'vsalog --debug …' prints.",
         err=True,
     )
-    sys.exit(1)
+    return 1
 
 
 def _printable(text: str) -> str:
