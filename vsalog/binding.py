@@ -7,15 +7,15 @@ clock jumps back, the run ends and another begins.
 from __future__ import annotations
 
 from collections.abc import Collection, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from fnmatch import fnmatchcase
-from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
 from vsalog.errors import BindingError, UnitError
+from vsalog.grid import EVEN, Bound, after_long_silence, common_segments, grid_of, on_grid
 from vsalog.recording import Channel, Recording
 from vsalog.resolution import resolution_of
 from vsalog.rig.schema import Joint, Motor, RigidJoint, Run, SerialJoint, Signal
@@ -23,13 +23,7 @@ from vsalog.signals import JointSignals
 from vsalog.units import si_factor
 
 Array = NDArray[np.float64]
-Flags = NDArray[np.bool_]
-Stamps = NDArray[np.int64]
 
-# A gap longer than this many sample times of a channel ends the run.
-GAP = 2.5
-# Stamps that stray less than this share of the period from an even spacing are on the grid as they are.
-EVEN = 0.02
 # What a role is measured in when neither the rig nor the log says.
 SI = {
     "motor_position": "rad",
@@ -38,17 +32,6 @@ SI = {
     "motor_torque": "N*m",
     "torque_sensor": "N*m",
 }
-
-
-@dataclass(frozen=True, slots=True)
-class _Bound:
-    """One role of one run: its stamps and SI values, or a constant."""
-
-    stamps: Stamps
-    values: Array
-    period: int
-    resolution: float | None = None
-    constant: float | None = None
 
 
 def signal_of(spec: str | float | Signal) -> Signal:
@@ -145,7 +128,7 @@ def bind(
     return _concatenate(name, pieces, tuple(names))
 
 
-def _bind_role(recording: Recording, run: Run, role: str, signal: Signal, joint: Joint, fixed: float | None) -> _Bound:
+def _bind_role(recording: Recording, run: Run, role: str, signal: Signal, joint: Joint, fixed: float | None) -> Bound:
     constant: float | str | None = signal.constant
     if role == "setpoint":
         constant = fixed if fixed is not None else run.setpoint if run.setpoint is not None else constant
@@ -155,7 +138,7 @@ def _bind_role(recording: Recording, run: Run, role: str, signal: Signal, joint:
                 f"{recording.path.name}: run '{run.name}' has no set-point; give it one in the rig or with"
                 " --set setpoint=VALUE"
             )
-        return _Bound(np.empty(0, np.int64), np.empty(0), 0, constant=float(constant))
+        return Bound(np.empty(0, np.int64), np.empty(0), 0, constant=float(constant))
     assert signal.channel is not None
     channel = recording.channel(signal.channel.replace("{run}", run.name))
     _check(recording, channel, role)
@@ -170,7 +153,7 @@ def _bind_role(recording: Recording, run: Run, role: str, signal: Signal, joint:
     if role == "setpoint" and isinstance(joint, SerialJoint) and joint.lever is not None and _is_angle(channel, signal):
         values = joint.lever.start - joint.lever.travel * values
     period = int(np.median(np.diff(channel.stamps)))
-    return _Bound(channel.stamps, values, period, signal.resolution)
+    return Bound(channel.stamps, values, period, signal.resolution)
 
 
 def _unwrapped(channel: Channel, signal: Signal, role: str) -> Array:
@@ -257,7 +240,7 @@ def _factor(recording: Recording, channel: Channel, role: str, signal: Signal, j
         ) from error
 
 
-def _on_one_grid(recording: Recording, joint: str, bound: Mapping[str, _Bound], run: int) -> JointSignals:
+def _on_one_grid(recording: Recording, joint: str, bound: Mapping[str, Bound], run: int) -> JointSignals:
     moving = {role: b for role, b in bound.items() if b.constant is None}
     if not moving:
         raise BindingError(f"joint '{joint}': every role is a constant; there is nothing to estimate from")
@@ -265,15 +248,15 @@ def _on_one_grid(recording: Recording, joint: str, bound: Mapping[str, _Bound], 
     if period <= 0:
         raise BindingError(f"{recording.path.name}: the time stamps of joint '{joint}' do not advance")
     origin = min(int(c.stamps[0]) for c in recording.channels.values() if c.stamps.size)
-    segments = _segments(recording, joint, moving)
-    grids = [_grid(segment, moving, period) for segment in segments]
+    segments = common_segments(recording, joint, moving)
+    grids = [grid_of(segment, moving, period) for segment in segments]
     stamps = grids[0] if len(grids) == 1 else np.concatenate(grids)
     starts = np.zeros(stamps.size, dtype=np.bool_)
     starts[np.cumsum([0, *[g.size for g in grids[:-1]]])] = True
     roles: dict[str, Array] = {}
     for role, b in bound.items():
-        roles[role] = np.full(stamps.size, b.constant) if b.constant is not None else _at(b, stamps)
-    starts |= _after_long_silence(roles)
+        roles[role] = np.full(stamps.size, b.constant) if b.constant is not None else on_grid(b, stamps)
+    starts |= after_long_silence(roles)
     return JointSignals(
         joint,
         period * 1e-9,
@@ -289,75 +272,7 @@ def _on_one_grid(recording: Recording, joint: str, bound: Mapping[str, _Bound], 
     )
 
 
-def _segments(recording: Recording, joint: str, moving: Mapping[str, _Bound]) -> list[tuple[int, int]]:
-    """Stretches of time, first and last stamp, in which every role has samples without a gap."""
-    segments: list[tuple[int, int]] | None = None
-    for b in moving.values():
-        gaps = np.flatnonzero(np.diff(b.stamps) > GAP * b.period)
-        edges = [0, *(gaps + 1), b.stamps.size]
-        own = [(int(b.stamps[i]), int(b.stamps[j - 1])) for i, j in pairwise(edges) if j - i > 1]
-        segments = own if segments is None else _overlap(segments, own)
-    if not segments:
-        raise BindingError(
-            f"{recording.path.name}: the channels of joint '{joint}' have no time in common; are they on different"
-            " clocks? 'vsalog inspect' shows when each begins and ends"
-        )
-    return segments
-
-
-def _after_long_silence(roles: Mapping[str, Array]) -> Flags:
-    """Where a run begins anew because a role had no number for longer than a gap may be."""
-    missing = np.zeros(next(iter(roles.values())).size, dtype=np.bool_)
-    for values in roles.values():
-        missing |= np.isnan(values)
-    starts = np.zeros(missing.size, dtype=np.bool_)
-    if missing.any():
-        edges = np.flatnonzero(np.diff(np.concatenate(([False], missing, [False])).astype(np.int8)))
-        for first, after in zip(edges[::2], edges[1::2], strict=True):
-            if after - first >= GAP and after < missing.size:
-                starts[after] = True
-    return starts
-
-
-def _overlap(a: list[tuple[int, int]], b: list[tuple[int, int]]) -> list[tuple[int, int]]:
-    out, i, j = [], 0, 0
-    while i < len(a) and j < len(b):
-        first, last = max(a[i][0], b[j][0]), min(a[i][1], b[j][1])
-        if last > first:
-            out.append((first, last))
-        if a[i][1] < b[j][1]:
-            i += 1
-        else:
-            j += 1
-    return out
-
-
-def _grid(segment: tuple[int, int], moving: Mapping[str, _Bound], period: int) -> Stamps:
-    """Stamps of the fastest channel where these are even, evenly spaced ones otherwise."""
-    first, last = segment
-    fastest = min(moving.values(), key=lambda b: b.period)
-    own = fastest.stamps[np.searchsorted(fastest.stamps, first) : np.searchsorted(fastest.stamps, last, "right")]
-    steps = np.diff(own)
-    if own.size > 1 and max(steps.max() - period, period - steps.min()) <= EVEN * period:
-        return own
-    return first + period * np.arange((last - first) // period + 1, dtype=np.int64)
-
-
-def _at(b: _Bound, stamps: Stamps) -> Array:
-    """Values at the grid's stamps: as they are where they lie on it, linearly between neighbours otherwise."""
-    if b.stamps.size == stamps.size and np.array_equal(b.stamps, stamps):
-        return b.values
-    # Relative to the first stamp: nanoseconds since the epoch do not fit into the digits of a float.
-    origin = stamps[0]
-    after = np.clip(np.searchsorted(b.stamps, stamps), 1, b.stamps.size - 1)
-    t0, t1 = b.stamps[after - 1], b.stamps[after]
-    v0, v1 = b.values[after - 1], b.values[after]
-    share = ((stamps - origin) - (t0 - origin)) / (t1 - t0)
-    exact = np.where(stamps == t0, v0, np.where(stamps == t1, v1, v0 + share * (v1 - v0)))
-    return np.asarray(exact, dtype=np.float64)
-
-
-def _notes(joint: str, segments: list[tuple[int, int]], moving: Mapping[str, _Bound]) -> tuple[str, ...]:
+def _notes(joint: str, segments: list[tuple[int, int]], moving: Mapping[str, Bound]) -> tuple[str, ...]:
     notes = []
     if len(segments) > 1:
         lost = (segments[-1][1] - segments[0][0] - sum(b - a for a, b in segments)) * 1e-9
