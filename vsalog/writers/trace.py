@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import shutil
+import tempfile
 from collections.abc import Iterator, Mapping
 from contextlib import ExitStack
 from pathlib import Path
@@ -74,6 +76,12 @@ def trace_tables(trace: Trace, schema: pa.Schema | None = None) -> Iterator[pa.T
         yield pa.Table.from_arrays(arrays, schema=schema)
 
 
+def _widened(table: pa.Table, schema: pa.Schema) -> pa.Table:
+    known = set(table.column_names)
+    arrays = [table[f.name] if f.name in known else pa.nulls(table.num_rows, f.type) for f in schema]
+    return pa.Table.from_arrays(arrays, schema=schema)
+
+
 def _constant(text: str, length: int) -> pa.DictionaryArray:
     return pa.DictionaryArray.from_arrays(pa.array(np.zeros(length, np.int32)), pa.array([text], pa.string()))
 
@@ -88,13 +96,15 @@ def _encodings(schema: pa.Schema) -> dict[str, Any]:
 class TraceWriter:
     """Write blocks of traces to one Parquet file, which appears when all is written and not before.
 
-    Use as a context manager. Rows of one transmission are in the order of time.
+    Use as a context manager. Rows of one transmission are in the order of time. Joints may have columns of their own: the
+    file has those of all of them.
     """
 
     def __init__(self, path: Path, metadata: Mapping[str, str]) -> None:
         self.path, self.metadata = path, metadata
         self._stack = ExitStack()
         self._writer: pq.ParquetWriter | None = None
+        self._columns: list[str] = []
         self._schema: pa.Schema | None = None
         self._pending: list[Trace] = []
 
@@ -120,19 +130,40 @@ class TraceWriter:
         if self._writer is not None:
             self._writer.close()
 
-    def write(self, trace: Trace, columns: list[str] | None = None) -> None:
-        """Append a block; `columns`, on the first call, names those that later blocks may have besides."""
-        if self._writer is None:
-            self._schema = trace_schema(columns or trace_columns(trace), self.metadata)
-            # Opened here: Arrow cannot be given a name whose bytes are no text.
-            file = self._stack.enter_context(self._temporary.open("wb"))
-            self._writer = pq.ParquetWriter(file, self._schema, compression="zstd", **_encodings(self._schema))
-            self._stack.callback(self._writer.close)
+    def write(self, trace: Trace) -> None:
+        """Append a block."""
         if self._pending and self._pending[0].joint != trace.joint:
             self._flush()
+        if added := [name for name in trace_columns(trace) if name not in self._columns]:
+            self._flush()
+            self._add(added)
         self._pending.append(trace)
         if sum(map(len, self._pending)) >= ROW_GROUP:
             self._flush()
+
+    def _add(self, columns: list[str]) -> None:
+        """Begin the file, or begin it anew with what it holds so far and more columns, which are null there."""
+        self._columns += columns
+        self._schema = trace_schema(self._columns, self.metadata)
+        if self._writer is None:
+            self._writer = self._open(self._schema)
+            return
+        self._writer.close()
+        self._file.close()
+        with tempfile.TemporaryFile(dir=self.path.parent) as copy:
+            with self._temporary.open("rb") as file:
+                shutil.copyfileobj(file, copy)
+            self._writer = self._open(self._schema)
+            narrow = pq.ParquetFile(copy)
+            for i in range(narrow.num_row_groups):
+                self._writer.write_table(_widened(narrow.read_row_group(i), self._schema))
+
+    def _open(self, schema: pa.Schema) -> pq.ParquetWriter:
+        # Opened here: Arrow cannot be given a name whose bytes are no text.
+        self._file = self._stack.enter_context(self._temporary.open("wb"))
+        writer = pq.ParquetWriter(self._file, schema, compression="zstd", **_encodings(schema))
+        self._stack.callback(writer.close)
+        return writer
 
     def _flush(self) -> None:
         if self._pending and self._writer is not None:
