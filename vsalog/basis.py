@@ -79,7 +79,7 @@ class PolynomialBasis:
 
         Returns
         -------
-        shape (n, derivatives + 1, size): [:, 0] are F, [:, 1] ∂F/∂φ, … (eq. 26–28)
+        shape (n, derivatives + 1, size): [:, 0] are F, [:, 1] ∂F/∂φ, … (eq. 26–28); all NaN where φ is
         """
         plain = np.empty((phi.shape[0], derivatives + 1, len(self.powers) * self.setpoint_order))
         c = phi if setpoint is None else setpoint
@@ -115,6 +115,8 @@ def _rows(phi: Array, c: Array, powers: NDArray[np.int64], m: int, phi_0: float,
             factor, scale = 1.0, 1.0
             for s in range(out.shape[1]):
                 value = factor * scale * _power(x, n - s) if n >= s else 0.0
+                if np.isnan(x):
+                    value = x  # also where the function, or its derivative, is a constant
                 for j in range(m):
                     out[k, s, h * m + j] = value
                     value *= y

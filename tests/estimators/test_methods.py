@@ -140,6 +140,45 @@ def test_the_pair_of_filters_claims_no_torque_for_a_row_it_does_not_belong_to():
     assert np.isfinite(trace["1"]["stiffness"][-1])
 
 
+@pytest.mark.parametrize("kind", ["savitzky-golay", "pair", "kinematic"])
+def test_a_set_point_that_stands_still_supports_the_estimate(kind):
+    """What a filter rounds off it is no other set-point."""
+    experiment = awas_experiment(duration=5.0)
+    signals = signals_of(experiment)
+    phi = signals.roles["link_position"] - signals.roles["motor_position"]
+    still = {**signals.roles, "torque_sensor": 30.0 * phi, "setpoint": np.full(len(signals), 0.033)}
+    ((_, joint),) = experiment.rig.joint.items()
+    joint = msgspec.structs.replace(joint, basis=msgspec.structs.replace(joint.basis, order=1, setpoint_order=1))
+    fold, signals = assemble(experiment, "direct", replace(signals, roles=still), joint, filter=kind)
+    trace, state = trace_of(fold, signals)
+    assert trace["1"]["excited"][2000:].all()
+    (model,) = fold.model(state).transmission
+    assert len(model.region) == 2
+
+
+def test_loading_is_told_afresh_after_a_gap():
+    """Whichever way the joint went before the gap says nothing of where it goes after it."""
+    time = np.arange(2000) * 1e-3
+    experiment = elastic_experiment(duration=2.0)
+    ((_, joint),) = experiment.rig.joint.items()
+    joint = msgspec.structs.replace(joint, basis=msgspec.structs.replace(joint.basis, branches=True))
+    # Up and up before the gap; after it, from further down, up again: a fold that remembers would call it unloading.
+    phi = np.where(time < 1.0, 0.1 + 0.3 * time, 0.1 + 0.3 * (time - 1.0))
+    signals = signals_of(experiment)[:2000]
+    roles = {**signals.roles, "deflection": phi, "torque_sensor": 10.0 * phi}
+    starts = signals.starts.copy()
+    starts[1000] = True
+    signals = replace(signals, roles={r: roles[r] for r in ("deflection", "torque_sensor")}, starts=starts)
+    fold, _ = assemble(experiment, "direct", signals, joint, filter="kinematic", settle=0.0)
+    state = fold.start()
+    told = []
+    for piece in signals.blocks(50):
+        filters, ready = fold.conditioner.step(state.filters, piece)
+        told += [fold._with_branches(state, block).loading_now["1"] for block in ready]
+        state.filters = filters
+    assert np.concatenate(told).all()
+
+
 @pytest.mark.parametrize("device", ["vsa2", "awas"])
 def test_branches_are_told_alike_in_blocks(short, device):
     experiment = short[device]

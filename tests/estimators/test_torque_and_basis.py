@@ -33,6 +33,14 @@ def test_rows_are_powers_and_their_derivatives(order, odd, m, phi, c, scales):
             column += 1
 
 
+def test_where_the_deflection_is_missing_nothing_is_known():
+    """Not even of a linear spring, whose stiffness does not depend on it."""
+    for basis in (PolynomialBasis.make(1), PolynomialBasis.make(3, odd=False, setpoint_order=2)):
+        rows = basis.rows(np.array([0.1, np.nan]), np.array([0.5, 0.5]))
+        assert np.isfinite(rows[0]).all()
+        assert np.isnan(rows[1]).all()
+
+
 def test_terms_are_named_in_the_order_of_the_papers_regressor():
     assert PolynomialBasis.make(2, setpoint_order=3).terms == [
         "phi^1", "phi^1*c^1", "phi^1*c^2", "phi^3", "phi^3*c^1", "phi^3*c^2",

@@ -11,6 +11,8 @@ Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]
 
 _EMPTY = (np.inf, -np.inf)
+# Differences below this share of a value are rounding.
+ROUNDING = 1e-9
 
 
 @dataclass(frozen=True, slots=True)
@@ -60,9 +62,10 @@ class Region:
 def _grow(span: tuple[float, float], fit: Array, use: Flags, at: Array) -> tuple[tuple[float, float], Flags]:
     low = np.minimum.accumulate(np.append(span[0], np.where(use, fit, np.inf)))
     high = np.maximum.accumulate(np.append(span[1], np.where(use, fit, -np.inf)))
-    # A twentieth of the span is granted on both sides, or every new extreme would count as never seen.
+    # A twentieth of the span is granted on both sides, or every new extreme would count as never seen; a set-point that
+    # stands still has no span, but a filter leaves its rounding on it.
     with np.errstate(invalid="ignore"):
-        margin = 0.05 * (high[1:] - low[1:])
+        margin = 0.05 * (high[1:] - low[1:]) + ROUNDING * np.maximum(np.abs(low[1:]), np.abs(high[1:]))
         inside = (at >= low[1:] - margin) & (at <= high[1:] + margin)
     return (float(low[-1]), float(high[-1])), inside
 
@@ -73,7 +76,7 @@ def _hull(points: Array) -> Array:
 
     span = np.ptp(points, axis=0)
     ends = points[[np.lexsort((points[:, 1], points[:, 0]))[i] for i in (0, -1)]]
-    if len(points) < 3 or span.min() == 0.0:
+    if len(points) < 3 or bool((span <= ROUNDING * np.abs(points).max(axis=0)).any()):
         return np.unique(ends, axis=0)
     try:
         # Both axes are brought to one scale, or qhull would take a thin region for a line.

@@ -188,6 +188,8 @@ class RegressionFold:
         """Add, where the basis has branches, which one each sample is on."""
         if not self.device.basis.branches:
             return block
+        if block.rows.starts[0]:
+            state.directions.clear()
         flags: list[dict[str, Flags]] = []
         for kind, values in (("fit", block.fit), ("now", block.now)):
             flags.append({})
