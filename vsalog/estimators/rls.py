@@ -93,26 +93,34 @@ def _times(P: Array, x: Array, out: Array) -> None:
 
 
 @njit(cache=True, error_model="numpy", forceinline=True)
-def rls_update(F: Array, y: float, c: float, alpha: Array, P: Array, g: Array) -> tuple[float, float, float]:
-    """One enhanced RLS update in place (eq. 23, 39, 41); `g` is scratch, shape (n,). Returns ε, ρ, a."""
+def rls_update(
+    F: Array, y: float, c: float, alpha: Array, P: Array, g: Array, following: Array, scratch: Array
+) -> tuple[float, float, float]:
+    """One enhanced RLS update in place (eq. 23, 39, 41). Returns ε, ρ, a.
+
+    `g` holds P F on entry and P times the regressors of the `following` sample on return: the pass that writes P computes
+    it, since a second pass would cost as much as the first. `scratch` has the same shape.
+    """
     n = alpha.shape[0]
-    rho = 0.0
-    error = y
-    _times(P, F, g)
+    rho, error = 0.0, y
     for i in range(n):
         rho += F[i] * g[i]
         error -= F[i] * alpha[i]
-    a = (c + c * rho) / (1.0 + c * rho)
-    gain = a / (1.0 + rho)
+    gain = c / (1.0 + c * rho)  # a / (1 + ρ)
     step = gain * error
+    for j in range(n):
+        scratch[j] = 0.0
     for i in range(n):
-        h = g[i]
+        h, f = g[i], following[i]
         alpha[i] += step * h
         # The product g_i g_j comes first: it is the same bits as g_j g_i, so P stays symmetric to the last one. Whole rows
         # are cheaper than one triangle and its mirror image, whose scattered writes no compiler can join.
         for j in range(n):
             P[i, j] -= gain * (h * g[j])
-    return error, rho, a
+            scratch[j] += P[i, j] * f
+    for j in range(n):
+        g[j] = scratch[j]
+    return error, rho, gain * (1.0 + rho)
 
 
 @njit(cache=True, error_model="numpy")
@@ -134,13 +142,17 @@ def _run(
     factor: Array,
 ) -> None:
     count, q, n = E.shape
-    g, t = np.empty(n), np.empty(n)
+    g, scratch, t = np.empty(n), np.empty(n), np.empty(n)
+    known = False  # whether g is P F[k] already
     for k in range(count):
         if use[k]:
-            error, rho, a = rls_update(F[k], y[k], c, alpha, P, g)
+            if not known:
+                _times(P, F[k], g)
+            error, rho, a = rls_update(F[k], y[k], c, alpha, P, g, F[min(k + 1, count - 1)], scratch)
             factor[k] = a
             # After the update: the first innovations are the unknown parameters, not noise.
             left[k] = error / (1.0 + c * rho)
+        known = use[k]
         for s in range(q):
             value = 0.0
             for i in range(n):
