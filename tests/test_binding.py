@@ -151,6 +151,45 @@ def test_a_sample_that_is_no_number_stays_one():
     assert any("no finite number" in note for note in signals.notes)
 
 
+def on_a_circle(angle):
+    return np.angle(np.exp(1j * angle))
+
+
+@pytest.mark.parametrize("offset", [0.0, 3.0, np.pi])
+@pytest.mark.parametrize("speed", [0.9, 1.05, 2.0, -3.1])
+@pytest.mark.parametrize("start", [-3.3, 0.0, 3.05, 3.2])
+def test_encoders_that_wrap_on_different_sides_agree_on_the_turn(start, speed, offset):
+    """At the beginning, and after a gap in which nobody knows how far they went."""
+    t = np.arange(8000) * 1e-3
+    t = t[(t < 3.0) | (t > 6.0)]
+    phi = 0.1 * np.sin(6.0 * t + 1.0) + offset
+    q = start + speed * t
+    link, motor = on_a_circle(q), on_a_circle(q - phi)
+    motor[100] = np.nan
+    after = np.flatnonzero(np.abs(np.diff(motor)) > 3.0)[-1:] + 1
+    motor[after] = np.nan  # the jump itself is not seen
+    signals = bound('motor_position = "m"\nlink_position = "l"', recording(m=(t, motor), l=(t, link)))
+    found = signals.roles["link_position"] - signals.roles["motor_position"]
+    there = np.isfinite(found)
+    assert np.count_nonzero(~there) == len({100, *after})
+    wrong = (found - phi[: found.size])[there]
+    np.testing.assert_allclose(wrong, wrong[0], atol=1e-9)
+    assert abs(wrong[0] / (2 * np.pi) - round(wrong[0] / (2 * np.pi))) < 1e-9
+    assert -np.pi < found[0] <= np.pi
+
+
+def test_a_turn_of_the_rotor_is_no_turn_of_the_joint():
+    """A geared motor's encoder wraps fifty times a turn; a deflection of more than half a turn is then nobody's mistake."""
+    t = np.arange(8000) * 1e-3
+    theta = on_a_circle(t) / 50.0
+    signals = bound(
+        'motor_position = { channel = "m", side = "rotor" }\nlink_position = "l"',
+        recording(m=(t, on_a_circle(t)), l=(t, 4.0 + 0.01 * t)),
+    )
+    assert np.ptp(theta) < 0.13
+    np.testing.assert_allclose(signals.roles["motor_position"], t / 50.0, atol=1e-12)
+
+
 def test_clocks_that_never_meet_are_refused():
     with pytest.raises(BindingError, match="no time in common"):
         bound(TWO, recording(x=(T, T), y=(T + 100.0, T)))

@@ -14,6 +14,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from vsalog.encoders import TURN, on_the_same_turn, unwrapped
 from vsalog.errors import BindingError, UnitError
 from vsalog.grid import EVEN, Bound, after_long_silence, common_segments, grid_of, on_grid
 from vsalog.recording import Channel, Recording
@@ -143,7 +144,7 @@ def _bind_role(recording: Recording, run: Run, role: str, signal: Signal, joint:
     channel = recording.channel(signal.channel.replace("{run}", run.name))
     _check(recording, channel, role)
     factor = _factor(recording, channel, role, signal, joint)
-    recorded = _unwrapped(channel, signal, role)
+    recorded, wrapped = _unwrapped(channel, signal, role)
     # A long log's columns are not copied when there is nothing to change.
     values = recorded if factor == 1.0 else recorded * factor
     if signal.offset:
@@ -153,23 +154,17 @@ def _bind_role(recording: Recording, run: Run, role: str, signal: Signal, joint:
     if role == "setpoint" and isinstance(joint, SerialJoint) and joint.lever is not None and _is_angle(channel, signal):
         values = joint.lever.start - joint.lever.travel * values
     period = int(np.median(np.diff(channel.stamps)))
-    return Bound(channel.stamps, values, period, signal.resolution)
+    # A turn of the rotor is no turn of the joint.
+    wrapped = wrapped and (signal.side == "joint" or role == "link_position" or _motor(joint, role).gear_ratio == 1.0)
+    return Bound(channel.stamps, values, period, signal.resolution, wrapped=wrapped)
 
 
-def _unwrapped(channel: Channel, signal: Signal, role: str) -> Array:
-    """Return a position without the jumps of an encoder that begins anew after a turn."""
-    values, unit = channel.values, _unit(channel, signal) or "rad"
+def _unwrapped(channel: Channel, signal: Signal, role: str) -> tuple[Array, bool]:
+    """Return a position without the jumps of an encoder that begins anew after a turn, and whether there were any."""
+    unit = _unit(channel, signal) or "rad"
     if not role.startswith(("motor_position", "link_position")) or not _converts(unit, "rad"):
-        return values
-    turn = 2.0 * np.pi / si_factor(unit, "rad")
-    jumps = np.abs(np.diff(values)) > 0.9 * turn
-    # Only one who stays within a turn wraps; whoever has counted further jumps for another reason.
-    if not jumps.any() or np.nanmax(values) - np.nanmin(values) > 1.01 * turn:
-        return values
-    filled = np.isfinite(values)
-    out = values.copy()
-    out[filled] = np.unwrap(values[filled], period=turn)
-    return out
+        return channel.values, False
+    return unwrapped(channel.values, TURN / si_factor(unit, "rad"))
 
 
 def _check(recording: Recording, channel: Channel, role: str) -> None:
@@ -257,6 +252,8 @@ def _on_one_grid(recording: Recording, joint: str, bound: Mapping[str, Bound], r
     for role, b in bound.items():
         roles[role] = np.full(stamps.size, b.constant) if b.constant is not None else on_grid(b, stamps)
     starts |= after_long_silence(roles)
+    turned = on_the_same_turn(roles, starts, [role for role, b in moving.items() if b.wrapped])
+    roles |= turned
     return JointSignals(
         joint,
         period * 1e-9,
@@ -268,7 +265,10 @@ def _on_one_grid(recording: Recording, joint: str, bound: Mapping[str, Bound], r
         resolution={
             role: resolution_of(b.values) if b.resolution is None else b.resolution for role, b in moving.items()
         },
-        notes=_notes(joint, segments, moving),
+        notes=(
+            *_notes(joint, segments, moving),
+            *(f"joint '{joint}': {role} was on another turn than link_position and is turned to it" for role in turned),
+        ),
     )
 
 

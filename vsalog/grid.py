@@ -24,13 +24,14 @@ EVEN = 0.02
 
 @dataclass(frozen=True, slots=True)
 class Bound:
-    """One role of one run: its stamps and SI values, or a constant."""
+    """One role of one run: its stamps and SI values, or a constant; whether it is a position that began anew after a turn."""
 
     stamps: Stamps
     values: Array
     period: int
     resolution: float | None = None
     constant: float | None = None
+    wrapped: bool = False
 
 
 def common_segments(recording: Recording, joint: str, moving: Mapping[str, Bound]) -> list[tuple[int, int]]:
