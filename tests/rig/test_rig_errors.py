@@ -122,7 +122,7 @@ def test_messages(text, message):
         ("a b", "1", "'a b' is not the path of a key"),
         ("a\nb", "1", "is not the path of a key"),
         ("", "1", "is not the path of a key"),
-        ("joint.vsa2.run[0].setpoint", "3", "runs are counted from 0 and there are 0"),
+        ("joint.vsa2.run[0].setpoint", "3", "joint.vsa2.run are counted from 0 and there are 0"),
     ],
 )
 def test_settings_that_cannot_be(key, value, message):

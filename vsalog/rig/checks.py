@@ -4,12 +4,17 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
+from vsalog.errors import did_you_mean
 from vsalog.rig.decode import Path, refuse
 from vsalog.rig.schema import (
     AntagonisticJoint,
     AwasTransmission,
+    Chain,
     ElasticJoint,
+    Friction,
     Joint,
+    Motor,
+    PolynomialTransmission,
     RigFile,
     RigidJoint,
     Run,
@@ -17,6 +22,7 @@ from vsalog.rig.schema import (
     Signal,
     Transmission,
 )
+from vsalog.units import shown
 
 RUN = "{run}"
 
@@ -29,8 +35,12 @@ def check_rig(rig: RigFile) -> None:
     RigError
         With the path of the key.
     """
+    if rig.chain is not None:
+        _check_chain(rig, rig.chain)
     for name, joint in rig.joint.items():
         path = ("joint", name)
+        for key, friction in frictions(joint):
+            _check_friction(friction, (*path, *key, "friction"))
         _check_channels(joint, path)
         _check_transmissions(joint, path)
         if not isinstance(joint, RigidJoint):
@@ -55,6 +65,64 @@ def transmissions(joint: Joint) -> Iterator[tuple[str, Transmission]]:
         yield "transmission_2", joint.transmission_2
 
 
+def motors(joint: Joint) -> Iterator[tuple[str, Motor]]:
+    """Yield the keys of the joint's motors, and the motors."""
+    for key in ("motor", "motor_1", "motor_2", "secondary_motor"):
+        motor = getattr(joint, key, None)
+        if motor is not None:
+            yield key, motor
+
+
+def frictions(joint: Joint) -> Iterator[tuple[tuple[str, ...], Friction]]:
+    """Yield where the joint has friction, and the friction."""
+    for key, motor in motors(joint):
+        yield (key,), motor.friction
+    if joint.link is not None:
+        yield ("link",), joint.link.friction
+
+
+def _check_friction(friction: Friction, path: Path) -> None:
+    if friction.static is not None:
+        if friction.static < friction.coulomb:
+            refuse((*path, "static"), "the break-away level cannot be below 'coulomb'")
+        if friction.stribeck_velocity is None:
+            refuse(path, "'static' needs a 'stribeck_velocity', over which the level falls to 'coulomb'")
+    if friction.presliding_stiffness is None and friction.presliding_damping:
+        refuse((*path, "presliding_damping"), "does nothing without a 'presliding_stiffness'")
+    if friction.presliding_stiffness is not None and friction.breakaway == 0.0:
+        refuse((*path, "presliding_stiffness"), "does nothing without a level: give 'coulomb'")
+
+
+def _check_chain(rig: RigFile, chain: Chain) -> None:
+    path = ("chain",)
+    _three(chain.gravity, (*path, "gravity"))
+    names: list[str] = []
+    for i, link in enumerate(chain.link):
+        at = (*path, "link", f"[{i}]")
+        if link.joint not in rig.joint:
+            refuse((*at, "joint"), f"there is no joint '{shown(link.joint)}'{did_you_mean(link.joint, rig.joint)}")
+        if link.joint in names:
+            refuse((*at, "joint"), f"joint '{shown(link.joint)}' moves another link already")
+        _three(link.centre, (*at, "centre"))
+        _three(link.inertia, (*at, "inertia"))
+        if link.accelerometer is not None:
+            _three(link.accelerometer.position, (*at, "accelerometer", "position"))
+            _three(link.accelerometer.orientation, (*at, "accelerometer", "orientation"))
+        names.append(link.joint)
+    for i, coupling in enumerate(chain.coupling):
+        at = (*path, "coupling", f"[{i}]")
+        for key, name in (("link", coupling.link), ("motor", coupling.motor)):
+            if name not in names:
+                refuse((*at, key), f"'{shown(name)}' is not a joint of the chain{did_you_mean(name, names)}")
+        if names.index(coupling.link) >= names.index(coupling.motor):
+            refuse(at, "the motor's joint has to come after the link's: S is strictly upper triangular")
+
+
+def _three(numbers: tuple[float, ...], path: Path) -> None:
+    if len(numbers) != 3:
+        refuse(path, f"{len(numbers)} numbers are given where three are wanted")
+
+
 def _check_channels(joint: Joint, path: Path) -> None:
     taken: dict[str, str] = {}
     for role, channel in role_channels(joint):
@@ -67,10 +135,10 @@ def _check_channels(joint: Joint, path: Path) -> None:
 
 
 def _check_transmissions(joint: Joint, path: Path) -> None:
-    if isinstance(joint, SerialJoint):
-        return
     for key, transmission in transmissions(joint):
-        if isinstance(transmission, AwasTransmission):
+        if isinstance(transmission, PolynomialTransmission) and not transmission.coefficients:
+            refuse((*path, key, "coefficients"), "at least one coefficient is needed")
+        if isinstance(transmission, AwasTransmission) and not isinstance(joint, SerialJoint):
             refuse(
                 (*path, key, "type"),
                 'an "awas" transmission has a lever arm that a set-point moves; the joint needs kind = "serial"',

@@ -16,7 +16,8 @@ import msgspec
 from msgspec import inspect
 
 from vsalog.errors import RigError, UnitError, did_you_mean
-from vsalog.rig.schema import RigFile, role_units
+from vsalog.rig.roles import role_units
+from vsalog.rig.schema import RigFile
 from vsalog.units import matching, parse_quantity, shown, si_factor, split_quantity
 
 Path = tuple[str, ...]
@@ -190,13 +191,15 @@ def _signal_table(value: Table, kind: inspect.StructType, units: tuple[str, ...]
     if "unit" in value:
         _unit(value["unit"], units, (*path, "unit"))
     if "constant" in value:
-        idle = [key for key in ("side", "sign", "offset", "resolution") if key in value]
+        idle = [key for key in value if key not in ("constant", "unit")]
         if idle:
             refuse((*path, idle[0]), "does nothing beside a constant; write the constant as it is on the joint's side")
         plain.update(_constant(value, units, (*path, "constant")))
-    for key in ("offset", "resolution"):
+    for key in ("offset", "resolution", "noise"):
         if isinstance(value.get(key), str):
             plain[key] = _end_value(value[key], units, (*path, key))
+    if isinstance(value.get("drift"), str):
+        plain["drift"] = _end_value(value["drift"], tuple(f"{unit}/s" for unit in units), (*path, "drift"))
     return _struct(plain, kind, path)
 
 
@@ -244,7 +247,7 @@ def _end_value(text: str, units: tuple[str, ...], path: Path) -> float:
     try:
         _, unit = split_quantity(text)
         like = matching(unit, units)
-        if like == "A":
+        if like.startswith("A"):
             refuse(path, f"'{shown(unit)}' is a current; {_TORQUE_OF_CURRENT}")
         return parse_quantity(text, like)
     except UnitError as error:
@@ -294,7 +297,10 @@ def _si(value: Any, units: tuple[str, ...], path: Path) -> Any:
 
 def _list(value: Any, kind: inspect.VarTupleType, path: Path) -> list[Any]:
     if not isinstance(value, list):
-        refuse(path, f"a list of tables is wanted here: write [[{key_path(path)}]]")
+        tables = isinstance(kind.item_type, inspect.StructType)
+        refuse(
+            path, f"a list of {f'tables is wanted here: write [[{key_path(path)}]]' if tables else 'numbers is wanted'}"
+        )
     return [_value(item, kind.item_type, (*path, f"[{i}]")) for i, item in enumerate(value)]
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import tomllib
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -212,29 +213,44 @@ def _setting(text: str) -> Any:
 
 def _with_key(tables: Table, key: str, value: Any, where: str) -> Table:
     """Return the tables with the value put at the key's path."""
-    path = _split_key(key, where)
-    above: Any = value
-    # A run is an element of a list, which merging would replace as a whole.
-    if len(path) > 3 and path[0] == "joint" and path[2] == "run":
-        runs = _with_run(tables, path, value, where)
-        path, above = path[:3], runs
+    return _put(tables, _split_key(key, where), value, where)
+
+
+def _put(tables: Table, path: list[str], value: Any, where: str) -> Table:
+    for i, part in enumerate(path):
+        if part.isdigit() and not isinstance(rows := _at(tables, path[:i]), dict):
+            # Merging would replace a list as a whole: its other elements are taken along.
+            rows, row = rows or [], int(part)
+            if row >= len(rows):
+                counted = f"{key_path(tuple(path[:i]))} are counted from 0 and there are {len(rows)}"
+                raise RigError(f"{where}: {counted}: write …{path[i - 1]}[0]")
+            changed = _put(rows[row], path[i + 1 :], value, where) if i + 1 < len(path) else value
+            return merged(tables, _nested(path[:i], [*rows[:row], changed, *rows[row + 1 :]]))
+    return merged(tables, _nested(path, value))
+
+
+def _nested(path: list[str], value: Any) -> Any:
     for part in reversed(path):
-        above = {part: above}
-    return merged(tables, above)
+        value = {part: value}
+    return value
 
 
-def _with_run(tables: Table, path: list[str], value: Any, where: str) -> list[Any]:
-    runs = list(tables.get("joint", {}).get(path[1], {}).get("run", []))
-    index = path[3]
-    if not index.isdigit() or int(index) >= len(runs) or len(path) != 5:
-        raise RigError(f"{where}: runs are counted from 0 and there are {len(runs)}: write …run[0].setpoint")
-    runs[int(index)] = {**runs[int(index)], path[4]: value}
-    return runs
+def _at(tables: Any, path: list[str]) -> Any:
+    """Return what stands at a path, None where nothing does."""
+    for part in path:
+        if isinstance(tables, list) and part.isdigit() and int(part) < len(tables):
+            tables = tables[int(part)]
+        elif isinstance(tables, dict):
+            tables = tables.get(part)
+        else:
+            return None
+    return tables
 
 
 def _split_key(key: str, where: str) -> list[str]:
     """Split a dotted key as TOML does, quotes included; ``run[0]`` becomes ``run``, ``0``."""
-    dotted = key.replace("[", ".").replace("]", "") if "run[" in key else key
+    parts = key.split('"')
+    dotted = '"'.join(part if i % 2 else re.sub(r"\[(\d+)\]", r".\1", part) for i, part in enumerate(parts))
     try:
         node: Any = tomllib.loads(f"{dotted} = 0") if "\n" not in key and "=" not in key else None
     except (ValueError, RecursionError):

@@ -63,13 +63,13 @@ def structures() -> list[inspect.StructType]:
 
 
 def field_descriptions(cls: type) -> dict[str, str]:
-    """Return key → description as the "Attributes" of a structure's docstring give them."""
-    text = python_inspect.getdoc(cls) or ""
-    _, _, attributes = text.partition("Attributes\n----------\n")
+    """Return key → description as the "Attributes" of a structure's docstring, and of those it extends, give them."""
     found: dict[str, str] = {}
-    for names, words in re.findall(r"^(\w+(?:, \w+)*) : (.*(?:\n[ ]+.*)*)", attributes, re.MULTILINE):
-        for name in names.split(", "):
-            found[name] = " ".join(words.split())
+    for each in reversed(cls.__mro__):
+        _, _, attributes = python_inspect.cleandoc(each.__doc__ or "").partition("Attributes\n----------\n")
+        for names, words in re.findall(r"^(\w+(?:, \w+)*) : (.*(?:\n[ ]+.*)*)", attributes, re.MULTILINE):
+            for name in names.split(", "):
+                found[name] = " ".join(words.split())
     return found
 
 
@@ -118,6 +118,8 @@ def _number_or_text(schema: dict[str, Any]) -> dict[str, Any]:
 def _is_quantity(kind: inspect.Type) -> bool:
     if isinstance(kind, inspect.UnionType):
         return any(_is_quantity(option) for option in kind.types)
+    if isinstance(kind, inspect.VarTupleType):
+        return False
     return isinstance(kind, inspect.Metadata) and bool((kind.extra or {}).keys() & {"units", "role"})
 
 

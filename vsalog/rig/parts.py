@@ -1,0 +1,330 @@
+"""What a joint is made of: motor, transmission, link, and the effects each may have. Every effect is absent by default."""
+
+from __future__ import annotations
+
+from typing import Annotated, Literal
+
+from msgspec import Meta
+from msgspec.structs import replace
+
+from vsalog.rig.quantities import (
+    AddedCubicStiffness,
+    Angle,
+    AngleRange,
+    AngleWidth,
+    Base,
+    CubicStiffness,
+    Damping,
+    Duration,
+    Inertia,
+    Length,
+    LengthPerAngle,
+    LinearStiffness,
+    Mass,
+    Rate,
+    Ratio,
+    Share,
+    Signed,
+    Speed,
+    Stiffness,
+    TimeSpan,
+    Torque,
+    TorqueConstant,
+    TorqueLevel,
+)
+
+
+class Friction(Base, frozen=True):
+    """Dry friction, beside the viscous one of `damping`: level = coulomb + (static − coulomb) exp(−(v/v_s)²) + load |τ_e|.
+
+    Attributes
+    ----------
+    coulomb : level that opposes any motion [N·m]
+    static : break-away level, at least `coulomb` and equal to it when absent [N·m]; needs `stribeck_velocity`
+    stribeck_velocity : v_s, over which the level falls from `static` to `coulomb` [rad/s]
+    load : part of the transmitted torque's size that is added to the level
+    presliding_stiffness : σ₀ of the bristles that give way before sliding (LuGre; Dahl without `static` and
+        `presliding_damping`) [N·m/rad]; ideal stick and slip when absent
+    presliding_damping : σ₁ of the bristles [N·m·s/rad]
+    """
+
+    coulomb: TorqueLevel = 0.0
+    static: TorqueLevel | None = None
+    stribeck_velocity: Speed | None = None
+    load: Share = 0.0
+    presliding_stiffness: Stiffness | None = None
+    presliding_damping: Damping = 0.0
+
+    @property
+    def breakaway(self) -> float:
+        """Level at rest, load aside [N·m]."""
+        return self.coulomb if self.static is None else self.static
+
+    def geared(self, ratio: float) -> Friction:
+        """Return rotor-side friction as the joint feels it through a gear of that ratio."""
+        speed, stiffness = self.stribeck_velocity, self.presliding_stiffness
+        return replace(
+            self,
+            coulomb=self.coulomb * ratio,
+            static=None if self.static is None else self.static * ratio,
+            stribeck_velocity=None if speed is None else speed / ratio,
+            presliding_stiffness=None if stiffness is None else stiffness * ratio**2,
+            presliding_damping=self.presliding_damping * ratio**2,
+        )
+
+
+class Cogging(Base, frozen=True):
+    """A torque that repeats over the rotor's turn: torque · sin(order · θ_rotor + phase), acting along with the motor's torque.
+
+    Attributes
+    ----------
+    torque : amplitude [N·m]
+    order : periods per turn of the rotor
+    phase : at θ = 0 [rad]
+    """
+
+    torque: Torque
+    order: Ratio
+    phase: Angle = 0.0
+
+
+class Motor(Base, frozen=True):
+    """A motor and its gear (Flacco 2012 eq. 4). Everything is as the joint feels it unless `side` says otherwise.
+
+    The torque that acts is torque_gain · τ(t − torque_delay) + torque_offset + cogging − friction, where τ is what is recorded.
+
+    Attributes
+    ----------
+    inertia : B [kg·m²], needed by residual-rls in its RESIDUAL modality and by the simulation
+    damping : D_θ, viscous friction [N·m·s/rad]
+    gear_ratio : γ ≥ 1, rotor turns per joint turn
+    torque_constant : rotor torque per current [N·m/A]; needed when the motor torque is recorded as a current
+    side : ``joint`` when all values are as the joint feels them (B = B_m γ²), ``rotor`` when they are the rotor's own
+    friction : dry friction
+    cogging : torques that repeat over the rotor's turn, [[…motor.cogging]]
+    torque_gain : torque made per torque recorded
+    torque_offset : torque made when none is recorded [N·m]
+    torque_delay : how long after its recording a torque acts [s]
+    torque_step : least step of the commanded torque, a drive's resolution [N·m]; none when absent
+    """
+
+    inertia: Inertia | None = None
+    damping: Damping = 0.0
+    gear_ratio: Ratio = 1.0
+    torque_constant: TorqueConstant | None = None
+    side: Literal["joint", "rotor"] = "joint"
+    friction: Friction = Friction()
+    cogging: tuple[Cogging, ...] = ()
+    torque_gain: Ratio = 1.0
+    torque_offset: Torque = 0.0
+    torque_delay: TimeSpan = 0.0
+    torque_step: TorqueLevel = 0.0
+
+    @property
+    def reflected(self) -> Motor:
+        """The motor with all values as the joint feels them (Flacco 2012 §2.1: B = B_m γ²); itself if it is given so."""
+        if self.side == "joint":
+            return self
+        ratio = self.gear_ratio
+        return replace(
+            self,
+            side="joint",
+            inertia=None if self.inertia is None else self.inertia * ratio**2,
+            damping=self.damping * ratio**2,
+            friction=self.friction.geared(ratio),
+            cogging=tuple(replace(c, torque=c.torque * ratio) for c in self.cogging),
+            torque_offset=self.torque_offset * ratio,
+            torque_step=self.torque_step * ratio,
+        )
+
+    @property
+    def reflected_inertia(self) -> float | None:
+        """B [kg·m²] as the joint feels it."""
+        return self.reflected.inertia
+
+    @property
+    def reflected_damping(self) -> float:
+        """D_θ [N·m·s/rad] as the joint feels it."""
+        return self.reflected.damping
+
+
+class BoucWen(Base, frozen=True):
+    """Hysteresis with a smooth loop: τ_h = torque · z, ż = (φ̇ − shape |φ̇| |z|^(n−1) z + (shape − 1) φ̇ |z|^n) / width.
+
+    The normalised form of Ikhouane and Rodellar (2007): |z| ≤ 1, so `torque` is half the loop's height.
+
+    Attributes
+    ----------
+    torque : half the height of the loop [N·m]
+    width : deflection over which the loop changes sides [rad]
+    exponent : n, how sharply it does
+    shape : 1 gives the same way up and down; at least 0.5
+    """
+
+    torque: TorqueLevel
+    width: AngleRange
+    exponent: Annotated[float, Meta(description="n of the loop", ge=1.0)] = 1.0
+    shape: Annotated[float, Meta(description="shape of the loop", ge=0.5)] = 1.0
+
+
+class SlipElement(Base, frozen=True):
+    """A spring in series with dry friction; several in parallel make a loop of any shape (Maxwell slip).
+
+    Attributes
+    ----------
+    stiffness : of the spring [N·m/rad]
+    limit : torque at which it begins to slip [N·m]
+    """
+
+    stiffness: Stiffness
+    limit: TorqueLevel
+
+
+class TransmissionEffects(Base, frozen=True):
+    """What any transmission may have beside its spring. With u the deflection less the gap,
+
+    τ = (1 + drift t) (1 ± asymmetry) (τ_spring(u) + added_cubic u³) + damping u̇ + hysteresis(u), with + where u > 0.
+
+    Attributes
+    ----------
+    damping : of the transmission, D in De Luca 2007 eq. 1 [N·m·s/rad]
+    added_cubic : cubic stiffness that the spring has beside its nominal torque [N·m/rad³]
+    asymmetry : part by which the spring is stiffer at positive than at negative deflection, −1 to 1
+    backlash : whole width of the gap in which no torque is transmitted [rad]
+    drift : relative change of the spring's torque per second [1/s]
+    bouc_wen : hysteresis with a smooth loop
+    slip : hysteresis of springs that slip, [[…transmission.slip]]
+    """
+
+    damping: Damping = 0.0
+    added_cubic: AddedCubicStiffness = 0.0
+    asymmetry: Signed = 0.0
+    backlash: AngleWidth = 0.0
+    drift: Rate = 0.0
+    bouc_wen: BoucWen | None = None
+    slip: tuple[SlipElement, ...] = ()
+
+
+class LinearTransmission(TransmissionEffects, frozen=True, kw_only=True, tag="linear", tag_field="type"):
+    """τ_e = k φ: a series elastic joint. `stiffness` is k [N·m/rad]."""
+
+    stiffness: Stiffness
+
+
+class CubicTransmission(TransmissionEffects, frozen=True, kw_only=True, tag="cubic", tag_field="type"):
+    """τ_e = k₁ φ + k₃ φ³. `stiffness` is k₁ [N·m/rad], `cubic` is k₃ [N·m/rad³]."""
+
+    stiffness: Stiffness
+    cubic: CubicStiffness
+
+
+class PolynomialTransmission(TransmissionEffects, frozen=True, kw_only=True, tag="polynomial", tag_field="type"):
+    """τ_e = Σ c_i (φ/s)^i, i = 1, 2, …: any smooth spring, alike in both directions or not.
+
+    Attributes
+    ----------
+    coefficients : c₁, c₂, … [N·m]
+    scale : s, the deflection that the powers are taken of [rad]
+    """
+
+    coefficients: tuple[Torque, ...]
+    scale: AngleRange
+
+
+class ExponentialTransmission(TransmissionEffects, frozen=True, kw_only=True, tag="exponential", tag_field="type"):
+    """τ_e = k s sinh(φ/s): an exponential spring on either side. `stiffness` is k [N·m/rad] at rest, `scale` is s [rad]."""
+
+    stiffness: Stiffness
+    scale: AngleRange
+
+
+class Vsa2Transmission(TransmissionEffects, frozen=True, kw_only=True, tag="vsa2", tag_field="type"):
+    """The four-bar mechanism of the VSA-II (Flacco 2012 eq. 47–48).
+
+    `stiffness` is the spring's k [N·m/rad], `geometry` is C > 1; the mechanism's singularity is at C sin(φ/2) = 1.
+    """
+
+    stiffness: Stiffness
+    geometry: Annotated[float, Meta(description="geometric parameter C of the four-bar mechanism", gt=1.0)]
+
+
+class AwasTransmission(TransmissionEffects, frozen=True, kw_only=True, tag="awas", tag_field="type"):
+    """Springs on a lever arm r (Flacco 2012 eq. 49): τ_e = k_s r² sin 2φ. `spring_stiffness` is k_s [N/m]."""
+
+    spring_stiffness: LinearStiffness
+
+
+class UnknownTransmission(Base, frozen=True, tag="unknown", tag_field="type"):
+    """No nominal model is known: it is estimated all the same, only the MODEL modality is not available."""
+
+
+KnownTransmission = (
+    LinearTransmission
+    | CubicTransmission
+    | PolynomialTransmission
+    | ExponentialTransmission
+    | Vsa2Transmission
+    | AwasTransmission
+)
+Transmission = KnownTransmission | UnknownTransmission
+
+
+class Payload(Base, frozen=True):
+    """A point mass on the link, in line with its centre of mass: inertia m d², gravity torque m g d.
+
+    Attributes
+    ----------
+    mass : m [kg]
+    distance : d from the joint's axis [m]
+    """
+
+    mass: Mass
+    distance: Length
+
+
+class Contact(Base, frozen=True):
+    """A push from outside: a torque on the link that swells and fades, torque · sin²(π (t − start) / duration).
+
+    Attributes
+    ----------
+    start : [s]
+    duration : [s]
+    torque : at its height [N·m]
+    """
+
+    start: TimeSpan
+    duration: Duration
+    torque: Torque
+
+
+class Link(Base, frozen=True):
+    """The driven link (Flacco 2012 eq. 3), for the simulation; the estimators work on the motor side.
+
+    Attributes
+    ----------
+    inertia : M [kg·m²]
+    damping : D_q [N·m·s/rad]
+    gravity_torque : m g l [N·m], the torque that holds the link horizontal; 0 in a horizontal plane
+    gravity_angle : position q at which the link hangs [rad]
+    friction : dry friction
+    payload : a mass on the link
+    contact : pushes from outside, [[…link.contact]]
+    """
+
+    inertia: Inertia
+    damping: Damping = 0.0
+    gravity_torque: Torque = 0.0
+    gravity_angle: Angle = 0.0
+    friction: Friction = Friction()
+    payload: Payload | None = None
+    contact: tuple[Contact, ...] = ()
+
+
+class Lever(Base, frozen=True):
+    """How a secondary motor's angle sets the lever arm: r = start − travel θ_c (Flacco 2012 eq. 51).
+
+    Where a rig has a lever, a set-point recorded as an angle is converted to the length r.
+    """
+
+    start: Length
+    travel: LengthPerAngle

@@ -1,0 +1,68 @@
+"""The types of a rig's numbers: each knows its SI unit, what it is, and which values are possible.
+
+The SI unit stands in the type's metadata (``extra["unit"]``), from which the loader converts strings such as
+``"500 N·mm/rad"``, the JSON Schema is generated and `docs/rig.md` is checked.
+"""
+
+from __future__ import annotations
+
+from typing import Annotated
+
+from msgspec import Meta, Struct
+
+
+def _quantity(
+    unit: str, description: str, *, gt: float | None = None, ge: float | None = None, alternative: str | None = None
+) -> Meta:
+    """Describe a number in `unit`, or in `alternative` where a key may hold one of two things."""
+    units = (unit,) if alternative is None else (unit, alternative)
+    words, extra = f"{description} [{' or '.join(units)}]", {"unit": unit, "units": units}
+    # msgspec's stubs know only one bound at a time.
+    if gt is not None:
+        return Meta(description=words, gt=gt, extra=extra)
+    return Meta(description=words, extra=extra) if ge is None else Meta(description=words, ge=ge, extra=extra)
+
+
+# Fields of this type are numbers in the SI unit named here, or strings with any unit that converts to it.
+Acceleration = Annotated[float, _quantity("m/s^2", "acceleration")]
+Angle = Annotated[float, _quantity("rad", "angle")]
+AngleRange = Annotated[float, _quantity("rad", "angle", gt=0.0)]
+AngleWidth = Annotated[float, _quantity("rad", "angle", ge=0.0)]
+BodyInertia = Annotated[float, _quantity("kg*m^2", "moment of inertia about the centre of mass", ge=0.0)]
+Coordinate = Annotated[float, _quantity("m", "coordinate")]
+CoupledInertia = Annotated[float, _quantity("kg*m^2", "inertia that couples a motor to a link")]
+CubicStiffness = Annotated[float, _quantity("N*m/rad^3", "cubic stiffness", ge=0.0)]
+AddedCubicStiffness = Annotated[float, _quantity("N*m/rad^3", "cubic stiffness")]
+Damping = Annotated[float, _quantity("N*m*s/rad", "viscous friction coefficient", ge=0.0)]
+DeflectionScale = Annotated[float, _quantity("rad", "deflection the powers are taken of", gt=0.0)]
+Duration = Annotated[float, _quantity("s", "duration", gt=0.0)]
+Inertia = Annotated[float, _quantity("kg*m^2", "moment of inertia", gt=0.0)]
+Length = Annotated[float, _quantity("m", "length", gt=0.0)]
+LengthPerAngle = Annotated[float, _quantity("m/rad", "travel per angle")]
+LinearStiffness = Annotated[float, _quantity("N/m", "stiffness of a linear spring", gt=0.0)]
+Mass = Annotated[float, _quantity("kg", "mass", ge=0.0)]
+Rate = Annotated[float, _quantity("1/s", "relative change per second")]
+SetpointScale = Annotated[float, _quantity("rad", "set-point the powers are taken of", gt=0.0, alternative="m")]
+Speed = Annotated[float, _quantity("rad/s", "angular velocity", gt=0.0)]
+Stiffness = Annotated[float, _quantity("N*m/rad", "rotational stiffness", gt=0.0)]
+Time = Annotated[float, _quantity("s", "time")]
+TimeSpan = Annotated[float, _quantity("s", "time", ge=0.0)]
+Torque = Annotated[float, _quantity("N*m", "torque")]
+TorqueConstant = Annotated[float, _quantity("N*m/A", "rotor torque per current", gt=0.0)]
+TorqueLevel = Annotated[float, _quantity("N*m", "torque", ge=0.0)]
+
+# Numbers without a unit.
+Ratio = Annotated[float, Meta(description="a number without unit", gt=0.0)]
+Share = Annotated[float, Meta(description="a number without unit, zero or more", ge=0.0)]
+Fraction = Annotated[float, Meta(description="a share of the whole, 0 to 1", ge=0.0, le=1.0)]
+Signed = Annotated[float, Meta(description="a number without unit", ge=-1.0, le=1.0)]
+
+# Numbers whose unit depends on the role they are given for.
+RoleValue = Annotated[float, Meta(description="in the role's SI unit", extra={"role": True})]
+RoleStep = Annotated[float, Meta(description="in the role's SI unit", gt=0.0, extra={"role": True})]
+RoleSpread = Annotated[float, Meta(description="in the role's SI unit", ge=0.0, extra={"role": True})]
+RoleRate = Annotated[float, Meta(description="in the role's SI unit per second", extra={"role": True})]
+
+
+class Base(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True, omit_defaults=True):
+    """Unknown keys are refused, values never change, and defaults are not written out."""

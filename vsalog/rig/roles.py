@@ -1,0 +1,161 @@
+"""Where each role of a joint is found in a log, and what its sensor does to it."""
+
+from __future__ import annotations
+
+from typing import Literal
+
+from vsalog.rig.quantities import (
+    Angle,
+    AngleWidth,
+    Base,
+    Fraction,
+    Ratio,
+    RoleRate,
+    RoleSpread,
+    RoleStep,
+    RoleValue,
+    Time,
+    TimeSpan,
+)
+
+# What a role may be measured in, before torque constant and lever make a current a torque and an angle a lever arm.
+ROLE_UNITS: dict[str, tuple[str, ...]] = {
+    "motor_position": ("rad",),
+    "link_position": ("rad",),
+    "link_acceleration": ("rad/s^2",),
+    "deflection": ("rad",),
+    "motor_torque": ("N*m", "A"),
+    "torque_sensor": ("N*m",),
+    "external_torque": ("N*m",),
+    "setpoint": ("rad", "m"),
+    "secondary_torque": ("N*m", "A"),
+    "accelerometer_x": ("m/s^2",),
+    "accelerometer_y": ("m/s^2",),
+    "accelerometer_z": ("m/s^2",),
+}
+
+
+def role_units(role: str) -> tuple[str, ...]:
+    """Return the SI units of what a role may be measured in; ``motor_position_1`` is a ``motor_position``."""
+    return ROLE_UNITS[role.removesuffix("_1").removesuffix("_2")]
+
+
+class Eccentricity(Base, frozen=True):
+    """An encoder disc off its axis: amplitude · sin(x + phase) is added to the true angle x.
+
+    Attributes
+    ----------
+    amplitude : [rad]
+    phase : [rad]
+    """
+
+    amplitude: AngleWidth
+    phase: Angle = 0.0
+
+
+class Signal(Base, frozen=True):
+    """Where a role is found in the log, and how its numbers become SI on the joint's side.
+
+    With m = sign × (recorded, in SI, divided or multiplied by the gear ratio when `side` is rotor), what the sensor says is
+    m(t) = gain · x(t − delay) + offset + drift · t + eccentricity + noise, and x is what vsalog works with.
+
+    Attributes
+    ----------
+    channel : name as `vsalog inspect` prints it; ``{run}`` stands for the run's name
+    constant : a value instead of a channel (a set-point that does not move)
+    unit : of the channel; what the log itself says is used when this is absent, SI when neither says
+    side : ``rotor`` when it was measured before the gear: positions are divided, torques multiplied by the gear ratio
+    sign : −1 when the recording counts the other way round
+    offset : what the sensor says at zero, in SI; subtracted
+    gain : what the sensor makes of one; divided by
+    drift : change of the offset per second from the log's start, in SI
+    delay : how late the sensor is, or its clock fast [s]; a negative one is early
+    eccentricity : of an encoder's disc
+    resolution : least step of the sensor, in SI; taken from the data when absent; the simulation rounds to it
+    noise : standard deviation of gaussian noise, in SI; for the simulation
+    jitter : standard deviation of the stamps [s]; for the simulation
+    dropped : share of the samples that are missing; for the simulation
+    """
+
+    channel: str | None = None
+    constant: RoleValue | None = None
+    unit: str | None = None
+    side: Literal["joint", "rotor"] = "joint"
+    sign: Literal[1, -1] = 1
+    offset: RoleValue = 0.0
+    gain: Ratio = 1.0
+    drift: RoleRate = 0.0
+    delay: Time = 0.0
+    eccentricity: Eccentricity | None = None
+    resolution: RoleStep | None = None
+    noise: RoleSpread = 0.0
+    jitter: TimeSpan = 0.0
+    dropped: Fraction = 0.0
+
+
+# A role may be given in short, as a channel's name or as a number, or in full, as a table.
+SignalSpec = str | float | Signal
+
+
+class SingleSignals(Base, frozen=True):
+    """The roles of a joint with one transmission.
+
+    `external_torque` is a push on the link; `link_acceleration` is that of the joint, q̈; `accelerometer_x`, `accelerometer_y`
+    and `accelerometer_z` are the axes of an accelerometer on the link, mounted as the chain says.
+    """
+
+    motor_position: SignalSpec | None = None
+    motor_torque: SignalSpec | None = None
+    link_position: SignalSpec | None = None
+    link_acceleration: SignalSpec | None = None
+    deflection: SignalSpec | None = None
+    torque_sensor: SignalSpec | None = None
+    external_torque: SignalSpec | None = None
+    accelerometer_x: SignalSpec | None = None
+    accelerometer_y: SignalSpec | None = None
+    accelerometer_z: SignalSpec | None = None
+
+
+class SerialSignals(SingleSignals, frozen=True):
+    """The roles of a serial variable stiffness joint: those of one transmission and the set-point (θ_c, or lever arm r).
+
+    `secondary_torque` is that of the motor that moves the set-point.
+    """
+
+    setpoint: SignalSpec | None = None
+    secondary_torque: SignalSpec | None = None
+
+
+class AntagonisticSignals(Base, frozen=True):
+    """The roles of an antagonistic joint: one link, two motors, two transmissions.
+
+    `torque_sensor` is one sensor for the whole joint, `torque_sensor_1` and `torque_sensor_2` are one per transmission.
+    """
+
+    motor_position_1: SignalSpec | None = None
+    motor_position_2: SignalSpec | None = None
+    motor_torque_1: SignalSpec | None = None
+    motor_torque_2: SignalSpec | None = None
+    link_position: SignalSpec | None = None
+    link_acceleration: SignalSpec | None = None
+    deflection_1: SignalSpec | None = None
+    deflection_2: SignalSpec | None = None
+    torque_sensor: SignalSpec | None = None
+    torque_sensor_1: SignalSpec | None = None
+    torque_sensor_2: SignalSpec | None = None
+    external_torque: SignalSpec | None = None
+    accelerometer_x: SignalSpec | None = None
+    accelerometer_y: SignalSpec | None = None
+    accelerometer_z: SignalSpec | None = None
+
+
+class Run(Base, frozen=True):
+    """One stretch of data under a fixed set-point, when a log or a set of logs holds several.
+
+    `name` is what ``{run}`` in the signals' channels stands for (a group inside a file); `file` is a pattern that the
+    log's name must match for the run to apply.
+    """
+
+    name: str = ""
+    file: str = "*"
+    setpoint: str | float | None = None
