@@ -137,6 +137,28 @@ def test_a_ros2_bag_in_pieces_without_metadata(tmp_path):
     assert any("took 3 files" in note for note in recording.notes)
 
 
+def test_a_folder_of_several_logs_is_no_bag(tmp_path):
+    for name in ("walk.mcap", "run_0.mcap", "run_1.mcap"):
+        joints_mcap(tmp_path / name, 10)
+    with pytest.raises(ReadError, match=r"several logs.*run_0\.mcap, run_1\.mcap, walk\.mcap"):
+        read(tmp_path)
+
+
+@pytest.mark.parametrize("metadata", [True, False])
+def test_logs_beside_a_bag_are_named(tmp_path, metadata):
+    joints_mcap(tmp_path / "run_0.mcap", 10)
+    (tmp_path / "other.csv").write_text("time,a\n0,1\n1,2\n")
+    if metadata:
+        joints_mcap(tmp_path / "walk.mcap", 5)
+        names = "  relative_file_paths:\n    - run_0.mcap\n"
+        (tmp_path / "metadata.yaml").write_text(f"rosbag2_bagfile_information:\n{names}")
+    recording = read(tmp_path)
+    assert recording.streams["/joint_states"].count == 10
+    (note,) = (note for note in recording.notes if "left out" in note)
+    assert "other.csv" in note
+    assert ("walk.mcap" in note) is metadata
+
+
 def test_metadata_never_lead_out_of_the_folder(tmp_path):
     folder = tmp_path / "bag"
     folder.mkdir()

@@ -21,6 +21,7 @@ SQLITE_MAGIC = b"SQLite format 3\0"
 METADATA = "metadata.yaml"
 
 _LANGUAGES = {"ros2msg": "msg", "ros2idl": "idl"}
+_LOG_ENDINGS = (".bag", ".csv", ".tsv", ".parquet", ".mat", ".mcap", ".db3")
 _IDS_PER_FILE = 2**32
 _MAX_BAD_ROWS = 100_000
 
@@ -270,7 +271,16 @@ def _bag_files(folder: Path, notes: list[str]) -> list[Path]:
     candidates = _candidates(folder)
     metadata = folder / METADATA
     if not metadata.is_file():
-        notes.append(f"there is no {METADATA} (was the recording cut off?): took {plural(len(candidates), 'file')}")
+        if len({_bag_name(path) for path in candidates}) > 1:
+            raise ReadError(
+                f"{folder}: is a folder of several logs, no single bag (it has no {METADATA}): name one of"
+                f" {_listed(candidates)}"
+            )
+        notes.append(
+            f"there is no {METADATA} (was the recording cut off?): took {plural(len(candidates), 'file')},"
+            f" {_listed(candidates)}"
+        )
+        _note_others(folder, candidates, notes)
         return candidates
     listed = _listed_names(metadata.read_text("utf-8", "replace"))
     present = {path.name: path for path in folder.iterdir() if path.is_file()}
@@ -283,7 +293,29 @@ def _bag_files(folder: Path, notes: list[str]) -> list[Path]:
         notes.append(f"{plural(len(missing), 'file')} of the bag missing: {', '.join(missing[:5])}")
     if not chosen:
         raise ReadError(f"{folder}: has a {METADATA}, but no bag files; copy them beside it")
+    _note_others(folder, chosen, notes)
     return chosen
+
+
+def _bag_name(path: Path) -> str:
+    """Return what the files of one bag have in common: ``run`` of ``run_0.mcap`` and ``run_1.mcap.zstd``."""
+    return re.sub(r"_\d+$", "", path.name.partition(".")[0])
+
+
+def _note_others(folder: Path, chosen: list[Path], notes: list[str]) -> None:
+    """Say which files of the folder look like logs too, but are no part of the bag."""
+    others = [
+        path
+        for path in sorted(folder.iterdir())
+        if path not in chosen and path.is_file() and path.suffix in _LOG_ENDINGS
+    ]
+    if others:
+        notes.append(f"{folder.name} holds other logs, which were left out: {_listed(others)}")
+
+
+def _listed(paths: list[Path]) -> str:
+    more = f" and {len(paths) - 5} more" if len(paths) > 5 else ""
+    return ", ".join(path.name for path in paths[:5]) + more
 
 
 def _listed_names(text: str) -> list[str]:
