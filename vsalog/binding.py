@@ -171,6 +171,11 @@ def _check(recording: Recording, channel: Channel, role: str) -> None:
     where = f"{recording.path.name}: channel '{channel.name}' ({role})"
     stream = recording.streams.get(channel.stream)
     if stream is not None and stream.time_source == "none":
+        if stream.time_reason:
+            raise BindingError(
+                f"{where} has no time: {stream.time_reason}; put the rows in order, or say how fast they were sampled with"
+                " --rate HZ"
+            )
         raise BindingError(f"{where} has no time column; say how fast it was sampled with --rate HZ")
     if channel.values.size < 2:
         raise BindingError(f"{where} has {channel.values.size} samples; at least two are needed")

@@ -152,6 +152,37 @@ def test_no_time_column(refused, bench):
     assert "--rate" in refused("estimate", "log.csv", cwd=bench)
 
 
+def test_a_time_column_that_runs_backwards(refused, run, bench):
+    t = np.arange(3000) * 1e-3
+    table(bench / "log.csv", time=np.concatenate((t[:5], t[::-1][5:])))
+    lines = (bench / "log.csv").read_text().splitlines()
+    (bench / "log.csv").write_text("\n".join([*lines[:1], "# a remark", *lines[1:]]))
+    message = refused("estimate", "log.csv", cwd=bench)
+    assert "'time' runs backwards at line 9" in message  # header and remark, and five rows that are in order
+    assert "no time column" not in message
+    assert "'time' runs backwards at line 9" in run("inspect", "log.csv", cwd=bench).stdout
+    assert run("estimate", "log.csv", "--rate", "1000", cwd=bench).returncode == 0
+
+
+TEXTS = {
+    "prose": "A licence, that is\n1, a grant\nto all, who\nread 2, of it, and 3\nsay so, or\nnot, so\n" * 9,
+    "json": '{\n "a": 1,\n "b": "text, more",\n "c": [\n  "d", "e"\n ],\n "f": true, "g": 2\n}\n',
+}
+
+
+@pytest.mark.parametrize("name", TEXTS)
+def test_a_text_with_a_few_numbers_is_no_table(refused, tmp_path, name):
+    (tmp_path / "log").write_text(TEXTS[name])
+    for command in ("inspect", "estimate"):
+        assert "no table" in refused(command, "log", cwd=tmp_path)
+
+
+def test_the_metadata_of_a_bag_is_no_log(refused, tmp_path):
+    text = "rosbag2_bagfile_information:\n  version: 5\n  relative_file_paths:\n    - a_0.mcap\n  message_count: 3\n"
+    (tmp_path / "metadata.yaml").write_text(text)
+    assert "name the folder" in refused("estimate", "metadata.yaml", cwd=tmp_path)
+
+
 @pytest.mark.parametrize("value", ["nan", "inf", "-inf"])
 def test_stretches_without_numbers_are_left_out_and_said(run, bench, value):
     t = np.arange(3000) * 1e-3

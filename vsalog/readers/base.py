@@ -67,6 +67,8 @@ class Block:
         By channel name, NaN where a sample has no such value.
     units : mapping of str to str
         Units of the columns that state one.
+    timeless : str
+        Why there is no clock, where that is worth telling.
     """
 
     stream: str
@@ -74,6 +76,7 @@ class Block:
     clocks: Mapping[str, Stamps]
     columns: Mapping[str, Values]
     units: Mapping[str, str] = field(default_factory=dict)
+    timeless: str = ""
 
 
 class Reader(Protocol):

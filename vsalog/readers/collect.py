@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Collection
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
@@ -22,6 +22,7 @@ class _Gathered:
     clocks: dict[str, list[Stamps]] = field(default_factory=dict)
     columns: dict[str, dict[int, Values]] = field(default_factory=dict)
     units: dict[str, str] = field(default_factory=dict)
+    timeless: str = ""
 
     def add(self, block: Block) -> None:
         number = len(self.counts)
@@ -32,6 +33,7 @@ class _Gathered:
             self.columns.setdefault(name, {})[number] = values
         for name, unit in block.units.items():
             self.units.setdefault(name, unit)
+        self.timeless = block.timeless
 
     def joined_clocks(self) -> dict[str, Stamps]:
         """Return the clocks that every block has."""
@@ -95,6 +97,8 @@ def collect(path: Path, reader: Reader, wanted: Collection[str] | None, time: st
 def _stream(name: str, one: _Gathered, channels: dict[str, Channel], time: str) -> tuple[Stream, Stamps]:
     """Put a stream on its clock and in order; its channels go to `channels`."""
     clock = choose_clock(one.joined_clocks(), time)
+    if clock.source == "none":
+        clock = replace(clock, reason=one.timeless)
     columns = {column: one.take_column(column) for column in list(one.columns)}
     order = put_in_order(clock.stamps, list(columns.values()))
     stamps = clock.stamps if order.keep is None else clock.stamps[order.keep]
@@ -129,7 +133,7 @@ def _summary(name: str, kind: str, count: int, clock: Clock, order: Order) -> St
 def _remarks(stream: Stream) -> list[str]:
     """Return in words what is odd about a stream's time."""
     remarks = []
-    if stream.time_reason:
+    if stream.time_reason and stream.time_source != "none":
         advice = "" if stream.time_reason.startswith("it has no") else "; --time header insists on the stamps"
         remarks.append(f"{stream.name}: {stream.time_source} time is used, as {stream.time_reason}{advice}")
     if stream.inversions:

@@ -127,7 +127,9 @@ class ParquetReader:
         if not good.all():
             stamps = {kind: times[good] for kind, times in stamps.items()}
             values = {name: cells[good] for name, cells in values.items()}
-        return Block(self._stream(part), "parquet", stamps, values, units), int(np.count_nonzero(~good))
+        return Block(self._stream(part), "parquet", stamps, values, units, self._timeless()), int(
+            np.count_nonzero(~good)
+        )
 
     def _number_columns(self) -> list[int]:
         schema = self._file.schema_arrow
@@ -168,10 +170,16 @@ class ParquetReader:
     def _name(self, i: int, part: str | None) -> str:
         return self._names[i] if part is None else f"{self._names[i]}[{part}]"
 
+    def _timeless(self) -> str:
+        if self._plan.backwards is None:
+            return ""
+        column, row = self._plan.backwards
+        return f"its time column '{self._names[column]}' runs backwards at row {row + 1}"
+
     def _note_clock(self) -> None:
         self.notes += [note for note in self._plan.notes if note not in self.notes]
         if not self._plan.clocks and self.rate is None:
-            self.notes.append(ROW_NOTE)
+            self.notes.append(ROW_NOTE if self._plan.backwards is None else f"{self._timeless()}, so there is no time")
         elif self._plan.clocks and self.rate is not None:
             self.notes.append("the table has a time column: the sample rate that was given is not used")
 

@@ -27,6 +27,8 @@ _FOREIGN = (
     (b"\x7fELF", "is a program"),
     (b"BZh", "is compressed with bzip2; unpack it first"),
     (b"\xfd7zXZ\0", "is compressed with xz; unpack it first"),
+    (b"rosbag2_bagfile_information:", "describes a ROS 2 bag, but holds no data; name the folder it is in"),
+    (b"<?xml", "is an XML document"),
 )
 _BOMS = (b"\xff\xfe", b"\xfe\xff", b"\xef\xbb\xbf")
 

@@ -58,11 +58,12 @@ class TableReader:
         self._gzip = False
         self._dialect = self._detect()
         self._sample = _sample_columns(self._dialect)
-        if all(_is_text(column) for column in self._sample):
-            raise ReadError(f"{path}: holds text, but no table: none of its columns holds numbers")
         self._plan = find_clocks(self._dialect.names, self._dialect.units, self._sample)
         self._counts: dict[str, _Cells] = {}
         clocks = self._plan.columns()
+        numbers = [_numbers_and_words(column) for column in self._sample]
+        if not any(good and (clocks or good > words) for good, words in numbers):
+            raise ReadError(f"{path}: holds text, but no table: none of its columns holds numbers")
         self._channels = [i for i in range(len(self._dialect.names)) if i not in clocks]
         groups = group_by_blanks(self._sample, self._channels) if clocks else [self._channels]
         self._streams = {i: self._stream_name(k, group) for k, group in enumerate(groups) for i in group}
@@ -117,7 +118,7 @@ class TableReader:
                 cells = {name: column[filled] for name, column in cells.items()}
                 times = {kind: time[filled] for kind, time in stamps.items()}
             stated = {names[i]: unit for i in own if (unit := units[i]) is not None}
-            yield Block(stream, "csv", times, cells, stated)
+            yield Block(stream, "csv", times, cells, stated, self._timeless())
 
     def _stream_name(self, number: int, group: list[int]) -> str:
         return self.path.stem if number == 0 else f"{self.path.stem} ({self._dialect.names[group[0]]} …)"
@@ -200,6 +201,13 @@ class TableReader:
             batch = batch.set_column(at, name, pc.replace_substring(batch.column(at), ",", "."))
         return batch
 
+    def _timeless(self) -> str:
+        if self._plan.backwards is None:
+            return ""
+        column, row = self._plan.backwards
+        where = f"line {self._dialect.lines[row]}"
+        return f"its time column '{printable_cell(self._dialect.names[column])}' runs backwards at {where}"
+
     def _note_dialect(self) -> None:
         self.notes += [note for note in (*self._dialect.notes, *self._plan.notes) if note not in self.notes]
         if self._dialect.decimal_comma and self._dialect.separator == ",":
@@ -213,7 +221,7 @@ class TableReader:
             )
         if self._plan.clocks or self.rate is not None:
             return
-        self.notes.append(ROW_NOTE)
+        self.notes.append(ROW_NOTE if self._plan.backwards is None else f"{self._timeless()}, so there is no time")
         for name, cells in zip(self._dialect.names, self._sample, strict=True):
             if looks_like_clock(_Cells().convert(cells)):
                 self.notes.append(f"column '{name}' rises evenly: if it is the time, call it 'time [s]' in the header")
@@ -318,10 +326,11 @@ def _read_head(source: IO[bytes]) -> bytes:
     return b"".join(parts)
 
 
-def _is_text(column: pa.Array) -> bool:
+def _numbers_and_words(column: pa.Array) -> tuple[int, int]:
+    """Count the cells that hold a number and those that hold something else: prose has numbers too, between words."""
     cells = _Cells()
     cells.convert(column)
-    return bool(cells.text)
+    return cells.good, cells.bad
 
 
 def _sample_columns(dialect: Dialect) -> list[pa.Array]:

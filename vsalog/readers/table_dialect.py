@@ -42,6 +42,8 @@ class Dialect:
         Of the columns; units None where the header states none.
     rows : tuple of tuple of str
         The first rows.
+    lines : tuple of int
+        The lines they stand in, counted from 1.
     notes : tuple of str
         What is worth telling.
     """
@@ -53,6 +55,7 @@ class Dialect:
     names: tuple[str, ...]
     units: tuple[str | None, ...]
     rows: tuple[tuple[str, ...], ...]
+    lines: tuple[int, ...]
     notes: tuple[str, ...]
 
 
@@ -189,6 +192,7 @@ def _with_header(
         names=tuple(unique_names([name for name, _ in pairs])),
         units=tuple(unit or own for (_, unit), own in zip(pairs, units, strict=True)),
         rows=tuple(tuple(row) for row in rest if len(row) == width),
+        lines=tuple(i + 1 for i, row in table[len(table) - len(rest) :] if len(row) == width),
         notes=tuple(notes),
     )
 

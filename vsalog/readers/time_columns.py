@@ -57,10 +57,21 @@ class ClockColumn:
 
 @dataclass(frozen=True, slots=True)
 class ClockPlan:
-    """The clocks of a table by kind, and what to tell about the choice."""
+    """The clocks of a table by kind, and what to tell about the choice.
+
+    Attributes
+    ----------
+    clocks : dict of str to ClockColumn
+        By kind; none where no column is a clock.
+    notes : tuple of str
+        What to tell.
+    backwards : tuple of int, or None
+        Where there is no clock: the column that is called one but runs backwards, and the row at which it does.
+    """
 
     clocks: dict[str, ClockColumn] = field(default_factory=dict)
     notes: tuple[str, ...] = ()
+    backwards: tuple[int, int] | None = None
 
     def columns(self) -> set[int]:
         """Return the columns that are clocks, not channels."""
@@ -86,8 +97,11 @@ def find_clocks(names: Sequence[str], units: Sequence[str | None], sample: Seque
         if form is not None:
             clocks.append((rank, _with_date(ClockColumn((i,), form), names, sample)))
             notes.append(note)
+    if not clocks and pair:
+        return ClockPlan({"column": pair})
     if not clocks:
-        return ClockPlan({"column": pair}) if pair else ClockPlan()
+        falls = ((i, row) for _, i in ranked if (row := _backwards(sample[i])) is not None)
+        return ClockPlan(backwards=next(falls, None))
     log = next((c for _, c in clocks if names[c.columns[0]] == "%time"), None)
     if log is not None and clocks[0][0] == 0:  # an export of rostopic: the header's stamp, and when it was received
         return ClockPlan({"header": clocks[0][1], "log": log})
@@ -174,6 +188,14 @@ def _rising(values: NDArray[np.float64]) -> bool:
     steps = np.diff(values)
     grows = values[-1] > values[0] or values[0] > _EPOCH[0]  # nanoseconds of today are too large to differ as floats
     return bool(np.count_nonzero(steps >= 0) >= 0.9 * len(steps) and grows)
+
+
+def _backwards(sample: pa.Array) -> int | None:
+    """Return the first row that is less than the one before."""
+    values = _floats(sample)
+    rows = np.flatnonzero(np.isfinite(values))
+    falls = np.flatnonzero(np.diff(values[rows]) < 0)
+    return int(rows[falls[0] + 1]) if falls.size else None
 
 
 def _guessed_unit(name: str, values: NDArray[np.float64]) -> tuple[str, str]:

@@ -92,7 +92,8 @@ def _headed(name: str, style: str, facts: str) -> Text:
 def _trouble(stream: StreamReport) -> Iterator[Text]:
     """Yield what was wrong with the stream's stamps."""
     if stream.time_reason:
-        yield Text(f"  {stream.time_source} time is used: {clean(stream.time_reason)}", style="yellow")
+        source = "no" if stream.time_source == "none" else stream.time_source
+        yield Text(f"  {source} time is used: {clean(stream.time_reason)}", style="yellow")
     found = (
         (stream.inversions, "out of order"),
         (stream.duplicates, "dropped as exact copies"),
