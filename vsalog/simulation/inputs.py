@@ -1,8 +1,9 @@
-"""Motor torques over time: functions of time, or samples that are held."""
+"""What drives a joint over time: torques as functions or held samples, position servos, prescribed motions."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -13,6 +14,40 @@ Array = NDArray[np.float64]
 
 # A continuous function of an array of times [s], or one value per sample that is held until the next, as a motor drive does.
 TorqueInput = Callable[[Array], ArrayLike] | ArrayLike
+
+
+@dataclass(frozen=True, slots=True)
+class Servo:
+    """A sampled proportional-derivative position loop on a motor: τ = clip(K_p (θ_d − θ) + K_d (θ̇_d − θ̇), ±limit).
+
+    Attributes
+    ----------
+    reference : θ_d, a function of an array of times [s], one value per sample, or a constant [rad], on the joint's side
+    stiffness : K_p [N·m/rad]
+    damping : K_d [N·m·s/rad]
+    limit : the largest torque the loop asks for [N·m]
+    """
+
+    reference: TorqueInput
+    stiffness: float
+    damping: float
+    limit: float = float("inf")
+
+
+@dataclass(frozen=True, slots=True)
+class Motion:
+    """A motor that moves as prescribed, whatever torque it takes.
+
+    Attributes
+    ----------
+    position : θ, a function of an array of times [s], one value per sample, or a constant [rad], on the joint's side
+    """
+
+    position: TorqueInput
+
+
+# What a motor's role may be given; the link's external torque and a valve take a torque's form only.
+Input = TorqueInput | Servo | Motion
 
 
 def sine(amplitude: float, frequency: float, phase: float = 0.0) -> Callable[[Array], Array]:
