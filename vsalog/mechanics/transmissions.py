@@ -1,18 +1,25 @@
 """Flexible transmissions: energy U(φ), flexibility torque τ_e = ∂U/∂φ and stiffness σ = ∂τ_e/∂φ, in SI.
 
-The functions dispatch on the structures of `vsalog.rig.schema`. NaN goes in and comes out as NaN.
+The functions dispatch on the structures of `vsalog.rig.schema`. NaN goes in and comes out as NaN. What the rig says of a
+spring beside its nominal torque (added cubic, asymmetry, backlash, drift) is honoured; damping and hysteresis depend on more
+than the deflection and belong to the simulation.
 """
 
 from __future__ import annotations
 
 import numpy as np
+from msgspec.structs import replace
 from numpy.typing import ArrayLike, NDArray
 
 from vsalog.errors import RigError
+from vsalog.mechanics import _atoms
 from vsalog.rig.schema import (
     AwasTransmission,
     CubicTransmission,
+    ExponentialTransmission,
+    KnownTransmission,
     LinearTransmission,
+    PolynomialTransmission,
     Transmission,
     UnknownTransmission,
     Vsa2Transmission,
@@ -21,7 +28,9 @@ from vsalog.rig.schema import (
 Array = NDArray[np.float64]
 
 
-def flexibility_torque(transmission: Transmission, phi: ArrayLike, setpoint: ArrayLike | None = None) -> Array:
+def flexibility_torque(
+    transmission: Transmission, phi: ArrayLike, setpoint: ArrayLike | None = None, time: ArrayLike = 0.0
+) -> Array:
     """Return the flexibility torque τ_e [N·m].
 
     Parameters
@@ -29,72 +38,43 @@ def flexibility_torque(transmission: Transmission, phi: ArrayLike, setpoint: Arr
     transmission : of the rig
     phi : deflection q − θ [rad], any shape
     setpoint : lever arm r [m], broadcast against `phi`; only a transmission with a set-point (AwAS) takes it
+    time : from the start [s], broadcast against `phi`; matters where the rig has a drift
 
     Returns
     -------
-    shape of `phi` and `setpoint` broadcast; NaN where a VSA-II is at or beyond its singularity C sin(φ/2) = 1
+    shape of `phi`, `setpoint` and `time` broadcast; NaN where a VSA-II is at or beyond its singularity C sin(φ/2) = 1
 
     Raises
     ------
     RigError
         The transmission has no nominal model, or its set-point is missing.
     """
-    x = np.asarray(phi, dtype=np.float64)
-    match transmission:
-        case LinearTransmission(stiffness=k):
-            return np.asarray(k * x)
-        case CubicTransmission(stiffness=k1, cubic=k3):
-            return np.asarray((k1 + k3 * x**2) * x)
-        case Vsa2Transmission(stiffness=k, geometry=c):
-            beta, slope, _ = _four_bar(x, c)
-            return 2.0 * k * beta * slope
-        case AwasTransmission(spring_stiffness=k):
-            return np.asarray(k * _lever_arm(setpoint) ** 2 * np.sin(2.0 * x))
-        case UnknownTransmission():
-            raise _no_model("flexibility torque")
+    return _evaluated(transmission, phi, setpoint, time, "flexibility torque")[1]
 
 
-def stiffness(transmission: Transmission, phi: ArrayLike, setpoint: ArrayLike | None = None) -> Array:
-    """Return the stiffness σ = ∂τ_e/∂φ [N·m/rad] (Flacco 2012 eq. 5, 11, 13).
+def stiffness(
+    transmission: Transmission, phi: ArrayLike, setpoint: ArrayLike | None = None, time: ArrayLike = 0.0
+) -> Array:
+    """Return the stiffness σ = ∂τ_e/∂φ [N·m/rad] (Flacco 2012 eq. 5, 11, 13); 0 inside a gap.
 
     Parameters and errors are those of `flexibility_torque`.
     """
-    x = np.asarray(phi, dtype=np.float64)
-    match transmission:
-        case LinearTransmission(stiffness=k):
-            return np.full(x.shape, k)
-        case CubicTransmission(stiffness=k1, cubic=k3):
-            return np.asarray(k1 + 3.0 * k3 * x**2)
-        case Vsa2Transmission(stiffness=k, geometry=c):
-            beta, slope, curvature = _four_bar(x, c)
-            return 2.0 * k * (slope**2 + beta * curvature)
-        case AwasTransmission(spring_stiffness=k):
-            return np.asarray(2.0 * k * _lever_arm(setpoint) ** 2 * np.cos(2.0 * x))
-        case UnknownTransmission():
-            raise _no_model("stiffness")
+    return _evaluated(transmission, phi, setpoint, time, "stiffness")[2]
 
 
-def elastic_energy(transmission: Transmission, phi: ArrayLike, setpoint: ArrayLike | None = None) -> Array:
+def elastic_energy(
+    transmission: Transmission, phi: ArrayLike, setpoint: ArrayLike | None = None, time: ArrayLike = 0.0
+) -> Array:
     """Return the elastic energy U [J], zero in the undeformed transmission.
 
     Parameters and errors are those of `flexibility_torque`.
     """
-    x = np.asarray(phi, dtype=np.float64)
-    match transmission:
-        case LinearTransmission(stiffness=k):
-            return np.asarray(0.5 * k * x**2)
-        case CubicTransmission(stiffness=k1, cubic=k3):
-            return np.asarray((0.5 * k1 + 0.25 * k3 * x**2) * x**2)
-        case Vsa2Transmission(stiffness=k, geometry=c):
-            beta, _, _ = _four_bar(x, c)
-            return k * beta**2
-        case AwasTransmission(spring_stiffness=k):
-            return np.asarray(k * _lever_arm(setpoint) ** 2 * np.sin(x) ** 2)
-        case UnknownTransmission():
-            raise _no_model("elastic energy")
+    return _evaluated(transmission, phi, setpoint, time, "elastic energy")[0]
 
 
-def reaction_torque(transmission: AwasTransmission, phi: ArrayLike, setpoint: ArrayLike, travel: float) -> Array:
+def reaction_torque(
+    transmission: AwasTransmission, phi: ArrayLike, setpoint: ArrayLike, travel: float, time: ArrayLike = 0.0
+) -> Array:
     """Return ψ_e = ∂U/∂θ_c [N·m], what an AwAS' springs do to its secondary motor (Flacco 2012 eq. 52).
 
     Parameters
@@ -103,37 +83,53 @@ def reaction_torque(transmission: AwasTransmission, phi: ArrayLike, setpoint: Ar
     phi : deflection [rad]
     setpoint : lever arm r = r₀ − b θ_c [m]
     travel : b [m/rad]
+    time : from the start [s]
     """
+    # U is proportional to r², but for the added cubic, which has no lever.
+    plain = _without_added(transmission)
     r = np.asarray(setpoint, dtype=np.float64)
-    return np.asarray(-2.0 * transmission.spring_stiffness * travel * r * np.sin(phi) ** 2)
+    return np.asarray(-2.0 * travel / r * elastic_energy(plain, phi, r, time))
 
 
-def _four_bar(phi: Array, c: float) -> tuple[Array, Array, Array]:
-    """Return β, ∂β/∂φ and ∂²β/∂φ² of the VSA-II's mechanism (Flacco 2012 eq. 48), else NaN.
+def coded(transmission: KnownTransmission) -> Array:
+    """Return the row of numbers that the compiled functions work with."""
+    own: tuple[float, ...]
+    match transmission:
+        case LinearTransmission(stiffness=k):
+            code, own = _atoms.LINEAR, (k, 0.0)
+        case CubicTransmission(stiffness=k1, cubic=k3):
+            code, own = _atoms.CUBIC, (k1, k3)
+        case PolynomialTransmission(coefficients=c, scale=s):
+            code, own = _atoms.POLYNOMIAL, (s, *c)
+        case ExponentialTransmission(stiffness=k, scale=s):
+            code, own = _atoms.EXPONENTIAL, (k, s)
+        case Vsa2Transmission(stiffness=k, geometry=c):
+            code, own = _atoms.VSA2, (k, c)
+        case AwasTransmission(spring_stiffness=k):
+            code, own = _atoms.AWAS, (k, 0.0)
+    t, loop = transmission, transmission.bouc_wen
+    effects = (t.added_cubic, t.asymmetry, 0.5 * t.backlash, t.drift, t.damping)
+    shape = (0.0, 1.0, 1.0, 1.0) if loop is None else (loop.torque, loop.width, loop.exponent, loop.shape)
+    return np.array([float(code), *effects, *shape, *own])
 
-    With s = sin(φ/2) and D = 1 − C²s²:  β = asin(C s) − φ/2,  β′ = C cos(φ/2) / (2√D) − 1/2,
-    β″ = C (C² − 1) s / (4 D^{3/2}), since C²cos²(φ/2) − D = C² − 1.
-    """
-    half = 0.5 * phi
-    s = np.sin(half)
-    # |φ| ≥ π is beyond the singularity too, though the sine comes back below 1/C there.
-    reachable = (np.abs(c * s) < 1.0) & (np.abs(phi) < np.pi)
-    s = np.where(reachable, s, np.nan)
-    d = 1.0 - (c * s) ** 2
-    beta = np.arcsin(c * s) - half
-    slope = 0.5 * (c * np.cos(half) / np.sqrt(d) - 1.0)
-    curvature = 0.25 * c * (c**2 - 1.0) * s / d**1.5
-    return beta, slope, curvature
 
-
-def _lever_arm(setpoint: ArrayLike | None) -> Array:
-    if setpoint is None:
+def _evaluated(
+    transmission: Transmission, phi: ArrayLike, setpoint: ArrayLike | None, time: ArrayLike, what: str
+) -> tuple[Array, Array, Array]:
+    if isinstance(transmission, UnknownTransmission):
+        raise RigError(
+            f"the transmission's type is 'unknown', so its nominal {what} cannot be computed;"
+            " give a type (linear, cubic, polynomial, exponential, vsa2, awas) and its parameters in the rig"
+        )
+    if isinstance(transmission, AwasTransmission) and setpoint is None:
         raise RigError("an 'awas' transmission needs the lever arm r [m] as its set-point")
-    return np.asarray(setpoint, dtype=np.float64)
+    arm = setpoint if setpoint is not None and isinstance(transmission, AwasTransmission) else 0.0
+    x, r, t = np.broadcast_arrays(*(np.asarray(v, dtype=np.float64) for v in (phi, arm, time)))
+    out = np.empty((3, x.size))
+    _atoms.springs(coded(transmission), x.ravel(), r.ravel(), t.ravel(), out)
+    energy, torque, stiff = out.reshape((3, *x.shape))
+    return energy, torque, stiff
 
 
-def _no_model(what: str) -> RigError:
-    return RigError(
-        f"the transmission's type is 'unknown', so its nominal {what} cannot be computed;"
-        " give a type (linear, cubic, vsa2, awas) and its parameters in the rig"
-    )
+def _without_added(transmission: AwasTransmission) -> AwasTransmission:
+    return replace(transmission, added_cubic=0.0) if transmission.added_cubic else transmission

@@ -1,0 +1,144 @@
+"""Compiled atoms of the physics, on plain numbers: springs, dry friction, hysteresis.
+
+The rest of `mechanics` and the simulation call them. A transmission is a row of numbers, laid out by `transmissions.coded`.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+
+LINEAR, CUBIC, POLYNOMIAL, EXPONENTIAL, VSA2, AWAS = range(6)
+
+# What stands where in a transmission's row; its spring's own parameters come last, as many as it has.
+CODE, ADDED_CUBIC, ASYMMETRY, HALF_GAP, DRIFT, DAMPING = range(6)
+LOOP_TORQUE, LOOP_WIDTH, LOOP_EXPONENT, LOOP_SHAPE, SPRING = range(6, 11)
+
+# What stands where in a row that describes friction.
+VISCOUS, COULOMB, STATIC, STRIBECK, LOAD, BRISTLE, BRISTLE_DAMPING = range(7)
+
+
+@njit(error_model="numpy")
+def four_bar(phi: float, c: float) -> tuple[float, float, float]:
+    """Return β, ∂β/∂φ and ∂²β/∂φ² of the VSA-II's mechanism (Flacco 2012 eq. 48), NaN from its singularity on.
+
+    With s = sin(φ/2) and D = 1 − C²s²:  β = asin(C s) − φ/2,  β′ = C cos(φ/2) / (2√D) − 1/2,
+    β″ = C (C² − 1) s / (4 D^{3/2}), since C²cos²(φ/2) − D = C² − 1.
+    """
+    half = 0.5 * phi
+    s = np.sin(half)
+    # |φ| ≥ π is beyond the singularity too, though the sine comes back below 1/C there.
+    if not (abs(c * s) < 1.0 and abs(phi) < np.pi):
+        return np.nan, np.nan, np.nan
+    d = 1.0 - (c * s) ** 2
+    root = np.sqrt(d)
+    return (
+        np.arcsin(c * s) - half,
+        0.5 * (c * np.cos(half) / root - 1.0),
+        0.25 * c * (c * c - 1.0) * s / (d * root),
+    )
+
+
+@njit(error_model="numpy")
+def nominal_spring(row: Array, u: float, arm: float) -> tuple[float, float, float]:
+    """Return energy U [J], torque ∂U/∂u [N·m] and stiffness ∂²U/∂u² [N·m/rad] of the bare spring at deflection `u`."""
+    code = int(row[CODE])
+    p, s = row[SPRING], row[SPRING + 1]
+    if code == LINEAR:
+        return 0.5 * p * u * u, p * u, p
+    if code == CUBIC:
+        return (0.5 * p + 0.25 * s * u * u) * u * u, (p + s * u * u) * u, p + 3.0 * s * u * u
+    if code == VSA2:
+        beta, slope, curvature = four_bar(u, s)
+        return p * beta * beta, 2.0 * p * beta * slope, 2.0 * p * (slope * slope + beta * curvature)
+    if code == AWAS:
+        k = p * arm * arm
+        sine = np.sin(u)
+        return k * sine * sine, k * np.sin(2.0 * u), 2.0 * k * np.cos(2.0 * u)
+    if code == EXPONENTIAL:
+        x = u / s
+        return p * s * s * (np.cosh(x) - 1.0), p * s * np.sinh(x), p * np.cosh(x)
+    # The polynomial's scale comes first, then its coefficients c₁, c₂, …
+    x = u / p
+    energy, torque, stiffness, power = 0.0, 0.0, 0.0, 1.0
+    for i in range(SPRING + 1, row.shape[0]):
+        order, c = i - SPRING, row[i]
+        stiffness += c * order * power / p
+        power *= x
+        torque += c * power
+        energy += c * power * u / (order + 1)
+    return energy, torque, stiffness
+
+
+@njit(error_model="numpy")
+def spring(row: Array, u: float, side: float, arm: float, t: float) -> tuple[float, float, float]:
+    """Return energy, torque and stiffness with the added cubic, the asymmetry and the drift.
+
+    Parameters
+    ----------
+    row : of the transmission
+    u : deflection less the gap [rad]
+    side : +1 or −1, whose half of an asymmetric spring is meant
+    arm : lever arm [m]
+    t : time from the start [s]
+    """
+    energy, torque, stiffness = nominal_spring(row, u, arm)
+    cubic, factor = row[ADDED_CUBIC], (1.0 + row[DRIFT] * t) * (1.0 + side * row[ASYMMETRY])
+    squared = u * u
+    return (
+        factor * (energy + 0.25 * cubic * squared * squared),
+        factor * (torque + cubic * squared * u),
+        factor * (stiffness + 3.0 * cubic * squared),
+    )
+
+
+@njit(error_model="numpy")
+def beyond_gap(phi: float, half_gap: float) -> tuple[float, float]:
+    """Return the deflection less the gap, and the side: +1, −1, 0 inside the gap."""
+    if half_gap <= 0.0:
+        return phi, 1.0 if phi >= 0.0 else -1.0
+    if phi > half_gap:
+        return phi - half_gap, 1.0
+    if phi < -half_gap:
+        return phi + half_gap, -1.0
+    return (np.nan if np.isnan(phi) else 0.0), 0.0
+
+
+@njit(error_model="numpy")
+def friction_level(row: Array, v: float, load: float) -> float:
+    """Return the level of dry friction at velocity `v` [rad/s] under the transmitted torque `load` [N·m]."""
+    level: float = row[COULOMB] + row[LOAD] * abs(load)
+    if row[STATIC] > row[COULOMB]:
+        ratio = v / row[STRIBECK]
+        level += (row[STATIC] - row[COULOMB]) * np.exp(-ratio * ratio)
+    return level
+
+
+@njit(error_model="numpy")
+def bristle_rate(row: Array, z: float, v: float, speed: float, level: float) -> float:
+    """Return ż of the LuGre model: v − σ₀ |v| z / level. `speed` is |v|."""
+    rate: float = v - row[BRISTLE] * speed * z / level
+    return rate
+
+
+@njit(error_model="numpy")
+def loop_rate(row: Array, z: float, rate: float, speed: float) -> float:
+    """Return ż of the Bouc–Wen loop (normalised, Ikhouane and Rodellar 2007). `speed` is |rate|."""
+    n, shape = row[LOOP_EXPONENT], row[LOOP_SHAPE]
+    below = abs(z) ** (n - 1.0)
+    change: float = (rate - shape * speed * below * z + (shape - 1.0) * rate * below * abs(z)) / row[LOOP_WIDTH]
+    return change
+
+
+@njit(cache=True, error_model="numpy")
+def springs(row: Array, phi: Array, arm: Array, t: Array, out: Array) -> None:
+    """Fill `out`, shape (3, N), with energy, torque and stiffness for arrays of shape (N,)."""
+    for k in range(phi.shape[0]):
+        u, side = beyond_gap(phi[k], row[HALF_GAP])
+        energy, torque, stiffness = spring(row, u, side, arm[k], t[k])
+        out[0, k], out[1, k], out[2, k] = energy, torque, stiffness
+        if side == 0.0 and u == 0.0:
+            out[2, k] = 0.0
