@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -46,41 +46,195 @@ class Motion:
     position: TorqueInput
 
 
+Signal = Callable[[Array], Array]
+
 # What a motor's role may be given; the link's external torque and a valve take a torque's form only.
 Input = TorqueInput | Servo | Motion
 
 
-def sine(amplitude: float, frequency: float, phase: float = 0.0) -> Callable[[Array], Array]:
-    """Return amplitude · sin(2π · frequency · t + phase) as a function of time; frequency in Hz, phase in rad."""
+def constant(value: float) -> Signal:
+    """Return the same value at all times."""
 
-    def torque(t: Array) -> Array:
-        return np.asarray(amplitude * np.sin(2.0 * np.pi * frequency * t + phase))
+    def signal(t: Array) -> Array:
+        return np.full_like(t, value)
 
-    return torque
+    return signal
 
 
-def soft_square(amplitude: float, period: float, rise: float = 0.1) -> Callable[[Array], Array]:
+def sine(amplitude: float, frequency: float, phase: float = 0.0, offset: float = 0.0) -> Signal:
+    """Return offset + amplitude · sin(2π · frequency · t + phase); frequency in Hz, phase in rad."""
+
+    def signal(t: Array) -> Array:
+        return np.asarray(offset + amplitude * np.sin(2.0 * np.pi * frequency * t + phase))
+
+    return signal
+
+
+def soft_square(amplitude: float, period: float, rise: float = 0.1) -> Signal:
     """Return amplitude · tanh(sin(2πt / period) / rise): a square wave whose edges are smooth.
 
     With rise = 0.1 an edge takes some 3 % of the period.
     """
 
-    def torque(t: Array) -> Array:
+    def signal(t: Array) -> Array:
         return np.asarray(amplitude * np.tanh(np.sin(2.0 * np.pi * t / period) / rise))
 
-    return torque
+    return signal
 
 
-def sum_of(*parts: Callable[[Array], ArrayLike]) -> Callable[[Array], Array]:
+def square(amplitude: float, frequency: float, phase: float = 0.0, duty: float = 0.5) -> Signal:
+    """Return +amplitude over the share `duty` of each period and −amplitude over the rest, with sharp edges.
+
+    Frequency in Hz, phase in rad; at phase 0 the first edge upwards is at t = 0.
+    """
+
+    def signal(t: Array) -> Array:
+        return np.where(_turns(t, frequency, phase) < duty, amplitude, -amplitude)
+
+    return signal
+
+
+def sawtooth(amplitude: float, frequency: float, phase: float = 0.0) -> Signal:
+    """Return a ramp from −amplitude to +amplitude over each period, through zero at t = 0 where the phase is 0.
+
+    Frequency in Hz, phase in rad; a negative amplitude ramps downwards.
+    """
+
+    def signal(t: Array) -> Array:
+        return np.asarray(amplitude * (2.0 * _turns(t, frequency, phase + np.pi) - 1.0))
+
+    return signal
+
+
+def steps(times: Sequence[float], values: Sequence[float], rise: float = 0.0) -> Signal:
+    """Return values[i] from times[i] on, and zero before the first.
+
+    Parameters
+    ----------
+    times : when each value begins, rising [s]
+    values : as many
+    rise : how long each change takes, along half a cosine [s]; a change that comes sooner adds to it. Sharp when zero
+    """
+    changes = np.diff(np.asarray(values, dtype=np.float64), prepend=0.0)
+
+    def signal(t: Array) -> Array:
+        total = np.zeros_like(t)
+        for start, change in zip(times, changes, strict=True):
+            if rise > 0.0:
+                total += change * 0.5 * (1.0 - np.cos(np.pi * np.clip((t - start) / rise, 0.0, 1.0)))
+            else:
+                total += np.where(t >= start, change, 0.0)
+        return total
+
+    return signal
+
+
+def linear_chirp(amplitude: float, start: float, end: float, duration: float, phase: float = 0.0) -> Signal:
+    """Return a sine whose frequency runs evenly from `start` to `end` [Hz] over `duration` [s], and stays there."""
+
+    def signal(t: Array) -> Array:
+        within = np.minimum(t, duration)
+        turns = start * within + (end - start) * within**2 / (2.0 * duration) + end * (t - within)
+        return np.asarray(amplitude * np.sin(2.0 * np.pi * turns + phase))
+
+    return signal
+
+
+def logarithmic_chirp(amplitude: float, start: float, end: float, duration: float, phase: float = 0.0) -> Signal:
+    """Return a sine whose frequency runs from `start` to `end` [Hz] by equal factors in equal times, and stays there."""
+    if start == end:
+        return sine(amplitude, start, phase)
+    growth = np.log(end / start) / duration
+
+    def signal(t: Array) -> Array:
+        within = np.minimum(t, duration)
+        turns = start * np.expm1(growth * within) / growth + end * (t - within)
+        return np.asarray(amplitude * np.sin(2.0 * np.pi * turns + phase))
+
+    return signal
+
+
+def multisine(rms: float, frequencies: Sequence[float], seed: int | None = None) -> Signal:
+    """Return the sum of equally strong cosines.
+
+    Parameters
+    ----------
+    rms : of the sum
+    frequencies : of the N cosines, distinct [Hz]
+    seed : of random phases; when absent they are Schroeder's (1970), −π k (k − 1) / N, whose sum has a low crest
+    """
+    count = len(frequencies)
+    k = np.arange(1, count + 1)
+    random = seed is not None
+    phases = np.random.default_rng(seed).uniform(0.0, 2.0 * np.pi, count) if random else -np.pi * k * (k - 1) / count
+    amplitude = rms * np.sqrt(2.0 / count)
+
+    def signal(t: Array) -> Array:
+        total = np.zeros_like(t)
+        for frequency, phase in zip(frequencies, phases, strict=True):
+            total += amplitude * np.cos(2.0 * np.pi * frequency * t + phase)
+        return total
+
+    return signal
+
+
+def trapezoid(
+    amplitude: float,
+    rise: float,
+    hold: float,
+    fall: float | None = None,
+    start: float = 0.0,
+    period: float | None = None,
+) -> Signal:
+    """Return a ramp up, a plateau and a ramp down.
+
+    Parameters
+    ----------
+    amplitude : of the plateau
+    rise, hold, fall : how long each takes [s]; the fall as long as the rise when absent
+    start : when it begins [s]
+    period : after which it begins again [s], at least rise + hold + fall; once when absent
+    """
+    down = rise if fall is None else fall
+    corners = np.cumsum([0.0, rise, hold, down])
+
+    def signal(t: Array) -> Array:
+        since = t - start
+        if period is not None:
+            since = np.where(since >= 0.0, np.mod(since, period), since)
+        return np.asarray(amplitude * np.interp(since, corners, [0.0, 1.0, 1.0, 0.0]))
+
+    return signal
+
+
+def table(times: Array, values: Array, held: bool = False) -> Signal:
+    """Return a signal given at some times; its ends hold before the first and after the last of them.
+
+    Parameters
+    ----------
+    times : rising, shape (n,) [s]
+    values : shape (n,)
+    held : each value holds until the next; else straight lines join them
+    """
+
+    def signal(t: Array) -> Array:
+        if not held:
+            return np.asarray(np.interp(t, times, values))
+        return np.asarray(values[np.maximum(np.searchsorted(times, t, side="right") - 1, 0)])
+
+    return signal
+
+
+def sum_of(*parts: Callable[[Array], ArrayLike]) -> Signal:
     """Return the sum of functions of time."""
 
-    def torque(t: Array) -> Array:
+    def signal(t: Array) -> Array:
         total = np.zeros_like(t)
         for part in parts:
             total = total + np.asarray(part(t), dtype=np.float64)
         return total
 
-    return torque
+    return signal
 
 
 def at_samples(torque: TorqueInput, time: Array) -> Array:
@@ -118,3 +272,8 @@ def at_steps(torque: TorqueInput, time: Array, steps: int) -> Array:
     fraction = np.arange(2 * steps + 1) / (2 * steps)
     grid = time[:-1, None] + (time[1:] - time[:-1])[:, None] * fraction
     return at_samples(torque, grid.ravel()).reshape(grid.shape)
+
+
+def _turns(t: Array, frequency: float, phase: float) -> Array:
+    """Return where in its period a signal is, 0 to 1."""
+    return np.asarray(np.mod(frequency * t + phase / (2.0 * np.pi), 1.0))
