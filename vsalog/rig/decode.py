@@ -10,7 +10,7 @@ from __future__ import annotations
 import math
 import re
 from collections.abc import Mapping
-from typing import Any, NoReturn
+from typing import Any, NoReturn, TypeVar
 
 import msgspec
 from msgspec import inspect
@@ -22,6 +22,7 @@ from vsalog.units import matching, parse_quantity, shown, si_factor, split_quant
 
 Path = tuple[str, ...]
 Table = dict[str, Any]
+Structure = TypeVar("Structure", bound=msgspec.Struct)
 
 MAX_NAME = 200
 
@@ -48,10 +49,15 @@ def decode_rig(raw: Mapping[str, Any]) -> RigFile:
     RigError
         A key is unknown or missing, or a value is not possible; the message begins with the key's path.
     """
-    root = inspect.type_info(RigFile)
+    return decode(raw, RigFile)
+
+
+def decode(raw: Mapping[str, Any], into: type[Structure]) -> Structure:
+    """Return a structure for a file's tables; errors are those of `decode_rig`."""
+    root = inspect.type_info(into)
     assert isinstance(root, inspect.StructType)
     checked = _struct(dict(raw), root, ())
-    return msgspec.convert(checked, RigFile)
+    return msgspec.convert(checked, into)
 
 
 def key_path(path: Path) -> str:
@@ -147,7 +153,9 @@ def _refuse_key(key: str, kind: inspect.StructType, path: Path) -> NoReturn:
 def _of_kind(kind: inspect.StructType) -> str:
     if kind.tag_field is None:
         return ""
-    what = "a joint of kind" if kind.tag_field == "kind" else "a transmission of type"
+    what = "a joint of kind" if kind.tag_field == "kind" else "a part of type"
+    if kind.cls.__name__.endswith("Transmission"):
+        what = "a transmission of type"
     return f' in {what} "{kind.tag}"'
 
 
@@ -362,7 +370,9 @@ def _bounded(number: float, kind: inspect.FloatType | inspect.IntType, path: Pat
 
 
 def _hint(path: Path) -> str:
-    hint = _HINTS.get(path[-1])
+    # A servo's stiffness and damping are gains: advice on a machine's does not hold for them.
+    gain = len(path) > 1 and "servo" in path[-2]
+    hint = None if gain else _HINTS.get(path[-1])
     return f"; {hint}" if hint else ""
 
 
