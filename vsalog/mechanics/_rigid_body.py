@@ -1,7 +1,6 @@
 """Compiled rigid-body dynamics of a chain of links: the recursive Newton–Euler method (Luh, Walker, Paul 1980).
 
-A link is a row of numbers, laid out by `rigid_body.bodies`; its frame sits at its far end (Denavit–Hartenberg). This file imports no
-other compiled file.
+A link is a row of numbers, laid out by `rigid_body.bodies`; its frame sits at its far end (Denavit–Hartenberg).
 """
 
 from __future__ import annotations

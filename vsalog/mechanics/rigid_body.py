@@ -39,9 +39,9 @@ def inverse_dynamics(chain: Chain, q: ArrayLike, dq: ArrayLike, ddq: ArrayLike) 
     shape (…, N)
     """
     x, v, a = np.broadcast_arrays(*(np.asarray(values, dtype=np.float64) for values in (q, dq, ddq)))
-    flat = [np.ascontiguousarray(values.reshape(-1, x.shape[-1])) for values in (x, v, a)]
-    out = np.empty_like(flat[0])
-    _rigid_body.inverse_dynamics_over_time(bodies(chain), np.array(chain.gravity), *flat, out)
+    x2, v2, a2 = (np.ascontiguousarray(values.reshape(-1, x.shape[-1])) for values in (x, v, a))
+    out = np.empty_like(x2)
+    _rigid_body.inverse_dynamics_over_time(bodies(chain), np.array(chain.gravity), x2, v2, a2, out)
     return out.reshape(x.shape)
 
 

@@ -1,0 +1,293 @@
+"""Joints of a rig as one machine that the compiled integrator moves: which number stands where."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vsalog.errors import SimulationError
+from vsalog.mechanics.rigid_body import bodies
+from vsalog.mechanics.transmissions import coded, stiffness
+from vsalog.rig.schema import (
+    AntagonisticJoint,
+    AwasTransmission,
+    Chain,
+    ElasticJoint,
+    Friction,
+    Joint,
+    KnownTransmission,
+    Link,
+    Motor,
+    SerialJoint,
+    UnknownTransmission,
+)
+from vsalog.simulation._dynamics import ROWS, Plant, Scratch
+from vsalog.simulation._integrate import Room
+
+Array = NDArray[np.float64]
+
+Movable = ElasticJoint | SerialJoint | AntagonisticJoint
+
+# Per step a damped motion may decay by this much (D/B · h), and a vibration turn by this angle [rad]; both keep a step's error
+# far below 1e-6, the latter with a margin for springs that harden as they deflect.
+DAMPING_PER_STEP, ANGLE_PER_STEP = 0.5, 0.02
+# Beyond so many steps per period for the sake of damping alone, the equations are stiff.
+STIFF_STEPS, MOST_STEPS = 16, 2000
+# The speed at which bristles have to be followed [rad/s].
+BRISTLE_SPEED = 1.0
+
+
+@dataclass(frozen=True, slots=True)
+class MotorSlot:
+    """A motor in a machine: its joint, the role its torque has there, its suffix in names, its degree of freedom."""
+
+    joint: str
+    role: str
+    name: str
+    motor: Motor
+    index: int
+
+
+@dataclass(frozen=True, slots=True)
+class TransmissionSlot:
+    """A transmission in a machine: its joint, the suffix of its signals' names, its row."""
+
+    joint: str
+    suffix: str
+    transmission: KnownTransmission
+    index: int
+
+
+@dataclass(frozen=True, slots=True)
+class Machine:
+    """One joint, or the joints of a chain.
+
+    Attributes
+    ----------
+    joints : by name, in the order of their links' degrees of freedom
+    motors, transmissions : where they are
+    plant : for the compiled functions
+    state_size : m
+    """
+
+    joints: Mapping[str, Movable]
+    motors: Sequence[MotorSlot]
+    transmissions: Sequence[TransmissionSlot]
+    plant: Plant
+    state_size: int
+
+    @property
+    def freedom(self) -> int:
+        """Number of degrees of freedom n."""
+        return len(self.joints) + len(self.motors)
+
+    def scratch(self) -> tuple[Scratch, Room]:
+        """Return room for the compiled functions to work in."""
+        n, m, links = self.freedom, self.state_size, self.plant.chain.size
+        zero = np.zeros(max(links, 3))
+        scratch = Scratch(
+            np.zeros((ROWS, n)),
+            np.zeros((n, n + 1)),
+            np.zeros((links + 1, 27)),
+            np.zeros((links, links)),
+            zero,
+            zero.copy(),
+        )
+        pivots = np.zeros(m, dtype=np.int64)
+        state, trial, slope, other = np.zeros((4, m))
+        return scratch, Room(np.zeros((6, m)), state, trial, slope, other, np.zeros(n), np.zeros((m, m)), pivots)
+
+    def steps(self, period: float) -> tuple[int, bool]:
+        """Return the integration steps per period that the fastest mode needs, and whether the equations are stiff.
+
+        Raises
+        ------
+        SimulationError
+            More than `MOST_STEPS` are needed.
+        """
+        plant, rates = self.plant, []
+        inertia = np.where(plant.inertia > 0.0, plant.inertia, np.inf)
+        load = np.zeros(self.freedom)
+        for slot in self.transmissions:
+            link, motor, _ = plant.ends[slot.index]
+            load[[link, motor]] += self._stiffness(slot)
+            rates += [slot.transmission.damping / inertia[link], slot.transmission.damping / inertia[motor]]
+        viscous, static, bristle, bristle_damping = plant.friction[:, [0, 2, 5, 6]].T
+        load += bristle
+        rates += list((viscous + bristle_damping) / inertia)
+        rates += list(np.where(bristle > 0.0, bristle * BRISTLE_SPEED / np.maximum(static, 1e-12), 0.0))
+        vibration = period * float(np.sqrt(np.max(load / inertia))) / ANGLE_PER_STEP
+        decay = period * max(rates) / DAMPING_PER_STEP
+        needed = vibration if decay > STIFF_STEPS else max(vibration, decay)
+        if not needed <= MOST_STEPS:
+            raise SimulationError(
+                f"the rig's fastest mode needs more than {MOST_STEPS} integration steps per period: are inertia, damping"
+                " and stiffness in the units the rig states?"
+            )
+        return max(1, int(np.ceil(needed))), decay > STIFF_STEPS
+
+    def _stiffness(self, slot: TransmissionSlot) -> float:
+        joint, t = self.joints[slot.joint], slot.transmission
+        arm = joint.lever.start if isinstance(joint, SerialJoint) and joint.lever else None
+        own = abs(float(stiffness(t, 0.5 * t.backlash + 1e-9, arm)))
+        loop = t.bouc_wen.torque / t.bouc_wen.width if t.bouc_wen else 0.0
+        return own + loop + sum(element.stiffness for element in t.slip)
+
+
+def build(joints: Mapping[str, Movable], chain: Chain | None = None) -> Machine:
+    """Lay out one joint, or the joints of a chain.
+
+    Parameters
+    ----------
+    joints : by name; those of a chain in its order
+    chain : that they form; its link inertia and gravity stand for those of the joints
+
+    Raises
+    ------
+    SimulationError
+        The rig lacks what a simulation needs.
+    """
+    motors = [slot for name, joint in joints.items() for slot in _motors(name, joint)]
+    motors = [MotorSlot(m.joint, m.role, m.name, m.motor, len(joints) + i) for i, m in enumerate(motors)]
+    where = {(m.joint, m.role): m.index for m in motors}
+    slots: list[TransmissionSlot] = []
+    ends, levers = [], []
+    for j, (name, joint) in enumerate(joints.items()):
+        for suffix, transmission in _transmissions(name, joint):
+            slots.append(TransmissionSlot(name, suffix, transmission, len(slots)))
+            secondary = where.get((name, "secondary_torque"), -1)
+            ends.append((j, where[name, f"motor_torque{suffix}"], secondary))
+            lever = joint.lever if isinstance(joint, SerialJoint) else None
+            levers.append((lever.start, lever.travel) if lever else (0.0, 0.0))
+    links = [_link(name, joint.link) for name, joint in joints.items()]
+    plant, size = _plant(links, motors, slots, np.array(ends), np.array(levers), joints, chain)
+    return Machine(joints, motors, slots, plant, size)
+
+
+def _plant(
+    links: Sequence[Link], motors: Sequence[MotorSlot], slots: Sequence[TransmissionSlot], ends: Array, levers: Array,
+    joints: Mapping[str, Joint], chain: Chain | None,
+) -> tuple[Plant, int]:  # fmt: skip
+    n, count = len(links) + len(motors), len(slots)
+    inertia = np.array([*(_inertia(k) if chain is None else 0.0 for k in links), *(m.motor.inertia for m in motors)])
+    damping = [*(k.damping for k in links), *(m.motor.damping for m in motors)]
+    frictions = [*(k.friction for k in links), *(m.motor.friction for m in motors)]
+    friction = np.array([_friction(d, f) for d, f in zip(damping, frictions, strict=True)])
+    bristled = np.array([f.presliding_stiffness is not None for f in frictions])
+    dry = ~bristled & np.array([f.breakaway > 0.0 or f.load > 0.0 for f in frictions])
+    looped = np.array([s.transmission.bouc_wen is not None for s in slots])
+    slips = [(s.index, e.stiffness, e.limit) for s in slots for e in s.transmission.slip]
+    split = any(s.transmission.backlash > 0.0 or s.transmission.asymmetry for s in slots)
+    bristles = _numbered(bristled, 2 * n)
+    loops = _numbered(looped, 2 * n + int(bristled.sum()))
+    first_slip = 2 * n + int(bristled.sum()) + int(looped.sum())
+    coupling = _coupling(chain, list(joints), motors, n)
+    payloads = {name: link.payload for name, link in zip(joints, links, strict=True) if link.payload is not None}
+    plant = Plant(
+        inertia=inertia,
+        friction=friction,
+        dry=dry,
+        bristles=bristles,
+        fixed=np.zeros(n, dtype=np.bool_),
+        gravity=np.array([_gravity(k) if chain is None else (0.0, 0.0) for k in links]),
+        cogging=_cogging(motors),
+        transmissions=_rows([coded(s.transmission) for s in slots]),
+        ends=ends.astype(np.int64).reshape(count, 3),
+        levers=levers.reshape(count, 2),
+        loops=loops,
+        slips=np.array(slips, dtype=np.float64).reshape(-1, 3),
+        first_slip=first_slip,
+        guarded=bool(dry.any() or bristled.any() or looped.any() or slips or split),
+        bodies=np.zeros((0, 18)) if chain is None else bodies(chain, payloads),
+        chain=np.arange(0 if chain is None else len(links), dtype=np.int64),
+        field=np.zeros(3) if chain is None else np.array(chain.gravity),
+        coupling=coupling,
+        coupled=chain is not None,
+    )
+    return plant, first_slip + len(slips)
+
+
+def _numbered(flags: NDArray[np.bool_], first: int) -> NDArray[np.int64]:
+    """Number what is flagged from `first` on; −1 for the rest."""
+    return np.where(flags, first + np.cumsum(flags) - 1, -1).astype(np.int64)
+
+
+def _motors(name: str, joint: Movable) -> list[MotorSlot]:
+    if isinstance(joint, AntagonisticJoint):
+        named = [("motor_torque_1", "motor_1", joint.motor_1), ("motor_torque_2", "motor_2", joint.motor_2)]
+    else:
+        named = [("motor_torque", "motor", joint.motor)]
+    if isinstance(joint, SerialJoint):
+        if joint.secondary_motor is None or joint.lever is None:
+            raise SimulationError(
+                f"joint '{name}': a serial joint is simulated with a secondary motor and a lever only"
+            )
+        named.append(("secondary_torque", "secondary_motor", joint.secondary_motor))
+    for _, key, motor in named:
+        if motor.inertia is None:
+            raise SimulationError(f"joint '{name}': {key} has no inertia: give '{key}.inertia' in the rig")
+    return [MotorSlot(name, role, key, motor.reflected, 0) for role, key, motor in named]
+
+
+def _transmissions(name: str, joint: Movable) -> list[tuple[str, KnownTransmission]]:
+    if isinstance(joint, AntagonisticJoint):
+        named = [("_1", joint.transmission_1), ("_2", joint.transmission_2)]
+    else:
+        named = [("", joint.transmission)]
+    known: list[tuple[str, KnownTransmission]] = []
+    for suffix, transmission in named:
+        if isinstance(transmission, UnknownTransmission):
+            raise SimulationError(
+                f"joint '{name}': a transmission of unknown type cannot be simulated: give transmission{suffix}.type in the rig"
+            )
+        if isinstance(joint, SerialJoint) and not isinstance(transmission, AwasTransmission):
+            raise SimulationError(f"joint '{name}': a serial joint is simulated with an 'awas' transmission only")
+        known.append((suffix, transmission))
+    return known
+
+
+def _link(name: str, link: Link | None) -> Link:
+    if link is None:
+        raise SimulationError(f"joint '{name}' has no link to move: give 'link.inertia' in the rig")
+    return link
+
+
+def _inertia(link: Link) -> float:
+    return link.inertia + (link.payload.mass * link.payload.distance**2 if link.payload else 0.0)
+
+
+def _gravity(link: Link) -> tuple[float, float]:
+    weight = link.payload.mass * 9.81 * link.payload.distance if link.payload and link.gravity_torque else 0.0
+    return link.gravity_torque + weight, link.gravity_angle
+
+
+def _friction(damping: float, f: Friction) -> tuple[float, ...]:
+    bristle = f.presliding_stiffness or 0.0
+    return damping, f.coulomb, f.breakaway, f.stribeck_velocity or 1.0, f.load, bristle, f.presliding_damping
+
+
+def _cogging(motors: Sequence[MotorSlot]) -> Array:
+    rows = [
+        (m.index, c.torque, c.order * m.motor.gear_ratio, c.phase) for m in motors for c in m.motor.cogging
+    ]  # `order` counts turns of the rotor
+    return np.array(rows, dtype=np.float64).reshape(-1, 4)
+
+
+def _rows(rows: Sequence[Array]) -> Array:
+    """Put rows of different lengths under one another; what a polynomial lacks are zeros."""
+    table = np.zeros((len(rows), max(row.size for row in rows)))
+    for i, row in enumerate(rows):
+        table[i, : row.size] = row
+    return table
+
+
+def _coupling(chain: Chain | None, joints: Sequence[str], motors: Sequence[MotorSlot], n: int) -> Array:
+    S = np.zeros((n, n))
+    for c in chain.coupling if chain is not None else ():
+        motor = next(m.index for m in motors if m.joint == c.motor and m.role != "secondary_torque")
+        link = joints.index(c.link)
+        S[link, motor] = S[motor, link] = c.inertia
+    return S
