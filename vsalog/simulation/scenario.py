@@ -1,0 +1,280 @@
+"""Scenarios: what drives a rig's joints over time, from TOML to the inputs of `simulate`."""
+
+from __future__ import annotations
+
+import tomllib
+from collections.abc import Mapping
+from dataclasses import dataclass
+from importlib import resources
+from pathlib import Path
+from typing import Any
+
+from vsalog.errors import RigError, SimulationError, UnitError, VsalogError, did_you_mean
+from vsalog.rig.decode import Path as KeyPath
+from vsalog.rig.decode import decode, key_path, refuse
+from vsalog.rig.schema import AntagonisticJoint, Joint, RigFile, SerialJoint
+from vsalog.simulation.inputs import Input, Motion, Servo
+from vsalog.simulation.scenario_parts import sum_of_parts
+from vsalog.simulation.scenario_schema import Drives, Multisine, Part, ScenarioFile, Steps, Trapezoid
+from vsalog.units import parse_quantity, parse_unit, shown, split_quantity
+
+MAX_BYTES = 1_000_000
+MOST_LINES = 2000
+
+# The SI unit of what drives a role, by how the role's name begins or ends.
+TORQUE, ANGLE, VOLTAGE = "N*m", "rad", "V"
+# Keys of a part that are in the role's unit.
+_ROLE_KEYS = ("value", "amplitude", "offset", "rms")
+_FREQUENCY_KEYS = ("frequency", "start_frequency", "end_frequency", "spacing", "lowest_frequency", "highest_frequency")
+_ANGULAR = 7  # the angle's place among the exponents of a unit's dimension
+
+
+@dataclass(frozen=True, slots=True)
+class Scenario:
+    """A scenario that was read and checked, all values in SI.
+
+    Attributes
+    ----------
+    file : its structures
+    where : what messages call it
+    folder : which the paths in it start from
+    """
+
+    file: ScenarioFile
+    where: str = "scenario"
+    folder: Path = Path()
+
+    @classmethod
+    def load(cls, source: str | Path) -> Scenario:
+        """Load a scenario file, or one that comes with vsalog, by its name.
+
+        Raises
+        ------
+        SimulationError
+            There is no such file or scenario, or what it says is not possible.
+        """
+        path = Path(source)
+        if path.is_file():
+            return cls.from_toml(_read(path), path.name, path.parent)
+        if isinstance(source, str) and source in built_in():
+            return cls.from_toml(_built_in_text(source), f"scenario {source}")
+        raise SimulationError(
+            f"there is no scenario '{shown(str(source))}'{did_you_mean(str(source), built_in()) or '.'}"
+            " ('vsalog simulate --list' names those that come with vsalog; a file is a path to a TOML file)"
+        )
+
+    @classmethod
+    def from_toml(cls, text: str, where: str = "scenario", folder: Path = Path()) -> Scenario:
+        """Load from TOML text.
+
+        Raises
+        ------
+        SimulationError
+            The text is no TOML, or what it says is not possible; the message names the key.
+        """
+        try:
+            tables = tomllib.loads(text)
+        except (ValueError, RecursionError) as error:
+            raise SimulationError(f"{where}: is not valid TOML: {shown(str(error))}") from error
+        try:
+            file = decode(_in_si(tables), ScenarioFile)
+            _check(file)
+        except RigError as error:
+            raise SimulationError(f"{where}: {error}") from None
+        return cls(file, where, folder)
+
+    def inputs(self, rig: RigFile) -> dict[str, dict[str, Input]]:
+        """Return joint → role → input, as `simulate` takes them.
+
+        Raises
+        ------
+        SimulationError
+            The rig has no such joint, the joint no such role, or a file's column cannot be used.
+        """
+        inputs: dict[str, dict[str, Input]] = {}
+        for name, drives in self.file.joint.items():
+            if name not in rig.joint:
+                raise SimulationError(
+                    f"{self.where}: joint.{key_path((name,))}: rig '{shown(rig.name)}' has no such joint"
+                    f"{did_you_mean(name, rig.joint) or '; it has ' + ', '.join(map(shown, rig.joint))}"
+                )
+            try:
+                inputs[name] = self._joint(name, drives, rig.joint[name])
+            except VsalogError as error:
+                raise SimulationError(f"{self.where}: {error}") from error
+        return inputs
+
+    def _joint(self, name: str, drives: Drives, joint: Joint) -> dict[str, Input]:
+        known = driven_roles(joint)
+        inputs: dict[str, Input] = {}
+        for key in Drives.__struct_fields__:
+            drive = getattr(drives, key)
+            if not drive:
+                continue
+            path, role = ("joint", name, key), role_of(key)
+            if role not in known:
+                refuse(path, f"this joint has no such input; it has {', '.join(known)}")
+            if isinstance(drive, tuple):
+                signal = sum_of_parts(drive, unit_of(key), self.file.duration, self.folder, path)
+                inputs[role] = Motion(signal) if key.split("_")[1] == "position" else signal
+            else:
+                at = (*path, "reference")
+                reference = sum_of_parts(drive.reference, ANGLE, self.file.duration, self.folder, at)
+                limit = float("inf") if drive.limit is None else drive.limit
+                inputs[role] = Servo(reference, drive.stiffness, drive.damping, limit)
+        return inputs
+
+
+def built_in() -> dict[str, str]:
+    """Return the scenarios that come with vsalog as files: name → description."""
+    found = {}
+    for entry in sorted(_folder().iterdir(), key=lambda e: e.name):
+        if entry.name.endswith(".toml"):
+            tables = tomllib.loads(entry.read_text(encoding="utf-8"))
+            found[entry.name.removesuffix(".toml")] = str(tables.get("description", ""))
+    return found
+
+
+def driven_roles(joint: Joint) -> tuple[str, ...]:
+    """Return the roles of a joint that can be driven."""
+    signals = joint.signals.__struct_fields__
+    valves = tuple(role for role in ("valve_1", "valve_2") if role in signals)
+    if valves:
+        return (*valves, "external_torque")
+    if isinstance(joint, AntagonisticJoint):
+        return ("motor_torque_1", "motor_torque_2", "external_torque")
+    if isinstance(joint, SerialJoint):
+        return ("motor_torque", "secondary_torque", "external_torque")
+    return ("motor_torque", "external_torque")
+
+
+def role_of(key: str) -> str:
+    """Return the role that a key of `Drives` drives: a motor's servo and its position stand for its torque."""
+    return key.replace("_servo", "_torque").replace("_position", "_torque")
+
+
+def unit_of(key: str) -> str:
+    """Return the SI unit of the parts of a key of `Drives`."""
+    if key.startswith("valve"):
+        return VOLTAGE
+    return TORQUE if "torque" in key else ANGLE
+
+
+def _folder() -> Any:
+    return resources.files("vsalog.simulation") / "scenarios"
+
+
+def _built_in_text(name: str) -> str:
+    text: str = (_folder() / f"{name}.toml").read_text(encoding="utf-8")
+    return text
+
+
+def _read(path: Path) -> str:
+    try:
+        if path.stat().st_size > MAX_BYTES:
+            raise SimulationError(f"{path.name}: more than {MAX_BYTES // 1000} kB is no scenario file")
+        return path.read_text(encoding="utf-8-sig")
+    except OSError as error:
+        raise SimulationError(f"{path.name}: cannot be read ({error.strerror})") from error
+    except UnicodeDecodeError as error:
+        raise SimulationError(f"{path.name}: is not UTF-8 text, so it is no scenario file") from error
+
+
+def _in_si(tables: Mapping[str, Any]) -> dict[str, Any]:
+    """Turn the texts whose unit depends on the role into SI; whatever has another shape is left for the decoder to refuse."""
+    out = dict(tables)
+    if isinstance(joints := out.get("joint"), dict):
+        out["joint"] = {
+            name: {key: _drive(value, key, ("joint", name, key)) for key, value in drives.items()}
+            if isinstance(drives, dict)
+            else drives
+            for name, drives in joints.items()
+        }
+    return out
+
+
+def _drive(value: Any, key: str, path: KeyPath) -> Any:
+    if key not in Drives.__struct_fields__:
+        return value
+    if "servo" not in key:
+        return _parts(value, unit_of(key), path)
+    if isinstance(value, dict) and "reference" in value:
+        return {**value, "reference": _parts(value["reference"], ANGLE, (*path, "reference"))}
+    return value
+
+
+def _parts(value: Any, unit: str, path: KeyPath) -> list[Any]:
+    if isinstance(value, dict):  # one part may be written as a table
+        return [_part(value, unit, path)]
+    if not isinstance(value, list):
+        refuse(path, f'tables are wanted here: write [[{key_path(path)}]] and type = "sine" or another below it')
+    return [_part(item, unit, (*path, f"[{i}]")) for i, item in enumerate(value)]
+
+
+def _part(value: Any, unit: str, path: KeyPath) -> Any:
+    if not isinstance(value, dict):
+        return value
+    out = dict(value)
+    for key, item in value.items():
+        if key in _ROLE_KEYS and isinstance(item, str):
+            out[key] = _quantity(item, unit, (*path, key))
+        elif key == "values" and isinstance(item, list):
+            out[key] = [
+                _quantity(v, unit, (*path, key, f"[{i}]")) if isinstance(v, str) else v for i, v in enumerate(item)
+            ]
+        elif key in _FREQUENCY_KEYS and isinstance(item, str):
+            _check_frequency(item, (*path, key))
+    return out
+
+
+def _quantity(text: str, unit: str, path: KeyPath) -> float:
+    try:
+        return parse_quantity(text, unit)
+    except UnitError as error:
+        refuse(path, str(error))
+
+
+def _check_frequency(text: str, path: KeyPath) -> None:
+    """Refuse rpm and rad/s, whose angle would be dropped and the number be wrong by 2π."""
+    try:
+        _, unit = split_quantity(text)
+        angular = parse_unit(unit).dimension[_ANGULAR] != 0.0
+    except UnitError as error:
+        refuse(path, str(error))
+    if angular:
+        refuse(path, f"'{shown(unit)}' is an angular velocity, but a frequency (Hz, 1/s) is wanted")
+
+
+def _check(file: ScenarioFile) -> None:
+    """Refuse what no single key can show to be wrong."""
+    for name, drives in file.joint.items():
+        taken: dict[str, str] = {}
+        for key in Drives.__struct_fields__:
+            drive = getattr(drives, key)
+            if not drive:
+                continue
+            path = ("joint", name, key)
+            if role_of(key) in taken:
+                refuse(path, f"'{taken[role_of(key)]}' drives the same motor; keep one of them")
+            taken[role_of(key)] = key
+            at = path if isinstance(drive, tuple) else (*path, "reference")
+            for i, part in enumerate(drive if isinstance(drive, tuple) else drive.reference):
+                _check_part(part, (*at, f"[{i}]"))
+
+
+def _check_part(part: Part, path: KeyPath) -> None:
+    if isinstance(part, Steps):
+        if len(part.times) != len(part.values):
+            refuse(path, f"{len(part.times)} times are given for {len(part.values)} values")
+        if any(b <= a for a, b in zip(part.times, part.times[1:], strict=False)):
+            refuse((*path, "times"), "each time has to be later than the one before")
+    if isinstance(part, Trapezoid) and part.period is not None:
+        whole = part.rise + part.hold + (part.rise if part.fall is None else part.fall)
+        if part.period < whole:
+            refuse((*path, "period"), f"is shorter than the trapezoid itself, which takes {whole:g} s")
+    if isinstance(part, Multisine):
+        lowest = part.spacing if part.lowest_frequency is None else part.lowest_frequency
+        if part.highest_frequency < max(lowest, part.spacing):
+            refuse((*path, "highest_frequency"), "there is no multiple of 'spacing' up to it")
+        if part.highest_frequency / part.spacing > MOST_LINES:
+            refuse((*path, "spacing"), f"makes more than {MOST_LINES} sines; take a wider one")

@@ -1,0 +1,201 @@
+"""The structures of a scenario file: what drives each joint of a rig, and for how long."""
+
+from __future__ import annotations
+
+from typing import Annotated, Literal
+
+from msgspec import Meta, field
+
+from vsalog.rig.quantities import Angle, Base, Damping, Duration, Fraction, RoleSpread, RoleValue, Stiffness, TimeSpan
+
+Frequency = Annotated[float, Meta(description="frequency [Hz]", gt=0.0, extra={"unit": "1/s", "units": ("1/s",)})]
+TorqueLimit = Annotated[float, Meta(description="torque [N·m]", gt=0.0, extra={"unit": "N*m", "units": ("N*m",)})]
+
+
+class Constant(Base, frozen=True, tag="constant", tag_field="type"):
+    """`value` at all times."""
+
+    value: RoleValue
+
+
+class Sine(Base, frozen=True, tag="sine", tag_field="type"):
+    """offset + amplitude · sin(2π frequency t + phase)."""
+
+    amplitude: RoleValue
+    frequency: Frequency
+    phase: Angle = 0.0
+    offset: RoleValue = 0.0
+
+
+class Square(Base, frozen=True, tag="square", tag_field="type"):
+    """+amplitude over the share `duty` of each period, −amplitude over the rest; sharp edges."""
+
+    amplitude: RoleValue
+    frequency: Frequency
+    phase: Angle = 0.0
+    duty: Fraction = 0.5
+
+
+class SoftSquare(Base, frozen=True, tag="soft_square", tag_field="type"):
+    """amplitude · tanh(sin(2π frequency t) / softness): with 0.1, an edge takes some 3 % of the period."""
+
+    amplitude: RoleValue
+    frequency: Frequency
+    softness: Annotated[float, Meta(description="a number without unit", gt=0.0)] = 0.1
+
+
+class Sawtooth(Base, frozen=True, tag="sawtooth", tag_field="type"):
+    """A ramp from −amplitude to +amplitude over each period, through zero at t = 0; downwards with a negative amplitude."""
+
+    amplitude: RoleValue
+    frequency: Frequency
+    phase: Angle = 0.0
+
+
+class Steps(Base, frozen=True, tag="steps", tag_field="type"):
+    """values[i] from times[i] on, zero before the first; each change takes `rise`, sharp when zero."""
+
+    times: tuple[TimeSpan, ...]
+    values: tuple[RoleValue, ...]
+    rise: TimeSpan = 0.0
+
+
+class Chirp(Base, frozen=True, tag="chirp", tag_field="type"):
+    """A sine whose frequency runs from `start_frequency` to `end_frequency` over `duration`, and stays there.
+
+    Attributes
+    ----------
+    amplitude, phase : of the sine
+    start_frequency, end_frequency : [Hz]
+    duration : that of the scenario when absent [s]
+    sweep : ``logarithmic``: by equal factors in equal times; or ``linear``
+    """
+
+    amplitude: RoleValue
+    start_frequency: Frequency
+    end_frequency: Frequency
+    duration: Duration | None = None
+    phase: Angle = 0.0
+    sweep: Literal["logarithmic", "linear"] = "logarithmic"
+
+
+class Multisine(Base, frozen=True, tag="multisine", tag_field="type"):
+    """Cosines of equal strength at the multiples of `spacing` from `lowest_frequency` to `highest_frequency`.
+
+    Attributes
+    ----------
+    rms : of the sum
+    spacing : between the frequencies; its inverse is the period [Hz]
+    lowest_frequency : `spacing` when absent [Hz]
+    highest_frequency : [Hz]
+    phases : ``schroeder``, which keeps the peaks low, or ``random``
+    seed : of random phases
+    """
+
+    rms: RoleSpread
+    spacing: Frequency
+    highest_frequency: Frequency
+    lowest_frequency: Frequency | None = None
+    phases: Literal["schroeder", "random"] = "schroeder"
+    seed: Annotated[int, Meta(description="a whole number", ge=0)] = 0
+
+
+class Trapezoid(Base, frozen=True, tag="trapezoid", tag_field="type"):
+    """A ramp up, a plateau and a ramp down, from `start` on; again after each `period` where one is given.
+
+    Attributes
+    ----------
+    amplitude : of the plateau
+    rise, hold, fall : how long each takes; the fall as long as the rise when absent [s]
+    start : when it begins [s]
+    period : after which it begins again [s]
+    """
+
+    amplitude: RoleValue
+    rise: Duration
+    hold: TimeSpan
+    fall: Duration | None = None
+    start: TimeSpan = 0.0
+    period: Duration | None = None
+
+
+class Csv(Base, frozen=True, tag="csv", tag_field="type"):
+    """A column of a file: a CSV table, or any other log that vsalog reads. Its time counts from the log's first stamp.
+
+    Attributes
+    ----------
+    file : path, from the scenario's folder
+    column : name of the column or channel
+    unit : of the column; what the file says when absent, SI when neither says
+    interpolation : ``linear``, or ``held``: each value holds until the next. Before and after, the ends hold
+    rate : samples per second of a table without a time column [Hz]
+    """
+
+    file: str
+    column: str
+    unit: str | None = None
+    interpolation: Literal["linear", "held"] = "linear"
+    rate: Frequency | None = None
+
+
+Part = Constant | Sine | Square | SoftSquare | Sawtooth | Steps | Chirp | Multisine | Trapezoid | Csv
+Parts = tuple[Part, ...]
+
+
+class ServoDrive(Base, frozen=True):
+    """A position loop on a motor: τ = K_p (θ_d − θ) + K_d (θ̇_d − θ̇), cut at ±limit.
+
+    Attributes
+    ----------
+    stiffness : K_p [N·m/rad]
+    damping : K_d [N·m·s/rad]
+    limit : largest torque; none when absent [N·m]
+    reference : θ_d, the sum of parts, [[….reference]]
+    """
+
+    stiffness: Stiffness
+    damping: Damping = 0.0
+    limit: TorqueLimit | None = None
+    reference: Parts = ()
+
+
+class Drives(Base, frozen=True):
+    """What drives one joint; several parts of a role are summed, what is not named is zero.
+
+    A motor gets a torque, a servo or a prescribed position, on the joint's side of the gear.
+    """
+
+    motor_torque: Parts = ()
+    motor_torque_1: Parts = ()
+    motor_torque_2: Parts = ()
+    secondary_torque: Parts = ()
+    external_torque: Parts = ()
+    valve_1: Parts = ()
+    valve_2: Parts = ()
+    motor_servo: ServoDrive | None = None
+    motor_servo_1: ServoDrive | None = None
+    motor_servo_2: ServoDrive | None = None
+    secondary_servo: ServoDrive | None = None
+    motor_position: Parts = ()
+    motor_position_1: Parts = ()
+    motor_position_2: Parts = ()
+    secondary_position: Parts = ()
+
+
+class ScenarioFile(Base, frozen=True):
+    """A whole scenario file.
+
+    Attributes
+    ----------
+    name : what it is called, in the log's name too
+    description : one line, which `vsalog simulate --list` prints
+    duration : [s]
+    period : sample time [s]
+    joint : what drives the joints, by their names in the rig
+    """
+
+    name: str = ""
+    description: str = ""
+    duration: Duration = 20.0
+    period: Duration = 1e-3
+    joint: dict[str, Drives] = field(default_factory=dict)
