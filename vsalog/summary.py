@@ -34,7 +34,8 @@ class TransmissionSummary(msgspec.Struct, frozen=True, kw_only=True):
     stiffness_last : at the last of them [N·m/rad]
     negative_share : share of them with a negative stiffness
     relative_std : root mean square of stiffness_std / stiffness over the supported rows
-    fit_rms : of the flexibility torque fed minus fitted [N·m], after the first supported row
+    fit_rms : of the flexibility torque fed minus fitted [N·m], after the first supported row; a residual is compared with
+        the fit behind the residual's own lag
     fit_mean : mean of fed minus fitted [N·m]
     fit_share : fit_rms as a share of the torque's own standard deviation
     deflection_span : greatest minus least deflection [rad]
@@ -104,8 +105,8 @@ class Summarizer:
             phi = np.asarray(columns["deflection"], float)
             if np.isfinite(phi).any():
                 s.phi_low, s.phi_high = min(s.phi_low, np.nanmin(phi)), max(s.phi_high, np.nanmax(phi))
-            fed = np.asarray(columns["flexibility_torque"], float)
-            fit = np.asarray(columns["flexibility_torque_fit"], float)
+            fed = np.asarray(columns.get("residual", columns["flexibility_torque"]), float)
+            fit = np.asarray(columns.get("residual_fit", columns["flexibility_torque_fit"]), float)
             both = np.isfinite(fed) & np.isfinite(fit)
             if not s.excited:
                 # Before anything is known the fit's error says nothing about the fit.

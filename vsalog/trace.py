@@ -30,6 +30,7 @@ UNITS = {
 }
 EXTRA_UNITS = {
     "residual": "N*m",
+    "residual_fit": "N*m",
     "stability_factor": "",
     "setpoint": "rad or m",
     "motor_inertia": "kg*m^2",

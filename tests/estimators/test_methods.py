@@ -13,6 +13,7 @@ from vsalog.estimators.device import device_of
 from vsalog.estimators.tuning import read_tuning
 from vsalog.rig.schema import AntagonisticJoint, LinearTransmission
 from vsalog.simulation.experiments import awas_experiment, elastic_experiment, vsa2_experiment
+from vsalog.summary import Summarizer
 from vsalog.trace import Trace
 
 
@@ -117,6 +118,22 @@ def test_the_default_has_no_bias_at_any_rate(rate):
     trace, _ = trace_of(fold, signals)
     late = (trace.time > 10.0) & trace["1"]["excited"]
     assert np.mean(trace["1"]["stiffness"][late]) == pytest.approx(50.0, rel=2e-3)
+
+
+@pytest.mark.parametrize("kind", ["savitzky-golay", "pair"])
+def test_the_lag_of_the_residual_is_not_called_a_misfit(kind):
+    """A fast motion whose law is met exactly leaves nothing over, though the residual comes late."""
+    experiment = elastic_experiment(transmission=LinearTransmission(stiffness=50.0), duration=10.0)
+    fold, signals = assemble(experiment, "residual-rls", filter=kind, bandwidth=30.0)
+    trace, _ = trace_of(fold, signals)
+    summarizer = Summarizer(fold.device)
+    summarizer.add(trace)
+    (part, total) = summarizer.result(fold.conditioner, signals).transmissions
+    late = trace.time > 5.0
+    lag = np.nanstd((trace["1"]["flexibility_torque_fit"] - trace["1"]["residual"])[late])
+    assert lag > 0.03 * np.nanstd(trace["1"]["residual"][late])
+    assert part.fit_share < 0.01
+    assert total.fit_share == pytest.approx(part.fit_share)
 
 
 def test_missing_samples_are_masked_not_invented():

@@ -232,6 +232,9 @@ class RegressionFold:
                 **extra,
                 **self._coefficients(equation, i, unknowns),
             }
+            if "residual" in columns[view.name]:
+                # The same fit behind the lag that the residual has, to be compared with it.
+                columns[view.name]["residual_fit"] = (rows.F * unknowns).sum(axis=1)
         after = 4 * len(equation.transmissions)
         if equation.parameters:  # the equation of a single transmission
             only = columns[equation.transmissions[0].name]
@@ -322,6 +325,9 @@ def _total(columns: Mapping[str, Mapping[str, Any]], variance: Array, device: De
         total["setpoint"] = parts[0]["setpoint"]
     for name in ("flexibility_torque", "flexibility_torque_fit", "stiffness"):
         total[name] = sum(p[name] for p in parts)
+    for name in ("residual", "residual_fit"):
+        if all(name in p for p in parts):
+            total[name] = sum(p[name] for p in parts)
     total["stiffness_std"] = np.sqrt(variance)
     total["excited"] = np.logical_and.reduce([p["excited"] for p in parts])
     for name in ("stiffness_derivative", "stiffness_second_derivative"):
