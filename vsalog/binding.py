@@ -19,11 +19,14 @@ from vsalog.errors import BindingError, UnitError
 from vsalog.grid import EVEN, Bound, after_long_silence, common_segments, grid_of, on_grid
 from vsalog.recording import Channel, Recording
 from vsalog.resolution import resolution_of
-from vsalog.rig.schema import Joint, Motor, RigidJoint, Run, SerialJoint, Signal
+from vsalog.rig.schema import Joint, Motor, PneumaticJoint, RigidJoint, Run, SerialJoint, Signal
 from vsalog.signals import JointSignals
 from vsalog.units import si_factor
 
 Array = NDArray[np.float64]
+
+# No position or torque is larger, in SI.
+HUGEST = 1e30
 
 # What a role is measured in when neither the rig nor the log says.
 SI = {
@@ -32,6 +35,8 @@ SI = {
     "deflection": "rad",
     "motor_torque": "N*m",
     "torque_sensor": "N*m",
+    "pressure": "Pa",
+    "valve": "V",
 }
 
 
@@ -153,6 +158,12 @@ def _bind_role(recording: Recording, run: Run, role: str, signal: Signal, joint:
         values = np.where(np.isfinite(values), values, np.nan)
     if role == "setpoint" and isinstance(joint, SerialJoint) and joint.lever is not None and _is_angle(channel, signal):
         values = joint.lever.start - joint.lever.travel * values
+    greatest = float(np.fmax.reduce(np.abs(values)))
+    if greatest > HUGEST:
+        raise BindingError(
+            f"{recording.path.name}: channel '{channel.name}' ({role}) reaches {greatest:.3g} in SI: is its unit, its offset or"
+            " the gear ratio in the rig right?"
+        )
     period = int(np.median(np.diff(channel.stamps)))
     # A turn of the rotor is no turn of the joint.
     wrapped = wrapped and (signal.side == "joint" or role == "link_position" or _motor(joint, role).gear_ratio == 1.0)
@@ -185,6 +196,8 @@ def _check(recording: Recording, channel: Channel, role: str) -> None:
 
 
 def _motor(joint: Joint, role: str) -> Motor:
+    if isinstance(joint, PneumaticJoint):
+        return Motor()
     name = "motor_2" if role.endswith("_2") else "motor_1"
     motor: Motor = getattr(joint, name) if hasattr(joint, name) else joint.motor  # type: ignore[union-attr]
     if role == "setpoint":

@@ -151,7 +151,9 @@ def estimate_joint(
     warnings = [*signals.notes, *signal_warnings(device, signals)]
     kept: list[Trace] = []
     summarizer = Summarizer(device)
-    state = _fold(fold, signals, block, (kept.append if sink is None else sink), summarizer)
+    # Where numbers run out of range the estimate is infinite or none, and the trace says so; numpy need not.
+    with np.errstate(over="ignore", invalid="ignore", divide="ignore"):
+        state = _fold(fold, signals, block, (kept.append if sink is None else sink), summarizer)
     summary = summarizer.result(fold.conditioner, signals)
     return JointEstimate(
         name,

@@ -232,6 +232,33 @@ def test_options_that_cannot_be(refused, bench, options, said):
     assert said in refused("estimate", "log.csv", *options, cwd=bench)
 
 
+@pytest.mark.parametrize("estimator", ["residual-rls", "qr-rls", "direct"])
+@pytest.mark.parametrize(
+    ("key", "value", "named"),
+    [
+        ("basis.deflection_scale", "1e-30", "deflection_scale"),
+        ("basis.deflection_scale", "1e-60", "deflection_scale"),
+        ("signals.link_position", '{ channel = "q", offset = 1e200 }', "'q'"),
+        ("signals.link_position", '{ channel = "q", resolution = 1e200 }', "resolution"),
+        ("motor.inertia", "1e300", "inertia"),
+        ("motor.damping", "1e300", "damping"),
+    ],
+)
+def test_magnitudes_that_cannot_be(refused, bench, estimator, key, value, named):
+    if key.startswith("motor") and estimator != "residual-rls":
+        pytest.skip("the motor's parameters are not used")
+    message = refused("estimate", "log.csv", "-e", estimator, "--set", f"joint.knee.{key}={value}", cwd=bench)
+    assert named in message
+    assert "Warning" not in message
+
+
+def test_numbers_that_run_out_of_range_are_not_a_matter_for_warnings(run, bench):
+    for setting in ("joint.knee.motor.inertia=1e29", "joint.knee.motor.inertia=1e-300"):
+        done = run("estimate", "log.csv", "-e", "residual-rls", "--set", setting, "--tune", "p0=1e300", cwd=bench)
+        assert done.returncode == 0, done.stderr
+        assert "Warning" not in done.stderr
+
+
 def test_no_log_at_all(run, tmp_path):
     assert run("estimate").returncode == 2
 

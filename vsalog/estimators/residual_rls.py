@@ -23,6 +23,9 @@ from vsalog.mechanics.transmissions import flexibility_torque
 from vsalog.rig.schema import UnknownTransmission
 from vsalog.signals import JointSignals
 
+# No motor's inertia, damping or gear ratio is larger, in SI.
+HUGEST = 1e30
+
 NAME = "residual-rls"
 SUMMARY = "motor-side residual and enhanced RLS (Flacco 2012); needs the motor's inertia, no torque sensor"
 
@@ -116,9 +119,16 @@ def _model(device: Device, view: TransmissionView) -> Equation:
 
 
 def _residual(device: Device, view: TransmissionView, signals: JointSignals, tuning: ResidualRlsTuning) -> Equation:
+    motor = "motor" if len(device.transmissions) == 1 else f"motor_{view.name}"
+    for name in ("inertia", "damping", "gear_ratio"):
+        value = getattr(view.motor, name)
+        if value is not None and value > HUGEST:
+            raise EstimatorError(
+                f"joint '{device.joint}': a motor's {name} of {value:.3g} cannot be: correct [joint.{device.joint}.{motor}]"
+                f" {name} in the rig"
+            )
     inertia = view.motor.reflected_inertia
     if inertia is None:
-        motor = "motor" if len(device.transmissions) == 1 else f"motor_{view.name}"
         raise EstimatorError(
             f"joint '{device.joint}': {NAME} (RESIDUAL) needs the motor's inertia: set"
             f" [joint.{device.joint}.{motor}] inertia in the rig, or use --estimator qr-rls, which estimates it"

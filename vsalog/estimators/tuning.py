@@ -14,6 +14,9 @@ from vsalog.estimators.device import Device, deflection_of, largest
 from vsalog.filters.conditioning import Conditioner, FilterName
 from vsalog.signals import JointSignals
 
+# Functions of the basis beyond this, or below its reciprocal, cannot be squared and summed up safely.
+LARGEST = 1e50
+
 Positive = Annotated[float, Meta(gt=0.0)]
 T = TypeVar("T", bound="Tuning")
 
@@ -80,12 +83,25 @@ class RlsTuning(Tuning, frozen=True, forbid_unknown_fields=True, kw_only=True):
 
 
 def largest_regressor(device: Device, signals: JointSignals) -> float:
-    """Return the largest value that any function of the basis takes on a joint's signals; 1 where there is none."""
+    """Return the largest value that any function of the basis takes on a joint's signals; 1 where there is none.
+
+    Raises
+    ------
+    EstimatorError
+        The functions leave the range in which squares and their sums can be formed: a scale of the basis is far off.
+    """
     corner = np.array([largest(signals.roles["setpoint"])]) if device.has_setpoint else None
-    return max(
+    greatest = max(
         float(device.basis.rows(np.array([largest(deflection_of(signals.roles, view))]), corner, 0).max())
         for view in device.transmissions
     )
+    if not 1.0 / LARGEST < greatest < LARGEST:
+        raise EstimatorError(
+            f"joint '{device.joint}': the functions of the basis reach {greatest:.3g} on this log: its deflection_scale"
+            f" ({device.basis.deflection_scale:.3g} rad) or setpoint_scale ({device.basis.setpoint_scale:.3g}) is far from the"
+            f" signals; leave them out of [joint.{device.joint}.basis] to have them taken from the log"
+        )
+    return greatest
 
 
 Modality = Literal["MODEL", "SENSOR", "RESIDUAL"]

@@ -59,7 +59,17 @@ class KinematicSettings:
 
         The papers' ratios are kept (V_max / V_min = 100 and the tracking index T² √(V_a / V_max)), so that at 1 ms the
         filter is the papers' own and at any other rate it smooths over as many samples.
+
+        Raises
+        ------
+        FilterError
+            No encoder has a step like that.
         """
+        if not 1e-50 < resolution < 1e50:
+            raise FilterError(
+                f"kinematic filter: an encoder's least step of {resolution:.3g} cannot be: correct the signal's resolution in"
+                " the rig, or leave it out to have it taken from the log"
+            )
         variance = resolution**2 / 12.0
         return cls(
             acceleration_variance=variance * (PAPER_TRACKING_INDEX / period**2) ** 2,
