@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterator
+from collections.abc import Collection, Iterator, Mapping
 from pathlib import Path
 
 import numpy as np
@@ -23,6 +23,8 @@ BATCH_ROWS = 65_536
 SAMPLE_ROWS = 200
 KEYS = ("joint", "transmission")
 """Text columns of vsalog's own traces: their values name the part of the device a row belongs to."""
+STREAM, RIG = b"stream", b"vsalog.rig"
+"""Metadata of vsalog's own logs: of a column, the stream whose clock it is on; of the table, its rig."""
 
 
 class ParquetReader:
@@ -42,7 +44,6 @@ class ParquetReader:
     """
 
     format = "parquet"
-    rig_text: str | None = None
 
     def __init__(self, path: Path, rate: float | None) -> None:
         self.path = path
@@ -65,13 +66,16 @@ class ParquetReader:
         ]
         if len(self._keys) < len(KEYS):
             self._keys = []
+        self._streams = [_text(field.metadata, STREAM) or path.stem for field in schema]
+        # A trace carries the rig of the log that it was estimated from, whose channels it does not have.
+        self.rig_text = None if self._keys else _text(schema.metadata, RIG)
 
     def catalogue(self) -> Catalogue:
         """Return the columns."""
         channels: dict[str, ChannelInfo] = {}
         for part in self._parts():
             for i in self._number_columns():
-                channels[self._name(i, part)] = ChannelInfo(self._stream(part), "parquet", self._units[i])
+                channels[self._name(i, part)] = ChannelInfo(self._stream(part, i), "parquet", self._units[i])
         return Catalogue(channels, self._text_columns())
 
     def blocks(self, wanted: Collection[str] | None) -> Iterator[Block]:
@@ -95,10 +99,12 @@ class ParquetReader:
         try:
             for batch in self._file.iter_batches(batch_size=BATCH_ROWS, columns=needed):
                 for part, piece in self._split(batch):
-                    block, missing = self._block(piece, part, columns, rows.get(part, 0), wanted)
+                    missing = 0
+                    for members in self._by_stream(columns):
+                        block, missing = self._block(piece, part, members, rows.get(part, 0), wanted)
+                        yield block
                     rows[part] = rows.get(part, 0) + piece.num_rows
                     dropped += missing
-                    yield block
         except (pa.ArrowException, OSError) as error:
             raise ReadError(f"{self.path}: the Parquet file is damaged: {error}") from error
         if dropped:
@@ -124,12 +130,29 @@ class ParquetReader:
                 unit = self._units[i]
                 if unit is not None:
                     units[name] = unit
+        missing = int(np.count_nonzero(~good))
+        if columns and _text(self._file.schema_arrow.field(columns[0]).metadata, STREAM):
+            good &= self._present(batch, columns)
         if not good.all():
             stamps = {kind: times[good] for kind, times in stamps.items()}
             values = {name: cells[good] for name, cells in values.items()}
-        return Block(self._stream(part), "parquet", stamps, values, units, self._timeless()), int(
-            np.count_nonzero(~good)
-        )
+        stream = self._stream(part, columns[0] if columns else None)
+        return Block(stream, "parquet", stamps, values, units, self._timeless()), missing
+
+    def _by_stream(self, columns: list[int]) -> list[list[int]]:
+        """Group columns by their stream; without any column there is the clock alone."""
+        streams: dict[str, list[int]] = {}
+        for i in columns:
+            streams.setdefault(self._streams[i], []).append(i)
+        return list(streams.values()) or [[]]
+
+    def _present(self, batch: pa.RecordBatch, columns: list[int]) -> NDArray[np.bool_]:
+        """Tell which rows any of a stream's columns has a sample in."""
+        original = self._file.schema_arrow.names
+        found = np.zeros(batch.num_rows, dtype=bool)
+        for i in columns:
+            found |= np.asarray(batch.column(original[i]).is_valid().to_numpy(zero_copy_only=False), bool)
+        return found
 
     def _number_columns(self) -> list[int]:
         schema = self._file.schema_arrow
@@ -164,8 +187,9 @@ class ParquetReader:
         for part in pc.unique(parts).to_pylist():
             yield part, batch.filter(pc.equal(parts, part))
 
-    def _stream(self, part: str | None) -> str:
-        return self.path.stem if part is None else f"{self.path.stem}[{part}]"
+    def _stream(self, part: str | None, column: int | None = None) -> str:
+        stream = self.path.stem if column is None else self._streams[column]
+        return stream if part is None else f"{stream}[{part}]"
 
     def _name(self, i: int, part: str | None) -> str:
         return self._names[i] if part is None else f"{self._names[i]}[{part}]"
@@ -191,8 +215,13 @@ def _part_names(batch: pa.RecordBatch, names: list[str]) -> pa.Array:
 
 def _unit(field: pa.Field) -> str | None:
     """Return the unit in a column's metadata."""
-    raw = (field.metadata or {}).get(b"unit", b"").decode("utf-8", "replace").strip()
-    return raw or None
+    return (_text(field.metadata, b"unit") or "").strip() or None
+
+
+def _text(metadata: Mapping[bytes, bytes] | None, key: bytes) -> str | None:
+    """Return a text of some metadata, None where there is none or it is empty."""
+    raw = (metadata or {}).get(key, b"")
+    return raw.decode("utf-8", "replace") or None
 
 
 def _is_text(kind: pa.DataType) -> bool:

@@ -20,16 +20,10 @@ def atomic_path(path: Path) -> Iterator[Path]:
     WriteError
         The folder is not there or cannot be written to, or the disk is full.
     """
-    folder = path.parent
-    if not folder.is_dir():
-        raise WriteError(f"{path}: the folder {folder} does not exist")
-    if path.is_dir():
-        raise WriteError(f"{path}: is a folder; name a file")
-    if path.exists() and not path.is_file():
-        raise WriteError(f"{path}: is a device, not a file; name a file")
+    check_path(path)
     temporary: Path | None = None
     try:
-        handle, name = tempfile.mkstemp(prefix=".vsalog-", suffix=".part", dir=folder)
+        handle, name = tempfile.mkstemp(prefix=".vsalog-", suffix=".part", dir=path.parent)
         os.close(handle)
         temporary = Path(name)
         yield temporary
@@ -44,6 +38,22 @@ def atomic_path(path: Path) -> Iterator[Path]:
         if temporary is not None:
             with suppress(OSError):
                 temporary.unlink()
+
+
+def check_path(path: Path) -> None:
+    """Refuse a path that no file can be written to.
+
+    Raises
+    ------
+    WriteError
+        The folder is not there, or the path is a folder or a device.
+    """
+    if not path.parent.is_dir():
+        raise WriteError(f"{path}: the folder {path.parent} does not exist")
+    if path.is_dir():
+        raise WriteError(f"{path}: is a folder; name a file")
+    if path.exists() and not path.is_file():
+        raise WriteError(f"{path}: is a device, not a file; name a file")
 
 
 def write_text(path: Path, text: str) -> None:

@@ -31,7 +31,7 @@ def write_csv(recording: Recording, path: Path | str, time: Literal["s", "ns"] =
         The file cannot be written.
     """
     channels = list(recording.channels.values())
-    stamps = _all_stamps(channels)
+    stamps = all_stamps(channels)
     columns = [_time_column(stamps, time), *(_column(channel, stamps) for channel in channels)]
     header = [f"time [{time}]", *(_heading(channel) for channel in channels)]
     # Names by position, since a table's names must not repeat and are not written.
@@ -42,7 +42,8 @@ def write_csv(recording: Recording, path: Path | str, time: Literal["s", "ns"] =
         pa_csv.write_csv(table, file, options)
 
 
-def _all_stamps(channels: list[Channel]) -> Stamps:
+def all_stamps(channels: list[Channel]) -> Stamps:
+    """Return every stamp of any channel, in order; the very array of a clock that all share."""
     distinct = {id(channel.stamps): channel.stamps for channel in channels}
     if not distinct:
         return np.zeros(0, dtype=np.int64)

@@ -1,0 +1,114 @@
+"""A recording and its rig as a log of the format that its name asks for."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from contextlib import ExitStack
+from dataclasses import dataclass
+from pathlib import Path
+
+from vsalog.errors import WriteError
+from vsalog.recording import Recording
+from vsalog.units import shown
+from vsalog.writers.atomic import atomic_path, check_path
+
+MCAP, ROSBAG1, CSV, PARQUET, ROSBAG2 = "mcap", "rosbag1", "csv", "parquet", "rosbag2"
+FORMATS = {".mcap": MCAP, ".bag": ROSBAG1, ".csv": CSV, ".parquet": PARQUET, "": ROSBAG2}
+
+# The first line of rig files written beside logs, by which they are known as ours to replace.
+MARK = "# Written by 'vsalog simulate' as the rig of "
+
+
+@dataclass(frozen=True, slots=True)
+class LogFiles:
+    """Where a log and its rig go.
+
+    Attributes
+    ----------
+    log : file, or folder of a ROS 2 bag
+    format : ``mcap``, ``rosbag1``, ``csv``, ``parquet`` or ``rosbag2``
+    rig : file beside the log; None where the log itself carries the rig
+    """
+
+    log: Path
+    format: str
+    rig: Path | None
+
+    @classmethod
+    def named(cls, output: str) -> LogFiles:
+        """Tell the format by the name's ending: .mcap, .bag, .csv, .parquet; none, or a slash, is a ROS 2 bag's folder.
+
+        Raises
+        ------
+        WriteError
+            The ending is another one, the folder is not there, or something there would be overwritten.
+        """
+        log = Path(output)
+        ending = "" if output.endswith("/") else log.suffix.lower()
+        if not log.name or log.name == "..":
+            raise WriteError(f"'{output}' names no file")
+        if ending not in FORMATS:
+            raise WriteError(
+                f"{log}: no log format has the ending '{ending}'; write .mcap, .bag, .csv or .parquet, or a folder's name"
+                " with a slash behind it for a ROS 2 bag"
+            )
+        kind = FORMATS[ending]
+        rig = log.with_name(f"{log.stem}.rig.toml") if kind in (ROSBAG1, CSV, ROSBAG2) else None
+        files = cls(log, kind, rig)
+        files._check()
+        return files
+
+    def _check(self) -> None:
+        """Refuse what cannot be written, before anything is computed."""
+        if self.format == ROSBAG2:
+            from vsalog.writers.recording_rosbag2 import check_folder
+
+            check_folder(self.log)
+        else:
+            check_path(self.log)
+        if self.rig is not None and self.rig.exists():
+            with self.rig.open("rb") as file:
+                ours = file.readline(len(MARK.encode())) == MARK.encode()
+            if not ours:
+                raise WriteError(
+                    f"{self.rig}: is there already and not of 'vsalog simulate'; the log's rig would take its place:"
+                    " choose another name with -o"
+                )
+
+
+def write_log(recording: Recording, files: LogFiles, rig_text: str) -> None:
+    """Write a recording and its rig; both appear when all went well, and not at all otherwise.
+
+    Raises
+    ------
+    WriteError
+        A file cannot be written, or the channels do not fit the format.
+    """
+    with ExitStack() as stack:
+        if files.rig is not None:
+            temporary = stack.enter_context(atomic_path(files.rig))
+            temporary.write_text(f"{MARK}{shown(files.log.name)}.\n\n{rig_text}", encoding="utf-8")
+        _writer(files.format, rig_text)(recording, files.log)
+
+
+def _writer(kind: str, rig_text: str) -> Callable[[Recording, Path], None]:
+    """Return the writer of a format; only that one's libraries are imported."""
+    if kind == MCAP:
+        from vsalog.writers.recording_mcap import write_mcap
+
+        return lambda recording, path: write_mcap(recording, path, rig_text)
+    if kind == PARQUET:
+        from vsalog.writers.recording_parquet import write_parquet
+
+        return lambda recording, path: write_parquet(recording, path, rig_text)
+    if kind == ROSBAG1:
+        from vsalog.writers.recording_rosbag1 import write_rosbag1
+
+        return write_rosbag1
+    if kind == CSV:
+        from vsalog.writers.recording_csv import write_csv
+
+        return write_csv
+    from vsalog.writers.recording_rosbag2 import write_rosbag2
+
+    return write_rosbag2
