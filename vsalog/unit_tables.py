@@ -126,6 +126,8 @@ KINDS: dict[Dimension, str] = {
     TEMPERATURE: "a temperature",
     FREQUENCY: "a frequency",
     ANGULAR_VELOCITY: "an angular velocity",
+    _dimension(length=2.0): "an area",
+    _dimension(length=3.0): "a volume",
     _dimension(length=1.0, time=-1.0): "a velocity",
     ACCELERATION: "an acceleration",
     _dimension(time=-2.0, angle=1.0): "an angular acceleration",
@@ -161,4 +163,7 @@ QUANTITIES: dict[str, str] = {
     "m/rad": "a travel per angle (m/rad, mm/rad, mm/rev, …)",
     "m/s^2": "an acceleration (m/s^2, g, …)",
     "Pa": "a pressure (Pa, bar, …)",
+    "V": "a voltage (V, mV)",
+    "m^2": "an area (m^2, mm^2, …)",
+    "m^3": "a volume (m^3, cm^3, …)",
 }

@@ -22,6 +22,9 @@ SECTIONS = {
     "LinearTransmission": "Transmissions", "CubicTransmission": "Transmissions", "Vsa2Transmission": "Transmissions",
     "AwasTransmission": "Transmissions", "UnknownTransmission": "Transmissions", "SingleSignals": "Signals",
     "SerialSignals": "Signals", "AntagonisticSignals": "Signals", "Signal": "Signals", "Run": "Runs",
+    **dict.fromkeys(("PneumaticJoint", "Air", "Valve", "Muscle", "Seesaw", "LinearForce", "BraidForce", "ExponentialForce",
+                     "SpringForce", "PressureFriction", "SimpleFriction", "TonduFriction"), "Pneumatic"),
+    "PneumaticSignals": "Signals",
 }  # fmt: skip
 VALIDATOR = jsonschema.Draft202012Validator(rig_schema())
 
@@ -48,7 +51,7 @@ def test_every_example_loads_and_validates(example):
 
 
 def test_there_is_an_example_of_each_kind():
-    for kind in ("rigid", "elastic", "serial", "antagonistic"):
+    for kind in ("rigid", "elastic", "serial", "antagonistic", "pneumatic"):
         assert any(f'kind = "{kind}"' in example for example in EXAMPLES)
 
 

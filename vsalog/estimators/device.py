@@ -14,6 +14,7 @@ from vsalog.rig.schema import (
     AntagonisticJoint,
     Joint,
     Motor,
+    PneumaticJoint,
     RigidJoint,
     SerialJoint,
     Transmission,
@@ -70,7 +71,7 @@ def device_of(name: str, joint: Joint, roles: Mapping[str, Array] | None = None)
     Raises
     ------
     EstimatorError
-        The joint is rigid: it has no transmission whose stiffness could be estimated.
+        The joint is rigid or pneumatic: it has no transmission whose stiffness could be estimated.
     """
     if isinstance(joint, RigidJoint):
         raise EstimatorError(
@@ -78,6 +79,11 @@ def device_of(name: str, joint: Joint, roles: Mapping[str, Array] | None = None)
             " estimate: a role is missing, motor_position (the motor's position θ) or link_position (the link's position q),"
             " whichever the one position is not, or deflection. If the joint is compliant and both sides were recorded, say"
             ' so in the rig (kind = "elastic", "serial" or "antagonistic") and name their channels'
+        )
+    if isinstance(joint, PneumaticJoint):
+        raise EstimatorError(
+            f"joint '{name}' is of kind 'pneumatic': there is no estimator for pneumatic muscles; its stiffness is known from"
+            " its model, which 'vsalog simulate' plays"
         )
     serial = isinstance(joint, SerialJoint)
     views: tuple[TransmissionView, ...]

@@ -6,6 +6,7 @@ from collections.abc import Iterator
 
 from vsalog.errors import did_you_mean
 from vsalog.rig.decode import Path, refuse
+from vsalog.rig.pneumatic import pneumatic_problem
 from vsalog.rig.schema import (
     AntagonisticJoint,
     AwasTransmission,
@@ -14,6 +15,7 @@ from vsalog.rig.schema import (
     Friction,
     Joint,
     Motor,
+    PneumaticJoint,
     PolynomialTransmission,
     RigFile,
     RigidJoint,
@@ -25,6 +27,8 @@ from vsalog.rig.schema import (
 from vsalog.units import shown
 
 RUN = "{run}"
+
+JointWithRuns = ElasticJoint | SerialJoint | AntagonisticJoint | PneumaticJoint
 
 
 def check_rig(rig: RigFile) -> None:
@@ -43,6 +47,8 @@ def check_rig(rig: RigFile) -> None:
             _check_friction(friction, (*path, *key, "friction"))
         _check_channels(joint, path)
         _check_transmissions(joint, path)
+        if isinstance(joint, PneumaticJoint) and (problem := pneumatic_problem(joint)) is not None:
+            refuse((*path, *problem[0]), problem[1])
         if not isinstance(joint, RigidJoint):
             _check_runs(joint, path)
 
@@ -77,7 +83,7 @@ def frictions(joint: Joint) -> Iterator[tuple[tuple[str, ...], Friction]]:
     """Yield where the joint has friction, and the friction."""
     for key, motor in motors(joint):
         yield (key,), motor.friction
-    if joint.link is not None:
+    if not isinstance(joint, PneumaticJoint) and joint.link is not None:
         yield ("link",), joint.link.friction
 
 
@@ -145,7 +151,7 @@ def _check_transmissions(joint: Joint, path: Path) -> None:
             )
 
 
-def _check_runs(joint: ElasticJoint | SerialJoint | AntagonisticJoint, path: Path) -> None:
+def _check_runs(joint: JointWithRuns, path: Path) -> None:
     for role, channel in role_channels(joint):
         if RUN in channel and not any(run.name for run in joint.run):
             refuse(
@@ -161,7 +167,7 @@ def _check_runs(joint: ElasticJoint | SerialJoint | AntagonisticJoint, path: Pat
         seen.add((run.name, run.file))
 
 
-def _check_setpoint(joint: ElasticJoint | SerialJoint | AntagonisticJoint, run: Run, at: Path) -> None:
+def _check_setpoint(joint: JointWithRuns, run: Run, at: Path) -> None:
     if run.setpoint is None:
         return
     if not isinstance(joint, SerialJoint):

@@ -32,6 +32,8 @@ ROLE_UNITS: dict[str, tuple[str, ...]] = {
     "accelerometer_x": ("m/s^2",),
     "accelerometer_y": ("m/s^2",),
     "accelerometer_z": ("m/s^2",),
+    "pressure": ("Pa",),
+    "valve": ("V",),
 }
 
 

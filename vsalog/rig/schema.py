@@ -31,6 +31,23 @@ from vsalog.rig.parts import (
     UnknownTransmission,
     Vsa2Transmission,
 )
+from vsalog.rig.pneumatic import (
+    Air,
+    BraidForce,
+    ExponentialForce,
+    JointFriction,
+    LinearForce,
+    Muscle,
+    MuscleForce,
+    PneumaticJoint,
+    PneumaticSignals,
+    PressureFriction,
+    Seesaw,
+    SimpleFriction,
+    SpringForce,
+    TonduFriction,
+    Valve,
+)
 from vsalog.rig.quantities import Base, DeflectionScale, SetpointScale
 from vsalog.rig.roles import (
     AntagonisticSignals,
@@ -45,11 +62,13 @@ from vsalog.rig.roles import (
 
 __all__ = [
     "Accelerometer",
+    "Air",
     "AntagonisticJoint",
     "AntagonisticSignals",
     "AwasTransmission",
     "Basis",
     "BoucWen",
+    "BraidForce",
     "Chain",
     "ChainLink",
     "Cogging",
@@ -58,28 +77,41 @@ __all__ = [
     "CubicTransmission",
     "Eccentricity",
     "ElasticJoint",
+    "ExponentialForce",
     "ExponentialTransmission",
     "Friction",
     "Joint",
+    "JointFriction",
     "KnownTransmission",
     "Lever",
+    "LinearForce",
     "LinearTransmission",
     "Link",
     "Motor",
+    "Muscle",
+    "MuscleForce",
     "Payload",
+    "PneumaticJoint",
+    "PneumaticSignals",
     "PolynomialTransmission",
+    "PressureFriction",
     "RigFile",
     "RigidJoint",
     "Run",
+    "Seesaw",
     "SerialJoint",
     "SerialSignals",
     "Signal",
     "SignalSpec",
+    "SimpleFriction",
     "SingleSignals",
     "SlipElement",
+    "SpringForce",
+    "TonduFriction",
     "Transmission",
     "TransmissionEffects",
     "UnknownTransmission",
+    "Valve",
     "Vsa2Transmission",
     "role_units",
 ]
@@ -151,7 +183,7 @@ class AntagonisticJoint(Base, frozen=True, tag="antagonistic", tag_field="kind")
     run: tuple[Run, ...] = ()
 
 
-Joint = RigidJoint | ElasticJoint | SerialJoint | AntagonisticJoint
+Joint = RigidJoint | ElasticJoint | SerialJoint | AntagonisticJoint | PneumaticJoint
 
 
 class RigFile(Base, frozen=True):

@@ -10,7 +10,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vsalog.errors import SimulationError
-from vsalog.rig.schema import AntagonisticJoint, Joint, Motor, SerialJoint, Signal, SignalSpec
+from vsalog.rig.schema import (
+    AntagonisticJoint,
+    Joint,
+    Motor,
+    PneumaticJoint,
+    SerialJoint,
+    Signal,
+    SignalSpec,
+    role_units,
+)
 from vsalog.units import matching, si_factor
 
 Array = NDArray[np.float64]
@@ -87,7 +96,7 @@ def _in_full(spec: SignalSpec) -> Signal:
 def _column(joint: Joint, role: str, signal: Signal, values: Array) -> RecordedColumn:
     name, ratio, unit = signal.channel or "", _motor(joint, role).gear_ratio, signal.unit
     kind = JOINT_STATE if name.endswith("]") else "std_msgs/msg/Float64"
-    usual = "N*m" if "torque" in role else "rad"
+    usual = role_units(role)[0]
     if role == "setpoint" and isinstance(joint, SerialJoint) and joint.lever and _is_length(unit):
         usual, values = "m", joint.lever.start - joint.lever.travel * values
     recorded = (values + signal.offset) * signal.sign
@@ -106,6 +115,8 @@ def _motor(joint: Joint, role: str) -> Motor:
         return joint.motor_2 if role.endswith("_2") else joint.motor_1
     if isinstance(joint, SerialJoint) and role == "setpoint":
         return joint.secondary_motor or Motor()
+    if isinstance(joint, PneumaticJoint):
+        return Motor()
     return joint.motor
 
 

@@ -17,6 +17,7 @@ from vsalog.rig.schema import (
     LinearTransmission,
     Link,
     Motor,
+    PneumaticJoint,
     RigFile,
     RigidJoint,
     SerialJoint,
@@ -86,6 +87,8 @@ def simulate(
     plant = rig.joint[joint_name]
     if isinstance(plant, RigidJoint):
         raise SimulationError(f"joint '{joint_name}' is rigid: it has no transmission to simulate")
+    if isinstance(plant, PneumaticJoint):
+        raise SimulationError(f"joint '{joint_name}' is pneumatic: simulate_pneumatic plays it")
     steps = _steps(plant, period) if steps is None else steps
     if isinstance(plant, SerialJoint):
         truth = _serial(plant, torques, time, period, steps, drift_rate, start)
