@@ -97,6 +97,9 @@ deflection = "y"
     name, joint = joint_of(text)
     angle = bind([recording(x=(T, 10.0 * T), y=(T, T))], name, joint, ("setpoint", "deflection"))
     np.testing.assert_allclose(angle.roles["setpoint"], 0.1 - 4e-4 * 10.0 * T)
+    name, stated = joint_of(text.replace('setpoint = "x"', 'setpoint = { channel = "x", resolution = 1e-3 }'))
+    angle = bind([recording(x=(T, 10.0 * T), y=(T, T))], name, stated, ("setpoint", "deflection"))
+    assert angle.resolution["setpoint"] == pytest.approx(4e-7)  # a step of the angle, as a length
     length = bind([recording(x=(T, 80.0 + T, "mm"), y=(T, T))], name, joint, ("setpoint", "deflection"))
     np.testing.assert_allclose(length.roles["setpoint"], (80.0 + T) * 1e-3)
 

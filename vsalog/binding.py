@@ -156,8 +156,10 @@ def _bind_role(recording: Recording, run: Run, role: str, signal: Signal, joint:
         values = values - signal.offset
     if not np.isfinite(values).all():
         values = np.where(np.isfinite(values), values, np.nan)
+    resolution = signal.resolution
     if role == "setpoint" and isinstance(joint, SerialJoint) and joint.lever is not None and _is_angle(channel, signal):
         values = joint.lever.start - joint.lever.travel * values
+        resolution = None if resolution is None else resolution * abs(joint.lever.travel)
     greatest = float(np.fmax.reduce(np.abs(values)))
     if greatest > HUGEST:
         raise BindingError(
@@ -167,7 +169,7 @@ def _bind_role(recording: Recording, run: Run, role: str, signal: Signal, joint:
     period = int(np.median(np.diff(channel.stamps)))
     # A turn of the rotor is no turn of the joint.
     wrapped = wrapped and (signal.side == "joint" or role == "link_position" or _motor(joint, role).gear_ratio == 1.0)
-    return Bound(channel.stamps, values, period, signal.resolution, wrapped=wrapped)
+    return Bound(channel.stamps, values, period, resolution, wrapped=wrapped)
 
 
 def _unwrapped(channel: Channel, signal: Signal, role: str) -> tuple[Array, bool]:

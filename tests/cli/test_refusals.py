@@ -218,6 +218,9 @@ def test_a_joint_that_stands_still(run, bench):
         (["--tune", "bandwidth=fast"], "bandwidth"),
         (["--tune", "bandwidth=-1"], "bandwidth"),
         (["--tune", "bandwidth"], "NAME=VALUE"),
+        (["--tune", "window=1e300"], "window"),
+        (["--tune", "window=1e9"], "window"),
+        (["--tune", "filter=kinematic", "--tune", "settle=1e300"], "1e+303"),
         (["--joint", "kne"], "did you mean 'knee'"),
         (["--set", "joint.knee.motor.inertia=heavy"], "inertia"),
         (["--set", "setpoint=3"], "no joint of the rig has a set-point"),
@@ -257,6 +260,11 @@ def test_numbers_that_run_out_of_range_are_not_a_matter_for_warnings(run, bench)
         done = run("estimate", "log.csv", "-e", "residual-rls", "--set", setting, "--tune", "p0=1e300", cwd=bench)
         assert done.returncode == 0, done.stderr
         assert "Warning" not in done.stderr
+
+
+def test_a_prior_too_small_for_a_number(run, bench):
+    options = ("-e", "direct", "--tune", "solver=qr", "--tune", "p0=1e-300", "--tune", "c=1e-300")
+    assert run("estimate", "log.csv", *options, cwd=bench).returncode == 0
 
 
 def test_no_log_at_all(run, tmp_path):

@@ -19,6 +19,9 @@ from vsalog.estimators.solvers import QrSolver, RlsSolver
 from vsalog.estimators.tuning import RlsTuning
 from vsalog.signals import JointSignals
 
+# Of a prior covariance; the product of two small numbers must not become zero.
+LEAST = 1e-200
+
 NAME = "direct"
 SUMMARY = "deflection and torque sensor alone, no motor data; RLS or QR-RLS"
 
@@ -56,7 +59,7 @@ def build(device: Device, signals: JointSignals, tuning: DirectTuning) -> Regres
     memory = tuning.memory_samples(signals)
     p0 = tuning.initial_covariance(device, signals)
     solver: Solver = (
-        QrSolver(tuning.forgetting, memory, 0, tuning.c * p0)
+        QrSolver(tuning.forgetting, memory, 0, max(tuning.c * p0, LEAST))
         if tuning.solver == "qr"
         else RlsSolver(p0, tuning.c, memory)
     )

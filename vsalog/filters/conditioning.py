@@ -27,6 +27,8 @@ Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]
 # Step that a signal without steps is taken to have [rad or m]: the MKKF then trusts it at every speed.
 FINEST = 1e-12
+# Samples in the longest Savitzky–Golay window; its weights are worked out before anything is known of the log's length.
+LONGEST = 100_000
 FilterName = Literal["kinematic", "pair", "savitzky-golay"]
 
 
@@ -73,6 +75,11 @@ class Conditioner:
     degree : of the Savitzky–Golay filter
     shape : α of the MKKF (Flacco 2012 eq. 20)
     settle : time the MKKF is given after a start before its output is learnt from [s]
+
+    Raises
+    ------
+    FilterError
+        The window is beyond all measure, or the degree does not fit it.
     """
 
     def __init__(
@@ -96,6 +103,11 @@ class Conditioner:
             for role in self.moving
         }
         self.settle = 100 if settle is None else round(settle / self.period)
+        if kind != "kinematic" and window > LONGEST * self.period:
+            raise FilterError(
+                f"a window of {window:.3g} s has more than {LONGEST} samples at {1.0 / self.period:.4g} Hz; shorten it with"
+                " --tune window=SECONDS"
+            )
         self.window = 2 * round(0.5 * window / self.period) + 1
         if kind != "kinematic":
             self.weights = savgol_weights(self.window, degree, 2, self.period)
@@ -112,7 +124,7 @@ class Conditioner:
         if longest_run < needed:
             raise FilterError(
                 f"the longest stretch without a gap has {longest_run} samples, but the {self.kind} filter needs"
-                f" {needed} ({needed * self.period:.3g} s); record longer, or shorten it with --tune"
+                f" {needed:.6g} ({needed * self.period:.3g} s); record longer, or shorten it with --tune"
                 f" {'window' if self.kind != 'kinematic' else 'settle'}=SECONDS"
             )
 
