@@ -43,10 +43,10 @@ def four_bar(phi: float, c: float) -> tuple[float, float, float]:
 
 
 @njit(error_model="numpy")
-def nominal_spring(row: Array, u: float, arm: float) -> tuple[float, float, float]:
+def nominal_spring(numbers: Array, at: int, width: int, u: float, arm: float) -> tuple[float, float, float]:
     """Return energy U [J], torque ∂U/∂u [N·m] and stiffness ∂²U/∂u² [N·m/rad] of the bare spring at deflection `u`."""
-    code = int(row[CODE])
-    p, s = row[SPRING], row[SPRING + 1]
+    code = int(numbers[at + CODE])
+    p, s = numbers[at + SPRING], numbers[at + SPRING + 1]
     if code == LINEAR:
         return 0.5 * p * u * u, p * u, p
     if code == CUBIC:
@@ -64,8 +64,8 @@ def nominal_spring(row: Array, u: float, arm: float) -> tuple[float, float, floa
     # The polynomial's scale comes first, then its coefficients c₁, c₂, …
     x = u / p
     energy, torque, stiffness, power = 0.0, 0.0, 0.0, 1.0
-    for i in range(SPRING + 1, row.shape[0]):
-        order, c = i - SPRING, row[i]
+    for order in range(1, width - SPRING):
+        c = numbers[at + SPRING + order]
         stiffness += c * order * power / p
         power *= x
         torque += c * power
@@ -74,19 +74,22 @@ def nominal_spring(row: Array, u: float, arm: float) -> tuple[float, float, floa
 
 
 @njit(error_model="numpy")
-def spring(row: Array, u: float, side: float, arm: float, t: float) -> tuple[float, float, float]:
+def spring(
+    numbers: Array, at: int, width: int, u: float, side: float, arm: float, t: float
+) -> tuple[float, float, float]:
     """Return energy, torque and stiffness with the added cubic, the asymmetry and the drift.
 
     Parameters
     ----------
-    row : of the transmission
+    numbers, at, width : where the transmission's row stands, and its length
     u : deflection less the gap [rad]
     side : +1 or −1, whose half of an asymmetric spring is meant
     arm : lever arm [m]
     t : time from the start [s]
     """
-    energy, torque, stiffness = nominal_spring(row, u, arm)
-    cubic, factor = row[ADDED_CUBIC], (1.0 + row[DRIFT] * t) * (1.0 + side * row[ASYMMETRY])
+    energy, torque, stiffness = nominal_spring(numbers, at, width, u, arm)
+    cubic = numbers[at + ADDED_CUBIC]
+    factor = (1.0 + numbers[at + DRIFT] * t) * (1.0 + side * numbers[at + ASYMMETRY])
     squared = u * u
     return (
         factor * (energy + 0.25 * cubic * squared * squared),
@@ -108,29 +111,29 @@ def beyond_gap(phi: float, half_gap: float) -> tuple[float, float]:
 
 
 @njit(error_model="numpy")
-def friction_level(row: Array, v: float, load: float) -> float:
+def friction_level(numbers: Array, at: int, v: float, load: float) -> float:
     """Return the level of dry friction at velocity `v` [rad/s] under the transmitted torque `load` [N·m]."""
-    level: float = row[COULOMB] + row[LOAD] * abs(load)
-    if row[STATIC] > row[COULOMB]:
-        ratio = v / row[STRIBECK]
-        level += (row[STATIC] - row[COULOMB]) * np.exp(-ratio * ratio)
+    coulomb, static = numbers[at + COULOMB], numbers[at + STATIC]
+    level: float = coulomb + numbers[at + LOAD] * abs(load)
+    if static > coulomb:
+        ratio = v / numbers[at + STRIBECK]
+        level += (static - coulomb) * np.exp(-ratio * ratio)
     return level
 
 
 @njit(error_model="numpy")
-def bristle_rate(row: Array, z: float, v: float, speed: float, level: float) -> float:
+def bristle_rate(stiffness: float, z: float, v: float, speed: float, level: float) -> float:
     """Return ż of the LuGre model: v − σ₀ |v| z / level. `speed` is |v|."""
-    rate: float = v - row[BRISTLE] * speed * z / level
-    return rate
+    return v - stiffness * speed * z / level
 
 
 @njit(error_model="numpy")
-def loop_rate(row: Array, z: float, rate: float, speed: float) -> float:
+def loop_rate(numbers: Array, at: int, z: float, rate: float, speed: float) -> float:
     """Return ż of the Bouc–Wen loop (normalised, Ikhouane and Rodellar 2007). `speed` is |rate|."""
-    n, shape = row[LOOP_EXPONENT], row[LOOP_SHAPE]
+    n, shape = numbers[at + LOOP_EXPONENT], numbers[at + LOOP_SHAPE]
     below = abs(z) ** (n - 1.0)
-    change: float = (rate - shape * speed * below * z + (shape - 1.0) * rate * below * abs(z)) / row[LOOP_WIDTH]
-    return change
+    change: float = rate - shape * speed * below * z + (shape - 1.0) * rate * below * abs(z)
+    return change / numbers[at + LOOP_WIDTH]
 
 
 @njit(cache=True, error_model="numpy")
@@ -138,7 +141,7 @@ def springs(row: Array, phi: Array, arm: Array, t: Array, out: Array) -> None:
     """Fill `out`, shape (3, N), with energy, torque and stiffness for arrays of shape (N,)."""
     for k in range(phi.shape[0]):
         u, side = beyond_gap(phi[k], row[HALF_GAP])
-        energy, torque, stiffness = spring(row, u, side, arm[k], t[k])
+        energy, torque, stiffness = spring(row, 0, row.shape[0], u, side, arm[k], t[k])
         out[0, k], out[1, k], out[2, k] = energy, torque, stiffness
         if side == 0.0 and u == 0.0:
             out[2, k] = 0.0

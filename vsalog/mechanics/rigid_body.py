@@ -12,7 +12,7 @@ Array = NDArray[np.float64]
 
 
 def bodies(chain: Chain, payloads: dict[str, Payload] | None = None) -> Array:
-    """Return a row of numbers for each link, as the compiled functions read them.
+    """Return the numbers of each link, as the compiled functions read them.
 
     Parameters
     ----------
@@ -41,7 +41,9 @@ def inverse_dynamics(chain: Chain, q: ArrayLike, dq: ArrayLike, ddq: ArrayLike) 
     x, v, a = np.broadcast_arrays(*(np.asarray(values, dtype=np.float64) for values in (q, dq, ddq)))
     x2, v2, a2 = (np.ascontiguousarray(values.reshape(-1, x.shape[-1])) for values in (x, v, a))
     out = np.empty_like(x2)
-    _rigid_body.inverse_dynamics_over_time(bodies(chain), np.array(chain.gravity), x2, v2, a2, out)
+    links = bodies(chain)
+    numbers = np.concatenate([links.ravel(), chain.gravity])
+    _rigid_body.inverse_dynamics_over_time(numbers, links.size, x2, v2, a2, out)
     return out.reshape(x.shape)
 
 

@@ -13,8 +13,6 @@ where a mode ends. Where it ends a guard becomes negative; `_integrate` finds th
 
 from __future__ import annotations
 
-from typing import NamedTuple
-
 import numpy as np
 from numba import njit
 from numpy.typing import NDArray
@@ -34,60 +32,37 @@ from vsalog.mechanics._atoms import (
     nominal_spring,
     spring,
 )
-from vsalog.mechanics._rigid_body import inverse_dynamics, mass_matrix
+from vsalog.mechanics._rigid_body import DDQ, DQ, TAU, Q, inverse_dynamics
 
 Array = NDArray[np.float64]
 Integers = NDArray[np.int64]
-Flags = NDArray[np.bool_]
 
 NO_FRICTION = 2
-# Rows of the scratch array: applied force, transmitted torque, level of friction, torque that would hold at rest, column.
-FORCE, TRANSMITTED, LEVEL, HOLDING, POSITION, VELOCITY, ACCELERATION, TORQUE = range(8)
-ROWS = 8
 
+# A machine is two arrays: numbers, and integers `at` that say where among the numbers each table begins. Structures of arrays
+# would be easier to read, but every access counts a reference, which costs more than the arithmetic. Counts and flags first:
+DOFS, LINKS, TRANSMISSIONS, SLIPS, COGGINGS, CHAIN, WIDTH, GUARDED, FIRST_SLIP = range(9)
+# then where the tables of numbers begin: (n,) inertia, 0 in a chain; (n, 7) friction; (LINKS, 2) m g l and angle; (·, 4) degree
+# of freedom, amplitude, order, phase; (·, WIDTH) transmissions; (·, 2) levers; (·, 3) transmission, stiffness, limit; (·, 18)
+# links of the chain; (3,) gravity; (n, n) S and its transpose
+INERTIA, FRICTION, GRAVITY, COGGING, ROWS, LEVERS, ELEMENTS, BODIES, FIELD, COUPLING = range(9, 19)
+# and where the tables of integers begin in `at` itself: (·, 3) link, motor, secondary motor or −1; state of each bristle and each
+# loop or −1; whether ideal friction acts; whether the motion is prescribed.
+ENDS, BRISTLES, LOOPS, DRY, FIXED = range(19, 24)
+HEADER = 24
 
-class Plant(NamedTuple):
-    """A machine as arrays; n degrees of freedom, J of them links, T transmissions, E slip elements, N links in a chain."""
-
-    inertia: Array  # (n,), 0 for links of the chain
-    friction: Array  # (n, 7)
-    dry: Flags  # (n,), ideal stick and slip
-    bristles: Integers  # (n,), index of the bristle's state, −1 for none
-    fixed: Flags  # (n,), moves as prescribed
-    gravity: Array  # (J, 2), m g l and the angle at which the link hangs
-    cogging: Array  # (C, 4), degree of freedom, amplitude, order at the joint, phase
-    transmissions: Array  # (T, W)
-    ends: Integers  # (T, 3), degrees of freedom: link, motor, secondary motor or −1
-    levers: Array  # (T, 2), start [m] and travel [m/rad]
-    loops: Integers  # (T,), index of the loop's state, −1 for none
-    slips: Array  # (E, 3), transmission, stiffness, limit
-    first_slip: int  # index of the first slip element's state
-    guarded: bool  # whether there are any guards
-    bodies: Array  # (N, 18)
-    chain: Integers  # (N,), degrees of freedom of the chain's links
-    field: Array  # (3,), gravity of the chain
-    coupling: Array  # (n, n), S and its transpose
-    coupled: bool  # whether accelerations depend on one another
-
-
-class Scratch(NamedTuple):
-    """Room for the equations of motion, so that no step allocates."""
-
-    rows: Array  # (8, n)
-    matrix: Array  # (n, n + 1)
-    chain: Array  # (N + 1, 27)
-    M: Array  # (N, N)
-    zero: Array  # (max(N, 3),)
-    unit: Array  # (max(N, 3),)
+# Rows of the work array: applied force, transmitted torque, level of friction, torque that would hold at rest; the rigid
+# bodies' rows, the mass matrix with its right-hand side and a copy of it follow.
+FORCE, TRANSMITTED, LEVEL, HOLDING, FIRST_BODY = range(5)
 
 
 @njit(error_model="numpy")
-def _deflection(plant: Plant, i: int, x: Array, modes: Integers) -> tuple[float, float]:
+def deflection(p: Array, at: Integers, i: int, x: Array, modes: Integers) -> tuple[float, float]:
     """Return deflection less the gap, and its rate, as the mode of transmission `i` has them."""
-    n = plant.inertia.shape[0]
-    link, motor = plant.ends[i, 0], plant.ends[i, 1]
+    n, ends = at[DOFS], at[ENDS] + 3 * i
+    link, motor = at[ends], at[ends + 1]
     phi, rate = x[link] - x[motor], x[n + link] - x[n + motor]
-    gap = plant.transmissions[i, HALF_GAP]
+    gap = p[at[ROWS] + at[WIDTH] * i + HALF_GAP]
     if gap <= 0.0:
         return phi, rate
     side = modes[n + i]
@@ -95,257 +70,278 @@ def _deflection(plant: Plant, i: int, x: Array, modes: Integers) -> tuple[float,
 
 
 @njit(error_model="numpy")
-def _transmit(plant: Plant, t: float, x: Array, modes: Integers, rows: Array) -> None:
+def _transmit(p: Array, at: Integers, t: float, x: Array, modes: Integers, w: Array) -> None:
     """Add what the transmissions do to links and motors."""
-    n = plant.inertia.shape[0]
-    for i in range(plant.transmissions.shape[0]):
-        row = plant.transmissions[i]
-        link, motor, secondary = plant.ends[i, 0], plant.ends[i, 1], plant.ends[i, 2]
-        u, rate = _deflection(plant, i, x, modes)
-        arm = plant.levers[i, 0]
+    width = at[WIDTH]
+    for i in range(at[TRANSMISSIONS]):
+        row, ends = at[ROWS] + width * i, at[ENDS] + 3 * i
+        link, motor, secondary = at[ends], at[ends + 1], at[ends + 2]
+        u, rate = deflection(p, at, i, x, modes)
+        arm, travel = p[at[LEVERS] + 2 * i], p[at[LEVERS] + 2 * i + 1]
         if secondary >= 0:
-            arm -= plant.levers[i, 1] * x[secondary]
-        side = modes[n + i]
-        torque = spring(row, u, side, arm, t)[1] + row[DAMPING] * rate
-        if plant.loops[i] >= 0:
-            torque += row[LOOP_TORQUE] * x[plant.loops[i]]
-        for e in range(plant.slips.shape[0]):
-            if plant.slips[e, 0] == i:
-                torque += x[plant.first_slip + e]
-        rows[FORCE, link] -= torque
-        rows[FORCE, motor] += torque
-        rows[TRANSMITTED, link] += abs(torque)
-        rows[TRANSMITTED, motor] += torque
+            arm -= travel * x[secondary]
+        side = modes[at[DOFS] + i]
+        torque = spring(p, row, width, u, side, arm, t)[1] + p[row + DAMPING] * rate
+        loop = at[at[LOOPS] + i]
+        if loop >= 0:
+            torque += p[row + LOOP_TORQUE] * x[loop]
+        for e in range(at[SLIPS]):
+            if p[at[ELEMENTS] + 3 * e] == i:
+                torque += x[at[FIRST_SLIP] + e]
+        w[FORCE, link] -= torque
+        w[FORCE, motor] += torque
+        w[TRANSMITTED, link] += abs(torque)
+        w[TRANSMITTED, motor] += torque
         if secondary >= 0:
             # ∂U/∂θ_c = −b ∂U/∂r, and U goes with r² (Flacco 2012 eq. 52).
-            factor = (1.0 + row[DRIFT] * t) * (1.0 + side * row[ASYMMETRY])
-            rows[FORCE, secondary] += 2.0 * plant.levers[i, 1] / arm * factor * nominal_spring(row, u, arm)[0]
+            factor = (1.0 + p[row + DRIFT] * t) * (1.0 + side * p[row + ASYMMETRY])
+            w[FORCE, secondary] += 2.0 * travel / arm * factor * nominal_spring(p, row, width, u, arm)[0]
 
 
 @njit(error_model="numpy")
-def _rub(plant: Plant, x: Array, modes: Integers, rows: Array) -> None:
+def _rub(p: Array, at: Integers, x: Array, modes: Integers, w: Array) -> None:
     """Add viscous and dry friction; leaves in HOLDING the force that ideal friction would have to balance at rest."""
-    n = plant.inertia.shape[0]
+    n = at[DOFS]
     for i in range(n):
-        v, row = x[n + i], plant.friction[i]
-        rows[FORCE, i] -= row[VISCOUS] * v
+        v, row = x[n + i], at[FRICTION] + 7 * i
+        w[FORCE, i] -= p[row + VISCOUS] * v
         if modes[i] == NO_FRICTION:
             continue
-        level = friction_level(row, v, rows[TRANSMITTED, i])
-        rows[LEVEL, i] = level
-        if plant.bristles[i] >= 0:
-            z = x[plant.bristles[i]]
-            rows[FORCE, i] -= row[BRISTLE] * z + row[BRISTLE_DAMPING] * bristle_rate(row, z, v, modes[i] * v, level)
+        level = friction_level(p, row, v, w[TRANSMITTED, i])
+        w[LEVEL, i] = level
+        bristle = at[at[BRISTLES] + i]
+        if bristle >= 0:
+            z, stiffness = x[bristle], p[row + BRISTLE]
+            rate = bristle_rate(stiffness, z, v, modes[i] * v, level)
+            w[FORCE, i] -= stiffness * z + p[row + BRISTLE_DAMPING] * rate
         else:
-            rows[HOLDING, i] = rows[FORCE, i]
-            rows[FORCE, i] -= modes[i] * level
+            w[HOLDING, i] = w[FORCE, i]
+            w[FORCE, i] -= modes[i] * level
 
 
 @njit(error_model="numpy")
-def _solve(A: Array) -> None:
-    """Solve A[:, :n] a = A[:, n] in place by elimination with partial pivoting; the solution is left in A[:, n]."""
-    n = A.shape[0]
+def _solve(w: Array, first: int, n: int) -> None:
+    """Solve A a = b by elimination with partial pivoting; A and b are n rows of `w`, the solution is left in b."""
     for k in range(n):
-        p = k
-        for i in range(k + 1, n):
-            if abs(A[i, k]) > abs(A[p, k]):
+        r, p = first + k, first + k
+        for i in range(r + 1, first + n):
+            if abs(w[i, k]) > abs(w[p, k]):
                 p = i
-        if p != k:
+        if p != r:
             for j in range(k, n + 1):
-                A[k, j], A[p, j] = A[p, j], A[k, j]
-        for i in range(k + 1, n):
-            f = A[i, k] / A[k, k]
+                w[r, j], w[p, j] = w[p, j], w[r, j]
+        for i in range(r + 1, first + n):
+            f = w[i, k] / w[r, k]
             if f != 0.0:
                 for j in range(k, n + 1):
-                    A[i, j] -= f * A[k, j]
+                    w[i, j] -= f * w[r, j]
     for k in range(n - 1, -1, -1):
         for j in range(k + 1, n):
-            A[k, n] -= A[k, j] * A[j, n]
-        A[k, n] /= A[k, k]
+            w[first + k, n] -= w[first + k, j] * w[first + j, n]
+        w[first + k, n] /= w[first + k, k]
 
 
 @njit(error_model="numpy")
-def _accelerate_together(plant: Plant, x: Array, tau: Array, modes: Integers, s: Scratch, out: Array) -> None:
-    """Accelerations where links of a chain or coupled motors move one another (De Luca 2007 eq. 1–2)."""
-    n, rows, A = plant.inertia.shape[0], s.rows, s.matrix
+def _accelerate_together(p: Array, at: Integers, x: Array, tau: Array, modes: Integers, w: Array, out: Array) -> None:
+    """Accelerations where links of a chain and their motors move one another (De Luca 2007 eq. 1–2)."""
+    n, size, bodies, field = at[DOFS], at[CHAIN], at[BODIES], at[FIELD]
+    first, M = FIRST_BODY + TAU + 2 + size, FIRST_BODY + TAU + 2 + size + n
+    q, dq, ddq, torque = FIRST_BODY + Q, FIRST_BODY + DQ, FIRST_BODY + DDQ, FIRST_BODY + TAU
     for i in range(n):
         for j in range(n):
-            A[i, j] = plant.coupling[i, j]
-        A[i, i] += plant.inertia[i]
-    size = plant.chain.shape[0]
-    if size > 0:
-        for k in range(size):
-            rows[POSITION, k], rows[VELOCITY, k] = x[plant.chain[k]], x[n + plant.chain[k]]
-            rows[ACCELERATION, k] = 0.0
-        q, dq, ddq, torque = rows[POSITION], rows[VELOCITY], rows[ACCELERATION], rows[TORQUE]
-        inverse_dynamics(plant.bodies, plant.field, q, dq, ddq, s.chain, torque)
-        for k in range(size):
-            rows[FORCE, plant.chain[k]] -= torque[k]
-            rows[HOLDING, plant.chain[k]] -= torque[k]
-        mass_matrix(plant.bodies, q, s.zero, s.unit, s.chain, torque, s.M)
-        for k in range(size):
-            for j in range(size):
-                A[plant.chain[k], plant.chain[j]] += s.M[k, j]
+            w[first + i, j] = p[at[COUPLING] + n * i + j]
+        w[first + i, i] += p[at[INERTIA] + i]
+    for k in range(size):  # the links are the first degrees of freedom
+        w[q, k], w[dq, k], w[ddq, k] = x[k], x[n + k], 0.0
+    inverse_dynamics(p, bodies, size, field, 1.0, w, FIRST_BODY)
+    for k in range(size):
+        w[FORCE, k] -= w[torque, k]
+        w[HOLDING, k] -= w[torque, k]
+        w[dq, k] = 0.0
+    for k in range(size):
+        w[ddq, k] = 1.0
+        inverse_dynamics(p, bodies, size, field, 0.0, w, FIRST_BODY)
+        w[ddq, k] = 0.0
+        for i in range(size):
+            w[first + i, k] += w[torque, i]
     for i in range(n):
-        A[i, n] = rows[FORCE, i]
-        if plant.fixed[i] or modes[i] == 0:
+        w[first + i, n] = w[FORCE, i]
+        for j in range(n):
+            w[M + i, j] = w[first + i, j]
+        if at[at[FIXED] + i] or modes[i] == 0:
             for j in range(n):
-                A[i, j] = 0.0
-            A[i, i], A[i, n] = 1.0, tau[i] if plant.fixed[i] else 0.0
-    _solve(A)
+                w[first + i, j] = 0.0
+            w[first + i, i] = 1.0
+            w[first + i, n] = tau[i] if at[at[FIXED] + i] else 0.0
+    _solve(w, first, n)
     for i in range(n):
-        out[n + i] = A[i, n]
-    # What holds a joint at rest must also balance what the others' accelerations do to it.
+        out[n + i] = w[first + i, n]
     for i in range(n):
         if modes[i] == 0:
+            # What holds a joint at rest must also balance what the others' accelerations do to it.
             for j in range(n):
-                rows[HOLDING, i] -= plant.coupling[i, j] * out[n + j]
-    for k in range(size):
-        if modes[plant.chain[k]] == 0:
-            for j in range(size):
-                rows[HOLDING, plant.chain[k]] -= s.M[k, j] * out[n + plant.chain[j]]
+                w[HOLDING, i] -= w[M + i, j] * out[n + j]
 
 
 @njit(error_model="numpy")
-def derivative(plant: Plant, t: float, x: Array, tau: Array, modes: Integers, s: Scratch, out: Array) -> None:
+def derivative(p: Array, at: Integers, t: float, x: Array, tau: Array, modes: Integers, w: Array, out: Array) -> None:
     """Fill `out` with ẋ.
 
     Parameters
     ----------
+    p, at : the machine
     t : from the start [s]
     x : state
     tau : shape (n,), torque on each link from outside and on each motor [N·m]; the acceleration of what is prescribed
     modes : see above
-    s : scratch; afterwards LEVEL and HOLDING are what the guards need
+    w : work array; afterwards its rows LEVEL and HOLDING are what the guards need
     """
-    n, links, rows = plant.inertia.shape[0], plant.gravity.shape[0], s.rows
+    n = at[DOFS]
     for i in range(n):
-        rows[FORCE, i] = tau[i]
-        rows[TRANSMITTED, i] = 0.0
-        rows[HOLDING, i] = 0.0
-    for j in range(links):
-        rows[FORCE, j] -= plant.gravity[j, 0] * np.sin(x[j] - plant.gravity[j, 1])
-    for c in range(plant.cogging.shape[0]):
-        i = int(plant.cogging[c, 0])
-        rows[FORCE, i] += plant.cogging[c, 1] * np.sin(plant.cogging[c, 2] * x[i] + plant.cogging[c, 3])
-    _transmit(plant, t, x, modes, rows)
-    _rub(plant, x, modes, rows)
+        w[FORCE, i] = tau[i]
+        w[TRANSMITTED, i] = 0.0
+        w[HOLDING, i] = 0.0
+    for j in range(at[LINKS]):
+        weight = p[at[GRAVITY] + 2 * j]
+        if weight != 0.0:
+            w[FORCE, j] -= weight * np.sin(x[j] - p[at[GRAVITY] + 2 * j + 1])
+    for c in range(at[COGGINGS]):
+        row = at[COGGING] + 4 * c
+        i = int(p[row])
+        w[FORCE, i] += p[row + 1] * np.sin(p[row + 2] * x[i] + p[row + 3])
+    _transmit(p, at, t, x, modes, w)
+    _rub(p, at, x, modes, w)
     for i in range(n):
         out[i] = x[n + i]
-    if plant.coupled:
-        _accelerate_together(plant, x, tau, modes, s, out)
+    if at[CHAIN] > 0:
+        _accelerate_together(p, at, x, tau, modes, w, out)
     else:
         for i in range(n):
-            out[n + i] = rows[FORCE, i] / plant.inertia[i]
-            if plant.fixed[i]:
+            out[n + i] = w[FORCE, i] / p[at[INERTIA] + i]
+            if at[at[FIXED] + i]:
                 out[n + i] = tau[i]
             elif modes[i] == 0:
                 out[n + i] = 0.0
-    for i in range(n):
-        b = plant.bristles[i]
-        if b >= 0:
-            v = x[n + i]
-            out[b] = bristle_rate(plant.friction[i], x[b], v, modes[i] * v, rows[LEVEL, i])
-    types = n + plant.transmissions.shape[0]
-    for i in range(plant.transmissions.shape[0]):
-        if plant.loops[i] >= 0:
-            rate = _deflection(plant, i, x, modes)[1]
-            out[plant.loops[i]] = loop_rate(plant.transmissions[i], x[plant.loops[i]], rate, modes[types + i] * rate)
-    elements = types + plant.transmissions.shape[0]
-    for e in range(plant.slips.shape[0]):
-        rate = _deflection(plant, int(plant.slips[e, 0]), x, modes)[1]
-        out[plant.first_slip + e] = plant.slips[e, 1] * rate if modes[elements + e] == 0 else 0.0
+    if at[GUARDED]:
+        _deform(p, at, x, modes, w, out)
 
 
 @njit(error_model="numpy")
-def friction_guard(plant: Plant, i: int, x: Array, modes: Integers, s: Scratch) -> float:
+def _deform(p: Array, at: Integers, x: Array, modes: Integers, w: Array, out: Array) -> None:
+    """Rates of bristles, loops and slip elements."""
+    n, count = at[DOFS], at[TRANSMISSIONS]
+    for i in range(n):
+        bristle = at[at[BRISTLES] + i]
+        if bristle >= 0:
+            v, stiffness = x[n + i], p[at[FRICTION] + 7 * i + BRISTLE]
+            out[bristle] = bristle_rate(stiffness, x[bristle], v, modes[i] * v, w[LEVEL, i])
+    for i in range(count):
+        loop = at[at[LOOPS] + i]
+        if loop >= 0:
+            rate = deflection(p, at, i, x, modes)[1]
+            out[loop] = loop_rate(p, at[ROWS] + at[WIDTH] * i, x[loop], rate, modes[n + count + i] * rate)
+    for e in range(at[SLIPS]):
+        element = at[ELEMENTS] + 3 * e
+        rate = deflection(p, at, int(p[element]), x, modes)[1]
+        out[at[FIRST_SLIP] + e] = p[element + 1] * rate if modes[n + 2 * count + e] == 0 else 0.0
+
+
+@njit(error_model="numpy")
+def friction_guard(at: Integers, i: int, x: Array, modes: Integers, w: Array) -> float:
     """Return what is negative once the friction mode of degree of freedom `i` has ended; call `derivative` before."""
-    if modes[i] == NO_FRICTION or plant.fixed[i]:
+    if modes[i] == NO_FRICTION or at[at[FIXED] + i]:
         return 1.0
     if modes[i] == 0:
-        return s.rows[LEVEL, i] - abs(s.rows[HOLDING, i])
-    guard: float = modes[i] * x[plant.inertia.shape[0] + i]
+        return w[LEVEL, i] - abs(w[HOLDING, i])
+    guard: float = modes[i] * x[at[DOFS] + i]
     return guard
 
 
 @njit(error_model="numpy")
-def side_guard(plant: Plant, i: int, x: Array, modes: Integers) -> float:
-    """Return what is negative once the deflection of transmission `i` has changed sides."""
-    row, side = plant.transmissions[i], modes[plant.inertia.shape[0] + i]
-    gap = row[HALF_GAP]
-    if gap <= 0.0 and row[ASYMMETRY] == 0.0:
+def side_guard(p: Array, at: Integers, i: int, x: Array, modes: Integers) -> float:
+    """Return what is negative once the deflection of transmission `i` has changed sides, where that matters."""
+    row, side = at[ROWS] + at[WIDTH] * i, modes[at[DOFS] + i]
+    gap = p[row + HALF_GAP]
+    if gap <= 0.0 and p[row + ASYMMETRY] == 0.0:
         return 1.0
-    phi = x[plant.ends[i, 0]] - x[plant.ends[i, 1]]
+    phi = x[at[at[ENDS] + 3 * i]] - x[at[at[ENDS] + 3 * i + 1]]
     guard: float = gap - abs(phi) if side == 0 else side * phi - gap
     return guard
 
 
 @njit(error_model="numpy")
-def way_guard(plant: Plant, i: int, x: Array, modes: Integers) -> float:
+def way_guard(p: Array, at: Integers, i: int, x: Array, modes: Integers) -> float:
     """Return what is negative once the deflection of transmission `i` has turned round, where that matters."""
-    if plant.loops[i] < 0:
+    if at[at[LOOPS] + i] < 0:
         return 1.0
-    way = modes[plant.inertia.shape[0] + plant.transmissions.shape[0] + i]
-    guard: float = way * _deflection(plant, i, x, modes)[1]
+    guard: float = modes[at[DOFS] + at[TRANSMISSIONS] + i] * deflection(p, at, i, x, modes)[1]
     return guard
 
 
 @njit(error_model="numpy")
-def slip_guard(plant: Plant, e: int, x: Array, modes: Integers) -> float:
+def slip_guard(p: Array, at: Integers, e: int, x: Array, modes: Integers) -> float:
     """Return what is negative once slip element `e` begins to slip, or stops."""
-    mode = modes[plant.inertia.shape[0] + 2 * plant.transmissions.shape[0] + e]
+    mode, element = modes[at[DOFS] + 2 * at[TRANSMISSIONS] + e], at[ELEMENTS] + 3 * e
     if mode == 0:
-        stuck: float = plant.slips[e, 2] - abs(x[plant.first_slip + e])
+        stuck: float = p[element + 2] - abs(x[at[FIRST_SLIP] + e])
         return stuck
-    guard: float = mode * _deflection(plant, int(plant.slips[e, 0]), x, modes)[1]
+    guard: float = mode * deflection(p, at, int(p[element]), x, modes)[1]
     return guard
 
 
 @njit(error_model="numpy")
-def violated(plant: Plant, x: Array, modes: Integers, s: Scratch) -> bool:
+def violated(p: Array, at: Integers, x: Array, modes: Integers, w: Array) -> bool:
     """Tell whether any mode has ended; call `derivative` before."""
-    for i in range(plant.inertia.shape[0]):
-        if friction_guard(plant, i, x, modes, s) < 0.0:
+    for i in range(at[DOFS]):
+        if friction_guard(at, i, x, modes, w) < 0.0:
             return True
-    for i in range(plant.transmissions.shape[0]):
-        if side_guard(plant, i, x, modes) < 0.0 or way_guard(plant, i, x, modes) < 0.0:
+    for i in range(at[TRANSMISSIONS]):
+        if side_guard(p, at, i, x, modes) < 0.0 or way_guard(p, at, i, x, modes) < 0.0:
             return True
-    for e in range(plant.slips.shape[0]):  # noqa: SIM110  numba compiles no generator
-        if slip_guard(plant, e, x, modes) < 0.0:
+    for e in range(at[SLIPS]):  # noqa: SIM110  numba compiles no generator
+        if slip_guard(p, at, e, x, modes) < 0.0:
             return True
     return False
 
 
 @njit(error_model="numpy")
-def switch(plant: Plant, t: float, x: Array, tau: Array, modes: Integers, s: Scratch, out: Array) -> None:
-    """Change the modes that have ended, and with them the state: what stops stands still, what slips is at its limit."""
-    n, types = plant.inertia.shape[0], plant.inertia.shape[0] + plant.transmissions.shape[0]
+def stop(at: Integers, x: Array, modes: Integers, w: Array) -> bool:
+    """Bring to rest what has stopped sliding, tentatively; tell whether anything has. `release` must follow."""
+    stopped = False
+    for i in range(at[DOFS]):
+        if at[at[DRY] + i] and abs(modes[i]) == 1 and friction_guard(at, i, x, modes, w) < 0.0:
+            x[at[DOFS] + i], modes[i] = 0.0, 0
+            stopped = True
+    return stopped
+
+
+@njit(error_model="numpy")
+def release(at: Integers, modes: Integers, w: Array) -> None:
+    """Let slide what friction cannot hold; call `derivative` before."""
+    for i in range(at[DOFS]):
+        if modes[i] == 0 and not at[at[FIXED] + i] and abs(w[HOLDING, i]) > w[LEVEL, i]:
+            modes[i] = 1 if w[HOLDING, i] > 0.0 else -1
+
+
+@njit(error_model="numpy")
+def turn(p: Array, at: Integers, x: Array, modes: Integers, w: Array) -> None:
+    """Change the modes of bristles, gaps, loops and slip elements that have ended."""
+    n, count = at[DOFS], at[TRANSMISSIONS]
     for i in range(n):
-        if friction_guard(plant, i, x, modes, s) >= 0.0:
-            continue
-        if plant.bristles[i] >= 0:
+        if at[at[BRISTLES] + i] >= 0 and friction_guard(at, i, x, modes, w) < 0.0:
             modes[i] = -modes[i]
-        elif modes[i] == 0:
-            modes[i] = 1 if s.rows[HOLDING, i] > 0.0 else -1
-        else:
-            x[n + i] = 0.0
-            modes[i] = 0
-            derivative(plant, t, x, tau, modes, s, out)
-            if abs(s.rows[HOLDING, i]) > s.rows[LEVEL, i]:
-                modes[i] = 1 if s.rows[HOLDING, i] > 0.0 else -1
-                derivative(plant, t, x, tau, modes, s, out)
-    for i in range(plant.transmissions.shape[0]):
-        if way_guard(plant, i, x, modes) < 0.0:
-            modes[types + i] = -modes[types + i]
-        if side_guard(plant, i, x, modes) < 0.0:
-            phi, gap = x[plant.ends[i, 0]] - x[plant.ends[i, 1]], plant.transmissions[i, HALF_GAP]
-            sign = 1 if phi > 0.0 else -1
-            modes[n + i] = sign if abs(phi) > gap or gap <= 0.0 else 0
-    for e in range(plant.slips.shape[0]):
-        if slip_guard(plant, e, x, modes) < 0.0:
-            k, z = types + plant.transmissions.shape[0] + e, plant.first_slip + e
+    for i in range(count):
+        if way_guard(p, at, i, x, modes) < 0.0:
+            modes[n + count + i] = -modes[n + count + i]
+        if side_guard(p, at, i, x, modes) < 0.0:
+            phi = x[at[at[ENDS] + 3 * i]] - x[at[at[ENDS] + 3 * i + 1]]
+            gap = p[at[ROWS] + at[WIDTH] * i + HALF_GAP]
+            modes[n + i] = (1 if phi > 0.0 else -1) if abs(phi) > gap or gap <= 0.0 else 0
+    for e in range(at[SLIPS]):
+        if slip_guard(p, at, e, x, modes) < 0.0:
+            k, z = n + 2 * count + e, at[FIRST_SLIP] + e
             if modes[k] == 0:
                 modes[k] = 1 if x[z] > 0.0 else -1
-                x[z] = modes[k] * plant.slips[e, 2]
+                x[z] = modes[k] * p[at[ELEMENTS] + 3 * e + 2]
             else:
                 modes[k] = 0

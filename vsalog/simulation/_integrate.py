@@ -10,7 +10,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from pathlib import Path
 from types import ModuleType
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 from numba import njit
@@ -20,12 +20,21 @@ from vsalog.mechanics import _atoms, _rigid_body
 from vsalog.mechanics._atoms import HALF_GAP
 from vsalog.simulation import _dynamics
 from vsalog.simulation._dynamics import (
+    BRISTLES,
+    DOFS,
+    DRY,
+    ENDS,
+    FIXED,
+    GUARDED,
     NO_FRICTION,
-    Plant,
-    Scratch,
-    _deflection,
+    ROWS,
+    TRANSMISSIONS,
+    WIDTH,
+    deflection,
     derivative,
-    switch,
+    release,
+    stop,
+    turn,
     violated,
 )
 
@@ -61,221 +70,215 @@ COUPLED = np.array(
 )
 
 
-class Drive(NamedTuple):
-    """What moves the machine during a stretch of P sample periods of S steps each, for n degrees of freedom."""
-
-    inputs: Array  # (P, S, 3, n), torque or prescribed acceleration at the beginning, middle and end of each step
-    prescribed: Array  # (P, 2, n), position and velocity of what is prescribed, at the start of each period
-    servos: Array  # (K, 8): degree of freedom, Kp, Kd, limit, least step, gain, offset, delay in steps
-    reference: Array  # (P, 2, K), position and velocity
-    commands: Array  # (past + P, K), commanded torques; those of the past first, the rest is filled in
-    past: int  # periods before this stretch
-
-
-class Room(NamedTuple):
-    """Scratch of the integrators, for a state of length m."""
-
-    stages: Array  # (6, m)
-    state: Array  # (m,)
-    trial: Array  # (m,)
-    slope: Array  # (m,)
-    other: Array  # (m,)
-    tau: Array  # (n,)
-    jacobian: Array  # (m, m)
-    pivots: Integers  # (m,)
+# Rows of the integrators' room, each as long as the state: six stages, then
+STATE, TRIAL, SLOPE, OTHER, TORQUES, FIRST_JACOBIAN = range(6, 12)
 
 
 @njit(error_model="numpy")
-def _torques(drive: Drive, p: int, s: int, fraction: float, tau: Array) -> None:
-    """Interpolate the inputs within a step by the parabola through its ends and its middle."""
+def _torques(inputs: Array, k: int, fraction: float, room: Array) -> None:
+    """Interpolate the inputs within step `k` by the parabola through its ends and its middle."""
     begin = 2.0 * (fraction - 0.5) * (fraction - 1.0)
     middle = 4.0 * fraction * (1.0 - fraction)
     end = 2.0 * fraction * (fraction - 0.5)
-    rows = drive.inputs[p, s]
-    for i in range(tau.shape[0]):
-        tau[i] = begin * rows[0, i] + middle * rows[1, i] + end * rows[2, i]
+    for i in range(inputs.shape[2]):
+        room[TORQUES, i] = begin * inputs[k, 0, i] + middle * inputs[k, 1, i] + end * inputs[k, 2, i]
 
 
 @njit(error_model="numpy")
 def _runge_kutta(
-    plant: Plant, drive: Drive, p: int, s: int, t: float, h: float, a: float, b: float, x: Array, modes: Integers,
-    scratch: Scratch, room: Room, out: Array,
+    p: Array, at: Integers, inputs: Array, k: int, t: float, h: float, a: float, b: float, x: Array, modes: Integers,
+    w: Array, room: Array,
 ) -> None:  # fmt: skip
-    """One step from fraction `a` to fraction `b` of the step of length `h` that begins at time `t`."""
-    k, state, size, part = room.stages, room.state, x.shape[0], (b - a) * h
+    """One step from fraction `a` to fraction `b` of the step of length `h` that begins at time `t`, to the row TRIAL."""
+    size, part, tau, state = x.shape[0], (b - a) * h, room[TORQUES], room[STATE]
     for stage in range(4):
         c = 0.0 if stage == 0 else 1.0 if stage == 3 else 0.5
         for i in range(size):
-            state[i] = x[i] if stage == 0 else x[i] + c * part * k[stage - 1, i]
+            state[i] = x[i] if stage == 0 else x[i] + c * part * room[stage - 1, i]
         if stage != 2:  # the two in the middle have the same time
-            _torques(drive, p, s, a + c * (b - a), room.tau)
-        derivative(plant, t + (a + c * (b - a)) * h, state, room.tau, modes, scratch, k[stage])
+            _torques(inputs, k, a + c * (b - a), room)
+        derivative(p, at, t + (a + c * (b - a)) * h, state, tau, modes, w, room[stage])
     for i in range(size):
-        out[i] = x[i] + part / 6.0 * (k[0, i] + 2.0 * (k[1, i] + k[2, i]) + k[3, i])
+        room[TRIAL, i] = x[i] + part / 6.0 * (room[0, i] + 2.0 * (room[1, i] + room[2, i]) + room[3, i])
 
 
 @njit(error_model="numpy")
-def _factor(A: Array, pivots: Integers) -> None:
-    """LU decomposition in place, with partial pivoting."""
-    n = A.shape[0]
+def _factor(room: Array, n: int) -> None:
+    """LU decomposition in place of the n rows from FIRST_JACOBIAN on, with partial pivoting; the row after holds the pivots."""
+    last = FIRST_JACOBIAN + n
     for k in range(n):
-        p = k
-        for i in range(k + 1, n):
-            if abs(A[i, k]) > abs(A[p, k]):
-                p = i
-        pivots[k] = p
-        if p != k:
+        r, best = FIRST_JACOBIAN + k, FIRST_JACOBIAN + k
+        for i in range(r + 1, last):
+            if abs(room[i, k]) > abs(room[best, k]):
+                best = i
+        room[last, k] = best - FIRST_JACOBIAN
+        if best != r:
             for j in range(n):
-                A[k, j], A[p, j] = A[p, j], A[k, j]
-        for i in range(k + 1, n):
-            A[i, k] /= A[k, k]
+                room[r, j], room[best, j] = room[best, j], room[r, j]
+        for i in range(r + 1, last):
+            room[i, k] /= room[r, k]
             for j in range(k + 1, n):
-                A[i, j] -= A[i, k] * A[k, j]
+                room[i, j] -= room[i, k] * room[r, j]
 
 
 @njit(error_model="numpy")
-def _back(A: Array, pivots: Integers, b: Array) -> None:
-    """Solve A x = b in place with what `_factor` made of A."""
-    n = A.shape[0]
+def _back(room: Array, n: int, row: int) -> None:
+    """Solve for the right-hand side in a row of the room, in place, with what `_factor` left."""
     for k in range(n):
-        p = pivots[k]
-        b[k], b[p] = b[p], b[k]
+        other = int(room[FIRST_JACOBIAN + n, k])
+        room[row, k], room[row, other] = room[row, other], room[row, k]
     for i in range(n):
         for j in range(i):
-            b[i] -= A[i, j] * b[j]
+            room[row, i] -= room[FIRST_JACOBIAN + i, j] * room[row, j]
     for i in range(n - 1, -1, -1):
         for j in range(i + 1, n):
-            b[i] -= A[i, j] * b[j]
-        b[i] /= A[i, i]
+            room[row, i] -= room[FIRST_JACOBIAN + i, j] * room[row, j]
+        room[row, i] /= room[FIRST_JACOBIAN + i, i]
 
 
 @njit(error_model="numpy")
 def _rodas(
-    plant: Plant, drive: Drive, p: int, s: int, t: float, h: float, a: float, b: float, x: Array, modes: Integers,
-    scratch: Scratch, room: Room, out: Array,
+    p: Array, at: Integers, inputs: Array, k: int, t: float, h: float, a: float, b: float, x: Array, modes: Integers,
+    w: Array, room: Array,
 ) -> None:  # fmt: skip
-    """The same step by Rodas; the Jacobian comes from differences."""
-    u, state, A, tau, size, part = room.stages, room.state, room.jacobian, room.tau, x.shape[0], (b - a) * h
-    _torques(drive, p, s, a, tau)
-    derivative(plant, t + a * h, x, tau, modes, scratch, room.slope)
-    for j in range(size):
-        state[:] = x
-        # Differences as wide as the root of the rounding error, of the coordinate or of what it does in a step.
-        width = 1.5e-8 * max(abs(x[j]), abs(part * room.slope[j]), 1e-6)
-        state[j] += width
-        derivative(plant, t + a * h, state, tau, modes, scratch, room.other)
+    """The same step by Rodas; Jacobian and time derivative come from differences."""
+    size, part, tau, state = x.shape[0], (b - a) * h, room[TORQUES], room[STATE]
+    slope, other = room[SLOPE], room[OTHER]
+    # At the point itself, then along each coordinate, then a little later and a little earlier: exact for parabolic inputs.
+    for j in range(-1, size + 2):
+        near = 0.01 if j == size else -0.01 if j == size + 1 else 0.0
         for i in range(size):
-            A[i, j] = -(room.other[i] - room.slope[i]) / (state[j] - x[j])
-        A[j, j] += 1.0 / (part * GAMMA)
-    _factor(A, room.pivots)
-    # ∂f/∂t is exact for inputs that are parabolas.
-    near = 0.01 * (b - a)
-    _torques(drive, p, s, a + near, tau)
-    derivative(plant, t + (a + near) * h, x, tau, modes, scratch, room.slope)
-    _torques(drive, p, s, a - near, tau)
-    derivative(plant, t + (a - near) * h, x, tau, modes, scratch, room.other)
-    for i in range(size):
-        room.slope[i] = (room.slope[i] - room.other[i]) / (2.0 * near * h)
+            state[i] = x[i]
+        width = 0.0
+        if 0 <= j < size:
+            # As wide as the root of the rounding error of the coordinate, or of what it does in a step.
+            width = 1.5e-8 * max(abs(x[j]), abs(part * slope[j]), 1e-6)
+            state[j] += width
+            width = state[j] - x[j]
+        _torques(inputs, k, a + near * (b - a), room)
+        derivative(p, at, t + (a + near * (b - a)) * h, state, tau, modes, w, slope if j < 0 else other)
+        for i in range(size):
+            if 0 <= j < size:
+                room[FIRST_JACOBIAN + i, j] = -(other[i] - slope[i]) / width + (1.0 / (part * GAMMA) if i == j else 0.0)
+            elif j == size:
+                slope[i] = other[i]
+            elif j > size:
+                slope[i] = (slope[i] - other[i]) / (0.02 * part)
+    _factor(room, size)
     for stage in range(6):
         fraction = a + STAGE_TIME[stage] * (b - a)
         for i in range(size):
-            value = x[i]
+            state[i] = x[i]
             for j in range(stage):
-                value += STAGE[stage, j] * u[j, i]
-            state[i] = value
-        _torques(drive, p, s, fraction, tau)
-        derivative(plant, t + fraction * h, state, tau, modes, scratch, u[stage])
+                state[i] += STAGE[stage, j] * room[j, i]
+        _torques(inputs, k, fraction, room)
+        derivative(p, at, t + fraction * h, state, tau, modes, w, room[stage])
         for i in range(size):
-            value = u[stage, i] + part * TIME_WEIGHT[stage] * room.slope[i]
+            room[stage, i] += part * TIME_WEIGHT[stage] * slope[i]
             for j in range(stage):
-                value += COUPLED[stage, j] / part * u[j, i]
-            u[stage, i] = value
-        _back(A, room.pivots, u[stage])
+                room[stage, i] += COUPLED[stage, j] / part * room[j, i]
+        _back(room, size, stage)
     for i in range(size):
-        out[i] = state[i] + u[5, i]
+        room[TRIAL, i] = state[i] + room[5, i]
 
 
 @njit(error_model="numpy")
 def _step(
-    stiff: bool, plant: Plant, drive: Drive, p: int, s: int, t: float, h: float, a: float, b: float, x: Array,
-    modes: Integers, scratch: Scratch, room: Room, out: Array,
+    stiff: bool, p: Array, at: Integers, inputs: Array, k: int, t: float, h: float, a: float, b: float, x: Array,
+    modes: Integers, w: Array, room: Array,
 ) -> bool:  # fmt: skip
-    """Take a step and tell whether a mode has ended in it."""
+    """Take a step to the row TRIAL and tell whether a mode has ended in it."""
     if stiff:
-        _rodas(plant, drive, p, s, t, h, a, b, x, modes, scratch, room, out)
+        _rodas(p, at, inputs, k, t, h, a, b, x, modes, w, room)
     else:
-        _runge_kutta(plant, drive, p, s, t, h, a, b, x, modes, scratch, room, out)
-    if not plant.guarded:
+        _runge_kutta(p, at, inputs, k, t, h, a, b, x, modes, w, room)
+    if not at[GUARDED]:
         return False
-    _torques(drive, p, s, b, room.tau)
-    derivative(plant, t + b * h, out, room.tau, modes, scratch, room.slope)
-    return violated(plant, out, modes, scratch)
+    _torques(inputs, k, b, room)
+    derivative(p, at, t + b * h, room[TRIAL], room[TORQUES], modes, w, room[SLOPE])
+    return violated(p, at, room[TRIAL], modes, w)
+
+
+@njit(error_model="numpy")
+def _switch(p: Array, at: Integers, t: float, x: Array, modes: Integers, w: Array, room: Array) -> None:
+    """Change the modes that have ended, and with them the state: what stops stands still, what slips is at its limit."""
+    turn(p, at, x, modes, w)
+    if stop(at, x, modes, w):
+        derivative(p, at, t, x, room[TORQUES], modes, w, room[SLOPE])
+    release(at, modes, w)
 
 
 @njit(error_model="numpy")
 def _advance(
-    stiff: bool, plant: Plant, drive: Drive, p: int, s: int, t: float, h: float, x: Array, modes: Integers,
-    scratch: Scratch, room: Room,
+    stiff: bool, p: Array, at: Integers, inputs: Array, k: int, t: float, h: float, x: Array, modes: Integers,
+    w: Array, room: Array,
 ) -> None:  # fmt: skip
     """Go on by one whole step, through all its events."""
-    done, trial = 0.0, room.trial
-    for _ in range(MOST_EVENTS):
-        if not _step(stiff, plant, drive, p, s, t, h, done, 1.0, x, modes, scratch, room, trial):
-            x[:] = trial
+    done, before, after, events = 0.0, 0.0, 1.0, 0
+    seeking = False  # between `before`, where all modes hold, and `after`, where one has ended
+    while True:
+        to = 0.5 * (before + after) if seeking and after - before > EVENT_WIDTH else after
+        ended = _step(stiff, p, at, inputs, k, t, h, done, to, x, modes, w, room)
+        if seeking and to < after:
+            before, after = (before, to) if ended else (to, after)
+            continue
+        if ended and not seeking and events < MOST_EVENTS:
+            seeking, before = True, done
+            continue
+        for i in range(x.shape[0]):
+            x[i] = room[TRIAL, i]
+        if seeking:
+            _switch(p, at, t + after * h, x, modes, w, room)
+            events += 1
+        if after >= 1.0:
             return
-        before, after = done, 1.0
-        while after - before > EVENT_WIDTH:
-            middle = 0.5 * (before + after)
-            if _step(stiff, plant, drive, p, s, t, h, done, middle, x, modes, scratch, room, trial):
-                after = middle
-            else:
-                before = middle
-        _step(stiff, plant, drive, p, s, t, h, done, after, x, modes, scratch, room, trial)
-        x[:] = trial
-        switch(plant, t + after * h, x, room.tau, modes, scratch, room.slope)
-        done = after
-        if done >= 1.0:
-            return
-    _step(stiff, plant, drive, p, s, t, h, done, 1.0, x, modes, scratch, room, trial)
-    x[:] = trial
+        done, before, after, seeking = after, after, 1.0, False
 
 
 @njit(error_model="numpy")
-def _command(drive: Drive, p: int, x: Array, n: int) -> None:
+def _command(
+    inputs: Array,
+    period: int,
+    steps: int,
+    servos: Array,
+    reference: Array,
+    commands: Array,
+    past: int,
+    x: Array,
+    n: int,
+) -> None:
     """Let the servos look at the state and command torques, and put what acts during this period into the inputs."""
-    steps = drive.inputs.shape[1]
-    for k in range(drive.servos.shape[0]):
-        servo = drive.servos[k]
-        i = int(servo[0])
-        torque = servo[1] * (drive.reference[p, 0, k] - x[i]) + servo[2] * (drive.reference[p, 1, k] - x[n + i])
-        torque = min(max(torque, -servo[3]), servo[3])
-        if servo[4] > 0.0:
-            torque = np.round(torque / servo[4]) * servo[4]
-        now = drive.past + p
-        drive.commands[now, k] = torque
+    for k in range(servos.shape[0]):
+        i = int(servos[k, 0])
+        torque = servos[k, 1] * (reference[period, 0, k] - x[i]) + servos[k, 2] * (reference[period, 1, k] - x[n + i])
+        torque = min(max(torque, -servos[k, 3]), servos[k, 3])
+        if servos[k, 4] > 0.0:
+            torque = np.round(torque / servos[k, 4]) * servos[k, 4]
+        now = past + period
+        commands[now, k] = torque
         for s in range(steps):
-            late = max(now * steps + s - int(servo[7]), 0) // steps
+            late = max(now * steps + s - int(servos[k, 7]), 0) // steps
             for c in range(3):
-                drive.inputs[p, s, c, i] = servo[5] * drive.commands[late, k] + servo[6]
+                inputs[period * steps + s, c, i] = servos[k, 5] * commands[late, k] + servos[k, 6]
 
 
-@njit(error_model="numpy")
-def first_modes(plant: Plant, x: Array, modes: Integers) -> None:
+@njit(cache=True, error_model="numpy")
+def first_modes(p: Array, at: Integers, x: Array, modes: Integers) -> None:
     """Set the modes that a state begins in; what could stick does."""
-    n, count = plant.inertia.shape[0], plant.transmissions.shape[0]
+    n, count = at[DOFS], at[TRANSMISSIONS]
     for i in range(n):
         v = x[n + i]
-        if plant.bristles[i] >= 0:
+        if at[at[BRISTLES] + i] >= 0:
             modes[i] = 1 if v >= 0.0 else -1
-        elif plant.dry[i]:
+        elif at[at[DRY] + i]:
             modes[i] = 0 if v == 0.0 else 1 if v > 0.0 else -1
         else:
             modes[i] = NO_FRICTION
     for i in range(count):
-        phi, gap = x[plant.ends[i, 0]] - x[plant.ends[i, 1]], plant.transmissions[i, HALF_GAP]
-        side = 1 if phi >= 0.0 else -1
-        modes[n + i] = 0 if abs(phi) <= gap and gap > 0.0 else side
-        modes[n + count + i] = 1 if _deflection(plant, i, x, modes)[1] >= 0.0 else -1
+        phi = x[at[at[ENDS] + 3 * i]] - x[at[at[ENDS] + 3 * i + 1]]
+        gap = p[at[ROWS] + at[WIDTH] * i + HALF_GAP]
+        modes[n + i] = 0 if abs(phi) <= gap and gap > 0.0 else 1 if phi >= 0.0 else -1
+        modes[n + count + i] = 1 if deflection(p, at, i, x, modes)[1] >= 0.0 else -1
     modes[n + 2 * count :] = 0
 
 
@@ -287,30 +290,40 @@ def source_stamp(*modules: ModuleType) -> str:
 def _compiled(stamp: str) -> Callable[..., Any]:
     @njit(cache=True, error_model="numpy")
     def integrate(
-        plant: Plant, drive: Drive, stiff: bool, step: float, start_time: float, x: Array, modes: Integers,
-        scratch: Scratch, room: Room, states: Array, accelerations: Array,
+        p: Array, at: Integers, stiff: bool, step: float, start_time: float, inputs: Array, prescribed: Array, servos: Array,
+        reference: Array, commands: Array, past: int, x: Array, modes: Integers, w: Array, room: Array, states: Array,
+        accelerations: Array,
     ) -> None:  # fmt: skip
         stamp  # noqa: B018  numba's cache tells functions apart by what they close over
-        periods, n = drive.inputs.shape[0], plant.inertia.shape[0]
-        steps = drive.inputs.shape[1]
-        for p in range(periods):
+        n, periods = at[DOFS], states.shape[0]
+        steps = inputs.shape[0] // periods
+        for period in range(periods):
             for i in range(n):
-                if plant.fixed[i]:
-                    x[i], x[n + i] = drive.prescribed[p, 0, i], drive.prescribed[p, 1, i]
-            _command(drive, p, x, n)
-            _torques(drive, p, 0, 0.0, room.tau)
-            derivative(plant, start_time + p * steps * step, x, room.tau, modes, scratch, room.slope)
-            states[p] = x
-            accelerations[p] = room.slope[n : 2 * n]
+                if at[at[FIXED] + i]:
+                    x[i], x[n + i] = prescribed[period, 0, i], prescribed[period, 1, i]
+            _command(inputs, period, steps, servos, reference, commands, past, x, n)
+            k = period * steps
+            _torques(inputs, k, 0.0, room)
+            derivative(p, at, start_time + k * step, x, room[TORQUES], modes, w, room[SLOPE])
+            for i in range(x.shape[0]):
+                states[period, i] = x[i]
+            for i in range(n):
+                accelerations[period, i] = room[SLOPE, n + i]
             for s in range(steps):
-                t = start_time + (p * steps + s) * step
-                _advance(stiff, plant, drive, p, s, t, step, x, modes, scratch, room)
+                _advance(stiff, p, at, inputs, k + s, start_time + (k + s) * step, step, x, modes, w, room)
 
     function: Callable[..., Any] = integrate
     return function
 
 
-# Integrate a stretch: from the state `x` and its `modes`, which are changed, to the state P periods later. Fills `states`,
-# shape (P, m), and `accelerations`, shape (P, n), with what they are at the start of each period, under the inputs in force
-# from then on.
+# Integrate a stretch of P sample periods of S steps, for n degrees of freedom and a state of length m.
+#
+#   p, at : the machine            stiff, step, start_time : by Rodas or not; length of a step and time of the first [s]
+#   inputs : (P·S, 3, n), torque or prescribed acceleration at the beginning, middle and end of each step
+#   prescribed : (P, 2, n), position and velocity of what is prescribed, at the start of each period
+#   servos : (K, 8), degree of freedom, Kp, Kd, limit, least step, gain, offset, delay in steps
+#   reference : (P, 2, K), position and velocity
+#   commands : (periods in all, K), commanded torques, filled in from the row `past` on
+#   x, modes : at the start, and changed to those at the end
+#   w, room : work arrays          states, accelerations : (P, m) and (P, n), filled with what they are at each period's start
 integrate = _compiled(source_stamp(_atoms, _rigid_body, _dynamics))

@@ -17,17 +17,16 @@ from vsalog.rig.schema import (
     Chain,
     ElasticJoint,
     Friction,
-    Joint,
     KnownTransmission,
     Link,
     Motor,
     SerialJoint,
     UnknownTransmission,
 )
-from vsalog.simulation._dynamics import ROWS, Plant, Scratch
-from vsalog.simulation._integrate import Room
+from vsalog.simulation import _dynamics as d
 
 Array = NDArray[np.float64]
+Integers = NDArray[np.int64]
 
 Movable = ElasticJoint | SerialJoint | AntagonisticJoint
 
@@ -69,14 +68,15 @@ class Machine:
     ----------
     joints : by name, in the order of their links' degrees of freedom
     motors, transmissions : where they are
-    plant : for the compiled functions
+    numbers, at : the machine as the compiled functions read it, see `_dynamics`
     state_size : m
     """
 
     joints: Mapping[str, Movable]
     motors: Sequence[MotorSlot]
     transmissions: Sequence[TransmissionSlot]
-    plant: Plant
+    numbers: Array
+    at: Integers
     state_size: int
 
     @property
@@ -84,21 +84,35 @@ class Machine:
         """Number of degrees of freedom n."""
         return len(self.joints) + len(self.motors)
 
-    def scratch(self) -> tuple[Scratch, Room]:
-        """Return room for the compiled functions to work in."""
-        n, m, links = self.freedom, self.state_size, self.plant.chain.size
-        zero = np.zeros(max(links, 3))
-        scratch = Scratch(
-            np.zeros((ROWS, n)),
-            np.zeros((n, n + 1)),
-            np.zeros((links + 1, 27)),
-            np.zeros((links, links)),
-            zero,
-            zero.copy(),
-        )
-        pivots = np.zeros(m, dtype=np.int64)
-        state, trial, slope, other = np.zeros((4, m))
-        return scratch, Room(np.zeros((6, m)), state, trial, slope, other, np.zeros(n), np.zeros((m, m)), pivots)
+    @property
+    def chained(self) -> bool:
+        """Whether the joints form a chain."""
+        return bool(self.at[d.CHAIN])
+
+    @property
+    def modes(self) -> int:
+        """Number of modes."""
+        return self.freedom + 2 * len(self.transmissions) + int(self.at[d.SLIPS])
+
+    def work(self) -> tuple[Array, Array]:
+        """Return the work arrays of the compiled functions: that of the equations of motion and that of the integrators."""
+        n, m, links = self.freedom, self.state_size, int(self.at[d.CHAIN])
+        return np.zeros((9 + links + 2 * n, max(27, n + 1))), np.zeros((12 + m, m))
+
+    def moved(self, fixed: Sequence[int]) -> Integers:
+        """Return `at` with these degrees of freedom moving as prescribed."""
+        at = self.at.copy()
+        at[at[d.FIXED] + np.array(fixed, dtype=np.int64)] = 1
+        return at
+
+    def loop_state(self, transmission: int) -> int:
+        """Return where in the state the loop of a transmission stands, −1 for none."""
+        return int(self.at[self.at[d.LOOPS] + transmission])
+
+    def slip_states(self, transmission: int) -> list[int]:
+        """Return where in the state the slip elements of a transmission stand."""
+        elements = [s.index for s in self.transmissions for _ in s.transmission.slip]
+        return [int(self.at[d.FIRST_SLIP]) + e for e, owner in enumerate(elements) if owner == transmission]
 
     def steps(self, period: float) -> tuple[int, bool]:
         """Return the integration steps per period that the fastest mode needs, and whether the equations are stiff.
@@ -108,14 +122,15 @@ class Machine:
         SimulationError
             More than `MOST_STEPS` are needed.
         """
-        plant, rates = self.plant, []
-        inertia = np.where(plant.inertia > 0.0, plant.inertia, np.inf)
-        load = np.zeros(self.freedom)
+        n, rates, load = self.freedom, [], np.zeros(self.freedom)
+        inertia = self.numbers[self.at[d.INERTIA] :][:n]
+        inertia = np.where(inertia > 0.0, inertia, np.inf)  # links of a chain are slower than their motors
         for slot in self.transmissions:
-            link, motor, _ = plant.ends[slot.index]
+            link, motor, _ = self.at[self.at[d.ENDS] + 3 * slot.index :][:3]
             load[[link, motor]] += self._stiffness(slot)
             rates += [slot.transmission.damping / inertia[link], slot.transmission.damping / inertia[motor]]
-        viscous, static, bristle, bristle_damping = plant.friction[:, [0, 2, 5, 6]].T
+        friction = self.numbers[self.at[d.FRICTION] :][: 7 * n].reshape(n, 7)
+        viscous, static, bristle, bristle_damping = friction[:, [0, 2, 5, 6]].T
         load += bristle
         rates += list((viscous + bristle_damping) / inertia)
         rates += list(np.where(bristle > 0.0, bristle * BRISTLE_SPEED / np.maximum(static, 1e-12), 0.0))
@@ -163,51 +178,61 @@ def build(joints: Mapping[str, Movable], chain: Chain | None = None) -> Machine:
             lever = joint.lever if isinstance(joint, SerialJoint) else None
             levers.append((lever.start, lever.travel) if lever else (0.0, 0.0))
     links = [_link(name, joint.link) for name, joint in joints.items()]
-    plant, size = _plant(links, motors, slots, np.array(ends), np.array(levers), joints, chain)
-    return Machine(joints, motors, slots, plant, size)
+    numbers, at, size = _coded(links, motors, slots, ends, levers, list(joints), chain)
+    return Machine(joints, motors, slots, numbers, at, size)
 
 
-def _plant(
-    links: Sequence[Link], motors: Sequence[MotorSlot], slots: Sequence[TransmissionSlot], ends: Array, levers: Array,
-    joints: Mapping[str, Joint], chain: Chain | None,
-) -> tuple[Plant, int]:  # fmt: skip
-    n, count = len(links) + len(motors), len(slots)
-    inertia = np.array([*(_inertia(k) if chain is None else 0.0 for k in links), *(m.motor.inertia for m in motors)])
-    damping = [*(k.damping for k in links), *(m.motor.damping for m in motors)]
+def _coded(
+    links: Sequence[Link],
+    motors: Sequence[MotorSlot],
+    slots: Sequence[TransmissionSlot],
+    ends: Sequence[tuple[int, int, int]],
+    levers: Sequence[tuple[float, float]],
+    names: Sequence[str],
+    chain: Chain | None,
+) -> tuple[Array, Integers, int]:
+    """Return the two arrays that `_dynamics` describes, and the length of the state."""
+    n = len(links) + len(motors)
     frictions = [*(k.friction for k in links), *(m.motor.friction for m in motors)]
-    friction = np.array([_friction(d, f) for d, f in zip(damping, frictions, strict=True)])
+    damping = [*(k.damping for k in links), *(m.motor.damping for m in motors)]
     bristled = np.array([f.presliding_stiffness is not None for f in frictions])
     dry = ~bristled & np.array([f.breakaway > 0.0 or f.load > 0.0 for f in frictions])
     looped = np.array([s.transmission.bouc_wen is not None for s in slots])
-    slips = [(s.index, e.stiffness, e.limit) for s in slots for e in s.transmission.slip]
+    slips = [(float(s.index), e.stiffness, e.limit) for s in slots for e in s.transmission.slip]
     split = any(s.transmission.backlash > 0.0 or s.transmission.asymmetry for s in slots)
-    bristles = _numbered(bristled, 2 * n)
-    loops = _numbered(looped, 2 * n + int(bristled.sum()))
-    first_slip = 2 * n + int(bristled.sum()) + int(looped.sum())
-    coupling = _coupling(chain, list(joints), motors, n)
-    payloads = {name: link.payload for name, link in zip(joints, links, strict=True) if link.payload is not None}
-    plant = Plant(
-        inertia=inertia,
-        friction=friction,
-        dry=dry,
-        bristles=bristles,
-        fixed=np.zeros(n, dtype=np.bool_),
-        gravity=np.array([_gravity(k) if chain is None else (0.0, 0.0) for k in links]),
-        cogging=_cogging(motors),
-        transmissions=_rows([coded(s.transmission) for s in slots]),
-        ends=ends.astype(np.int64).reshape(count, 3),
-        levers=levers.reshape(count, 2),
-        loops=loops,
-        slips=np.array(slips, dtype=np.float64).reshape(-1, 3),
-        first_slip=first_slip,
-        guarded=bool(dry.any() or bristled.any() or looped.any() or slips or split),
-        bodies=np.zeros((0, 18)) if chain is None else bodies(chain, payloads),
-        chain=np.arange(0 if chain is None else len(links), dtype=np.int64),
-        field=np.zeros(3) if chain is None else np.array(chain.gravity),
-        coupling=coupling,
-        coupled=chain is not None,
-    )
-    return plant, first_slip + len(slips)
+    payloads = {name: link.payload for name, link in zip(names, links, strict=True) if link.payload is not None}
+    rows = [coded(s.transmission) for s in slots]
+    width = max(row.size for row in rows)
+    cogging = [
+        (float(m.index), c.torque, c.order * m.motor.gear_ratio, c.phase) for m in motors for c in m.motor.cogging
+    ]
+    tables: list[Array] = [  # in the order of `_dynamics`
+        np.array([*(_inertia(k) if chain is None else 0.0 for k in links), *(m.motor.inertia or 0.0 for m in motors)]),
+        np.array([_friction(c, f) for c, f in zip(damping, frictions, strict=True)]),
+        np.array([_gravity(k) if chain is None else (0.0, 0.0) for k in links]),
+        np.array(cogging),
+        np.array([np.pad(row, (0, width - row.size)) for row in rows]),
+        np.array(levers),
+        np.array(slips),
+        np.zeros(0) if chain is None else bodies(chain, payloads),
+        np.zeros(3) if chain is None else np.array(chain.gravity),
+        _coupling(chain, names, motors, n),
+    ]
+    bristles, first_slip = 2 * n, 2 * n + int(bristled.sum()) + int(looped.sum())
+    integers: list[Integers] = [
+        np.array(ends, dtype=np.int64).ravel(),
+        _numbered(bristled, bristles),
+        _numbered(looped, bristles + int(bristled.sum())),
+        dry.astype(np.int64),
+        np.zeros(n, dtype=np.int64),
+    ]
+    guarded = bool(dry.any() or bristled.any() or looped.any() or slips or split)
+    counts = [n, len(links), len(slots), len(slips), len(cogging), 0 if chain is None else len(links), width, guarded]
+    first_numbers = np.cumsum([0, *(t.size for t in tables)])
+    first_integers = d.HEADER + np.cumsum([0, *(t.size for t in integers)])
+    header = [*counts, first_slip, *first_numbers[:-1], *first_integers[:-1]]
+    at = np.concatenate([np.array(header, dtype=np.int64), *integers])
+    return np.concatenate([t.ravel() for t in tables]), at, first_slip + len(slips)
 
 
 def _numbered(flags: NDArray[np.bool_], first: int) -> NDArray[np.int64]:
@@ -267,21 +292,6 @@ def _gravity(link: Link) -> tuple[float, float]:
 def _friction(damping: float, f: Friction) -> tuple[float, ...]:
     bristle = f.presliding_stiffness or 0.0
     return damping, f.coulomb, f.breakaway, f.stribeck_velocity or 1.0, f.load, bristle, f.presliding_damping
-
-
-def _cogging(motors: Sequence[MotorSlot]) -> Array:
-    rows = [
-        (m.index, c.torque, c.order * m.motor.gear_ratio, c.phase) for m in motors for c in m.motor.cogging
-    ]  # `order` counts turns of the rotor
-    return np.array(rows, dtype=np.float64).reshape(-1, 4)
-
-
-def _rows(rows: Sequence[Array]) -> Array:
-    """Put rows of different lengths under one another; what a polynomial lacks are zeros."""
-    table = np.zeros((len(rows), max(row.size for row in rows)))
-    for i, row in enumerate(rows):
-        table[i, : row.size] = row
-    return table
 
 
 def _coupling(chain: Chain | None, joints: Sequence[str], motors: Sequence[MotorSlot], n: int) -> Array:

@@ -1,0 +1,278 @@
+"""Plays a machine: inputs in, the true motion of every joint out."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import cast
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.interpolate import CubicSpline
+
+from vsalog.errors import SimulationError
+from vsalog.mechanics import flexibility_torque, reaction_torque, stiffness
+from vsalog.rig.schema import AntagonisticJoint, AwasTransmission, Contact, SerialJoint
+from vsalog.simulation._integrate import first_modes, integrate
+from vsalog.simulation.inputs import Input, Motion, Servo, TorqueInput, at_samples
+from vsalog.simulation.machine import Machine, MotorSlot, TransmissionSlot
+
+Array = NDArray[np.float64]
+
+# Inputs are prepared for so many sample periods at a time, so that memory does not grow with steps and inputs.
+CHUNK = 4096
+
+
+def play(
+    machine: Machine,
+    inputs: Mapping[str, Mapping[str, Input]],
+    time: Array,
+    *,
+    steps: int | None = None,
+    start: Mapping[str, Array] | None = None,
+) -> dict[str, dict[str, Array]]:
+    """Move a machine and return joint → name → truth, shape (N,); see `Experiment` for the names.
+
+    Parameters
+    ----------
+    machine : from `build`
+    inputs : joint → role → input; what is missing is zero
+    time : shape (N,), uniform [s]
+    steps : integration steps per sample period; as many as the machine's fastest mode needs when absent
+    start : joint → (q, q̇, θ₁, θ̇₁, …); rest when absent: the link hanging, or where its servo or its motion begins
+
+    Raises
+    ------
+    SimulationError
+        An input does not fit, or the motion leaves what the model describes.
+    """
+    period = float(time[1] - time[0])
+    suggested, stiff = machine.steps(period)
+    count = suggested if steps is None else steps
+    drives = _Drives(machine, inputs, time, count)
+    at = machine.moved(list(drives.splines))
+    x, modes = _first_state(machine, drives, start or {}), np.zeros(machine.modes, dtype=np.int64)
+    first_modes(machine.numbers, at, x, modes)
+    work, room = machine.work()
+    states, accelerations = np.empty((time.size, x.size)), np.empty((time.size, machine.freedom))
+    for first in range(0, time.size, CHUNK):
+        part = slice(first, min(first + CHUNK, time.size))
+        # The last sample ends the motion: its period is begun for the acceleration's sake, and goes nowhere.
+        integrate(
+            machine.numbers, at, stiff, period / count, first * period, *drives.chunk(part), first, x, modes, work, room,
+            states[part], accelerations[part],
+        )  # fmt: skip
+    _require_finite(states, time)
+    truth: dict[str, dict[str, Array]] = {name: {} for name in machine.joints}
+    for j, name in enumerate(machine.joints):
+        truth[name] |= _moved("link", j, states, accelerations, machine.freedom)
+        truth[name]["external_torque"] = at_samples(drives.external[j], time)
+    for slot in machine.motors:
+        truth[slot.joint] |= _moved(_motor_name(slot), slot.index, states, accelerations, machine.freedom)
+        if slot.role not in drives.unknown[slot.joint]:
+            truth[slot.joint][slot.role] = drives.commanded(slot)
+    for transmission in machine.transmissions:
+        truth[transmission.joint] |= _transmitted(machine, transmission, truth[transmission.joint], states, time)
+    for name, joint in machine.joints.items():
+        if isinstance(joint, AntagonisticJoint):
+            for quantity in ("flexibility_torque", "transmission_torque", "stiffness"):
+                truth[name][f"{quantity}_total"] = truth[name][f"{quantity}_1"] + truth[name][f"{quantity}_2"]
+    return {name: {key: np.ascontiguousarray(values) for key, values in own.items()} for name, own in truth.items()}
+
+
+class _Drives:
+    """The inputs of a machine, ready to be cut into what `integrate` takes."""
+
+    def __init__(self, machine: Machine, inputs: Mapping[str, Mapping[str, Input]], time: Array, steps: int) -> None:
+        _require_known(machine, inputs)
+        self.machine, self.time, self.steps = machine, time, steps
+        self.period = float(time[1] - time[0])
+        self.external: list[TorqueInput] = [
+            _with_contacts(_torque(name, inputs.get(name, {}).get("external_torque", 0.0)), joint.link.contact)  # type: ignore[union-attr]
+            for name, joint in machine.joints.items()
+        ]
+        self.torques: dict[int, TorqueInput] = {}
+        self.splines: dict[int, CubicSpline] = {}
+        self.servos: list[tuple[MotorSlot, Servo, CubicSpline]] = []
+        self.unknown: dict[str, set[str]] = {name: set() for name in machine.joints}
+        for slot in machine.motors:
+            given = inputs.get(slot.joint, {}).get(slot.role, 0.0)
+            if isinstance(given, Motion):
+                self.splines[slot.index] = CubicSpline(time, at_samples(given.position, time))
+                self.unknown[slot.joint].add(slot.role)
+            elif isinstance(given, Servo):
+                self.servos.append((slot, given, CubicSpline(time, at_samples(given.reference, time))))
+            else:
+                self.torques[slot.index] = given
+                at_samples(given, time[:1] if callable(given) else time)  # refuses what does not fit
+        self.commands = np.zeros((time.size, len(self.servos)))
+
+    def chunk(self, part: slice) -> tuple[Array, Array, Array, Array, Array]:
+        """Return inputs, prescribed motion, servos, reference and commands for the sample periods `part`; see `integrate`."""
+        machine, time = self.machine, self.time[part]
+        n, step = machine.freedom, self.period / self.steps
+        stages = (np.arange(self.steps)[:, None] + np.array([0.0, 0.5, 1.0])) * step
+        grid = time[:, None, None] + stages
+        inputs = np.zeros((*grid.shape, n))
+        for j, torque in enumerate(self.external):
+            inputs[..., j] = _over(torque, grid, self.time, 0.0)
+        for slot in machine.motors:
+            i, motor = slot.index, slot.motor
+            if i in self.torques:
+                torque = _over(self.torques[i], grid, self.time, motor.torque_delay)
+                inputs[..., i] = motor.torque_gain * _stepped(torque, motor.torque_step) + motor.torque_offset
+            elif i in self.splines:
+                inputs[..., i] = self.splines[i](grid, 2)
+        prescribed = np.zeros((time.size, 2, n))
+        for i, spline in self.splines.items():
+            prescribed[:, 0, i], prescribed[:, 1, i] = spline(time), spline(time, 1)
+        reference = np.zeros((time.size, 2, len(self.servos)))
+        for k, (_, _, spline) in enumerate(self.servos):
+            reference[:, 0, k], reference[:, 1, k] = spline(time), spline(time, 1)
+        rows = np.array([_servo_row(slot, servo, step) for slot, servo, _ in self.servos]).reshape(-1, 8)
+        return inputs.reshape(-1, 3, n), prescribed, rows, reference, self.commands
+
+    def commanded(self, slot: MotorSlot) -> Array:
+        """Return the torque that was commanded at each sample: what is recorded of it."""
+        for k, (servo_slot, _, _) in enumerate(self.servos):
+            if servo_slot.index == slot.index:
+                return self.commands[:, k]
+        return _stepped(at_samples(self.torques[slot.index], self.time), slot.motor.torque_step)
+
+    def beginning(self, slot: MotorSlot) -> float | None:
+        """Return where a motor under a servo or a prescribed motion begins."""
+        if slot.index in self.splines:
+            return float(self.splines[slot.index](self.time[0]))
+        return next((float(spline(self.time[0])) for s, _, spline in self.servos if s.index == slot.index), None)
+
+
+def _servo_row(slot: MotorSlot, servo: Servo, step: float) -> tuple[float, ...]:
+    motor = slot.motor
+    loop = (float(slot.index), servo.stiffness, servo.damping, servo.limit)
+    return *loop, motor.torque_step, motor.torque_gain, motor.torque_offset, float(round(motor.torque_delay / step))
+
+
+def _require_known(machine: Machine, inputs: Mapping[str, Mapping[str, Input]]) -> None:
+    for name in machine.joints:
+        roles = [*(m.role for m in machine.motors if m.joint == name), "external_torque"]
+        unknown = sorted(set(inputs.get(name, {})) - set(roles))
+        if unknown:
+            raise SimulationError(f"joint '{name}' has no input '{unknown[0]}'; it has {', '.join(roles)}")
+
+
+def _torque(name: str, given: Input) -> TorqueInput:
+    if isinstance(given, Servo | Motion):
+        raise SimulationError(f"joint '{name}': external_torque is a torque over time, neither a servo nor a motion")
+    return given
+
+
+def _with_contacts(torque: TorqueInput, contacts: tuple[Contact, ...]) -> TorqueInput:
+    """Add the pushes that the rig describes; held samples stay held."""
+    if not contacts:
+        return torque
+
+    def pushed(t: Array) -> Array:
+        total = np.asarray(torque(t) if callable(torque) else torque, dtype=np.float64) + np.zeros_like(t)
+        for c in contacts:
+            u = (t - c.start) / c.duration
+            total = total + np.where((u > 0.0) & (u < 1.0), c.torque * np.sin(np.pi * u) ** 2, 0.0)
+        return total
+
+    if not callable(torque) and np.ndim(torque) > 0:
+        raise SimulationError("pushes of the rig and samples of an external torque cannot be combined; give a function")
+    return pushed
+
+
+def _over(torque: TorqueInput, grid: Array, time: Array, delay: float) -> Array:
+    """Return a torque at the steps' stages; samples are held, also within a step, and what was before the first is the first."""
+    if callable(torque):
+        return at_samples(torque, np.maximum(grid.ravel() - delay, time[0])).reshape(grid.shape)
+    if np.ndim(torque) == 0:
+        return np.full(grid.shape, float(cast("float", torque)))
+    held = at_samples(torque, time)
+    period = time[1] - time[0]
+    index = np.floor((grid[..., 1] - delay - time[0]) / period).astype(np.int64)
+    return np.repeat(held[np.clip(index, 0, held.size - 1)][..., None], 3, axis=-1)
+
+
+def _stepped(values: Array, step: float) -> Array:
+    return np.asarray(np.round(values / step) * step + 0.0) if step > 0.0 else values
+
+
+def _first_state(machine: Machine, drives: _Drives, start: Mapping[str, Array]) -> Array:
+    n, x = machine.freedom, np.zeros(machine.state_size)
+    for j, (name, joint) in enumerate(machine.joints.items()):
+        own = [slot for slot in machine.motors if slot.joint == name]
+        if name in start:
+            given = np.array(start[name], dtype=np.float64)
+            if given.shape != (2 + 2 * len(own),):
+                raise SimulationError(
+                    f"joint '{name}': the initial state has shape {given.shape}, not ({2 + 2 * len(own)},)"
+                )
+            for i, index in enumerate((j, *(slot.index for slot in own))):
+                x[index], x[n + index] = given[2 * i], given[2 * i + 1]
+            continue
+        driven = [drives.beginning(slot) for slot in own if slot.role != "secondary_torque"]
+        known = [position for position in driven if position is not None]
+        hanging = joint.link.gravity_angle if joint.link is not None and not machine.chained else 0.0
+        x[j] = sum(known) / len(known) if known else hanging
+        for slot in own:
+            position = drives.beginning(slot)
+            x[slot.index] = (0.0 if slot.role == "secondary_torque" else x[j]) if position is None else position
+    return x
+
+
+def _motor_name(slot: MotorSlot) -> str:
+    return slot.role.removesuffix("_torque") if slot.role == "secondary_torque" else slot.role.replace("_torque", "")
+
+
+def _moved(name: str, index: int, states: Array, accelerations: Array, n: int) -> dict[str, Array]:
+    base, _, number = name.partition("_")
+    suffix = f"_{number}" if number else ""
+    return {
+        f"{base}_position{suffix}": states[:, index],
+        f"{base}_velocity{suffix}": states[:, n + index],
+        f"{base}_acceleration{suffix}": accelerations[:, index],
+    }
+
+
+def _transmitted(
+    machine: Machine, slot: TransmissionSlot, own: Mapping[str, Array], states: Array, time: Array
+) -> dict[str, Array]:
+    """Return what a transmission did, by the names of its signals."""
+    t, s = slot.transmission, slot.suffix
+    phi = own["link_position"] - own[f"motor_position{s}"]
+    rate = own["link_velocity"] - own[f"motor_velocity{s}"]
+    if t.backlash > 0.0:
+        rate = np.where(np.abs(phi) > 0.5 * t.backlash, rate, 0.0)
+    arm, found = None, {}
+    joint = machine.joints[slot.joint]
+    if isinstance(joint, SerialJoint) and joint.lever is not None:
+        arm = joint.lever.start - joint.lever.travel * own["secondary_position"]
+        found["lever_arm"] = arm
+        if bool(np.any(arm <= 0.0)):
+            at = time[int(np.argmax(arm <= 0.0))]
+            raise SimulationError(f"the lever arm reaches zero at t = {at:.3f} s: the secondary torque is too large")
+        assert isinstance(t, AwasTransmission)
+        found["reaction_torque"] = reaction_torque(t, phi, arm, joint.lever.travel, time)
+    torque = flexibility_torque(t, phi, arm, time)
+    transmitted = torque + t.damping * rate
+    if t.bouc_wen is not None:
+        transmitted = transmitted + t.bouc_wen.torque * states[:, machine.loop_state(slot.index)]
+    for e in machine.slip_states(slot.index):
+        transmitted = transmitted + states[:, e]
+    return found | {
+        f"deflection{s}": phi,
+        f"flexibility_torque{s}": torque,
+        f"transmission_torque{s}": transmitted,
+        f"stiffness{s}": stiffness(t, phi, arm, time),
+    }
+
+
+def _require_finite(states: Array, time: Array) -> None:
+    bad = ~np.isfinite(states).all(axis=1)
+    if bool(bad.any()):
+        at = time[int(np.argmax(bad))]
+        raise SimulationError(
+            f"the motion leaves what the model describes at t = {at:.3f} s (a VSA-II's four-bar mechanism at its"
+            " singularity, or an integration that diverges): take smaller torques or more steps"
+        )
