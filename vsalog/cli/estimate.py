@@ -6,15 +6,7 @@ from pathlib import Path
 
 import rich_click as click
 
-
-def _pairs(context: click.Context, parameter: click.Parameter, values: tuple[str, ...]) -> dict[str, str]:
-    out = {}
-    for value in values:
-        name, equals, text = value.partition("=")
-        if not equals or not name.strip():
-            raise click.BadParameter(f"'{value}' is not NAME=VALUE", context, parameter)
-        out[name.strip()] = text.strip()
-    return out
+from vsalog.cli.pairs import pairs
 
 
 @click.command()
@@ -32,13 +24,13 @@ def _pairs(context: click.Context, parameter: click.Parameter, values: tuple[str
     help="residual-rls, qr-rls, batch-ls, direct, or auto: whichever the recorded signals allow.",
 )
 @click.option(
-    "--tune", multiple=True, callback=_pairs, metavar="NAME=VALUE", help="Tune the estimator, e.g. forgetting=0.98."
+    "--tune", multiple=True, callback=pairs, metavar="NAME=VALUE", help="Tune the estimator, e.g. forgetting=0.98."
 )
 @click.option(
     "--set",
     "settings",
     multiple=True,
-    callback=_pairs,
+    callback=pairs,
     metavar="KEY=VALUE",
     help="Change the rig for this run, e.g. joint.elbow.motor.inertia='7.3 kg*m*mm'; setpoint=33mm fixes the set-point"
     " (one value, or one per log with commas between).",

@@ -95,20 +95,20 @@ class Rig:
 
         return tomli_w.dumps(self._tables())
 
-    def with_setting(self, key: str, value: str) -> Rig:
+    def with_setting(self, key: str, value: str, where: str = "--set") -> Rig:
         """Return the rig with one key changed, as `--set joint.elbow.motor.inertia="7.3 kg*m*mm"` asks for.
 
         Parameters
         ----------
         key : its path as TOML writes it, e.g. ``joint.elbow.motor.inertia``; ``…run[0].setpoint`` for a run
         value : as TOML, or a text without quotes
+        where : what messages call the setting
 
         Raises
         ------
         RigError
             There is no such key, or it cannot have that value.
         """
-        where = "--set"
         return _build(_with_key(self._tables(), key, _setting(value), where), where).renamed(self.where)
 
     def renamed(self, where: str) -> Rig:

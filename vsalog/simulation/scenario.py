@@ -4,18 +4,32 @@ from __future__ import annotations
 
 import tomllib
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from importlib import resources
 from pathlib import Path
 from typing import Any
 
+import msgspec
+
 from vsalog.errors import RigError, SimulationError, UnitError, VsalogError, did_you_mean
 from vsalog.rig.decode import Path as KeyPath
 from vsalog.rig.decode import decode, key_path, refuse
+from vsalog.rig.load import Rig, presets
 from vsalog.rig.schema import AntagonisticJoint, Joint, RigFile, SerialJoint
 from vsalog.simulation.inputs import Input, Motion, Servo
+from vsalog.simulation.scenario_generic import GENERIC, generic
 from vsalog.simulation.scenario_parts import sum_of_parts
-from vsalog.simulation.scenario_schema import Drives, Multisine, Part, ScenarioFile, Steps, Trapezoid
+from vsalog.simulation.scenario_schema import (
+    Csv,
+    Drives,
+    Multisine,
+    Part,
+    Parts,
+    ScenarioFile,
+    ServoDrive,
+    Steps,
+    Trapezoid,
+)
 from vsalog.units import parse_quantity, parse_unit, shown, split_quantity
 
 MAX_BYTES = 1_000_000
@@ -59,7 +73,7 @@ class Scenario:
         if isinstance(source, str) and source in built_in():
             return cls.from_toml(_built_in_text(source), f"scenario {source}")
         raise SimulationError(
-            f"there is no scenario '{shown(str(source))}'{did_you_mean(str(source), built_in()) or '.'}"
+            f"there is no scenario '{shown(str(source))}'{did_you_mean(str(source), [*built_in(), *GENERIC]) or '.'}"
             " ('vsalog simulate --list' names those that come with vsalog; a file is a path to a TOML file)"
         )
 
@@ -82,6 +96,46 @@ class Scenario:
         except RigError as error:
             raise SimulationError(f"{where}: {error}") from None
         return cls(file, where, folder)
+
+    @classmethod
+    def find(cls, source: str | None, rig: RigFile, period: float | None = None) -> Scenario:
+        """Load what was asked for, a generic one sized to the rig, or the one that suits the rig when nothing was.
+
+        Parameters
+        ----------
+        source : a file, or the name of a scenario; the first experiment of the preset that has the rig's joints, else
+            ``sines``, when absent
+        rig : the machine
+        period : sample time that is asked for, which bounds the gains of generic servos [s]
+
+        Raises
+        ------
+        SimulationError
+            As `load`.
+        """
+        name = source or usual_scenario(rig)
+        if name in GENERIC and not Path(name).is_file():
+            return cls(generic(name, rig, period or 1e-3), f"scenario {name}")
+        return cls.load(name)
+
+    def lasting(self, duration: float | None, period: float | None) -> Scenario:
+        """Return the scenario with another duration or sample time [s]; None leaves its own."""
+        file = self.file
+        return replace(
+            self,
+            file=msgspec.structs.replace(
+                file,
+                duration=file.duration if duration is None else duration,
+                period=file.period if period is None else period,
+            ),
+        )
+
+    def files(self) -> list[Path]:
+        """Return the files that the scenario reads."""
+        parts = (
+            p for drives in self.file.joint.values() for key in Drives.__struct_fields__ for p in _all(drives, key)
+        )
+        return [self.folder / part.file for part in parts if isinstance(part, Csv)]
 
     def inputs(self, rig: RigFile) -> dict[str, dict[str, Input]]:
         """Return joint → role → input, as `simulate` takes them.
@@ -135,6 +189,17 @@ def built_in() -> dict[str, str]:
     return found
 
 
+def usual_scenario(rig: RigFile) -> str:
+    """Return the first experiment of the preset whose joints have the names and kinds of the rig's; else ``sines``."""
+    joints = {name: type(joint) for name, joint in rig.joint.items()}
+    for preset in presets():
+        if f"{preset}-exp1" in built_in():
+            theirs = Rig.preset(preset).joints
+            if {name: type(joint) for name, joint in theirs.items()} == joints:
+                return f"{preset}-exp1"
+    return "sines"
+
+
 def driven_roles(joint: Joint) -> tuple[str, ...]:
     """Return the roles of a joint that can be driven."""
     signals = joint.signals.__struct_fields__
@@ -158,6 +223,15 @@ def unit_of(key: str) -> str:
     if key.startswith("valve"):
         return VOLTAGE
     return TORQUE if "torque" in key else ANGLE
+
+
+def _all(drives: Drives, key: str) -> Parts:
+    """Return the parts of a key, those of a servo's reference included."""
+    drive = getattr(drives, key)
+    if isinstance(drive, ServoDrive):
+        return drive.reference
+    parts: Parts = drive or ()
+    return parts
 
 
 def _folder() -> Any:
@@ -258,7 +332,7 @@ def _check(file: ScenarioFile) -> None:
                 refuse(path, f"'{taken[role_of(key)]}' drives the same motor; keep one of them")
             taken[role_of(key)] = key
             at = path if isinstance(drive, tuple) else (*path, "reference")
-            for i, part in enumerate(drive if isinstance(drive, tuple) else drive.reference):
+            for i, part in enumerate(_all(drives, key)):
                 _check_part(part, (*at, f"[{i}]"))
 
 

@@ -129,7 +129,7 @@ def generic(kind: str, rig: RigFile, period: float = 1e-3) -> ScenarioFile:
 
 
 def _sines(d: _Drive) -> Parts:
-    slow, fast = 0.1 * d.spread, min(1.0 * d.spread, d.top)
+    slow, fast = 0.1 * d.spread, min(1.0, d.top) / sqrt(d.spread)
     return (Sine(amplitude=0.6 * d.level, frequency=slow), Sine(amplitude=0.4 * d.level, frequency=fast))
 
 
@@ -270,7 +270,10 @@ def _servos(name: str, joint: Joint, rig: RigFile, place: int, period: float) ->
     inertia, _, gravity = _load(name, joint, rig)
     motors = _motors(joint)
     frequency = SERVO_FREQUENCY * (1.0 + 0.37 * (place % 8))
-    swing = Sine(amplitude=SERVO_SWING, frequency=frequency)
+    # What gravity pulls with at the end of a swing has to go through the springs, beside what the swing itself takes.
+    borne = 0.5 * sum(_spring_torque(transmission, joint) for _, _, transmission in motors)
+    reach = asin(min(1.0, borne / gravity)) if gravity > 0.0 else SERVO_SWING
+    swing = Sine(amplitude=min(SERVO_SWING, reach), frequency=frequency)
     for i, (suffix, motor, transmission) in enumerate(motors):
         reference: Parts = (swing,)
         if len(motors) > 1:

@@ -1,0 +1,117 @@
+"""`vsalog simulate`: a rig, played, as a log of any format."""
+
+from __future__ import annotations
+
+import rich_click as click
+
+from vsalog.cli.pairs import pairs
+
+
+def _seconds(context: click.Context, parameter: click.Parameter, value: str | None) -> float | None:
+    from vsalog.errors import UnitError
+    from vsalog.units import parse_quantity
+
+    if value is None:
+        return None
+    try:
+        number = float(value)
+    except ValueError:
+        try:
+            number = parse_quantity(value, "s")
+        except UnitError as error:
+            raise click.BadParameter(str(error), context, parameter) from None
+    if not 0.0 < number < float("inf"):
+        raise click.BadParameter(f"'{value}' is not a time longer than zero", context, parameter)
+    return number
+
+
+@click.command(short_help="Play a rig and write what its sensors record, as a log of any format.")
+@click.argument("rig", required=False, metavar="RIG|PRESET")
+@click.option(
+    "--scenario",
+    metavar="NAME|FILE",
+    help="What drives the joints: a scenario's name or a TOML file (docs/scenarios.md). When absent, the preset's first"
+    " experiment, or sines that suit the rig.",
+)
+@click.option("--list", "listing", is_flag=True, help="List the scenarios and presets that come with vsalog.")
+@click.option(
+    "--duration", callback=_seconds, metavar="T", help="How long, in seconds or with a unit; else the scenario's."
+)
+@click.option(
+    "--rate",
+    type=click.FloatRange(min=0.0, min_open=True),
+    metavar="HZ",
+    help="Samples per second; else the scenario's.",
+)
+@click.option(
+    "--seed",
+    type=click.IntRange(min=0),
+    default=0,
+    show_default=True,
+    help="Of all noise: equal seeds make equal files.",
+)
+@click.option("--ideal", is_flag=True, help="Sensors without noise, steps, jitter and dropped samples.")
+@click.option(
+    "--set",
+    "settings",
+    multiple=True,
+    callback=pairs,
+    metavar="KEY=VALUE",
+    help="Change the rig, the machine and what the log says of it, e.g. joint.elbow.motor.friction.coulomb='20 N·mm'.",
+)
+@click.option(
+    "--actual",
+    multiple=True,
+    callback=pairs,
+    metavar="KEY=VALUE",
+    help="Change the machine only: the rig in the log does not tell, as where a model has it wrong.",
+)
+@click.option("--truth", is_flag=True, help="Record the true motion, torques and stiffness too, under /truth.")
+@click.option(
+    "-o",
+    "--output",
+    metavar="PATH",
+    help="Ending in .mcap (ROS 2 messages), .bag (ROS 1), .csv or .parquet; without an ending, or with a slash at the end,"
+    " the folder of a ROS 2 bag. Else NAME.mcap in the current folder.",
+)
+@click.option("--json", "as_json", is_flag=True, help="Print what was written as one JSON document on stdout.")
+def simulate(
+    rig: str | None,
+    scenario: str | None,
+    listing: bool,
+    duration: float | None,
+    rate: float | None,
+    seed: int,
+    ideal: bool,
+    settings: dict[str, str],
+    actual: dict[str, str],
+    truth: bool,
+    output: str | None,
+    as_json: bool,
+) -> None:
+    """Play RIG, a rig file or a preset, and write what its sensors record.
+
+    The log carries its rig: MCAP and Parquet inside, the other formats as LOG.rig.toml beside it, where 'vsalog estimate
+    LOG' finds it.
+    """
+    from vsalog.reports.simulate import as_document, print_scenarios, say_written
+    from vsalog.simulation.run import Options, prepare
+
+    if listing:
+        print_scenarios()
+        return
+    if rig is None:
+        raise click.UsageError("name a rig file or a preset; 'vsalog simulate --list' lists the presets")
+    from vsalog.reports.estimate import Progress
+
+    options = Options(scenario, duration, rate, seed, ideal, settings, actual, truth, output)
+    with Progress() as progress:
+        job = prepare(rig, options)
+        progress.say(f"simulating {job.scenario.file.duration:g} s")
+        with progress.saying_when_compiling():
+            recording = job.run()
+        progress.say(f"writing {job.files.log.name}")
+        job.write(recording)
+    say_written(job, recording)
+    if as_json:
+        click.echo(as_document(job, recording))

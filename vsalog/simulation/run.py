@@ -1,0 +1,207 @@
+"""One run of `simulate`: a rig and options in, a recording and its log out."""
+
+from __future__ import annotations
+
+import os
+import re
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import msgspec
+
+from vsalog.errors import SimulationError, WriteError
+from vsalog.recording import Recording
+from vsalog.rig import Rig
+from vsalog.rig.load import preset_text, presets
+from vsalog.rig.schema import Joint
+from vsalog.simulation.channels import named_signals
+from vsalog.simulation.inputs import Input
+from vsalog.simulation.scenario import Scenario
+from vsalog.writers.recording_files import LogFiles, write_log
+
+# What a sample of one joint takes: some forty numbers of truth and measurement, and copies while they are written.
+BYTES_PER_SAMPLE = 800
+USUAL_MEMORY = 8 * 2**30  # where the machine does not tell its own
+MEMORY_SHARE = 0.8
+# Stamps are whole nanoseconds: at this rate a sample's is off by no more than a thousandth of the period.
+MOST_RATE = 1e6
+
+
+@dataclass(frozen=True, slots=True)
+class Options:
+    """What can be asked of `simulate`; the command line's options of the same names.
+
+    Attributes
+    ----------
+    scenario : a scenario's name or file; one that suits the rig when absent
+    duration, rate : [s], [Hz]; the scenario's when absent
+    seed : of all noise
+    ideal : sensors without noise, steps, jitter and dropped samples
+    set : key → value, of the machine and of the rig that the log carries
+    actual : key → value, of the machine alone
+    truth : record the truth too
+    output : the log's path, whose ending tells the format
+    """
+
+    scenario: str | None = None
+    duration: float | None = None
+    rate: float | None = None
+    seed: int = 0
+    ideal: bool = False
+    set: Mapping[str, str] = field(default_factory=dict)
+    actual: Mapping[str, str] = field(default_factory=dict)
+    truth: bool = False
+    output: str | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class Job:
+    """A simulation that was found possible as far as can be told before it runs.
+
+    Attributes
+    ----------
+    rig : the machine that is played
+    rig_text : the rig that the log carries
+    inputs : joint → role → what drives it
+    samples : of each channel, before any is dropped
+    """
+
+    rig: Rig
+    rig_text: str
+    scenario: Scenario
+    inputs: Mapping[str, Mapping[str, Input]]
+    files: LogFiles
+    samples: int
+    options: Options
+
+    def run(self) -> Recording:
+        """Simulate.
+
+        Raises
+        ------
+        SimulationError
+            The rig lacks what a simulation needs, or the motion leaves what the model describes.
+        """
+        from vsalog.simulation.simulate import simulate
+
+        file = self.scenario.file
+        experiment = simulate(
+            self.rig.file,
+            self.inputs,
+            file.duration,
+            period=file.period,
+            seed=self.options.seed,
+            ideal=self.options.ideal,
+            name=self.files.log.stem,
+        )
+        return experiment.recording(truth=self.options.truth)
+
+    def write(self, recording: Recording) -> None:
+        """Write the log, and the rig beside it where the format has no place for it.
+
+        Raises
+        ------
+        WriteError
+            A file cannot be written.
+        """
+        write_log(recording, self.files, self.rig_text)
+
+
+def prepare(source: str, options: Options) -> Job:
+    """Load rig and scenario and see that they fit, and that the log can be written.
+
+    Parameters
+    ----------
+    source : a rig file or a preset's name
+    options : what is asked for
+
+    Raises
+    ------
+    VsalogError
+        Something asked for is not there or not possible.
+    """
+    rig = Rig.load(Path(source) if Path(source).is_file() else source)
+    text = _text(source)
+    for key, value in options.set.items():
+        rig = rig.with_setting(key, value)
+    if not rig.joints:
+        raise SimulationError(f"{rig.where}: has no joint to simulate")
+    named = _with_channels(rig)
+    if options.set or named is not rig:
+        text = named.to_toml()
+    actual = named
+    for key, value in options.actual.items():
+        actual = actual.with_setting(key, value, "--actual")
+    period = None if options.rate is None else _period(options.rate)
+    scenario = Scenario.find(options.scenario, rig.file, period).lasting(options.duration, period)
+    files = LogFiles.named(options.output if options.output is not None else f"{_name(source, scenario)}.mcap")
+    _check_inputs([Path(source), Path(options.scenario or ""), *scenario.files()], files)
+    samples = _samples(scenario, len(rig.joints))
+    return Job(actual, text, scenario, scenario.inputs(actual.file), files, samples, options)
+
+
+def _period(rate: float) -> float:
+    if not 0.0 < rate <= MOST_RATE:
+        raise SimulationError(f"a rate of {rate:g} Hz cannot be simulated: stamps are whole nanoseconds, up to 1 MHz")
+    return 1.0 / rate
+
+
+def _samples(scenario: Scenario, joints: int) -> int:
+    """Return the number of samples, unless they would not fit into memory."""
+    count = scenario.file.duration / scenario.file.period + 1.0
+    needed, there = count * joints * BYTES_PER_SAMPLE, _memory()
+    if needed > MEMORY_SHARE * there:
+        raise SimulationError(
+            f"{scenario.file.duration:g} s at {1.0 / scenario.file.period:g} Hz are {count:.3g} samples of {joints}"
+            f" {'joint' if joints == 1 else 'joints'}, about {needed / 1e9:.3g} GB of memory; this machine has"
+            f" {there / 1e9:.3g} GB: take a shorter duration or a lower rate"
+        )
+    if count < 2.0 - 1e-9:
+        raise SimulationError(
+            f"{scenario.file.duration:g} s at {1.0 / scenario.file.period:g} Hz are less than two samples"
+        )
+    return round(scenario.file.duration / scenario.file.period) + 1
+
+
+def _memory() -> float:
+    try:
+        return float(os.sysconf("SC_PAGE_SIZE")) * float(os.sysconf("SC_PHYS_PAGES"))
+    except (AttributeError, ValueError, OSError):
+        return USUAL_MEMORY
+
+
+def _text(source: str) -> str:
+    """Return a rig's own text, with its comments."""
+    path = Path(source)
+    if not path.is_file() and source in presets():
+        return preset_text(source)
+    return path.read_text(encoding="utf-8-sig")
+
+
+def _with_channels(rig: Rig) -> Rig:
+    """Return the rig with the usual channels in each joint that names none, so that the log's rig tells where they are."""
+    joints: dict[str, Joint] = {}
+    for name, joint in rig.joints.items():
+        if all(getattr(joint.signals, role) is None for role in joint.signals.__struct_fields__):
+            usual = {role: signal.channel for role, signal in named_signals(joint).items()}
+            joints[name] = msgspec.structs.replace(joint, signals=type(joint.signals)(**usual))
+    if not joints:
+        return rig
+    return Rig(msgspec.structs.replace(rig.file, joint={**rig.joints, **joints}), rig.where)
+
+
+def _name(source: str, scenario: Scenario) -> str:
+    """Return the log's name: rig and scenario, in letters that mean nothing to a shell or a file system."""
+    rig = re.sub(r"(\.rig)?\.toml$", "", Path(source).name)
+    name = scenario.file.name or re.sub(r"(\.scenario)?\.toml$", "", scenario.where)
+    whole = name if name.startswith(rig) else f"{rig}-{name}"
+    return re.sub(r"[^\w.-]+", "_", whole).strip("._-")[:100] or "simulated"
+
+
+def _check_inputs(read: list[Path], files: LogFiles) -> None:
+    """Refuse to write over what is read."""
+    for path in (files.log, files.rig):
+        for source in read:
+            if path is not None and path.exists() and source.is_file() and path.samefile(source):
+                raise WriteError(f"{path}: is what the simulation reads; choose another name with -o")
