@@ -44,8 +44,9 @@ DEFAULT_CHANNELS = {
 
 @dataclass(frozen=True, slots=True)
 class RecordedColumn:
-    """One channel to be: its full name, values as recorded, unit, stream (topic) and message type."""
+    """One channel to be: its role and full name, values as recorded, unit, stream (topic) and message type."""
 
+    role: str
     name: str
     values: Array
     unit: str | None
@@ -62,13 +63,18 @@ def named_signals(joint: Joint) -> dict[str, Signal]:
     return named
 
 
+def is_lever_arm(role: str, signal: Signal) -> bool:
+    """Tell whether a role is a set-point that is recorded as a lever arm, not as the secondary motor's angle."""
+    return role == "setpoint" and signal.unit is not None and matching(signal.unit, ("rad", "m")) == "m"
+
+
 def recorded_columns(joint: Joint, measured: Mapping[str, Array]) -> list[RecordedColumn]:
-    """Turn measured roles into channels: unit, side, sign and offset as the rig's signals describe them.
+    """Turn measured roles into channels: unit, side and sign as the rig's signals describe them.
 
     Parameters
     ----------
     joint : of the rig
-    measured : role → shape (N,), SI, on the joint's side; a serial joint's ``setpoint`` is the secondary motor's angle θ_c
+    measured : role → shape (N,), what the sensors say, SI, on the joint's side, see `JointRecord`
 
     Raises
     ------
@@ -97,23 +103,27 @@ def _column(joint: Joint, role: str, signal: Signal, values: Array) -> RecordedC
     name, ratio, unit = signal.channel or "", _motor(joint, role).gear_ratio, signal.unit
     kind = JOINT_STATE if name.endswith("]") else "std_msgs/msg/Float64"
     usual = role_units(role)[0]
-    if role == "setpoint" and isinstance(joint, SerialJoint) and joint.lever and _is_length(unit):
-        usual, values = "m", joint.lever.start - joint.lever.travel * values
-    recorded = (values + signal.offset) * signal.sign
+    if is_lever_arm(role, signal):
+        usual = "m"
+    recorded = values * signal.sign
     if unit is not None and usual == "N*m" and matching(unit, ("N*m", "A")) == "A":
         # A current drives the rotor, whatever side is named.
         usual, recorded = "A", recorded / (ratio * _torque_constant(joint, role))
-    elif signal.side == "rotor" and usual != "m":
-        recorded = recorded / ratio if usual == "N*m" else recorded * ratio
+    elif signal.side == "rotor":
+        # As binding undoes it: only what a motor has is on either side of a gear.
+        if role.startswith(("motor_torque", "secondary_torque")):
+            recorded = recorded / ratio
+        elif role.startswith("motor_position") or (role == "setpoint" and usual == "rad"):
+            recorded = recorded * ratio
     if unit is not None and unit != usual:
         recorded = recorded / si_factor(unit, usual)
-    return RecordedColumn(name, recorded, unit or usual, name.partition(".")[0], kind)
+    return RecordedColumn(role, name, recorded, unit or usual, name.partition(".")[0], kind)
 
 
 def _motor(joint: Joint, role: str) -> Motor:
     if isinstance(joint, AntagonisticJoint):
         return joint.motor_2 if role.endswith("_2") else joint.motor_1
-    if isinstance(joint, SerialJoint) and role == "setpoint":
+    if isinstance(joint, SerialJoint) and role in ("setpoint", "secondary_torque"):
         return joint.secondary_motor or Motor()
     if isinstance(joint, PneumaticJoint):
         return Motor()
@@ -125,7 +135,3 @@ def _torque_constant(joint: Joint, role: str) -> float:
     if constant is None:
         raise SimulationError(f"role '{role}' is recorded as a current: give the motor's 'torque_constant' in the rig")
     return constant
-
-
-def _is_length(unit: str | None) -> bool:
-    return unit is not None and matching(unit, ("rad", "m")) == "m"

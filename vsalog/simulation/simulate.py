@@ -28,7 +28,7 @@ from vsalog.rig.schema import (
 from vsalog.simulation._awas import integrate_awas
 from vsalog.simulation._parallel import CUBIC, LINEAR, VSA2, integrate_parallel
 from vsalog.simulation.channels import named_signals
-from vsalog.simulation.experiment import Experiment, sample_stamps
+from vsalog.simulation.experiment import Experiment, JointRecord, sample_stamps
 from vsalog.simulation.inputs import TorqueInput, at_samples, at_steps
 from vsalog.simulation.sensors import IDEAL, Sensors, sense
 
@@ -95,7 +95,8 @@ def simulate(
     else:
         truth = _parallel(plant, torques, time, period, steps, drift_rate, start)
     measured, resolution = sense(truth, sensors, seed, set(named_signals(plant)))
-    return Experiment(name, rig, joint_name, period, sample_stamps(count, period), time, measured, truth, resolution)
+    record = JointRecord(measured, truth, resolution)
+    return Experiment(name, rig, period, sample_stamps(count, period), time, {joint_name: record})
 
 
 def _parallel(
