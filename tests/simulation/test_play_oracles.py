@@ -119,7 +119,14 @@ def test_the_awas(inertia):
         q, dq, th, dth, c, dc_ = x
         r = 0.1 - b * c
         te, psi = k * r**2 * np.sin(2 * (q - th)), -2 * k * b * r * np.sin(q - th) ** 2
-        return [dq, (-te - 0.15 * dq) / 0.1, dth, (primary(t) + te - D * dth) / B, dc_, (secondary(t) - psi - dc * dc_) / bc]
+        return [
+            dq,
+            (-te - 0.15 * dq) / 0.1,
+            dth,
+            (primary(t) + te - D * dth) / B,
+            dc_,
+            (secondary(t) - psi - dc * dc_) / bc,
+        ]
 
     preset = Rig.preset("awas").file.joint["awas"]
     joint = SerialJoint(
@@ -144,10 +151,14 @@ def two_links(q, dq):
     m1, m2, l1, c1, c2, i1, i2, g = 1.2, 0.8, 0.5, 0.2, 0.15, 0.03, 0.012, 9.81
     cos, sin = np.cos(q[1]), np.sin(q[1])
     coupled = i2 + m2 * (c2**2 + l1 * c2 * cos)
-    M = np.array([[i1 + m1 * c1**2 + i2 + m2 * (l1**2 + c2**2 + 2 * l1 * c2 * cos), coupled], [coupled, i2 + m2 * c2**2]])
+    M = np.array(
+        [[i1 + m1 * c1**2 + i2 + m2 * (l1**2 + c2**2 + 2 * l1 * c2 * cos), coupled], [coupled, i2 + m2 * c2**2]]
+    )
     h = m2 * l1 * c2 * sin
     C = np.array([-h * (2 * dq[0] * dq[1] + dq[1] ** 2), h * dq[0] ** 2])
-    G = np.array([(m1 * c1 + m2 * l1) * g * np.sin(q[0]) + m2 * c2 * g * np.sin(q.sum()), m2 * c2 * g * np.sin(q.sum())])
+    G = np.array(
+        [(m1 * c1 + m2 * l1) * g * np.sin(q[0]) + m2 * c2 * g * np.sin(q.sum()), m2 * c2 * g * np.sin(q.sum())]
+    )
     return M, C + G
 
 
