@@ -67,7 +67,7 @@ RESONANCE_SHARE, TOP_FREQUENCY = (
 SERVO_RATE, SECONDARY_RATE = 25.0, 2.0 * pi  # closed loops' natural frequencies [rad/s]
 SERVO_SWING, SERVO_FREQUENCY = 0.4, 0.1  # [rad], [Hz]
 LEVER_SHARE, LEVER_FREQUENCY = 0.4, 0.05  # of the way to a lever arm of no length; [Hz]
-VALVE_SHARE = 0.2  # of a valve's range of voltages
+VALVE_SHARE = 0.4  # of a valve's range of voltages
 
 
 @dataclass(frozen=True, slots=True)
