@@ -132,8 +132,10 @@ def loop_rate(numbers: Array, at: int, z: float, rate: float, speed: float) -> f
     """Return ż of the Bouc–Wen loop (normalised, Ikhouane and Rodellar 2007). `speed` is |rate|."""
     n, shape = numbers[at + LOOP_EXPONENT], numbers[at + LOOP_SHAPE]
     below = abs(z) ** (n - 1.0)
-    change: float = rate - shape * speed * below * z + (shape - 1.0) * rate * below * abs(z)
-    return change / numbers[at + LOOP_WIDTH]
+    change: float = (rate - shape * speed * below * z + (shape - 1.0) * rate * below * abs(z)) / numbers[
+        at + LOOP_WIDTH
+    ]
+    return change
 
 
 @njit(cache=True, error_model="numpy")

@@ -1,6 +1,6 @@
 """Simulated experiments: rig → plant → sensors → recording, with the truth beside it."""
 
-from vsalog.simulation.experiment import Experiment
+from vsalog.simulation.experiment import Experiment, JointRecord
 from vsalog.simulation.experiments import (
     awas_experiment,
     awas_rig,
@@ -9,14 +9,15 @@ from vsalog.simulation.experiments import (
     vsa2_experiment,
     vsa2_rig,
 )
-from vsalog.simulation.inputs import TorqueInput, sine, soft_square, sum_of
-from vsalog.simulation.sensors import IDEAL, Sensors
+from vsalog.simulation.inputs import Input, Motion, Servo, TorqueInput, sine, soft_square, sum_of
 from vsalog.simulation.simulate import simulate
 
 __all__ = [
-    "IDEAL",
     "Experiment",
-    "Sensors",
+    "JointRecord",
+    "Input",
+    "Motion",
+    "Servo",
     "TorqueInput",
     "awas_experiment",
     "awas_rig",

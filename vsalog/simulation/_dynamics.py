@@ -252,7 +252,8 @@ def friction_guard(at: Integers, i: int, x: Array, modes: Integers, w: Array) ->
     if modes[i] == NO_FRICTION or at[at[FIXED] + i]:
         return 1.0
     if modes[i] == 0:
-        return w[LEVEL, i] - abs(w[HOLDING, i])
+        spare: float = w[LEVEL, i] - abs(w[HOLDING, i])
+        return spare
     guard: float = modes[i] * x[at[DOFS] + i]
     return guard
 

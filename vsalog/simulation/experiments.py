@@ -1,6 +1,6 @@
 """The experiments of the papers, ready to run: VSA-II, AwAS, and an elastic joint.
 
-Values that a paper prints are cited; the others are marked as chosen.
+Values that a paper prints are cited; the others are marked as chosen. Sensors are those of the presets.
 """
 
 from __future__ import annotations
@@ -8,8 +8,8 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from dataclasses import replace
 
-import msgspec
 import numpy as np
+from msgspec.structs import replace as changed
 from numpy.typing import NDArray
 
 from vsalog.errors import SimulationError
@@ -25,37 +25,10 @@ from vsalog.rig.schema import (
     Vsa2Transmission,
 )
 from vsalog.simulation.experiment import Experiment
-from vsalog.simulation.inputs import TorqueInput, sine, soft_square, sum_of
-from vsalog.simulation.sensors import IDEAL, Sensors
+from vsalog.simulation.inputs import Input, sine, soft_square, sum_of
 from vsalog.simulation.simulate import simulate
 
 Array = NDArray[np.float64]
-
-# Encoders: Flacco 2012 §6.1. Noise (1 N·mm rms) and the converter (14 bit over ±250 N·mm): chosen.
-VSA2_SENSORS = Sensors(
-    motor_pulses=4059,
-    link_pulses=4059,
-    motor_torque_noise=1e-3,
-    torque_sensor_noise=1e-3,
-    torque_step=2.0**-15,
-)
-# Encoders: Flacco 2012 §6.2. Noise (0.05 N·m rms) and the converter (14 bit over ±64 N·m): chosen.
-AWAS_SENSORS = Sensors(
-    motor_pulses=40_000,
-    link_pulses=40_000,
-    secondary_pulses=1024,
-    motor_torque_noise=0.05,
-    torque_sensor_noise=0.05,
-    torque_step=2.0**-7,
-)
-# All chosen: encoders of 0.01°, 0.02 N·m rms, a converter with steps of 1 N·mm.
-ELASTIC_SENSORS = Sensors(
-    motor_pulses=36_000,
-    link_pulses=36_000,
-    motor_torque_noise=0.02,
-    torque_sensor_noise=0.02,
-    torque_step=1e-3,
-)
 
 
 def vsa2_rig() -> RigFile:
@@ -78,9 +51,7 @@ def elastic_rig(transmission: Transmission | None = None) -> RigFile:
     rig = Rig.preset("sea").file
     joint = rig.joint["sea"]
     assert isinstance(joint, ElasticJoint)
-    if transmission is None:
-        return rig
-    return msgspec.structs.replace(rig, joint={"sea": msgspec.structs.replace(joint, transmission=transmission)})
+    return rig if transmission is None else changed(rig, joint={"sea": changed(joint, transmission=transmission)})
 
 
 # The second experiment of each has other inputs: what a model fitted to the first is validated with. Chosen.
@@ -111,11 +82,11 @@ def vsa2_experiment(
     seed: int = 1,
     duration: float = 20.0,
     period: float = 1e-3,
-    torques: Mapping[str, TorqueInput] | None = None,
+    torques: Mapping[str, Input] | None = None,
     drift: float = 0.0,
     inertia: float | None = None,
     damping: float | None = None,
-    sensors: Sensors | None = None,
+    rig: RigFile | None = None,
 ) -> Experiment:
     """Run the VSA-II (Flacco 2012 §6.1; Flacco 2014 §V with `drift`, `inertia` and `damping`).
 
@@ -125,32 +96,22 @@ def vsa2_experiment(
     ideal : no quantisation and no noise
     seed : of the noise
     duration, period : [s]
-    torques : instead of the experiment's, as for `simulate`
+    torques : instead of the experiment's, by role as for `simulate`
     drift : ∂k/∂t of both springs [N·m/rad/s]; Flacco 2014 has 0.5e-6
     inertia, damping : of both motors as they are [kg·m²], [N·m·s/rad], where they differ from what the rig says;
         Flacco 2014 has 7.5e-3 and 0.9e-3
-    sensors : instead of the experiment's, `VSA2_SENSORS`
+    rig : instead of the preset, with other sensors, say
     """
-    believed = vsa2_rig()
+    believed = vsa2_rig() if rig is None else rig
     joint = believed.joint["vsa2"]
     assert isinstance(joint, AntagonisticJoint)
-    motor = _altered(joint.motor_1, inertia, damping)
-    actual = msgspec.structs.replace(
-        believed, joint={"vsa2": msgspec.structs.replace(joint, motor_1=motor, motor_2=motor)}
-    )
-    spring = joint.transmission_1
+    motor, spring = _altered(joint.motor_1, inertia, damping), joint.transmission_1
     assert isinstance(spring, Vsa2Transmission)
-    played = simulate(
-        actual,
-        torques if torques is not None else _numbered(_VSA2_TORQUES, number),
-        duration,
-        period=period,
-        seed=seed,
-        sensors=_sensors(sensors, ideal, VSA2_SENSORS),
-        drift_rate=drift / spring.stiffness,
-        name=f"vsa2_exp{number}",
+    drifting = changed(spring, drift=drift / spring.stiffness)
+    actual = changed(joint, motor_1=motor, motor_2=motor, transmission_1=drifting, transmission_2=drifting)
+    return _played(
+        believed, "vsa2", actual, torques or _numbered(_VSA2_TORQUES, number), duration, period, seed, ideal, number
     )
-    return replace(played, rig=believed)
 
 
 def awas_experiment(
@@ -160,11 +121,11 @@ def awas_experiment(
     seed: int = 1,
     duration: float = 20.0,
     period: float = 1e-3,
-    torques: Mapping[str, TorqueInput] | None = None,
+    torques: Mapping[str, Input] | None = None,
     drift: float = 0.0,
     inertia: float | None = None,
     damping: float | None = None,
-    sensors: Sensors | None = None,
+    rig: RigFile | None = None,
 ) -> Experiment:
     """Run the AwAS (Flacco 2012 §6.2).
 
@@ -172,29 +133,20 @@ def awas_experiment(
     ----------
     number : 1 for the paper's motor torque, 0.3 sin 0.2πt N·m on the rotor (15 on the joint's side), and a secondary
         torque that moves the lever arm between 47 and 100 mm; 2 for others, to validate with
-    ideal, seed, duration, period, torques : as for `vsa2_experiment`
+    ideal, seed, duration, period, torques, rig : as for `vsa2_experiment`
     drift : ∂k_s/∂t of the springs [N/m/s]
     inertia, damping : of the primary motor's rotor as they are, where they differ from what the rig says
-    sensors : instead of the experiment's, `AWAS_SENSORS`
     """
-    believed = awas_rig()
+    believed = awas_rig() if rig is None else rig
     joint = believed.joint["awas"]
     assert isinstance(joint, SerialJoint)
-    motor = _altered(joint.motor, inertia, damping)
-    actual = msgspec.structs.replace(believed, joint={"awas": msgspec.structs.replace(joint, motor=motor)})
     spring = joint.transmission
     assert isinstance(spring, AwasTransmission)
-    played = simulate(
-        actual,
-        torques if torques is not None else _numbered(_AWAS_TORQUES, number),
-        duration,
-        period=period,
-        seed=seed,
-        sensors=_sensors(sensors, ideal, AWAS_SENSORS),
-        drift_rate=drift / spring.spring_stiffness,
-        name=f"awas_exp{number}",
+    drifting = changed(spring, drift=drift / spring.spring_stiffness)
+    actual = changed(joint, motor=_altered(joint.motor, inertia, damping), transmission=drifting)
+    return _played(
+        believed, "awas", actual, torques or _numbered(_AWAS_TORQUES, number), duration, period, seed, ideal, number
     )
-    return replace(played, rig=believed)
 
 
 def elastic_experiment(
@@ -204,10 +156,8 @@ def elastic_experiment(
     seed: int = 1,
     duration: float = 20.0,
     period: float = 2e-3,
-    torques: Mapping[str, TorqueInput] | None = None,
+    torques: Mapping[str, Input] | None = None,
     transmission: Transmission | None = None,
-    drift_rate: float = 0.0,
-    sensors: Sensors | None = None,
 ) -> Experiment:
     """Run a series elastic joint that hangs under gravity (Flacco 2012 eq. 3–4), 500 Hz, all values chosen.
 
@@ -216,23 +166,43 @@ def elastic_experiment(
     number : 1 or 2, two sets of torques
     ideal, seed, duration, period, torques : as for `vsa2_experiment`
     transmission : as for `elastic_rig`
-    drift_rate : relative drift of the transmission's torque [1/s]
-    sensors : instead of the experiment's, `ELASTIC_SENSORS`
     """
-    return simulate(
-        elastic_rig(transmission),
-        torques if torques is not None else _numbered(_ELASTIC_TORQUES, number),
+    rig = elastic_rig(transmission)
+    joint = rig.joint["sea"]
+    assert isinstance(joint, ElasticJoint)
+    return _played(
+        rig,
+        "sea",
+        joint,
+        torques or _numbered(_ELASTIC_TORQUES, number),
         duration,
-        period=period,
-        seed=seed,
-        sensors=_sensors(sensors, ideal, ELASTIC_SENSORS),
-        drift_rate=drift_rate,
-        name=f"sea_exp{number}",
+        period,
+        seed,
+        ideal,
+        number,
     )
 
 
+def _played(
+    believed: RigFile,
+    name: str,
+    actual: AntagonisticJoint | SerialJoint | ElasticJoint,
+    torques: Mapping[str, Input],
+    duration: float,
+    period: float,
+    seed: int,
+    ideal: bool,
+    number: int,
+) -> Experiment:
+    """Play the joint as it is, and let the log say what is believed of it."""
+    machine = changed(believed, joint={name: actual})
+    label = f"{name}_exp{number}"
+    played = simulate(machine, {name: torques}, duration, period=period, seed=seed, ideal=ideal, name=label)
+    return replace(played, rig=believed)
+
+
 def _altered(motor: Motor, inertia: float | None, damping: float | None) -> Motor:
-    return msgspec.structs.replace(
+    return changed(
         motor,
         inertia=motor.inertia if inertia is None else inertia,
         damping=motor.damping if damping is None else damping,
@@ -245,9 +215,3 @@ def _numbered(
     if number not in table:
         raise SimulationError(f"there is no experiment {number}, only {', '.join(map(str, table))}")
     return table[number]
-
-
-def _sensors(sensors: Sensors | None, ideal: bool, usual: Sensors) -> Sensors:
-    if ideal:
-        return IDEAL
-    return usual if sensors is None else sensors
