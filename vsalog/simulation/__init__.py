@@ -14,8 +14,8 @@ from vsalog.simulation.simulate import simulate
 
 __all__ = [
     "Experiment",
-    "JointRecord",
     "Input",
+    "JointRecord",
     "Motion",
     "Servo",
     "TorqueInput",

@@ -1,134 +1,183 @@
-"""What sensors make of the truth: encoder steps, noise, the steps of an analogue-to-digital converter."""
+"""What sensors make of the truth, as the rig's signals describe them: `Signal` says which effects there are."""
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.interpolate import CubicSpline
 
 from vsalog.errors import SimulationError
+from vsalog.mechanics.kinematics import chain_motion, specific_force
+from vsalog.rig.schema import Chain, Joint, RigFile, Signal
+from vsalog.simulation.channels import is_lever_arm, named_signals
+from vsalog.simulation.experiment import JointRecord
 
 Array = NDArray[np.float64]
+Flags = NDArray[np.bool_]
+Truth = Mapping[str, Mapping[str, Array]]
 
-# Noise streams are numbered by role, so that a sensor more or less does not change the noise of the others.
-NOISE_STREAM = {
-    "motor_torque": 0,
-    "motor_torque_1": 1,
-    "motor_torque_2": 2,
-    "torque_sensor": 3,
-    "torque_sensor_1": 4,
-    "torque_sensor_2": 5,
+# Roles whose truth goes by another name: the first one there is. A torque sensor feels all that a transmission transmits,
+# in an antagonistic joint the sum of both.
+SENSED = {
+    "torque_sensor": ("transmission_torque_total", "transmission_torque"),
+    "torque_sensor_1": ("transmission_torque_1",),
+    "torque_sensor_2": ("transmission_torque_2",),
+    "setpoint": ("secondary_position",),
 }
+ACCELEROMETER = {"accelerometer_x": 0, "accelerometer_y": 1, "accelerometer_z": 2}
 
-# Roles whose truth goes by another name.
-_SENSED = {
-    "torque_sensor": "flexibility_torque",
-    "torque_sensor_1": "flexibility_torque_1",
-    "torque_sensor_2": "flexibility_torque_2",
-    "setpoint": "secondary_position",
-}
+# What may be held from sample to sample: a cubic would overshoot where it jumps.
+HELD = ("motor_torque", "secondary_torque", "external_torque", "valve")
 
 
 @dataclass(frozen=True, slots=True)
-class Sensors:
-    """The sensors of a joint; a zero switches an effect off.
+class _Topic:
+    """The stamps of a topic: how far they are off [s], and which samples there are; None for right and all."""
 
-    Attributes
-    ----------
-    motor_pulses, link_pulses, secondary_pulses : encoder pulses per turn
-    rounding : ``round`` to the nearest pulse, or ``floor`` to the last one passed (half a pulse late on average)
-    motor_torque_noise : gaussian noise of the recorded motor torque, on the joint's side [N·m rms] (Flacco 2012 eq. 42)
-    torque_sensor_noise : gaussian noise of the torque sensor [N·m rms] (Flacco 2012 eq. 43)
-    torque_step : least step of both recorded torques [N·m], an analogue-to-digital converter's
-    """
-
-    motor_pulses: int = 0
-    link_pulses: int = 0
-    secondary_pulses: int = 0
-    rounding: Literal["round", "floor"] = "round"
-    motor_torque_noise: float = 0.0
-    torque_sensor_noise: float = 0.0
-    torque_step: float = 0.0
-
-    def __post_init__(self) -> None:
-        numbers = (self.motor_pulses, self.link_pulses, self.secondary_pulses)
-        levels = (self.motor_torque_noise, self.torque_sensor_noise, self.torque_step)
-        if min(numbers) < 0 or not all(np.isfinite(v) and v >= 0.0 for v in levels):
-            raise SimulationError("sensors: pulses, noise and steps must be zero or positive")
+    late: Array | None
+    kept: Flags | None
 
 
-IDEAL = Sensors()
+def sense(joints: Truth, rig: RigFile, time: Array, seed: int, ideal: bool) -> dict[str, JointRecord]:
+    """Return what the sensors of each joint say: the roles that the rig names a channel for and that there is a truth of.
 
-
-def encoder(angle: Array, pulses: int, rounding: Literal["round", "floor"] = "round") -> Array:
-    """Return the angle [rad] as an encoder of `pulses` per turn counts it; unchanged for 0 pulses."""
-    return angle.copy() if pulses == 0 else _stepped(angle, encoder_step(pulses), rounding)
-
-
-def encoder_step(pulses: int) -> float:
-    """Return the angle of one pulse [rad], 0 for an ideal encoder."""
-    return 2.0 * np.pi / pulses if pulses else 0.0
-
-
-def torque_reading(torque: Array, role: str, noise: float, step: float, seed: int) -> Array:
-    """Return a torque [N·m] with gaussian noise [N·m rms], rounded to `step` [N·m].
+    With x the truth, m(t) = gain · x(t − delay) + offset + drift · t + amplitude · sin(x(t − delay) + phase) + noise, rounded
+    to the resolution. A recorded deflection without a resolution of its own is the difference of what the two encoders count.
+    Each role has its own stream of random numbers, and each topic too.
 
     Parameters
     ----------
-    torque : true values
-    role : which torque it is, one of `NOISE_STREAM`; picks the stream of random numbers
-    noise, step : 0 for none
-    seed : of the experiment
+    joints : joint → name → shape (N,), the truth, see `JointRecord`
+    rig : with the signals of its joints
+    time : shape (N,), seconds from the start
+    seed : of all random numbers
+    ideal : without noise, steps, jitter and dropped samples; what is systematic stays
+
+    Raises
+    ------
+    SimulationError
+        An accelerometer sits on a link that the chain does not describe, or the seed is negative.
     """
-    reading = torque.copy()
-    if noise > 0.0:
-        generator = np.random.default_rng([seed, NOISE_STREAM[role]])
-        reading += noise * generator.standard_normal(torque.shape)
-    return _stepped(reading, step, "round") if step > 0.0 else reading
+    if seed < 0:
+        raise SimulationError(f"the seed {seed} is negative; choose 0, 1, 2, …")
+    signals = {
+        name: {role: s for role, s in named_signals(rig.joint[name]).items() if s.channel is not None}
+        for name in joints
+    }
+    topics = {} if ideal else _topics(signals, time.size, seed)
+    records = {}
+    for name, truth in joints.items():
+        accelerations = _accelerations(name, joints, rig.chain, signals[name])
+        measured, resolution, late, kept = {}, {}, {}, {}
+        for role, signal in signals[name].items():
+            x, step = _seen(rig.joint[name], role, signal, {**truth, **accelerations}, time, ideal)
+            if x is None:
+                continue
+            measured[role] = _reading(signal, x, time, _generator(seed, "joint", name, role), ideal)
+            resolution[role] = step
+            topic = topics.get(_topic_of(signal))
+            if topic is not None and topic.late is not None:
+                late[role] = topic.late
+            if topic is not None and topic.kept is not None:
+                kept[role] = topic.kept
+        records[name] = JointRecord(measured, truth, resolution, late, kept)
+    return records
 
 
-def sense(
-    truth: Mapping[str, Array], sensors: Sensors, seed: int, roles: Collection[str]
-) -> tuple[dict[str, Array], dict[str, float]]:
-    """Return role → reading and role → least step, in SI on the joint's side.
-
-    Parameters
-    ----------
-    truth : as in `Experiment`
-    sensors : what they make of it
-    seed : of the noise
-    roles : those wanted; ``setpoint`` is the secondary motor's angle θ_c
-    """
-    measured, resolution = {}, {}
-    for role in sorted(roles):
-        quantity = _SENSED.get(role, role)
-        if role == "torque_sensor" and "flexibility_torque_total" in truth:
-            quantity = "flexibility_torque_total"
-        if quantity not in truth:
-            continue
-        if "torque" in role:
-            noise = sensors.motor_torque_noise if role.startswith("motor") else sensors.torque_sensor_noise
-            measured[role] = torque_reading(truth[quantity], role, noise, sensors.torque_step, seed)
-            resolution[role] = sensors.torque_step
-        elif role.startswith("deflection"):
-            # The difference of two encoders, as a controller would log it.
-            motor = role.replace("deflection", "motor_position")
-            measured[role] = encoder(truth["link_position"], sensors.link_pulses, sensors.rounding) - encoder(
-                truth[motor], sensors.motor_pulses, sensors.rounding
-            )
-            resolution[role] = encoder_step(sensors.link_pulses)
-        else:
-            pulses = sensors.motor_pulses if role.startswith("motor") else sensors.link_pulses
-            pulses = sensors.secondary_pulses if role == "setpoint" else pulses
-            measured[role] = encoder(truth[quantity], pulses, sensors.rounding)
-            resolution[role] = encoder_step(pulses)
-    return measured, resolution
+def _seen(
+    joint: Joint, role: str, signal: Signal, truth: Mapping[str, Array], time: Array, ideal: bool
+) -> tuple[Array | None, float]:
+    """Return the truth that a role's sensor sees, late as it is, and the sensor's least step; None where there is no truth."""
+    step = 0.0 if ideal else signal.resolution or 0.0
+    if is_lever_arm(role, signal):
+        names: tuple[str, ...] = ("lever_arm",)
+    else:
+        names = (*SENSED.get(role, ()), role)
+    name = next((name for name in names if name in truth), None)
+    if name is None:
+        return None, step
+    if role.startswith("deflection") and not ideal and signal.resolution is None:
+        # A controller logs the difference of what its encoders count.
+        motor = role.replace("deflection", "motor_position")
+        steps = [_resolution(joint, encoder) for encoder in ("link_position", motor)]
+        if any(steps):
+            q, theta = (_delayed(truth[encoder], time, signal.delay) for encoder in ("link_position", motor))
+            return _stepped(q, steps[0]) - _stepped(theta, steps[1]), steps[0] if steps[0] == steps[1] else 0.0
+    return _delayed(truth[name], time, signal.delay, held=role.startswith(HELD)), step
 
 
-def _stepped(values: Array, step: float, rounding: Literal["round", "floor"]) -> Array:
-    counts = np.round(values / step) if rounding == "round" else np.floor(values / step)
+def _resolution(joint: Joint, role: str) -> float:
+    signal = named_signals(joint).get(role)
+    return 0.0 if signal is None or signal.resolution is None else signal.resolution
+
+
+def _reading(signal: Signal, x: Array, time: Array, random: np.random.Generator, ideal: bool) -> Array:
+    m = signal.gain * x + signal.offset + signal.drift * time
+    if signal.eccentricity is not None:
+        m += signal.eccentricity.amplitude * np.sin(x + signal.eccentricity.phase)
+    if ideal:
+        return np.asarray(m)
+    if signal.noise > 0.0:
+        m += signal.noise * random.standard_normal(m.shape)
+    return _stepped(m, signal.resolution or 0.0)
+
+
+def _delayed(x: Array, time: Array, delay: float, held: bool = False) -> Array:
+    """Return x(t − delay); before the first sample it is the first, after the last the last."""
+    if delay == 0.0:
+        return x
+    then = np.clip(time - delay, time[0], time[-1])
+    return np.asarray(np.interp(then, time, x) if held else CubicSpline(time, x)(then))
+
+
+def _stepped(values: Array, step: float) -> Array:
     # The sum turns −0 into 0.
-    return np.asarray(counts * step + 0.0)
+    return np.asarray(np.round(values / step) * step + 0.0) if step > 0.0 else values
+
+
+def _topic_of(signal: Signal) -> str:
+    return (signal.channel or "").partition(".")[0]
+
+
+def _topics(signals: Mapping[str, Mapping[str, Signal]], count: int, seed: int) -> dict[str, _Topic]:
+    """Return the stamps of each topic: the jitter and the losses of a message are those of all it holds, the largest stated."""
+    stated: dict[str, tuple[float, float]] = {}
+    for roles in signals.values():
+        for signal in roles.values():
+            jitter, dropped = stated.get(_topic_of(signal), (0.0, 0.0))
+            stated[_topic_of(signal)] = max(jitter, signal.jitter), max(dropped, signal.dropped)
+    topics = {}
+    for name, (jitter, dropped) in stated.items():
+        random = _generator(seed, "topic", name)
+        # Both are drawn, so that one does not change the other.
+        late, lot = random.standard_normal(count) * jitter, random.random(count)
+        topics[name] = _Topic(late if jitter > 0.0 else None, lot >= dropped if dropped > 0.0 else None)
+    return topics
+
+
+def _accelerations(name: str, joints: Truth, chain: Chain | None, signals: Mapping[str, Signal]) -> dict[str, Array]:
+    """Return what the accelerometer on a joint's link reads."""
+    if not any(role in ACCELEROMETER for role in signals):
+        return {}
+    links = [] if chain is None else list(chain.link)
+    place = next((i for i, link in enumerate(links) if link.joint == name), None)
+    mounting = None if place is None else links[place].accelerometer
+    if chain is None or place is None or mounting is None:
+        raise SimulationError(
+            f"joint '{name}' has an accelerometer, but where it sits is not said: give the joint's [[chain.link]] an"
+            " accelerometer = { position = […], orientation = […] }, or leave the roles accelerometer_… out"
+        )
+    q, dq, ddq = (
+        np.stack([joints[link.joint][f"link_{what}"] for link in links], axis=-1)
+        for what in ("position", "velocity", "acceleration")
+    )
+    reading = specific_force(chain_motion(chain, q, dq, ddq)[place], mounting, chain.gravity)
+    return {role: np.ascontiguousarray(reading[..., axis]) for role, axis in ACCELEROMETER.items()}
+
+
+def _generator(seed: int, *names: str) -> np.random.Generator:
+    """Return a stream of random numbers of its own, by name."""
+    return np.random.default_rng([seed, *"\0".join(names).encode("utf-8", "replace")])
