@@ -74,9 +74,9 @@ def test_sensors_have_the_stated_steps_and_noise(run: Callable[..., Experiment],
             np.testing.assert_array_equal(values, np.round(values / step) * step)
         elif role != "setpoint":
             step = 2.0 * np.pi / pulses
-            assert played.resolution[role] == step
+            assert played.resolution[role] == pytest.approx(step, rel=1e-14)
             assert np.abs(values - played.truth[role]).max() <= step / 2.0 * (1.0 + 1e-9)
-            np.testing.assert_array_equal(values, np.round(values / step) * step)
+            np.testing.assert_allclose(values, np.round(values / step) * step, rtol=1e-14)
 
 
 def test_noise_of_the_channels_is_independent() -> None:
@@ -151,7 +151,7 @@ def test_channels_follow_the_rig_s_signals() -> None:
     channels = played.recording().channels
     np.testing.assert_allclose(channels["/drive.data"].values, -played.measured["motor_torque"] / 50.0)
     np.testing.assert_allclose(
-        channels["/joint_states.position[rotor]"].values, (played.measured["motor_position"] + 0.2) * 50.0
+        channels["/joint_states.position[rotor]"].values, (played.truth["motor_position"] + 0.2) * 50.0
     )
     assert not any("secondary" in name for name in channels)
 
