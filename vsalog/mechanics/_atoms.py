@@ -21,7 +21,7 @@ LOOP_TORQUE, LOOP_WIDTH, LOOP_EXPONENT, LOOP_SHAPE, SPRING = range(6, 11)
 VISCOUS, COULOMB, STATIC, STRIBECK, LOAD, BRISTLE, BRISTLE_DAMPING = range(7)
 
 
-@njit(error_model="numpy")
+@njit(error_model="numpy", forceinline=True)
 def four_bar(phi: float, c: float) -> tuple[float, float, float]:
     """Return β, ∂β/∂φ and ∂²β/∂φ² of the VSA-II's mechanism (Flacco 2012 eq. 48), NaN from its singularity on.
 
@@ -42,7 +42,7 @@ def four_bar(phi: float, c: float) -> tuple[float, float, float]:
     )
 
 
-@njit(error_model="numpy")
+@njit(error_model="numpy", forceinline=True)
 def nominal_spring(numbers: Array, at: int, width: int, u: float, arm: float) -> tuple[float, float, float]:
     """Return energy U [J], torque ∂U/∂u [N·m] and stiffness ∂²U/∂u² [N·m/rad] of the bare spring at deflection `u`."""
     code = int(numbers[at + CODE])
@@ -73,7 +73,7 @@ def nominal_spring(numbers: Array, at: int, width: int, u: float, arm: float) ->
     return energy, torque, stiffness
 
 
-@njit(error_model="numpy")
+@njit(error_model="numpy", forceinline=True)
 def spring(
     numbers: Array, at: int, width: int, u: float, side: float, arm: float, t: float
 ) -> tuple[float, float, float]:
@@ -98,7 +98,7 @@ def spring(
     )
 
 
-@njit(error_model="numpy")
+@njit(error_model="numpy", forceinline=True)
 def beyond_gap(phi: float, half_gap: float) -> tuple[float, float]:
     """Return the deflection less the gap, and the side: +1, −1, 0 inside the gap."""
     if half_gap <= 0.0:
@@ -110,7 +110,7 @@ def beyond_gap(phi: float, half_gap: float) -> tuple[float, float]:
     return (np.nan if np.isnan(phi) else 0.0), 0.0
 
 
-@njit(error_model="numpy")
+@njit(error_model="numpy", forceinline=True)
 def friction_level(numbers: Array, at: int, v: float, load: float) -> float:
     """Return the level of dry friction at velocity `v` [rad/s] under the transmitted torque `load` [N·m]."""
     coulomb, static = numbers[at + COULOMB], numbers[at + STATIC]
@@ -121,13 +121,13 @@ def friction_level(numbers: Array, at: int, v: float, load: float) -> float:
     return level
 
 
-@njit(error_model="numpy")
+@njit(error_model="numpy", forceinline=True)
 def bristle_rate(stiffness: float, z: float, v: float, speed: float, level: float) -> float:
     """Return ż of the LuGre model: v − σ₀ |v| z / level. `speed` is |v|."""
     return v - stiffness * speed * z / level
 
 
-@njit(error_model="numpy")
+@njit(error_model="numpy", forceinline=True)
 def loop_rate(numbers: Array, at: int, z: float, rate: float, speed: float) -> float:
     """Return ż of the Bouc–Wen loop (normalised, Ikhouane and Rodellar 2007). `speed` is |rate|."""
     n, shape = numbers[at + LOOP_EXPONENT], numbers[at + LOOP_SHAPE]

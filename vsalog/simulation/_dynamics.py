@@ -56,7 +56,7 @@ HEADER = 24
 FORCE, TRANSMITTED, LEVEL, HOLDING, FIRST_BODY = range(5)
 
 
-@njit(error_model="numpy")
+@njit(error_model="numpy", forceinline=True)
 def deflection(p: Array, at: Integers, i: int, x: Array, modes: Integers) -> tuple[float, float]:
     """Return deflection less the gap, and its rate, as the mode of transmission `i` has them."""
     n, ends = at[DOFS], at[ENDS] + 3 * i
@@ -69,7 +69,7 @@ def deflection(p: Array, at: Integers, i: int, x: Array, modes: Integers) -> tup
     return (phi - side * gap, rate) if side != 0 else (0.0, 0.0)
 
 
-@njit(error_model="numpy")
+@njit(error_model="numpy", forceinline=True)
 def _transmit(p: Array, at: Integers, t: float, x: Array, modes: Integers, w: Array) -> None:
     """Add what the transmissions do to links and motors."""
     width = at[WIDTH]
@@ -98,7 +98,7 @@ def _transmit(p: Array, at: Integers, t: float, x: Array, modes: Integers, w: Ar
             w[FORCE, secondary] += 2.0 * travel / arm * factor * nominal_spring(p, row, width, u, arm)[0]
 
 
-@njit(error_model="numpy")
+@njit(error_model="numpy", forceinline=True)
 def _rub(p: Array, at: Integers, x: Array, modes: Integers, w: Array) -> None:
     """Add viscous and dry friction; leaves in HOLDING the force that ideal friction would have to balance at rest."""
     n = at[DOFS]
@@ -226,7 +226,7 @@ def derivative(p: Array, at: Integers, t: float, x: Array, tau: Array, modes: In
         _deform(p, at, x, modes, w, out)
 
 
-@njit(error_model="numpy")
+@njit(error_model="numpy", forceinline=True)
 def _deform(p: Array, at: Integers, x: Array, modes: Integers, w: Array, out: Array) -> None:
     """Rates of bristles, loops and slip elements."""
     n, count = at[DOFS], at[TRANSMISSIONS]

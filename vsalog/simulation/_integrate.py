@@ -74,7 +74,7 @@ COUPLED = np.array(
 STATE, TRIAL, SLOPE, OTHER, TORQUES, FIRST_JACOBIAN = range(6, 12)
 
 
-@njit(error_model="numpy")
+@njit(error_model="numpy", forceinline=True)
 def _torques(inputs: Array, k: int, fraction: float, room: Array) -> None:
     """Interpolate the inputs within step `k` by the parabola through its ends and its middle."""
     begin = 2.0 * (fraction - 0.5) * (fraction - 1.0)
@@ -84,7 +84,7 @@ def _torques(inputs: Array, k: int, fraction: float, room: Array) -> None:
         room[TORQUES, i] = begin * inputs[k, 0, i] + middle * inputs[k, 1, i] + end * inputs[k, 2, i]
 
 
-@njit(error_model="numpy")
+@njit(error_model="numpy", forceinline=True)
 def _runge_kutta(
     p: Array, at: Integers, inputs: Array, k: int, t: float, h: float, a: float, b: float, x: Array, modes: Integers,
     w: Array, room: Array,
@@ -199,7 +199,7 @@ def _step(
     return violated(p, at, room[TRIAL], modes, w)
 
 
-@njit(error_model="numpy")
+@njit(error_model="numpy", forceinline=True)
 def _switch(p: Array, at: Integers, t: float, x: Array, modes: Integers, w: Array, room: Array) -> None:
     """Change the modes that have ended, and with them the state: what stops stands still, what slips is at its limit."""
     turn(p, at, x, modes, w)
@@ -235,7 +235,7 @@ def _advance(
         done, before, after, seeking = after, after, 1.0, False
 
 
-@njit(error_model="numpy")
+@njit(error_model="numpy", forceinline=True)
 def _command(
     inputs: Array,
     period: int,
