@@ -27,6 +27,8 @@ MEMORY_SHARE = 0.8
 # Stamps are whole nanoseconds: at this rate a sample's is off by no more than a thousandth of the period.
 MOST_RATE = 1e6
 
+VALVES_AND_PRESSURES = ("valve_1", "valve_2", "pressure_1", "pressure_2")
+
 
 @dataclass(frozen=True, slots=True)
 class Options:
@@ -182,10 +184,16 @@ def _text(source: str) -> str:
 def _with_channels(rig: Rig) -> Rig:
     """Return the rig with the usual channels in each joint that names none, so that the log's rig tells where they are."""
     joints: dict[str, Joint] = {}
-    for name, joint in rig.joints.items():
-        if all(getattr(joint.signals, role) is None for role in joint.signals.__struct_fields__):
-            usual = {role: signal.channel for role, signal in named_signals(joint).items()}
-            joints[name] = msgspec.structs.replace(joint, signals=type(joint.signals)(**usual))
+    for i, (name, joint) in enumerate(rig.joints.items()):
+        roles = joint.signals.__struct_fields__
+        if all(getattr(joint.signals, role) is None for role in roles):
+            # In a rig of several joints each has channels of its own, numbered where names alone would not tell them apart.
+            plain = re.sub(r"[^A-Za-z0-9_]", "_", name)
+            own = "" if len(rig.joints) == 1 else f"{plain}_" if plain == name else f"joint_{i}_{plain}_"
+            usual = {role: signal.channel or "" for role, signal in named_signals(joint).items()}
+            usual |= {role: f"/{role}.data" for role in VALVES_AND_PRESSURES if role in roles}
+            channels = {role: re.sub(r"\[|^/(?=.*\.data$)", rf"\g<0>{own}", channel) for role, channel in usual.items()}
+            joints[name] = msgspec.structs.replace(joint, signals=type(joint.signals)(**channels))
     if not joints:
         return rig
     return Rig(msgspec.structs.replace(rig.file, joint={**rig.joints, **joints}), rig.where)

@@ -15,7 +15,7 @@ from vsalog.errors import RigError, SimulationError, UnitError, VsalogError, did
 from vsalog.rig.decode import Path as KeyPath
 from vsalog.rig.decode import decode, key_path, refuse
 from vsalog.rig.load import Rig, presets
-from vsalog.rig.schema import AntagonisticJoint, Joint, RigFile, SerialJoint
+from vsalog.rig.schema import AntagonisticJoint, Joint, RigFile, RigidJoint, SerialJoint
 from vsalog.simulation.inputs import Input, Motion, Servo
 from vsalog.simulation.scenario_generic import GENERIC, generic
 from vsalog.simulation.scenario_parts import sum_of_parts
@@ -167,7 +167,7 @@ class Scenario:
                 continue
             path, role = ("joint", name, key), role_of(key)
             if role not in known:
-                refuse(path, f"this joint has no such input; it has {', '.join(known)}")
+                refuse(path, f"this joint has no such input; it has {', '.join(known) or 'none'}")
             if isinstance(drive, tuple):
                 signal = sum_of_parts(drive, unit_of(key), self.file.duration, self.folder, path)
                 inputs[role] = Motion(signal) if key.split("_")[1] == "position" else signal
@@ -210,6 +210,8 @@ def driven_roles(joint: Joint) -> tuple[str, ...]:
         return ("motor_torque_1", "motor_torque_2", "external_torque")
     if isinstance(joint, SerialJoint):
         return ("motor_torque", "secondary_torque", "external_torque")
+    if isinstance(joint, RigidJoint):
+        return ()  # it stands still
     return ("motor_torque", "external_torque")
 
 

@@ -114,6 +114,8 @@ def generic(kind: str, rig: RigFile, period: float = 1e-3) -> ScenarioFile:
     joints: dict[str, Drives] = {}
     place = 0
     for name, joint in rig.joint.items():
+        if isinstance(joint, RigidJoint):
+            continue
         drives: dict[str, Parts | ServoDrive] = {}
         if isinstance(joint, SerialJoint) and joint.secondary_motor is not None and joint.lever is not None:
             drives["secondary_servo"] = _lever_servo(joint.secondary_motor, joint.lever)
@@ -199,9 +201,7 @@ def _motors(joint: Joint) -> list[tuple[str, Motor, Transmission]]:
             return [(suffix, motor.reflected, spring) for suffix, motor, spring in pairs]
         case ElasticJoint() | SerialJoint():
             return [("", joint.motor.reflected, joint.transmission)]
-        case RigidJoint():
-            return [("", joint.motor.reflected, UnknownTransmission())]
-        case PneumaticJoint():
+        case RigidJoint() | PneumaticJoint():
             return []
 
 
