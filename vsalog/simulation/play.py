@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from itertools import pairwise
 from typing import cast
 
 import numpy as np
@@ -29,6 +30,7 @@ def play(
     *,
     steps: int | None = None,
     start: Mapping[str, Array] | None = None,
+    restarts: Mapping[int, Mapping[str, Array]] | None = None,
 ) -> dict[str, dict[str, Array]]:
     """Move a machine and return joint → name → truth, shape (N,); see `Experiment` for the names.
 
@@ -39,6 +41,8 @@ def play(
     time : shape (N,), uniform [s]
     steps : integration steps per sample period; as many as the machine's fastest mode needs when absent
     start : joint → (q, q̇, θ₁, θ̇₁, …); rest when absent: the link hanging, or where its servo or its motion begins
+    restarts : sample → joint → (q, q̇, θ₁, θ̇₁, …), what positions and velocities are set to there; bristles, loops and slip
+        elements, which nobody measures, stay as they are
 
     Raises
     ------
@@ -54,11 +58,15 @@ def play(
     first_modes(machine.numbers, at, x, modes)
     work, room = machine.work()
     states, accelerations = np.empty((time.size, x.size)), np.empty((time.size, machine.freedom))
-    for first in range(0, time.size, CHUNK):
-        part = slice(first, min(first + CHUNK, time.size))
+    edges = sorted({*range(0, time.size, CHUNK), *(restarts or {}), time.size})
+    for first, last in pairwise(edges):
+        part = slice(first, last)
+        if restarts is not None and first in restarts:
+            _put(machine, restarts[first], x)
+            first_modes(machine.numbers, at, x, modes)
         # The last sample ends the motion: its period is begun for the acceleration's sake, and goes nowhere.
         integrate(
-            machine.numbers, at, stiff, period / count, first * period, *drives.chunk(part), first, x, modes, work, room,
+            machine.numbers, at, stiff, period / count, float(time[first]), *drives.chunk(part), first, x, modes, work, room,
             states[part], accelerations[part],
         )  # fmt: skip
     _require_finite(states, time)
@@ -199,18 +207,11 @@ def _stepped(values: Array, step: float) -> Array:
 
 
 def _first_state(machine: Machine, drives: _Drives, start: Mapping[str, Array]) -> Array:
-    n, x = machine.freedom, np.zeros(machine.state_size)
+    x = np.zeros(machine.state_size)
     for j, (name, joint) in enumerate(machine.joints.items()):
-        own = [slot for slot in machine.motors if slot.joint == name]
         if name in start:
-            given = np.array(start[name], dtype=np.float64)
-            if given.shape != (2 + 2 * len(own),):
-                raise SimulationError(
-                    f"joint '{name}': the initial state has shape {given.shape}, not ({2 + 2 * len(own)},)"
-                )
-            for i, index in enumerate((j, *(slot.index for slot in own))):
-                x[index], x[n + index] = given[2 * i], given[2 * i + 1]
             continue
+        own = [slot for slot in machine.motors if slot.joint == name]
         driven = [drives.beginning(slot) for slot in own if slot.role != "secondary_torque"]
         known = [position for position in driven if position is not None]
         hanging = joint.link.gravity_angle if joint.link is not None and not machine.chained else 0.0
@@ -218,7 +219,21 @@ def _first_state(machine: Machine, drives: _Drives, start: Mapping[str, Array]) 
         for slot in own:
             position = drives.beginning(slot)
             x[slot.index] = (0.0 if slot.role == "secondary_torque" else x[j]) if position is None else position
+    _put(machine, start, x)
     return x
+
+
+def _put(machine: Machine, given: Mapping[str, Array], x: Array) -> None:
+    """Set positions and velocities of joints."""
+    for j, name in enumerate(machine.joints):
+        if name not in given:
+            continue
+        indices = [j, *(slot.index for slot in machine.motors if slot.joint == name)]
+        state = np.array(given[name], dtype=np.float64)
+        if state.shape != (2 * len(indices),):
+            raise SimulationError(f"joint '{name}': the state has shape {state.shape}, not ({2 * len(indices)},)")
+        for i, index in enumerate(indices):
+            x[index], x[machine.freedom + index] = state[2 * i], state[2 * i + 1]
 
 
 def _motor_name(slot: MotorSlot) -> str:
