@@ -75,6 +75,88 @@ def test_an_offset_is_subtracted_in_si_after_everything_else():
     np.testing.assert_allclose(signals.roles["motor_position"], -np.deg2rad(T) - 0.5)
 
 
+SENSOR = '{ channel = "x", gain = 1.02, offset = 0.3, drift = 0.01, eccentricity = { amplitude = 0.02, phase = 1.0 } }'
+
+
+def test_what_a_sensor_does_is_undone():
+    x = np.sin(3.0 * T)
+    m = 1.02 * x + 0.3 + 0.01 * T + 0.02 * np.sin(x + 1.0)
+    signals = bound(f"motor_position = {SENSOR}", recording(x=(T, m)))
+    np.testing.assert_allclose(signals.roles["motor_position"], x, atol=1e-12)
+
+
+def test_the_drift_counts_from_the_log_s_start():
+    late = T + 0.25
+    signals = bound(
+        'motor_position = { channel = "x", drift = 0.1 }\nlink_position = "y"',
+        recording(x=(late, 0.1 * late), y=(T, T)),
+    )
+    np.testing.assert_allclose(signals.roles["motor_position"], 0.0, atol=1e-12)
+
+
+@pytest.mark.parametrize("delay", [0.003, 0.0034, -0.0023, 0.2])
+def test_a_late_sensor_is_put_back_in_time(delay):
+    x = np.sin(3.0 * T)
+    signals = bound(
+        f'motor_position = {{ channel = "x", delay = {delay} }}\nlink_position = "y"',
+        recording(x=(T, np.sin(3.0 * (T - delay))), y=(T, x)),
+    )
+    # Between samples the position is taken along a straight line: 3² · T² / 8 off.
+    np.testing.assert_allclose(signals.roles["motor_position"], signals.roles["link_position"], atol=1.2e-6)
+    assert len(signals) >= T.size - abs(delay) / 1e-3 - 2
+
+
+def test_a_large_eccentricity_converges():
+    x = np.linspace(-7.0, 7.0, T.size)
+    signals = bound(
+        'link_position = { channel = "x", eccentricity = { amplitude = 0.9 } }', recording(x=(T, x + 0.9 * np.sin(x)))
+    )
+    np.testing.assert_allclose(signals.roles["link_position"], x, atol=1e-11)
+
+
+def test_a_sample_that_is_no_number_does_not_spoil_the_others():
+    x = np.sin(3.0 * T)
+    m = 1.02 * x + 0.3 + 0.01 * T + 0.02 * np.sin(x + 1.0)
+    m[7] = np.nan
+    signals = bound(f"motor_position = {SENSOR}", recording(x=(T, m)))
+    assert list(np.flatnonzero(np.isnan(signals.roles["motor_position"]))) == [7]
+    np.testing.assert_allclose(np.delete(signals.roles["motor_position"], 7), np.delete(x, 7), atol=1e-12)
+
+
+@pytest.mark.parametrize("stated", ["", ", resolution = 0.01"])
+def test_the_step_is_that_of_the_sensor_over_its_gain(stated):
+    m = np.round((2.0 * np.sin(3.0 * T) + 0.1 * T) / 0.01) * 0.01
+    signals = bound(f'link_position = {{ channel = "x", gain = 2, drift = 0.1{stated} }}', recording(x=(T, m)))
+    assert signals.resolution["link_position"] == pytest.approx(0.005, rel=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("role", "unit", "like"),
+    [
+        ("external_torque", "N·mm", 1e-3),
+        ("link_acceleration", "deg/s^2", np.pi / 180.0),
+        ("accelerometer_x", "mm/s^2", 1e-3),
+        ("accelerometer_z", None, 1.0),
+    ],
+)
+def test_roles_that_no_estimator_uses_are_bound_too(role, unit, like):
+    signals = bound(f'{role} = {{ channel = "x", sign = -1 }}', recording(x=(T, np.sin(T), unit)))
+    np.testing.assert_allclose(signals.roles[role], -like * np.sin(T), rtol=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("unit", "side", "factor"), [("A", "joint", 2.0), ("N·m", "rotor", 20.0), ("N·m", "joint", 1.0)]
+)
+def test_the_secondary_torque_is_that_of_the_secondary_motor(unit, side, factor):
+    name, joint = joint_of(
+        '[joint.j]\nkind = "serial"\n[joint.j.motor]\ngear_ratio = 50\n'
+        "[joint.j.secondary_motor]\ngear_ratio = 20\ntorque_constant = 0.1\n"
+        f'[joint.j.signals]\nsecondary_torque = {{ channel = "x", side = "{side}" }}'
+    )
+    signals = bind([recording(x=(T, T, unit))], name, joint, ("secondary_torque",))
+    np.testing.assert_allclose(signals.roles["secondary_torque"], factor * T)
+
+
 def test_a_current_needs_a_torque_constant():
     name, joint = joint_of(
         '[joint.j]\nkind = "elastic"\n[joint.j.signals]\nmotor_torque = { channel = "x", unit = "A" }'

@@ -19,7 +19,7 @@ from vsalog.errors import BindingError, UnitError
 from vsalog.grid import EVEN, Bound, after_long_silence, common_segments, grid_of, on_grid
 from vsalog.recording import Channel, Recording
 from vsalog.resolution import resolution_of
-from vsalog.rig.schema import Joint, Motor, PneumaticJoint, RigidJoint, Run, SerialJoint, Signal
+from vsalog.rig.schema import Joint, Motor, PneumaticJoint, RigidJoint, Run, SerialJoint, Signal, role_units
 from vsalog.signals import JointSignals
 from vsalog.units import si_factor
 
@@ -28,16 +28,8 @@ Array = NDArray[np.float64]
 # No position or torque is larger, in SI.
 HUGEST = 1e30
 
-# What a role is measured in when neither the rig nor the log says.
-SI = {
-    "motor_position": "rad",
-    "link_position": "rad",
-    "deflection": "rad",
-    "motor_torque": "N*m",
-    "torque_sensor": "N*m",
-    "pressure": "Pa",
-    "valve": "V",
-}
+# Rounds of taking an eccentricity out, each of which leaves amplitude / gain of the error, and what may be left [rad].
+ROUNDS, LEFT = 500, 1e-14
 
 
 def signal_of(spec: str | float | Signal) -> Signal:
@@ -152,11 +144,9 @@ def _bind_role(recording: Recording, run: Run, role: str, signal: Signal, joint:
     recorded, wrapped = _unwrapped(channel, signal, role)
     # A long log's columns are not copied when there is nothing to change.
     values = recorded if factor == 1.0 else recorded * factor
-    if signal.offset:
-        values = values - signal.offset
     if not np.isfinite(values).all():
         values = np.where(np.isfinite(values), values, np.nan)
-    resolution = signal.resolution
+    values, resolution = _true(values, signal, _seconds(recording, channel) if signal.drift else None)
     if role == "setpoint" and isinstance(joint, SerialJoint) and joint.lever is not None and _is_angle(channel, signal):
         values = joint.lever.start - joint.lever.travel * values
         resolution = None if resolution is None else resolution * abs(joint.lever.travel)
@@ -169,7 +159,37 @@ def _bind_role(recording: Recording, run: Run, role: str, signal: Signal, joint:
     period = int(np.median(np.diff(channel.stamps)))
     # A turn of the rotor is no turn of the joint.
     wrapped = wrapped and (signal.side == "joint" or role == "link_position" or _motor(joint, role).gear_ratio == 1.0)
-    return Bound(channel.stamps, values, period, resolution, wrapped=wrapped)
+    stamps = channel.stamps - round(signal.delay * 1e9) if signal.delay else channel.stamps
+    return Bound(stamps, values, period, resolution, wrapped=wrapped)
+
+
+def _true(m: Array, signal: Signal, time: Array | None) -> tuple[Array, float | None]:
+    """Return x of what a sensor says, m = gain · x + offset + drift · time + eccentricity, and its least step if it is known."""
+    disc, resolution = signal.eccentricity, signal.resolution
+    if resolution is None and (time is not None or disc is not None):
+        # What is taken out here hides the steps.
+        resolution = resolution_of(m)
+    if signal.offset:
+        m = m - signal.offset
+    if time is not None:
+        m = m - signal.drift * time
+    x = m / signal.gain if signal.gain != 1.0 else m
+    if disc is not None:
+        for _ in range(ROUNDS):
+            last, x = x, (m - disc.amplitude * np.sin(x + disc.phase)) / signal.gain
+            if not np.fmax.reduce(np.abs(x - last)) > LEFT * max(1.0, float(np.fmax.reduce(np.abs(x)))):
+                break
+    return x, None if resolution is None else resolution / signal.gain
+
+
+def _seconds(recording: Recording, channel: Channel) -> Array:
+    """Return the times of a channel's samples from the log's start [s]."""
+    return np.asarray((channel.stamps - _origin(recording)).astype(np.float64) * 1e-9)
+
+
+def _origin(recording: Recording) -> int:
+    """Return the log's first stamp."""
+    return min(int(c.stamps[0]) for c in recording.channels.values() if c.stamps.size)
 
 
 def _unwrapped(channel: Channel, signal: Signal, role: str) -> tuple[Array, bool]:
@@ -202,7 +222,7 @@ def _motor(joint: Joint, role: str) -> Motor:
         return Motor()
     name = "motor_2" if role.endswith("_2") else "motor_1"
     motor: Motor = getattr(joint, name) if hasattr(joint, name) else joint.motor  # type: ignore[union-attr]
-    if role == "setpoint":
+    if role in ("setpoint", "secondary_torque"):
         return getattr(joint, "secondary_motor", None) or Motor()
     return motor
 
@@ -228,9 +248,9 @@ def _factor(recording: Recording, channel: Channel, role: str, signal: Signal, j
     """What a recorded number is multiplied with to be SI, the right way round, on the joint's side of the gear."""
     base, motor, unit = role.removesuffix("_1").removesuffix("_2"), _motor(joint, role), _unit(channel, signal)
     gear = motor.gear_ratio if signal.side == "rotor" else 1.0
-    like = SI.get(base, "rad")
+    like = role_units(role)[0]
     factor = float(signal.sign)
-    if base == "motor_torque":
+    if base in ("motor_torque", "secondary_torque"):
         factor *= gear
         if unit is not None and _converts(unit, "A"):
             if motor.torque_constant is None:
@@ -262,7 +282,7 @@ def _on_one_grid(recording: Recording, joint: str, bound: Mapping[str, Bound], r
     period = min(b.period for b in moving.values())
     if period <= 0:
         raise BindingError(f"{recording.path.name}: the time stamps of joint '{joint}' do not advance")
-    origin = min(int(c.stamps[0]) for c in recording.channels.values() if c.stamps.size)
+    origin = _origin(recording)
     segments = common_segments(recording, joint, moving)
     grids = [grid_of(segment, moving, period) for segment in segments]
     stamps = grids[0] if len(grids) == 1 else np.concatenate(grids)

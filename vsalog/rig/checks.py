@@ -23,10 +23,13 @@ from vsalog.rig.schema import (
     SerialJoint,
     Signal,
     Transmission,
+    role_units,
 )
-from vsalog.units import shown
+from vsalog.units import matching, shown
 
 RUN = "{run}"
+# No log is longer [s]; its stamps are counted in 64 bits.
+LONGEST = 1e8
 
 JointWithRuns = ElasticJoint | SerialJoint | AntagonisticJoint | PneumaticJoint
 
@@ -46,6 +49,7 @@ def check_rig(rig: RigFile) -> None:
         for key, friction in frictions(joint):
             _check_friction(friction, (*path, *key, "friction"))
         _check_channels(joint, path)
+        _check_sensors(joint, path)
         _check_transmissions(joint, path)
         if isinstance(joint, PneumaticJoint) and (problem := pneumatic_problem(joint)) is not None:
             refuse((*path, *problem[0]), problem[1])
@@ -138,6 +142,27 @@ def _check_channels(joint: Joint, path: Path) -> None:
                 f"two roles for one channel: '{channel}' is the {taken[channel]} already",
             )
         taken[channel] = role
+
+
+def _check_sensors(joint: Joint, path: Path) -> None:
+    for role in joint.signals.__struct_fields__:
+        signal = getattr(joint.signals, role)
+        if not isinstance(signal, Signal):
+            continue
+        for key in ("delay", "jitter"):
+            if abs(getattr(signal, key)) > LONGEST:
+                refuse((*path, "signals", role, key), f"{getattr(signal, key):g} s are longer than any log")
+        if signal.eccentricity is None:
+            continue
+        at = (*path, "signals", role, "eccentricity")
+        units = role_units(role)
+        if units[0] != "rad" or (signal.unit is not None and matching(signal.unit, units) != "rad"):
+            refuse(at, "only an angle is measured with a disc")
+        if signal.eccentricity.amplitude >= signal.gain:
+            refuse(
+                (*at, "amplitude"),
+                f"has to be below the gain, {signal.gain:g}, or the reading falls as the angle rises",
+            )
 
 
 def _check_transmissions(joint: Joint, path: Path) -> None:

@@ -40,9 +40,11 @@ def _signal_over(old: Any, new: Table) -> Table:
         old = {"channel": old}
     if not isinstance(old, dict):
         return new
-    result = {**old, **new}
     if "constant" in new and "channel" not in new:
-        result.pop("channel", None)
+        # What the sensor of a channel does says nothing about a constant.
+        unit = {"unit": old["unit"]} if "unit" in old and not isinstance(new["constant"], str) else {}
+        return {**unit, **new}
+    result = {**old, **new}
     if "channel" in new and "constant" not in new:
         result.pop("constant", None)
     return result
