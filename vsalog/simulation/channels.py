@@ -39,6 +39,10 @@ DEFAULT_CHANNELS = {
     "torque_sensor": "/joint_torque.effort[transmission]",
     "torque_sensor_1": "/joint_torque.effort[transmission_1]",
     "torque_sensor_2": "/joint_torque.effort[transmission_2]",
+    "pressure_1": "/muscle_1/pressure.data",
+    "pressure_2": "/muscle_2/pressure.data",
+    "valve_1": "/valve_1/voltage.data",
+    "valve_2": "/valve_2/voltage.data",
 }
 
 
