@@ -24,7 +24,10 @@ SECTIONS = {
     "SerialSignals": "Signals", "AntagonisticSignals": "Signals", "Signal": "Signals", "Run": "Runs",
     **dict.fromkeys(("PneumaticJoint", "Air", "Valve", "Muscle", "Seesaw", "LinearForce", "BraidForce", "ExponentialForce",
                      "SpringForce", "PressureFriction", "SimpleFriction", "TonduFriction"), "Pneumatic"),
-    "PneumaticSignals": "Signals",
+    "PneumaticSignals": "Signals", "Eccentricity": "Signals", "Friction": "Friction", "Cogging": "Cogging",
+    "PolynomialTransmission": "Transmissions", "ExponentialTransmission": "Transmissions", "BoucWen": "Hysteresis",
+    "SlipElement": "Hysteresis", "Payload": "Link", "Contact": "Link",
+    **dict.fromkeys(("Chain", "ChainLink", "Coupling", "Accelerometer"), "Chain"),
 }  # fmt: skip
 VALIDATOR = jsonschema.Draft202012Validator(rig_schema())
 
@@ -53,6 +56,20 @@ def test_every_example_loads_and_validates(example):
 def test_there_is_an_example_of_each_kind():
     for kind in ("rigid", "elastic", "serial", "antagonistic", "pneumatic"):
         assert any(f'kind = "{kind}"' in example for example in EXAMPLES)
+
+
+@pytest.mark.parametrize(
+    "struct", [s for s in structures() if s.cls.__name__.endswith("Transmission")], ids=lambda s: s.cls.__name__
+)
+def test_there_is_an_example_of_each_transmission(struct):
+    assert struct.tag == "unknown" or any(f'type = "{struct.tag}"' in example for example in EXAMPLES)
+
+
+@pytest.mark.parametrize(
+    "key", ["friction", "cogging", "bouc_wen", "slip", "backlash", "payload", "contact", "eccentricity"]
+)
+def test_there_is_an_example_of_each_effect(key):
+    assert any(re.search(rf"^{key} =|\.{key}\]", example, re.MULTILINE) for example in EXAMPLES)
 
 
 def test_the_schema_file_is_up_to_date():

@@ -30,7 +30,7 @@ CASES = [
     ('[joint.elbow]\nkind = "series"', "joint.elbow.kind: \"series\" is not one of"),
     ('[joint.elbow]\nkind = 3', "joint.elbow.kind: 3 is not one of"),
     (SPRING + "stiffness = 3", "joint.elbow.transmission: 'type' is missing"),
-    (SPRING + 'type = "spring"', '"spring" is not one of "linear", "cubic", "vsa2", "awas", "unknown"'),
+    (SPRING + 'type = "spring"', '"spring" is not one of "linear", "cubic", "polynomial", "exponential"'),
     (SPRING + 'type = "cubic"', "'stiffness' and 'cubic' are missing in a transmission of type \"cubic\""),
     # impossible values
     (MOTOR + "inertia = -1", "inertia: -1 is not possible: it has to be greater than 0; leave the key out"),

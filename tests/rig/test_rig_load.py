@@ -155,7 +155,8 @@ def test_the_2r_arm_has_two_vsa2():
     for name in rig.joints:
         joint = joint_of(rig, name, AntagonisticJoint)
         assert (joint.motor_1, joint.transmission_1) == (single.motor_1, single.transmission_1)
-        assert joint.signals.motor_position_1 == f"/joint_states.position[{name}_motor_1]"
+        assert isinstance(joint.signals.motor_position_1, Signal)
+        assert joint.signals.motor_position_1.channel == f"/joint_states.position[{name}_motor_1]"
 
 
 def test_a_file_goes_over_its_preset_table_by_table():
@@ -168,7 +169,9 @@ def test_a_file_goes_over_its_preset_table_by_table():
     assert rig.name == "mine"
     assert (joint.motor_1.inertia, joint.motor_1.damping) == (8e-3, 1e-3)
     assert joint.transmission_2 == LinearTransmission(stiffness=3.0)
-    assert joint.signals.link_position == Signal(channel="/joint_states.position[link]", sign=-1)
+    assert joint.signals.link_position == Signal(
+        channel="/joint_states.position[link]", sign=-1, resolution=pytest.approx(2 * math.pi / 4059)
+    )
     assert joint.signals.motor_position_1 == Signal(constant=0.0)
     assert Rig.from_toml(rig.to_toml()).file == rig.file
 

@@ -92,6 +92,8 @@ def _describe(definition: dict[str, Any], struct: inspect.StructType) -> None:
         schema = _without_null(definition["properties"][field.encode_name])
         if _is_quantity(field.type):
             schema = _number_or_text(schema)
+        if isinstance(field.type, inspect.VarTupleType) and _is_quantity(field.type.item_type):
+            schema["items"] = _number_or_text(schema["items"])
         if field.encode_name in descriptions:
             schema["description"] = descriptions[field.encode_name]
         definition["properties"][field.encode_name] = schema
