@@ -11,6 +11,7 @@ from numpy.testing import assert_allclose, assert_array_equal
 from vsalog.errors import SimulationError
 from vsalog.mechanics import flexibility_torque
 from vsalog.rig import Rig, presets
+from vsalog.simulation import simulate
 from vsalog.simulation.inputs import Motion, Servo
 from vsalog.simulation.scenario import Scenario, built_in, driven_roles, usual_scenario
 from vsalog.simulation.scenario_generic import GENERIC, generic
@@ -273,6 +274,48 @@ def test_a_generic_valve_stays_in_its_range():
         assert set(inputs) == {"valve_1", "valve_2"}
         for signal in inputs.values():
             assert 0.0 <= signal(T).min() < 5.5 < signal(T).max() <= 10.0
+
+
+def arm(size):
+    """Three axes, the first upright; masses, stiffnesses and inertias are `size` times those of a small arm."""
+    text = "".join(
+        f"""
+[joint.axis_{i}]
+kind = "elastic"
+[joint.axis_{i}.motor]
+inertia = {0.2 * size}
+damping = {0.5 * size}
+[joint.axis_{i}.transmission]
+type = "linear"
+stiffness = {2e3 * size}
+[joint.axis_{i}.link]
+inertia = 1.0
+damping = {0.2 * size}
+[[chain.link]]
+joint = "axis_{i}"
+length = 0.5
+twist = "{-90 if i == 1 else 0} deg"
+mass = {size / i}
+centre = [-0.25, 0.0, 0.0]
+inertia = [{0.01 * size}, {0.02 * size}, {0.02 * size}]
+"""
+        for i in (1, 2, 3)
+    )
+    return Rig.from_toml(text).file
+
+
+@pytest.mark.parametrize("size", [1.0, 200.0])
+@pytest.mark.parametrize("period", [1e-3, 5e-3])
+def test_generic_servos_hold_an_arm_of_any_size_against_gravity(size, period):
+    """Gravity pulls each motor off its reference by a tenth of a radian at most, and nothing swings up."""
+    rig = arm(size)
+    inputs = Scenario(generic("servo", rig, period)).inputs(rig)
+    played = simulate(rig, inputs, 6.0, period=period, ideal=True)
+    for joint, roles in inputs.items():
+        off = played.joints[joint].truth["motor_position"] - roles["motor_torque"].reference(played.time)
+        late = played.time > 3.0
+        assert np.abs(off[late]).max() < 0.15
+        assert np.ptp(played.joints[joint].truth["link_position"]) > 0.3
 
 
 @pytest.mark.parametrize("example", EXAMPLES, ids=range(len(EXAMPLES)))
