@@ -63,6 +63,41 @@ def test_simulated_machines_are_recognised_with_their_truth_beside(experiment, k
     assert all(guess.sign == 1 and guess.side == "joint" for guess in joint.roles.values())
 
 
+PUSH = np.sin(5.0 * TIME)
+
+
+@pytest.mark.parametrize(
+    ("name", "unit", "role"),
+    [
+        ("external_torque", None, "external_torque"),
+        ("tau_ext", "N*m", "external_torque"),
+        ("link acceleration", "rad/s^2", "link_acceleration"),
+        ("joint_link_acc", None, "link_acceleration"),
+        ("accelerometer_y", "m/s^2", "accelerometer_y"),
+        # what could be something else is left alone
+        ("accelerometer_y", "V", None),
+        ("accelerometer", None, None),
+        ("link acceleration", "m/s^2", None),
+        ("motor_acceleration", None, None),
+        ("link_acceleration_cmd", None, None),
+        ("imu.linear_acceleration.x", None, None),
+    ],
+)
+def test_roles_beside_the_estimators_are_taken_by_name_only(name, unit, role):
+    columns = {"motor_position": MOTOR, "link_position": LINK, "torque_sensor": TORQUE}
+    joint = only_joint(table({**columns, name: PUSH}, units={name: unit}))
+    assert channels_of(joint) == {**{c: c for c in columns}, **({role: name} if role else {})}
+    assert not {"external_torque", "link_acceleration", "accelerometer_x", "secondary_torque"} & set(joint.missing)
+
+
+def test_the_secondary_motor_s_torque_is_its_own():
+    columns = {"motor_position": MOTOR, "link_position": LINK, "motor_torque": MOTOR_TORQUE}
+    secondary = {"secondary_motor_position": 0.3 * LINK, "secondary_motor_torque": PUSH}
+    found = channels_of(only_joint(table({**columns, **secondary})))
+    assert (found["setpoint"], found["secondary_torque"]) == tuple(secondary)
+    assert found["motor_torque"] == "motor_torque"
+
+
 def test_joints_of_an_arm_are_told_apart():
     columns = {}
     for name in ("shoulder", "left elbow"):

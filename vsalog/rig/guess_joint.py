@@ -18,6 +18,11 @@ _ROLES: dict[str, tuple[str, ...]] = {
     "antagonistic": AntagonisticSignals.__struct_fields__,
 }
 
+# What no estimator reads: recorded in few logs, and not missed in the others.
+EXTRA = (
+    "link_acceleration", "external_torque", "secondary_torque", "accelerometer_x", "accelerometer_y", "accelerometer_z",
+)  # fmt: skip
+
 # A torque that follows an angle this closely is a spring's.
 SPRING_CORRELATION = 0.7
 
@@ -61,7 +66,8 @@ def guess_joint(name: str, group: list[Candidate], has_set_runs: bool) -> JointG
         )
     if kind != "rigid" and not any(role.startswith(("motor_torque", "torque_sensor")) for role in roles):
         warnings.append("there is no torque and no motor current, so no stiffness can be estimated from this log alone")
-    missing = {role: _why_missing(role, kind, roles, still, moving) for role in _ROLES[kind] if role not in roles}
+    gaps = [role for role in _ROLES[kind] if role not in roles and role not in EXTRA]
+    missing = {role: _why_missing(role, kind, roles, still, moving) for role in gaps}
     return JointGuess(name, kind, reason, confidence, checked.roles, missing, checked.gear_ratio, (), tuple(warnings))
 
 
@@ -105,6 +111,8 @@ def _by_name(candidate: Candidate, group: list[Candidate]) -> Iterator[tuple[str
         yield "deflection", 0.9, "its name says so", None
     elif meaning.quantity == "setpoint":
         yield "setpoint", 0.6, "its name is that of a set-point", None
+    elif meaning.quantity in EXTRA:
+        yield meaning.quantity, 0.8, "its name says so", None
     elif meaning.quantity == "position":
         yield _position(part, group)
     elif meaning.quantity == "current" and part in ("", "motor"):
@@ -138,6 +146,10 @@ def _torque(part: str, channel: Channel) -> Iterator[tuple[str, float, str, str 
         yield "motor_torque", 0.85, "its name says motor and torque", None
     elif part == "sensor":
         yield "torque_sensor", 0.85, "its name says a sensor's or the transmission's torque", None
+    elif part == "external":
+        yield "external_torque", 0.8, "its name says a torque from outside", None
+    elif part == "secondary":
+        yield "secondary_torque", 0.8, "its name says the secondary motor's torque", None
     elif part == "link":
         yield "torque_sensor", 0.6, "a torque on the link's side", None
     elif part == "" and channel.type.endswith("JointState"):
@@ -153,7 +165,7 @@ def _numbered(options: list[_Option], numbers: list[int]) -> Iterator[_Option]:
     for option in options:
         number = option.candidate.meaning.index
         role = option.role
-        if role in ("link_position", "setpoint") or (role == "torque_sensor" and number is None):
+        if role in ("link_position", "setpoint", *EXTRA) or (role == "torque_sensor" and number is None):
             yield option
         elif number in numbers:
             yield _Option(

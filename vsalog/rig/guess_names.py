@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 from vsalog.errors import UnitError
 from vsalog.recording import Channel
-from vsalog.units import kind_of, parse_unit
+from vsalog.units import kind_of, parse_unit, si_factor
 
 _WORD = re.compile(r"[A-Z]+(?![a-z])|[A-Z]?[a-z]+|\d+|[θφτδ]")
 _GREEK = {"θ": "theta", "φ": "phi", "τ": "tau", "δ": "delta"}
@@ -33,12 +33,27 @@ MOTOR = _words("motor mot rotor servo actuator primary drive")
 LINK = _words("link output load")
 SENSOR = _words("sensor spring transmission loadcell ft measured meas elastic wrench")
 SECONDARY = _words("secondary stiffener")
+EXTERNAL = _words("external ext disturbance")
+ACCELERATION = _words("acceleration acc accel accelerometer")
 FILLER = _words(
     "joint joints data state states raw msg field value values x y z side abs absolute sensors stamped topic of the in"
 )
 
 _VOCABULARY = (
-    POSITION | DEFLECTION | TORQUE | CURRENT | SETPOINT | COMMAND | OTHER | MOTOR | LINK | SENSOR | SECONDARY | FILLER
+    POSITION
+    | DEFLECTION
+    | TORQUE
+    | CURRENT
+    | SETPOINT
+    | COMMAND
+    | OTHER
+    | MOTOR
+    | LINK
+    | SENSOR
+    | SECONDARY
+    | FILLER
+    | EXTERNAL
+    | ACCELERATION
 )
 # A number behind one of these counts the motors or transmissions of a joint.
 _NUMBERED = POSITION | DEFLECTION | TORQUE | CURRENT | MOTOR | LINK | SENSOR | {"m", "c"}
@@ -60,8 +75,9 @@ class Meaning:
 
     Attributes
     ----------
-    quantity : ``position``, ``deflection``, ``torque``, ``current``, ``setpoint``, ``length`` or ``other``
-    part : ``motor``, ``link``, ``sensor``, ``secondary`` or ""
+    quantity : ``position``, ``deflection``, ``torque``, ``current``, ``setpoint``, ``length``, ``link_acceleration``,
+        ``accelerometer_x`` (``_y``, ``_z``) or ``other``
+    part : ``motor``, ``link``, ``sensor``, ``secondary``, ``external`` or ""
     index : the number behind the part, e.g. 2 of ``motor_2``; None without one
     joint : the words that are left: the joint's name
     label : the element's name in a message that names its elements, else ""
@@ -127,6 +143,8 @@ def _quantity(field: list[str], label: list[str], topic: list[str], unit: str | 
     by_unit = _by_unit(unit)
     # Simulations write what the sensors could not see beside what they saw.
     is_truth = "truth" in topic
+    if not is_truth and not _is_command([*words, *topic]) and (role := _acceleration(field, [*words, *topic], unit)):
+        return role
     if any(word in OTHER for word in field) or by_unit == "other" or _is_command(words) or is_truth:
         return "other"
     named = _named_quantity(field) or _named_quantity(label) or _named_quantity(topic)
@@ -137,6 +155,21 @@ def _quantity(field: list[str], label: list[str], topic: list[str], unit: str | 
     if by_unit in ("position", "torque") and named in (None, "setpoint"):
         return named or by_unit
     return named or by_unit or "other"
+
+
+def _acceleration(field: list[str], words: list[str], unit: str | None) -> str | None:
+    """Return the role of an acceleration that is named without doubt: ``accelerometer_x``, ``link_acceleration``."""
+    if "accelerometer" in words:
+        role = f"accelerometer_{field[-1]}" if field and field[-1] in ("x", "y", "z") else None
+    else:
+        named = any(w in ACCELERATION for w in field) and any(w in LINK for w in words)
+        role = "link_acceleration" if named and not {"linear", "motor"} & set(words) else None
+    try:
+        if role and unit:
+            si_factor(unit, "m/s^2" if "accelerometer" in words else "rad/s^2")
+    except UnitError:
+        return None
+    return role
 
 
 def _is_setpoint(words: list[str]) -> bool:
@@ -191,6 +224,8 @@ def _part(words: list[str]) -> tuple[str, int | None, list[str]]:
                 left.append(word)
         elif (word == "c" and previous == "theta") or word in SECONDARY:
             part = "secondary"
+        elif word in EXTERNAL:
+            part = "external"
         elif word in MOTOR or (word == "m" and previous in TORQUE | POSITION):
             part = part or "motor"
         elif word in LINK or (word in ("l", "j") and previous in TORQUE | POSITION):
