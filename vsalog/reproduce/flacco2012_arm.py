@@ -1,0 +1,106 @@
+"""The 2R arm of Flacco et al., IJRR 2012, §6.3: two VSA-IIs whose links move one another, estimated joint by joint."""
+
+from __future__ import annotations
+
+import msgspec
+import numpy as np
+
+from vsalog.reproduce.flacco2012 import DEFAULT, PAPER, TABLE_1, VSA2_PAPER
+from vsalog.reproduce.measure import Study, estimate, stiffness_errors, with_noise
+from vsalog.reproduce.rows import Curve, Figure, Panel, Result, Row
+from vsalog.rig import Rig
+from vsalog.rig.chain import Chain, ChainLink
+from vsalog.rig.schema import RigFile
+from vsalog.simulation.scenario import Scenario
+from vsalog.simulation.simulate import simulate
+
+# §6.3: two thin rods, and the second joint's actuator at the end of the first.
+ROD_MASS, ROD_LENGTH, ACTUATOR_MASS = 0.1, 0.5, 0.345
+DURATION, AFTER = 20.0, 2.0
+CONDITIONS = (
+    "2R arm in the vertical plane, links coupled; torques of 50 N·mm at 0.1 and 0.2 Hz in the first joint, a sawtooth of 50 N·mm"
+    " at 0.1 Hz and a square wave of 10 N·mm at 0.3 Hz in the second; encoders of 4059 pulses per turn"
+)
+CHOSEN = (
+    "C = 1.8, link damping 5 N·mm·s/rad, torque noise 1 N·mm rms, 20 s at 1 kHz, what counts as transient; no printed value is"
+    " changed, though torques of 50 N·mm cannot lift links that weigh up to 2.7 N·m: the first joint stays within 0.1 rad,"
+    " where the paper's explores the whole workspace"
+)
+REASON = (
+    "the motors move slower than in the single joint (0.1–0.3 Hz), so their encoders' steps come one by one and are"
+    " differentiated into torque; without these steps the error falls ten- to a hundredfold, and with vsalog's window made longer (0.2 s) it is"
+    " at 0.01 % or below. The square wave's jumps add the causal filter's lag"
+)
+REMARK = "no number is printed for the arm: the text finds it very similar to the single joint, whose Table 1 value this is"
+
+
+def arm() -> RigFile:
+    """Return the preset ``vsa2-2r`` with its links coupled: two rods, and an actuator between them.
+
+    Link frames sit at the far ends; x points along the rods and gravity along x where the arm hangs (q = 0).
+    """
+    rig = Rig.preset("vsa2-2r").file
+    return msgspec.structs.replace(
+        rig, chain=Chain(gravity=(9.81, 0.0, 0.0), link=(_rod("shoulder", ACTUATOR_MASS), _rod("elbow", 0.0)))
+    )
+
+
+def _rod(joint: str, at_end: float) -> ChainLink:
+    """Return a thin rod with a point mass at its far end."""
+    mass = ROD_MASS + at_end
+    centre = -0.5 * ROD_MASS * ROD_LENGTH / mass
+    about = ROD_MASS * (ROD_LENGTH**2 / 12.0 + (0.5 * ROD_LENGTH + centre) ** 2) + at_end * centre**2
+    return ChainLink(joint=joint, length=ROD_LENGTH, mass=mass, centre=(centre, 0.0, 0.0), inertia=(0.0, about, about))
+
+
+def two_joints(study: Study) -> Result:
+    """§6.3: stiffness of the four transmissions by the residual, with Fig. 20."""
+    study.say("flacco2012-2r: simulating")
+    rig = arm()
+    motion = simulate(rig, Scenario.find("vsa2-2r-exp1", rig).inputs(rig), DURATION, ideal=True)
+    experiments = with_noise(motion, study.seeds)
+    rows: list[Row] = []
+    panels: list[Panel] = []
+    longer = DEFAULT.with_tune("vsalog, window of 0.2 s", window=0.2)
+    for setting in (VSA2_PAPER.with_tune(modality="RESIDUAL"), DEFAULT, longer):
+        for joint, record in motion.joints.items():
+            study.say(f"flacco2012-2r: {setting.label}, {joint}")
+            traces = [estimate(e, setting, joint) for e in experiments]
+            for part in ("1", "2"):
+                errors = stiffness_errors(experiments, traces, part, f"stiffness_{part}", AFTER, joint)
+                _, alone = TABLE_1["RESIDUAL"][part]
+                row = Row(
+                    item="flacco2012-2r",
+                    paper=PAPER,
+                    place="§6.3",
+                    quantity="MSREP of the stiffness",
+                    unit="%",
+                    of=f"{joint}, transmission {part}",
+                    settings=setting.label,
+                    estimator=setting.estimator,
+                    tune=dict(setting.tune),
+                    printed=alone,
+                    ours=errors.msrep,
+                    whole_run=errors.msrep_whole,
+                    window=f"after {AFTER:g} s",
+                    conditions=CONDITIONS,
+                    chosen=CHOSEN,
+                    remark=REMARK,
+                )
+                rows.append(row.because(REASON))
+                if setting is DEFAULT:
+                    true = 1e3 * record.truth[f"stiffness_{part}"]
+                    estimated = 1e3 * np.asarray(traces[0][part]["stiffness"])
+                    panels.append(
+                        Panel(
+                            title=f"{joint}, transmission {part}",
+                            x_label="time [s]",
+                            y_label="stiffness [N·mm/rad]",
+                            y_range=(0.0, 1.3 * float(true.max())),
+                            curves=(
+                                Curve("actual", motion.time, true, "dashed"),
+                                Curve("RESIDUAL", motion.time, estimated),
+                            ),
+                        )
+                    )
+    return Result(rows, [Figure("flacco2012-fig20", "2R arm: stiffness (Flacco 2012, Fig. 20)", tuple(panels))])
