@@ -154,7 +154,7 @@ def _steps(d: _Drive) -> Parts:
 
 
 def _sawtooth(d: _Drive) -> Parts:
-    return (Sawtooth(amplitude=0.4 * d.level, frequency=0.2 * d.spread),)
+    return (Sawtooth(amplitude=0.3 * d.level, frequency=0.2 * d.spread),)
 
 
 def _square(d: _Drive) -> Parts:
@@ -245,12 +245,18 @@ def _load(name: str, joint: Joint, rig: RigFile) -> tuple[float, float, float]:
         load = link.payload
         moment = 0.0 if load is None else load.mass * load.distance
         extra = 0.0 if load is None else moment * load.distance
-        return link.inertia + extra, damping, abs(link.gravity_torque) + 9.81 * moment
+        # As in the simulation, a payload has weight where the link has.
+        return link.inertia + extra, damping, abs(link.gravity_torque) + (9.81 * moment if link.gravity_torque else 0.0)
     reach = inertia = moment = 0.0
     for part in rig.chain.link[names.index(name) :]:
         centre = reach + abs(part.length + part.centre[0])
         inertia += part.mass * centre**2 + max(part.inertia)
         moment += part.mass * centre
+        held = rig.joint[part.joint]
+        if not isinstance(held, PneumaticJoint) and held.link is not None and held.link.payload is not None:
+            load = held.link.payload
+            inertia += load.mass * (reach + load.distance) ** 2
+            moment += load.mass * (reach + load.distance)
         reach += sqrt(part.length**2 + part.offset**2)
     return inertia, damping, moment * float(np.linalg.norm(rig.chain.gravity))
 
