@@ -109,7 +109,8 @@ class Rig:
         RigError
             There is no such key, or it cannot have that value.
         """
-        return _build(_with_key(self._tables(), key, _setting(value), where), where).renamed(self.where)
+        path = _split_key(key, where)
+        return _build(_put(self._tables(), path, _setting(value), where, self.file), where).renamed(self.where)
 
     def renamed(self, where: str) -> Rig:
         """Return the rig with another name for messages."""
@@ -211,22 +212,32 @@ def _setting(text: str) -> Any:
     return table["value"] if len(table) == 1 else text
 
 
-def _with_key(tables: Table, key: str, value: Any, where: str) -> Table:
-    """Return the tables with the value put at the key's path."""
-    return _put(tables, _split_key(key, where), value, where)
-
-
-def _put(tables: Table, path: list[str], value: Any, where: str) -> Table:
+def _put(tables: Table, path: list[str], value: Any, where: str, known: Any) -> Table:
+    """Return the tables with the value put at the path; `known` is their structure, which also has the defaults."""
     for i, part in enumerate(path):
         if part.isdigit() and not isinstance(rows := _at(tables, path[:i]), dict):
             # Merging would replace a list as a whole: its other elements are taken along.
-            rows, row = rows or [], int(part)
+            whole = _inside(known, path[:i])
+            rows, row = rows or list(whole if isinstance(whole, tuple) else ()), int(part)
             if row >= len(rows):
                 counted = f"{key_path(tuple(path[:i]))} are counted from 0 and there are {len(rows)}"
-                raise RigError(f"{where}: {counted}: write …{path[i - 1]}[0]")
-            changed = _put(rows[row], path[i + 1 :], value, where) if i + 1 < len(path) else value
+                raise RigError(
+                    f"{where}: {counted}: {f'write …{path[i - 1]}[0]' if rows else 'set the list as a whole'}"
+                )
+            rest = path[i + 1 :]
+            changed = _put(rows[row], rest, value, where, _inside(known, path[: i + 1])) if rest else value
             return merged(tables, _nested(path[:i], [*rows[:row], changed, *rows[row + 1 :]]))
     return merged(tables, _nested(path, value))
+
+
+def _inside(known: Any, path: list[str]) -> Any:
+    """Return what stands at a path of structures, None where nothing does."""
+    for part in path:
+        if isinstance(known, tuple):
+            known = known[int(part)] if part.isdigit() and int(part) < len(known) else None
+        else:
+            known = known.get(part) if isinstance(known, Mapping) else getattr(known, part, None)
+    return known
 
 
 def _nested(path: list[str], value: Any) -> Any:

@@ -171,7 +171,7 @@ def _motor(path: str, key: str, joint: JointGuess) -> Iterator[str]:
 
 def _transmission(path: str, joint: JointGuess) -> Iterator[str]:
     yield f"[{path}]"
-    choices = "linear, cubic, vsa2 or awas" if joint.kind == "serial" else "linear, cubic or vsa2"
+    choices = "linear, cubic, polynomial, exponential" + (", vsa2 or awas" if joint.kind == "serial" else " or vsa2")
     yield _line('type = "unknown"', f"{choices} where the spring's law is known; then its parameters go here too")
     yield ""
 
