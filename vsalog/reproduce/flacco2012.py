@@ -30,12 +30,21 @@ TABLE_2: Mapping[str, Mapping[str, tuple[float, float]]] = {
 }
 
 # §6.1 and §6.2. The residual's regressors are not passed through its lag, and learning begins with the first sample.
-CAUSAL: dict[str, str | float | bool] = {"filter": "kinematic", "matched": False, "bandwidth": 300.0, "shape": 6.0, "settle": 0.0}
+CAUSAL: dict[str, str | float | bool] = {
+    "filter": "kinematic",
+    "matched": False,
+    "bandwidth": 300.0,
+    "shape": 6.0,
+    "settle": 0.0,
+}
 VSA2_PAPER = Setting("the paper's", "residual-rls", {**CAUSAL, "p0": 1e6, "c": 1e-5})
 AWAS_PAPER = Setting("the paper's", "residual-rls", {**CAUSAL, "p0": 1e20, "c": 1e-20})
 DEFAULT = Setting("vsalog's default", "residual-rls", {})
 
-VSA2_CONDITIONS = "VSA-II, 20 s at 1 kHz from rest, 50 sin 0.1πt and 50 sin 2πt N·mm, encoders of 4059 pulses per turn, n = 4 odd powers"
+VSA2_CONDITIONS = (
+    "VSA-II, 20 s at 1 kHz from rest, 50 sin 0.1πt and 50 sin 2πt N·mm, encoders of 4059 pulses per turn, fitted with"
+    " 4 odd powers"
+)
 VSA2_CHOSEN = (
     "C = 1.8, link inertia 2 N·mm·s²/rad, m g l = 60 N·mm, link damping 5 N·mm·s/rad, torque noise 1 N·mm rms (command and"
     " sensor), 20 s, what counts as transient"

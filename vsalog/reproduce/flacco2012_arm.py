@@ -28,10 +28,12 @@ CHOSEN = (
 )
 REASON = (
     "the motors move slower than in the single joint (0.1–0.3 Hz), so their encoders' steps come one by one and are"
-    " differentiated into torque; without these steps the error falls ten- to a hundredfold, and with vsalog's window made longer (0.2 s) it is"
-    " at 0.01 % or below. The square wave's jumps add the causal filter's lag"
+    " differentiated into torque; without these steps the error falls ten- to a hundredfold, and with"
+    " vsalog's window made longer (0.2 s) it is at 0.01 % or below. The square wave's jumps add the causal filter's lag"
 )
-REMARK = "no number is printed for the arm: the text finds it very similar to the single joint, whose Table 1 value this is"
+REMARK = (
+    "no number is printed for the arm: the text finds it very similar to the single joint, whose Table 1 value this is"
+)
 
 
 def arm() -> RigFile:

@@ -210,8 +210,7 @@ def sweep_awas(study: Study) -> Result:
         for p in PULSES
     ]
     higher = [f"{p}" for p, own, vsa in zip(PULSES, residual, beside, strict=True) if own.median > vsa]
-    row = msgspec.structs.replace(
-        common,
+    row = common.with_values(
         of="RESIDUAL, against the VSA-II",
         settings=VSA2_PAPER.label,
         printed="the AwAS has the higher MSREP of the two",
@@ -263,7 +262,7 @@ def _sweep(
         tune = dict(setting.tune)
         if setting.kalman is not None:
             tune |= dict(zip(("V_a", "V_max", "V_min"), setting.kalman, strict=True))
-        base = msgspec.structs.replace(common, settings=setting.label, estimator=setting.estimator, tune=tune)
+        base = common.with_values(settings=setting.label, estimator=setting.estimator, tune=tune)
         rows += _statements(base, found)
         curves = tuple(
             Curve(m, np.array(PULSES, dtype=np.float64), np.array([s.median for s in found[m]]), style)
@@ -287,8 +286,7 @@ def _statements(common: Row, found: Mapping[str, Sequence[Spread]]) -> list[Row]
     """Return the numbers of one setting, and what the text says of the figure."""
     default = common.settings == DEFAULT.label
     rows = [
-        msgspec.structs.replace(
-            common,
+        common.with_values(
             of=f"{modality}, {pulses} pulses",
             ours=spread,
             printed="drawn, without numbers",
@@ -304,8 +302,7 @@ def _statements(common: Row, found: Mapping[str, Sequence[Spread]]) -> list[Row]
             if PULSES[i] <= 1024
         )
         rows.append(
-            msgspec.structs.replace(
-                common,
+            common.with_values(
                 of="100 to 1024 pulses",
                 printed="RESIDUAL has a greater MSREP than SENSOR and MODEL",
                 ours="greater throughout" if greater else "not throughout",
@@ -315,8 +312,7 @@ def _statements(common: Row, found: Mapping[str, Sequence[Spread]]) -> list[Row]
         )
     at_1024 = max(found[m][PULSES.index(1024)].median for m in MODALITIES)
     rows.append(
-        msgspec.structs.replace(
-            common,
+        common.with_values(
             of="all modalities, 1024 pulses",
             printed=f"a good estimate at 1024 pulses (here: MSREP below {GOOD:g} %)",
             ours=f"at most {at_1024:.2g} %",

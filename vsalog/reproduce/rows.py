@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Literal, NamedTuple
+from typing import Any, Literal, NamedTuple
 
 import msgspec
 import numpy as np
@@ -86,6 +86,10 @@ class Row(msgspec.Struct, frozen=True, kw_only=True):
     reason: str = ""
     remark: str = ""
     status: Status = "done"
+
+    def with_values(self, **values: Any) -> Row:
+        """Return the row with some of its fields changed."""
+        return msgspec.structs.replace(self, **values)
 
     def because(self, reason: str) -> Row:
         """Return the row with that reason where ours is worse."""
