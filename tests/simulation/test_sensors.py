@@ -10,8 +10,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
-from vsalog.binding import bind
+from vsalog.binding import bind, offered_roles
 from vsalog.errors import SimulationError
+from vsalog.estimation import choose
 from vsalog.mechanics.kinematics import chain_motion, specific_force
 from vsalog.rig import Rig
 from vsalog.rig.schema import (
@@ -338,6 +339,19 @@ def test_binding_finds_the_truth_again(
     inside = (bound.time > abs(delay) + 0.002) & (bound.time < time[-1] - abs(delay) - 0.002)
     assert np.count_nonzero(inside) > SMALL * 0.9
     np.testing.assert_allclose(bound.roles[role][inside], bound.roles[other][inside], atol=3e-6)
+
+
+def test_roles_that_no_estimator_reads_are_offered_but_not_asked_for() -> None:
+    extra = {role: f"/{role}.data" for role in ("external_torque", "link_acceleration", "accelerometer_x")}
+    known = {role: f"/{role}.data" for role in ("motor_position", "link_position", "motor_torque")}
+    joint = ElasticJoint(motor=Motor(inertia=0.1), signals=SingleSignals(**known, **extra))
+    choice = choose("j", joint, "auto", {})
+    assert set(extra) <= set(offered_roles(joint))
+    assert set(choice.roles) == set(known)
+    truth = {name: values for name, values in TRUTH.items() if name not in extra}
+    rig = RigFile(joint={"j": ElasticJoint(signals=SingleSignals(**known))})
+    log = Experiment("e", rig, 1e-3, sample_stamps(COUNT, 1e-3), T, sense({"j": truth}, rig, T, 0, False)).recording()
+    assert set(bind([log], "j", joint, choice.roles).roles) == set(known)
 
 
 def test_a_noisy_log_binds_to_the_truth_within_noise_and_steps() -> None:

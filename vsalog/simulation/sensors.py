@@ -151,6 +151,8 @@ def _topics(signals: Mapping[str, Mapping[str, Signal]], count: int, seed: int) 
             stated[_topic_of(signal)] = max(jitter, signal.jitter), max(dropped, signal.dropped)
     topics = {}
     for name, (jitter, dropped) in stated.items():
+        if jitter == 0.0 and dropped == 0.0:
+            continue
         random = _generator(seed, "topic", name)
         # Both are drawn, so that one does not change the other.
         late, lot = random.standard_normal(count) * jitter, random.random(count)
