@@ -262,8 +262,8 @@ def _command(
                 inputs[period * steps + s, c, i] = servos[k, 5] * commands[late, k] + servos[k, 6]
 
 
-@njit(cache=True, error_model="numpy")
-def first_modes(p: Array, at: Integers, x: Array, modes: Integers) -> None:
+@njit(error_model="numpy")
+def _first_modes(p: Array, at: Integers, x: Array, modes: Integers) -> None:
     """Set the modes that a state begins in; what could stick does."""
     n, count = at[DOFS], at[TRANSMISSIONS]
     for i in range(n):
@@ -290,13 +290,15 @@ def source_stamp(*modules: ModuleType) -> str:
 def _compiled(stamp: str) -> Callable[..., Any]:
     @njit(cache=True, error_model="numpy")
     def integrate(
-        p: Array, at: Integers, stiff: bool, step: float, start_time: float, inputs: Array, prescribed: Array, servos: Array,
-        reference: Array, commands: Array, past: int, x: Array, modes: Integers, w: Array, room: Array, states: Array,
-        accelerations: Array,
+        p: Array, at: Integers, stiff: bool, fresh: bool, step: float, start_time: float, inputs: Array, prescribed: Array,
+        servos: Array, reference: Array, commands: Array, past: int, x: Array, modes: Integers, w: Array, room: Array,
+        states: Array, accelerations: Array,
     ) -> None:  # fmt: skip
         stamp  # noqa: B018  numba's cache tells functions apart by what they close over
         n, periods = at[DOFS], states.shape[0]
         steps = inputs.shape[0] // periods
+        if fresh:
+            _first_modes(p, at, x, modes)
         for period in range(periods):
             for i in range(n):
                 if at[at[FIXED] + i]:
@@ -318,7 +320,8 @@ def _compiled(stamp: str) -> Callable[..., Any]:
 
 # Integrate a stretch of P sample periods of S steps, for n degrees of freedom and a state of length m.
 #
-#   p, at : the machine            stiff, step, start_time : by Rodas or not; length of a step and time of the first [s]
+#   p, at : the machine            stiff, fresh : by Rodas; the modes are still to be told from the state
+#   step, start_time : length of a step and time of the first [s]
 #   inputs : (P·S, 3, n), torque or prescribed acceleration at the beginning, middle and end of each step
 #   prescribed : (P, 2, n), position and velocity of what is prescribed, at the start of each period
 #   servos : (K, 8), degree of freedom, Kp, Kd, limit, least step, gain, offset, delay in steps

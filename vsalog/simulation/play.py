@@ -13,7 +13,7 @@ from scipy.interpolate import CubicSpline
 from vsalog.errors import SimulationError
 from vsalog.mechanics import flexibility_torque, reaction_torque, stiffness
 from vsalog.rig.schema import AntagonisticJoint, AwasTransmission, Contact, SerialJoint
-from vsalog.simulation._integrate import first_modes, integrate
+from vsalog.simulation._integrate import integrate
 from vsalog.simulation.inputs import Input, Motion, Servo, TorqueInput, at_samples
 from vsalog.simulation.machine import Machine, MotorSlot, TransmissionSlot
 
@@ -55,19 +55,18 @@ def play(
     drives = _Drives(machine, inputs, time, count)
     at = machine.moved(list(drives.splines))
     x, modes = _first_state(machine, drives, start or {}), np.zeros(machine.modes, dtype=np.int64)
-    first_modes(machine.numbers, at, x, modes)
     work, room = machine.work()
     states, accelerations = np.empty((time.size, x.size)), np.empty((time.size, machine.freedom))
     edges = sorted({*range(0, time.size, CHUNK), *(restarts or {}), time.size})
     for first, last in pairwise(edges):
         part = slice(first, last)
-        if restarts is not None and first in restarts:
+        restarted = restarts is not None and first in restarts
+        if restarts is not None and restarted:
             _put(machine, restarts[first], x)
-            first_modes(machine.numbers, at, x, modes)
         # The last sample ends the motion: its period is begun for the acceleration's sake, and goes nowhere.
         integrate(
-            machine.numbers, at, stiff, period / count, float(time[first]), *drives.chunk(part), first, x, modes, work, room,
-            states[part], accelerations[part],
+            machine.numbers, at, stiff, first == 0 or restarted, period / count, float(time[first]), *drives.chunk(part), first,
+            x, modes, work, room, states[part], accelerations[part],
         )  # fmt: skip
     _require_finite(states, time)
     truth: dict[str, dict[str, Array]] = {name: {} for name in machine.joints}
