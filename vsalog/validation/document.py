@@ -1,0 +1,208 @@
+"""The structures of `report.json`: what a validation found. `docs/report.schema.json` is generated from them."""
+
+from __future__ import annotations
+
+from typing import Literal
+
+import msgspec
+
+VERSION = 1
+
+Verdict = Literal["holds", "fails", "undecided", "cannot be judged"]
+Reference = Literal["sensor", "residual", "nominal", "truth"]
+
+
+class _Part(msgspec.Struct, frozen=True, kw_only=True):
+    """Values never change."""
+
+
+class Figure(_Part, frozen=True):
+    """A number with its 95 % interval from a block bootstrap; null where the data cannot tell.
+
+    Attributes
+    ----------
+    value : of all samples
+    low, high : ends of the interval
+    """
+
+    value: float | None
+    low: float | None = None
+    high: float | None = None
+
+
+class Score(_Part, frozen=True):
+    """How far a prediction is from its reference, over samples of one kind (inside the region, or outside).
+
+    Attributes
+    ----------
+    samples : that were judged
+    effective_samples : independent ones that they are worth
+    span : greatest minus least of the reference
+    mse, rmse : mean square error and its root, in the unit (squared) of what is judged
+    nrmse : rmse / span [%]
+    msrep : mean square relative error, 100 · mean(((prediction − reference) / reference)²) [%] (Flacco 2012 eq. 46); of a torque,
+        over samples where it is at least 5 % of its largest
+    r2 : 1 − mse / variance of the reference
+    bias : mean error
+    largest : largest absolute error
+    """
+
+    samples: int
+    effective_samples: float
+    span: float
+    mse: Figure
+    rmse: Figure
+    nrmse: Figure
+    msrep: Figure
+    r2: Figure
+    bias: Figure
+    largest: float
+
+
+class Bin(_Part, frozen=True):
+    """Error over one interval of a variable: its ends, samples, root mean square error and mean error."""
+
+    low: float
+    high: float
+    samples: int
+    rmse: float
+    bias: float
+
+
+class Dependence(_Part, frozen=True):
+    """What the error depends on.
+
+    Attributes
+    ----------
+    on : ``torque`` (a wrong gain), ``offset``, ``deflection``, ``setpoint``, ``velocity``, ``direction`` (its sign),
+        ``loading`` (loops), ``time``, ``itself`` (not white)
+    share : of the error's mean square that it explains, 0 to 1
+    p_value : probability of such a share by chance, with the effective number of samples
+    slope : of the error over the variable, SI, where a straight line says it; else null
+    words : what that means, for people
+    bins : error over the variable
+    """
+
+    on: str
+    share: float
+    p_value: float
+    slope: float | None
+    words: str
+    bins: tuple[Bin, ...] = ()
+
+
+class Comparison(_Part, frozen=True):
+    """One prediction against one reference.
+
+    Attributes
+    ----------
+    quantity : ``flexibility_torque`` or ``stiffness``
+    unit : of it
+    reference : what it was judged against
+    inside : score of samples inside the region that the model was fitted in; null where there is none
+    outside : likewise outside: extrapolation, never mixed into the score
+    """
+
+    quantity: str
+    unit: str
+    reference: Reference
+    inside: Score | None
+    outside: Score | None
+
+
+class ModalityScore(_Part, frozen=True):
+    """An estimate of the same log by one modality (MODEL, SENSOR, RESIDUAL), against the same reference."""
+
+    modality: str
+    stiffness_low: float | None
+    stiffness_high: float | None
+    stiffness_std: float | None
+    against_truth: Score | None
+    torque: Score | None
+
+
+class TransmissionReport(_Part, frozen=True):
+    """What was found about a transmission, or about the whole device (``total``).
+
+    Attributes
+    ----------
+    transmission : name
+    judged_on : the comparison the verdict rests on; null where nothing can be judged
+    comparisons : all there are, that one first
+    inside_share : part of the samples that lie inside the region the model was fitted in
+    dependence : what the error depends on, strongest first
+    modalities : of the same log, side by side
+    """
+
+    transmission: str
+    judged_on: Reference | None
+    comparisons: tuple[Comparison, ...]
+    inside_share: float
+    dependence: tuple[Dependence, ...]
+    modalities: tuple[ModalityScore, ...] = ()
+
+
+class JointReport(_Part, frozen=True):
+    """What was found about a joint of a log.
+
+    Attributes
+    ----------
+    joint : name
+    verdict : whether the model holds
+    sentences : what was found, in three sentences
+    not_independent : why a torque channel is no independent measurement; null where nothing speaks against it
+    duration, period : of the log [s]
+    transmissions : one by one, then ``total`` where there are two
+    warnings : what a person should know
+    """
+
+    joint: str
+    verdict: Verdict
+    sentences: tuple[str, ...]
+    not_independent: str | None
+    duration: float
+    period: float
+    transmissions: tuple[TransmissionReport, ...]
+    warnings: tuple[str, ...]
+
+
+class LogReport(_Part, frozen=True):
+    """What was found about one log: its name, SHA-256, and joints."""
+
+    log: str
+    sha256: str
+    joints: tuple[JointReport, ...]
+
+
+class Threshold(_Part, frozen=True):
+    """A threshold that was asked for, and whether it was met."""
+
+    name: str
+    limit: float
+    met: bool
+
+
+class Report(_Part, frozen=True):
+    """A whole `report.json`.
+
+    Attributes
+    ----------
+    version : of this structure
+    vsalog : version that wrote it
+    model : file name, and ``model_sha256`` of it
+    model_logs : name → SHA-256 of the logs that the model was learnt from
+    settings : of this run
+    rig : as TOML text
+    logs : what was found, log by log
+    thresholds : asked for
+    """
+
+    version: int
+    vsalog: str
+    model: str
+    model_sha256: str
+    model_logs: dict[str, str]
+    settings: dict[str, str]
+    rig: str
+    logs: tuple[LogReport, ...]
+    thresholds: tuple[Threshold, ...] = ()

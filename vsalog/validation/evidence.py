@@ -1,0 +1,65 @@
+"""What a report draws: the arrays behind the figures, one joint at a time."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vsalog.model import JointModel
+
+Array = NDArray[np.float64]
+Flags = NDArray[np.bool_]
+
+
+@dataclass(frozen=True, slots=True)
+class TransmissionEvidence:
+    """One transmission over time; every array has shape (N,), NaN where nothing is known.
+
+    Attributes
+    ----------
+    deflection : φ [rad]
+    predicted, predicted_std : the frozen model's flexibility torque [N·m]
+    measured : what it is judged against [N·m]; None where there is nothing
+    measured_by : ``sensor``, ``residual`` …, what `measured` is
+    stiffness, stiffness_std : the frozen model's [N·m/rad]
+    true_stiffness : a simulator's; None in a recording of a machine
+    inside : inside the region that the model was fitted in
+    """
+
+    deflection: Array
+    predicted: Array
+    predicted_std: Array
+    measured: Array | None
+    measured_by: str
+    stiffness: Array
+    stiffness_std: Array
+    true_stiffness: Array | None
+    inside: Flags
+
+
+@dataclass(frozen=True, slots=True)
+class JointEvidence:
+    """A joint over time.
+
+    Attributes
+    ----------
+    joint : name
+    time : shape (N,), from the log's start [s]
+    setpoint : shape (N,), or None; its unit is ``setpoint_unit``
+    transmissions : by name
+    model : the frozen model, for its surface; None where an estimate is reported and there is none yet
+    convergence : name → (N,) columns of an estimate's parameters over time (``estimate --report``), empty for a frozen model
+    excited : shape (N,), of an estimate; None for a frozen model
+    """
+
+    joint: str
+    time: Array
+    setpoint: Array | None
+    setpoint_unit: str
+    transmissions: Mapping[str, TransmissionEvidence]
+    model: JointModel | None
+    convergence: Mapping[str, Array] = field(default_factory=dict)
+    excited: Flags | None = None
