@@ -15,6 +15,7 @@ from vsalog._version import __version__
 from vsalog.cli.estimate import estimate
 from vsalog.cli.init import init
 from vsalog.cli.inspect import inspect
+from vsalog.cli.reproduce import reproduce
 from vsalog.cli.simulate import simulate
 from vsalog.errors import VsalogError
 
@@ -29,6 +30,7 @@ def cli(debug: bool) -> None:
 cli.add_command(estimate)
 cli.add_command(init)
 cli.add_command(inspect)
+cli.add_command(reproduce)
 cli.add_command(simulate)
 
 

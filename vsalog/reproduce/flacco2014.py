@@ -7,7 +7,7 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 from msgspec.structs import replace
 
-from vsalog.reproduce.flacco2012 import VSA2_CHOSEN, VSA2_CONDITIONS, VSA2_PAPER
+from vsalog.reproduce.flacco2012 import VSA2_CHOSEN, VSA2_CONDITIONS, VSA2_PAPER, VSA2_TABLE
 from vsalog.reproduce.measure import Errors, Setting, Study, estimate, stiffness_errors, with_noise
 from vsalog.reproduce.rows import Curve, Figure, Panel, Result, Row, Spread
 from vsalog.rig import Rig
@@ -239,10 +239,11 @@ def _case(
             errors = stiffness_errors(experiments, traces, "total", "stiffness_total", after, scale=scale)
             of = f"{setting.estimator}, total"
             own = remark if setting.estimator == "qr-rls" else ""
-            rows += _errors(common, of, printed[setting.estimator], errors, units[0], STARTING, own)
+            reason = _reason(setting)
+            rows += _errors(common, of, printed[setting.estimator], errors, units[0], reason, own)
             if beside:
                 other = f"{of}, against {beside}"
-                rows += _errors(common, other, printed[beside], errors, units[0], STARTING, "")
+                rows += _errors(common, other, printed[beside], errors, units[0], reason, "")
         if setting.estimator != "qr-rls":
             continue
         for (part, parameter), (found, true) in motor.items():
@@ -258,6 +259,12 @@ def _case(
         curves=(Curve("actual", experiments[0].time, true_total), *curves),
     )
     return Result(rows, [Figure(*figure, (panel,))])
+
+
+def _reason(setting: Setting) -> str:
+    if setting.estimator == "residual-rls":
+        return VSA2_TABLE.reasons[VSA2_PAPER.label]
+    return STARTING if setting.label == VSA2_PAPER.label else PRIOR
 
 
 def _common(item: str, place: str, setting: Setting, conditions: str, chosen: str, after: float) -> Row:

@@ -1,0 +1,51 @@
+"""`vsalog reproduce`: the papers' numbers beside ours."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import rich_click as click
+
+
+@click.command(short_help="Print the papers' numbers beside ours.")
+@click.argument("names", nargs=-1, metavar="[NAME]...")
+@click.option("--list", "listing", is_flag=True, help="List what there is to reproduce.")
+@click.option("--json", "as_json", is_flag=True, help="Print the rows as one JSON document on stdout.")
+@click.option(
+    "--plots",
+    type=click.Path(file_okay=False, path_type=Path),
+    metavar="DIR",
+    help="Write figures like the papers' into this folder, as SVG; needs matplotlib: pip install 'vsalog[plots]'.",
+)
+def reproduce(names: tuple[str, ...], listing: bool, as_json: bool, plots: Path | None) -> None:
+    """Simulate what the papers simulate, estimate as they do, and print their numbers beside ours.
+
+    NAME is an item of --list, or a paper's name for all of its items; everything when absent. Ours are medians over several
+    noise seeds. Each row says under which conditions, what the paper leaves open and was chosen, and why ours is worse where
+    it is; docs/reproduce.md explains them.
+    """
+    from vsalog.reports.estimate import Progress
+    from vsalog.reports.reproduce import as_document, print_items, print_rows
+    from vsalog.reproduce.catalogue import select
+    from vsalog.reproduce.measure import Study
+    from vsalog.reproduce.plots import check_matplotlib, write_figures
+
+    if listing:
+        print_items()
+        return
+    items = select(names)
+    if plots is not None:
+        check_matplotlib()
+    with Progress() as progress:
+        study = Study(say=progress.say)
+        with progress.saying_when_compiling():
+            results = {item.name: item.run(study) for item in items}
+        figures = []
+        if plots is not None:
+            progress.say("drawing")
+            figures = write_figures([f for r in results.values() for f in r.figures], plots)
+    rows = {name: result.rows for name, result in results.items()}
+    if as_json:
+        click.echo(as_document(rows, study.seeds, figures))
+    else:
+        print_rows(items, rows, figures)

@@ -1,0 +1,95 @@
+"""Figures like the papers', drawn by matplotlib, which is an optional extra."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+from vsalog.errors import VsalogError, WriteError
+from vsalog.reproduce.rows import Figure, Panel
+
+# Lines are told apart by their style too, not by colour alone.
+STYLES = {"solid": "-", "dashed": "--", "dotted": ":", "dashdot": "-."}
+# More points than this no plot shows, and an SVG holds each of them.
+MOST_POINTS = 4000
+
+
+class PlotError(VsalogError):
+    """Figures are asked for, but cannot be drawn."""
+
+
+def check_matplotlib() -> None:
+    """Refuse to plot without matplotlib, before anything is computed.
+
+    Raises
+    ------
+    PlotError
+        matplotlib is not installed; the message says what to install.
+    """
+    try:
+        import matplotlib.figure  # noqa: F401
+    except ImportError:
+        raise PlotError(
+            "--plots needs matplotlib, which is not installed: pip install 'vsalog[plots]' (or pip install matplotlib)"
+        ) from None
+
+
+def write_figures(figures: Sequence[Figure], folder: Path) -> list[Path]:
+    """Write each figure as NAME.svg into a folder, which is made; return the files.
+
+    Raises
+    ------
+    WriteError
+        The folder or a file cannot be written.
+    """
+    from matplotlib import rc_context
+
+    written = []
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        # Equal results make equal files.
+        with rc_context({"svg.hashsalt": "vsalog"}):
+            for figure in figures:
+                path = folder / f"{figure.name}.svg"
+                _drawn(figure).savefig(path, metadata={"Date": None})
+                written.append(path)
+    except OSError as error:
+        raise WriteError(f"{folder}: figures cannot be written: {error.strerror}") from error
+    return written
+
+
+def _drawn(figure: Figure) -> Any:
+    from matplotlib.figure import Figure as Canvas
+
+    count = len(figure.panels)
+    canvas = Canvas(figsize=(7.0, 1.0 + 2.3 * count), layout="constrained")
+    canvas.suptitle(figure.title)
+    grid = canvas.subplots(count, 1, squeeze=False)
+    for (axes,), panel in zip(grid, figure.panels, strict=True):
+        _draw(axes, panel)
+    return canvas
+
+
+def _draw(axes: Any, panel: Panel) -> None:
+    for curve in panel.curves:
+        step = max(1, curve.x.size // MOST_POINTS)
+        x, y = curve.x[::step], curve.y[::step]
+        if curve.style == "points":
+            axes.plot(x, y, "x", markersize=3.0, label=curve.label)
+        else:
+            marker = "o" if x.size < 20 else ""
+            axes.plot(x, y, STYLES[curve.style] + marker, linewidth=1.2, label=curve.label)
+    if panel.log_x:
+        axes.set_xscale("log")
+    if panel.log_y:
+        axes.set_yscale("log")
+    if panel.y_range is not None:
+        axes.set_ylim(*panel.y_range)
+    axes.set_xlabel(panel.x_label)
+    axes.set_ylabel(panel.y_label)
+    if panel.title:
+        axes.set_title(panel.title, fontsize="medium")
+    axes.grid(alpha=0.3)
+    if len(panel.curves) > 1:
+        axes.legend(fontsize="small")

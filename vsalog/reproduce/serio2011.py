@@ -1,0 +1,116 @@
+"""Serio, Grioli, Sardellitti, Tsagarakis, Bicchi, ICRA 2011: simulated errors of the decoupled impedance observer (Fig. 4)."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vsalog.reproduce.measure import Setting, Study, estimate, with_noise
+from vsalog.reproduce.planned import Column, Planned, mean_relative, row_of
+from vsalog.reproduce.rows import Curve, Figure, Panel, Result, Row, Spread
+from vsalog.rig.parts import Link
+from vsalog.rig.schema import SerialJoint
+from vsalog.simulation.experiment import Experiment
+from vsalog.simulation.experiments import awas_experiment
+from vsalog.simulation.inputs import sine
+
+Array = NDArray[np.float64]
+
+PAPER = "Serio 2011"
+# Fig. 4: mean relative errors [%].
+STIFFNESS, DAMPING, INERTIA = 5.1, 6.7, 9.8
+
+OBSERVER = Planned(
+    "the decoupled impedance observer", ("impedance-observer", "decoupled-observer", "stiffness-observer", "serio")
+)
+CONDITIONS = "AwAS, sinusoidal torques of both motors, 20 s at 1 kHz from rest; the mean of |x̂ − x|/x over the run"
+CHOSEN = (
+    "15 N·m at 2 Hz on the joint's side of the motor and 293 N·m at 0.1 Hz on that of the secondary motor, which move φ over"
+    " ±0.1 rad and r over 50 to 100 mm; encoders and torque noise of the preset awas; all inertias and dampings as Flacco 2012"
+    " eq. 53 has them"
+)
+OTHER_METHOD = (
+    "another method than the paper's, for comparison: {} The first samples, before anything is learnt, count as 100 %"
+)
+
+
+def simulated(study: Study) -> Result:
+    """Fig. 4: mean relative errors of the link's stiffness, damping and inertia."""
+    study.say("serio2011: simulating")
+    torques = {"motor_torque": sine(15.0, 2.0), "secondary_torque": sine(293.0, 0.1)}
+    experiments = with_noise(awas_experiment(ideal=True, torques=torques), study.seeds)
+    common = Row(
+        item="serio2011",
+        paper=PAPER,
+        place="Fig. 4",
+        quantity="",
+        unit="%",
+        settings="the paper's",
+        window="whole run",
+        conditions=CONDITIONS,
+        chosen=CHOSEN,
+    )
+    rows = [
+        row_of(
+            common.with_values(
+                quantity=f"mean relative error of the link's {what}", printed=printed, of=OBSERVER.title
+            ),
+            OBSERVER,
+            Column(column, truth, mean_relative),
+            lambda: experiments,
+            "awas",
+            study,
+        )
+        for what, printed, column, truth in (
+            ("stiffness", STIFFNESS, "stiffness", _stiffness),
+            ("damping", DAMPING, "link_damping", _damping),
+            ("inertia", INERTIA, "link_inertia", _inertia),
+        )
+    ]
+    time, sigma = experiments[0].time, experiments[0].truth["stiffness"]
+    curves = [Curve("actual", time, sigma, "dashed")]
+    for name, why in (
+        ("residual-rls", "it needs no torque sensor and no derivative of one."),
+        ("direct", "it needs the torque sensor, but no parameter of the motor."),
+    ):
+        study.say(f"serio2011: {name}")
+        setting = Setting("vsalog's default", name, {})
+        traces = [np.asarray(estimate(e, setting)["total"]["stiffness"], dtype=np.float64) for e in experiments]
+        curves.append(Curve(name, time, traces[0]))
+        rows.append(
+            common.with_values(
+                quantity="mean relative error of the link's stiffness",
+                of=f"{name} instead",
+                settings=setting.label,
+                estimator=name,
+                printed=STIFFNESS,
+                ours=Spread.of([mean_relative(t, sigma) for t in traces]),
+                remark=OTHER_METHOD.format(why),
+            )
+        )
+    panel = Panel(
+        x_label="time [s]",
+        y_label="stiffness [N·m/rad]",
+        y_range=(0.0, 1.3 * float(sigma.max())),
+        curves=tuple(curves),
+    )
+    return Result(rows, [Figure("serio2011-fig4", "AwAS: stiffness (Serio 2011, Fig. 4a)", (panel,))])
+
+
+def _stiffness(experiment: Experiment, joint: str) -> Array:
+    return experiment.joints[joint].truth["stiffness"]
+
+
+def _damping(experiment: Experiment, joint: str) -> Array:
+    return np.full_like(experiment.time, _link(experiment, joint).damping)
+
+
+def _inertia(experiment: Experiment, joint: str) -> Array:
+    return np.full_like(experiment.time, _link(experiment, joint).inertia)
+
+
+def _link(experiment: Experiment, joint: str) -> Link:
+    spec = experiment.rig.joint[joint]
+    assert isinstance(spec, SerialJoint)
+    assert spec.link is not None
+    return spec.link
