@@ -36,7 +36,7 @@ def main() -> None:
         lw=0,
         label="not supported by the data",
     )
-    axes.set(xlabel="time [s]", ylabel="stiffness [N·m/rad]", xlim=(0, 20), ylim=(0.25, 0.65))
+    axes.set(xlabel="time [s]", ylabel="stiffness [N·m/rad]", xlim=(0, 20), ylim=(0.25, 0.75))
     axes.legend(loc="upper right", ncols=2, frameon=False, fontsize=8)
     axes.spines[["top", "right"]].set_visible(False)
     figure.savefig(ROOT / "docs" / "images" / "vsa2_stiffness.png", dpi=110)
