@@ -19,7 +19,7 @@ from vsalog.reproduce.rows import Row, Spread
 
 # Verdicts are words first; the colour only helps to find them.
 STYLES = {"worse": "red", "does not hold": "red", "better": "green", "holds": "green", "not there yet": "yellow"}
-PIPE_WIDTH = 170
+PIPE_WIDTH = 200
 
 
 def print_items() -> None:
@@ -51,7 +51,7 @@ def print_rows(items: Sequence[Item], rows: Mapping[str, Sequence[Row]], figures
     every = [row for item in items for row in rows[item.name]]
     counts = {v: sum(r.verdict == v for r in every) for v in dict.fromkeys(r.verdict for r in every)}
     console.print(f"{len(every)} rows: " + ", ".join(f"{n} {verdict}" for verdict, n in counts.items()))
-    console.print("Ours is the median over the seeds, [lowest … highest]; nothing in brackets where nothing is random.")
+    console.print("Ours is the median over the seeds, [lowest … highest] where they differ.")
     if figures:
         console.print(f"figures: {', '.join(map(str, figures))}", soft_wrap=True)
 
@@ -106,7 +106,7 @@ def shown(value: float | str | Spread | None) -> str:
         return value
     if isinstance(value, float):
         return f"{value:.6g}"
-    if value.seeds == 1:
+    if value.low == value.high:
         return f"{value.median:.3g}"
     return f"{value.median:.3g} [{value.low:.3g} … {value.high:.3g}]"
 

@@ -105,11 +105,14 @@ class Row(msgspec.Struct, frozen=True, kw_only=True):
         if self.compare == "none" or not isinstance(self.printed, float) or not isinstance(self.ours, Spread):
             return "not compared"
         ours, printed = self.ours.median, self.printed
+        within = False
         if self.compare == "closer" and self.true_value is not None:
+            # What is printed is one draw of the noise: it is no better than ours where ours spread over it.
+            within = self.ours.low <= printed <= self.ours.high
             ours, printed = abs(ours - self.true_value), abs(printed - self.true_value)
         if ours <= printed * (1.0 - ROUNDING):
             return "better"
-        return "as printed" if ours <= printed * (1.0 + ROUNDING) else "worse"
+        return "as printed" if within or ours <= printed * (1.0 + ROUNDING) else "worse"
 
 
 class Curve(NamedTuple):

@@ -69,7 +69,7 @@ def offline(study: Study) -> Result:
             )
             rows.append(
                 row_of(
-                    common.with_values(of="UKF", printed=UKF[signal][i], remark=SIMULATED),
+                    common.with_values(of="UKF", printed=UKF[signal][i], remark=SIMULATED if FILTER.registered else ""),
                     FILTER,
                     Column(COLUMNS[signal], _truth(signal), _error(i, scale)),
                     experiments,

@@ -1,0 +1,302 @@
+"""`vsalog reproduce`: printed values are the papers', the targets hold with other seeds, and what is missing is said."""
+
+import json
+import re
+import sys
+from types import SimpleNamespace
+
+import msgspec
+import numpy as np
+import pytest
+from click.testing import CliRunner
+
+from vsalog.cli import cli
+from vsalog.errors import VsalogError
+from vsalog.estimators import BUILT_IN
+from vsalog.reproduce import flacco2012, flacco2014, serio2011, shin
+from vsalog.reproduce.catalogue import ITEMS, select
+from vsalog.reproduce.measure import SEEDS, Setting, Study, estimate, mse, msrep, with_noise
+from vsalog.reproduce.planned import Planned, mean_relative
+from vsalog.reproduce.plots import PlotError, check_matplotlib, write_figures
+from vsalog.reproduce.rows import Row, Spread
+from vsalog.simulation.experiments import vsa2_experiment
+
+# Neither the report's seeds nor those the settings were chosen with.
+SEEDS_OF_TESTS = (101, 102, 103)
+
+
+@pytest.fixture(scope="module")
+def results():
+    """Each item once, when a test first asks for it."""
+    found = {}
+
+    def result(name):
+        if name not in found:
+            found[name] = ITEMS[name].run(Study(SEEDS_OF_TESTS))
+        return found[name]
+
+    return result
+
+
+def chosen(rows, **fields):
+    return [r for r in rows if all(getattr(r, k) == v for k, v in fields.items())]
+
+
+def test_seeds_are_several_and_none_is_a_test_s():
+    assert len(set(SEEDS)) >= 5
+    assert not set(SEEDS) & set(SEEDS_OF_TESTS)
+
+
+def test_printed_values_of_flacco_2012():
+    """Table 1 as printed: MSE 20.1 11.1 50.1 | 21.8 12.4 55.2 | 37.4 25.2 92.2, MSREP .05 .02 .026 | … ; Table 2 by rows."""
+    parts = [(m, p) for m in ("MODEL", "SENSOR", "RESIDUAL") for p in ("1", "2", "total")]
+    assert [flacco2012.TABLE_1[m][p][0] for m, p in parts] == [20.1, 11.1, 50.1, 21.8, 12.4, 55.2, 37.4, 25.2, 92.2]
+    assert [flacco2012.TABLE_1[m][p][1] for m, p in parts] == [0.05, 0.02, 0.026, 0.049, 0.02, 0.027, 0.07, 0.05, 0.046]
+    table2 = [flacco2012.TABLE_2[m]["total"] for m in ("MODEL", "SENSOR", "RESIDUAL")]
+    assert table2 == [(7.84, 0.005), (14.92, 0.01), (18.97, 0.05)]
+
+
+def test_printed_values_of_the_other_papers():
+    """Flacco 2014: Table I, §V and §VII; Serio 2011: Fig. 4; Shin 2021: §V-A."""
+    assert flacco2014.TABLE_1 == {"qr-rls": (0.58, 0.002), "batch-ls": (102.64, 0.224), "residual-rls": (31.6, 0.07)}
+    assert [v[0] for v in flacco2014.TABLE_1_MOTOR.values()] == [7.5135, 0.9148]
+    assert flacco2014.NOISY == {"qr-rls": (2.0919, 0.5162), "residual-rls": (92.2, 0.046)}
+    assert [v[0] for v in flacco2014.NOISY_MOTOR.values()] == [7.2360, 7.3022, 0.9731, 0.9980]
+    assert list(flacco2014.CUBIC.values()) == [(1.2583, 1.6936), (4.2, 0.7)]
+    assert [v[0] for v in flacco2014.CUBIC_MOTOR.values()] == [0.0023, 7.1942e-4, 1.2843, 1.2706]
+    assert (serio2011.STIFFNESS, serio2011.DAMPING, serio2011.INERTIA) == (5.1, 6.7, 9.8)
+    assert shin.MODEL_ALONE == {"angle": (1.053, 3.50, 8.87), "torque": (0.162, 0.494, 10.23)}
+    assert shin.UKF == {"angle": (0.838, 2.42, 6.13), "torque": (0.108, 0.238, 4.94)}
+
+
+@pytest.mark.parametrize("name", ["flacco2012-table1", "flacco2012-table2"])
+def test_every_modality_reaches_the_printed_msrep_by_default(results, name):
+    rows = chosen(results(name).rows, settings="vsalog's default", quantity="MSREP of the stiffness")
+    assert len(rows) == (9 if name.endswith("1") else 3)
+    for row in rows:
+        assert row.ours.seeds == len(SEEDS_OF_TESTS)
+        assert row.ours.high <= row.printed, row.of
+
+
+@pytest.mark.parametrize("name", ["flacco2012-table1", "flacco2012-table2"])
+def test_the_paper_s_own_settings_reach_it_within_a_tenth(results, name):
+    """The one that is worse (RESIDUAL, second transmission) is so by a few percent, and by the lag, as is said."""
+    rows = chosen(results(name).rows, settings="the paper's", quantity="MSREP of the stiffness")
+    for row in rows:
+        assert row.ours.median <= 1.1 * row.printed, row.of
+    for row in chosen(results(name).rows, settings="the paper's, but with the lag matched"):
+        if row.quantity.startswith("MSREP"):
+            assert row.ours.high <= row.printed, row.of
+
+
+def test_table_1_of_flacco_2014_is_reached_by_every_method(results):
+    rows = results("flacco2014-table1").rows
+    compared = [r for r in rows if r.quantity.startswith("MSREP") and r.printed is not None]
+    assert {r.estimator for r in compared} == {"qr-rls", "batch-ls", "residual-rls"}
+    for row in compared:
+        assert row.ours.median <= row.printed, (row.of, row.settings)
+    inertia, damping = (r for r in rows if r.quantity.startswith("motor"))
+    assert inertia.ours.median == pytest.approx(7.5, rel=1e-3)
+    assert damping.ours.median == pytest.approx(0.9, rel=1e-3)
+
+
+@pytest.mark.parametrize("name", ["flacco2014-noisy", "flacco2014-cubic"])
+def test_the_noisy_cases_reach_the_printed_numbers_after_the_transient(results, name):
+    rows = [r for r in chosen(results(name).rows, window="after 5 s") if r.estimator == "qr-rls"]
+    assert len(rows) >= 4
+    for row in rows:
+        ours = row.ours.high if row.quantity.startswith("MSREP") else row.ours.median
+        assert ours <= row.printed, (row.of, row.quantity)
+
+
+@pytest.mark.parametrize("name", ["flacco2012-table1", "flacco2012-table2", "flacco2014-table1", "flacco2014-noisy"])
+def test_a_row_says_all_that_is_needed_to_judge_it(results, name):
+    result = results(name)
+    for row in result.rows:
+        assert row.item == name
+        assert row.paper
+        assert row.place
+        assert row.conditions
+        assert row.chosen
+        assert row.window
+        assert row.estimator in BUILT_IN
+        if row.verdict in ("worse", "does not hold"):
+            assert len(row.reason) > 40, (row.of, row.quantity)
+        elif row.status == "done":
+            assert row.reason == ""
+        if row.quantity.startswith(("MSE", "MSREP")) and row.printed is not None:
+            assert row.whole_run.seeds == row.ours.seeds
+    assert result.figures
+    assert all(np.isfinite(c.x).all() for f in result.figures for p in f.panels for c in p.curves)
+
+
+def test_settings_told_in_a_row_give_its_number(results):
+    """Who runs the estimator with a row's tuning on the row's experiment finds the row's number."""
+    row = chosen(results("flacco2012-table1").rows, settings="the paper's", of="RESIDUAL, total", unit="%")[0]
+    found = []
+    for seed in SEEDS_OF_TESTS:
+        experiment = vsa2_experiment(seed=seed)
+        stiffness = estimate(experiment, Setting("", row.estimator, row.tune))["total"]["stiffness"]
+        true = experiment.truth["stiffness_total"]
+        found.append(100.0 * np.mean(((true - stiffness)[2000:] / true[2000:]) ** 2))
+    assert Spread.of(found) == row.ours
+
+
+def test_noise_on_the_same_motion_is_the_experiment_s_own():
+    motion = vsa2_experiment(ideal=True, duration=1.0)
+    (noisy,) = with_noise(motion, [7])
+    same = vsa2_experiment(seed=7, duration=1.0)
+    for role, values in same.measured.items():
+        np.testing.assert_array_equal(noisy.measured[role], values)
+
+
+def test_errors_by_hand():
+    true, estimated = np.array([1.0, 2.0, 4.0, 5.0]), np.array([0.0, 2.2, 3.0, np.nan])
+    assert mse(estimated, true) == pytest.approx((1.0 + 0.04 + 1.0) / 3)
+    assert msrep(estimated, true) == pytest.approx(100.0 * (1.0 + 0.01 + 0.0625) / 3)
+    assert msrep(estimated, true, start=1) == pytest.approx(100.0 * (0.01 + 0.0625) / 2)
+    assert mean_relative(estimated, true) == pytest.approx(100.0 * (1.0 + 0.1 + 0.25) / 3)
+
+
+def test_verdicts():
+    row = Row(item="", paper="", place="", quantity="", printed=1.0, ours=Spread(0.5, 0.4, 2.0, 3))
+    assert row.verdict == "better"
+    assert row.with_values(ours=Spread(1.004, 0.9, 1.1, 3)).verdict == "as printed"
+    assert row.with_values(ours=Spread(1.2, 0.4, 2.0, 3)).verdict == "worse"
+    assert row.with_values(ours=Spread(float("nan"), 0.0, 0.0, 3)).verdict == "worse"
+    closer = row.with_values(compare="closer", true_value=1.1)
+    assert closer.with_values(ours=Spread(1.12, 1.11, 1.13, 3)).verdict == "better"
+    assert closer.with_values(ours=Spread(1.5, 1.4, 1.6, 3)).verdict == "worse"
+    assert closer.with_values(ours=Spread(1.3, 0.9, 1.4, 3)).verdict == "as printed"
+    assert row.with_values(compare="holds", holds=False).verdict == "does not hold"
+    assert row.with_values(status="not there yet").verdict == "not there yet"
+    assert row.because("why").reason == ""
+    assert row.with_values(ours=Spread(1.2, 1.2, 1.2, 1)).because("why").reason == "why"
+
+
+def test_what_is_missing_is_said_and_costs_nothing(results):
+    for name in ("deluca2007", "shin-offline"):
+        for row in results(name).rows:
+            assert row.status == "not there yet"
+            assert row.ours is None
+            assert row.reason
+    alone = chosen(results("shin-offline").rows, of="model alone")
+    assert all("recordings" in r.reason for r in alone)
+
+
+def test_a_row_becomes_real_once_its_estimator_is_registered(monkeypatch, results):
+    """Whatever estimator takes one of the names is run, and its column held against the truth."""
+    monkeypatch.setitem(BUILT_IN, serio2011.OBSERVER.names[0], BUILT_IN["direct"])
+    stiffness, damping, inertia, *others = serio2011.simulated(Study((101,))).rows
+    assert stiffness.status == "done"
+    assert stiffness.estimator == serio2011.OBSERVER.names[0]
+    (direct,) = [r for r in others if r.estimator == "direct"]
+    assert stiffness.ours == direct.ours
+    for row in (damping, inertia):  # 'direct' has no such columns, and that is what is said
+        assert row.status == "not there yet"
+        assert "link_" in row.reason
+    monkeypatch.setitem(BUILT_IN, shin.FILTER.names[0], BUILT_IN["direct"])
+    refused = chosen(shin.offline(Study((101,))).rows, of="UKF")
+    assert all(r.status == "not there yet" and "pneumatic" in r.reason for r in refused)
+
+
+def test_names_that_are_planned_are_looked_up_each_time(monkeypatch):
+    planned = Planned("x", ("not-there", "nor-this"))
+    assert planned.registered is None
+    monkeypatch.setitem(BUILT_IN, "nor-this", "vsalog.estimators.direct")
+    assert planned.registered == "nor-this"
+
+
+def test_papers_and_items_select():
+    assert [i.name for i in select([])] == list(ITEMS)
+    assert [i.name for i in select(["flacco2014"])] == [n for n in ITEMS if n.startswith("flacco2014")]
+    assert [i.name for i in select(["shin", "flacco2012-fig22", "shin-offline"])] == [
+        "flacco2012-fig22",
+        "shin-offline",
+    ]
+    with pytest.raises(VsalogError, match="did you mean 'flacco2012-table1'"):
+        select(["flacco2012-tabel1"])
+
+
+def test_list_and_unknown_names():
+    listed = CliRunner().invoke(cli, ["reproduce", "--list"])
+    assert listed.exit_code == 0
+    assert [line.split()[0] for line in listed.stdout.splitlines()] == list(ITEMS)
+
+
+def test_the_command_line_refuses_an_unknown_name(monkeypatch, capsys):
+    from vsalog.cli import _run
+
+    monkeypatch.setattr(sys, "argv", ["vsalog", "reproduce", "flaco2014"])
+    assert _run() == 2
+    said = capsys.readouterr()
+    assert said.out == ""
+    assert "did you mean 'flacco2014'" in said.err
+
+
+@pytest.fixture
+def two_quick_items(monkeypatch, results):
+    """The command on results that are there already."""
+    ready = {name: results(name) for name in ("flacco2012-table1", "shin-offline")}
+    for name, result in ready.items():
+        monkeypatch.setitem(ITEMS, name, SimpleNamespace(**msgspec_fields(ITEMS[name]), run=lambda _, r=result: r))
+    return list(ready)
+
+
+def msgspec_fields(item):
+    return {"name": item.name, "paper": item.paper, "title": item.title}
+
+
+def test_json_is_one_document(two_quick_items):
+    result = CliRunner().invoke(cli, ["reproduce", "--json", *two_quick_items])
+    assert result.exit_code == 0
+    document = json.loads(result.stdout)
+    assert document["seeds"] == list(SEEDS)
+    assert {r["item"] for r in document["rows"]} == set(two_quick_items)
+    fields = set(Row.__struct_fields__) | {"verdict"}
+    assert all(set(r) == fields for r in document["rows"])
+    first = document["rows"][0]
+    assert first["ours"]["low"] <= first["ours"]["median"] <= first["ours"]["high"]
+    msgspec.convert({k: v for k, v in first.items() if k != "verdict"}, Row)
+
+
+def test_numbers_that_are_not_finite_are_null_in_json(monkeypatch, results):
+    row = results("flacco2012-table1").rows[0].with_values(ours=Spread(float("inf"), 0.0, float("nan"), 3))
+    item = SimpleNamespace(
+        **msgspec_fields(ITEMS["shin-offline"]), run=lambda _: SimpleNamespace(rows=[row], figures=[])
+    )
+    monkeypatch.setitem(ITEMS, "shin-offline", item)
+    result = CliRunner().invoke(cli, ["reproduce", "--json", "shin-offline"])
+    ours = json.loads(result.stdout)["rows"][0]["ours"]
+    assert (ours["median"], ours["high"]) == (None, None)
+
+
+def test_the_table_marks_worse_by_a_word(two_quick_items):
+    result = CliRunner().invoke(cli, ["reproduce", *two_quick_items])
+    assert result.exit_code == 0
+    line = next(x for x in result.stdout.splitlines() if re.search(r"RESIDUAL, total +MSE", x))
+    assert line.rstrip().endswith("worse")
+    assert "not there yet" in result.stdout
+    assert "chosen, not printed: C = 1.8" in result.stdout
+
+
+def test_plots_without_matplotlib_say_what_to_install(monkeypatch, tmp_path):
+    monkeypatch.setitem(sys.modules, "matplotlib", None)
+    monkeypatch.setitem(sys.modules, "matplotlib.figure", None)
+    with pytest.raises(PlotError, match=r"pip install 'vsalog\[plots\]'"):
+        check_matplotlib()
+    result = CliRunner().invoke(cli, ["reproduce", "--plots", str(tmp_path / "figures")])
+    assert isinstance(result.exception, PlotError)  # before anything is computed or written
+    assert not (tmp_path / "figures").exists()
+
+
+def test_figures_are_written(results, tmp_path):
+    pytest.importorskip("matplotlib")
+    figures = results("flacco2012-table1").figures
+    written = write_figures(figures, tmp_path / "new" / "folder")
+    assert [p.name for p in written] == ["flacco2012-fig6.svg", "flacco2012-fig8.svg"]
+    text = written[0].read_text(encoding="utf-8")
+    assert text.startswith("<?xml")
+    assert "<svg" in text
+    again = write_figures(figures, tmp_path / "again")
+    assert again[0].read_bytes() == written[0].read_bytes()
