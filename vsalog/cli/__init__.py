@@ -17,6 +17,7 @@ from vsalog.cli.init import init
 from vsalog.cli.inspect import inspect
 from vsalog.cli.reproduce import reproduce
 from vsalog.cli.simulate import simulate
+from vsalog.cli.validate import validate
 from vsalog.errors import VsalogError
 
 
@@ -32,6 +33,7 @@ cli.add_command(init)
 cli.add_command(inspect)
 cli.add_command(reproduce)
 cli.add_command(simulate)
+cli.add_command(validate)
 
 
 def main() -> NoReturn:

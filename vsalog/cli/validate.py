@@ -1,0 +1,101 @@
+"""`vsalog validate`: a frozen model against a second experiment."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import rich_click as click
+
+from vsalog.cli.pairs import pairs
+
+
+@click.command(short_help="Hold a fitted model against other experiments: does it hold there?")
+@click.argument("model", type=click.Path(path_type=Path), metavar="MODEL")
+@click.argument("logs", nargs=-1, required=True, type=click.Path(path_type=Path), metavar="LOG...")
+@click.option("--rig", metavar="FILE|PRESET", help="The rig; else the log's own, else the one in the model file.")
+@click.option("--joint", "joints", multiple=True, metavar="NAME", help="Judge this joint only; may be given again.")
+@click.option(
+    "--set",
+    "settings",
+    multiple=True,
+    callback=pairs,
+    metavar="KEY=VALUE",
+    help="Change the rig for this run, e.g. joint.elbow.signals.torque_sensor.offset='1.2 N·m'.",
+)
+@click.option(
+    "--rate",
+    type=click.FloatRange(min=0.0, min_open=True),
+    metavar="HZ",
+    help="Sample rate of a table that has no time column.",
+)
+@click.option(
+    "--time",
+    type=click.Choice(["auto", "header", "log", "publish"]),
+    default="auto",
+    show_default=True,
+    help="Which clock to trust.",
+)
+@click.option(
+    "--modalities/--no-modalities",
+    default=None,
+    help="Estimate the logs by MODEL, SENSOR and RESIDUAL too, side by side; for logs of up to 300 000 samples when not said.",
+)
+@click.option(
+    "--max-nrmse",
+    type=click.FloatRange(min=0.0),
+    metavar="%",
+    help="Exit with 3 when the torque's error is larger, as a share of its span.",
+)
+@click.option(
+    "--max-msrep",
+    type=click.FloatRange(min=0.0),
+    metavar="%",
+    help="Exit with 3 when the mean square relative error of the torque is larger.",
+)
+@click.option(
+    "-o",
+    "--output",
+    type=click.Path(path_type=Path),
+    metavar="DIR",
+    help="Folder for report.json and report.html; the current one when absent.",
+)
+@click.option("--figures", type=click.Path(path_type=Path), metavar="DIR", help="The figures as SVG, PNG and PDF too.")
+@click.option("--json", "as_json", is_flag=True, help="Print the report as one JSON document on stdout.")
+@click.pass_context
+def validate(
+    context: click.Context,
+    model: Path,
+    logs: tuple[Path, ...],
+    rig: str | None,
+    joints: tuple[str, ...],
+    settings: dict[str, str],
+    rate: float | None,
+    time: str,
+    modalities: bool | None,
+    max_nrmse: float | None,
+    max_msrep: float | None,
+    output: Path | None,
+    figures: Path | None,
+    as_json: bool,
+) -> None:
+    """Judge MODEL, a LOG.model.toml that 'vsalog estimate' wrote, by other experiments: the LOGs.
+
+    The model is frozen. Its flexibility torque is held against the torque sensor; where there is none, against the residual of
+    the motor equation. What lies outside the region the model was fitted in is judged apart. Writes report.json and report.html.
+    """
+    from vsalog.reports.estimate import Progress
+    from vsalog.reports.validate import print_json, print_report
+    from vsalog.validation.run import Options
+    from vsalog.validation.run import validate as run
+    from vsalog.writers.reports import Outputs, write_report
+
+    options = Options(rig, joints, settings, rate, time, modalities, max_nrmse, max_msrep)
+    outputs = Outputs.within(output, figures)
+    with Progress() as progress:
+        with progress.saying_when_compiling():
+            report, evidence = run(model, logs, options, progress.say)
+        progress.say("writing the report")
+        write_report(report, evidence, outputs)
+    (print_json if as_json else print_report)(report, outputs)
+    if any(not threshold.met for threshold in report.thresholds):
+        context.exit(3)

@@ -1,0 +1,104 @@
+"""What `validate` says: a compact table on stdout, warnings on stderr."""
+
+from __future__ import annotations
+
+import sys
+
+import msgspec
+from rich.console import Console
+from rich.markup import escape
+from rich.table import Table
+
+from vsalog.reports.estimate import _plain as plain
+from vsalog.validation.document import Comparison, Figure, JointReport, Report, Score
+from vsalog.writers.reports import Outputs
+
+_STYLE = {"holds": "green", "fails": "bold red", "undecided": "yellow", "cannot be judged": "yellow"}
+
+
+def print_report(report: Report, outputs: Outputs) -> None:
+    """Print verdicts, sentences and scores for people."""
+    console, errors = Console(), Console(stderr=True)
+    if not console.is_terminal:
+        console = Console(width=140)
+    for log in report.logs:
+        for joint in log.joints:
+            for warning in joint.warnings:
+                errors.print(f"[yellow]warning:[/] {escape(plain(warning))}", soft_wrap=True)
+            name = f"{escape(plain(log.log))}, {escape(plain(joint.joint))}"
+            console.print(f"[bold]{name}[/]: [{_STYLE[joint.verdict]}]{joint.verdict}[/]")
+            for sentence in joint.sentences:
+                console.print(f"  {escape(plain(sentence))}", soft_wrap=True)
+            console.print(_scores(joint))
+            if any(t.modalities for t in joint.transmissions):
+                console.print(_modalities(joint))
+    for threshold in report.thresholds:
+        met = "met" if threshold.met else "[bold red]missed[/]"
+        console.print(f"threshold {threshold.name} ≤ {threshold.limit:g} %: {met}")
+    console.print(
+        f"report: {escape(plain(str(outputs.page)))}   data: {escape(plain(str(outputs.document)))}", soft_wrap=True
+    )
+
+
+def print_json(report: Report, outputs: Outputs) -> None:
+    """Print the report as one JSON document."""
+    sys.stdout.buffer.write(msgspec.json.format(msgspec.json.encode(report), indent=2) + b"\n")
+    sys.stdout.buffer.flush()
+
+
+def _scores(joint: JointReport) -> Table:
+    table = Table(box=None, pad_edge=False, padding=(0, 2))
+    for heading in ("transmission", "against", "where"):
+        table.add_column(heading)
+    for heading in ("samples", "NRMSE [%], 95 %", "RMSE", "R²", "MSREP [%]", "bias", "largest"):
+        table.add_column(heading, justify="right")
+    for part in joint.transmissions:
+        for comparison in part.comparisons:
+            for where, score in (("inside", comparison.inside), ("outside", comparison.outside)):
+                if score is not None:
+                    table.add_row(part.transmission, _against(comparison), where, *_cells(score))
+    return table
+
+
+def _against(comparison: Comparison) -> str:
+    quantity = "" if comparison.quantity == "flexibility_torque" else " stiffness"
+    return f"{comparison.reference}{quantity} [{comparison.unit.replace('*', '·')}]".replace("[", "\\[")
+
+
+def _cells(score: Score) -> tuple[str, ...]:
+    return (
+        str(score.samples),
+        _interval(score.nrmse),
+        _number(score.rmse.value),
+        _number(score.r2.value, 4),
+        _number(score.msrep.value),
+        _number(score.bias.value),
+        f"{score.largest:.3g}",
+    )
+
+
+def _modalities(joint: JointReport) -> Table:
+    table = Table(box=None, pad_edge=False, padding=(0, 2))
+    for heading in ("transmission", "modality"):
+        table.add_column(heading)
+    for heading in ("stiffness [N·m/rad]", "± (1 std)", "torque NRMSE [%]", "MSREP of stiffness [%]"):
+        table.add_column(heading.replace("[", "\\["), justify="right")
+    for part in joint.transmissions:
+        for m in part.modalities:
+            span = "–" if m.stiffness_low is None else f"{m.stiffness_low:.4g} … {m.stiffness_high:.4g}"
+            torque = "–" if m.torque is None else _number(m.torque.nrmse.value)
+            truth = "–" if m.against_truth is None else _number(m.against_truth.msrep.value)
+            table.add_row(part.transmission, m.modality, span, _number(m.stiffness_std), torque, truth)
+    return table
+
+
+def _interval(figure: Figure) -> str:
+    if figure.value is None:
+        return "–"
+    if figure.low is None:
+        return f"{figure.value:.3g}"
+    return f"{figure.value:.3g}  ({figure.low:.3g} … {figure.high:.3g})"
+
+
+def _number(value: float | None, digits: int = 3) -> str:
+    return "–" if value is None else f"{value:.{digits}g}"

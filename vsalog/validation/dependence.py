@@ -1,0 +1,155 @@
+"""What an error depends on, and what that means in plain words."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import stats
+
+from vsalog.validation.document import Dependence
+from vsalog.validation.scores import binned, bins_of, effective_samples
+
+Array = NDArray[np.float64]
+
+# A dependence is told when it explains this part of the error's mean square and is not chance.
+LEAST_SHARE, LARGEST_P = 0.05, 1e-3
+# Errors this much smaller than the torque's spread are not worth a cause.
+NEGLIGIBLE = 2e-3
+
+
+def dependences(error: Array, predicted: Array, variables: Mapping[str, Array]) -> tuple[Dependence, ...]:
+    """Return what the error depends on, strongest first.
+
+    Parameters
+    ----------
+    error : prediction − reference, shape (N,)
+    predicted : the torque that was predicted
+    variables : ``deflection``, ``setpoint``, ``velocity``, ``loading`` (±1), ``time``: shape (N,) each, as many as there are
+    """
+    keep = np.isfinite(error) & np.isfinite(predicted)
+    for x in variables.values():
+        keep &= np.isfinite(x)
+    e, torque = error[keep], predicted[keep]
+    if e.size < 50:
+        return ()
+    power = float(np.mean(e**2))
+    spread = float(np.std(torque - e))
+    if power <= (NEGLIGIBLE * spread) ** 2 or power == 0.0:
+        return ()
+    independent = effective_samples(e)
+    found = [_offset(e, power, independent), _gain(e, torque, power, independent)]
+    for name, x in variables.items():
+        if np.ptp(x[keep]) > 0.0:
+            found += _over(name, x[keep], e, torque, power, independent)
+    found.append(_itself(e, power, independent))
+    told = [d for d in found if d is not None and d.share >= LEAST_SHARE and d.p_value <= LARGEST_P]
+    return tuple(sorted(told, key=lambda d: (d.on == "itself", -d.share)))
+
+
+def _offset(e: Array, power: float, independent: float) -> Dependence:
+    bias, std = float(e.mean()), float(e.std())
+    t = abs(bias) / max(std / np.sqrt(independent), 1e-300)
+    words = (
+        f"the prediction is {abs(bias):.3g} N·m too {'high' if bias > 0 else 'low'} on average: the torque sensor or an"
+        " encoder has an offset, or a constant torque is missing"
+    )
+    p = 2.0 * float(stats.t.sf(t, max(independent - 1.0, 1.0)))
+    return Dependence(on="offset", share=bias**2 / power, p_value=p, slope=None, words=words)
+
+
+def _gain(e: Array, torque: Array, power: float, independent: float) -> Dependence | None:
+    x = torque - torque.mean()
+    variance = float(x @ x)
+    if variance <= 0.0:
+        return None
+    slope = float(x @ e) / variance
+    share = slope**2 * variance / e.size / power
+    gain = 1.0 - slope  # measured = gain · predicted
+    if gain < -0.2:
+        words = f"the measured torque is {gain:.2f} times the predicted one: a sign is swapped, of torque or deflection"
+    else:
+        more = "larger" if gain > 1.0 else "smaller"
+        words = (
+            f"the error grows with the torque: what is measured is {abs(gain - 1.0):.1%} {more} than predicted. The spring"
+            f" is {'stiffer' if gain > 1.0 else 'softer'} than in the model, a gear ratio or a unit is wrong, or the torque"
+            " sensor's gain is"
+        )
+    return Dependence(
+        on="torque", share=share, p_value=_p(share, 1, independent), slope=slope, words=words, bins=bins_of(e, torque)
+    )
+
+
+WORDS = {
+    "deflection": "the error depends on the deflection: the spring's shape is not the model's (nonlinearity, asymmetry,"
+    " backlash)",
+    "setpoint": "the error depends on the set-point: its zero or scale is off (lever arm, secondary motor's encoder), or the"
+    " model has too few powers of it",
+    "velocity": "the error grows with the velocity of the deflection: damping in the transmission, or a sensor that is late",
+    "direction": "the error has the sign of the velocity: friction or hysteresis is missing",
+    "loading": "the error differs between loading and unloading: the transmission has hysteresis (a loop)",
+    "time": "the error changes over time: a sensor drifts, or the stiffness does",
+}
+
+
+def _over(name: str, x: Array, e: Array, torque: Array, power: float, independent: float) -> list[Dependence]:
+    """Return what a variable explains beyond offset and gain."""
+    rest = e - _explained_by(torque, e)
+    out = []
+    if name == "loading":
+        out.append(_two_sided("loading", x > 0.0, rest, power, independent))
+    else:
+        edges, index = binned(x)
+        share = _between_groups(index, rest) / power
+        slope = float(np.polyfit(x, rest, 1)[0])
+        p = _p(share, max(len(edges) - 2, 1), independent)
+        out.append(Dependence(on=name, share=share, p_value=p, slope=slope, words=WORDS[name], bins=bins_of(e, x)))
+    if name == "velocity":
+        two = _two_sided("direction", x > 0.0, rest, power, independent)
+        # Most of what the velocity explains is its sign: say that, and not both.
+        out = [two] if two.share > 0.7 * out[0].share else out
+    return out
+
+
+def _explained_by(torque: Array, e: Array) -> Array:
+    x = np.stack([np.ones_like(torque), torque - torque.mean()], axis=1)
+    if np.ptp(torque) == 0.0:
+        return np.full_like(e, e.mean())
+    return np.asarray(x @ np.linalg.lstsq(x, e, rcond=None)[0])
+
+
+def _two_sided(name: str, positive: NDArray[np.bool_], e: Array, power: float, independent: float) -> Dependence:
+    share = _between_groups(positive.astype(np.int64), e) / power
+    step = float(e[positive].mean() - e[~positive].mean()) if positive.any() and not positive.all() else 0.0
+    words = f"{WORDS[name]}; the two sides are {abs(step):.3g} N·m apart"
+    return Dependence(on=name, share=share, p_value=_p(share, 1, independent), slope=None, words=words)
+
+
+def _between_groups(index: NDArray[np.int64], e: Array) -> float:
+    """Return the mean square that the groups' means explain."""
+    counts = np.bincount(index)
+    sums = np.bincount(index, e)
+    return float(np.sum(np.divide(sums**2, counts, out=np.zeros_like(sums), where=counts > 0)) / e.size - e.mean() ** 2)
+
+
+def _itself(e: Array, power: float, independent: float) -> Dependence | None:
+    left = e - e.mean()
+    variance = float(left @ left)
+    if variance <= 0.0:
+        return None
+    rho = float(left[1:] @ left[:-1]) / variance
+    words = (
+        f"the error is not white: it stays alike for about {e.size / independent:.0f} samples, so something is missing in the"
+        " model, not only noise"
+    )
+    z = abs(rho) * np.sqrt(e.size)
+    share = max(rho, 0.0) ** 2 * variance / e.size / power
+    return Dependence(on="itself", share=share, p_value=2.0 * float(stats.norm.sf(z)), slope=rho, words=words)
+
+
+def _p(share: float, freedom: int, independent: float) -> float:
+    """Return the probability that chance explains such a share, by the F distribution with the effective samples."""
+    left = max(independent - freedom - 1.0, 1.0)
+    f = max(share, 0.0) / freedom / max((1.0 - share) / left, 1e-300)
+    return float(stats.f.sf(f, freedom, left))

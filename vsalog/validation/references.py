@@ -1,0 +1,153 @@
+"""A log's signals, conditioned, and what a frozen model's torque can be held against in them."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from itertools import pairwise
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vsalog.estimators.device import Device, TransmissionView, deflection_of
+from vsalog.estimators.regression import BAND
+from vsalog.estimators.residual_rls import sensor_role
+from vsalog.estimators.torque import lag_block, residual_block
+from vsalog.filters.conditioning import Conditioned, Conditioner
+from vsalog.filters.direction import direction_start, loading_block
+from vsalog.mechanics.transmissions import flexibility_torque, stiffness
+from vsalog.model import JointModel
+from vsalog.recording import Recording
+from vsalog.rig.schema import UnknownTransmission
+from vsalog.signals import JointSignals
+
+Array = NDArray[np.float64]
+Flags = NDArray[np.bool_]
+
+# The filter of every signal, forwards and backwards alike: what `estimate` learns with.
+WINDOW, DEGREE = 51, 5
+# Of the residual [rad/s], as for residual-rls.
+BANDWIDTH = 300.0
+BLOCK = 1 << 16
+
+
+@dataclass(frozen=True, slots=True)
+class Smoothed:
+    """A joint's signals through one and the same filter; every array has shape (N,), NaN where the filter has no whole window.
+
+    Attributes
+    ----------
+    time : from the log's start [s]
+    starts : where a run begins
+    roles : role → values; also ``velocity:ROLE`` of the motor positions
+    """
+
+    time: Array
+    stamps: NDArray[np.int64]
+    starts: Flags
+    roles: Mapping[str, Array]
+
+
+def smoothed(signals: JointSignals, roles: tuple[str, ...]) -> Smoothed:
+    """Filter whole signals.
+
+    Raises
+    ------
+    FilterError
+        No run of the log is as long as the filter's window.
+    """
+    conditioner = Conditioner(roles, signals, "savitzky-golay", window=(WINDOW - 1) * signals.period, degree=DEGREE)
+    runs = np.diff(np.append(np.flatnonzero(signals.starts), len(signals)))
+    conditioner.check_length(int(runs.max()))
+    state, blocks = conditioner.start(), list[Conditioned]()
+    for block in signals.blocks(BLOCK):
+        state, found = conditioner.step(state, block)
+        blocks += found
+    blocks += conditioner.finish(state)[1]
+    return Smoothed(
+        np.concatenate([b.rows.time for b in blocks]),
+        np.concatenate([b.rows.stamps for b in blocks]),
+        np.concatenate([b.rows.starts for b in blocks]),
+        {name: np.concatenate([b.fit[name] for b in blocks]) for name in blocks[0].fit},
+    )
+
+
+def prediction(
+    model: JointModel, view: TransmissionView, s: Smoothed, setpoint: Array | None
+) -> tuple[Array, Array, Array, Array]:
+    """Return the frozen model's flexibility torque and stiffness with their standard deviations, shape (N,) each."""
+    phi, loading = deflection_of(s.roles, view), None
+    if model.basis.branches:
+        loading = loading_block(direction_start(), phi, BAND * model.basis.deflection_scale)[1]
+    c = setpoint if model.basis.setpoint_order > 1 else None
+    parts = []
+    for begin in range(0, phi.size, BLOCK):
+        part = slice(begin, begin + BLOCK)
+        at, on = (None if c is None else c[part]), (None if loading is None else loading[part])
+        torque = model.flexibility_torque(view.name, phi[part], at, on)
+        parts.append((*torque, *model.stiffness(view.name, phi[part], at, on)))
+    torque_, std, sigma, sigma_std = (np.concatenate(columns) for columns in zip(*parts, strict=True))
+    return torque_, std, sigma, sigma_std
+
+
+def residual(view: TransmissionView, s: Smoothed, period: float) -> Array | None:
+    """Return the residual of the motor equation (Flacco 2012 eq. 17); None where a role or the motor's inertia is missing."""
+    inertia, needed = view.motor.reflected_inertia, (view.motor_position, view.motor_torque)
+    if inertia is None or not set(needed) <= set(s.roles):
+        return None
+    theta, rate, tau = s.roles[needed[0]], s.roles[f"velocity:{needed[0]}"], s.roles[needed[1]]
+    use = np.isfinite(theta) & np.isfinite(rate) & np.isfinite(tau)
+    begin = np.full(3, np.nan)
+    return residual_block(begin, theta, rate, tau, use, inertia, view.motor.reflected_damping, BANDWIDTH, period)[1]
+
+
+def behind_the_lag(values: Array, period: float) -> Array:
+    """Pass a prediction through the residual's own lag, so that both are late alike."""
+    use = np.isfinite(values)
+    return lag_block(np.full((2, 1), np.nan), values[:, None].copy(), use, BANDWIDTH, period)[1][:, 0]
+
+
+def nominal(view: TransmissionView, s: Smoothed, setpoint: Array | None) -> tuple[Array, Array] | None:
+    """Return torque and stiffness of the rig's nominal transmission; None where the rig knows none."""
+    if isinstance(view.nominal, UnknownTransmission):
+        return None
+    phi = deflection_of(s.roles, view)
+    return (
+        flexibility_torque(view.nominal, phi, setpoint, s.time),
+        stiffness(view.nominal, phi, setpoint, s.time),
+    )
+
+
+def true_stiffness(recording: Recording, joint: str, suffix: str, s: Smoothed) -> Array | None:
+    """Return a simulator's true stiffness where the log has one, at the signals' stamps."""
+    for name in (f"/truth/{joint}/stiffness{suffix}.data", f"/truth/stiffness{suffix}.data"):
+        channel = recording.channels.get(name)
+        if channel is not None and channel.values.size > 1:
+            seconds = (channel.stamps - channel.stamps[0]) * 1e-9
+            at = (s.stamps - channel.stamps[0]) * 1e-9
+            return np.asarray(np.interp(at, seconds, channel.values, left=np.nan, right=np.nan))
+    return None
+
+
+def truth_channels(joint: str) -> tuple[str, ...]:
+    """Return the names of the channels a simulator may have left its truth in."""
+    suffixes = ("", "_1", "_2", "_total")
+    return tuple(f"/truth/{where}stiffness{suffix}.data" for where in ("", f"{joint}/") for suffix in suffixes)
+
+
+def sensor_of(device: Device, view: TransmissionView, s: Smoothed) -> str | None:
+    """Return the role of the sensor that feels this transmission alone; None where there is none."""
+    role = sensor_role(view, s.roles)
+    if role not in s.roles or (len(device.transmissions) > 1 and role == "torque_sensor"):
+        return None
+    return role
+
+
+def rate_of(values: Array, s: Smoothed, period: float) -> Array:
+    """Return the derivative of a smoothed signal, run by run."""
+    out = np.full_like(values, np.nan)
+    edges = [0, *(int(i) for i in np.flatnonzero(s.starts) if i > 0), values.size]
+    for begin, end in pairwise(edges):
+        if end - begin > 2:
+            out[begin:end] = np.gradient(values[begin:end], period)
+    return out

@@ -1,0 +1,50 @@
+"""Whether a sample lies inside the region that a model was fitted in; beyond it a prediction is extrapolation."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vsalog.model import TransmissionModel
+
+Array = NDArray[np.float64]
+Flags = NDArray[np.bool_]
+
+# Part of the region's span that is granted around it: new extremes by noise are no extrapolation.
+MARGIN = 0.01
+
+
+def inside_region(model: TransmissionModel, phi: Array, setpoint: Array | None) -> Flags:
+    """Tell which samples lie inside.
+
+    Parameters
+    ----------
+    model : with its region, vertices (φ, set-point) of a convex hull in order, or the ends (φ,) of an interval
+    phi, setpoint : shape (N,)
+    """
+    region = np.array(model.region, dtype=np.float64)
+    if region.size == 0:
+        return np.zeros(phi.shape, dtype=np.bool_)
+    if region.shape[1] == 1 or setpoint is None:
+        return _between(phi, region[:, 0])
+    if len(region) < 3 or bool((np.ptp(region, axis=0) == 0.0).any()):
+        return _between(phi, region[:, 0]) & _between(setpoint, region[:, 1])
+    low, span = region.min(axis=0), np.ptp(region, axis=0)
+    corners = (region - low) / span
+    x, y = (phi - low[0]) / span[0], (setpoint - low[1]) / span[1]
+    following = np.roll(corners, -1, axis=0)
+    area = 0.5 * float(np.sum(corners[:, 0] * following[:, 1] - following[:, 0] * corners[:, 1]))
+    inside = np.isfinite(x) & np.isfinite(y)
+    for (ax, ay), (bx, by) in zip(corners, following, strict=True):
+        length = np.hypot(bx - ax, by - ay)
+        if length > 0.0:
+            distance = np.sign(area) * ((bx - ax) * (y - ay) - (by - ay) * (x - ax)) / length
+            inside &= distance >= -MARGIN
+    return np.asarray(inside)
+
+
+def _between(x: Array, ends: Array) -> Flags:
+    low, high = float(ends.min()), float(ends.max())
+    # A set-point that stood still has no span of its own.
+    margin = MARGIN * (high - low) if high > low else 1e-6 * max(abs(low), 1e-12)
+    return np.asarray((x >= low - margin) & (x <= high + margin))

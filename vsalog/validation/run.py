@@ -1,0 +1,196 @@
+"""One run of `validate`: a model file and logs in, a report and what it draws out."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+
+from vsalog._version import __version__
+from vsalog.binding import bind, names_of, offered_roles, wanted_channels
+from vsalog.errors import BindingError, EstimatorError, RigError, did_you_mean
+from vsalog.estimation import pick_joints
+from vsalog.estimators.device import Device, device_of
+from vsalog.estimators.needs import require
+from vsalog.job import sha256
+from vsalog.model import JointModel, ModelFile
+from vsalog.readers import open_reader, read
+from vsalog.recording import Recording
+from vsalog.rig import Rig
+from vsalog.rig.find import find_rig
+from vsalog.rig.schema import Joint
+from vsalog.validation.document import VERSION, JointReport, LogReport, Report
+from vsalog.validation.evidence import JointEvidence
+from vsalog.validation.joint import judge
+from vsalog.validation.modalities import side_by_side
+from vsalog.validation.references import truth_channels
+from vsalog.validation.verdict import joint_report, thresholds
+
+Progress = Callable[[str], None]
+
+# Estimating a log by all modalities takes longer than judging a model: logs with more samples are not, unless asked for.
+MANY_SAMPLES = 300_000
+
+
+@dataclass(frozen=True, slots=True)
+class Options:
+    """What can be asked of `validate`; the command line's options of the same names.
+
+    Attributes
+    ----------
+    rig : a rig file or a preset; the log's own, else the model's, when absent
+    joints : names of the joints wanted; all of the model's when empty
+    set : key → value of the rig
+    rate, time : as for `estimate`
+    modalities : estimate the logs by MODEL, SENSOR and RESIDUAL too; for logs of up to 300 000 samples when absent
+    max_nrmse, max_msrep : thresholds [%]
+    """
+
+    rig: str | Path | None = None
+    joints: tuple[str, ...] = ()
+    set: Mapping[str, str] = field(default_factory=dict)
+    rate: float | None = None
+    time: str = "auto"
+    modalities: bool | None = None
+    max_nrmse: float | None = None
+    max_msrep: float | None = None
+
+
+def validate(
+    model: Path, logs: Sequence[Path], options: Options, progress: Progress = lambda _: None
+) -> tuple[Report, list[list[JointEvidence]]]:
+    """Hold a frozen model against logs.
+
+    Parameters
+    ----------
+    model : that `estimate` wrote
+    logs : other experiments
+    options : what is asked for
+    progress : told what is being done
+
+    Returns
+    -------
+    The report, and per log what its figures draw
+
+    Raises
+    ------
+    VsalogError
+        A file cannot be read, the rig does not fit, or a role is missing.
+    """
+    file = ModelFile.load(model)
+    reports, drawn = [], []
+    rig = None
+    for name, log in zip(names_of(logs), logs, strict=True):
+        digest = sha256(log) if log.exists() else ""
+        rig = _rig(file, log, options)
+        progress(f"validating against {log.name}")
+        joints, evidence = _judge_log(file, rig, log, digest, options, progress)
+        reports.append(LogReport(log=name, sha256=digest, joints=tuple(joints)))
+        drawn.append(evidence)
+    assert rig is not None
+    report = Report(
+        version=VERSION,
+        vsalog=__version__,
+        model=model.name,
+        model_sha256=sha256(model),
+        model_logs=dict(file.log),
+        settings=_settings(options),
+        rig=rig.to_toml(),
+        logs=tuple(reports),
+        thresholds=thresholds(reports, options.max_nrmse, options.max_msrep),
+    )
+    return report, drawn
+
+
+def _rig(file: ModelFile, log: Path, options: Options) -> Rig:
+    text = open_reader(log, options.rate).rig_text if options.rig is None else None
+    rig = find_rig(log, text, options.rig)
+    if rig is None:
+        rig = Rig.from_toml(file.rig, "the rig in the model file")
+    for key, value in options.set.items():
+        rig = rig.with_setting(key, value)
+    return rig
+
+
+def _judge_log(
+    file: ModelFile, rig: Rig, log: Path, digest: str, options: Options, progress: Progress
+) -> tuple[list[JointReport], list[JointEvidence]]:
+    wanted = list(options.joints) or list(file.joint)
+    reports, evidence = [], []
+    for name in wanted:
+        if name not in file.joint:
+            known = ", ".join(file.joint)
+            raise EstimatorError(
+                f"the model has no joint '{name}'{did_you_mean(name, file.joint) or '.'} It has: {known}"
+            )
+        joint = pick_joints(rig.joints, [name])[name]
+        device = device_of(name, joint)
+        _check_fit(file.joint[name], device, rig)
+        roles = _roles(device, joint)
+        recording = _read(log, joint, roles, name, options)
+        signals = bind([recording], name, joint, roles)
+        judged = judge(file.joint[name], joint, device, signals, recording)
+        warnings = [*(f"{log.name}: {note}" for note in recording.notes), *signals.notes]
+        if digest and digest in file.log.values():
+            warnings.insert(0, f"{log.name} is what the model was learnt from: this is no second experiment")
+        short = len(signals) <= MANY_SAMPLES if options.modalities is None else options.modalities
+        modalities = {}
+        if short:
+            progress(f"estimating {log.name} by each modality")
+            modalities = side_by_side(name, joint, recording)
+        elif options.modalities is None:
+            warnings.append("the log is long: its modalities are not compared; --modalities asks for it")
+        reports.append(joint_report(judged, signals, modalities, warnings))
+        evidence.append(judged.evidence)
+    return reports, evidence
+
+
+def _check_fit(model: JointModel, device: Device, rig: Rig) -> None:
+    """Refuse a rig that is no such device as the model's."""
+    theirs, ours = [t.name for t in model.transmission], [v.name for v in device.transmissions]
+    if theirs != ours:
+        raise RigError(
+            f"{rig.where}: joint '{device.joint}' has {len(ours)} transmission{'s' if len(ours) > 1 else ''}, but the model was"
+            f" learnt on a joint with {len(theirs)}"
+        )
+    if model.basis.setpoint_order > 1 and not device.has_setpoint:
+        raise RigError(
+            f"{rig.where}: the model of joint '{device.joint}' depends on a set-point, which this rig's joint has not"
+        )
+
+
+def _roles(device: Device, joint: Joint) -> tuple[str, ...]:
+    """Return what is read: deflections, set-point, and every torque the rig names."""
+    offered, wanted = offered_roles(joint), []
+    for view in device.transmissions:
+        needed = list(view.deflection_roles(offered))
+        require("validate", device, needed, offered)
+        wanted += needed
+        if {view.motor_position, view.motor_torque} <= set(offered):
+            wanted += [view.motor_position, view.motor_torque]
+        wanted += [view.torque_sensor]
+    wanted.append("torque_sensor")
+    if device.has_setpoint:
+        require("validate", device, ["setpoint"], offered)
+        wanted.append("setpoint")
+    return tuple(role for role in dict.fromkeys(wanted) if role in offered)
+
+
+def _read(log: Path, joint: Joint, roles: Sequence[str], name: str, options: Options) -> Recording:
+    reader = open_reader(log, options.rate)
+    known = reader.catalogue()
+    channels = wanted_channels(joint, log.name, roles)
+    missing = sorted(c for c in channels if c not in known.channels and c not in known.unread)
+    if missing:
+        raise BindingError(
+            f"{log.name}: there is no channel '{missing[0]}'{did_you_mean(missing[0], known.channels) or '.'}"
+            f" 'vsalog inspect {log.name}' lists all {len(known.channels)}"
+        )
+    truth = {c for c in truth_channels(name) if c in known.channels}
+    return read(log, channels | truth, time=options.time, rate=options.rate)
+
+
+def _settings(options: Options) -> dict[str, str]:
+    asked = {"rig": options.rig, "joints": ", ".join(options.joints), "rate": options.rate, "time": options.time}
+    told = {key: str(value) for key, value in asked.items() if value}
+    return told | {f"set {key}": value for key, value in options.set.items()}

@@ -1,0 +1,154 @@
+"""How far a prediction is from its reference, with honest intervals: samples of a log are not independent."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import stats
+
+from vsalog.validation.document import Bin, Figure, Score
+
+Array = NDArray[np.float64]
+Flags = NDArray[np.bool_]
+
+# A block is this many times as long as errors stay correlated; there are no more blocks than this, which costs nothing.
+CORRELATION_TIMES, MOST_BLOCKS, FEWEST_BLOCKS = 4.0, 400, 8
+DRAWS, SEED = 1000, 0
+# A relative error of a torque means something where the torque is not nearly zero.
+LEAST_TORQUE = 0.05
+BINS = 12
+# Autocorrelations are taken of so many samples at most, spread over the log.
+LONGEST = 1 << 18
+
+
+def score(prediction: Array, reference: Array, least: float = 0.0) -> Score | None:
+    """Judge a prediction; None where fewer than 20 samples are there.
+
+    Parameters
+    ----------
+    prediction, reference : shape (N,), in the same unit; NaN is left out
+    least : relative errors are taken where |reference| is at least this part of its largest
+    """
+    both = np.isfinite(prediction) & np.isfinite(reference)
+    y, e = reference[both], (prediction - reference)[both]
+    if e.size < 20:
+        return None
+    span, independent = float(np.ptp(y)), effective_samples(e)
+    relative = np.abs(y) > max(least * float(np.abs(y).max()), 0.0)
+    ratio = np.divide(e, y, out=np.zeros_like(e), where=relative) ** 2
+    columns = np.stack([np.ones_like(e), e, e**2, y, y**2, ratio, relative.astype(np.float64)])
+    sums = _block_sums(columns, independent)
+    draws = _draws(sums)
+    whole = sums.sum(axis=1)
+
+    def mse(s: Array) -> Array:
+        return np.asarray(s[2] / s[0])
+
+    def spread(s: Array) -> Array:
+        return np.asarray(s[4] / s[0] - (s[3] / s[0]) ** 2)
+
+    def figure(of: Callable[[Array], Array], positive: bool = True) -> Figure:
+        return _figure(float(of(whole)), of(draws), sums.shape[1], positive)
+
+    with np.errstate(divide="ignore", invalid="ignore"):
+        return Score(
+            samples=int(e.size),
+            effective_samples=independent,
+            span=span,
+            mse=figure(mse),
+            rmse=figure(lambda s: np.sqrt(mse(s))),
+            nrmse=figure(lambda s: 100.0 * np.sqrt(mse(s)) / span),
+            msrep=figure(lambda s: 100.0 * s[5] / s[6]),
+            r2=figure(lambda s: 1.0 - mse(s) / spread(s), positive=False),
+            bias=figure(lambda s: np.asarray(s[1] / s[0]), positive=False),
+            largest=float(np.abs(e).max()),
+        )
+
+
+def effective_samples(e: Array) -> float:
+    """Return how many independent samples an error signal is worth: N over twice its correlation time.
+
+    The correlation time is summed up to the first pair of autocorrelations whose sum is not positive (Geyer 1992), of e² where
+    that is longer than of e.
+    """
+    n = e.size
+    step = max(1, n // LONGEST)
+    time = max(_correlation_time(e[::step]), _correlation_time(e[::step] ** 2))
+    return float(np.clip(n / (step * time) if step > 1 else n / time, 1.0, n))
+
+
+def _correlation_time(x: Array) -> float:
+    """Return 1 + 2 Σ ρ_k in samples."""
+    x = x - x.mean()
+    power = float(x @ x)
+    if power <= 0.0:
+        return 1.0
+    size = 1 << int(np.ceil(np.log2(2 * x.size)))
+    spectrum = np.abs(np.fft.rfft(x, size)) ** 2
+    rho = np.fft.irfft(spectrum, size)[: x.size // 2] / power
+    pairs = rho[: rho.size // 2 * 2].reshape(-1, 2).sum(axis=1)
+    ends = np.flatnonzero(pairs <= 0.0)
+    last = int(ends[0]) if ends.size else pairs.size
+    return max(1.0, 2.0 * float(pairs[:last].sum()) - 1.0)
+
+
+def _block_sums(columns: Array, independent: float) -> Array:
+    """Sum columns, shape (c, N), over blocks that are long against the correlation: shape (c, blocks)."""
+    n = columns.shape[1]
+    wanted = independent / CORRELATION_TIMES
+    blocks = int(np.clip(wanted, FEWEST_BLOCKS, min(MOST_BLOCKS, n)))
+    edges = np.linspace(0, n, blocks + 1).astype(np.int64)[:-1]
+    return np.asarray(np.add.reduceat(columns, edges, axis=1))
+
+
+def _draws(sums: Array) -> Array:
+    """Draw blocks with replacement and add them up: shape (c, draws)."""
+    random = np.random.default_rng(SEED)
+    blocks = sums.shape[1]
+    counts = random.multinomial(blocks, np.full(blocks, 1.0 / blocks), size=DRAWS)
+    return np.asarray(sums @ counts.T)
+
+
+def _figure(value: float, draws: Array, blocks: int, positive: bool) -> Figure:
+    """Return the 95 % interval from the draws, widened for the small number of blocks as Student's t is."""
+    draws = draws[np.isfinite(draws)]
+    if not np.isfinite(value):
+        return Figure(value=None)
+    if draws.size < DRAWS // 2:
+        return Figure(value=value)
+    wider = float(stats.t.ppf(0.975, blocks - 1) / stats.norm.ppf(0.975) * np.sqrt(blocks / (blocks - 1.0)))
+    if positive and value > 0.0 and bool(np.all(draws > 0.0)):
+        # Errors are positive and skewed: on a logarithmic scale the interval is nearly symmetric.
+        low, high = np.quantile(np.log(draws / value), [0.025, 0.975]) * wider
+        return Figure(value=value, low=value * float(np.exp(low)), high=value * float(np.exp(high)))
+    low, high = (np.quantile(draws, [0.025, 0.975]) - value) * wider
+    return Figure(value=value, low=value + float(low), high=value + float(high))
+
+
+def bins_of(e: Array, x: Array) -> tuple[Bin, ...]:
+    """Return the error over intervals of `x` that hold equally many samples."""
+    edges, index = binned(x)
+    out = []
+    for i in range(len(edges) - 1):
+        part = e[index == i]
+        if part.size:
+            out.append(
+                Bin(
+                    low=float(edges[i]),
+                    high=float(edges[i + 1]),
+                    samples=int(part.size),
+                    rmse=float(np.sqrt(np.mean(part**2))),
+                    bias=float(part.mean()),
+                )
+            )
+    return tuple(out)
+
+
+def binned(x: Array, count: int = BINS) -> tuple[Array, NDArray[np.int64]]:
+    """Return the edges of up to `count` intervals that hold equally many samples, and each sample's interval."""
+    edges = np.unique(np.quantile(x, np.linspace(0.0, 1.0, count + 1)))
+    if edges.size < 2:
+        return np.array([x[0], x[0]]), np.zeros(x.size, dtype=np.int64)
+    return edges, np.clip(np.searchsorted(edges, x, side="right") - 1, 0, edges.size - 2).astype(np.int64)

@@ -1,0 +1,165 @@
+"""From scores to a verdict and three sentences."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+from msgspec.structs import replace
+
+from vsalog.signals import JointSignals
+from vsalog.validation.document import (
+    Comparison,
+    JointReport,
+    LogReport,
+    ModalityScore,
+    Score,
+    Threshold,
+    TransmissionReport,
+    Verdict,
+)
+from vsalog.validation.joint import Judged
+
+# A model whose torque is this close to the reference holds [% of the torque's span].
+HOLDS = 5.0
+MOSTLY_OUTSIDE = 0.5
+
+_REFERENCE = {
+    "sensor": "the torque sensor",
+    "residual": "the residual of the motor equation (there is no torque sensor to judge by)",
+}
+
+
+def joint_report(
+    judged: Judged, signals: JointSignals, modalities: Mapping[str, Sequence[ModalityScore]], warnings: Sequence[str]
+) -> JointReport:
+    """Put what was found about a joint into words."""
+    parts = tuple(replace(t, modalities=tuple(modalities.get(t.transmission, ()))) for t in judged.transmissions)
+    worst = _worst(parts)
+    verdict: Verdict = "cannot be judged"
+    if worst is not None and judged.not_independent is None:
+        verdict = _verdict(_main(worst))
+    told = list(warnings)
+    if worst is not None and worst.judged_on == "residual":
+        told.insert(
+            0,
+            "there is no torque sensor: the model is judged by the residual, which the rig's own motor parameters make",
+        )
+    return JointReport(
+        joint=signals.joint,
+        verdict=verdict,
+        sentences=_sentences(verdict, parts, worst, judged.not_independent),
+        not_independent=judged.not_independent,
+        duration=len(signals) * signals.period,
+        period=signals.period,
+        transmissions=parts,
+        warnings=tuple(told),
+    )
+
+
+def thresholds(logs: Sequence[LogReport], max_nrmse: float | None, max_msrep: float | None) -> tuple[Threshold, ...]:
+    """Hold every joint of every log against the thresholds asked for; what cannot be judged does not meet them."""
+    out = []
+    for name, limit in (("nrmse", max_nrmse), ("msrep", max_msrep)):
+        if limit is not None:
+            met = all(_meets(joint, name, limit) for log in logs for joint in log.joints)
+            out.append(Threshold(name=name, limit=limit, met=met))
+    return tuple(out)
+
+
+def _meets(joint: JointReport, name: str, limit: float) -> bool:
+    mains = [_main(t) for t in joint.transmissions if t.judged_on is not None]
+    values = [getattr(score, name).value for score in mains if score is not None]
+    return joint.verdict != "cannot be judged" and bool(values) and all(v is not None and v <= limit for v in values)
+
+
+def _worst(parts: Sequence[TransmissionReport]) -> TransmissionReport | None:
+    """Return the transmission that is predicted worst, of those that can be judged."""
+    judged = [t for t in parts if _main(t) is not None]
+    return max(judged, key=lambda t: _nrmse(_main(t)), default=None)
+
+
+def _main(part: TransmissionReport) -> Score | None:
+    """Return the score the verdict rests on."""
+    return None if part.judged_on is None or not part.comparisons else _of(part, part.judged_on).inside
+
+
+def _of(part: TransmissionReport, reference: str) -> Comparison:
+    return next(c for c in part.comparisons if c.reference == reference and c.quantity == "flexibility_torque")
+
+
+def _nrmse(score: Score | None) -> float:
+    return 0.0 if score is None or score.nrmse.value is None else score.nrmse.value
+
+
+def _verdict(score: Score | None) -> Verdict:
+    if score is None or score.nrmse.value is None:
+        return "cannot be judged"
+    low = score.nrmse.value if score.nrmse.low is None else score.nrmse.low
+    high = score.nrmse.value if score.nrmse.high is None else score.nrmse.high
+    return "holds" if high <= HOLDS else "fails" if low > HOLDS else "undecided"
+
+
+def _sentences(
+    verdict: Verdict, parts: Sequence[TransmissionReport], worst: TransmissionReport | None, not_independent: str | None
+) -> tuple[str, ...]:
+    if not_independent is not None:
+        return (
+            f"Nothing is validated: {not_independent}.",
+            "A model that agrees with such a channel agrees with whoever computed it.",
+            "Record a torque sensor, or motor positions and torques, to judge the model by.",
+        )
+    if worst is None:
+        inside = max((t.inside_share for t in parts), default=0.0)
+        if inside == 0.0:
+            return (
+                "Nothing is judged: no sample of this log lies in the region that the model was fitted in.",
+                "Everything it says here is extrapolation; the table of samples outside shows how far it is off.",
+                "Fit the model on an experiment that covers these deflections and set-points.",
+            )
+        return (
+            "Nothing is judged: the log has neither a torque sensor nor motor positions and torques with a known inertia.",
+            "What the model is compared with below is no measurement.",
+            "Name a torque_sensor, or motor_position and motor_torque, in the rig.",
+        )
+    score, where = _main(worst), f" of transmission {worst.transmission}" if len(parts) > 1 else ""
+    assert score is not None
+    interval = f"{_figure(score.nrmse.low)} to {_figure(score.nrmse.high)} %"
+    error = f"{_figure(score.nrmse.value)} % of the torque's span (95 %: {interval})"
+    words = {
+        "holds": "The model holds",
+        "fails": "The model does not hold",
+        "undecided": "This log is too short to tell whether the model holds",
+    }[verdict]
+    first = f"{words}: judged by {_REFERENCE[worst.judged_on or 'sensor']}, its flexibility torque{where} is off by {error}."
+    return first, _where(worst), _why(worst, verdict)
+
+
+def _where(part: TransmissionReport) -> str:
+    outside = _of(part, part.judged_on or "sensor").outside
+    if outside is None:
+        return (
+            "All of this log lies in the region that the model was fitted in."
+            if part.inside_share > 0.999
+            else (f"{part.inside_share:.1%} of this log lies in the region that the model was fitted in.")
+        )
+    more = "most" if part.inside_share < MOSTLY_OUTSIDE else "some"
+    return (
+        f"{more.capitalize()} of the log, {1.0 - part.inside_share:.1%} of its samples, lies outside the region that the model"
+        f" was fitted in and is judged apart: there it is off by {_figure(outside.nrmse.value)} % of the span."
+    )
+
+
+def _why(part: TransmissionReport, verdict: Verdict) -> str:
+    told = [d for d in part.dependence if d.on != "itself"]
+    if not told:
+        return (
+            "The error shows no dependence worth a cause."
+            if verdict == "holds"
+            else ("What the error depends on does not show in the signals there are.")
+        )
+    strongest = told[0]
+    return f"Of the error's mean square {strongest.share:.0%} says: {strongest.words}."
+
+
+def _figure(value: float | None) -> str:
+    return "?" if value is None else f"{value:.3g}"
