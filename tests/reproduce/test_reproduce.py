@@ -17,7 +17,7 @@ from vsalog.reproduce import flacco2012, flacco2014, serio2011, shin
 from vsalog.reproduce.catalogue import ITEMS, select
 from vsalog.reproduce.measure import SEEDS, Setting, Study, estimate, mse, msrep, with_noise
 from vsalog.reproduce.planned import Planned, mean_relative
-from vsalog.reproduce.plots import PlotError, check_matplotlib, write_figures
+from vsalog.reproduce.plots import PlotError, prepare_folder, write_figures
 from vsalog.reproduce.rows import Row, Spread
 from vsalog.simulation.experiments import vsa2_experiment
 
@@ -284,15 +284,25 @@ def test_plots_without_matplotlib_say_what_to_install(monkeypatch, tmp_path):
     monkeypatch.setitem(sys.modules, "matplotlib", None)
     monkeypatch.setitem(sys.modules, "matplotlib.figure", None)
     with pytest.raises(PlotError, match=r"pip install 'vsalog\[plots\]'"):
-        check_matplotlib()
+        prepare_folder(tmp_path / "figures")
     result = CliRunner().invoke(cli, ["reproduce", "--plots", str(tmp_path / "figures")])
     assert isinstance(result.exception, PlotError)  # before anything is computed or written
     assert not (tmp_path / "figures").exists()
 
 
+def test_a_folder_that_cannot_be_made_is_refused_before_anything_is_computed(tmp_path):
+    pytest.importorskip("matplotlib")
+    (tmp_path / "file").write_text("x")
+    result = CliRunner().invoke(cli, ["reproduce", "--plots", str(tmp_path / "file" / "figures")])
+    assert isinstance(result.exception, VsalogError)
+    assert "figures" in str(result.exception)
+
+
 def test_figures_are_written(results, tmp_path):
     pytest.importorskip("matplotlib")
     figures = results("flacco2012-table1").figures
+    for folder in ("new/folder", "again"):
+        prepare_folder(tmp_path / folder)
     written = write_figures(figures, tmp_path / "new" / "folder")
     assert [p.name for p in written] == ["flacco2012-fig6.svg", "flacco2012-fig8.svg"]
     text = written[0].read_text(encoding="utf-8")
@@ -300,3 +310,4 @@ def test_figures_are_written(results, tmp_path):
     assert "<svg" in text
     again = write_figures(figures, tmp_path / "again")
     assert again[0].read_bytes() == written[0].read_bytes()
+    assert not list(tmp_path.rglob("*.part"))

@@ -28,14 +28,14 @@ def reproduce(names: tuple[str, ...], listing: bool, as_json: bool, plots: Path 
     from vsalog.reports.reproduce import as_document, print_items, print_rows
     from vsalog.reproduce.catalogue import select
     from vsalog.reproduce.measure import Study
-    from vsalog.reproduce.plots import check_matplotlib, write_figures
+    from vsalog.reproduce.plots import prepare_folder, write_figures
 
     if listing:
         print_items()
         return
     items = select(names)
     if plots is not None:
-        check_matplotlib()
+        prepare_folder(plots)
     with Progress() as progress:
         study = Study(say=progress.say)
         with progress.saying_when_compiling():

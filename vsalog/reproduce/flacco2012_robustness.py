@@ -259,10 +259,7 @@ def _sweep(
                 own = experiments[:1] if modality == "MODEL" else experiments
                 found[modality].append(_msrep(own, setting.with_tune(modality=modality), truth, after))
         residual = residual or found["RESIDUAL"]
-        tune = dict(setting.tune)
-        if setting.kalman is not None:
-            tune |= dict(zip(("V_a", "V_max", "V_min"), setting.kalman, strict=True))
-        base = common.with_values(settings=setting.label, estimator=setting.estimator, tune=tune)
+        base = common.with_values(settings=setting.label, estimator=setting.estimator, tune=setting.told)
         rows += _statements(base, found)
         curves = tuple(
             Curve(m, np.array(PULSES, dtype=np.float64), np.array([s.median for s in found[m]]), style)

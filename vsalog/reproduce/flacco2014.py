@@ -279,9 +279,6 @@ def _reason(setting: Setting) -> str:
 
 
 def _common(item: str, place: str, setting: Setting, conditions: str, chosen: str, after: float) -> Row:
-    tune = dict(setting.tune)
-    if setting.kalman is not None:
-        tune |= dict(zip(("V_a", "V_max", "V_min"), setting.kalman, strict=True))
     return Row(
         item=item,
         paper=PAPER,
@@ -289,7 +286,7 @@ def _common(item: str, place: str, setting: Setting, conditions: str, chosen: st
         quantity="",
         settings=setting.label,
         estimator=setting.estimator,
-        tune=tune,
+        tune=setting.told,
         window=f"after {after:g} s",
         conditions=conditions,
         chosen=chosen,

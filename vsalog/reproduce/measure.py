@@ -60,6 +60,16 @@ class Setting:
     powers: tuple[int, ...] | None = None
     kalman: tuple[float, float, float] | None = None
 
+    @property
+    def told(self) -> dict[str, str | float | bool]:
+        """Return the tuning as a row tells it, with what no `--tune` reaches."""
+        told = dict(self.tune)
+        if self.powers is not None:
+            told["powers"] = " ".join(map(str, self.powers))
+        if self.kalman is not None:
+            told |= dict(zip(("V_a", "V_max", "V_min"), self.kalman, strict=True))
+        return told
+
     def with_tune(self, label: str | None = None, **tune: str | float | bool) -> Setting:
         """Return the setting with some of its tuning changed."""
         return replace(self, label=self.label if label is None else label, tune={**self.tune, **tune})

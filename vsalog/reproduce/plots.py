@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
 from vsalog.errors import VsalogError, WriteError
 from vsalog.reproduce.rows import Figure, Panel
+from vsalog.writers.atomic import atomic_path
 
 # Lines are told apart by their style too, not by colour alone.
 STYLES = {"solid": "-", "dashed": "--", "dotted": ":", "dashdot": "-."}
@@ -19,13 +21,15 @@ class PlotError(VsalogError):
     """Figures are asked for, but cannot be drawn."""
 
 
-def check_matplotlib() -> None:
-    """Refuse to plot without matplotlib, before anything is computed.
+def prepare_folder(folder: Path) -> None:
+    """See, before anything is computed, that figures can be drawn and written; makes the folder.
 
     Raises
     ------
     PlotError
         matplotlib is not installed; the message says what to install.
+    WriteError
+        The folder cannot be made or written to.
     """
     try:
         import matplotlib.figure  # noqa: F401
@@ -33,29 +37,32 @@ def check_matplotlib() -> None:
         raise PlotError(
             "--plots needs matplotlib, which is not installed: pip install 'vsalog[plots]' (or pip install matplotlib)"
         ) from None
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise WriteError(f"{folder}: cannot be made: {error.strerror}; name another folder with --plots") from error
+    if not os.access(folder, os.W_OK | os.X_OK):
+        raise WriteError(f"{folder}: cannot be written to; name another folder with --plots")
 
 
 def write_figures(figures: Sequence[Figure], folder: Path) -> list[Path]:
-    """Write each figure as NAME.svg into a folder, which is made; return the files.
+    """Write each figure as NAME.svg into a folder that is there, whole or not at all; return the files.
 
     Raises
     ------
     WriteError
-        The folder or a file cannot be written.
+        A file cannot be written.
     """
     from matplotlib import rc_context
 
     written = []
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-        # Equal results make equal files.
-        with rc_context({"svg.hashsalt": "vsalog"}):
-            for figure in figures:
-                path = folder / f"{figure.name}.svg"
-                _drawn(figure).savefig(path, metadata={"Date": None})
-                written.append(path)
-    except OSError as error:
-        raise WriteError(f"{folder}: figures cannot be written: {error.strerror}") from error
+    # Equal results make equal files.
+    with rc_context({"svg.hashsalt": "vsalog"}):
+        for figure in figures:
+            path = folder / f"{figure.name}.svg"
+            with atomic_path(path) as temporary:
+                _drawn(figure).savefig(temporary, format="svg", metadata={"Date": None})
+            written.append(path)
     return written
 
 

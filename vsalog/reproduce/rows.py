@@ -49,7 +49,8 @@ class Row(msgspec.Struct, frozen=True, kw_only=True):
     quantity, unit : what it is; an empty unit for a bare number or a statement
     of : of which signal, e.g. "RESIDUAL, transmission 1"
     settings : whose tuning ours was found with
-    estimator, tune : what it was found with, as for `vsalog estimate`
+    estimator, tune : what it was found with, as for `vsalog estimate`; `powers` of the basis and variances `V_a`, `V_max`,
+        `V_min` of the kinematic filter are no `--tune` of it
     printed : the number, or the statement in our words; None where the paper prints none for this row
     ours : the number over the seeds, or what is found of the statement; None where it is not there yet
     whole_run : the same counted from the first sample
