@@ -38,18 +38,18 @@ def dependences(error: Array, predicted: Array, variables: Mapping[str, Array]) 
     spread = float(np.std(torque - e))
     if power <= (NEGLIGIBLE * spread) ** 2 or power == 0.0:
         return ()
-    independent = effective_samples(e)
-    found = [_offset(e, power, independent), _gain(e, torque, power, independent)]
+    found = [_offset(e, power), _gain(e, torque, power)]
     for name, x in variables.items():
         if np.ptp(x[keep]) > 0.0:
-            found += _over(name, x[keep], e, torque, power, independent)
-    found.append(_itself(e, power, independent))
+            found += _over(name, x[keep], e, torque, power)
+    found.append(_itself(e, power))
     told = [d for d in found if d is not None and d.share >= LEAST_SHARE and d.p_value <= LARGEST_P]
     return tuple(sorted(told, key=lambda d: (d.on == "itself", -d.share)))
 
 
-def _offset(e: Array, power: float, independent: float) -> Dependence:
+def _offset(e: Array, power: float) -> Dependence:
     bias, std = float(e.mean()), float(e.std())
+    independent = effective_samples(e)
     t = abs(bias) / max(std / np.sqrt(independent), 1e-300)
     words = (
         f"the prediction is {abs(bias):.3g} N·m too {'high' if bias > 0 else 'low'} on average: the torque sensor or an"
@@ -59,7 +59,7 @@ def _offset(e: Array, power: float, independent: float) -> Dependence:
     return Dependence(on="offset", share=bias**2 / power, p_value=p, slope=None, words=words)
 
 
-def _gain(e: Array, torque: Array, power: float, independent: float) -> Dependence | None:
+def _gain(e: Array, torque: Array, power: float) -> Dependence | None:
     x = torque - torque.mean()
     variance = float(x @ x)
     if variance <= 0.0:
@@ -76,9 +76,8 @@ def _gain(e: Array, torque: Array, power: float, independent: float) -> Dependen
             f" is {'stiffer' if gain > 1.0 else 'softer'} than in the model, a gear ratio or a unit is wrong, or the torque"
             " sensor's gain is"
         )
-    return Dependence(
-        on="torque", share=share, p_value=_p(share, 1, independent), slope=slope, words=words, bins=bins_of(e, torque)
-    )
+    p = _p(share, 1, e - e.mean() - slope * x)
+    return Dependence(on="torque", share=share, p_value=p, slope=slope, words=words, bins=bins_of(e, torque))
 
 
 WORDS = {
@@ -93,20 +92,22 @@ WORDS = {
 }
 
 
-def _over(name: str, x: Array, e: Array, torque: Array, power: float, independent: float) -> list[Dependence]:
+def _over(name: str, x: Array, e: Array, torque: Array, power: float) -> list[Dependence]:
     """Return what a variable explains beyond offset and gain."""
     rest = e - _explained_by(torque, e)
     out = []
     if name == "loading":
-        out.append(_two_sided("loading", x > 0.0, rest, power, independent))
+        out.append(_two_sided("loading", x > 0.0, rest, power))
     else:
+        slope, centre = float(np.polyfit(x, rest, 1)[0]), float(x.mean())
         edges, index = binned(x)
-        share = _between_groups(index, rest) / power
-        slope = float(np.polyfit(x, rest, 1)[0])
-        p = _p(share, max(len(edges) - 2, 1), independent)
-        out.append(Dependence(on=name, share=share, p_value=p, slope=slope, words=WORDS[name], bins=bins_of(e, x)))
+        # A straight line, or a curve of any shape: whichever is less likely by chance.
+        fits = [(slope * (x - centre), 1), (_group_means(index, rest), max(len(edges) - 2, 1))]
+        told = [(float(np.mean(fit**2)) / power, freedom, rest - fit) for fit, freedom in fits]
+        p, share = min((_p(share, freedom, left), -share) for share, freedom, left in told)
+        out.append(Dependence(on=name, share=-share, p_value=p, slope=slope, words=WORDS[name], bins=bins_of(e, x)))
     if name == "velocity":
-        two = _two_sided("direction", x > 0.0, rest, power, independent)
+        two = _two_sided("direction", x > 0.0, rest, power)
         # Most of what the velocity explains is its sign: say that, and not both.
         out = [two] if two.share > 0.7 * out[0].share else out
     return out
@@ -119,37 +120,42 @@ def _explained_by(torque: Array, e: Array) -> Array:
     return np.asarray(x @ np.linalg.lstsq(x, e, rcond=None)[0])
 
 
-def _two_sided(name: str, positive: NDArray[np.bool_], e: Array, power: float, independent: float) -> Dependence:
-    share = _between_groups(positive.astype(np.int64), e) / power
+def _two_sided(name: str, positive: NDArray[np.bool_], e: Array, power: float) -> Dependence:
+    means = _group_means(positive.astype(np.int64), e)
+    share = float(np.mean(means**2)) / power
     step = float(e[positive].mean() - e[~positive].mean()) if positive.any() and not positive.all() else 0.0
     words = f"{WORDS[name]}; the two sides are {abs(step):.3g} N·m apart"
-    return Dependence(on=name, share=share, p_value=_p(share, 1, independent), slope=None, words=words)
+    return Dependence(on=name, share=share, p_value=_p(share, 1, e - means), slope=None, words=words)
 
 
-def _between_groups(index: NDArray[np.int64], e: Array) -> float:
-    """Return the mean square that the groups' means explain."""
+def _group_means(index: NDArray[np.int64], e: Array) -> Array:
+    """Return for each sample the mean of its group, less the mean of all."""
     counts = np.bincount(index)
     sums = np.bincount(index, e)
-    return float(np.sum(np.divide(sums**2, counts, out=np.zeros_like(sums), where=counts > 0)) / e.size - e.mean() ** 2)
+    means = np.divide(sums, counts, out=np.zeros_like(sums), where=counts > 0)
+    return np.asarray(means[index] - e.mean())
 
 
-def _itself(e: Array, power: float, independent: float) -> Dependence | None:
+def _itself(e: Array, power: float) -> Dependence | None:
     left = e - e.mean()
     variance = float(left @ left)
     if variance <= 0.0:
         return None
     rho = float(left[1:] @ left[:-1]) / variance
     words = (
-        f"the error is not white: it stays alike for about {e.size / independent:.0f} samples, so something is missing in the"
-        " model, not only noise"
+        f"the error is not white: it stays alike for about {e.size / effective_samples(e):.0f} samples, so something is"
+        " missing in the model, not only noise"
     )
     z = abs(rho) * np.sqrt(e.size)
     share = max(rho, 0.0) ** 2 * variance / e.size / power
     return Dependence(on="itself", share=share, p_value=2.0 * float(stats.norm.sf(z)), slope=rho, words=words)
 
 
-def _p(share: float, freedom: int, independent: float) -> float:
-    """Return the probability that chance explains such a share, by the F distribution with the effective samples."""
-    left = max(independent - freedom - 1.0, 1.0)
-    f = max(share, 0.0) / freedom / max((1.0 - share) / left, 1e-300)
-    return float(stats.f.sf(f, freedom, left))
+def _p(share: float, freedom: int, left: Array) -> float:
+    """Return the probability that chance explains such a share, by the F distribution.
+
+    What is left over tells how many samples are independent: the error itself may be one slow drift.
+    """
+    spare = max(effective_samples(left) - freedom - 1.0, 1.0)
+    f = max(share, 0.0) / freedom / max((1.0 - share) / spare, 1e-300)
+    return float(stats.f.sf(f, freedom, spare))

@@ -22,6 +22,8 @@ from vsalog.validation.joint import Judged
 # A model whose torque is this close to the reference holds [% of the torque's span].
 HOLDS = 5.0
 MOSTLY_OUTSIDE = 0.5
+# The second dependence is named too when it explains this part of the error's mean square.
+WORTH_SAYING = 0.15
 
 _REFERENCE = {
     "sensor": "the torque sensor",
@@ -157,8 +159,8 @@ def _why(part: TransmissionReport, verdict: Verdict) -> str:
             if verdict == "holds"
             else ("What the error depends on does not show in the signals there are.")
         )
-    strongest = told[0]
-    return f"Of the error's mean square {strongest.share:.0%} says: {strongest.words}."
+    said = [f"{d.share:.0%} says: {d.words}" for d in told[:2] if d is told[0] or d.share >= WORTH_SAYING]
+    return f"Of the error's mean square {'; and '.join(said)}."
 
 
 def _figure(value: float | None) -> str:
