@@ -1,14 +1,11 @@
 """`vsalog simulate` as a user runs it: every preset and scenario, every format, and what is refused."""
 
-import json
 import re
-import sys
 
 import numpy as np
 import pytest
 
 from vsalog.binding import bind
-from vsalog.cli import _run
 from vsalog.readers import open_reader, read
 from vsalog.rig import Rig, presets
 from vsalog.rig.find import find_rig
@@ -37,31 +34,6 @@ gravity_torque = 1
 def bench(tmp_path):
     (tmp_path / "rig.toml").write_text(ELASTIC)
     return tmp_path
-
-
-@pytest.fixture
-def call(monkeypatch, capsys):
-    """Run the command line in this process, which spares an interpreter's start; returns exit code, stdout and stderr."""
-
-    def call(*args, cwd):
-        monkeypatch.chdir(cwd)
-        monkeypatch.setattr(sys, "argv", ["vsalog", "simulate", *map(str, args)])
-        code = _run()
-        return code, *capsys.readouterr()
-
-    return call
-
-
-@pytest.fixture
-def done(call):
-    """Run a command that must succeed; returns the JSON document on its stdout, or its text, None where there is none."""
-
-    def done(*args, cwd):
-        code, out, err = call(*args, cwd=cwd)
-        assert code == 0, err
-        return json.loads(out) if out.startswith("{") else out or None
-
-    return done
 
 
 def bound(log, name, joint):
@@ -192,6 +164,22 @@ def test_joints_without_channels_do_not_share_any(done, tmp_path):
     torques = {name: bound(log, name, joint).roles["motor_torque"] for name, joint in carried.joints.items()}
     assert list(torques) == names
     assert len({torque.tobytes() for torque in torques.values()}) == len(names)
+    for output in ("b.mcap", "b.csv"):
+        done("rig.toml", "--duration", "0.1", "--truth", "-o", output, cwd=tmp_path)
+        truth = [name for name in read(tmp_path / output).channels if name.endswith("/link_position.data")]
+        assert len(truth) == len(names), truth
+
+
+@pytest.mark.parametrize("output", OUTPUTS)
+def test_names_that_no_topic_can_have_are_found_again(output, done, tmp_path):
+    """Messages have no place for some names: the log's rig then says what the channel is called there."""
+    names = {"motor_position": "motor position", "link_position": "/a.b.c", "motor_torque": "/raw.x[3]"}
+    signals = "".join(f'{role} = "{name}"\n' for role, name in names.items())
+    (tmp_path / "rig.toml").write_text(f"{ELASTIC}[joint.elbow.signals]\n{signals}")
+    document = done("rig.toml", "--duration", "0.1", "-o", output, "--json", cwd=tmp_path)
+    log, rig = read(tmp_path / output), carried_rig(tmp_path / output)
+    assert {channel["name"] for channel in document["channels"]} == set(log.channels)
+    assert set(bound(log, "elbow", rig.joints["elbow"]).roles) == set(names)
 
 
 def test_a_setting_is_in_the_log_and_an_actual_value_is_not(done, bench):

@@ -2,7 +2,11 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import rich_click as click
+from click import get_current_context
+from click.core import ParameterSource
 
 from vsalog.cli.pairs import pairs
 
@@ -50,6 +54,18 @@ def _seconds(context: click.Context, parameter: click.Parameter, value: str | No
     show_default=True,
     help="Of all noise: equal seeds make equal files.",
 )
+@click.option(
+    "--replay",
+    metavar="LOG",
+    help="Drive the rig with what LOG says of its inputs, and write what the simulation makes of them beside what was"
+    " measured. RIG may then be left out: LOG's own rig is taken. --rate is that of a table without a time column.",
+)
+@click.option(
+    "--window",
+    callback=_seconds,
+    metavar="T",
+    help="With --replay: begin again from the measured state every T, in seconds or with a unit.",
+)
 @click.option("--ideal", is_flag=True, help="Sensors without noise, steps, jitter and dropped samples.")
 @click.option(
     "--set",
@@ -82,6 +98,8 @@ def simulate(
     duration: float | None,
     rate: float | None,
     seed: int,
+    replay: str | None,
+    window: float | None,
     ideal: bool,
     settings: dict[str, str],
     actual: dict[str, str],
@@ -92,7 +110,7 @@ def simulate(
     """Play RIG, a rig file or a preset, and write what its sensors record.
 
     The log carries its rig: MCAP and Parquet inside, the other formats as LOG.rig.toml beside it, where 'vsalog estimate
-    LOG' finds it.
+    LOG' finds it. With --replay it has topics /measured/ROLE and /simulated/ROLE, in SI.
     """
     from vsalog.reports.simulate import as_document, print_scenarios, say_written
     from vsalog.simulation.run import Options, prepare
@@ -100,6 +118,11 @@ def simulate(
     if listing:
         print_scenarios()
         return
+    if replay is not None:
+        _refuse_what_does_nothing(("scenario", "duration", "seed", "ideal", "truth"), "with --replay")
+        _replay(rig, Path(replay), window, rate, settings, actual, output, as_json)
+        return
+    _refuse_what_does_nothing(("window",), "without --replay")
     if rig is None:
         raise click.UsageError("name a rig file or a preset; 'vsalog simulate --list' lists the presets")
     from vsalog.reports.estimate import Progress
@@ -115,3 +138,37 @@ def simulate(
     say_written(job, recording)
     if as_json:
         click.echo(as_document(job, recording))
+
+
+def _refuse_what_does_nothing(options: tuple[str, ...], where: str) -> None:
+    context = get_current_context()
+    for option in options:
+        if context.get_parameter_source(option) is not ParameterSource.DEFAULT:
+            raise click.UsageError(f"--{option} does nothing {where}; leave it out")
+
+
+def _replay(
+    rig: str | None,
+    log: Path,
+    window: float | None,
+    rate: float | None,
+    settings: dict[str, str],
+    actual: dict[str, str],
+    output: str | None,
+    as_json: bool,
+) -> None:
+    from vsalog.reports.estimate import Progress
+    from vsalog.reports.replay import as_document, say_replayed
+    from vsalog.simulation.replay_job import ReplayOptions, prepare_replay
+
+    with Progress() as progress:
+        progress.say(f"reading {log.name}")
+        job = prepare_replay(rig, log, ReplayOptions(window, rate, settings, actual, output))
+        progress.say(f"replaying {log.name}")
+        with progress.saying_when_compiling():
+            joints = job.run()
+        progress.say(f"writing {job.files.log.name}")
+        job.write(job.recording(joints))
+    say_replayed(job, joints)
+    if as_json:
+        click.echo(as_document(job, joints))

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+import re
+from collections import Counter
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass
 
 import msgspec
@@ -65,6 +67,14 @@ def named_signals(joint: Joint) -> dict[str, Signal]:
     if not named:
         named = {role: Signal(channel=name) for role, name in DEFAULT_CHANNELS.items() if role in specs}
     return named
+
+
+def topic_parts(joints: Collection[str]) -> dict[str, str]:
+    """Return joint → what it is called in a topic's name, by number too where two joints would be called the same."""
+    plain = {name: re.sub(r"[^A-Za-z0-9_]", "_", name) or "_" for name in joints}
+    plain = {name: f"_{part}" if part[0].isdigit() else part for name, part in plain.items()}
+    several = Counter(plain.values())
+    return {name: part if several[part] == 1 else f"{part}_{i}" for i, (name, part) in enumerate(plain.items())}
 
 
 def is_lever_arm(role: str, signal: Signal) -> bool:

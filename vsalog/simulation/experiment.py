@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from vsalog.errors import SimulationError
 from vsalog.recording import Channel, Recording, Stream
 from vsalog.rig.schema import RigFile
-from vsalog.simulation.channels import JOINT_STATE, recorded_columns
+from vsalog.simulation.channels import JOINT_STATE, recorded_columns, topic_parts
 
 Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]
@@ -138,9 +138,10 @@ class Experiment:
         return stamps if kept is None else stamps[kept]
 
     def _truth(self) -> Iterator[Channel]:
+        parts = topic_parts(self.joints)
         for joint, record in self.joints.items():
             for name, values in record.truth.items():
-                topic = f"{TRUTH_TOPIC}{name}" if len(self.joints) == 1 else f"{TRUTH_TOPIC}{joint}/{name}"
+                topic = f"{TRUTH_TOPIC}{name}" if len(self.joints) == 1 else f"{TRUTH_TOPIC}{parts[joint]}/{name}"
                 yield Channel(f"{topic}.data", self.stamps, values, None, topic, FLOAT64)
 
 

@@ -11,15 +11,17 @@ from pathlib import Path
 
 import msgspec
 
+from vsalog.binding import offered_roles
 from vsalog.errors import SimulationError, WriteError
 from vsalog.recording import Recording
 from vsalog.rig import Rig
 from vsalog.rig.load import preset_text, presets
-from vsalog.rig.schema import Joint
+from vsalog.rig.schema import Joint, Signal
 from vsalog.simulation.channels import named_signals
 from vsalog.simulation.inputs import Input
 from vsalog.simulation.scenario import Scenario
-from vsalog.writers.recording_files import LogFiles, write_log
+from vsalog.writers.recording_files import MESSAGE_FORMATS, LogFiles, write_log
+from vsalog.writers.recording_topics import read_back_name
 
 # What a sample of one joint takes: some forty numbers of truth and measurement, copies included; 350 were measured.
 BYTES_PER_SAMPLE = 500
@@ -130,16 +132,16 @@ def prepare(source: str, options: Options) -> Job:
         rig = rig.with_setting(key, value)
     if not rig.joints:
         raise SimulationError(f"{rig.where}: has no joint to simulate")
-    named = _with_channels(rig)
+    period = None if options.rate is None else _period(options.rate)
+    scenario = Scenario.find(options.scenario, rig.file, period).lasting(options.duration, period)
+    files = LogFiles.named(options.output if options.output is not None else f"{_name(source, scenario)}.mcap")
+    named = _as_written(_with_channels(rig), files.format)
     if options.set or named is not rig:
         text = named.to_toml()
     actual = named
     for key, value in options.actual.items():
         actual = actual.with_setting(key, value, "--actual")
-    period = None if options.rate is None else _period(options.rate)
-    scenario = Scenario.find(options.scenario, rig.file, period).lasting(options.duration, period)
-    files = LogFiles.named(options.output if options.output is not None else f"{_name(source, scenario)}.mcap")
-    _check_inputs([Path(source), Path(options.scenario or ""), *scenario.files()], files)
+    check_inputs([Path(source), Path(options.scenario or ""), *scenario.files()], files)
     samples = _samples(scenario, len(rig.joints))
     return Job(actual, text, scenario, scenario.inputs(actual.file), files, samples, options)
 
@@ -200,16 +202,43 @@ def _with_channels(rig: Rig) -> Rig:
     return Rig(msgspec.structs.replace(rig.file, joint={**rig.joints, **joints}), rig.where)
 
 
+def _as_written(rig: Rig, log_format: str) -> Rig:
+    """Return the rig with the channels' names as the log's format can hold them: a topic has no spaces, say."""
+    if log_format not in MESSAGE_FORMATS:
+        return rig
+    joints: dict[str, Joint] = {}
+    for name, joint in rig.joints.items():
+        renamed: dict[str, Signal] = {}
+        for role, signal in offered_roles(joint).items():
+            if signal.channel is not None and "{run}" not in signal.channel:
+                written = read_back_name(signal.channel)
+                if written != signal.channel:
+                    renamed[role] = msgspec.structs.replace(signal, channel=written)
+        if renamed:
+            joints[name] = msgspec.structs.replace(joint, signals=msgspec.structs.replace(joint.signals, **renamed))
+    return Rig(msgspec.structs.replace(rig.file, joint={**rig.joints, **joints}), rig.where) if joints else rig
+
+
 def _name(source: str, scenario: Scenario) -> str:
-    """Return the log's name: rig and scenario, in letters that mean nothing to a shell or a file system."""
+    """Return the log's name: rig and scenario."""
     rig = re.sub(r"(\.rig)?\.toml$", "", Path(source).name)
     name = scenario.file.name or re.sub(r"(\.scenario)?\.toml$", "", scenario.where)
-    whole = name if name.startswith(rig) else f"{rig}-{name}"
-    return re.sub(r"[^\w.-]+", "_", whole).strip("._-")[:100] or "simulated"
+    return file_name(name if name.startswith(rig) else f"{rig}-{name}")
 
 
-def _check_inputs(read: list[Path], files: LogFiles) -> None:
-    """Refuse to write over what is read."""
+def file_name(text: str) -> str:
+    """Return a text in letters that mean nothing to a shell or a file system."""
+    return re.sub(r"[^\w.-]+", "_", text).strip("._-")[:100] or "simulated"
+
+
+def check_inputs(read: list[Path], files: LogFiles) -> None:
+    """Refuse to write over what is read.
+
+    Raises
+    ------
+    WriteError
+        One of `files` is one of `read`.
+    """
     for path in (files.log, files.rig):
         for source in read:
             if path is not None and path.exists() and source.is_file() and path.samefile(source):

@@ -14,6 +14,8 @@ from vsalog.writers.atomic import atomic_path, check_path
 
 MCAP, ROSBAG1, CSV, PARQUET, ROSBAG2 = "mcap", "rosbag1", "csv", "parquet", "rosbag2"
 FORMATS = {".mcap": MCAP, ".bag": ROSBAG1, ".csv": CSV, ".parquet": PARQUET, "": ROSBAG2}
+# Formats whose channels are fields of ROS messages.
+MESSAGE_FORMATS = (MCAP, ROSBAG1, ROSBAG2)
 
 # The first line of rig files written beside logs, by which they are known as ours to replace.
 MARK = "# Written by 'vsalog simulate' as the rig of "

@@ -88,6 +88,18 @@ def topic_name(name: str) -> str:
     return "/" + "/".join(f"_{p}" if p[0].isdigit() else p for p in parts)
 
 
+def read_back_name(name: str) -> str:
+    """Return what a channel is called once it was written as a message.
+
+    >>> read_back_name("/joint_states.effort[a]"), read_back_name("motor torque"), read_back_name("/raw.value.x")
+    ('/joint_states.effort[a]', '/motor_torque.data', '/raw/value/x.data')
+    """
+    match = _JOINT_CHANNEL.match(name)
+    if match:
+        return f"{topic_name(match['topic'])}.{match['field']}[{match['name']}]"
+    return f"{topic_name(name.removesuffix('.data'))}.data"
+
+
 def _topic(name: str, members: list[tuple[tuple[str, str], Channel]]) -> Topic:
     keys, first = [key for key, _ in members], members[0][1]
     if len(set(keys)) < len(keys) or (("data", "") in keys and len(keys) > 1):
