@@ -13,6 +13,8 @@ COMPUTED = 1e-5
 FUNCTION = 1e-5
 ENOUGH = 200
 LONGEST = 1 << 18
+# So many values of x that come up so often each.
+LEVELS, REPEATS = 30, 3
 
 
 def computed_from(torque: Array, name: str, x: Array, what: str) -> str | None:
@@ -39,7 +41,7 @@ def computed_from(torque: Array, name: str, x: Array, what: str) -> str | None:
 
 
 def _is_function(y: Array, x: Array) -> bool:
-    """Tell whether each value follows from the neighbours in order of x, to FUNCTION of the spread."""
+    """Tell whether equal x always have equal y, or each value follows from the neighbours in order of x."""
     step = max(1, y.size // LONGEST)
     order = np.argsort(x[::step], kind="stable")
     xs, ys = x[::step][order], y[::step][order]
@@ -50,7 +52,11 @@ def _is_function(y: Array, x: Array) -> bool:
     spread = float(np.std(ys))
     within = float(np.sqrt(np.mean((ys - mean[groups]) ** 2)))
     xs, ys = xs[first], mean
-    if xs.size < ENOUGH or within > FUNCTION * spread:
+    if within > FUNCTION * spread:
+        return False
+    if int(np.count_nonzero(np.bincount(groups) >= REPEATS)) >= LEVELS:
+        return True  # an encoder's steps: a sensor would see what happens within each
+    if xs.size < ENOUGH:
         return False
     middle = ys[:-2] + (ys[2:] - ys[:-2]) * (xs[1:-1] - xs[:-2]) / (xs[2:] - xs[:-2])
     # Most values, not all: where samples are sparse a straight line between neighbours is off.

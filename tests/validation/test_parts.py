@@ -1,0 +1,101 @@
+"""Region, independence, and what an error is said to depend on."""
+
+import numpy as np
+import pytest
+
+from vsalog.model import TransmissionModel
+from vsalog.validation.dependence import dependences
+from vsalog.validation.independence import computed_from
+from vsalog.validation.region import inside_region
+
+RNG = np.random.default_rng(3)
+T = np.arange(20_000) * 1e-3
+PHI = 0.1 * np.sin(2 * np.pi * 0.31 * T) + 0.05 * np.sin(2 * np.pi * 1.3 * T)
+RATE = np.gradient(PHI, 1e-3)
+TORQUE = 20.0 * PHI + 500.0 * PHI**3
+NOISE = 0.005 * RNG.standard_normal(T.size)
+
+
+def model(region):
+    return TransmissionModel(name="1", coefficients=(), covariance=(), noise=0.0, samples=1, region=region)
+
+
+def winding(corners, x, y):
+    """Winding number of a polygon about points, from the angles its edges are seen under."""
+    turned = np.zeros_like(x)
+    for (ax, ay), (bx, by) in zip(corners, np.roll(corners, -1, axis=0), strict=True):
+        a, b = np.arctan2(ay - y, ax - x), np.arctan2(by - y, bx - x)
+        turned += (b - a + np.pi) % (2 * np.pi) - np.pi
+    return np.round(turned / (2 * np.pi)).astype(int)
+
+
+def test_inside_a_hull_is_what_a_polygon_says():
+    hull = ((-0.1, 0.05), (0.1, 0.05), (0.12, 0.08), (0.0, 0.1), (-0.12, 0.08))
+    x, y = RNG.uniform(-0.2, 0.2, 5000), RNG.uniform(0.03, 0.12, 5000)
+    ours = inside_region(model(hull), x, y)
+    theirs = winding(np.array(hull), x, y) != 0
+    assert np.all(ours[theirs])
+    # A margin of 1 % of the span on either axis is granted.
+    assert np.mean(ours != theirs) < 0.03
+    assert np.array_equal(inside_region(model(hull[::-1]), x, y), ours)
+
+
+def test_inside_an_interval_and_with_a_set_point_that_stood_still():
+    x = np.array([-0.2, -0.1, 0.0, 0.1, 0.2])
+    assert inside_region(model(((-0.1,), (0.1,))), x, None).tolist() == [False, True, True, True, False]
+    still = inside_region(model(((-0.1, 0.03), (0.1, 0.03))), x, np.array([0.03, 0.03, 0.031, 0.03, 0.03]))
+    assert still.tolist() == [False, True, False, True, False]
+    assert not inside_region(model(()), x, None).any()
+
+
+def test_a_computed_torque_is_found_and_a_measured_one_is_not():
+    assert "exactly -40 times the deflection" in computed_from(-40.0 * PHI, "torque_sensor", PHI, "the deflection")
+    single = (-40.0 * PHI).astype(np.float32).astype(np.float64)
+    assert "exactly -40" in computed_from(single, "torque_sensor", PHI, "the deflection")
+    assert "function of the deflection" in computed_from(TORQUE, "torque_sensor", PHI, "the deflection")
+    step = 2 * np.pi / 4096
+    encoder = np.round(PHI / step) * step
+    assert "function of" in computed_from(20 * encoder + 500 * encoder**3, "torque_sensor", encoder, "the deflection")
+    # A sensor of its own: noise, or a true deflection behind the encoder's steps, or a loop.
+    assert computed_from(TORQUE + NOISE, "torque_sensor", PHI, "x") is None
+    assert computed_from(TORQUE, "torque_sensor", encoder, "x") is None
+    assert computed_from(TORQUE + 0.01 * np.sign(RATE), "torque_sensor", PHI, "x") is None
+    assert computed_from(np.full(T.size, 2.0), "torque_sensor", PHI, "x") is None
+
+
+EFFECTS = {
+    "offset": (0.4 + 0.0 * T, "too low on average"),
+    "torque": (0.2 * TORQUE, "20.0% larger than predicted"),
+    "deflection": (300.0 * (PHI**2 - np.mean(PHI**2)), "spring's shape"),
+    "velocity": (0.8 * RATE, "grows with the velocity"),
+    "direction": (0.3 * np.sign(RATE), "sign of the velocity: friction or hysteresis"),
+    "loading": (0.3 * np.sign(RATE * PHI), "loading and unloading"),
+    "time": (0.05 * (T - T.mean()), "sensor drifts"),
+}
+
+
+@pytest.mark.parametrize("name", EFFECTS)
+def test_a_hidden_effect_is_named(name):
+    """What is measured has an effect that the prediction lacks."""
+    effect, words = EFFECTS[name]
+    measured = TORQUE + effect + NOISE
+    variables = {"deflection": PHI, "velocity": RATE, "loading": np.sign(RATE * PHI), "time": T}
+    found = dependences(TORQUE - measured, TORQUE, variables)
+    assert found[0].on == name
+    assert words in found[0].words
+
+
+def test_a_swapped_sign_is_named():
+    found = dependences(TORQUE - (-TORQUE + NOISE), TORQUE, {"deflection": PHI})
+    assert found[0].on == "torque"
+    assert "sign is swapped" in found[0].words
+
+
+def test_noise_depends_on_nothing():
+    noise = 0.2 * RNG.standard_normal(T.size)
+    variables = {"deflection": PHI, "velocity": RATE, "loading": np.sign(RATE * PHI), "time": T}
+    assert [d.on for d in dependences(noise, TORQUE, variables)] == []
+
+
+def test_a_negligible_error_is_worth_no_cause():
+    assert dependences(1e-4 * TORQUE, TORQUE, {"deflection": PHI}) == ()

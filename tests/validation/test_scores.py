@@ -1,0 +1,68 @@
+"""Scores against plain formulas, and their intervals against what repeated experiments give."""
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from scipy.signal import lfilter
+
+from vsalog.validation.scores import bins_of, effective_samples, score
+
+
+def correlated(rng, count, time):
+    """Noise of standard deviation one that stays alike for `time` samples: a first-order process."""
+    a = np.exp(-1.0 / time)
+    return lfilter([np.sqrt(1.0 - a * a)], [1.0, -a], rng.standard_normal(count + 50 * int(time)))[50 * int(time) :]
+
+
+def test_values_are_the_textbook_s():
+    rng = np.random.default_rng(1)
+    y = np.sin(np.arange(5000) * 0.01) * 3.0
+    p = 1.02 * y + 0.1 + 0.05 * rng.standard_normal(y.size)
+    s = score(p, y, least=0.05)
+    e = p - y
+    assert s.mse.value == pytest.approx(np.mean(e**2))
+    assert s.rmse.value == pytest.approx(np.sqrt(np.mean(e**2)))
+    assert s.nrmse.value == pytest.approx(100 * np.sqrt(np.mean(e**2)) / np.ptp(y))
+    assert s.r2.value == pytest.approx(1 - np.mean(e**2) / np.var(y))
+    assert s.bias.value == pytest.approx(e.mean())
+    assert s.largest == pytest.approx(np.abs(e).max())
+    big = np.abs(y) >= 0.05 * np.abs(y).max()
+    assert s.msrep.value == pytest.approx(100 * np.mean((e[big] / y[big]) ** 2))
+
+
+def test_what_is_missing_is_left_out_and_too_little_is_no_score():
+    y, p = np.arange(100.0), np.arange(100.0) + 1.0
+    y[10:20], p[50:60] = np.nan, np.nan
+    assert score(p, y).samples == 80
+    assert score(p[:15], y[:15]) is None
+
+
+@pytest.mark.parametrize("time", [1, 10, 100])
+def test_effective_samples_of_a_first_order_process(time):
+    """N (1 − a)/(1 + a), the textbook's, a = exp(−1/time)."""
+    e = correlated(np.random.default_rng(time), 200_000, time)
+    a = np.exp(-1.0 / time)
+    assert effective_samples(e) == pytest.approx(e.size * (1 - a) / (1 + a), rel=0.25)
+
+
+@pytest.mark.parametrize("time", [1, 20, 100])
+def test_intervals_cover_the_true_value(time):
+    """400 experiments with noise that stays alike for a while: the 95 % interval holds the true value as often as it says."""
+    rng = np.random.default_rng(7 * time)
+    y = np.sin(np.arange(10_000) * 2 * np.pi / 1000)
+    hits = 0
+    for _ in range(400):
+        s = score(y + 0.1 * correlated(rng, y.size, time), y)
+        hits += s.nrmse.low <= 100 * 0.1 / 2.0 <= s.nrmse.high
+    assert 0.90 <= hits / 400 <= 0.98
+
+
+@given(st.integers(20, 400), st.integers(0, 10_000))
+def test_bins_hold_every_sample_once(count, seed):
+    rng = np.random.default_rng(seed)
+    x, e = rng.normal(size=count).round(1), rng.normal(size=count)
+    bins = bins_of(e, x)
+    assert sum(b.samples for b in bins) == count
+    assert sum(b.samples * b.bias for b in bins) == pytest.approx(e.sum(), abs=1e-9 * count)
+    assert sum(b.samples * b.rmse**2 for b in bins) == pytest.approx(np.sum(e**2))
