@@ -122,7 +122,8 @@ def bind(
                 role: _bind_role(recording, run, role, offered.get(role, Signal()), joint, fixed) for role in roles
             }
             names.append("/".join(p for p in ((labels[i] if len(recordings) > 1 else ""), run.name) if p))
-            pieces.append(_on_one_grid(recording, name, bound, len(names) - 1))
+            piece = _on_one_grid(recording, name, bound, len(names) - 1)
+            pieces.append(_less_series(recording, piece, offered))
     return _concatenate(name, pieces, tuple(names))
 
 
@@ -310,6 +311,22 @@ def _on_one_grid(recording: Recording, joint: str, bound: Mapping[str, Bound], r
             *(f"joint '{joint}': {role} was on another turn than link_position and is turned to it" for role in turned),
         ),
     )
+
+
+def _less_series(recording: Recording, signals: JointSignals, offered: Mapping[str, Signal]) -> JointSignals:
+    """Take off each deflection what a part in series adds to it under the measured torque."""
+    roles = dict(signals.roles)
+    for role in signals.roles:
+        stiffness = offered[role].series_stiffness if role in offered else None
+        if stiffness is None:
+            continue
+        sensor = role.replace("deflection", "torque_sensor")
+        if sensor not in roles:
+            raise BindingError(
+                f"{recording.path.name}: {role} has a series_stiffness, which needs the {sensor} beside it, but that is not read"
+            )
+        roles[role] = roles[role] - roles[sensor] / stiffness
+    return replace(signals, roles=roles)
 
 
 def _notes(joint: str, segments: list[tuple[int, int]], moving: Mapping[str, Bound]) -> tuple[str, ...]:

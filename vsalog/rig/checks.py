@@ -152,6 +152,8 @@ def _check_sensors(joint: Joint, path: Path) -> None:
         for key in ("delay", "jitter"):
             if abs(getattr(signal, key)) > LONGEST:
                 refuse((*path, "signals", role, key), f"{getattr(signal, key):g} s are longer than any log")
+        if signal.series_stiffness is not None and not role.startswith("deflection"):
+            refuse((*path, "signals", role, "series_stiffness"), "only a deflection has a part in series")
         if signal.eccentricity is None:
             continue
         at = (*path, "signals", role, "eccentricity")

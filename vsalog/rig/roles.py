@@ -14,6 +14,7 @@ from vsalog.rig.quantities import (
     RoleSpread,
     RoleStep,
     RoleValue,
+    Stiffness,
     Time,
     TimeSpan,
 )
@@ -73,6 +74,8 @@ class Signal(Base, frozen=True):
     drift : change of the offset per second from the log's start, in SI
     delay : how late the sensor is, or its clock fast [s]; a negative one is early
     eccentricity : of an encoder's disc
+    series_stiffness : of a part in series whose deflection is seen too, such as the dynamometer's own; the torque sensor's
+        torque over it is taken off a `deflection` [N·m/rad]
     resolution : least step of the sensor, in SI; taken from the data when absent; the simulation rounds to it
     noise : standard deviation of gaussian noise, in SI; for the simulation
     jitter : standard deviation of the stamps [s]; for the simulation
@@ -89,6 +92,7 @@ class Signal(Base, frozen=True):
     drift: RoleRate = 0.0
     delay: Time = 0.0
     eccentricity: Eccentricity | None = None
+    series_stiffness: Stiffness | None = None
     resolution: RoleStep | None = None
     noise: RoleSpread = 0.0
     jitter: TimeSpan = 0.0

@@ -50,7 +50,7 @@ MATLAB_TEXT_BYTES = 116
 
 DESR_RIG = """\
 # Variable-stiffness prosthetic foot on a dynamometer: deflection and torque at nine settings of its slider.
-# The dynamometer gives by 218 N·m/deg of its own, and its torque reads about 1.2 N·m high; neither is corrected here.
+# The dynamometer gives by 218 N·m/deg of its own, and its torque reads about 1.2 N·m high (its authors); both are taken off.
 name = "DESR foot"
 
 [joint.ankle]
@@ -63,8 +63,8 @@ order = 12               # the curve has knees
 setpoint_order = 3
 
 [joint.ankle.signals]
-deflection = { channel = "DESR_N.{run}.angleJIM", unit = "rad" }
-torque_sensor = { channel = "DESR_N.{run}.torque", unit = "N·m" }
+deflection = { channel = "DESR_N.{run}.angleJIM", unit = "rad", series_stiffness = "218 N·m/deg" }
+torque_sensor = { channel = "DESR_N.{run}.torque", unit = "N·m", offset = "1.2 N·m" }
 """
 
 DESR_README = f"""\

@@ -76,6 +76,9 @@ def sense(joints: Truth, rig: RigFile, time: Array, seed: int, ideal: bool) -> d
             x, step = _seen(rig.joint[name], role, signal, {**truth, **accelerations}, time, ideal)
             if x is None:
                 continue
+            if signal.series_stiffness is not None:
+                torque = truth[role.replace("deflection", "transmission_torque")]
+                x = x + _delayed(torque, time, signal.delay) / signal.series_stiffness
             measured[role] = _reading(signal, x, time, _generator(seed, "joint", name, role), ideal)
             resolution[role] = step
             topic = topics.get(_topic_of(signal))

@@ -175,14 +175,16 @@ def _compare(
 def _dependence(
     part: _Part, predicted: Array, measured: Array, s: ref.Smoothed, setpoint: Array | None, period: float
 ) -> tuple[Dependence, ...]:
+    one_run = bool(np.all(np.diff(s.stamps) > 0))
     use = part.inside & np.isfinite(predicted) & np.isfinite(measured)
     rate = ref.rate_of(part.phi, s, period)
     variables: dict[str, Array] = {
         "deflection": part.phi,
         "velocity": rate,
         "loading": np.sign(rate * part.phi),
-        "time": s.time,
     }
+    if one_run:
+        variables["time"] = s.time  # of several runs each has its own
     if setpoint is not None:
         variables["setpoint"] = setpoint
     chosen: Mapping[str, Array] = {name: x[use] for name, x in variables.items()}

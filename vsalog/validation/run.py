@@ -131,8 +131,13 @@ def _judge_log(
         signals = bind([recording], name, joint, roles)
         judged = judge(file.joint[name], joint, device, signals, recording)
         warnings = [*(f"{log.name}: {note}" for note in recording.notes), *signals.notes]
-        if digest and digest in file.log.values():
+        if digest in file.log.values() and not _other_runs(file, name, joint):
             warnings.insert(0, f"{log.name} is what the model was learnt from: this is no second experiment")
+        if file.joint[name].basis.branches:
+            warnings.append(
+                f"joint '{name}': the model tells loading from unloading; the loop between them is that of whole cycles, and what"
+                " happens inside it, where a cycle turns early, was not learnt"
+            )
         short = len(signals) <= MANY_SAMPLES if options.modalities is None else options.modalities
         modalities = {}
         if short:
@@ -143,6 +148,13 @@ def _judge_log(
         reports.append(joint_report(judged, signals, modalities, warnings))
         evidence.append(judged.evidence)
     return reports, evidence
+
+
+def _other_runs(file: ModelFile, name: str, joint: Joint) -> bool:
+    """Tell whether the model was learnt from other runs of the same file."""
+    learnt = Rig.from_toml(file.rig, "the rig in the model file").joints.get(name)
+    theirs, ours = ({run.name for run in getattr(j, "run", ())} for j in (learnt, joint))
+    return bool(theirs) and bool(ours) and not theirs & ours
 
 
 def _check_fit(model: JointModel, device: Device, rig: Rig) -> None:
@@ -166,7 +178,8 @@ def _roles(device: Device, joint: Joint) -> tuple[str, ...]:
         needed = list(view.deflection_roles(offered))
         require("validate", device, needed, offered)
         wanted += needed
-        if {view.motor_position, view.motor_torque} <= set(offered):
+        # Without the motor's inertia there is no residual, and what is not needed need not fit.
+        if {view.motor_position, view.motor_torque} <= set(offered) and view.motor.inertia is not None:
             wanted += [view.motor_position, view.motor_torque]
         wanted += [view.torque_sensor]
     wanted.append("torque_sensor")
