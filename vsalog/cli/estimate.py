@@ -49,6 +49,18 @@ from vsalog.cli.pairs import pairs
     help="Write the trace as an MCAP log too, for Foxglove or PlotJuggler.",
 )
 @click.option(
+    "--report",
+    type=click.Path(path_type=Path),
+    metavar="FILE.html",
+    help="Write a page with figures too, which opens offline.",
+)
+@click.option(
+    "--figures",
+    type=click.Path(path_type=Path),
+    metavar="DIR",
+    help="Write the figures as SVG, PNG and PDF too; needs matplotlib (vsalog[plots]).",
+)
+@click.option(
     "--rate",
     type=click.FloatRange(min=0.0, min_open=True),
     metavar="HZ",
@@ -71,6 +83,8 @@ def estimate(
     settings: dict[str, str],
     output: str | None,
     mcap: Path | None,
+    report: Path | None,
+    figures: Path | None,
     rate: float | None,
     time: str,
     as_json: bool,
@@ -85,7 +99,11 @@ def estimate(
     from vsalog.writers.results import Outputs, write_results
 
     options = Options(rig, joints, estimator, tune, settings, rate, time)
-    outputs = Outputs.named(logs, output, mcap)
+    outputs = Outputs.named(logs, output, mcap, report, figures)
+    if figures is not None:
+        from vsalog.reports.paper_figures import check_matplotlib
+
+        check_matplotlib()
     with Progress() as progress:
         job = prepare(logs, options, progress.say)
         with progress.saying_when_compiling():

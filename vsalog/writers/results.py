@@ -21,14 +21,23 @@ from vsalog.writers.trace import TraceWriter
 
 @dataclass(frozen=True, slots=True)
 class Outputs:
-    """Where the results go."""
+    """Where the results go; a page, figures and a log of the trace only where they are asked for."""
 
     trace: Path
     model: Path
     mcap: Path | None = None
+    page: Path | None = None
+    figures: Path | None = None
 
     @classmethod
-    def named(cls, logs: Sequence[Path], output: str | None, mcap: Path | None) -> Outputs:
+    def named(
+        cls,
+        logs: Sequence[Path],
+        output: str | None,
+        mcap: Path | None,
+        page: Path | None = None,
+        figures: Path | None = None,
+    ) -> Outputs:
         """Name the results after the first log, in the current folder, or as `output` says.
 
         Raises
@@ -46,10 +55,16 @@ class Outputs:
             trace = Path(output)
             folder = trace.parent
             stem = re.sub(r"(\.stiffness)?\.parquet$", "", trace.name)
-        outputs = cls(trace, folder / f"{stem}.model.toml", mcap)
-        if mcap is not None and mcap.resolve() in (outputs.trace.resolve(), outputs.model.resolve()):
-            raise WriteError(f"{mcap}: is asked for twice, by --mcap and by -o")
-        for path in (outputs.trace, outputs.model, outputs.mcap):
+        outputs = cls(trace, folder / f"{stem}.model.toml", mcap, page, figures)
+        taken = {outputs.trace.resolve(): "-o", outputs.model.resolve(): "-o"}
+        for path, option in ((mcap, "--mcap"), (page, "--report")):
+            if path is not None:
+                if path.resolve() in taken:
+                    raise WriteError(f"{path}: is asked for twice, by {option} and by {taken[path.resolve()]}")
+                taken[path.resolve()] = option
+        if figures is not None and figures.exists() and not figures.is_dir():
+            raise WriteError(f"{figures}: is no folder; name one for the figures")
+        for path in (outputs.trace, outputs.model, outputs.mcap, outputs.page):
             if path is not None and any(path.exists() and log.exists() and path.samefile(log) for log in logs):
                 raise WriteError(f"{path}: is the log itself; choose another name with -o")
         return outputs
@@ -72,6 +87,7 @@ def write_results(job: Job, outputs: Outputs, progress: Callable[[str], None] = 
     kept: list[Trace] = []
     with ExitStack() as stack:
         log = stack.enter_context(atomic_path(outputs.mcap)) if outputs.mcap is not None else None
+        page = stack.enter_context(atomic_path(outputs.page)) if outputs.page is not None else None
         model = stack.enter_context(atomic_path(outputs.model))
         writer = stack.enter_context(TraceWriter(outputs.trace, provenance))
 
@@ -87,6 +103,16 @@ def write_results(job: Job, outputs: Outputs, progress: Callable[[str], None] = 
             write_trace_mcap(kept, log, provenance)
         # All that takes time is done before the first file appears.
         writer.finish()
+        if page is not None:
+            from vsalog.reports.page_estimate import write_estimate_page
+
+            progress("writing the report")
+            write_estimate_page(page, job, writer.written, estimates, provenance)
+        if outputs.figures is not None:
+            from vsalog.reports.paper_figures import write_estimate_figures
+
+            progress("drawing the figures")
+            write_estimate_figures(outputs.figures, job, writer.written, estimates)
     return estimates
 
 

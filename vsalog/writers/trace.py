@@ -124,11 +124,18 @@ class TraceWriter:
             raise
         self._stack.__exit__(kind, error, trace)
 
+    @property
+    def written(self) -> Path:
+        """The file that is written to until all is there; to be read once `finish` was called."""
+        return self._temporary
+
     def finish(self) -> None:
         """Write what is pending and the footer; nothing can be written after that."""
         self._flush()
         if self._writer is not None:
             self._writer.close()
+            if not self._file.closed:
+                self._file.flush()
 
     def write(self, trace: Trace) -> None:
         """Append a block."""

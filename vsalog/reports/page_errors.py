@@ -1,0 +1,115 @@
+"""The figures of the error: how it is distributed, and what it is over deflection, set-point and speed."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import stats
+
+from vsalog.reports.page_characteristic import setpoint_label
+from vsalog.reports.page_charts import Axes, Chart, Curve
+from vsalog.reports.page_decimate import gaps_of
+from vsalog.reports.page_figures import DEFLECTION, number
+from vsalog.validation.evidence import JointEvidence, TransmissionEvidence
+from vsalog.validation.scores import bins_of
+
+Array = NDArray[np.float64]
+Flags = NDArray[np.bool_]
+
+BARS, QUANTILES, LEAST_SAMPLES = 60, 200, 20
+ERROR = "error [N·m]"
+
+
+def error_charts(joint: JointEvidence, part: TransmissionEvidence) -> list[Chart]:
+    """Distribution and dependence of model − measured, of the samples inside the region where there are any."""
+    if part.measured is None:
+        return []
+    error = part.predicted - part.measured
+    known = np.isfinite(error)
+    inside = known & part.inside
+    where = "supported by the data" if joint.excited is not None else "inside the region"
+    if int(inside.sum()) >= LEAST_SAMPLES:
+        use, of = inside, f"of the samples {where}"
+    elif int(known.sum()) >= LEAST_SAMPLES:
+        use, of = known, f"of all samples, for none are {where}"
+    else:
+        return []
+    return [_distribution(error[use], of), _dependence(joint, part, error, use, of)]
+
+
+def _distribution(error: Array, of: str) -> Chart:
+    mean, std = float(error.mean()), float(error.std())
+    low, high = np.quantile(error, [0.001, 0.999])
+    if high <= low:
+        low, high = mean - 1e-12, mean + 1e-12
+    counts, edges = np.histogram(error, bins=BARS, range=(float(low), float(high)))
+    density = counts / (error.size * (edges[1] - edges[0]))
+    x = np.linspace(float(low), float(high), 200)
+    shares = (np.arange(QUANTILES) + 0.5) / QUANTILES
+    normal = stats.norm.ppf(shares)
+    bars = Curve("error", 0.5 * (edges[:-1] + edges[1:]), density, "error", "bars", width=np.diff(edges))
+    curves = [bars]
+    if std > 0.0:
+        curves.append(Curve("normal of the same spread", x, stats.norm.pdf(x, mean, std), "model"))
+    quantiles = (
+        Curve("", normal, np.quantile(error, shares), "error", "points"),
+        Curve("", normal, mean + std * normal, "model"),
+    )
+    kurtosis = float(stats.kurtosis(error)) if std > 0.0 else 0.0
+    tails = "heavier than" if kurtosis > 1.0 else "lighter than" if kurtosis < -0.5 else "about as heavy as"
+    words = (
+        f"The error {of}: mean {number(mean)} N·m, standard deviation {number(std)} N·m, half of them between"
+        f" {number(float(np.quantile(error, 0.25)))} and {number(float(np.quantile(error, 0.75)))} N·m. On the right its"
+        f" quantiles over those of a normal distribution, a straight line if it is one; its tails are {tails} a normal one's."
+    )
+    axes = (
+        Axes("error, model − measured [N·m]", "density [1/(N·m)]", tuple(curves)),
+        Axes("quantile of the normal distribution", "quantile of the error [N·m]", quantiles),
+    )
+    return Chart("error_distribution", "Distribution of the error", words, axes, beside=True)
+
+
+def _dependence(joint: JointEvidence, part: TransmissionEvidence, error: Array, use: Flags, of: str) -> Chart:
+    variables: list[tuple[str, str, Array]] = []
+    if np.isfinite(part.deflection).any():
+        variables.append(("deflection", DEFLECTION, part.deflection))
+        variables.append(("speed of the deflection", "speed dφ/dt [rad/s]", _rate(joint.time, part.deflection)))
+    if joint.setpoint is not None:
+        variables.insert(1, ("set-point", setpoint_label(joint), joint.setpoint))
+    if not variables:
+        variables.append(("time", "time [s]", joint.time))
+    panels: list[Axes] = []
+    said: list[str] = []
+    for name, label, x in variables:
+        both = use & np.isfinite(x)
+        if int(both.sum()) < LEAST_SAMPLES or np.ptp(x[both]) == 0.0:
+            continue
+        bins = bins_of(error[both], x[both])
+        middle = np.array([0.5 * (b.low + b.high) for b in bins])
+        width = np.array([b.high - b.low for b in bins])
+        rmse, bias = np.array([b.rmse for b in bins]), np.array([b.bias for b in bins])
+        first = not panels
+        panels.append(
+            Axes(
+                label,
+                ERROR,
+                (
+                    Curve("root mean square" if first else "", middle, rmse, "error", "bars", width=width),
+                    Curve("mean" if first else "", middle, bias, "measured", "marked"),
+                ),
+            )
+        )
+        said.append(f"over the {name} its root mean square is {number(rmse.min())} to {number(rmse.max())} N·m")
+    words = f"The error {of}, in intervals that hold equally many of them: {'; '.join(said)}."
+    return Chart("error_dependence", "What the error depends on", words, tuple(panels), beside=True)
+
+
+def _rate(time: Array, phi: Array) -> Array:
+    """Differentiate, but not across gaps."""
+    if time.size < 3:
+        return np.full(time.shape, np.nan)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        rate = np.gradient(phi, time)
+    gaps = gaps_of(time)
+    rate[gaps], rate[gaps + 1] = np.nan, np.nan
+    return np.asarray(np.where(np.isfinite(rate), rate, np.nan))

@@ -1,0 +1,179 @@
+"""An estimate as a page: the evidence that its trace holds, and its key figures."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterator, Mapping, Sequence
+from pathlib import Path
+
+import numpy as np
+import pyarrow.compute as pc
+import pyarrow.parquet as pq
+from numpy.typing import NDArray
+
+from vsalog.estimation import JointEstimate
+from vsalog.job import Job
+from vsalog.reports.page import Part, Section, assembled, charts_of, columns_for, provenance
+from vsalog.reports.page_tables import motor_table, summary_table, warnings_box
+from vsalog.reports.page_text import escaped, name
+from vsalog.trace import EXTRA_UNITS
+from vsalog.validation.evidence import JointEvidence, TransmissionEvidence
+from vsalog.writers.atomic import write_text
+
+Array = NDArray[np.float64]
+
+PARAMETERS = ("motor_inertia", "motor_damping")
+
+
+def evidence_of(trace: Path, estimate: JointEstimate, setpoint_unit: str = "rad") -> JointEvidence:
+    """Read what the figures draw back out of a trace's file, column by column: an hour's trace is never held twice.
+
+    Parameters
+    ----------
+    trace : the Parquet file, complete
+    estimate : of the joint wanted
+    setpoint_unit : of the joint: rad, or m where it is a lever arm
+
+    Returns
+    -------
+    The joint's evidence; several runs follow one another in time
+    """
+    columns = TraceColumns(trace, estimate.joint)
+    names = [t.transmission for t in estimate.summary.transmissions]
+    # The device row of a single transmission repeats it.
+    names = [n for n in names if n != "total"] if len(names) == 2 else names
+    time = _one_after_the_other(columns.of(names[0], "time"))
+    setpoint = columns.of(names[0], "setpoint") if "setpoint" in columns.known else None
+    if setpoint is not None and not np.isfinite(setpoint).any():
+        setpoint = None
+    parts = {n: _part(columns, n, estimate) for n in names}
+    excited = parts[names[-1]].inside
+    return JointEvidence(
+        estimate.joint, time, setpoint, setpoint_unit, parts, estimate.model, Convergence(columns, estimate), excited
+    )
+
+
+def _part(columns: TraceColumns, n: str, estimate: JointEstimate) -> TransmissionEvidence:
+    # A residual is compared with the fit behind the residual's own lag.
+    lagged = "residual" in columns.known and bool(np.isfinite(columns.of(n, "residual")).any())
+    fed = columns.of(n, "residual" if lagged else "flexibility_torque")
+    fit = columns.of(n, "residual_fit" if lagged else "flexibility_torque_fit")
+    return TransmissionEvidence(
+        deflection=columns.of(n, "deflection"),
+        predicted=fit,
+        predicted_std=np.full(fit.shape, np.nan),
+        measured=fed if np.isfinite(fed).any() else None,
+        measured_by=estimate.model.modality.lower(),
+        stiffness=columns.of(n, "stiffness"),
+        stiffness_std=columns.of(n, "stiffness_std"),
+        true_stiffness=None,
+        inside=columns.of(n, "excited") > 0.0,
+    )
+
+
+class TraceColumns:
+    """Columns of one joint in a trace's file, read when asked for."""
+
+    def __init__(self, trace: Path, joint: str) -> None:
+        self.trace, self.joint = trace, joint
+        self.known = tuple(pq.read_schema(trace).names)
+
+    def of(self, transmission: str, column: str) -> Array:
+        """Return a column of a transmission, shape (N,), NaN where it is null."""
+        wanted = [("joint", "==", self.joint), ("transmission", "==", transmission)]
+        values = pq.read_table(self.trace, columns=[column], filters=wanted)[column]
+        return np.asarray(pc.cast(values, "float64").to_numpy(), dtype=np.float64)
+
+
+class Convergence(Mapping[str, Array]):
+    """An estimate's parameters over time by their names with units; each is read when asked for."""
+
+    def __init__(self, columns: TraceColumns, estimate: JointEstimate) -> None:
+        self.columns = columns
+        names = [t.name for t in estimate.model.transmission]
+        terms = estimate.model.basis.terms
+        self.where: dict[str, tuple[str, str]] = {}
+        for n in names:
+            # The names of transmissions are needed where there are two.
+            before = f"{n}: " if len(names) > 1 else ""
+            for i in range(len(terms)):
+                self._add(f"{before}{terms[i]} [N·m]", n, f"coefficient_{i}")
+            for parameter in PARAMETERS:
+                unit = EXTRA_UNITS[parameter].replace("*", "·").replace("^2", "²")
+                self._add(f"{before}{parameter.replace('_', ' ')} [{unit}]", n, parameter)
+
+    def _add(self, label: str, transmission: str, column: str) -> None:
+        if column in self.columns.known:
+            self.where[label] = (transmission, column)
+
+    def __getitem__(self, key: str) -> Array:
+        return self.columns.of(*self.where[key])
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(self.where)
+
+    def __len__(self) -> int:
+        return len(self.where)
+
+
+def write_estimate_page(
+    path: Path, job: Job, trace: Path, estimates: Sequence[JointEstimate], origin: Mapping[str, str]
+) -> None:
+    """Write an estimate as one page.
+
+    Parameters
+    ----------
+    path : of the page
+    job : that was run
+    trace : the Parquet file, complete
+    estimates : what was found, joint by joint
+    origin : provenance, as `Job.provenance` gives it
+
+    Raises
+    ------
+    WriteError
+        The file cannot be written.
+    """
+    inputs: dict[str, str] = json.loads(origin["vsalog.input"])
+    log = ", ".join(inputs) or job.logs[0].name
+    columns = columns_for(sum(len(e.summary.transmissions) for e in estimates))
+    sections = []
+    for estimate in estimates:
+        joint = evidence_of(trace, estimate, setpoint_unit(job, estimate.joint))
+        parts = [Part(n, "", charts_of(joint, n, columns)) for n in joint.transmissions]
+        sections.append(Section(estimate.joint, log, _about(estimate), parts))
+    pairs = [("log", f"{name(n)} <code>SHA-256 {escaped(digest)}</code>") for n, digest in inputs.items()]
+    for estimate in estimates:
+        settings = ", ".join(f"{key} = {value}" for key, value in estimate.settings.items())
+        pairs.append((f"settings of {name(estimate.joint)}", f"<code>{escaped(settings)}</code>"))
+    pairs.append(("vsalog", escaped(origin["vsalog.version"])))
+    bottom = provenance(pairs, origin["vsalog.rig"])
+    page = assembled(f"Stiffness of {log}", "Estimate", warnings_box(job.warnings), sections, bottom)
+    write_text(path, page)
+
+
+def setpoint_unit(job: Job, joint: str) -> str:
+    """Return the unit of a joint's set-point: of a lever arm it is m."""
+    return "m" if getattr(job.rig.joints[joint], "lever", None) is not None else "rad"
+
+
+def _about(estimate: JointEstimate) -> str:
+    s = estimate.summary
+    words = (
+        f"{escaped(estimate.estimator)}: {escaped(estimate.reason)}. {s.duration:.4g} s at {1.0 / s.period:.4g} Hz."
+        if s.period > 0.0
+        else escaped(estimate.estimator)
+    )
+    tables = summary_table(s.transmissions) + motor_table(estimate.model.motor)
+    return f"<p>{words}</p>{tables}{warnings_box(estimate.warnings)}"
+
+
+def _one_after_the_other(time: Array) -> Array:
+    """Let each run begin a second after the one before where time begins anew."""
+    steps = np.diff(time)
+    back = np.flatnonzero(steps < 0.0)
+    if back.size == 0:
+        return time
+    shift = np.zeros(time.size)
+    shift[back + 1] = 1.0 - steps[back]
+    return np.asarray(time + np.cumsum(shift))

@@ -1,0 +1,63 @@
+"""Texts on a page: everything that comes out of a log or a rig is hostile until it went through here."""
+
+from __future__ import annotations
+
+import html
+import json
+import unicodedata
+from collections.abc import Iterable, Sequence
+from typing import Any
+
+
+def plain(text: str) -> str:
+    """Return a text without what could act on a reader: control, format and surrogate characters become visible."""
+    return "".join("�" if unicodedata.category(c) in ("Cc", "Cf", "Cs", "Co", "Cn") else c for c in text)
+
+
+def escaped(text: str) -> str:
+    """Return a text as HTML, for elements and for attributes in quotes."""
+    return html.escape(plain(text), quote=True)
+
+
+def lines(text: str) -> str:
+    """Return a text of several lines as HTML."""
+    return "\n".join(escaped(line) for line in text.split("\n"))
+
+
+def label(text: str) -> str:
+    """Return a text for plotly, whose labels know some tags of their own; it turns entities back into characters."""
+    return html.escape(plain(text), quote=False)
+
+
+def name(text: str) -> str:
+    """Return a name as HTML that neither its letters' direction nor its length disturbs."""
+    return f'<bdi class="name">{escaped(text)}</bdi>'
+
+
+def script_json(data: Any) -> str:
+    """Return data as JSON that can stand in a script element: it holds no character that HTML reads."""
+    text = json.dumps(data, ensure_ascii=True, allow_nan=False, separators=(",", ":"))
+    return text.replace("<", "\\u003c").replace(">", "\\u003e").replace("&", "\\u0026")
+
+
+def table(caption: str, heads: Sequence[str], rows: Iterable[Sequence[str]], texts: int = 1) -> str:
+    """Return a table as HTML in a box that scrolls by itself; the cells are HTML.
+
+    Parameters
+    ----------
+    caption, heads : plain texts
+    rows : of cells; the first of each is its head
+    texts : columns that hold words; the others hold numbers
+    """
+    head = "".join(f'<th scope="col"{"" if i < texts else " class=n"}>{escaped(h)}</th>' for i, h in enumerate(heads))
+    body = []
+    for row in rows:
+        cells = [f'<th scope="row">{row[0]}</th>']
+        cells += [f"<td{'' if i < texts else ' class=n'}>{cell}</td>" for i, cell in enumerate(row[1:], 1)]
+        body.append(f"<tr>{''.join(cells)}</tr>")
+    if not body:
+        return ""
+    return (
+        f'<div class="scroll" tabindex="0" role="region" aria-label="{escaped(caption)}"><table>'
+        f"<caption>{escaped(caption)}</caption><thead><tr>{head}</tr></thead><tbody>{''.join(body)}</tbody></table></div>"
+    )
