@@ -143,9 +143,7 @@ def prepare(logs: Sequence[Path | Recording], options: Options, progress: Progre
         rig, remarks = _guess(read_all[0])
         guessed = True
         warnings += remarks
-    for key, value in options.set.items():
-        if key != "setpoint":
-            rig = rig.with_setting(key, value)
+    rig = rig.with_settings({key: value for key, value in options.set.items() if key != "setpoint"})
     rig, setpoints = _setpoints(rig, options.set.get("setpoint"), len(logs))
     joints = pick_joints(rig.joints, options.joints)
     try:

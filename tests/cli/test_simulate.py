@@ -197,6 +197,15 @@ def test_a_setting_is_in_the_log_and_an_actual_value_is_not(done, bench):
     assert not np.allclose(moved["told"], moved["plain"])
 
 
+def test_settings_that_need_each_other_come_in_any_order(done, bench):
+    friction = "joint.elbow.motor.friction"
+    settings = [f"{friction}.static=20 N·mm", f"{friction}.coulomb=10 N·mm", f"{friction}.stribeck_velocity=0.1"]
+    for order in (settings, settings[::-1]):
+        for option in ("--set", "--actual"):
+            options = [word for setting in order for word in (option, setting)]
+            done("rig.toml", *options, "--duration", "0.1", "-o", "a.mcap", cwd=bench)
+
+
 def test_the_truth_is_recorded_only_when_asked_for(done, bench):
     for option in ((), ("--truth",)):
         done("rig.toml", *option, "--duration", "0.1", "-o", "a.mcap", cwd=bench)
@@ -261,6 +270,7 @@ def test_names_are_never_paths(done, tmp_path):
         (("rig.toml", "--actual", "joint.elbow.motor.inertai=1"), "--actual: joint.elbow.motor.inertai"),
         (("rig.toml", "--set", "joint.elbow.motor.inertia"), "is not NAME=VALUE"),
         (("rig.toml", "-o", "a.db3"), "no log format has the ending '.db3'"),
+        (("rig.toml", "-o", ".mcap"), "is an ending without a name"),
         (("rig.toml", "-o", "no/a.mcap"), "the folder no does not exist"),
         (("rig.toml", "-o", "no/a/"), "the folder no does not exist"),
         (("rig.toml", "-o", "there/"), "is there already"),

@@ -109,8 +109,27 @@ class Rig:
         RigError
             There is no such key, or it cannot have that value.
         """
-        path = _split_key(key, where)
-        return _build(_put(self._tables(), path, _setting(value), where, self.file), where).renamed(self.where)
+        return self.with_settings({key: value}, where)
+
+    def with_settings(self, settings: Mapping[str, str], where: str = "--set") -> Rig:
+        """Return the rig with keys changed, all at once: keys that need each other may come in any order.
+
+        Parameters
+        ----------
+        settings : key → value, as for `with_setting`
+        where : what messages call the settings
+
+        Raises
+        ------
+        RigError
+            There is no such key, or it cannot have that value.
+        """
+        if not settings:
+            return self
+        tables = self._tables()
+        for key, value in settings.items():
+            tables = _put(tables, _split_key(key, where), _setting(value), where, self.file)
+        return _build(tables, where).renamed(self.where)
 
     def renamed(self, where: str) -> Rig:
         """Return the rig with another name for messages."""

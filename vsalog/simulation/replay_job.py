@@ -206,11 +206,8 @@ def prepare_replay(source: str | None, log: Path, options: ReplayOptions) -> Rep
         raise SimulationError(
             f"no rig was found in or beside {shown(log.name)}: name one, 'vsalog simulate RIG --replay {shown(log.name)}'"
         )
-    for key, value in options.set.items():
-        believed = believed.with_setting(key, value)
-    actual = believed
-    for key, value in options.actual.items():
-        actual = actual.with_setting(key, value, "--actual")
+    believed = believed.with_settings(options.set)
+    actual = believed.with_settings(options.actual, "--actual")
     files = LogFiles.named(options.output if options.output is not None else f"{file_name(log.stem)}-replay.mcap")
     check_inputs([log, Path(source or "")], files)
     left_out = {name: why for name, joint in believed.joints.items() if (why := _why_not(joint))}

@@ -128,8 +128,7 @@ def prepare(source: str, options: Options) -> Job:
     """
     rig = Rig.load(Path(source) if Path(source).is_file() else source)
     text = _text(source, rig)
-    for key, value in options.set.items():
-        rig = rig.with_setting(key, value)
+    rig = rig.with_settings(options.set)
     if not rig.joints:
         raise SimulationError(f"{rig.where}: has no joint to simulate")
     period = None if options.rate is None else _period(options.rate)
@@ -138,9 +137,7 @@ def prepare(source: str, options: Options) -> Job:
     named = _as_written(_with_channels(rig), files.format)
     if options.set or named is not rig:
         text = named.to_toml()
-    actual = named
-    for key, value in options.actual.items():
-        actual = actual.with_setting(key, value, "--actual")
+    actual = named.with_settings(options.actual, "--actual")
     check_inputs([Path(source), Path(options.scenario or ""), *scenario.files()], files)
     samples = _samples(scenario, len(rig.joints))
     return Job(actual, text, scenario, scenario.inputs(actual.file), files, samples, options)

@@ -49,6 +49,8 @@ class LogFiles:
         ending = "" if output.endswith("/") else log.suffix.lower()
         if not log.name or log.name == "..":
             raise WriteError(f"'{output}' names no file")
+        if log.name in FORMATS:
+            raise WriteError(f"'{output}' is an ending without a name")
         if ending not in FORMATS:
             raise WriteError(
                 f"{log}: no log format has the ending '{ending}'; write .mcap, .bag, .csv or .parquet, or a folder's name"
