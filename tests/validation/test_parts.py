@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from scipy.signal import savgol_filter
 
 from vsalog.model import TransmissionModel
 from vsalog.validation.dependence import dependences
@@ -99,3 +100,12 @@ def test_noise_depends_on_nothing():
 
 def test_a_negligible_error_is_worth_no_cause():
     assert dependences(1e-4 * TORQUE, TORQUE, {"deflection": PHI}) == ()
+
+
+def test_what_a_filter_makes_alike_is_no_missing_effect():
+    noise = savgol_filter(0.2 * RNG.standard_normal(T.size), 51, 5)
+    variables = {"deflection": PHI, "time": T}
+    assert [d.on for d in dependences(noise, TORQUE, variables)] == ["itself"]
+    assert dependences(noise, TORQUE, variables, smoothing=22.0) == ()
+    slow = np.convolve(RNG.standard_normal(T.size), np.ones(400), "same") / 20.0
+    assert [d.on for d in dependences(slow, TORQUE, {}, smoothing=22.0)] == ["itself"]

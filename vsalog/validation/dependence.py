@@ -19,9 +19,13 @@ LEAST_SHARE, LARGEST_P = 0.05, 1e-3
 NEGLIGIBLE = 2e-3
 # Of an effect that has the sign of a sinusoidal velocity a straight line explains 8/π² = 0.81; of one that grows with it, all.
 STRAIGHT = 0.9
+# Times the filter's own correlation, beyond which nothing of it is left.
+APART = 3.0
 
 
-def dependences(error: Array, predicted: Array, variables: Mapping[str, Array]) -> tuple[Dependence, ...]:
+def dependences(
+    error: Array, predicted: Array, variables: Mapping[str, Array], smoothing: float = 1.0
+) -> tuple[Dependence, ...]:
     """Return what the error depends on, strongest first.
 
     Parameters
@@ -29,6 +33,7 @@ def dependences(error: Array, predicted: Array, variables: Mapping[str, Array]) 
     error : prediction − reference, shape (N,)
     predicted : the torque that was predicted
     variables : ``deflection``, ``setpoint``, ``velocity``, ``loading`` (±1), ``time``: shape (N,) each, as many as there are
+    smoothing : for how many samples the filter that both went through makes even white noise stay alike
     """
     keep = np.isfinite(error) & np.isfinite(predicted)
     for x in variables.values():
@@ -44,7 +49,7 @@ def dependences(error: Array, predicted: Array, variables: Mapping[str, Array]) 
     for name, x in variables.items():
         if np.ptp(x[keep]) > 0.0:
             found += _over(name, x[keep], e, torque, power)
-    found.append(_itself(e, power))
+    found.append(_itself(e, power, smoothing))
     told = [d for d in found if d is not None and d.share >= LEAST_SHARE and d.p_value <= LARGEST_P]
     return tuple(sorted(told, key=lambda d: (d.on == "itself", -d.share)))
 
@@ -137,8 +142,11 @@ def _group_means(index: NDArray[np.int64], e: Array) -> Array:
     return np.asarray(means[index] - e.mean())
 
 
-def _itself(e: Array, power: float) -> Dependence | None:
-    left = e - e.mean()
+def _itself(e: Array, power: float, smoothing: float) -> Dependence | None:
+    # Further apart than the filter reaches: what is alike there, the filter has not made so.
+    left = (e - e.mean())[:: max(1, int(np.ceil(APART * smoothing)))]
+    if left.size < 20:
+        return None
     variance = float(left @ left)
     if variance <= 0.0:
         return None
@@ -147,8 +155,8 @@ def _itself(e: Array, power: float) -> Dependence | None:
         f"the error is not white: it stays alike for about {e.size / effective_samples(e):.0f} samples, so something is"
         " missing in the model, not only noise"
     )
-    z = abs(rho) * np.sqrt(e.size)
-    share = max(rho, 0.0) ** 2 * variance / e.size / power
+    z = abs(rho) * np.sqrt(left.size)
+    share = max(rho, 0.0) ** 2 * variance / left.size / power
     return Dependence(on="itself", share=share, p_value=2.0 * float(stats.norm.sf(z)), slope=rho, words=words)
 
 

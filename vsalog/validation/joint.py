@@ -188,7 +188,7 @@ def _dependence(
     if setpoint is not None:
         variables["setpoint"] = setpoint
     chosen: Mapping[str, Array] = {name: x[use] for name, x in variables.items()}
-    return dependences((predicted - measured)[use], predicted[use], chosen)
+    return dependences((predicted - measured)[use], predicted[use], chosen, ref.noise_correlation())
 
 
 def _not_independent(device: Device, signals: JointSignals) -> str | None:

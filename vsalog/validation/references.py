@@ -15,6 +15,7 @@ from vsalog.estimators.residual_rls import sensor_role
 from vsalog.estimators.torque import lag_block, residual_block
 from vsalog.filters.conditioning import Conditioned, Conditioner
 from vsalog.filters.direction import direction_start, loading_block
+from vsalog.filters.savitzky_golay import savgol_weights
 from vsalog.mechanics.transmissions import flexibility_torque, stiffness
 from vsalog.model import JointModel
 from vsalog.recording import Recording
@@ -70,6 +71,11 @@ def smoothed(signals: JointSignals, roles: tuple[str, ...]) -> Smoothed:
         np.concatenate([b.rows.starts for b in blocks]),
         {name: np.concatenate([b.fit[name] for b in blocks]) for name in blocks[0].fit},
     )
+
+
+def noise_correlation() -> float:
+    """Return for how many samples white noise stays alike once it has gone through the filter."""
+    return float(1.0 / np.sum(savgol_weights(WINDOW, DEGREE)[0] ** 2))
 
 
 def prediction(

@@ -1,0 +1,217 @@
+"""`vsalog validate` as a user runs it: on the samples, on hidden effects, on what cannot be judged."""
+
+import json
+from pathlib import Path
+
+import jsonschema
+import numpy as np
+import pytest
+
+from tests.validation.conftest import SAMPLES, call
+from vsalog.validation.schema_file import report_schema, schema_text
+
+DOCS = Path(__file__).parents[2] / "docs"
+SEA2 = SAMPLES / "sea_exp2.bag"
+
+
+def judged(model, *logs, options=(), folder):
+    result = call("validate", model, *logs, "-o", folder, "--no-modalities", *options, "--json")
+    assert result.exit_code == 0, result.output
+    return json.loads(result.stdout)
+
+
+def joint_of(report, log=0):
+    return report["logs"][log]["joints"][0]
+
+
+def main_score(joint):
+    part = joint["transmissions"][-1]
+    return part["comparisons"][0]
+
+
+def simulated(folder, name, *options):
+    log = folder / f"{name}.mcap"
+    result = call("simulate", "sea", "--scenario", "sea-exp2", "--seed", "5", "--truth", *options, "-o", log)
+    assert result.exit_code == 0, result.output
+    return log
+
+
+def test_the_awas_model_holds_in_the_second_experiment(models, tmp_path):
+    report = judged(models["awas"], SAMPLES / "awas_exp2.mcap", folder=tmp_path)
+    joint = joint_of(report)
+    assert joint["verdict"] == "holds"
+    score = main_score(joint)
+    assert score["reference"] == "sensor"
+    assert score["inside"]["nrmse"]["value"] <= 2.0
+    # Deflections twice as large: some of them lie outside the region, and are judged apart.
+    assert score["outside"]["samples"] > 500
+    assert score["inside"]["samples"] + score["outside"]["samples"] < 10_001
+    assert report["model_logs"].keys() == {"awas_exp1.mcap"}
+    jsonschema.Draft202012Validator(report_schema()).validate(report)
+    assert json.loads((tmp_path / "report.json").read_text()) == report
+    assert (tmp_path / "report.html").stat().st_size > 10_000
+
+
+def test_all_three_devices_and_their_modalities(models, tmp_path):
+    result = call("validate", models["vsa2"], SAMPLES / "vsa2_exp2.mcap", "-o", tmp_path, "--json")
+    joint = joint_of(json.loads(result.stdout))
+    assert joint["verdict"] == "holds"
+    assert [t["transmission"] for t in joint["transmissions"]] == ["1", "2", "total"]
+    for part in joint["transmissions"]:
+        assert [m["modality"] for m in part["modalities"]] == ["MODEL", "SENSOR", "RESIDUAL"]
+
+
+def test_the_true_stiffness_of_a_simulation_is_judged_too(models, tmp_path):
+    report = judged(models["sea"], simulated(tmp_path, "truth"), folder=tmp_path)
+    truth = next(c for c in joint_of(report)["transmissions"][0]["comparisons"] if c["reference"] == "truth")
+    assert truth["quantity"] == "stiffness"
+    assert truth["inside"]["nrmse"]["value"] < 3.0
+
+
+HIDDEN = {
+    "gain": (["--actual", "joint.sea.signals.torque_sensor.gain=1.3"], "torque", "larger than predicted"),
+    "offset": (["--actual", "joint.sea.signals.torque_sensor.offset=0.5"], "offset", "too low"),
+    "sign": (["--actual", "joint.sea.signals.torque_sensor.sign=-1"], "torque", "sign is swapped"),
+    "spring": (
+        ["--actual", "joint.sea.transmission.stiffness=5", "--actual", "joint.sea.transmission.cubic=4500"],
+        "deflection",
+        "spring's shape",
+    ),
+    "hysteresis": (["--actual", "joint.sea.transmission.bouc_wen={torque=0.6, width=0.004}"], "direction", "friction or hyst"),
+    "damping": (["--actual", "joint.sea.transmission.damping=2.5"], "velocity", "damping in the transmission"),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("name", HIDDEN)
+def test_a_hidden_effect_fails_and_is_named(name, models, tmp_path):
+    options, on, words = HIDDEN[name]
+    joint = joint_of(judged(models["sea"], simulated(tmp_path, name, *options), folder=tmp_path))
+    assert joint["verdict"] == "fails"
+    told = joint["transmissions"][0]["dependence"]
+    assert on in [d["on"] for d in told[:2]]
+    assert words in " ".join(d["words"] for d in told[:2])
+    assert words in " ".join(joint["sentences"]) or on == "deflection"
+
+
+def test_another_device_is_refused_or_fails(models, tmp_path):
+    result = call("validate", models["awas"], SEA2, "-o", tmp_path)
+    assert result.exit_code == 2
+    assert "no joint 'awas'" in result.stderr
+    other = tmp_path / "two.rig.toml"
+    other.write_text('preset = "vsa2"\n[joint.sea]\nkind = "antagonistic"\n')
+    result = call("validate", models["sea"], SAMPLES / "vsa2_exp2.mcap", "--rig", other, "-o", tmp_path)
+    assert result.exit_code == 2
+    assert "2 transmissions" in result.stderr
+    assert not (tmp_path / "report.json").exists()
+
+
+def test_a_wrong_gear_ratio_fails(models, tmp_path):
+    rig = tmp_path / "gear.rig.toml"
+    rig.write_text(
+        'preset = "sea"\n[joint.sea.motor]\ngear_ratio = 50\n[joint.sea.signals]\n'
+        'motor_position = { channel = "/joint_states.position[motor]", side = "rotor" }\n'
+    )
+    log = tmp_path / "gear.mcap"
+    assert call("simulate", rig, "--scenario", "sea-exp2", "-o", log).exit_code == 0
+    assert joint_of(judged(models["sea"], log, folder=tmp_path))["verdict"] == "holds"
+    wrong = judged(models["sea"], log, options=("--set", "joint.sea.motor.gear_ratio=46"), folder=tmp_path)
+    assert joint_of(wrong)["verdict"] == "fails"
+    assert "gear ratio" in " ".join(joint_of(wrong)["sentences"])
+
+
+def test_without_a_torque_sensor_the_residual_judges_and_that_is_said(models, tmp_path):
+    rig = tmp_path / "blind.rig.toml"
+    rig.write_text(
+        '[joint.sea]\nkind = "elastic"\n[joint.sea.motor]\ninertia = 0.08\ndamping = 0.4\n[joint.sea.signals]\n'
+        'motor_position = "/joint_states.position[motor]"\nlink_position = "/joint_states.position[link]"\n'
+        'motor_torque = "/joint_states.effort[motor]"\n'
+    )
+    joint = joint_of(judged(models["sea"], SEA2, options=("--rig", rig), folder=tmp_path))
+    assert joint["verdict"] == "holds"
+    assert joint["transmissions"][0]["judged_on"] == "residual"
+    assert "no torque sensor" in joint["warnings"][0]
+    assert "residual" in joint["sentences"][0]
+
+
+def test_a_computed_torque_validates_nothing(tmp_path):
+    t = np.arange(4000) * 2e-3
+    q = 0.3 * np.sin(2 * t)
+    phi = 0.02 * np.sin(5 * t)
+    log = tmp_path / "computed.csv"
+    rows = np.column_stack((t, q, q - phi, -40.0 * phi))
+    np.savetxt(
+        log, rows, delimiter=",", header="time [s],q [rad],theta [rad],effort [N·m]", comments="", encoding="utf-8"
+    )
+    (tmp_path / "computed.rig.toml").write_text(
+        '[joint.j]\nkind = "elastic"\n[joint.j.signals]\n'
+        'link_position = "q"\nmotor_position = "theta"\ntorque_sensor = "effort"\n'
+    )
+    assert call("estimate", log, "-o", tmp_path).exit_code == 0
+    joint = joint_of(judged(tmp_path / "computed.model.toml", log, folder=tmp_path))
+    assert joint["verdict"] == "cannot be judged"
+    assert "-40" in joint["not_independent"]
+    result = call(
+        "validate", tmp_path / "computed.model.toml", log, "-o", tmp_path, "--max-nrmse", "50", "--no-modalities"
+    )
+    assert result.exit_code == 3
+
+
+def test_the_log_the_model_was_learnt_from_is_no_second_experiment(models, tmp_path):
+    joint = joint_of(judged(models["sea"], SAMPLES / "sea_exp1.csv", folder=tmp_path))
+    assert "no second experiment" in joint["warnings"][0]
+
+
+def test_thresholds_set_the_exit_code(models, tmp_path):
+    arguments = ("validate", models["sea"], SEA2, "-o", tmp_path, "--no-modalities")
+    assert call(*arguments, "--max-nrmse", "5", "--max-msrep", "5").exit_code == 0
+    missed = call(*arguments, "--max-nrmse", "0.01")
+    assert missed.exit_code == 3
+    assert "missed" in missed.stdout
+
+
+def test_several_logs_make_one_report(models, tmp_path):
+    report = judged(models["sea"], SEA2, simulated(tmp_path, "again"), folder=tmp_path)
+    assert [log["log"] for log in report["logs"]] == ["sea_exp2.bag", "again.mcap"]
+    assert all(joint_of(report, i)["verdict"] == "holds" for i in (0, 1))
+
+
+def test_the_foot_fitted_at_four_settings_holds_at_five_others(tmp_path):
+    """desr_foot: the dynamometer's compliance and the torque's offset come from the rig; the loop is said."""
+    source = SAMPLES / "desr_foot"
+    head, *runs = (source / "desr_foot.rig.toml").read_text().split("[[joint.ankle.run]]")
+    for name, kept in (("fit", ("x00", "x20", "x30", "x40")), ("val", ("x10", "x25", "x33", "x35", "x45"))):
+        chosen = "".join(f"[[joint.ankle.run]]{r}" for r in runs if any(f'"{k}"' in r for k in kept))
+        (tmp_path / f"{name}.rig.toml").write_text(head + chosen)
+    log = source / "desr_foot.mat"
+    assert call("estimate", log, "--rig", tmp_path / "fit.rig.toml", "-o", tmp_path).exit_code == 0
+    options = ("--rig", tmp_path / "val.rig.toml")
+    joint = joint_of(judged(tmp_path / "desr_foot.model.toml", log, options=options, folder=tmp_path))
+    score = main_score(joint)
+    assert score["inside"]["nrmse"]["value"] < 5.0
+    assert score["outside"]["samples"] > 1000  # 45 mm
+    assert any("loading from unloading" in warning for warning in joint["warnings"])
+    assert not any("no second experiment" in warning for warning in joint["warnings"])
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        (("nothing.model.toml", SEA2), "cannot be read"),
+        ((SEA2, SEA2), "is not a model file"),
+        (("MODEL", "nothing.mcap"), "there is no such file"),
+        (("MODEL", SEA2, "--joint", "elbow"), "the model has no joint 'elbow'"),
+        (("MODEL", SAMPLES / "vsa2_exp2.mcap", "--rig", "sea"), "there is no channel"),
+    ],
+)
+def test_refusals(arguments, words, models, tmp_path):
+    given = [models["sea"] if a == "MODEL" else a for a in arguments]
+    result = call("validate", *given, "-o", tmp_path / "out")
+    assert result.exit_code == 2
+    assert words in result.stderr
+    assert not list((tmp_path / "out").glob("*"))
+
+
+def test_the_schema_file_is_up_to_date():
+    assert (DOCS / "report.schema.json").read_text(encoding="utf-8") == schema_text(), (
+        "run: python -m vsalog.validation.schema_file > docs/report.schema.json"
+    )
