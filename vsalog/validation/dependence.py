@@ -19,6 +19,8 @@ LEAST_SHARE, LARGEST_P = 0.05, 1e-3
 NEGLIGIBLE = 2e-3
 # Of an effect that has the sign of a sinusoidal velocity a straight line explains 8/π² = 0.81; of one that grows with it, all.
 STRAIGHT = 0.9
+# Samples that tell a dependence; of a longer log only as many are looked at.
+ENOUGH = 200_000
 # Times the filter's own correlation, beyond which nothing of it is left.
 APART = 3.0
 
@@ -38,7 +40,8 @@ def dependences(
     keep = np.isfinite(error) & np.isfinite(predicted)
     for x in variables.values():
         keep &= np.isfinite(x)
-    e, torque = error[keep], predicted[keep]
+    thin = max(1, int(np.count_nonzero(keep)) // ENOUGH)
+    e, torque = error[keep][::thin], predicted[keep][::thin]
     if e.size < 50:
         return ()
     power = float(np.mean(e**2))
@@ -47,9 +50,10 @@ def dependences(
         return ()
     found = [_offset(e, power), _gain(e, torque, power)]
     for name, x in variables.items():
-        if np.ptp(x[keep]) > 0.0:
-            found += _over(name, x[keep], e, torque, power)
-    found.append(_itself(e, power, smoothing))
+        at = x[keep][::thin]
+        if np.ptp(at) > 0.0:
+            found += _over(name, at, e, torque, power)
+    found.append(_itself(e, power, smoothing / thin, thin))
     told = [d for d in found if d is not None and d.share >= LEAST_SHARE and d.p_value <= LARGEST_P]
     return tuple(sorted(told, key=lambda d: (d.on == "itself", -d.share)))
 
@@ -142,7 +146,7 @@ def _group_means(index: NDArray[np.int64], e: Array) -> Array:
     return np.asarray(means[index] - e.mean())
 
 
-def _itself(e: Array, power: float, smoothing: float) -> Dependence | None:
+def _itself(e: Array, power: float, smoothing: float, thin: int) -> Dependence | None:
     # Further apart than the filter reaches: what is alike there, the filter has not made so.
     left = (e - e.mean())[:: max(1, int(np.ceil(APART * smoothing)))]
     if left.size < 20:
@@ -152,7 +156,7 @@ def _itself(e: Array, power: float, smoothing: float) -> Dependence | None:
         return None
     rho = float(left[1:] @ left[:-1]) / variance
     words = (
-        f"the error is not white: it stays alike for about {e.size / effective_samples(e):.0f} samples, so something is"
+        f"the error is not white: it stays alike for about {thin * e.size / effective_samples(e):.0f} samples, so something is"
         " missing in the model, not only noise"
     )
     z = abs(rho) * np.sqrt(left.size)

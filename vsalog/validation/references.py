@@ -60,17 +60,22 @@ def smoothed(signals: JointSignals, roles: tuple[str, ...]) -> Smoothed:
     conditioner = Conditioner(roles, signals, "savitzky-golay", window=(WINDOW - 1) * signals.period, degree=DEGREE)
     runs = np.diff(np.append(np.flatnonzero(signals.starts), len(signals)))
     conditioner.check_length(int(runs.max()))
-    state, blocks = conditioner.start(), list[Conditioned]()
-    for block in signals.blocks(BLOCK):
-        state, found = conditioner.step(state, block)
-        blocks += found
-    blocks += conditioner.finish(state)[1]
-    return Smoothed(
-        np.concatenate([b.rows.time for b in blocks]),
-        np.concatenate([b.rows.stamps for b in blocks]),
-        np.concatenate([b.rows.starts for b in blocks]),
-        {name: np.concatenate([b.fit[name] for b in blocks]) for name in blocks[0].fit},
-    )
+    state, given = conditioner.start(), 0
+    out: dict[str, Array] = {}
+
+    def keep(blocks: list[Conditioned], at: int) -> int:
+        for block in blocks:
+            for name, values in block.fit.items():
+                if not name.startswith("acceleration:"):
+                    out.setdefault(name, np.full(len(signals), np.nan))[at : at + values.size] = values
+            at += len(block.rows)
+        return at
+
+    for part in signals.blocks(BLOCK):
+        state, found = conditioner.step(state, part)
+        given = keep(found, given)
+    keep(conditioner.finish(state)[1], given)
+    return Smoothed(signals.time, signals.stamps, signals.starts, out)
 
 
 def noise_correlation() -> float:
@@ -86,14 +91,13 @@ def prediction(
     if model.basis.branches:
         loading = loading_block(direction_start(), phi, BAND * model.basis.deflection_scale)[1]
     c = setpoint if model.basis.setpoint_order > 1 else None
-    parts = []
+    torque, std, sigma, sigma_std = (np.empty(phi.size) for _ in range(4))
     for begin in range(0, phi.size, BLOCK):
         part = slice(begin, begin + BLOCK)
         at, on = (None if c is None else c[part]), (None if loading is None else loading[part])
-        torque = model.flexibility_torque(view.name, phi[part], at, on)
-        parts.append((*torque, *model.stiffness(view.name, phi[part], at, on)))
-    torque_, std, sigma, sigma_std = (np.concatenate(columns) for columns in zip(*parts, strict=True))
-    return torque_, std, sigma, sigma_std
+        torque[part], std[part] = model.flexibility_torque(view.name, phi[part], at, on)
+        sigma[part], sigma_std[part] = model.stiffness(view.name, phi[part], at, on)
+    return torque, std, sigma, sigma_std
 
 
 def residual(view: TransmissionView, s: Smoothed, period: float) -> Array | None:

@@ -20,7 +20,7 @@ DRAWS, SEED = 1000, 0
 LEAST_TORQUE = 0.05
 BINS = 12
 # Autocorrelations are taken of so many samples at most, spread over the log.
-LONGEST = 1 << 18
+LONGEST = 1 << 17
 
 
 def score(prediction: Array, reference: Array, least: float = 0.0) -> Score | None:
@@ -38,8 +38,9 @@ def score(prediction: Array, reference: Array, least: float = 0.0) -> Score | No
     span, independent = float(np.ptp(y)), effective_samples(e)
     relative = np.abs(y) > max(least * float(np.abs(y).max()), 0.0)
     ratio = np.divide(e, y, out=np.zeros_like(e), where=relative) ** 2
-    columns = np.stack([np.ones_like(e), e, e**2, y, y**2, ratio, relative.astype(np.float64)])
-    sums = _block_sums(columns, independent)
+    edges = _blocks(e.size, independent)
+    columns = (np.ones_like(e), e, e**2, y, y**2, ratio, relative.astype(np.float64))
+    sums = np.array([np.add.reduceat(column, edges) for column in columns])
     draws = _draws(sums)
     whole = sums.sum(axis=1)
 
@@ -94,13 +95,11 @@ def _correlation_time(x: Array) -> float:
     return max(1.0, 2.0 * float(pairs[:last].sum()) - 1.0)
 
 
-def _block_sums(columns: Array, independent: float) -> Array:
-    """Sum columns, shape (c, N), over blocks that are long against the correlation: shape (c, blocks)."""
-    n = columns.shape[1]
+def _blocks(count: int, independent: float) -> NDArray[np.int64]:
+    """Return where blocks begin that are long against the correlation."""
     wanted = independent / CORRELATION_TIMES
-    blocks = int(np.clip(wanted, FEWEST_BLOCKS, min(MOST_BLOCKS, n)))
-    edges = np.linspace(0, n, blocks + 1).astype(np.int64)[:-1]
-    return np.asarray(np.add.reduceat(columns, edges, axis=1))
+    blocks = int(np.clip(wanted, FEWEST_BLOCKS, min(MOST_BLOCKS, count)))
+    return np.linspace(0, count, blocks + 1).astype(np.int64)[:-1]
 
 
 def _draws(sums: Array) -> Array:
