@@ -9,6 +9,8 @@ from pathlib import Path
 import msgspec
 
 from vsalog.errors import WriteError
+from vsalog.reports.page import write_page
+from vsalog.reports.paper_figures import check_matplotlib, write_figures
 from vsalog.validation.document import Report
 from vsalog.validation.evidence import JointEvidence
 from vsalog.writers.atomic import write_text
@@ -24,20 +26,16 @@ class Outputs:
 
     @classmethod
     def within(cls, folder: Path | None, figures: Path | None) -> Outputs:
-        """Name the files; the folder is made when it is not there.
+        """Name the files; whether the figures can be drawn at all is seen before anything is done.
 
         Raises
         ------
-        WriteError
-            The folder cannot be made.
+        FigureError
+            matplotlib is not installed.
         """
+        if figures is not None:
+            check_matplotlib()
         where = Path() if folder is None else folder
-        for made in (where, figures):
-            if made is not None:
-                try:
-                    made.mkdir(parents=True, exist_ok=True)
-                except OSError as error:
-                    raise WriteError(f"{made}: cannot be made a folder: {error.strerror}") from error
         return cls(where / "report.json", where / "report.html", figures)
 
 
@@ -49,4 +47,12 @@ def write_report(report: Report, evidence: Sequence[Sequence[JointEvidence]], ou
     WriteError
         A file cannot be written.
     """
+    try:
+        outputs.document.parent.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise WriteError(f"{outputs.document.parent}: cannot be made a folder: {error.strerror}") from error
+    title = f"{report.model} against {', '.join(log.log for log in report.logs)}"
+    write_page(outputs.page, title, report, evidence)
+    if outputs.figures is not None:
+        write_figures(outputs.figures, evidence, report)
     write_text(outputs.document, msgspec.json.format(msgspec.json.encode(report), indent=2).decode() + "\n")
