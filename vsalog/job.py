@@ -7,6 +7,7 @@ import json
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import Any
 
 import msgspec
 
@@ -67,6 +68,7 @@ class Job:
     guessed : whether no rig was found and the roles were guessed
     choices : the estimator for each joint
     warnings : what was noticed so far
+    options : what was asked for
     """
 
     logs: tuple[Path, ...]
@@ -76,6 +78,7 @@ class Job:
     choices: Mapping[str, Choice]
     setpoints: tuple[float | None, ...]
     warnings: tuple[str, ...]
+    options: Options = field(default_factory=lambda: Options())
 
     def run(
         self, sink: Callable[[Trace], None] | None = None, progress: Progress = lambda _: None
@@ -101,8 +104,16 @@ class Job:
             "vsalog.version": __version__,
             "vsalog.rig": self.rig.to_toml(),
             "vsalog.estimator": json.dumps(settings),
+            "vsalog.options": json.dumps(self._asked()),
             "vsalog.input": json.dumps({name: sha256(log) for name, log in self._names() if log.exists()}),
         }
+
+    def _asked(self) -> dict[str, Any]:
+        """Return what repeats the run beside its rig; what was set in the rig is in the rig."""
+        o = self.options
+        setpoint = {key: value for key, value in o.set.items() if key == "setpoint"}
+        asked = {"joints": list(o.joints), "estimator": o.estimator, "tune": dict(o.tune), "set": setpoint}
+        return asked | {"rate": o.rate, "time": o.time}
 
     def _names(self) -> list[tuple[str, Path]]:
         return list(zip(names_of(self.logs), self.logs, strict=True))
@@ -164,7 +175,7 @@ def prepare(logs: Sequence[Path | Recording], options: Options, progress: Progre
             read_all.append(_read(log, wanted, options, progress))
     warnings += [f"{r.path.name}: {note}" for r in read_all for note in r.notes]
     paths = tuple(_path(log) for log in logs)
-    return Job(paths, tuple(read_all), rig, guessed, choices, setpoints, tuple(warnings))
+    return Job(paths, tuple(read_all), rig, guessed, choices, setpoints, tuple(warnings), options)
 
 
 def _path(log: Path | Recording) -> Path:

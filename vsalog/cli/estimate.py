@@ -10,7 +10,7 @@ from vsalog.cli.pairs import pairs
 
 
 @click.command()
-@click.argument("logs", nargs=-1, required=True, type=click.Path(path_type=Path), metavar="LOG...")
+@click.argument("logs", nargs=-1, type=click.Path(path_type=Path), metavar="LOG...")
 @click.option(
     "--rig", metavar="FILE|PRESET", help="The rig; else the one in the log, LOG.rig.toml or rig.toml beside it."
 )
@@ -73,6 +73,13 @@ from vsalog.cli.pairs import pairs
     show_default=True,
     help="Which clock to trust.",
 )
+@click.option(
+    "--from",
+    "source",
+    type=click.Path(path_type=Path),
+    metavar="PARQUET",
+    help="Repeat the run that wrote this trace: its rig, its settings, and its logs, which have to be what they were.",
+)
 @click.option("--json", "as_json", is_flag=True, help="Print the summary as one JSON document on stdout.")
 def estimate(
     logs: tuple[Path, ...],
@@ -87,6 +94,7 @@ def estimate(
     figures: Path | None,
     rate: float | None,
     time: str,
+    source: Path | None,
     as_json: bool,
 ) -> None:
     """Estimate the stiffness of every joint of a log, over time, with its uncertainty.
@@ -99,6 +107,16 @@ def estimate(
     from vsalog.writers.results import Outputs, write_results
 
     options = Options(rig, joints, estimator, tune, settings, rate, time)
+    if source is not None:
+        from vsalog.repeat import repeated
+
+        if options != Options():
+            raise click.UsageError(
+                "--from repeats a run as it was: rig, joints, estimator, tuning and settings come from it"
+            )
+        logs, options = repeated(source, logs)
+    elif not logs:
+        raise click.UsageError("name a log, or a trace with --from")
     outputs = Outputs.named(logs, output, mcap, report, figures)
     if figures is not None:
         from vsalog.reports.paper_figures import check_matplotlib
