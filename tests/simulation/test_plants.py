@@ -12,6 +12,8 @@ from scipy.integrate import solve_ivp
 
 from vsalog.errors import SimulationError
 from vsalog.mechanics import elastic_energy
+from vsalog.mechanics.rigid_body import inverse_dynamics
+from vsalog.rig import Rig
 from vsalog.rig.schema import AntagonisticJoint, CubicTransmission, ElasticJoint, Link, Motor, RigFile, SerialJoint
 from vsalog.simulation import (
     Experiment,
@@ -20,6 +22,7 @@ from vsalog.simulation import (
     elastic_experiment,
     elastic_rig,
     simulate,
+    sine,
     vsa2_experiment,
     vsa2_rig,
 )
@@ -239,3 +242,25 @@ def test_a_rig_in_wrong_units_is_said() -> None:
     tiny = msgspec.structs.replace(joint, motor=Motor(inertia=1e-12))
     with pytest.raises(SimulationError, match="units"):
         simulate(RigFile(joint={"j": tiny}), {}, 0.1)
+
+
+def test_a_link_of_a_chain_in_tar() -> None:
+    """Damping far faster than a step makes the equations stiff: D q̇ balances what pulls at the link, and q is its integral."""
+    rig, damping, period = Rig.preset("vsa2-2r").file, 200.0, 2e-3
+    assert rig.chain is not None
+    shoulder = rig.joint["shoulder"]
+    assert isinstance(shoulder, AntagonisticJoint)
+    assert shoulder.link is not None
+    link = msgspec.structs.replace(shoulder.link, damping=damping, payload=None)  # the oracle knows of none
+    joints = {**rig.joint, "shoulder": msgspec.structs.replace(shoulder, link=link)}
+    torques = {"shoulder": {"motor_torque_1": sine(0.02, 0.5)}, "elbow": {"motor_torque_1": sine(0.02, 0.7)}}
+    played = simulate(msgspec.structs.replace(rig, joint=joints), torques, 2.0, period=period, ideal=True).joints
+    q, dq, ddq = (
+        np.stack([played[name].truth[f"link_{what}"] for name in ("shoulder", "elbow")], axis=-1)
+        for what in ("position", "velocity", "acceleration")
+    )
+    spring = played["shoulder"].truth["transmission_torque_total"]
+    pull = -spring - inverse_dynamics(rig.chain, q, dq, ddq)[:, 0]
+    expected = np.concatenate([[0.0], np.cumsum(0.5 * (pull[1:] + pull[:-1]) * period)]) / damping
+    assert np.ptp(expected) > 1e-6
+    np.testing.assert_allclose(q[:, 0], expected, atol=1e-3 * float(np.ptp(expected)))

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vsalog.errors import SimulationError
-from vsalog.mechanics.rigid_body import bodies
+from vsalog.mechanics.rigid_body import bodies, mass_matrix
 from vsalog.mechanics.transmissions import coded, stiffness
 from vsalog.rig.schema import (
     AntagonisticJoint,
@@ -37,6 +37,8 @@ DAMPING_PER_STEP, ANGLE_PER_STEP = 0.5, 0.02
 STIFF_STEPS, MOST_STEPS = 16, 2000
 # The speed at which bristles have to be followed [rad/s].
 BRISTLE_SPEED = 1.0
+# A chain's inertia is looked at in so many positions.
+POSITIONS = 50
 
 
 @dataclass(frozen=True, slots=True)
@@ -70,6 +72,7 @@ class Machine:
     motors, transmissions : where they are
     numbers, at : the machine as the compiled functions read it, see `_dynamics`
     state_size : m
+    inertia : the least that each degree of freedom has in any position, shape (n,)
     """
 
     joints: Mapping[str, Movable]
@@ -78,6 +81,7 @@ class Machine:
     numbers: Array
     at: Integers
     state_size: int
+    inertia: Array
 
     @property
     def freedom(self) -> int:
@@ -122,9 +126,7 @@ class Machine:
         SimulationError
             More than `MOST_STEPS` are needed.
         """
-        n, rates, load = self.freedom, [], np.zeros(self.freedom)
-        inertia = self.numbers[self.at[d.INERTIA] :][:n]
-        inertia = np.where(inertia > 0.0, inertia, np.inf)  # links of a chain are slower than their motors
+        n, rates, load, inertia = self.freedom, [], np.zeros(self.freedom), self.inertia
         for slot in self.transmissions:
             link, motor, _ = self.at[self.at[d.ENDS] + 3 * slot.index :][:3]
             load[[link, motor]] += self._stiffness(slot)
@@ -179,7 +181,10 @@ def build(joints: Mapping[str, Movable], chain: Chain | None = None) -> Machine:
             levers.append((lever.start, lever.travel) if lever else (0.0, 0.0))
     links = [_link(name, joint.link) for name, joint in joints.items()]
     numbers, at, size = _coded(links, motors, slots, ends, levers, list(joints), chain)
-    return Machine(joints, motors, slots, numbers, at, size)
+    inertia = numbers[at[d.INERTIA] :][: len(joints) + len(motors)].copy()
+    if chain is not None:
+        inertia[: len(joints)] = _least_inertia(chain)
+    return Machine(joints, motors, slots, numbers, at, size, inertia)
 
 
 def _coded(
@@ -287,6 +292,17 @@ def _inertia(link: Link) -> float:
 def _gravity(link: Link) -> tuple[float, float]:
     weight = link.payload.mass * 9.81 * link.payload.distance if link.payload and link.gravity_torque else 0.0
     return link.gravity_torque + weight, link.gravity_angle
+
+
+def _least_inertia(chain: Chain) -> Array:
+    """Return what a torque on one link of a chain has to accelerate at least, 1 / (M⁻¹)_ii, in many positions.
+
+    Payloads are left out: they only add to it.
+    """
+    count = len(chain.link)
+    positions = np.vstack([np.zeros(count), np.random.default_rng(0).uniform(-np.pi, np.pi, (POSITIONS, count))])
+    yielding = [np.diag(np.linalg.pinv(mass_matrix(chain, q), hermitian=True)) for q in positions]
+    return np.asarray(1.0 / np.maximum(np.max(yielding, axis=0), 1e-300))
 
 
 def _friction(damping: float, f: Friction) -> tuple[float, ...]:

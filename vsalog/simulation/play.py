@@ -288,5 +288,5 @@ def _require_finite(states: Array, time: Array) -> None:
         at = time[int(np.argmax(bad))]
         raise SimulationError(
             f"the motion leaves what the model describes at t = {at:.3f} s (a VSA-II's four-bar mechanism at its"
-            " singularity, or an integration that diverges): take smaller torques or more steps"
+            " singularity, or an integration that diverges): take smaller torques or a higher rate"
         )

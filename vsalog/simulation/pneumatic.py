@@ -211,7 +211,7 @@ def _steps(joint: PneumaticJoint, state: Array, period: float) -> int:
     if not needed <= MOST_STEPS:
         raise SimulationError(
             f"the joint would need {needed:.3g} integration steps per sample; are the units of its inertia, areas and volumes"
-            " right? (steps=… sets their number)"
+            " right?"
         )
     return max(FEWEST_STEPS, int(np.ceil(needed)))
 
