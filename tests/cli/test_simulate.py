@@ -245,6 +245,7 @@ def test_names_are_never_paths(done, tmp_path):
     assert list(carried_rig(inside / "a.mcap").joints) == [printable]
 
 
+@pytest.mark.filterwarnings("error")
 @pytest.mark.parametrize(
     ("args", "words"),
     [
@@ -266,6 +267,10 @@ def test_names_are_never_paths(done, tmp_path):
         (("rig.toml", "--rate", "nan"), "nan Hz cannot be simulated"),
         (("rig.toml", "--rate", "1e9"), "1e+09 Hz cannot be simulated"),
         (("rig.toml", "--seed", "-1"), "seed"),
+        (("rig.toml", "--set", "joint.elbow.transmission.stiffness=1e308"), "fastest mode"),
+        (("rig.toml", "--set", "joint.elbow.motor.inertia=1e-320"), "fastest mode"),
+        (("rig.toml", "--set", "joint.elbow.link.gravity_torque=1e9"), "fastest mode"),
+        (("rig.toml", "--scenario", "short.toml"), "1e+13 Hz cannot be simulated"),
         (("rig.toml", "--set", "joint.elbow.motor.inertai=1"), "did you mean 'inertia'"),
         (("rig.toml", "--actual", "joint.elbow.motor.inertai=1"), "--actual: joint.elbow.motor.inertai"),
         (("rig.toml", "--set", "joint.elbow.motor.inertia"), "is not NAME=VALUE"),
@@ -284,6 +289,7 @@ def test_what_cannot_be_is_refused_before_anything_is_written(args, words, call,
     (bench / "there").mkdir()
     (bench / "there.rig.toml").write_text(ELASTIC)
     (bench / "lame.toml").write_text(ELASTIC.replace("inertia = 0.01", ""))
+    (bench / "short.toml").write_text("duration = 1e-12\nperiod = 1e-13\n")
     (bench / "own.csv").write_text("time [s],tau\n0,0\n1,1\n")
     (bench / "own.csv.toml").write_text(
         '[[joint.elbow.motor_torque]]\ntype = "csv"\nfile = "own.csv"\ncolumn = "tau"\n'

@@ -264,3 +264,18 @@ def test_a_link_of_a_chain_in_tar() -> None:
     expected = np.concatenate([[0.0], np.cumsum(0.5 * (pull[1:] + pull[:-1]) * period)]) / damping
     assert np.ptp(expected) > 1e-6
     np.testing.assert_allclose(q[:, 0], expected, atol=1e-3 * float(np.ptp(expected)))
+
+
+def test_a_weight_that_swings_faster_than_samples_keeps_its_energy() -> None:
+    """The steps follow gravity too, not only the springs."""
+    joint = ElasticJoint(
+        motor=Motor(inertia=1.0),
+        transmission=CubicTransmission(stiffness=1e-3, cubic=0.0),
+        link=Link(inertia=0.02, gravity_torque=2e4),
+    )
+    rig = RigFile(joint={"bell": joint})
+    start = {"bell": np.array([0.5, 0.0, 0.0, 0.0])}
+    truth = simulate(rig, {}, 0.2, ideal=True, start=start).truth
+    energy = 0.01 * truth["link_velocity"] ** 2 - 2e4 * np.cos(truth["link_position"])
+    assert np.ptp(truth["link_position"]) > 0.9
+    assert np.ptp(energy) < 1e-4 * 2e4 * (1.0 - np.cos(0.5))

@@ -126,11 +126,26 @@ class Machine:
         SimulationError
             More than `MOST_STEPS` are needed.
         """
+        with np.errstate(all="ignore"):  # numbers beyond all measure end as steps beyond all measure
+            needed, stiff = self._needed(period)
+        if not needed <= MOST_STEPS:
+            raise SimulationError(
+                f"the rig's fastest mode needs more than {MOST_STEPS} integration steps per period: are inertia, damping"
+                " and stiffness in the units the rig states?"
+            )
+        return max(1, int(np.ceil(needed))), stiff
+
+    def _needed(self, period: float) -> tuple[float, bool]:
         n, rates, load, inertia = self.freedom, [], np.zeros(self.freedom), self.inertia
         for slot in self.transmissions:
             link, motor, _ = self.at[self.at[d.ENDS] + 3 * slot.index :][:3]
             load[[link, motor]] += self._stiffness(slot)
             rates += [slot.transmission.damping / inertia[link], slot.transmission.damping / inertia[motor]]
+        for j, joint in enumerate(self.joints.values()):
+            # A chain's weight grows with its inertia.
+            load[j] += 0.0 if self.chained or joint.link is None else abs(_gravity(joint.link)[0])
+        for m in self.motors:
+            load[m.index] += sum(c.torque * c.order * m.motor.gear_ratio for c in m.motor.cogging)
         friction = self.numbers[self.at[d.FRICTION] :][: 7 * n].reshape(n, 7)
         viscous, static, bristle, bristle_damping = friction[:, [0, 2, 5, 6]].T
         load += bristle
@@ -139,12 +154,7 @@ class Machine:
         vibration = period * float(np.sqrt(np.max(load / inertia))) / ANGLE_PER_STEP
         decay = period * max(rates) / DAMPING_PER_STEP
         needed = vibration if decay > STIFF_STEPS else max(vibration, decay)
-        if not needed <= MOST_STEPS:
-            raise SimulationError(
-                f"the rig's fastest mode needs more than {MOST_STEPS} integration steps per period: are inertia, damping"
-                " and stiffness in the units the rig states?"
-            )
-        return max(1, int(np.ceil(needed))), decay > STIFF_STEPS
+        return needed, decay > STIFF_STEPS
 
     def _stiffness(self, slot: TransmissionSlot) -> float:
         joint, t = self.joints[slot.joint], slot.transmission

@@ -151,6 +151,7 @@ def _period(rate: float) -> float:
 
 def _samples(scenario: Scenario, joints: int) -> int:
     """Return the number of samples, unless they would not fit into memory."""
+    _period(1.0 / scenario.file.period)
     count = scenario.file.duration / scenario.file.period + 1.0
     needed, there = count * joints * BYTES_PER_SAMPLE, _memory()
     if needed > MEMORY_SHARE * there:
