@@ -14,7 +14,16 @@ from vsalog.errors import SimulationError
 from vsalog.mechanics import elastic_energy
 from vsalog.mechanics.rigid_body import inverse_dynamics
 from vsalog.rig import Rig
-from vsalog.rig.schema import AntagonisticJoint, CubicTransmission, ElasticJoint, Link, Motor, RigFile, SerialJoint
+from vsalog.rig.schema import (
+    AntagonisticJoint,
+    CubicTransmission,
+    ElasticJoint,
+    Friction,
+    Link,
+    Motor,
+    RigFile,
+    SerialJoint,
+)
 from vsalog.simulation import (
     Experiment,
     awas_experiment,
@@ -279,3 +288,21 @@ def test_a_weight_that_swings_faster_than_samples_keeps_its_energy() -> None:
     energy = 0.01 * truth["link_velocity"] ** 2 - 2e4 * np.cos(truth["link_position"])
     assert np.ptp(truth["link_position"]) > 0.9
     assert np.ptp(energy) < 1e-4 * 2e4 * (1.0 - np.cos(0.5))
+
+
+def test_bristles_at_high_speed_only_take_energy() -> None:
+    """A bristle bends the faster the faster it slides: σ₀ |v| / F is 25 000 1/s here, and must not blow up."""
+    friction = Friction(coulomb=0.02, presliding_stiffness=50.0)
+    joint = ElasticJoint(
+        motor=Motor(inertia=0.01, friction=friction),
+        transmission=CubicTransmission(stiffness=5.0, cubic=0.0),
+        link=Link(inertia=0.02),
+    )
+    start = {"fast": np.array([0.0, 10.0, 0.0, 10.0])}
+    truth = simulate(RigFile(joint={"fast": joint}), {}, 2.0, ideal=True, start=start).truth
+    kinetic = 0.01 * truth["link_velocity"] ** 2 + 0.005 * truth["motor_velocity"] ** 2
+    energy = kinetic + 2.5 * truth["deflection"] ** 2
+    assert np.all(np.diff(energy) <= 1e-9)
+    # While it slides forwards, friction is the Coulomb level: the momentum falls evenly.
+    momentum = 0.02 * truth["link_velocity"] + 0.01 * truth["motor_velocity"]
+    np.testing.assert_allclose(momentum, 0.3 - 0.02 * np.arange(2001) * 1e-3, atol=1e-5)

@@ -35,8 +35,8 @@ Movable = ElasticJoint | SerialJoint | AntagonisticJoint
 DAMPING_PER_STEP, ANGLE_PER_STEP = 0.5, 0.02
 # Beyond so many steps per period for the sake of damping alone, the equations are stiff.
 STIFF_STEPS, MOST_STEPS = 16, 2000
-# The speed at which bristles have to be followed [rad/s].
-BRISTLE_SPEED = 1.0
+# The speed at which bristles have to be followed [rad/s]; they stay stable at five times this.
+BRISTLE_SPEED = 10.0
 # A chain's inertia is looked at in so many positions.
 POSITIONS = 50
 
