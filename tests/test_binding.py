@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from vsalog.binding import bind, offered_roles, wanted_channels
-from vsalog.errors import BindingError
+from vsalog.errors import BindingError, RigError
 from vsalog.recording import Channel, Recording
 from vsalog.rig import Rig
 
@@ -345,3 +345,24 @@ def test_runs_at_different_rates_are_refused():
     rec = recording(**{"a.phi": (T, T), "a.tau": (T, T), "b.phi": (2 * T, T), "b.tau": (2 * T, T)})
     with pytest.raises(BindingError, match="different rates"):
         bind([rec], name, joint, ("deflection", "torque_sensor", "setpoint"))
+
+
+@pytest.mark.parametrize("roles", [("deflection",), ("deflection", "torque_sensor")])
+def test_what_gives_way_in_series_is_taken_off(roles):
+    """A dynamometer of 500 N·m/rad in series: the angle it turns by is not the joint's."""
+    torque = 3.0 * np.sin(4.0 * T)
+    true = torque / 40.0
+    rec = recording(x=(T, true + torque / 500.0), y=(T, torque))
+    name, joint = joint_of(ELASTIC + 'deflection = { channel = "x", series_stiffness = 500 }\ntorque_sensor = "y"\n')
+    signals = bind([rec], name, joint, roles)
+    np.testing.assert_allclose(signals.roles["deflection"], true, atol=1e-12)
+    assert set(signals.roles) == set(roles)
+    assert wanted_channels(joint, "log.csv", roles) == {"x", "y"}
+
+
+def test_a_part_in_series_needs_a_torque_and_a_deflection():
+    rec = recording(x=(T, np.sin(T)))
+    with pytest.raises(BindingError, match="needs a torque_sensor"):
+        bound('deflection = { channel = "x", series_stiffness = 500 }', rec)
+    with pytest.raises(RigError, match="only a deflection has a part in series"):
+        joint_of(ELASTIC + 'link_position = { channel = "x", series_stiffness = 500 }')

@@ -82,12 +82,22 @@ def wanted_channels(joint: Joint, recording_name: str, roles: Collection[str] | 
     """Return the names of the channels that the roles of a joint are found in, for reading no more than these."""
     runs = () if isinstance(joint, RigidJoint) else joint.run
     names = [r.name for r in runs if fnmatchcase(recording_name, r.file)] or [""]
+    offered = offered_roles(joint)
+    read = set(offered if roles is None else roles)
+    read |= set(_beside(offered, read))
     return {
         signal.channel.replace("{run}", name)
-        for role, signal in offered_roles(joint).items()
-        if signal.channel is not None and (roles is None or role in roles)
+        for role, signal in offered.items()
+        if signal.channel is not None and role in read
         for name in names
     }
+
+
+def _beside(offered: Mapping[str, Signal], roles: Collection[str]) -> list[str]:
+    """Return the torque sensors that have to be read too, because parts in series give way under their torque."""
+    deflections = [role for role in roles if role in offered and offered[role].series_stiffness is not None]
+    sensors = (role.replace("deflection", "torque_sensor") for role in deflections)
+    return [role for role in sensors if role in offered and role not in roles]
 
 
 def bind(
@@ -119,11 +129,12 @@ def bind(
         fixed = setpoints[i] if i < len(setpoints) else None
         for run in runs_of(joint, recording):
             bound = {
-                role: _bind_role(recording, run, role, offered.get(role, Signal()), joint, fixed) for role in roles
+                role: _bind_role(recording, run, role, offered.get(role, Signal()), joint, fixed)
+                for role in (*roles, *_beside(offered, roles))
             }
             names.append("/".join(p for p in ((labels[i] if len(recordings) > 1 else ""), run.name) if p))
             piece = _on_one_grid(recording, name, bound, len(names) - 1)
-            pieces.append(_less_series(recording, piece, offered))
+            pieces.append(_less_series(recording, piece, offered, roles))
     return _concatenate(name, pieces, tuple(names))
 
 
@@ -313,7 +324,9 @@ def _on_one_grid(recording: Recording, joint: str, bound: Mapping[str, Bound], r
     )
 
 
-def _less_series(recording: Recording, signals: JointSignals, offered: Mapping[str, Signal]) -> JointSignals:
+def _less_series(
+    recording: Recording, signals: JointSignals, offered: Mapping[str, Signal], wanted: Collection[str]
+) -> JointSignals:
     """Take off each deflection what a part in series adds to it under the measured torque."""
     roles = dict(signals.roles)
     for role in signals.roles:
@@ -323,10 +336,10 @@ def _less_series(recording: Recording, signals: JointSignals, offered: Mapping[s
         sensor = role.replace("deflection", "torque_sensor")
         if sensor not in roles:
             raise BindingError(
-                f"{recording.path.name}: {role} has a series_stiffness, which needs the {sensor} beside it, but that is not read"
+                f"{recording.path.name}: {role} has a series_stiffness, which needs a {sensor} in the rig too"
             )
         roles[role] = roles[role] - roles[sensor] / stiffness
-    return replace(signals, roles=roles)
+    return replace(signals, roles={role: roles[role] for role in roles if role in wanted})
 
 
 def _notes(joint: str, segments: list[tuple[int, int]], moving: Mapping[str, Bound]) -> tuple[str, ...]:

@@ -12,6 +12,7 @@ from typing import NoReturn
 import rich_click as click
 
 from vsalog._version import __version__
+from vsalog.cli.compare import compare
 from vsalog.cli.estimate import estimate
 from vsalog.cli.init import init
 from vsalog.cli.inspect import inspect
@@ -28,6 +29,7 @@ def cli(debug: bool) -> None:
     """Stiffness, with honest uncertainty, from the recordings of compliant robot joints."""
 
 
+cli.add_command(compare)
 cli.add_command(estimate)
 cli.add_command(init)
 cli.add_command(inspect)

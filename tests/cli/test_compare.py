@@ -1,0 +1,64 @@
+"""`vsalog compare` as a user runs it."""
+
+import json
+
+import numpy as np
+import pytest
+
+import vsalog
+
+
+@pytest.fixture(scope="module")
+def log(tmp_path_factory):
+    from click.testing import CliRunner
+
+    from vsalog.cli import cli
+
+    path = tmp_path_factory.mktemp("log") / "log.mcap"
+    done = CliRunner().invoke(cli, ["simulate", "sea", "--truth", "--seed", "3", "-o", str(path)])
+    assert done.exit_code == 0
+    return path
+
+
+def test_all_that_the_log_allows_side_by_side(run, log):
+    done = run("compare", log, "--report", "page.html", "--json")
+    assert done.returncode == 0, done.stderr
+    found = json.loads(done.stdout)
+    names = list(dict.fromkeys(row["estimator"] for row in found["rows"]))
+    assert names[0] == "residual-rls"
+    assert {"qr-rls", "batch-ls", "direct", "residual-rls:modality=SENSOR"} <= set(names)
+    for row in found["rows"]:
+        assert row["against_truth"]["msrep"]["value"] < 1.0
+        assert (row["difference"] is None) == (row["estimator"] == names[0])
+
+
+def test_the_figures_are_those_of_estimate(run, log):
+    done = run("compare", log, "-e", "qr-rls:forgetting=0.999,direct", "--json")
+    rows = [row for row in json.loads(done.stdout)["rows"] if row["transmission"] == "1"]
+    assert [row["estimator"] for row in rows] == ["qr-rls:forgetting=0.999", "direct"]
+    (qr,) = vsalog.estimate(log, estimator="qr-rls", tune={"forgetting": 0.999})
+    (direct,) = vsalog.estimate(log, estimator="direct")
+    a, b = (e.trace["1"] for e in (direct, qr))
+    both = a["excited"] & b["excited"]
+    difference = np.sqrt(np.mean(((a["stiffness"] - b["stiffness"])[both] / b["stiffness"][both]) ** 2))
+    assert rows[1]["difference"] == pytest.approx(difference)
+    assert rows[0]["excited_share"] == pytest.approx(b["excited"].mean())
+
+
+def test_refusals(run, log, samples):
+    for arguments, words in (
+        (("compare", log, "-e", "qr-rls:forgetting"), "NAME:KEY=VALUE"),
+        (("compare", log, "-e", "kalman"), "kalman"),
+        (("compare", samples / "desr_foot" / "desr_foot.mat", "-e", "direct,qr-rls"), "motor_torque"),
+        (("compare", "nothing.mcap"), "nothing.mcap"),
+    ):
+        done = run(*arguments)
+        assert done.returncode == 2
+        assert words in done.stderr
+
+
+def test_estimators_that_the_log_does_not_allow_are_left_out_with_the_reason(run, samples):
+    done = run("compare", samples / "desr_foot" / "desr_foot.mat", "--json")
+    found = json.loads(done.stdout)
+    assert {row["estimator"] for row in found["rows"]} == {"residual-rls:modality=SENSOR", "direct"}
+    assert "motor_torque" in found["left_out"]["qr-rls"]

@@ -1,0 +1,221 @@
+"""Several estimators on one log, side by side: one run of `compare`."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import msgspec
+import numpy as np
+from numpy.typing import NDArray
+
+from vsalog.errors import EstimatorError, VsalogError
+from vsalog.estimation import JointEstimate
+from vsalog.job import Job, Options, prepare
+from vsalog.readers import open_reader, read
+from vsalog.recording import Recording
+from vsalog.rig.schema import AntagonisticJoint
+from vsalog.trace import Trace
+from vsalog.validation.document import Score
+from vsalog.validation.references import Smoothed, true_stiffness, truth_channels
+from vsalog.validation.scores import score
+
+Array = NDArray[np.float64]
+Progress = Callable[[str], None]
+
+# What is tried when nobody names estimators; which of them a log allows, its roles decide.
+USUAL = (
+    "residual-rls",
+    "residual-rls:modality=SENSOR",
+    "residual-rls:modality=MODEL",
+    "qr-rls",
+    "batch-ls",
+    "direct",
+)
+# Two estimates agree where they differ by less than so many standard deviations of their difference.
+AGREE = 2.0
+
+
+@dataclass(frozen=True, slots=True)
+class Contender:
+    """An estimator with its tuning, as asked for: ``residual-rls:modality=SENSOR:forgetting=0.99``."""
+
+    label: str
+    name: str
+    tune: Mapping[str, str]
+
+    @classmethod
+    def parse(cls, text: str) -> Contender:
+        """Read NAME[:KEY=VALUE…].
+
+        Raises
+        ------
+        EstimatorError
+            It is not of that form.
+        """
+        name, *pairs = text.strip().split(":")
+        tune = {}
+        for pair in pairs:
+            key, equals, value = pair.partition("=")
+            if not equals or not key.strip():
+                raise EstimatorError(f"'{text}': write NAME or NAME:KEY=VALUE, such as residual-rls:modality=SENSOR")
+            tune[key.strip()] = value.strip()
+        return cls(text.strip(), name.strip(), tune)
+
+
+class Row(msgspec.Struct, frozen=True, kw_only=True):
+    """One estimator on one transmission of one joint; null where the log cannot tell.
+
+    Attributes
+    ----------
+    estimator : as asked for
+    joint, transmission : names
+    stiffness_low, stiffness_high : 1 % and 99 % quantile over the supported rows [N·m/rad]
+    relative_std : root mean square of stiffness_std / stiffness
+    torque_left : root mean square of what the fit leaves of the torque [N·m]
+    excited_share : share of the rows at which the estimate is supported
+    agrees_share : share of the rows supported by both at which it agrees with the first estimator within two standard deviations
+    difference : root mean square of the difference to the first, relative to the first's stiffness
+    against_truth : stiffness against a simulator's, over the supported rows of the log's second half
+    """
+
+    estimator: str
+    joint: str
+    transmission: str
+    stiffness_low: float | None
+    stiffness_high: float | None
+    relative_std: float | None
+    torque_left: float | None
+    excited_share: float
+    agrees_share: float | None
+    difference: float | None
+    against_truth: Score | None
+
+
+class Comparison(msgspec.Struct, frozen=True, kw_only=True):
+    """All rows, and the estimators that were left out, with the reason."""
+
+    logs: tuple[str, ...]
+    rows: tuple[Row, ...]
+    left_out: dict[str, str]
+    warnings: tuple[str, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class Run:
+    """What one estimator made of the logs."""
+
+    contender: Contender
+    job: Job
+    estimates: Sequence[JointEstimate]
+
+
+def compare(
+    logs: Sequence[Path], options: Options, asked: Sequence[str], progress: Progress = lambda _: None
+) -> tuple[Comparison, list[Run]]:
+    """Run several estimators.
+
+    Parameters
+    ----------
+    logs : several make one model
+    options : as for `estimate`; the estimator in it is not looked at
+    asked : estimators, `Contender.parse`; all that the logs allow when empty
+    progress : told what is being done
+
+    Raises
+    ------
+    VsalogError
+        An estimator that was asked for cannot run, or none can.
+    """
+    runs: list[Run] = []
+    left_out: dict[str, str] = {}
+    for contender in [Contender.parse(text) for text in asked or USUAL]:
+        try:
+            chosen = replace(options, estimator=contender.name, tune={**options.tune, **contender.tune})
+            job = prepare(logs, chosen, progress)
+            progress(f"estimating by {contender.label}")
+            runs.append(Run(contender, job, job.run()))
+        except EstimatorError as error:
+            if asked:
+                raise
+            left_out[contender.label] = str(error)
+    if not runs:
+        raise EstimatorError(next(iter(left_out.values()), "no estimator was named"))
+    truths = _truths(logs, options, runs[0])
+    rows = [row for run in runs for estimate in run.estimates for row in _rows(run, estimate, runs[0], truths)]
+    warnings = dict.fromkeys(
+        w for run in runs for w in (*run.job.warnings, *(w for e in run.estimates for w in e.warnings))
+    )
+    return Comparison(
+        logs=tuple(log.name for log in logs), rows=tuple(rows), left_out=left_out, warnings=tuple(warnings)
+    ), runs
+
+
+def _truths(logs: Sequence[Path], options: Options, run: Run) -> Recording | None:
+    """Return a recording of the simulator's truth, where the one log has one."""
+    if len(logs) != 1:
+        return None
+    try:
+        known = open_reader(logs[0], options.rate).catalogue().channels
+        wanted = {c for e in run.estimates for c in truth_channels(e.joint) if c in known}
+        return read(logs[0], wanted, time=options.time, rate=options.rate) if wanted else None
+    except VsalogError:
+        return None
+
+
+def _rows(run: Run, estimate: JointEstimate, first: Run, truth: Recording | None) -> list[Row]:
+    reference = next((e for e in first.estimates if e.joint == estimate.joint), None)
+    assert estimate.trace is not None
+    rows = []
+    for part in estimate.summary.transmissions:
+        mine = _columns(estimate.trace, part.transmission)
+        agrees, difference = None, None
+        if run is not first and reference is not None and reference.trace is not None:
+            agrees, difference = _agreement(mine, _columns(reference.trace, part.transmission))
+        rows.append(
+            Row(
+                estimator=run.contender.label,
+                joint=estimate.joint,
+                transmission=part.transmission,
+                stiffness_low=part.stiffness_low,
+                stiffness_high=part.stiffness_high,
+                relative_std=part.relative_std,
+                torque_left=part.fit_rms,
+                excited_share=part.excited_share,
+                agrees_share=agrees,
+                difference=difference,
+                against_truth=None if truth is None else _against(truth, run, estimate, part.transmission, mine),
+            )
+        )
+    return rows
+
+
+def _columns(trace: Trace, transmission: str) -> dict[str, Array]:
+    columns = trace.transmissions[transmission]
+    return {key: np.asarray(columns[key], dtype=np.float64) for key in ("stiffness", "stiffness_std", "excited")}
+
+
+def _agreement(mine: Mapping[str, Array], theirs: Mapping[str, Array]) -> tuple[float | None, float | None]:
+    if mine["stiffness"].shape != theirs["stiffness"].shape:
+        return None, None
+    both = (mine["excited"] > 0.0) & (theirs["excited"] > 0.0)
+    if not both.any():
+        return None, None
+    gap = (mine["stiffness"] - theirs["stiffness"])[both]
+    spread = np.hypot(mine["stiffness_std"], theirs["stiffness_std"])[both]
+    relative = gap / theirs["stiffness"][both]
+    return float(np.mean(np.abs(gap) <= AGREE * spread)), float(np.sqrt(np.mean(relative**2)))
+
+
+def _against(
+    truth: Recording, run: Run, estimate: JointEstimate, transmission: str, mine: Mapping[str, Array]
+) -> Score | None:
+    trace = estimate.trace
+    assert trace is not None
+    two = isinstance(run.job.rig.joints[estimate.joint], AntagonisticJoint)
+    suffix = ("_total" if transmission == "total" else f"_{transmission}") if two else ""
+    stamps = Smoothed(trace.time, trace.stamps, np.zeros(trace.time.size, dtype=np.bool_), {})
+    true = true_stiffness(truth, estimate.joint, suffix, stamps)
+    settled = (mine["excited"] > 0.0) & (trace.time > 0.5 * (trace.time[0] + trace.time[-1]))
+    return None if true is None else score(mine["stiffness"][settled], true[settled])

@@ -1,0 +1,125 @@
+"""What `compare` says: a table on stdout, warnings on stderr, and a page."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import msgspec
+import numpy as np
+from numpy.typing import NDArray
+from rich.console import Console
+from rich.markup import escape
+from rich.table import Table
+
+from vsalog.comparison import Comparison, Run
+from vsalog.estimation import JointEstimate
+from vsalog.reports.estimate import _plain as plain
+from vsalog.validation.evidence import JointEvidence, TransmissionEvidence
+from vsalog.writers.atomic import write_text
+
+
+def print_comparison(found: Comparison) -> None:
+    """Print the table for people."""
+    console, errors = Console(), Console(stderr=True)
+    if not console.is_terminal:
+        console = Console(width=170)
+    for warning in found.warnings:
+        errors.print(f"[yellow]warning:[/] {escape(plain(warning))}", soft_wrap=True)
+    table = Table(box=None, pad_edge=False, padding=(0, 2))
+    for heading in ("joint", "transmission", "estimator"):
+        table.add_column(heading, no_wrap=True)
+    for heading in (
+        "stiffness [N·m/rad]",
+        "± (1 std)",
+        "torque left [N·m]",
+        "supported",
+        "agrees",
+        "differs",
+        "MSREP to truth [%]",
+    ):
+        table.add_column(heading.replace("[", "\\["), justify="right")
+    for row in sorted(found.rows, key=lambda r: (r.joint, r.transmission)):
+        span = "–" if row.stiffness_low is None else f"{row.stiffness_low:.4g} … {row.stiffness_high:.4g}"
+        truth = None if row.against_truth is None else row.against_truth.msrep.value
+        table.add_row(
+            escape(plain(row.joint)), row.transmission, escape(plain(row.estimator)), span, _percent(row.relative_std),
+            "–" if row.torque_left is None else f"{row.torque_left:.3g}", _percent(row.excited_share),
+            _percent(row.agrees_share), _percent(row.difference), "–" if truth is None else f"{truth:.3g}",
+        )  # fmt: skip
+    console.print(table)
+    console.print(
+        "agrees: share of the time within 2 standard deviations of the first; differs: root mean square, of the first"
+    )
+    for name, reason in found.left_out.items():
+        console.print(f"left out: {escape(plain(name))}: {escape(plain(reason))}", soft_wrap=True)
+
+
+def print_json(found: Comparison) -> None:
+    """Print the comparison as one JSON document."""
+    sys.stdout.buffer.write(msgspec.json.format(msgspec.json.encode(found), indent=2) + b"\n")
+    sys.stdout.buffer.flush()
+
+
+def write_comparison_page(path: Path, found: Comparison, runs: Sequence[Run]) -> None:
+    """Write a page with the figures of every estimator.
+
+    Raises
+    ------
+    WriteError
+        The file cannot be written.
+    """
+    from vsalog.reports.page import Part, Section, assembled, charts_of, columns_for
+    from vsalog.reports.page_tables import summary_table, warnings_box
+
+    log = ", ".join(found.logs)
+    columns = columns_for(sum(len(e.summary.transmissions) for run in runs for e in run.estimates))
+    sections = []
+    for run in runs:
+        for estimate in run.estimates:
+            lever = getattr(run.job.rig.joints[estimate.joint], "lever", None)
+            joint = _evidence(estimate, "rad" if lever is None else "m")
+            parts = [Part(n, "", charts_of(joint, n, columns)) for n in joint.transmissions]
+            about = summary_table(estimate.summary.transmissions)
+            sections.append(Section(f"{estimate.joint} by {run.contender.label}", log, about, parts))
+    write_text(path, assembled(f"Estimators on {log}", "Comparison", warnings_box(found.warnings), sections, ""))
+
+
+def _evidence(estimate: JointEstimate, unit: str) -> JointEvidence:
+    trace = estimate.trace
+    assert trace is not None
+    names = list(trace.transmissions)
+    names = [n for n in names if n != "total"] if len(names) == 2 else names
+    parts = {n: _part(trace.transmissions[n], estimate.model.modality) for n in names}
+    setpoint = trace.transmissions[names[0]].get("setpoint")
+    moves = setpoint is not None and bool(np.isfinite(np.asarray(setpoint, dtype=np.float64)).any())
+    return JointEvidence(
+        estimate.joint,
+        trace.time,
+        np.asarray(setpoint, dtype=np.float64) if moves else None,
+        unit,
+        parts,
+        estimate.model,
+        {},
+        parts[names[-1]].inside,
+    )
+
+
+def _part(columns: Mapping[str, NDArray[Any]], modality: str) -> TransmissionEvidence:
+    def of(name: str) -> NDArray[np.float64]:
+        return np.asarray(columns[name], dtype=np.float64)
+
+    lagged = "residual" in columns
+    fit = of("residual_fit" if lagged else "flexibility_torque_fit")
+    return TransmissionEvidence(
+        of("deflection"), fit, np.full(fit.shape, np.nan), of("residual" if lagged else "flexibility_torque"), modality.lower(),
+        of("stiffness"), of("stiffness_std"), None, of("excited") > 0.0,
+    )  # fmt: skip
+
+
+def _percent(value: float | None) -> str:
+    if value is None:
+        return "–"
+    return f"{value:.0%}" if value >= 0.1 else f"{100.0 * value:.2g} %"
