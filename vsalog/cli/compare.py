@@ -6,7 +6,7 @@ from pathlib import Path
 
 import rich_click as click
 
-from vsalog.cli.pairs import pairs
+from vsalog.cli.options import reading_options, rig_options
 
 
 @click.command(short_help="Several estimators on one log, side by side.")
@@ -19,31 +19,8 @@ from vsalog.cli.pairs import pairs
     help="Which; each may be tuned, e.g. residual-rls:modality=SENSOR,qr-rls:forgetting=0.98. All that the log allows when"
     " absent.",
 )
-@click.option(
-    "--rig", metavar="FILE|PRESET", help="The rig; else the one in the log, LOG.rig.toml or rig.toml beside it."
-)
-@click.option("--joint", "joints", multiple=True, metavar="NAME", help="Compare this joint only; may be given again.")
-@click.option(
-    "--set",
-    "settings",
-    multiple=True,
-    callback=pairs,
-    metavar="KEY=VALUE",
-    help="Change the rig for this run, e.g. joint.elbow.motor.inertia='7.3 kg*m*mm'.",
-)
-@click.option(
-    "--rate",
-    type=click.FloatRange(min=0.0, min_open=True),
-    metavar="HZ",
-    help="Sample rate of a table that has no time column.",
-)
-@click.option(
-    "--time",
-    type=click.Choice(["auto", "header", "log", "publish"]),
-    default="auto",
-    show_default=True,
-    help="Which clock to trust.",
-)
+@rig_options("Compare")
+@reading_options
 @click.option(
     "--report", type=click.Path(path_type=Path), metavar="FILE", help="Write a page with figures, which opens offline."
 )

@@ -6,15 +6,17 @@ from pathlib import Path
 
 import rich_click as click
 
+from vsalog.cli.options import reading_options, rig_options
 from vsalog.cli.pairs import pairs
 
 
 @click.command()
 @click.argument("logs", nargs=-1, type=click.Path(path_type=Path), metavar="LOG...")
-@click.option(
-    "--rig", metavar="FILE|PRESET", help="The rig; else the one in the log, LOG.rig.toml or rig.toml beside it."
+@rig_options(
+    "Estimate",
+    settings="Change the rig for this run, e.g. joint.elbow.motor.inertia='7.3 kg*m*mm'; setpoint=33mm fixes the set-point"
+    " (one value, or one per log with commas between).",
 )
-@click.option("--joint", "joints", multiple=True, metavar="NAME", help="Estimate this joint only; may be given again.")
 @click.option(
     "-e",
     "--estimator",
@@ -25,15 +27,6 @@ from vsalog.cli.pairs import pairs
 )
 @click.option(
     "--tune", multiple=True, callback=pairs, metavar="NAME=VALUE", help="Tune the estimator, e.g. forgetting=0.98."
-)
-@click.option(
-    "--set",
-    "settings",
-    multiple=True,
-    callback=pairs,
-    metavar="KEY=VALUE",
-    help="Change the rig for this run, e.g. joint.elbow.motor.inertia='7.3 kg*m*mm'; setpoint=33mm fixes the set-point"
-    " (one value, or one per log with commas between).",
 )
 @click.option(
     "-o",
@@ -60,19 +53,7 @@ from vsalog.cli.pairs import pairs
     metavar="DIR",
     help="Write the figures as SVG, PNG and PDF too; needs matplotlib (vsalog[plots]).",
 )
-@click.option(
-    "--rate",
-    type=click.FloatRange(min=0.0, min_open=True),
-    metavar="HZ",
-    help="Sample rate of a table that has no time column.",
-)
-@click.option(
-    "--time",
-    type=click.Choice(["auto", "header", "log", "publish"]),
-    default="auto",
-    show_default=True,
-    help="Which clock to trust.",
-)
+@reading_options
 @click.option(
     "--from",
     "source",

@@ -6,35 +6,18 @@ from pathlib import Path
 
 import rich_click as click
 
-from vsalog.cli.pairs import pairs
+from vsalog.cli.options import reading_options, rig_options
 
 
 @click.command(short_help="Hold a fitted model against other experiments: does it hold there?")
 @click.argument("model", type=click.Path(path_type=Path), metavar="MODEL")
 @click.argument("logs", nargs=-1, required=True, type=click.Path(path_type=Path), metavar="LOG...")
-@click.option("--rig", metavar="FILE|PRESET", help="The rig; else the log's own, else the one in the model file.")
-@click.option("--joint", "joints", multiple=True, metavar="NAME", help="Judge this joint only; may be given again.")
-@click.option(
-    "--set",
-    "settings",
-    multiple=True,
-    callback=pairs,
-    metavar="KEY=VALUE",
-    help="Change the rig for this run, e.g. joint.elbow.signals.torque_sensor.offset='1.2 N·m'.",
+@rig_options(
+    "Judge",
+    "The rig; else the log's own, else the one in the model file.",
+    "Change the rig for this run, e.g. joint.elbow.signals.torque_sensor.offset='1.2 N·m'.",
 )
-@click.option(
-    "--rate",
-    type=click.FloatRange(min=0.0, min_open=True),
-    metavar="HZ",
-    help="Sample rate of a table that has no time column.",
-)
-@click.option(
-    "--time",
-    type=click.Choice(["auto", "header", "log", "publish"]),
-    default="auto",
-    show_default=True,
-    help="Which clock to trust.",
-)
+@reading_options
 @click.option(
     "--modalities/--no-modalities",
     default=None,

@@ -1,0 +1,59 @@
+"""Options that several commands share: which rig, which joints, and how a log is read."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any, TypeVar
+
+import rich_click as click
+
+from vsalog.cli.pairs import pairs
+
+Command = TypeVar("Command", bound=Callable[..., Any])
+
+RIG = "The rig; else the one in the log, LOG.rig.toml or rig.toml beside it."
+SET = "Change the rig for this run, e.g. joint.elbow.motor.inertia='7.3 kg*m*mm'."
+
+
+def rig_options(verb: str, rig: str = RIG, settings: str = SET) -> Callable[[Command], Command]:
+    """Return a decorator that adds --rig, --joint and --set, handed on as `rig`, `joints` and `settings`.
+
+    Parameters
+    ----------
+    verb : what is done to a joint
+    rig, settings : help of --rig and --set
+    """
+
+    def decorate(command: Command) -> Command:
+        for option in (
+            click.option("--set", "settings", multiple=True, callback=pairs, metavar="KEY=VALUE", help=settings),
+            click.option(
+                "--joint", "joints", multiple=True, metavar="NAME", help=f"{verb} this joint only; may be given again."
+            ),
+            click.option("--rig", metavar="FILE|PRESET", help=rig),
+        ):
+            command = option(command)
+        return command
+
+    return decorate
+
+
+def reading_options(command: Command) -> Command:
+    """Add --rate and --time, handed on as `rate` and `time`."""
+    for option in (
+        click.option(
+            "--time",
+            type=click.Choice(["auto", "header", "log", "publish"]),
+            default="auto",
+            show_default=True,
+            help="Which clock to trust.",
+        ),
+        click.option(
+            "--rate",
+            type=click.FloatRange(min=0.0, min_open=True),
+            metavar="HZ",
+            help="Sample rate of a table that has no time column.",
+        ),
+    ):
+        command = option(command)
+    return command
