@@ -105,7 +105,7 @@ def _rub(p: Array, at: Integers, x: Array, modes: Integers, w: Array) -> None:
     for i in range(n):
         v, row = x[n + i], at[FRICTION] + 7 * i
         w[FORCE, i] -= p[row + VISCOUS] * v
-        if modes[i] == NO_FRICTION:
+        if not at[GUARDED] or modes[i] == NO_FRICTION:
             continue
         level = friction_level(p, row, v, w[TRANSMITTED, i])
         w[LEVEL, i] = level

@@ -305,14 +305,19 @@ def _compiled(stamp: str) -> Callable[..., Any]:
                     x[i], x[n + i] = prescribed[period, 0, i], prescribed[period, 1, i]
             _command(inputs, period, steps, servos, reference, commands, past, x, n)
             k = period * steps
-            _torques(inputs, k, 0.0, room)
-            derivative(p, at, start_time + k * step, x, room[TORQUES], modes, w, room[SLOPE])
             for i in range(x.shape[0]):
                 states[period, i] = x[i]
-            for i in range(n):
-                accelerations[period, i] = room[SLOPE, n + i]
+            plain = not stiff and not at[GUARDED]
+            if not plain:
+                _torques(inputs, k, 0.0, room)
+                derivative(p, at, start_time + k * step, x, room[TORQUES], modes, w, room[0])
+                for i in range(n):
+                    accelerations[period, i] = room[0, n + i]
             for s in range(steps):
                 _advance(stiff, p, at, inputs, k + s, start_time + (k + s) * step, step, x, modes, w, room)
+                if plain and s == 0:  # the first stage of the period's first step was taken right there
+                    for i in range(n):
+                        accelerations[period, i] = room[0, n + i]
 
     function: Callable[..., Any] = integrate
     return function
