@@ -123,7 +123,7 @@ def _sentences(
             "What the model is compared with below is no measurement.",
             "Name a torque_sensor, or motor_position and motor_torque, in the rig.",
         )
-    score, where = _main(worst), f" of transmission {worst.transmission}" if len(parts) > 1 else ""
+    score, where = _main(worst), _whose(worst) if len(parts) > 1 else ""
     assert score is not None
     interval = f"{_figure(score.nrmse.low)} to {_figure(score.nrmse.high)} %"
     error = f"{_figure(score.nrmse.value)} % of the torque's span (95 %: {interval})"
@@ -134,6 +134,10 @@ def _sentences(
     }[verdict]
     first = f"{words}: judged by {_REFERENCE[worst.judged_on or 'sensor']}, its flexibility torque{where} is off by {error}."
     return first, _where(worst), _why(worst, verdict)
+
+
+def _whose(part: TransmissionReport) -> str:
+    return " of the whole joint" if part.transmission == "total" else f" of transmission {part.transmission}"
 
 
 def _where(part: TransmissionReport) -> str:
