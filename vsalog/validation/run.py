@@ -21,6 +21,7 @@ from vsalog.rig.find import find_rig
 from vsalog.rig.schema import Joint
 from vsalog.validation.document import VERSION, JointReport, LogReport, Report
 from vsalog.validation.evidence import JointEvidence
+from vsalog.validation.frozen import frozen
 from vsalog.validation.joint import judge
 from vsalog.validation.modalities import side_by_side
 from vsalog.validation.references import truth_channels
@@ -77,7 +78,7 @@ def validate(
     VsalogError
         A file cannot be read, the rig does not fit, or a role is missing.
     """
-    file = ModelFile.load(model)
+    file = frozen(model)
     reports, drawn = [], []
     rig = None
     for name, log in zip(names_of(logs), logs, strict=True):
@@ -160,6 +161,10 @@ def _other_runs(file: ModelFile, name: str, joint: Joint) -> bool:
 def _check_fit(model: JointModel, device: Device, rig: Rig) -> None:
     """Refuse a rig that is no such device as the model's."""
     theirs, ours = [t.name for t in model.transmission], [v.name for v in device.transmissions]
+    if len(theirs) == len(ours) and theirs != ours:
+        raise RigError(
+            f"{rig.where}: joint '{device.joint}' has the transmissions {', '.join(ours)}, but the model {', '.join(theirs)}"
+        )
     if theirs != ours:
         raise RigError(
             f"{rig.where}: joint '{device.joint}' has {len(ours)} transmission{'s' if len(ours) > 1 else ''}, but the model was"

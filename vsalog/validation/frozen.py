@@ -1,0 +1,69 @@
+"""Reading a model that is to be judged: one whose numbers do not fit together is refused before anything is done."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable
+from pathlib import Path
+
+from vsalog.errors import ReadError
+from vsalog.model import JointModel, ModelFile, TransmissionModel
+
+# Beyond these no torque is left that could be told from infinity, and no power of a deflection.
+LARGEST, HIGHEST_POWER, MOST_SETPOINT_POWERS = 1e100, 100, 100
+LEAST_SCALE = 1e-9
+
+
+def frozen(path: Path) -> ModelFile:
+    """Read a model file and see that it can be evaluated.
+
+    Raises
+    ------
+    ReadError
+        It cannot be read, is no model file, holds no joint, or its numbers do not fit together.
+    """
+    try:
+        file = ModelFile.load(path)
+    except (RecursionError, ValueError) as error:
+        # The TOML parser's own limits, of nesting and of digits.
+        raise ReadError(f"{path}: is not a model file that 'vsalog estimate' writes: it is not sound TOML") from error
+    if not file.joint:
+        raise ReadError(f"{path}: holds no joint, so there is nothing to judge")
+    for name, joint in file.joint.items():
+        wrong = _basis_fault(joint) or next((w for t in joint.transmission if (w := _fault(joint, t))), None)
+        if wrong is not None:
+            raise ReadError(f"{path}: joint '{name}': {wrong}; write the model anew with 'vsalog estimate'")
+    return file
+
+
+def _basis_fault(joint: JointModel) -> str | None:
+    basis = joint.basis
+    if not basis.powers or not all(0 <= p <= HIGHEST_POWER for p in basis.powers):
+        return f"the powers have to be whole numbers from 0 to {HIGHEST_POWER}, at least one"
+    if not 1 <= basis.setpoint_order <= MOST_SETPOINT_POWERS:
+        return f"setpoint_order has to be between 1 and {MOST_SETPOINT_POWERS}, not {basis.setpoint_order}"
+    for key in ("deflection_scale", "setpoint_scale"):
+        if not LEAST_SCALE <= getattr(basis, key) <= LARGEST:
+            return f"{key} has to be a positive number, not {getattr(basis, key):g}"
+    return None
+
+
+def _fault(joint: JointModel, part: TransmissionModel) -> str | None:
+    size = joint.basis.basis().size
+    where = f"transmission '{part.name}'"
+    if len(part.coefficients) != size:
+        return f"{where} has {len(part.coefficients)} coefficients for {size} functions"
+    if not _usable(part.coefficients):
+        return f"{where} has coefficients that are not finite, or beyond all measure"
+    if len(part.covariance) != size or any(len(row) != size for row in part.covariance):
+        return f"{where} has a covariance that is not {size} by {size}"
+    if any(part.covariance[i][i] < 0.0 for i in range(size)):
+        return f"{where} has a negative variance"
+    columns = {len(vertex) for vertex in part.region}
+    if len(columns) > 1 or not columns <= {1, 2} or not all(_usable(vertex) for vertex in part.region):
+        return f"{where} has a region that is no list of points (deflection) or (deflection, set-point)"
+    return None
+
+
+def _usable(values: Iterable[float]) -> bool:
+    return all(math.isfinite(v) and abs(v) <= LARGEST for v in values)
