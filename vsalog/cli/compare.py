@@ -43,8 +43,11 @@ def compare(
     from vsalog.job import Options
     from vsalog.reports.compare import print_comparison, print_json, write_comparison_page
     from vsalog.reports.estimate import Progress
+    from vsalog.writers.reports import keep_inputs
 
     asked = [name for text in estimators for name in text.split(",") if name.strip()]
+    if report is not None:
+        keep_inputs([report], logs)
     with Progress() as progress:
         with progress.saying_when_compiling():
             found, runs = run(logs, Options(rig, joints, "auto", {}, settings, rate, time), asked, progress.say)

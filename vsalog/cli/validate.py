@@ -70,10 +70,11 @@ def validate(
     from vsalog.reports.validate import print_json, print_report
     from vsalog.validation.run import Options
     from vsalog.validation.run import validate as run
-    from vsalog.writers.reports import Outputs, write_report
+    from vsalog.writers.reports import Outputs, keep_inputs, write_report
 
     options = Options(rig, joints, settings, rate, time, modalities, max_nrmse, max_msrep)
     outputs = Outputs.within(output, figures)
+    keep_inputs([outputs.document, outputs.page], [model, *logs])
     with Progress() as progress:
         with progress.saying_when_compiling():
             report, evidence = run(model, logs, options, progress.say)

@@ -40,6 +40,8 @@ def joint_report(
     verdict: Verdict = "cannot be judged"
     if worst is not None and judged.not_independent is None:
         verdict = _verdict(_main(worst))
+        if verdict != "fails" and _unjudged(parts):
+            verdict = "cannot be judged"  # a part of the joint of which nothing is known may be as bad as can be
     told = list(warnings)
     if worst is not None and worst.judged_on == "residual":
         told.insert(
@@ -76,8 +78,18 @@ def _meets(joint: JointReport, name: str, limit: float) -> bool:
 
 def _worst(parts: Sequence[TransmissionReport]) -> TransmissionReport | None:
     """Return the transmission that is predicted worst, of those that can be judged."""
-    judged = [t for t in parts if _main(t) is not None]
+    judged = [t for t in parts if _judged(t)]
     return max(judged, key=lambda t: _nrmse(_main(t)), default=None)
+
+
+def _judged(part: TransmissionReport) -> bool:
+    score = _main(part)
+    return score is not None and score.nrmse.value is not None
+
+
+def _unjudged(parts: Sequence[TransmissionReport]) -> list[TransmissionReport]:
+    """Return the transmissions that the verdict would pass over though the log has something to judge them by."""
+    return [t for t in parts if not _judged(t) and (t.judged_on is not None or t.inside_share == 0.0)]
 
 
 def _main(part: TransmissionReport) -> Score | None:
@@ -111,6 +123,17 @@ def _sentences(
             "Record a torque sensor, or motor positions and torques, to judge the model by.",
         )
     if worst is None:
+        on = next((t for t in parts if t.judged_on is not None), None)
+        if on is not None:
+            return _too_little(on)
+        if not any(c.inside or c.outside for t in parts for c in t.comparisons) and all(
+            t.inside_share == 0.0 for t in parts
+        ):
+            return (
+                "Nothing is judged: fewer than 20 samples of this log have a deflection and a torque once they are filtered.",
+                "The filter needs 51 samples in a row without a gap or a missing value.",
+                "Record longer, or without the gaps.",
+            )
         inside = max((t.inside_share for t in parts), default=0.0)
         if inside == 0.0:
             return (
@@ -122,6 +145,14 @@ def _sentences(
             "Nothing is judged: the log has neither a torque sensor nor motor positions and torques with a known inertia.",
             "What the model is compared with below is no measurement.",
             "Name a torque_sensor, or motor_position and motor_torque, in the rig.",
+        )
+    if verdict == "cannot be judged":
+        missing = ", ".join(t.transmission for t in _unjudged(parts) if t.transmission != "total")
+        return (
+            f"Not all of the joint can be judged: of transmission {missing} no sample lies in the region that the model was"
+            " fitted in, or too little was measured.",
+            f"Of what can be judged the worst is off by {_figure(_nrmse(_main(worst)))} % of the torque's span.",
+            "Fit the model on an experiment that covers these deflections and set-points.",
         )
     score, where = _main(worst), _whose(worst) if len(parts) > 1 else ""
     assert score is not None
@@ -138,6 +169,22 @@ def _sentences(
 
 def _whose(part: TransmissionReport) -> str:
     return " of the whole joint" if part.transmission == "total" else f" of transmission {part.transmission}"
+
+
+def _too_little(part: TransmissionReport) -> tuple[str, ...]:
+    """Say why a reference that is there judges nothing."""
+    if _main(part) is not None:
+        what = "the torque sensor" if part.judged_on == "sensor" else "the residual of the motor equation"
+        return (
+            f"Nothing is judged: {what} never changes, so that an error has no span to be measured by.",
+            "A sensor that is stuck or unplugged looks like that.",
+            "See whether the rig names the right channel.",
+        )
+    return (
+        "Nothing is judged: fewer than 20 samples that can be judged lie in the region that the model was fitted in.",
+        "So few samples tell nothing of an error's size.",
+        "Record longer, or fit the model on an experiment that covers these deflections and set-points.",
+    )
 
 
 def _where(part: TransmissionReport) -> str:

@@ -39,6 +39,22 @@ class Outputs:
         return cls(where / "report.json", where / "report.html", figures)
 
 
+def keep_inputs(outputs: Sequence[Path], inputs: Sequence[Path]) -> None:
+    """Refuse to write over what is read, before anything is done.
+
+    Raises
+    ------
+    WriteError
+        An output is one of the inputs, or no file can be written there.
+    """
+    for output in outputs:
+        for given in inputs:
+            if output.exists() and given.exists() and output.samefile(given):
+                raise WriteError(f"{output}: is what is read; choose another place for the report")
+        if output.is_dir():
+            raise WriteError(f"{output}: is a folder; name a file")
+
+
 def write_report(report: Report, evidence: Sequence[Sequence[JointEvidence]], outputs: Outputs) -> None:
     """Write all of it.
 
@@ -52,7 +68,7 @@ def write_report(report: Report, evidence: Sequence[Sequence[JointEvidence]], ou
     except OSError as error:
         raise WriteError(f"{outputs.document.parent}: cannot be made a folder: {error.strerror}") from error
     title = f"{report.model} against {', '.join(log.log for log in report.logs)}"
-    write_page(outputs.page, title, report, evidence)
     if outputs.figures is not None:
         write_figures(outputs.figures, evidence, report)
+    write_page(outputs.page, title, report, evidence)
     write_text(outputs.document, msgspec.json.format(msgspec.json.encode(report), indent=2).decode() + "\n")
