@@ -71,13 +71,13 @@
     const n = spec.axes.length;
     if (spec.beside && !narrow(box)) {
       const gap = n > 1 ? 0.09 : 0, wide = (1 - gap * (n - 1)) / n;
-      return { height: 350, at: spec.axes.map((_, i) => [i * (wide + gap), i * (wide + gap) + wide, 0, 1]) };
+      return { height: 370, at: spec.axes.map((_, i) => [i * (wide + gap), i * (wide + gap) + wide, 0, 1]) };
     }
     const rows = spec.axes.map((_, i) => (i === 0 || !spec.linked ? 260 : 170));
     const gap = spec.linked ? 26 : 90, all = rows.reduce((a, b) => a + b, 0) + gap * (n - 1);
     let top = all;
     const at = rows.map((h) => { const y = [0, 1, (top - h) / all, top / all]; top -= h + gap; return y; });
-    return { height: all + 105, at };
+    return { height: all + 118, at };
   }
 
   function flat(spec, box) {
@@ -104,17 +104,17 @@
     const s = spec.surface, [dx, dy, dz] = s.data, scale = shades[isDark() ? "dark" : "light"];
     const points = { mode: "markers", name: "data", showlegend: true };
     if (!webgl()) {
-      // Without WebGL the surface is seen from above.
+      // Without WebGL the data are seen from above, the torque as colour.
       const bar = { title: { text: s.labels[2], side: "right" }, thickness: 12, outlinewidth: 0 };
-      const layout = { ...base(420), xaxis: axis(s.labels[0]), yaxis: axis(s.labels[1]), showlegend: true };
-      const map = { type: "contour", x: s.x, y: s.y, z: s.z, colorscale: scale, colorbar: bar };
-      return { data: [map, { ...points, type: "scatter", x: dx, y: dy, marker: { size: 3, color: colour("ink"), opacity: 0.5 } }], layout };
+      const marker = { size: 5, color: dz, colorscale: scale, showscale: true, colorbar: bar };
+      const layout = { ...base(420), xaxis: axis(s.labels[0]), yaxis: axis(s.labels[1]), showlegend: false };
+      return { data: [{ ...points, type: "scatter", x: dx, y: dy, marker }], layout };
     }
     const layout = { ...base(narrow(box) ? 400 : 540), showlegend: true, margin: { l: 0, r: 0, t: 0, b: 0 } };
     const three = (text) => ({ ...axis(text), title: { text, font: { size: 12 } }, tickfont: { size: 11 }, showbackground: false, nticks: 6, automargin: undefined, ticks: undefined });
     layout.scene = {
       xaxis: three(s.labels[0]), yaxis: three(s.labels[1]), zaxis: three(s.labels[2]), dragmode: "turntable", aspectmode: "manual",
-      aspectratio: { x: 1.25, y: 1.25, z: 0.8 }, camera: { eye: { x: 1.35, y: -1.6, z: 0.75 }, center: { x: 0, y: 0, z: -0.08 } },
+      aspectratio: { x: 1.25, y: 1.25, z: 0.8 }, camera: { eye: { x: 1.15, y: -1.45, z: 0.7 }, center: { x: 0, y: 0, z: -0.1 } },
     };
     layout.legend = { ...layout.legend, y: 0.98, yanchor: "top" };
     const contours = { x: { show: true, color: colour("soft"), width: 1 }, y: { show: true, color: colour("soft"), width: 1 } };
@@ -124,7 +124,9 @@
   }
 
   const config = {
-    responsive: false, displaylogo: false, displayModeBar: "hover", doubleClick: "reset", scrollZoom: false, showTips: false,
+    // A log's data stay here: no button offers to send them anywhere.
+    showSendToCloud: false, plotlyServerURL: "",
+    responsive: false, displaylogo: false, doubleClick: "reset", scrollZoom: false, showTips: false,
     modeBarButtonsToRemove: ["select2d", "lasso2d", "toggleSpikelines", "hoverCompareCartesian", "hoverClosestCartesian"],
     toImageButtonOptions: { format: "svg" },
   };
@@ -139,6 +141,9 @@
     box.wide = box.clientWidth;
     if (first) box.textContent = "";
     config.toImageButtonOptions.filename = spec.name;
+    config.displayModeBar = printing || narrow(box) ? false : "hover";
+    // The buttons stand in the top right corner, above the legend.
+    if (!narrow(box) && !printing && !spec.surface) layout.margin.t = layout.showlegend ? 56 : 30;
     return Plotly.react(box, data, layout, config).then(() => {
       if (first) {
         follow(box, spec);

@@ -12,12 +12,11 @@ from vsalog.reports.page_charts import Axes, Chart, Curve, Surface
 from vsalog.reports.page_decimate import scattered
 from vsalog.reports.page_figures import DEFLECTION, TORQUE, measured_name, number, span_words
 from vsalog.validation.evidence import JointEvidence, TransmissionEvidence
-from vsalog.validation.region import inside_region
 
 Array = NDArray[np.float64]
 
 POINTS, SURFACE_POINTS, SLICE_POINTS = 2500, 1500, 800
-GRID, CURVE = 41, 161
+GRID, CURVE = 33, 161
 # A slice shows the samples whose set-point is closer than this part of the set-point's span.
 SLICE_WIDTH = 0.02
 SLICES = 3
@@ -86,11 +85,11 @@ def _surface(joint: JointEvidence, part: TransmissionEvidence, model: JointModel
     assert joint.setpoint is not None
     torque, label = _data(part)
     region = np.array(fitted.region)
-    phi = np.linspace(region[:, 0].min(), region[:, 0].max(), GRID)
     setpoint = np.linspace(region[:, 1].min(), region[:, 1].max(), GRID)
-    P, C = np.meshgrid(phi, setpoint)
-    z = model.flexibility_torque(fitted.name, P.ravel(), C.ravel())[0]
-    z = np.where(inside_region(fitted, P.ravel(), C.ravel()), z, np.nan).reshape(P.shape)
+    # Each row of the grid reaches from edge to edge of the region, whose outline is smooth that way.
+    P = np.array([np.linspace(*_reach(region, float(c)), GRID) for c in setpoint])
+    C = np.repeat(setpoint[:, None], GRID, axis=1)
+    z = model.flexibility_torque(fitted.name, P.ravel(), C.ravel())[0].reshape(P.shape)
     # One sample per cell of (φ, set-point): the data must cover the surface as the log does.
     at = scattered(part.deflection, joint.setpoint, SURFACE_POINTS)
     at = at[np.isfinite(torque[at])]
@@ -100,7 +99,7 @@ def _surface(joint: JointEvidence, part: TransmissionEvidence, model: JointModel
         f" ({span_words(region[:, 1], joint.setpoint_unit)}), {span_words(z, 'N·m')}, inside the region it was fitted in;"
         f" points are the log's data ({label})."
     )
-    surface = Surface(phi, setpoint, z, data, DEFLECTION, setpoint_label(joint), TORQUE)
+    surface = Surface(P, setpoint, z, data, DEFLECTION, setpoint_label(joint), TORQUE)
     return Chart("surface", "Characteristic surface", words, surface=surface)
 
 
@@ -119,12 +118,10 @@ def _slices(joint: JointEvidence, part: TransmissionEvidence, model: JointModel,
         c = low + share * (high - low)
         near = np.flatnonzero(known & (np.abs(joint.setpoint - c) <= width))
         at = near[scattered(part.deflection[near], torque[near], SLICE_POINTS)] if near.size else near
-        inside = _phi_at(fitted, c)
-        # A vertical reach of the model as wide as the data there and the region.
-        reach = np.concatenate([part.deflection[at], inside])
-        if reach.size < 2 or np.ptp(reach) == 0.0:
+        ends = _reach(np.array(fitted.region), c)
+        if ends[0] == ends[1]:
             continue
-        phi = np.linspace(float(reach.min()), float(reach.max()), CURVE)
+        phi = np.linspace(*ends, CURVE)
         curves = _model_curves(model, fitted.name, phi, np.full(CURVE, c))
         points = Curve(label, part.deflection[at], torque[at], "measured", "points")
         curves = [curves[0], points, *curves[1:]]
@@ -140,11 +137,13 @@ def _slices(joint: JointEvidence, part: TransmissionEvidence, model: JointModel,
     return Chart("slices", "Slices of the surface", f"{words}.", tuple(panels), beside=True)
 
 
-def _phi_at(fitted: TransmissionModel, c: float) -> Array:
-    """Return the deflections of the region at a set-point."""
-    region = np.array(fitted.region)
-    phi = np.linspace(region[:, 0].min(), region[:, 0].max(), CURVE)
-    return np.asarray(phi[inside_region(fitted, phi, np.full(CURVE, c))])
+def _reach(region: Array, c: float) -> tuple[float, float]:
+    """Return least and greatest deflection of a region, a convex polygon, at a set-point within it."""
+    met = []
+    for (x0, c0), (x1, c1) in zip(region, np.roll(region, -1, axis=0), strict=True):
+        if min(c0, c1) <= c <= max(c0, c1):
+            met += [x0, x1] if c0 == c1 else [x0 + (c - c0) / (c1 - c0) * (x1 - x0)]
+    return (float(min(met)), float(max(met))) if met else (0.0, 0.0)
 
 
 def _span(values: Array) -> float:

@@ -62,7 +62,7 @@ class Axes:
 
 @dataclass(frozen=True, slots=True)
 class Surface:
-    """z over a grid: x (n,), y (m,), z (m, n) with NaN where nothing is known; and the data on it, (N, 3)."""
+    """z (m, n) over a grid whose rows have a y each, (m,), and their own x (m, n); and the data on it, (N, 3)."""
 
     x: Array
     y: Array

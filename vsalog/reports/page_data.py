@@ -54,12 +54,16 @@ def _curve(curve: Curve) -> dict[str, Any]:
 
 def _surface(surface: Surface) -> dict[str, Any]:
     return {
-        "x": array(surface.x),
-        "y": array(surface.y),
-        "z": {**array(surface.z.ravel()), "shape": ",".join(map(str, surface.z.shape))},
+        "x": _grid(surface.x),
+        "y": _grid(np.repeat(surface.y[:, None], surface.x.shape[1], axis=1)),
+        "z": _grid(surface.z),
         "data": [array(surface.data[:, i]) for i in range(3)],
         "labels": [label(text) for text in (surface.x_label, surface.y_label, surface.z_label)],
     }
+
+
+def _grid(values: Array) -> dict[str, str]:
+    return {**array(values.ravel()), "shape": ",".join(map(str, values.shape))}
 
 
 def array(values: Array) -> dict[str, str]:

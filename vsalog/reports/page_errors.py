@@ -52,8 +52,8 @@ def _distribution(error: Array, of: str) -> Chart:
     if std > 0.0:
         curves.append(Curve("normal of the same spread", x, stats.norm.pdf(x, mean, std), "model"))
     quantiles = (
-        Curve("", normal, np.quantile(error, shares), "error", "points"),
         Curve("", normal, mean + std * normal, "model"),
+        Curve("", normal, np.quantile(error, shares), "error", "points"),
     )
     kurtosis = float(stats.kurtosis(error)) if std > 0.0 else 0.0
     tails = "heavier than" if kurtosis > 1.0 else "lighter than" if kurtosis < -0.5 else "about as heavy as"

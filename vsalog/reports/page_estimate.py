@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 
@@ -16,12 +17,14 @@ from vsalog.job import Job
 from vsalog.reports.page import Part, Section, assembled, charts_of, columns_for, provenance
 from vsalog.reports.page_tables import motor_table, summary_table, warnings_box
 from vsalog.reports.page_text import escaped, name
+from vsalog.summary import TransmissionSummary
 from vsalog.trace import EXTRA_UNITS
 from vsalog.validation.evidence import JointEvidence, TransmissionEvidence
 from vsalog.writers.atomic import write_text
 
 Array = NDArray[np.float64]
 
+SUPERSCRIPTS = str.maketrans("0123456789", "⁰¹²³⁴⁵⁶⁷⁸⁹")
 PARAMETERS = ("motor_inertia", "motor_damping")
 
 
@@ -39,9 +42,7 @@ def evidence_of(trace: Path, estimate: JointEstimate, setpoint_unit: str = "rad"
     The joint's evidence; several runs follow one another in time
     """
     columns = TraceColumns(trace, estimate.joint)
-    names = [t.transmission for t in estimate.summary.transmissions]
-    # The device row of a single transmission repeats it.
-    names = [n for n in names if n != "total"] if len(names) == 2 else names
+    names = [t.transmission for t in _apart(estimate.summary.transmissions)]
     time = _one_after_the_other(columns.of(names[0], "time"))
     setpoint = columns.of(names[0], "setpoint") if "setpoint" in columns.known else None
     if setpoint is not None and not np.isfinite(setpoint).any():
@@ -97,7 +98,7 @@ class Convergence(Mapping[str, Array]):
             # The names of transmissions are needed where there are two.
             before = f"{n}: " if len(names) > 1 else ""
             for i in range(len(terms)):
-                self._add(f"{before}{terms[i]} [N·m]", n, f"coefficient_{i}")
+                self._add(f"{before}{term_text(terms[i])} [N·m]", n, f"coefficient_{i}")
             for parameter in PARAMETERS:
                 unit = EXTRA_UNITS[parameter].replace("*", "·").replace("^2", "²")
                 self._add(f"{before}{parameter.replace('_', ' ')} [{unit}]", n, parameter)
@@ -114,6 +115,12 @@ class Convergence(Mapping[str, Array]):
 
     def __len__(self) -> int:
         return len(self.where)
+
+
+def term_text(term: str) -> str:
+    """Return a basis function as people write it: phi^3*c^2 is φ³ c²."""
+    raised = re.sub(r"\^(\d+)", lambda m: "" if m[1] == "1" else m[1].translate(SUPERSCRIPTS), term)
+    return raised.replace("phi", "φ").replace("*", " ")
 
 
 def write_estimate_page(
@@ -139,6 +146,9 @@ def write_estimate_page(
     columns = columns_for(sum(len(e.summary.transmissions) for e in estimates))
     sections = []
     for estimate in estimates:
+        if not estimate.summary.transmissions:
+            sections.append(Section(estimate.joint, log, _about(estimate), []))
+            continue
         joint = evidence_of(trace, estimate, setpoint_unit(job, estimate.joint))
         parts = [Part(n, "", charts_of(joint, n, columns)) for n in joint.transmissions]
         sections.append(Section(estimate.joint, log, _about(estimate), parts))
@@ -157,6 +167,11 @@ def setpoint_unit(job: Job, joint: str) -> str:
     return "m" if getattr(job.rig.joints[joint], "lever", None) is not None else "rad"
 
 
+def _apart(parts: Sequence[TransmissionSummary]) -> Sequence[TransmissionSummary]:
+    """Leave out the device where it has a single transmission, which it would repeat."""
+    return [p for p in parts if p.transmission != "total"] if len(parts) == 2 else parts
+
+
 def _about(estimate: JointEstimate) -> str:
     s = estimate.summary
     words = (
@@ -164,7 +179,7 @@ def _about(estimate: JointEstimate) -> str:
         if s.period > 0.0
         else escaped(estimate.estimator)
     )
-    tables = summary_table(s.transmissions) + motor_table(estimate.model.motor)
+    tables = summary_table(_apart(s.transmissions)) + motor_table(estimate.model.motor)
     return f"<p>{words}</p>{tables}{warnings_box(estimate.warnings)}"
 
 

@@ -27,6 +27,8 @@ MEASURED = {
 # An expanded view is this part of the log, but no shorter than 2 s and no longer than 10 s (as in Flacco 2012, Fig. 35).
 EXPANDED_SHARE, EXPANDED_LEAST, EXPANDED_MOST = 0.1, 2.0, 10.0
 EXPANDED_COLUMNS = 1000
+# Parameters drawn per unit.
+MOST_PARAMETERS = 7
 
 
 def measured_name(part: TransmissionEvidence) -> str:
@@ -108,11 +110,11 @@ def stiffness_chart(joint: JointEvidence, part: TransmissionEvidence, columns: i
     gaps = gaps_of(joint.time)
     known = _supported(part)
     sigma = part.stiffness[known]
-    shown = _within(part.stiffness, sigma)
+    shown = _within(part.stiffness, sigma, 0.4)
     low, high = shown - 2.0 * part.stiffness_std, shown + 2.0 * part.stiffness_std
     if sigma.size:
         # Before anything is known the band is as wide as the prior: it must not squeeze the rest.
-        room = 1.5 * max(float(np.ptp(sigma)), 0.5 * float(np.abs(sigma).max()))
+        room = 0.4 * max(float(np.ptp(sigma)), 0.5 * float(np.abs(sigma).max()))
         low, high = np.maximum(low, sigma.min() - room), np.minimum(high, sigma.max() + room)
     curves = [
         Curve("± 2 standard deviations", *band(joint.time, low, high, columns, gaps), "model", "area"),
@@ -141,23 +143,29 @@ def stiffness_chart(joint: JointEvidence, part: TransmissionEvidence, columns: i
 def convergence_charts(joint: JointEvidence, columns: int) -> list[Chart]:
     """An estimate's parameters over time; those of the same unit (the text in brackets) in one pair of axes."""
     gaps = gaps_of(joint.time)
-    groups: dict[str, list[Curve]] = {}
-    last: list[str] = []
-    # Names come out of the estimator, up to a transmission's, which is the rig's.
+    groups: dict[str, list[tuple[float, str, Array, Array]]] = {}
     for name in joint.convergence:
         values = joint.convergence[name]
         label, unit = _split(name)
-        own = groups.setdefault(unit, [])
         known = values[np.isfinite(values)]
-        settled = known[known.size // 20 :]
-        own.append(Curve(label, *decimated(joint.time, _within(values, settled), columns, gaps), str(len(own))))
-        if known.size and len(last) < 6:
-            last.append(f"{label} {number(float(known[-1]))} {unit}".strip())
-    if not groups:
+        if known.size:
+            settled = known[known.size // 20 :]
+            curve = decimated(joint.time, _within(values, settled), columns, gaps)
+            groups.setdefault(unit, []).append((float(known[-1]), label, *curve))
+    axes, said = [], []
+    for unit, found in groups.items():
+        # The largest tell the tale; more than a handful of lines nobody can tell apart.
+        found.sort(key=lambda f: -abs(f[0]))
+        shown = found[:MOST_PARAMETERS]
+        curves = tuple(Curve(label, x, y, str(i)) for i, (_, label, x, y) in enumerate(shown))
+        axes.append(Axes(TIME, f"parameter [{unit}]", curves))
+        said += [f"{label} {number(last)} {unit}".strip() for last, label, _, _ in shown]
+        if len(found) > len(shown):
+            said.append(f"and {len(found) - len(shown)} smaller ones that are not drawn")
+    if not axes:
         return []
-    axes = tuple(Axes(TIME, f"parameter [{unit}]", tuple(curves)) for unit, curves in groups.items())
-    words = f"The estimator's parameters while it learns; at the end: {', '.join(last)}."
-    return [Chart("convergence", "Convergence of the parameters", words, axes, linked=True)]
+    words = f"The estimator's parameters while it learns; at the end: {', '.join(said)}."
+    return [Chart("convergence", "Convergence of the parameters", words, tuple(axes), linked=True)]
 
 
 def _split(name: str) -> tuple[str, str]:
@@ -165,13 +173,13 @@ def _split(name: str) -> tuple[str, str]:
     return (found[1], found[2]) if found else (name, "")
 
 
-def _within(values: Array, known: Array) -> Array:
+def _within(values: Array, known: Array, share: float = 1.0) -> Array:
     """Leave out what lies far off the range of what is known: the first guesses of a recursion."""
     known = known[np.isfinite(known)]
     if known.size == 0:
         return values
     low, high = float(known.min()), float(known.max())
-    room = 1.0 * max(high - low, 0.5 * max(abs(low), abs(high)))
+    room = share * max(high - low, 0.5 * max(abs(low), abs(high)))
     return np.where((values >= low - room) & (values <= high + room), values, np.nan)
 
 

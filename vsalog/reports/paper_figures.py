@@ -194,8 +194,8 @@ def _polygons(curve: Curve) -> list[Any]:
 
 def _surface(canvas: Any, surface: Surface) -> Any:
     axes = canvas.add_subplot(projection="3d")
-    x, y = np.meshgrid(surface.x, surface.y)
-    axes.plot_surface(x, y, surface.z, cmap="viridis", alpha=0.75, linewidth=0, rstride=1, cstride=1)
+    y = np.repeat(surface.y[:, None], surface.x.shape[1], axis=1)
+    axes.plot_surface(surface.x, y, surface.z, cmap="viridis", alpha=0.75, linewidth=0, rstride=1, cstride=1)
     axes.scatter(*surface.data.T, s=3, marker="x", linewidths=0.5, color=COLOURS["measured"], rasterized=True)
     axes.set_xlabel(plain(surface.x_label))
     axes.set_ylabel(plain(surface.y_label))
