@@ -215,3 +215,12 @@ def test_the_schema_file_is_up_to_date():
     assert (DOCS / "report.schema.json").read_text(encoding="utf-8") == schema_text(), (
         "run: python -m vsalog.validation.schema_file > docs/report.schema.json"
     )
+
+
+def test_a_small_error_with_a_wrong_gain_does_not_hold(models, tmp_path):
+    """15 % too much torque is less than 5 % of its span, and another spring all the same."""
+    log = simulated(tmp_path, "louder", "--actual", "joint.sea.signals.torque_sensor.gain=1.15")
+    joint = joint_of(judged(models["sea"], log, folder=tmp_path))
+    assert main_score(joint)["inside"]["nrmse"]["value"] < 5.0
+    assert joint["verdict"] == "fails"
+    assert "15.0% larger than predicted" in " ".join(joint["sentences"])

@@ -22,6 +22,8 @@ from vsalog.validation.joint import Judged
 # A model whose torque is this close to the reference holds [% of the torque's span].
 HOLDS = 5.0
 MOSTLY_OUTSIDE = 0.5
+# A torque that is measured by more than this part larger or smaller than predicted is another spring's.
+GAIN = 0.1
 # The second dependence is named too when it explains this part of the error's mean square.
 WORTH_SAYING = 0.15
 
@@ -40,6 +42,8 @@ def joint_report(
     verdict: Verdict = "cannot be judged"
     if worst is not None and judged.not_independent is None:
         verdict = _verdict(_main(worst))
+        if verdict == "holds" and any(_gain_is_off(part) for part in parts):
+            verdict = "fails"
         if verdict != "fails" and _unjudged(parts):
             verdict = "cannot be judged"  # a part of the joint of which nothing is known may be as bad as can be
     told = list(warnings)
@@ -113,6 +117,11 @@ def _verdict(score: Score | None) -> Verdict:
     return "holds" if high <= HOLDS else "fails" if low > HOLDS else "undecided"
 
 
+def _gain_is_off(part: TransmissionReport) -> bool:
+    """Tell whether what is measured is clearly more or less than predicted, however small that is against the span."""
+    return any(d.on == "torque" and d.slope is not None and abs(d.slope) > GAIN for d in part.dependence)
+
+
 def _sentences(
     verdict: Verdict, parts: Sequence[TransmissionReport], worst: TransmissionReport | None, not_independent: str | None
 ) -> tuple[str, ...]:
@@ -161,7 +170,7 @@ def _sentences(
     words = {
         "holds": "The model holds",
         "fails": "The model does not hold",
-        "undecided": "This log is too short to tell whether the model holds",
+        "undecided": "Whether the model holds is too close to tell",
     }[verdict]
     first = f"{words}: judged by {_REFERENCE[worst.judged_on or 'sensor']}, its flexibility torque{where} is off by {error}."
     return first, _where(worst), _why(worst, verdict)
