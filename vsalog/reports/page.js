@@ -114,7 +114,7 @@
     const three = (text) => ({ ...axis(text), title: { text, font: { size: 12 } }, tickfont: { size: 11 }, showbackground: false, nticks: 6, automargin: undefined, ticks: undefined });
     layout.scene = {
       xaxis: three(s.labels[0]), yaxis: three(s.labels[1]), zaxis: three(s.labels[2]), dragmode: "turntable", aspectmode: "manual",
-      aspectratio: { x: 1.25, y: 1.25, z: 0.8 }, camera: { eye: { x: 1.15, y: -1.45, z: 0.7 }, center: { x: 0, y: 0, z: -0.1 } },
+      aspectratio: { x: 1.25, y: 1.25, z: 0.8 }, camera: { eye: { x: 1.3, y: -1.6, z: 0.75 }, center: { x: 0, y: 0, z: -0.17 } },
     };
     layout.legend = { ...layout.legend, y: 0.98, yanchor: "top" };
     const contours = { x: { show: true, color: colour("soft"), width: 1 }, y: { show: true, color: colour("soft"), width: 1 } };

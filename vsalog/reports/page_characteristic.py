@@ -108,14 +108,13 @@ def _slices(joint: JointEvidence, part: TransmissionEvidence, model: JointModel,
     assert joint.setpoint is not None
     torque, label = _data(part)
     known = np.isfinite(torque) & np.isfinite(part.deflection) & np.isfinite(joint.setpoint)
-    values = joint.setpoint[known] if known.any() else joint.setpoint[np.isfinite(joint.setpoint)]
+    # Where there are data: a set-point that is switched between values has none in between.
+    values = joint.setpoint[known] if known.any() else np.array(fitted.region)[:, 1]
     width = SLICE_WIDTH * _span(joint.setpoint)
-    low, high = float(values.min()), float(values.max())
     panels: list[Axes] = []
     said: list[str] = []
     unit = joint.setpoint_unit
-    for share in np.linspace(0.1, 0.9, SLICES):
-        c = low + share * (high - low)
+    for c in _apart(values):
         near = np.flatnonzero(known & (np.abs(joint.setpoint - c) <= width))
         at = near[scattered(part.deflection[near], torque[near], SLICE_POINTS)] if near.size else near
         ends = _reach(np.array(fitted.region), c)
@@ -135,6 +134,13 @@ def _slices(joint: JointEvidence, part: TransmissionEvidence, model: JointModel,
     if said:
         words += f". Slope in the middle: {', '.join(said)}"
     return Chart("slices", "Slices of the surface", f"{words}.", tuple(panels), beside=True)
+
+
+def _apart(values: Array) -> list[float]:
+    """Return set-points that occur, spread evenly over their range as far as they do."""
+    low, high = np.quantile(values, [0.02, 0.98])
+    wanted = low + np.linspace(0.1, 0.9, SLICES) * (high - low)
+    return [float(c) for c in np.unique([values[np.abs(values - w).argmin()] for w in wanted])]
 
 
 def _reach(region: Array, c: float) -> tuple[float, float]:

@@ -120,7 +120,7 @@ class Convergence(Mapping[str, Array]):
 def term_text(term: str) -> str:
     """Return a basis function as people write it: phi^3*c^2 is φ³ c²."""
     raised = re.sub(r"\^(\d+)", lambda m: "" if m[1] == "1" else m[1].translate(SUPERSCRIPTS), term)
-    return raised.replace("phi", "φ").replace("*", " ")
+    return raised.replace("phi", "φ").replace("*", " ").replace(":", ": ")
 
 
 def write_estimate_page(

@@ -37,7 +37,7 @@ def scores_table(part: TransmissionReport) -> str:
         for where, score in (("inside", comparison.inside), ("outside", comparison.outside)):
             if score is not None:
                 rows.append(_score_row(part, comparison, where, score))
-    heads = ("judged against", "samples", "count", "NRMSE [%]", "RMSE", "MSREP [%]", "R²", "bias", "largest", "unit")
+    heads = ("judged against", "samples", "NRMSE [%]", "RMSE", "MSREP [%]", "R²", "bias", "largest")
     return table("Scores with 95 % intervals", heads, rows, texts=2)
 
 
@@ -45,15 +45,14 @@ def _score_row(part: TransmissionReport, comparison: Comparison, where: str, sco
     against = f"{QUANTITIES.get(comparison.quantity, comparison.quantity)}: {REFERENCES[comparison.reference]}"
     judged = comparison.reference == part.judged_on and comparison.quantity == "flexibility_torque"
     told = "inside" if where == "inside" else '<span class="outside">outside (extrapolation)</span>'
+    verdict = " <small>(the verdict)</small>" if judged and where == "inside" else ""
     return [
-        escaped(against) + (" <small>(the verdict)</small>" if judged and where == "inside" else ""),
-        told,
-        f'{score.samples}<br><span class="ci">worth {number(score.effective_samples)}</span>',
+        f'{escaped(against)} <span class="ci">[{escaped(unit_text(comparison.unit))}]</span>{verdict}',
+        f'{told}<br><span class="ci fixed">{score.samples}, worth {number(score.effective_samples)}</span>',
         *(_figure(f) for f in (score.nrmse, score.rmse, score.msrep)),
-        _figure(score.r2, 5),
-        _figure(score.bias),
+        _figure(score.r2, 4),
+        _figure(score.bias, 2),
         number(score.largest),
-        escaped(unit_text(comparison.unit)),
     ]
 
 
