@@ -1,5 +1,7 @@
 """Thinned curves: never aliased, extremes and gaps kept, bounded in size, whatever the data."""
 
+from itertools import pairwise
+
 import numpy as np
 from hypothesis import given
 from hypothesis import strategies as st
@@ -50,7 +52,7 @@ def test_extremes_of_every_pixel_column_are_kept(values, columns):
         return
     edges = np.linspace(x[known[0]], x[known[-1]], columns + 1)
     drawn = np.isfinite(thin_y)
-    for i, (a, b) in enumerate(zip(edges[:-1], edges[1:], strict=True)):
+    for i, (a, b) in enumerate(pairwise(edges)):
         last = i == columns - 1
         own = known[(x[known] >= a) & ((x[known] <= b) if last else (x[known] < b))]
         mine = thin_y[drawn & (thin_x >= a) & ((thin_x <= b) if last else (thin_x < b))]

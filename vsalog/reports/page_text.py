@@ -11,7 +11,7 @@ from typing import Any
 
 def plain(text: str) -> str:
     """Return a text without what could act on a reader: control, format and surrogate characters become visible."""
-    return "".join("�" if unicodedata.category(c) in ("Cc", "Cf", "Cs", "Co", "Cn") else c for c in text)
+    return "".join("�" if unicodedata.category(c) in ("Cc", "Cf", "Cs", "Co", "Cn", "Zl", "Zp") else c for c in text)
 
 
 def escaped(text: str) -> str:
