@@ -69,7 +69,7 @@ def test_a_keyboard_and_a_screen_reader_find_every_figure(tmp_path):
     for plot in plots:
         assert (plot["role"], plot["tabindex"]) == ("img", "0")
         assert len(plot["aria-label"]) > 40
-    assert [tag for tag, _ in page.found if re.fullmatch("h[1-6]", tag)][0] == "h1"
+    assert next(tag for tag, _ in page.found if re.fullmatch("h[1-6]", tag)) == "h1"
     assert sum(tag == "h1" for tag, _ in page.found) == 1
     assert next(attrs for _, attrs in page.found if attrs.get("class") == "skip")["href"] == "#main"
     for tag, attrs in page.found:
