@@ -1,0 +1,98 @@
+"""A page in a browser, driven by a script that is added to it: figures answer, names stay text, colours follow."""
+
+import html
+import json
+import re
+import shutil
+import subprocess
+
+import pytest
+from reports_evidence import HOSTILE, evidence, lever_arm_joint, report
+
+from vsalog.reports.page import write_page
+
+CHROMIUM = shutil.which("chromium") or shutil.which("chromium-browser")
+pytestmark = pytest.mark.skipif(CHROMIUM is None, reason="no Chromium on this machine")
+
+PROBE = """<script>
+(async () => {
+  const told = {};
+  const until = async (ready) => { for (let i = 0; i < 100 && !ready(); i++) await new Promise((r) => setTimeout(r, 50)); };
+  const plots = [...document.querySelectorAll(".plot")];
+  try {
+    for (const p of plots) await until(() => p.dataset.state === "drawn");
+    told.plots = plots.length;
+    told.drawn = plots.filter((p) => p.dataset.state === "drawn").length;
+    const torque = plots.find((p) => p.spec.name === "torque"), stiffness = plots.find((p) => p.spec.name === "stiffness");
+    const range = (p) => [...p._fullLayout.xaxis.range];
+    told.before = range(torque);
+    torque.dispatchEvent(new KeyboardEvent("keydown", { key: "+" }));
+    await until(() => range(torque)[0] !== told.before[0] && Math.abs(range(stiffness)[0] - range(torque)[0]) < 1e-9);
+    told.zoomed = range(torque);
+    told.followed = range(stiffness);
+    const ink = () => torque._fullLayout.font.color, paper = () => getComputedStyle(document.body).backgroundColor;
+    told.ink = ink();
+    told.paper = paper();
+    document.getElementById("theme").click();
+    await until(() => ink() !== told.ink);
+    told.otherInk = ink();
+    told.otherPaper = paper();
+    told.tooWide = document.documentElement.scrollWidth - document.documentElement.clientWidth;
+    told.requests = performance.getEntriesByType("resource").map((e) => e.name).filter((n) => !/^(data|blob):/.test(n));
+    told.images = document.querySelectorAll("img").length;
+    told.servers = [...new Set(plots.map((p) => `${p._context.showSendToCloud} ${p._context.plotlyServerURL}`))];
+    told.buttons = [...new Set([...document.querySelectorAll("[data-title]")].map((b) => b.dataset.title))];
+  } catch (error) { told.error = String(error.stack); }
+  const pre = document.createElement("pre");
+  pre.id = "probe";
+  pre.textContent = JSON.stringify(told);
+  document.body.append(pre);
+})();
+</script>"""
+
+
+def probed(page, folder, *options):
+    """Open a page with the probe in it; return what that found, and what the console says."""
+    text = page.read_text(encoding="utf-8")
+    page.write_text(text.replace("</body>", PROBE + "</body>"), encoding="utf-8")
+    command = [
+        CHROMIUM, "--headless=new", "--no-sandbox", "--disable-gpu", "--disable-3d-apis", "--no-first-run",
+        "--disable-background-networking", "--host-resolver-rules=MAP * ~NOTFOUND", f"--user-data-dir={folder}",
+        "--window-size=1280,20000", "--enable-logging=stderr", "--virtual-time-budget=120000", "--dump-dom", *options,
+        page.as_uri(),
+    ]  # fmt: skip
+    done = subprocess.run(command, capture_output=True, text=True, timeout=180)
+    found = re.search(r'<pre id="probe">(.*?)</pre>', done.stdout, re.S)
+    assert found, done.stderr[-2000:]
+    told = json.loads(html.unescape(found[1]))
+    assert "error" not in told, told["error"]
+    return told, [line for line in done.stderr.splitlines() if "CONSOLE" in line and "willReadFrequently" not in line]
+
+
+@pytest.mark.parametrize("width", [500, 900])
+def test_figures_answer_and_colours_follow(tmp_path, width):
+    page = tmp_path / "page.html"
+    write_page(page, HOSTILE, report(HOSTILE), [[lever_arm_joint(), evidence(5000, HOSTILE)]])
+    told, console = probed(page, tmp_path / "profile", f"--window-size={width},20000")
+    assert console == []
+    assert told["plots"] == told["drawn"] > 12
+    a, b = told["before"]
+    assert told["zoomed"] == pytest.approx([a + 0.2 * (b - a), b - 0.2 * (b - a)])
+    assert told["followed"] == pytest.approx(told["zoomed"])
+    assert told["ink"] != told["otherInk"]
+    assert told["paper"] != told["otherPaper"]
+    assert told["tooWide"] == 0  # the page itself does not scroll sideways
+    assert told["requests"] == []
+    assert told["images"] == 0
+    assert told["servers"] == ["false "]  # log data are offered to no server
+    words = ("share", "cloud", "chart studio", "edit", "upload", "publish")
+    assert not [title for title in told["buttons"] if any(word in title.lower() for word in words)]
+    assert told["buttons"] or width < 620  # the buttons were looked at, where there are any
+
+
+def test_a_dark_desktop_gets_a_dark_page(tmp_path):
+    page = tmp_path / "page.html"
+    write_page(page, "dark", None, [[evidence(2000)]])
+    told, _ = probed(page, tmp_path / "profile", "--blink-settings=preferredColorScheme=0")
+    assert told["paper"] == "rgb(20, 24, 29)"
+    assert told["otherPaper"] == "rgb(255, 255, 255)"
