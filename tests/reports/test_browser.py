@@ -7,9 +7,11 @@ import shutil
 import subprocess
 
 import pytest
+from msgspec.structs import replace
 from reports_evidence import HOSTILE, evidence, lever_arm_joint, report
 
 from vsalog.reports.page import write_page
+from vsalog.validation.document import Comparison, Figure, Score, TransmissionReport
 
 CHROMIUM = shutil.which("chromium") or shutil.which("chromium-browser")
 pytestmark = pytest.mark.skipif(CHROMIUM is None, reason="no Chromium on this machine")
@@ -38,6 +40,8 @@ PROBE = """<script>
     told.otherInk = ink();
     told.otherPaper = paper();
     told.tooWide = document.documentElement.scrollWidth - document.documentElement.clientWidth;
+    told.cutOff = [...document.querySelectorAll(".scroll")].filter((box) => box.scrollWidth > box.clientWidth).length;
+    told.tables = document.querySelectorAll(".scores").length;
     told.requests = performance.getEntriesByType("resource").map((e) => e.name).filter((n) => !/^(data|blob):/.test(n));
     told.images = document.querySelectorAll("img").length;
     told.servers = [...new Set(plots.map((p) => `${p._context.showSendToCloud} ${p._context.plotlyServerURL}`))];
@@ -69,10 +73,24 @@ def probed(page, folder, *options):
     return told, [line for line in done.stderr.splitlines() if "CONSOLE" in line and "willReadFrequently" not in line]
 
 
-@pytest.mark.parametrize("width", [500, 900])
+def scored(found):
+    """Give the report's joint scores whose figures are as long as they get."""
+    long = Figure(value=-1.23e-05, low=-0.000123, high=-1.23e-08)
+    score = Score(samples=3_600_000, effective_samples=123_456.7, span=1.0, mse=long, rmse=long, nrmse=long, msrep=long,
+                  r2=Figure(value=0.1234, low=-0.1234, high=0.9999), bias=long, largest=1.23e-05)  # fmt: skip
+    comparison = Comparison(quantity="stiffness", unit="N*m/rad", reference="residual", inside=score, outside=score)
+    (joint,) = found.logs[0].joints
+    part = TransmissionReport(
+        transmission="1", judged_on=None, comparisons=(comparison,) * 2, inside_share=0.5, dependence=()
+    )
+    joint = replace(joint, joint=lever_arm_joint().joint, transmissions=(part,))
+    return replace(found, logs=(replace(found.logs[0], joints=(joint,)),))
+
+
+@pytest.mark.parametrize("width", [500, 900, 1280])
 def test_figures_answer_and_colours_follow(tmp_path, width):
     page = tmp_path / "page.html"
-    write_page(page, HOSTILE, report(HOSTILE), [[lever_arm_joint(), evidence(5000, HOSTILE)]])
+    write_page(page, HOSTILE, scored(report(HOSTILE)), [[lever_arm_joint(), evidence(5000, HOSTILE)]])
     told, console = probed(page, tmp_path / "profile", f"--window-size={width},20000")
     assert console == []
     assert told["plots"] == told["drawn"] > 12
@@ -82,6 +100,8 @@ def test_figures_answer_and_colours_follow(tmp_path, width):
     assert told["ink"] != told["otherInk"]
     assert told["paper"] != told["otherPaper"]
     assert told["tooWide"] == 0  # the page itself does not scroll sideways
+    assert told["tables"] == 1
+    assert told["cutOff"] == 0  # nor does its table of scores
     assert told["requests"] == []
     assert told["images"] == 0
     assert told["servers"] == ["false "]  # log data are offered to no server

@@ -7,7 +7,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from vsalog.reports.page_data import array
-from vsalog.reports.page_decimate import band, decimated, gaps_of, scattered, spans
+from vsalog.reports.page_decimate import band, decimated, gaps_of, one_after_the_other, scattered, spans
 
 VALUES = st.lists(st.one_of(st.floats(-1e6, 1e6), st.just(np.nan), st.just(np.inf)), min_size=1, max_size=400)
 COLUMNS = st.integers(1, 30)
@@ -143,3 +143,13 @@ def test_arrays_survive_their_way_into_the_page():
     holes = np.array([1.0, np.nan, np.inf, 2.0])
     np.testing.assert_array_equal(back(array(holes)), [1.0, np.nan, np.nan, 2.0])
     assert np.isfinite(back(array(np.array([1e300, 1.0])))).all()
+
+
+def test_runs_that_each_begin_at_zero_follow_one_another():
+    run = np.arange(100) * 0.01
+    time = one_after_the_other(np.concatenate([run, run, run[:50]]))
+    assert np.all(np.diff(time) > 0.0)
+    assert gaps_of(time).tolist() == [99, 199]
+    for begin, end in ((0, 100), (100, 200), (200, 250)):
+        np.testing.assert_allclose(np.diff(time[begin:end]), 0.01)
+    assert one_after_the_other(run) is run

@@ -2,6 +2,7 @@
 
 import json
 import re
+from dataclasses import fields, replace
 from html.parser import HTMLParser
 
 import numpy as np
@@ -39,6 +40,22 @@ def test_the_surface_is_the_models_and_ends_where_it_was_fitted():
     c = np.repeat(s.y[:, None], s.x.shape[1], axis=1)
     np.testing.assert_allclose(s.z, (100.0 + 2000.0 * c) * s.x, rtol=1e-9, atol=1e-12)
     assert (np.hypot(s.x / 0.1, (c - 0.05) / 0.02) <= 1.0 + 1e-9).all()
+
+
+def test_several_runs_are_drawn_one_after_the_other():
+    """Each begins at zero: drawn over one another the second's samples would be taken for the first's."""
+    one = evidence(4000)
+    part = one.transmissions["1"]
+    twice = {
+        f.name: np.concatenate([v, v]) if isinstance(v := getattr(part, f.name), np.ndarray) else v
+        for f in fields(part)
+    }
+    both = replace(one, time=np.tile(one.time, 2), transmissions={"1": TransmissionEvidence(**twice)})
+    charts = {c.name: c for c in charts_of(both, "1", 10_000)}
+    for curve in (c for a in charts["torque"].axes for c in a.curves if c.kind == "line"):
+        assert np.all(np.diff(curve.x) > 0.0)
+        assert curve.x[-1] > 2.0 * one.time[-1]
+    assert charts["torque"].axes[0].spans[-1][0] > one.time[-1]
 
 
 def test_nothing_known_is_no_crash():

@@ -17,7 +17,7 @@ from rich.table import Table
 from vsalog.comparison import Comparison, Run
 from vsalog.estimation import JointEstimate
 from vsalog.reports.estimate import _plain as plain
-from vsalog.validation.evidence import JointEvidence, TransmissionEvidence
+from vsalog.validation.evidence import JointEvidence, TransmissionEvidence, setpoint_unit
 from vsalog.writers.atomic import write_text
 
 
@@ -79,8 +79,7 @@ def write_comparison_page(path: Path, found: Comparison, runs: Sequence[Run]) ->
     sections = []
     for run in runs:
         for estimate in run.estimates:
-            lever = getattr(run.job.rig.joints[estimate.joint], "lever", None)
-            joint = _evidence(estimate, "rad" if lever is None else "m")
+            joint = _evidence(estimate, setpoint_unit(run.job.rig.joints[estimate.joint]))
             parts = [Part(n, "", charts_of(joint, n, columns)) for n in joint.transmissions]
             about = summary_table(estimate.summary.transmissions)
             sections.append(Section(f"{estimate.joint} by {run.contender.label}", log, about, parts))

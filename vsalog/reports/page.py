@@ -8,7 +8,7 @@ from __future__ import annotations
 import base64
 import gzip
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cache
 from importlib import resources
 from pathlib import Path
@@ -16,6 +16,7 @@ from pathlib import Path
 from vsalog.reports.page_characteristic import characteristic_charts
 from vsalog.reports.page_charts import Chart
 from vsalog.reports.page_data import chart_data
+from vsalog.reports.page_decimate import one_after_the_other
 from vsalog.reports.page_errors import error_charts
 from vsalog.reports.page_figures import convergence_charts, expanded_chart, stiffness_chart, torque_chart
 from vsalog.reports.page_tables import (
@@ -99,7 +100,8 @@ def columns_for(transmissions: int) -> int:
 
 
 def charts_of(joint: JointEvidence, name: str, columns: int) -> list[Chart]:
-    """Return the figures of a transmission, in the order of the page."""
+    """Return the figures of a transmission, in the order of the page; several runs follow one another in time."""
+    joint = replace(joint, time=one_after_the_other(joint.time))
     part = joint.transmissions[name]
     charts = [torque_chart(joint, part, columns)]
     expanded = expanded_chart(joint, part)

@@ -113,7 +113,7 @@ def _slices(joint: JointEvidence, part: TransmissionEvidence, model: JointModel,
     width = SLICE_WIDTH * _span(joint.setpoint)
     panels: list[Axes] = []
     said: list[str] = []
-    unit = joint.setpoint_unit
+    unit = f" {joint.setpoint_unit}".rstrip()
     for c in _apart(values):
         near = np.flatnonzero(known & (np.abs(joint.setpoint - c) <= width))
         at = near[scattered(part.deflection[near], torque[near], SLICE_POINTS)] if near.size else near
@@ -127,10 +127,10 @@ def _slices(joint: JointEvidence, part: TransmissionEvidence, model: JointModel,
         if panels:
             curves = [replace(curve, label="") for curve in curves]
         # The label is on the axis: what the slice is must not lie over the data.
-        panels.append(Axes(f"φ [rad] at {number(c)} {unit}", TORQUE, tuple(curves)))
+        panels.append(Axes(f"φ [rad] at {number(c)}{unit}", TORQUE, tuple(curves)))
         stiffness = float(model.stiffness(fitted.name, [float(np.mean(phi))], [c])[0][0])
-        said.append(f"{number(stiffness)} N·m/rad at {number(c)} {unit}")
-    words = f"Slices of the surface at fixed set-points, with data from within {number(width, 2)} {unit}"
+        said.append(f"{number(stiffness)} N·m/rad at {number(c)}{unit}")
+    words = f"Slices of the surface at fixed set-points, with data from within {number(width, 2)}{unit}"
     if said:
         words += f". Slope in the middle: {', '.join(said)}"
     return Chart("slices", "Slices of the surface", f"{words}.", tuple(panels), beside=True)

@@ -28,6 +28,24 @@ def gaps_of(time: Array) -> Indices:
     return np.flatnonzero(steps > GAP_PERIODS * max(float(np.median(steps)), 1e-12))
 
 
+def one_after_the_other(time: Array) -> Array:
+    """Let each run begin some time after the one before, so that time never goes back.
+
+    Parameters
+    ----------
+    time : shape (N,), where each run may begin anew [s]
+    """
+    steps = np.diff(time)
+    back = np.flatnonzero(steps < 0.0)
+    if back.size == 0:
+        return time
+    # Wide enough to be seen, and to be a gap that no line crosses.
+    pause = max(0.01 * float(time.max() - time.min()), 2.0 * GAP_PERIODS * float(np.median(np.abs(steps))))
+    shift = np.zeros(time.size)
+    shift[back + 1] = pause - steps[back]
+    return np.asarray(time + np.cumsum(shift))
+
+
 def decimated(x: Array, y: Array, columns: int, gaps: Indices | None = None) -> tuple[Array, Array]:
     """Thin a line to the least and the greatest sample of each pixel column, so that nothing is aliased.
 

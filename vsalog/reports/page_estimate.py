@@ -19,7 +19,7 @@ from vsalog.reports.page_tables import motor_table, summary_table, warnings_box
 from vsalog.reports.page_text import escaped, name
 from vsalog.summary import TransmissionSummary
 from vsalog.trace import EXTRA_UNITS
-from vsalog.validation.evidence import JointEvidence, TransmissionEvidence
+from vsalog.validation.evidence import JointEvidence, TransmissionEvidence, setpoint_unit
 from vsalog.writers.atomic import write_text
 
 Array = NDArray[np.float64]
@@ -39,11 +39,11 @@ def evidence_of(trace: Path, estimate: JointEstimate, setpoint_unit: str = "rad"
 
     Returns
     -------
-    The joint's evidence; several runs follow one another in time
+    The joint's evidence
     """
     columns = TraceColumns(trace, estimate.joint)
     names = [t.transmission for t in _apart(estimate.summary.transmissions)]
-    time = _one_after_the_other(columns.of(names[0], "time"))
+    time = columns.of(names[0], "time")
     setpoint = columns.of(names[0], "setpoint") if "setpoint" in columns.known else None
     if setpoint is not None and not np.isfinite(setpoint).any():
         setpoint = None
@@ -149,7 +149,7 @@ def write_estimate_page(
         if not estimate.summary.transmissions:
             sections.append(Section(estimate.joint, log, _about(estimate), []))
             continue
-        joint = evidence_of(trace, estimate, setpoint_unit(job, estimate.joint))
+        joint = evidence_of(trace, estimate, setpoint_unit(job.rig.joints[estimate.joint]))
         parts = [Part(n, "", charts_of(joint, n, columns)) for n in joint.transmissions]
         sections.append(Section(estimate.joint, log, _about(estimate), parts))
     pairs = [("log", f"{name(n)} <code>SHA-256 {escaped(digest)}</code>") for n, digest in inputs.items()]
@@ -160,11 +160,6 @@ def write_estimate_page(
     bottom = provenance(pairs, origin["vsalog.rig"])
     page = assembled(f"Stiffness of {log}", "Estimate", warnings_box(job.warnings), sections, bottom)
     write_text(path, page)
-
-
-def setpoint_unit(job: Job, joint: str) -> str:
-    """Return the unit of a joint's set-point: of a lever arm it is m."""
-    return "m" if getattr(job.rig.joints[joint], "lever", None) is not None else "rad"
 
 
 def _apart(parts: Sequence[TransmissionSummary]) -> Sequence[TransmissionSummary]:
@@ -181,14 +176,3 @@ def _about(estimate: JointEstimate) -> str:
     )
     tables = summary_table(_apart(s.transmissions)) + motor_table(estimate.model.motor)
     return f"<p>{words}</p>{tables}{warnings_box(estimate.warnings)}"
-
-
-def _one_after_the_other(time: Array) -> Array:
-    """Let each run begin a second after the one before where time begins anew."""
-    steps = np.diff(time)
-    back = np.flatnonzero(steps < 0.0)
-    if back.size == 0:
-        return time
-    shift = np.zeros(time.size)
-    shift[back + 1] = 1.0 - steps[back]
-    return np.asarray(time + np.cumsum(shift))

@@ -51,7 +51,7 @@ def span_words(values: Array, unit: str) -> str:
     known = values[np.isfinite(values)]
     if known.size == 0:
         return "nothing that is known"
-    return f"{number(float(known.min()))} to {number(float(known.max()))} {unit}"
+    return f"{number(float(known.min()))} to {number(float(known.max()))} {unit}".rstrip()
 
 
 def torque_chart(joint: JointEvidence, part: TransmissionEvidence, columns: int) -> Chart:
@@ -120,7 +120,12 @@ def stiffness_chart(joint: JointEvidence, part: TransmissionEvidence, columns: i
         Curve("± 2 standard deviations", *band(joint.time, low, high, columns, gaps), "model", "area"),
         Curve("stiffness", *decimated(joint.time, shown, columns, gaps), "model"),
     ]
-    words = f"The stiffness runs from {span_words(sigma, 'N·m/rad')}"
+    where = (
+        ", where the model was fitted,"
+        if joint.excited is None and sigma.size < np.isfinite(part.stiffness).sum()
+        else ""
+    )
+    words = f"The stiffness runs{where} from {span_words(sigma, 'N·m/rad')}"
     std = part.stiffness_std[known]
     if np.isfinite(std).any():
         words += f", with a standard deviation of {number(float(np.nanmedian(std)))} N·m/rad (median)"

@@ -17,6 +17,11 @@ REFERENCES = {
     "nominal": "nominal model of the rig",
     "truth": "simulator's truth",
 }
+SCORES = ("NRMSE [%]", "RMSE", "MSREP [%]", "R²", "bias", "largest")
+# Beyond these a prediction is no prediction, and digits say no more.
+MOST_NRMSE, MOST_MSREP, LEAST_R2 = 1000.0, 1e4, -10.0
+# What four digits would call one.
+ALL_OF_IT = 0.99995
 DEPENDENCES = {
     "torque": "torque (gain)",
     "offset": "constant offset",
@@ -31,29 +36,47 @@ DEPENDENCES = {
 
 
 def scores_table(part: TransmissionReport) -> str:
-    """Scores with 95 % intervals; samples inside and outside the model's region apart."""
-    rows = []
+    """Scores with 95 % intervals: a heading per reference, below it samples inside and outside the model's region apart."""
+    groups = []
     for comparison in part.comparisons:
-        for where, score in (("inside", comparison.inside), ("outside", comparison.outside)):
-            if score is not None:
-                rows.append(_score_row(part, comparison, where, score))
-    heads = ("judged against", "samples", "NRMSE [%]", "RMSE", "MSREP [%]", "R²", "bias", "largest")
-    return table("Scores with 95 % intervals", heads, rows, texts=2)
+        found = (("inside the region", comparison.inside), ("outside: extrapolation", comparison.outside))
+        rows = "".join(_score_row(where, score) for where, score in found if score is not None)
+        if rows:
+            heading = f'<tr class="group"><th colspan="{len(SCORES) + 1}" scope="rowgroup">{_against(part, comparison)}</th></tr>'
+            groups.append(f"<tbody>{heading}{rows}</tbody>")
+    if not groups:
+        return ""
+    heads = "".join(f'<th scope="col" class="n">{escaped(head)}</th>' for head in SCORES)
+    caption = "Scores with 95 % intervals"
+    return (
+        f'<div class="scroll" tabindex="0" role="region" aria-label="{caption}">'
+        f'<table class="scores"><caption>{caption}</caption>'
+        f'<thead><tr><th scope="col">samples</th>{heads}</tr></thead>{"".join(groups)}</table></div>'
+    )
 
 
-def _score_row(part: TransmissionReport, comparison: Comparison, where: str, score: Score) -> list[str]:
-    against = f"{QUANTITIES.get(comparison.quantity, comparison.quantity)}: {REFERENCES[comparison.reference]}"
-    judged = comparison.reference == part.judged_on and comparison.quantity == "flexibility_torque"
-    told = "inside" if where == "inside" else '<span class="outside">outside (extrapolation)</span>'
-    verdict = " <small>(the verdict)</small>" if judged and where == "inside" else ""
-    return [
-        f'{escaped(against)} <span class="ci">[{escaped(unit_text(comparison.unit))}]</span>{verdict}',
-        f'{told}<br><span class="ci fixed">{score.samples}, worth {number(score.effective_samples)}</span>',
-        *(_figure(f) for f in (score.nrmse, score.rmse, score.msrep)),
-        _figure(score.r2, 4),
+def _against(part: TransmissionReport, comparison: Comparison) -> str:
+    quantity = QUANTITIES.get(comparison.quantity, comparison.quantity)
+    against = f"{quantity.capitalize()} against the {REFERENCES[comparison.reference]}"
+    rests = comparison.reference == part.judged_on and comparison.quantity == "flexibility_torque"
+    mark = ' <span class="mark">the verdict rests on this</span>' if rests else ""
+    return f'{escaped(against)} <span class="ci">[{escaped(unit_text(comparison.unit))}]</span>{mark}'
+
+
+def _score_row(where: str, score: Score) -> str:
+    independent = f"{score.samples}, worth {max(round(score.effective_samples), 1)} independent"
+    cells = (
+        _figure(score.nrmse, most=MOST_NRMSE),
+        _figure(score.rmse),
+        _figure(score.msrep, most=MOST_MSREP),
+        "&gt; 0.9999" if (score.r2.value or 0.0) > ALL_OF_IT else _figure(score.r2, 4, least=LEAST_R2),
         _figure(score.bias, 2),
         number(score.largest),
-    ]
+    )
+    kind = "" if where.startswith("inside") else ' class="outside"'
+    # Where the page is narrow each cell carries its own heading.
+    told = "".join(f'<td class="n" data-head="{h}">{cell}</td>' for h, cell in zip(SCORES, cells, strict=True))
+    return f'<tr{kind}><th scope="row">{where}<br><span class="ci">{independent}</span></th>{told}</tr>'
 
 
 def unit_text(unit: str) -> str:
@@ -61,9 +84,14 @@ def unit_text(unit: str) -> str:
     return unit.replace("*", "·")
 
 
-def _figure(figure: Figure, digits: int = 3) -> str:
+def _figure(figure: Figure, digits: int = 3, most: float = math.inf, least: float = -math.inf) -> str:
+    """A figure with its interval; beyond `most` or `least` no digits, which would say no more."""
     if figure.value is None:
         return "–"
+    if figure.value > most:
+        return f"&gt; {number(most)}"
+    if figure.value < least:
+        return f"&lt; {number(least)}"
     if figure.low is None or figure.high is None:
         return number(figure.value, digits)
     interval = f"{number(figure.low, digits)} … {number(figure.high, digits)}"
@@ -87,19 +115,20 @@ def dependences_list(part: TransmissionReport) -> str:
 def modalities_table(part: TransmissionReport) -> str:
     """The log estimated by each modality, side by side."""
     rows = []
+    simulated = any(m.against_truth is not None for m in part.modalities)
     for m in part.modalities:
         low, high = m.stiffness_low, m.stiffness_high
-        span = "–" if low is None or high is None else f"{number(low, 4)} … {number(high, 4)}"
-        rows.append(
-            [
-                escaped(m.modality),
-                span,
-                "–" if m.stiffness_std is None else number(m.stiffness_std),
-                "–" if m.torque is None else _figure(m.torque.nrmse),
-                "–" if m.against_truth is None else _figure(m.against_truth.msrep),
-            ]
-        )
-    heads = ("modality", "stiffness [N·m/rad]", "standard deviation", "torque NRMSE [%]", "MSREP against the truth [%]")
+        row = [
+            escaped(m.modality),
+            "–" if low is None or high is None else f"{number(low, 4)} … {number(high, 4)}",
+            "–" if m.stiffness_std is None else number(m.stiffness_std),
+            "–" if m.torque is None else _figure(m.torque.nrmse, most=MOST_NRMSE),
+        ]
+        if simulated:
+            row.append("–" if m.against_truth is None else _figure(m.against_truth.msrep, most=MOST_MSREP))
+        rows.append(row)
+    heads = ["modality", "stiffness [N·m/rad]", "standard deviation", "torque NRMSE [%]"]
+    heads += ["MSREP against the truth [%]"] if simulated else []
     return table("The log itself, estimated by each modality", heads, rows)
 
 

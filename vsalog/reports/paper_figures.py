@@ -15,7 +15,7 @@ from vsalog.reports.page import charts_of
 from vsalog.reports.page_charts import Axes, Chart, Curve, Surface
 from vsalog.reports.page_text import plain
 from vsalog.validation.document import Report
-from vsalog.validation.evidence import JointEvidence
+from vsalog.validation.evidence import JointEvidence, setpoint_unit
 from vsalog.writers.atomic import write_text
 
 FORMATS = ("svg", "png", "pdf")
@@ -112,9 +112,11 @@ def write_figures(
 
 def write_estimate_figures(folder: Path, job: Job, trace: Path, estimates: Sequence[JointEstimate]) -> list[Path]:
     """Write the figures of an estimate, from its trace's file, as `write_figures` does."""
-    from vsalog.reports.page_estimate import evidence_of, setpoint_unit
+    from vsalog.reports.page_estimate import evidence_of
 
-    evidence = [evidence_of(trace, e, setpoint_unit(job, e.joint)) for e in estimates if e.summary.transmissions]
+    evidence = [
+        evidence_of(trace, e, setpoint_unit(job.rig.joints[e.joint])) for e in estimates if e.summary.transmissions
+    ]
     return write_figures(folder, [evidence])
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import sys
 
 import msgspec
@@ -10,9 +11,12 @@ from rich.markup import escape
 from rich.table import Table
 
 from vsalog.reports.estimate import _plain as plain
+from vsalog.reports.page_tables import LEAST_R2, MOST_MSREP, MOST_NRMSE
 from vsalog.validation.document import Comparison, Figure, JointReport, Report, Score
 from vsalog.writers.reports import Outputs
 
+# Columns of a terminal that the table of scores needs.
+WIDE = 150
 _STYLE = {"holds": "green", "fails": "bold red", "undecided": "yellow", "cannot be judged": "yellow"}
 
 
@@ -20,7 +24,7 @@ def print_report(report: Report, outputs: Outputs) -> None:
     """Print verdicts, sentences and scores for people."""
     console, errors = Console(), Console(stderr=True)
     if not console.is_terminal:
-        console = Console(width=140)
+        console = Console(width=170)
     for log in report.logs:
         for joint in log.joints:
             for warning in joint.warnings:
@@ -29,7 +33,7 @@ def print_report(report: Report, outputs: Outputs) -> None:
             console.print(f"[bold]{name}[/]: [{_STYLE[joint.verdict]}]{joint.verdict}[/]")
             for sentence in joint.sentences:
                 console.print(f"  {escape(plain(sentence))}", soft_wrap=True)
-            console.print(_scores(joint))
+            console.print(_scores(joint, console.width >= WIDE))
             if any(t.modalities for t in joint.transmissions):
                 console.print(_modalities(joint))
     for threshold in report.thresholds:
@@ -46,12 +50,12 @@ def print_json(report: Report, outputs: Outputs) -> None:
     sys.stdout.buffer.flush()
 
 
-def _scores(joint: JointReport) -> Table:
+def _scores(joint: JointReport, wide: bool) -> Table:
     table = Table(box=None, pad_edge=False, padding=(0, 2))
     for heading in ("transmission", "against", "where"):
-        table.add_column(heading)
+        table.add_column(heading, no_wrap=wide)
     for heading in ("samples", "NRMSE [%], 95 %", "RMSE", "R²", "MSREP [%]", "bias", "largest"):
-        table.add_column(heading, justify="right")
+        table.add_column(heading.replace("[", "\\["), justify="right", no_wrap=wide)
     for part in joint.transmissions:
         for comparison in part.comparisons:
             for where, score in (("inside", comparison.inside), ("outside", comparison.outside)):
@@ -70,8 +74,8 @@ def _cells(score: Score) -> tuple[str, ...]:
         str(score.samples),
         _interval(score.nrmse),
         _number(score.rmse.value),
-        _number(score.r2.value, 4),
-        _number(score.msrep.value),
+        _number(score.r2.value, 4, least=LEAST_R2),
+        _number(score.msrep.value, most=MOST_MSREP),
         _number(score.bias.value),
         f"{score.largest:.3g}",
     )
@@ -95,10 +99,14 @@ def _modalities(joint: JointReport) -> Table:
 def _interval(figure: Figure) -> str:
     if figure.value is None:
         return "–"
+    if figure.value > MOST_NRMSE:
+        return f"> {MOST_NRMSE:g}"
     if figure.low is None:
         return f"{figure.value:.3g}"
     return f"{figure.value:.3g}  ({figure.low:.3g} … {figure.high:.3g})"
 
 
-def _number(value: float | None, digits: int = 3) -> str:
-    return "–" if value is None else f"{value:.{digits}g}"
+def _number(value: float | None, digits: int = 3, most: float = math.inf, least: float = -math.inf) -> str:
+    if value is None:
+        return "–"
+    return f"> {most:g}" if value > most else f"< {least:g}" if value < least else f"{value:.{digits}g}"

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vsalog.model import JointModel
+from vsalog.rig.schema import Joint
 
 Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]
@@ -47,8 +48,8 @@ class JointEvidence:
     Attributes
     ----------
     joint : name
-    time : shape (N,), from the log's start [s]
-    setpoint : shape (N,), or None; its unit is ``setpoint_unit``
+    time : shape (N,), from the log's start [s]; of several runs each may begin anew
+    setpoint : shape (N,), or None; its unit is ``setpoint_unit``, empty where only that it is SI is known
     transmissions : by name
     model : the frozen model, for its surface; None where an estimate is reported and there is none yet
     convergence : name → (N,) columns of an estimate's parameters over time (``estimate --report``), empty for a frozen model
@@ -63,3 +64,10 @@ class JointEvidence:
     model: JointModel | None
     convergence: Mapping[str, Array] = field(default_factory=dict)
     excited: Flags | None = None
+
+
+def setpoint_unit(joint: Joint) -> str:
+    """Return the unit of a joint's set-point: m of a lever arm, rad of a motor; runs at fixed set-points do not say."""
+    if getattr(joint, "lever", None) is not None:
+        return "m"
+    return "" if any(run.setpoint is not None for run in getattr(joint, "run", ())) else "rad"

@@ -16,7 +16,7 @@ from vsalog.signals import JointSignals
 from vsalog.validation import references as ref
 from vsalog.validation.dependence import dependences
 from vsalog.validation.document import Comparison, Dependence, Reference, Score, TransmissionReport
-from vsalog.validation.evidence import JointEvidence, TransmissionEvidence
+from vsalog.validation.evidence import JointEvidence, TransmissionEvidence, setpoint_unit
 from vsalog.validation.independence import computed_from
 from vsalog.validation.region import inside_region
 from vsalog.validation.scores import LEAST_TORQUE, score
@@ -77,9 +77,10 @@ def judge(model: JointModel, joint: Joint, device: Device, signals: JointSignals
         parts.append(_total(parts, s, recording, signals.joint))
     trusted = not_independent is None
     reports = tuple(_report(part, s, setpoint, signals.period, trusted) for part in parts)
-    unit = "m" if getattr(joint, "lever", None) is not None else "rad"
     drawn = {p.name: _evidence(p, r) for p, r in zip(parts, reports, strict=True)}
-    return Judged(reports, JointEvidence(signals.joint, s.time, setpoint, unit, drawn, model), not_independent)
+    return Judged(
+        reports, JointEvidence(signals.joint, s.time, setpoint, setpoint_unit(joint), drawn, model), not_independent
+    )
 
 
 def _part(

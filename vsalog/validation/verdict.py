@@ -160,13 +160,15 @@ def _sentences(
         return (
             f"Not all of the joint can be judged: of transmission {missing} no sample lies in the region that the model was"
             " fitted in, or too little was measured.",
-            f"Of what can be judged the worst is off by {_figure(_nrmse(_main(worst)))} % of the torque's span.",
+            f"Of what can be judged the worst is off by {_of_span(_nrmse(_main(worst)))}.",
             "Fit the model on an experiment that covers these deflections and set-points.",
         )
     score, where = _main(worst), _whose(worst) if len(parts) > 1 else ""
     assert score is not None
     interval = f"{_figure(score.nrmse.low)} to {_figure(score.nrmse.high)} %"
-    error = f"{_figure(score.nrmse.value)} % of the torque's span (95 %: {interval})"
+    error = _of_span(score.nrmse.value)
+    if _nrmse(score) <= 1000.0:
+        error += f" (95 %: {interval})"
     words = {
         "holds": "The model holds",
         "fails": "The model does not hold",
@@ -202,12 +204,12 @@ def _where(part: TransmissionReport) -> str:
         return (
             "All of this log lies in the region that the model was fitted in."
             if part.inside_share > 0.999
-            else (f"{part.inside_share:.1%} of this log lies in the region that the model was fitted in.")
+            else (f"{_share(part.inside_share)} of this log lies in the region that the model was fitted in.")
         )
     more = "most" if part.inside_share < MOSTLY_OUTSIDE else "some"
     return (
-        f"{more.capitalize()} of the log, {1.0 - part.inside_share:.1%} of its samples, lies outside the region that the model"
-        f" was fitted in and is judged apart: there it is off by {_figure(outside.nrmse.value)} % of the span."
+        f"{more.capitalize()} of the log, {_share(1.0 - part.inside_share)} of its samples, lies outside the region that the"
+        f" model was fitted in and is judged apart: there it is off by {_of_span(outside.nrmse.value)}."
     )
 
 
@@ -219,9 +221,20 @@ def _why(part: TransmissionReport, verdict: Verdict) -> str:
             if verdict == "holds"
             else ("What the error depends on does not show in the signals there are.")
         )
-    said = [f"{d.share:.0%} says: {d.words}" for d in told[:2] if d is told[0] or d.share >= WORTH_SAYING]
+    said = [f"{_share(d.share)} says: {d.words}" for d in told[:2] if d is told[0] or d.share >= WORTH_SAYING]
     return f"Of the error's mean square {'; and '.join(said)}."
 
 
 def _figure(value: float | None) -> str:
     return "?" if value is None else f"{value:.3g}"
+
+
+def _share(value: float) -> str:
+    return f"{100.0 * value:.3g} %"
+
+
+def _of_span(percent: float | None) -> str:
+    """Return an error in words: digits of one that is many times the torque say nothing more."""
+    if percent is not None and percent > 1000.0:
+        return "more than 10 times the torque's span"
+    return f"{_figure(percent)} % of the torque's span"
