@@ -2,12 +2,13 @@
 
 import numpy as np
 import pytest
-from scipy.signal import savgol_filter
+from scipy.signal import lfilter, savgol_filter
 
 from vsalog.model import TransmissionModel
 from vsalog.validation.dependence import dependences
 from vsalog.validation.independence import computed_from
 from vsalog.validation.region import inside_region
+from vsalog.validation.signatures import loops
 
 RNG = np.random.default_rng(3)
 T = np.arange(20_000) * 1e-3
@@ -66,7 +67,7 @@ def test_a_computed_torque_is_found_and_a_measured_one_is_not():
 
 EFFECTS = {
     "offset": (0.4 + 0.0 * T, "too low on average"),
-    "torque": (0.2 * TORQUE, "20.0% larger than predicted"),
+    "torque": (0.2 * TORQUE, "20 % larger than predicted"),
     "deflection": (300.0 * (PHI**2 - np.mean(PHI**2)), "spring's shape"),
     "velocity": (0.8 * RATE, "grows with the velocity"),
     "direction": (0.3 * np.sign(RATE), "sign of the velocity: friction or hysteresis"),
@@ -90,6 +91,43 @@ def test_a_swapped_sign_is_named():
     found = dependences(TORQUE - (-TORQUE + NOISE), TORQUE, {"deflection": PHI})
     assert found[0].on == "torque"
     assert "sign is swapped" in found[0].words
+
+
+def test_what_cannot_be_told_apart_is_said():
+    """A linear spring's deflection that is zeroed wrongly and a torque sensor's offset leave the same error."""
+    variables = {"deflection": PHI, "stiffness": np.full(T.size, 20.0)}
+    (found,) = dependences(0.4 + NOISE, 20.0 * PHI, variables)
+    assert {found.on, *found.not_told_from} >= {"offset", "zero"}
+    assert "as well explained by" in found.words
+    # One that hardens leaves another one.
+    variables = {"deflection": PHI, "stiffness": 20.0 + 1500.0 * PHI**2}
+    (found,) = dependences(0.02 * variables["stiffness"] + NOISE, TORQUE, variables)
+    assert (found.on, found.not_told_from) == ("zero", ())
+
+
+@pytest.mark.parametrize("alike", [1, 100, 1000])
+def test_noise_that_stays_alike_is_rarely_given_a_cause(alike):
+    """Forty logs: a cause is told of at most one of them, however slow the noise is."""
+    causes = 0
+    for seed in range(40):
+        rng = np.random.default_rng(seed)
+        phi = 0.03 * sum(np.sin(2 * np.pi * rng.uniform(0.1, 1.5) * T + rng.uniform(0, 6)) for _ in range(6))
+        rate, sigma = np.gradient(phi, 1e-3), 20.0 + 1500.0 * phi**2
+        a = np.exp(-1.0 / alike)
+        error = lfilter([1.0], [1.0, -a], rng.standard_normal(T.size + 10_000))[10_000:]
+        q = 0.3 * np.sin(T) + phi
+        variables = {"deflection": phi, "velocity": rate, "loading": np.sign(rate * phi), "time": T, "stiffness": sigma,
+                     "link_position": q, "velocity of link_position": np.gradient(q, 1e-3), **loops(phi)}  # fmt: skip
+        found = dependences(0.01 * error, 20.0 * phi + 500.0 * phi**3, variables)
+        causes += any(d.on != "itself" for d in found)
+    assert causes <= 1
+
+
+def test_two_causes_are_told_one_after_the_other():
+    variables = {"deflection": PHI, "velocity": RATE, "time": T, "stiffness": 20.0 + 1500.0 * PHI**2}
+    found = dependences(TORQUE - (1.3 * TORQUE + 0.25 + NOISE), TORQUE, variables)
+    assert {d.on for d in found} == {"torque", "offset"}
+    assert sum(d.share for d in found) == pytest.approx(1.0, abs=0.01)
 
 
 def test_noise_depends_on_nothing():

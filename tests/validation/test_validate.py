@@ -1,6 +1,7 @@
 """`vsalog validate` as a user runs it: on the samples, on hidden effects, on what cannot be judged."""
 
 import json
+import re
 from pathlib import Path
 
 import jsonschema
@@ -66,6 +67,48 @@ def test_the_true_stiffness_of_a_simulation_is_judged_too(models, tmp_path):
     truth = next(c for c in joint_of(report)["transmissions"][0]["comparisons"] if c["reference"] == "truth")
     assert truth["quantity"] == "stiffness"
     assert truth["inside"]["nrmse"]["value"] < 3.0
+
+
+# Hidden effect → verdict, what the error is said to depend on, and words that have to be there.
+SENSORS, SPRING = "joint.sea.signals.", "joint.sea.transmission."
+TOLD = {
+    "torque sensor drifts": (SENSORS + "torque_sensor.drift=0.03", "time", "the torque sensor drifts"),
+    "link encoder drifts": (SENSORS + "link_position.drift=0.001", "zero over time", "an encoder drifts"),
+    "motor encoder drifts": (SENSORS + "motor_position.drift=-0.001", "zero over time", "an encoder drifts"),
+    "encoder offset": (SENSORS + "link_position.offset=0.005", "zero", "an encoder has an offset"),
+    "eccentric encoder": (SENSORS + "link_position.eccentricity={amplitude=0.003}", "position", "eccentric"),
+    "encoder scale": (SENSORS + "link_position.gain=1.02", "position", "an encoder's scale"),
+    "late encoder": (SENSORS + "link_position.delay=0.005", "late", "one encoder is late"),
+    "coarse torque sensor": (SENSORS + "torque_sensor.resolution=2", "resolution", "steps of 2 N·m"),
+    "backlash": (SPRING + "backlash=0.01", "gap", "backlash"),
+    "wide backlash": (SPRING + "backlash=0.03", "gap", "backlash"),
+    "softening": (SPRING + "drift=-0.02", "gain over time", "the stiffness drifts"),
+    "stiffening": (SPRING + "drift=0.02", "gain over time", "the stiffness drifts"),
+    "asymmetry": (SPRING + "asymmetry=0.1", "side", "asymmetry"),
+    "another asymmetry": (SPRING + "asymmetry=-0.1", "side", "asymmetry"),
+    "cubic": (SPRING + "added_cubic=500", "deflection", "spring's shape"),
+    "slipping springs": (SPRING + "slip=[{stiffness=20,limit=0.3}]", "direction", "hysteresis"),
+}
+
+
+@pytest.mark.parametrize("name", TOLD)
+def test_the_leading_words_are_the_hidden_effect(name, models, tmp_path):
+    setting, on, words = TOLD[name]
+    joint = joint_of(judged(models["sea"], simulated(tmp_path, "log", "--actual", setting), folder=tmp_path))
+    first = joint["transmissions"][0]["dependence"][0]
+    assert first["on"] == on
+    assert words in first["words"]
+    assert words in joint["sentences"][2]
+    assert first["share"] > 0.9
+    assert joint["sentences"][2].endswith("'vsalog diagnose LOG' looks for the cause and extends the rig by it.")
+
+
+def test_noise_is_no_cause(models, tmp_path):
+    log = simulated(tmp_path, "noisy", "--actual", SENSORS + "torque_sensor.noise=1.5")
+    joint = joint_of(judged(models["sea"], log, folder=tmp_path))
+    assert joint["transmissions"][0]["dependence"] == []
+    assert joint["verdict"] == "fails"
+    assert "noise of the torque sensor" in joint["sentences"][2]
 
 
 HIDDEN = {
@@ -223,4 +266,6 @@ def test_a_small_error_with_a_wrong_gain_does_not_hold(models, tmp_path):
     joint = joint_of(judged(models["sea"], log, folder=tmp_path))
     assert main_score(joint)["inside"]["nrmse"]["value"] < 5.0
     assert joint["verdict"] == "fails"
-    assert "15.0% larger than predicted" in " ".join(joint["sentences"])
+    said = re.search(r"([\d.]+) % larger than predicted", " ".join(joint["sentences"]))
+    assert float(said[1]) == pytest.approx(15.0, abs=0.1)
+    assert joint["transmissions"][0]["gain"] == pytest.approx(1.15, abs=1e-3)

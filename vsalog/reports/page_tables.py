@@ -25,12 +25,20 @@ ALL_OF_IT = 0.99995
 DEPENDENCES = {
     "torque": "torque (gain)",
     "offset": "constant offset",
-    "deflection": "deflection",
+    "zero": "zero of the deflection",
+    "side": "size of the torque (asymmetry)",
+    "gap": "sign of the deflection (backlash)",
+    "deflection": "deflection (shape of the spring)",
+    "position": "position of link or motor",
     "setpoint": "set-point",
     "velocity": "velocity of the deflection",
+    "late": "velocity of link or motor",
     "direction": "direction of motion",
     "loading": "loading or unloading",
-    "time": "time",
+    "time": "time (torque)",
+    "zero over time": "time (deflection)",
+    "gain over time": "time (gain)",
+    "resolution": "resolution of the torque sensor",
     "itself": "its own past (not white)",
 }
 
@@ -99,17 +107,21 @@ def _figure(figure: Figure, digits: int = 3, most: float = math.inf, least: floa
 
 
 def dependences_list(part: TransmissionReport) -> str:
-    """What the error depends on, in words, strongest first."""
+    """What the error depends on, in words, and how to find out more."""
     if part.judged_on is None:
         return ""
     if not part.dependence:
-        return "<p>The error depends on nothing that was looked at: offset, torque, deflection, set-point, speed, time.</p>"
+        return (
+            "<p>The error depends on nothing that was looked at: offset, torque, deflection, positions, set-point, velocities,"
+            " loading, time.</p>"
+        )
     items = [
         f"<li><strong>{escaped(DEPENDENCES.get(d.on, d.on))}</strong>, {number(100.0 * d.share)} % of the error's mean square:"
         f" {escaped(d.words)}.</li>"
         for d in part.dependence
     ]
-    return f"<p>What the error depends on:</p><ul>{''.join(items)}</ul>"
+    more = "<p><code>vsalog diagnose LOG</code> looks for the cause by a simulation of the rig and extends the rig by it.</p>"
+    return f"<p>What the error depends on:</p><ul>{''.join(items)}</ul>{more}"
 
 
 def modalities_table(part: TransmissionReport) -> str:

@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy import stats
 
 from vsalog.validation.document import Dependence
-from vsalog.validation.scores import binned, bins_of, effective_samples
+from vsalog.validation.scores import bins_of, effective_samples
+from vsalog.validation.signatures import SHORT, WORDS, Signature, signatures
 
 Array = NDArray[np.float64]
 
@@ -17,25 +19,47 @@ Array = NDArray[np.float64]
 LEAST_SHARE, LARGEST_P = 0.05, 1e-3
 # Errors this much smaller than the torque's spread are not worth a cause.
 NEGLIGIBLE = 2e-3
-# Of an effect that has the sign of a sinusoidal velocity a straight line explains 8/π² = 0.81; of one that grows with it, all.
-STRAIGHT = 0.9
 # Samples that tell a dependence; of a longer log only as many are looked at.
-ENOUGH = 200_000
+ENOUGH = 100_000
 # Times the filter's own correlation, beyond which nothing of it is left.
 APART = 3.0
+# Causes that are told one after the other, each of what the ones before have left.
+MOST_CAUSES = 3
+# Two explanations are told apart when their Bayesian information criteria differ by this (Kass and Raftery 1995: strong).
+TOLD_APART = 6.0
+# A sensor's steps are what an error is made of when they alone would make this part of its mean square.
+STEPS_ALONE = 0.5
+# Blocks of a log whose means have to rise or fall with time, by Kendall's measure, before a drift is believed.
+BLOCKS, MONOTONE = 8, 0.7
+# Effects have one or two parameters; their shapes are right to first order, which leaves this part of the mean square open.
+PHYSICAL, SECOND_ORDER = 2, 0.01
+# Shares of the error that are left over are no less than rounding makes them.
+ROUNDING = 1e-9
+
+
+@dataclass(frozen=True, slots=True)
+class _Fit:
+    """A signature beside those chosen before: what it leaves of the mean square, and its freedom."""
+
+    signature: Signature
+    left: float
+    freedom: int
+    coefficients: Array
 
 
 def dependences(
-    error: Array, predicted: Array, variables: Mapping[str, Array], smoothing: float = 1.0
+    error: Array, predicted: Array, variables: Mapping[str, Array], smoothing: float = 1.0, step: float | None = None
 ) -> tuple[Dependence, ...]:
-    """Return what the error depends on, strongest first.
+    """Return what the error depends on, in the order in which it explains most of what is left; `itself` comes last.
 
     Parameters
     ----------
     error : prediction − reference, shape (N,)
     predicted : the torque that was predicted
-    variables : ``deflection``, ``setpoint``, ``velocity``, ``loading`` (±1), ``time``: shape (N,) each, as many as there are
+    variables : as many as there are, shape (N,) each: ``deflection``, ``setpoint``, ``velocity``, ``loading`` (its sign),
+        ``time``, ``stiffness`` (predicted), ``…_position`` of link and motors, ``velocity of …_position``, ``loop …`` (`loops`)
     smoothing : for how many samples the filter that both went through makes even white noise stay alike
+    step : the least step of the torque sensor [N·m]; None where it has none
     """
     keep = np.isfinite(error) & np.isfinite(predicted)
     for x in variables.values():
@@ -48,107 +72,186 @@ def dependences(
     spread = float(np.std(torque - e))
     if power <= (NEGLIGIBLE * spread) ** 2 or power == 0.0:
         return ()
-    found = [_offset(e, power), _gain(e, torque, power)]
-    for name, x in variables.items():
-        at = x[keep][::thin]
-        if np.ptp(at) > 0.0:
-            found += _over(name, at, e, torque, power)
-    found.append(_itself(e, power, smoothing / thin, thin))
-    told = [d for d in found if d is not None and d.share >= LEAST_SHARE and d.p_value <= LARGEST_P]
-    return tuple(sorted(told, key=lambda d: (d.on == "itself", -d.share)))
+    if step is not None and step**2 / 12.0 >= STEPS_ALONE * power:
+        return (_steps(step, power),)
+    at = {name: x[keep][::thin] for name, x in variables.items()}
+    told, rest = _causes(e, torque, at, power)
+    last = _itself(rest, power, smoothing / thin, thin)
+    if last is not None and last.share >= LEAST_SHARE and last.p_value <= LARGEST_P:
+        told.append(last)
+    return tuple(told)
 
 
-def _offset(e: Array, power: float) -> Dependence:
-    bias, std = float(e.mean()), float(e.std())
-    independent = effective_samples(e)
-    t = abs(bias) / max(std / np.sqrt(independent), 1e-300)
-    words = (
-        f"the prediction is {abs(bias):.3g} N·m too {'high' if bias > 0 else 'low'} on average: the torque sensor or an"
-        " encoder has an offset, or a constant torque is missing"
-    )
-    p = 2.0 * float(stats.t.sf(t, max(independent - 1.0, 1.0)))
-    return Dependence(on="offset", share=bias**2 / power, p_value=p, slope=None, words=words)
-
-
-def _gain(e: Array, torque: Array, power: float) -> Dependence | None:
-    x = torque - torque.mean()
-    variance = float(x @ x)
-    if variance <= 0.0:
+def gain_of(error: Array, predicted: Array) -> float | None:
+    """Return how many times the predicted torque is measured, by least squares; None where it is not clearly other than one."""
+    keep = np.isfinite(error) & np.isfinite(predicted)
+    e, torque = error[keep], predicted[keep]
+    if e.size < 50 or np.ptp(torque) == 0.0:
         return None
-    slope = float(x @ e) / variance
-    share = slope**2 * variance / e.size / power
-    gain = 1.0 - slope  # measured = gain · predicted
-    if gain < -0.2:
-        words = f"the measured torque is {gain:.2f} times the predicted one: a sign is swapped, of torque or deflection"
-    else:
-        more = "larger" if gain > 1.0 else "smaller"
-        words = (
-            f"the error grows with the torque: what is measured is {abs(gain - 1.0):.1%} {more} than predicted. The spring"
-            f" is {'stiffer' if gain > 1.0 else 'softer'} than in the model, a gear ratio or a unit is wrong, or the torque"
-            " sensor's gain is"
-        )
-    p = _p(share, 1, e - e.mean() - slope * x)
-    return Dependence(on="torque", share=share, p_value=p, slope=slope, words=words, bins=bins_of(e, torque))
+    x = torque - torque.mean()
+    slope = float(x @ e) / float(x @ x)
+    share = slope**2 * float(x @ x) / max(float(e @ e), 1e-300)
+    left = e - e.mean() - slope * x
+    clear = share >= LEAST_SHARE and _p(share, 1, effective_samples(left)) <= LARGEST_P
+    return 1.0 - slope if clear else None
 
 
-WORDS = {
-    "deflection": "the error depends on the deflection: the spring's shape is not the model's (nonlinearity, asymmetry,"
-    " backlash)",
-    "setpoint": "the error depends on the set-point: its zero or scale is off (lever arm, secondary motor's encoder), or the"
-    " model has too few powers of it",
-    "velocity": "the error grows with the velocity of the deflection: damping in the transmission, or a sensor that is late",
-    "direction": "the error has the sign of the velocity: friction or hysteresis is missing",
-    "loading": "the error differs between loading and unloading: the transmission has hysteresis (a loop)",
-    "time": "the error changes over time: a sensor drifts, or the stiffness does",
-}
+def _causes(e: Array, torque: Array, at: Mapping[str, Array], power: float) -> tuple[list[Dependence], Array]:
+    """Choose signatures one by one; return what they say and what they leave of the error."""
+    offered = signatures(torque, at)
+    told: list[Dependence] = []
+    chosen: list[Signature] = []
+    rest, left = e, power
+    while len(chosen) < MOST_CAUSES:
+        open_to = [s for s in offered if s.on not in {c.on for c in chosen}]
+        open_to = [s for s in open_to if not _over_time(s) or _has_a_trend(rest, s)]
+        fits = _fits(chosen, open_to, e, power)
+        if not fits:
+            break
+        richest = min(fits, key=lambda f: f.left)
+        independent = effective_samples(_left_by(e, [*chosen, richest.signature]))
+        best = min(fits, key=lambda f: _criterion(f, independent))
+        if best.freedom > PHYSICAL:
+            best = _simpler(best, fits, chosen, e, power, left, independent)
+        after = _left_by(e, [*chosen, best.signature])
+        share = (left - best.left) / power
+        # How many samples are independent, what the next cause would leave tells: a rest that it explains is no noise.
+        more = _fits([*chosen, best.signature], [s for s in open_to if s.on != best.signature.on], e, power)
+        noise = after if not more else _left_by(e, [*chosen, best.signature, min(more, key=lambda f: f.left).signature])
+        p = _p((left - best.left) / left, best.freedom, effective_samples(noise)) * len(offered)
+        if share < LEAST_SHARE or p > LARGEST_P:
+            break
+        others = _others(best, fits, effective_samples(after))
+        told.append(_said(best, others, share, min(p, 1.0), e, torque, at))
+        chosen.append(best.signature)
+        rest, left = after, best.left
+    return told, rest
 
 
-def _over(name: str, x: Array, e: Array, torque: Array, power: float) -> list[Dependence]:
-    """Return what a variable explains beyond offset and gain."""
-    rest = e - _explained_by(torque, e)
-    out = []
-    if name == "loading":
-        out.append(_two_sided("loading", x > 0.0, rest, power))
-    else:
-        slope, centre = float(np.polyfit(x, rest, 1)[0]), float(x.mean())
-        edges, index = binned(x)
-        # A straight line, or a curve of any shape: whichever is less likely by chance.
-        fits = [(slope * (x - centre), 1), (_group_means(index, rest), max(len(edges) - 2, 1))]
-        told = [(float(np.mean(fit**2)) / power, freedom, rest - fit) for fit, freedom in fits]
-        p, share = min((_p(share, freedom, left), -share) for share, freedom, left in told)
-        out.append(Dependence(on=name, share=-share, p_value=p, slope=slope, words=WORDS[name], bins=bins_of(e, x)))
-        if name == "velocity" and told[0][0] < STRAIGHT * told[1][0]:
-            # No straight line: the error jumps with the velocity's sign rather than growing with the velocity.
-            out = [_two_sided("direction", x > 0.0, rest, power)]
+def _fits(chosen: Sequence[Signature], offered: Sequence[Signature], e: Array, power: float) -> list[_Fit]:
+    """Fit each signature beside the chosen ones by least squares, from the sums of products of all columns."""
+    before = sum(s.columns.shape[1] for s in chosen)
+    columns = np.concatenate([s.columns for s in (*chosen, *offered)], axis=1)
+    size = np.sqrt(np.mean(columns**2, axis=0))
+    columns = columns / np.where(size > 0.0, size, 1.0)
+    gram, right = columns.T @ columns / e.size, columns.T @ e / e.size
+    out, first = [], before
+    for s in offered:
+        own = np.arange(first, first + s.columns.shape[1])
+        first = int(own[-1]) + 1
+        use = np.append(np.arange(before), own)
+        found = np.linalg.lstsq(gram[np.ix_(use, use)], right[use], rcond=1e-10)
+        solution, rank = found[0], int(found[2])
+        left = max(power - float(right[use] @ solution), ROUNDING * power)
+        out.append(_Fit(s, left, max(rank - before, 1), solution[before:] / np.where(size[own] > 0.0, size[own], 1.0)))
     return out
 
 
-def _explained_by(torque: Array, e: Array) -> Array:
-    x = np.stack([np.ones_like(torque), torque - torque.mean()], axis=1)
-    if np.ptp(torque) == 0.0:
-        return np.full_like(e, e.mean())
-    return np.asarray(x @ np.linalg.lstsq(x, e, rcond=None)[0])
+def _left_by(e: Array, chosen: Sequence[Signature]) -> Array:
+    columns = np.concatenate([s.columns for s in chosen], axis=1)
+    return np.asarray(e - columns @ np.linalg.lstsq(columns, e, rcond=1e-10)[0])
 
 
-def _two_sided(name: str, positive: NDArray[np.bool_], e: Array, power: float) -> Dependence:
-    means = _group_means(positive.astype(np.int64), e)
-    share = float(np.mean(means**2)) / power
-    step = float(e[positive].mean() - e[~positive].mean()) if positive.any() and not positive.all() else 0.0
-    words = f"{WORDS[name]}; the two sides are {abs(step):.3g} N·m apart"
-    return Dependence(on=name, share=share, p_value=_p(share, 1, e - means), slope=None, words=words)
+def _criterion(fit: _Fit, independent: float) -> float:
+    """Bayesian information criterion, with as many samples as are independent."""
+    return independent * float(np.log(fit.left)) + fit.freedom * float(np.log(max(independent, 2.0)))
 
 
-def _group_means(index: NDArray[np.int64], e: Array) -> Array:
-    """Return for each sample the mean of its group, less the mean of all."""
-    counts = np.bincount(index)
-    sums = np.bincount(index, e)
-    means = np.divide(sums, counts, out=np.zeros_like(sums), where=counts > 0)
-    return np.asarray(means[index] - e.mean())
+def _simpler(
+    curve: _Fit, fits: Sequence[_Fit], chosen: Sequence[Signature], e: Array, power: float, before: float, independent: float
+) -> _Fit:  # fmt: skip
+    """Prefer to a curve of any shape a physical effect that is right to first order, or the stronger of two that fit better."""
+    physical = [f for f in fits if f.freedom <= PHYSICAL]
+    if not physical:
+        return curve
+    one = min(physical, key=lambda f: f.left)
+    if one.left - curve.left <= SECOND_ORDER * before:
+        return one
+    others = [f.signature for f in physical if f.signature.on != one.signature.on]
+    pairs = _fits([*chosen, one.signature], others, e, power) if others else []
+    both = min((_criterion(f, independent) for f in pairs), default=np.inf) + one.freedom * np.log(
+        max(independent, 2.0)
+    )
+    return one if both < _criterion(curve, independent) else curve
 
 
-def _itself(e: Array, power: float, smoothing: float, thin: int) -> Dependence | None:
+def _others(best: _Fit, fits: Sequence[_Fit], independent: float) -> list[str]:
+    """Return the kinds of causes that explain the error as well as the best."""
+    least = _criterion(best, independent)
+    near = [f for f in fits if _criterion(f, independent) < least + TOLD_APART]
+    near.sort(key=lambda f: _criterion(f, independent))
+    return [on for on in dict.fromkeys(f.signature.on for f in near) if on != best.signature.on]
+
+
+def _said(
+    best: _Fit, others: Sequence[str], share: float, p: float, e: Array, torque: Array, at: Mapping[str, Array]
+) -> Dependence:
+    on = best.signature.on
+    one = float(best.coefficients[0]) if best.coefficients.size == 1 else None
+    words = _words(on, one, best, e)
+    if others:
+        words += f"; as well explained by {', or '.join(SHORT[other] for other in others)}"
+    x = torque if on == "torque" else at.get(on)
+    return Dependence(
+        on=on,
+        share=share,
+        p_value=p,
+        slope=one if on in ("torque", "velocity") else None,
+        words=words,
+        bins=() if x is None else bins_of(e, x),
+        not_told_from=tuple(others),
+    )
+
+
+def _words(on: str, one: float | None, best: _Fit, e: Array) -> str:
+    if on == "offset" and one is not None:
+        return f"the prediction is {abs(one):.3g} N·m too {'high' if one > 0 else 'low'} on average: {WORDS[on]}"
+    if on == "torque" and one is not None:
+        gain = 1.0 - one  # measured = gain · predicted
+        if gain < -0.2:
+            return (
+                f"the measured torque is {gain:.2f} times the predicted one: a sign is swapped, of torque or deflection"
+            )
+        more, spring = ("larger", "stiffer") if gain > 1.0 else ("smaller", "softer")
+        return (
+            f"the error grows with the torque: what is measured is {100.0 * abs(gain - 1.0):.3g} % {more} than predicted. The"
+            f" spring is {spring} than in the model, a gear ratio or a unit is wrong, or the torque sensor's gain is"
+        )
+    if on in ("direction", "loading") and one is not None:
+        positive = best.signature.columns[:, 0] > 0.0
+        apart = float(e[positive].mean() - e[~positive].mean()) if positive.any() and not positive.all() else 0.0
+        return f"{WORDS[on]}; the two sides are {abs(apart):.3g} N·m apart"
+    return WORDS[on]
+
+
+def _over_time(signature: Signature) -> bool:
+    return signature.on.endswith("time")
+
+
+def _has_a_trend(rest: Array, signature: Signature) -> bool:
+    """Tell whether what is left, block by block, rises or falls in the signature's own measure: a drift is no oscillation."""
+    size = rest.size // BLOCKS
+    base = signature.columns[:, 0]
+    means = []
+    for i in range(BLOCKS):
+        part = slice(i * size, (i + 1) * size)
+        norm = float(base[part] @ base[part])
+        means.append(float(base[part] @ rest[part]) / norm if norm > 0.0 else 0.0)
+    measure = float(stats.kendalltau(np.arange(BLOCKS), means).statistic)
+    return bool(np.isfinite(measure) and abs(measure) >= MONOTONE)
+
+
+def _steps(step: float, power: float) -> Dependence:
+    words = (
+        f"the torque sensor's steps of {step:.3g} N·m alone make an error of this size, so that nothing smaller can be told"
+        " by it: a finer sensor would say more"
+    )
+    return Dependence(on="resolution", share=min(step**2 / 12.0 / power, 1.0), p_value=0.0, slope=None, words=words)
+
+
+def _itself(rest: Array, power: float, smoothing: float, thin: int) -> Dependence | None:
     # Further apart than the filter reaches: what is alike there, the filter has not made so.
-    left = (e - e.mean())[:: max(1, int(np.ceil(APART * smoothing)))]
+    left = (rest - rest.mean())[:: max(1, int(np.ceil(APART * smoothing)))]
     if left.size < 20:
         return None
     variance = float(left @ left)
@@ -156,19 +259,19 @@ def _itself(e: Array, power: float, smoothing: float, thin: int) -> Dependence |
         return None
     rho = float(left[1:] @ left[:-1]) / variance
     words = (
-        f"the error is not white: it stays alike for about {thin * e.size / effective_samples(e):.0f} samples, so something is"
-        " missing in the model, not only noise"
+        f"what is left of the error is not white: it stays alike for about {thin * rest.size / effective_samples(rest):.0f}"
+        " samples, so something is missing in the model, not only noise"
     )
     z = abs(rho) * np.sqrt(left.size)
     share = max(rho, 0.0) ** 2 * variance / left.size / power
     return Dependence(on="itself", share=share, p_value=2.0 * float(stats.norm.sf(z)), slope=rho, words=words)
 
 
-def _p(share: float, freedom: int, left: Array) -> float:
+def _p(share: float, freedom: int, independent: float) -> float:
     """Return the probability that chance explains such a share, by the F distribution.
 
-    What is left over tells how many samples are independent: the error itself may be one slow drift.
+    `independent` is of what is left over: the error itself may be one slow drift.
     """
-    spare = max(effective_samples(left) - freedom - 1.0, 1.0)
+    spare = max(independent - freedom - 1.0, 1.0)
     f = max(share, 0.0) / freedom / max((1.0 - share) / spare, 1e-300)
     return float(stats.f.sf(f, freedom, spare))

@@ -74,13 +74,16 @@ class Dependence(_Part, frozen=True):
 
     Attributes
     ----------
-    on : ``torque`` (a wrong gain), ``offset``, ``deflection``, ``setpoint``, ``velocity``, ``direction`` (its sign),
-        ``loading`` (loops), ``time``, ``itself`` (not white)
-    share : of the error's mean square that it explains, 0 to 1
+    on : ``torque`` (a wrong gain), ``offset``, ``zero`` (of the deflection), ``side`` (the torque's size), ``gap`` (the
+        deflection's sign), ``deflection``, ``position`` (of link or motor), ``setpoint``, ``velocity``, ``late`` (a position's
+        velocity), ``direction`` (of the velocity), ``loading`` (loops), ``time``, ``zero over time``, ``gain over time``,
+        ``resolution`` (the sensor's steps), ``itself`` (not white)
+    share : of the error's mean square that it explains beyond those told before it, 0 to 1
     p_value : probability of such a share by chance, with the effective number of samples
     slope : of the error over the variable, SI, where a straight line says it; else null
     words : what that means, for people
     bins : error over the variable
+    not_told_from : what would explain the error as well
     """
 
     on: str
@@ -89,6 +92,7 @@ class Dependence(_Part, frozen=True):
     slope: float | None
     words: str
     bins: tuple[Bin, ...] = ()
+    not_told_from: tuple[str, ...] = ()
 
 
 class Comparison(_Part, frozen=True):
@@ -130,6 +134,7 @@ class TransmissionReport(_Part, frozen=True):
     judged_on : the comparison the verdict rests on; null where nothing can be judged
     comparisons : all there are, that one first
     inside_share : part of the samples that lie inside the region the model was fitted in
+    gain : how many times the predicted torque is measured; null where it is not clearly other than one
     dependence : what the error depends on, strongest first
     modalities : of the same log, side by side
     """
@@ -140,6 +145,7 @@ class TransmissionReport(_Part, frozen=True):
     inside_share: float
     dependence: tuple[Dependence, ...]
     modalities: tuple[ModalityScore, ...] = ()
+    gain: float | None = None
 
 
 class JointReport(_Part, frozen=True):

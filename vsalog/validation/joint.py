@@ -11,15 +11,17 @@ from numpy.typing import NDArray
 from vsalog.estimators.device import Device, TransmissionView, deflection_of
 from vsalog.model import JointModel
 from vsalog.recording import Recording
+from vsalog.resolution import step_of
 from vsalog.rig.schema import AntagonisticJoint, Joint
 from vsalog.signals import JointSignals
 from vsalog.validation import references as ref
-from vsalog.validation.dependence import dependences
+from vsalog.validation.dependence import dependences, gain_of
 from vsalog.validation.document import Comparison, Dependence, Reference, Score, TransmissionReport
 from vsalog.validation.evidence import JointEvidence, TransmissionEvidence, setpoint_unit
 from vsalog.validation.independence import computed_from
 from vsalog.validation.region import inside_region
 from vsalog.validation.scores import LEAST_TORQUE, score
+from vsalog.validation.signatures import loops
 
 Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]
@@ -48,6 +50,7 @@ class _Part:
     stiffness_std: Array
     inside: Flags
     sensor: Array | None
+    sensor_role: str | None
     residual: Array | None
     lagged: Array | None
     nominal: tuple[Array, Array] | None
@@ -76,7 +79,7 @@ def judge(model: JointModel, joint: Joint, device: Device, signals: JointSignals
     if len(parts) > 1:
         parts.append(_total(parts, s, recording, signals.joint))
     trusted = not_independent is None
-    reports = tuple(_report(part, s, setpoint, signals.period, trusted) for part in parts)
+    reports = tuple(_report(part, s, setpoint, signals, trusted) for part in parts)
     drawn = {p.name: _evidence(p, r) for p, r in zip(parts, reports, strict=True)}
     return Judged(
         reports, JointEvidence(signals.joint, s.time, setpoint, setpoint_unit(joint), drawn, model), not_independent
@@ -94,7 +97,7 @@ def _part(
     suffix = f"_{view.name}" if isinstance(joint, AntagonisticJoint) else ""
     return _Part(
         view.name, phi, torque, torque_std, sigma, sigma_std, inside_region(fitted, phi, setpoint),
-        None if sensor is None else s.roles[sensor], residual,
+        None if sensor is None else s.roles[sensor], sensor, residual,
         None if residual is None else ref.behind_the_lag(torque, period),
         ref.nominal(view, s, setpoint), ref.true_stiffness(recording, device.joint, suffix, s),
     )  # fmt: skip
@@ -119,6 +122,7 @@ def _total(parts: Sequence[_Part], s: ref.Smoothed, recording: Recording, joint:
         np.sqrt(np.sum([p.stiffness_std**2 for p in parts], axis=0)),
         np.logical_and.reduce([p.inside for p in parts]),
         sensor if sensor is not None else total([p.sensor for p in parts]),
+        "torque_sensor" if sensor is not None else None,
         total([p.residual for p in parts]),
         total([p.lagged for p in parts]),
         (np.sum([n[0] for n in known], axis=0), np.sum([n[1] for n in known], axis=0))
@@ -128,10 +132,13 @@ def _total(parts: Sequence[_Part], s: ref.Smoothed, recording: Recording, joint:
     )
 
 
-def _report(part: _Part, s: ref.Smoothed, setpoint: Array | None, period: float, trusted: bool) -> TransmissionReport:
+def _report(
+    part: _Part, s: ref.Smoothed, setpoint: Array | None, signals: JointSignals, trusted: bool
+) -> TransmissionReport:
     comparisons: list[Comparison] = []
     judged_on: Reference | None = None
     dependence: tuple[Dependence, ...] = ()
+    gain: float | None = None
     if part.sensor is not None:
         comparisons.append(_compare(TORQUE, "sensor", part.torque, part.sensor, part.inside))
     if part.residual is not None and part.lagged is not None:
@@ -147,7 +154,10 @@ def _report(part: _Part, s: ref.Smoothed, setpoint: Array | None, period: float,
     ):
         if measured is not None and predicted is not None and judged_on is None and bool(part.inside.any()):
             judged_on = reference  # type: ignore[assignment]
-            dependence = _dependence(part, predicted, measured, s, setpoint, period)
+            raw = signals.roles.get(part.sensor_role or "") if reference == "sensor" else None
+            step = None if raw is None else step_of(raw)
+            dependence = _dependence(part, predicted, measured, s, setpoint, signals.period, step)
+            gain = gain_of((predicted - measured)[part.inside], predicted[part.inside])
     comparisons.sort(key=lambda c: (c.reference != judged_on, c.quantity != "flexibility_torque"))
     known = np.isfinite(part.torque)
     share = float(part.inside[known].mean()) if known.any() else 0.0
@@ -157,6 +167,7 @@ def _report(part: _Part, s: ref.Smoothed, setpoint: Array | None, period: float,
         comparisons=tuple(comparisons),
         inside_share=share,
         dependence=dependence,
+        gain=gain,
     )
 
 
@@ -174,7 +185,13 @@ def _compare(
 
 
 def _dependence(
-    part: _Part, predicted: Array, measured: Array, s: ref.Smoothed, setpoint: Array | None, period: float
+    part: _Part,
+    predicted: Array,
+    measured: Array,
+    s: ref.Smoothed,
+    setpoint: Array | None,
+    period: float,
+    step: float | None,
 ) -> tuple[Dependence, ...]:
     one_run = bool(np.all(np.diff(s.stamps) > 0))
     use = part.inside & np.isfinite(predicted) & np.isfinite(measured)
@@ -183,13 +200,19 @@ def _dependence(
         "deflection": part.phi,
         "velocity": rate,
         "loading": np.sign(rate * part.phi),
+        "stiffness": part.stiffness,
+        **loops(part.phi),
     }
+    for name in s.roles:
+        if name.endswith("_position"):
+            variables[name] = s.roles[name]
+            variables[f"velocity of {name}"] = ref.rate_of(s.roles[name], s, period)
     if one_run:
         variables["time"] = s.time  # of several runs each has its own
     if setpoint is not None:
         variables["setpoint"] = setpoint
     chosen: Mapping[str, Array] = {name: x[use] for name, x in variables.items()}
-    return dependences((predicted - measured)[use], predicted[use], chosen, ref.noise_correlation())
+    return dependences((predicted - measured)[use], predicted[use], chosen, ref.noise_correlation(), step)
 
 
 def _not_independent(device: Device, signals: JointSignals) -> str | None:

@@ -9,6 +9,7 @@ from msgspec.structs import replace
 from vsalog.signals import JointSignals
 from vsalog.validation.document import (
     Comparison,
+    Dependence,
     JointReport,
     LogReport,
     ModalityScore,
@@ -26,6 +27,8 @@ MOSTLY_OUTSIDE = 0.5
 GAIN = 0.1
 # The second dependence is named too when it explains this part of the error's mean square.
 WORTH_SAYING = 0.15
+# Words name what an error depends on; which parameter of the rig makes it, a simulation of the rig tells.
+DIAGNOSE = "'vsalog diagnose LOG' looks for the cause and extends the rig by it"
 
 _REFERENCE = {
     "sensor": "the torque sensor",
@@ -119,7 +122,7 @@ def _verdict(score: Score | None) -> Verdict:
 
 def _gain_is_off(part: TransmissionReport) -> bool:
     """Tell whether what is measured is clearly more or less than predicted, however small that is against the span."""
-    return any(d.on == "torque" and d.slope is not None and abs(d.slope) > GAIN for d in part.dependence)
+    return part.gain is not None and abs(part.gain - 1.0) > GAIN
 
 
 def _sentences(
@@ -175,7 +178,17 @@ def _sentences(
         "undecided": "Whether the model holds is too close to tell",
     }[verdict]
     first = f"{words}: judged by {_REFERENCE[worst.judged_on or 'sensor']}, its flexibility torque{where} is off by {error}."
-    return first, _where(worst), _why(worst, verdict)
+    return first, _where(worst), _why(_telling(parts, worst), verdict)
+
+
+def _telling(parts: Sequence[TransmissionReport], worst: TransmissionReport) -> TransmissionReport:
+    """Return whose error says most of its cause: of a sum the summand that is predicted worst, where something is told of it."""
+    single = [t for t in parts if t.transmission != "total" and _judged(t) and _told(t)]
+    return max(single, key=lambda t: _nrmse(_main(t))) if worst.transmission == "total" and single else worst
+
+
+def _told(part: TransmissionReport) -> list[Dependence]:
+    return [d for d in part.dependence if d.on != "itself"]
 
 
 def _whose(part: TransmissionReport) -> str:
@@ -214,15 +227,15 @@ def _where(part: TransmissionReport) -> str:
 
 
 def _why(part: TransmissionReport, verdict: Verdict) -> str:
-    told = [d for d in part.dependence if d.on != "itself"]
+    told = _told(part)
+    if not told and verdict == "holds":
+        return "The error shows no dependence worth a cause."
+    if not told and not part.dependence:
+        return "The error depends on none of the signals there are and is white, as noise of the torque sensor is."
     if not told:
-        return (
-            "The error shows no dependence worth a cause."
-            if verdict == "holds"
-            else ("What the error depends on does not show in the signals there are.")
-        )
+        return f"What the error depends on does not show in the signals there are; {DIAGNOSE}."
     said = [f"{_share(d.share)} says: {d.words}" for d in told[:2] if d is told[0] or d.share >= WORTH_SAYING]
-    return f"Of the error's mean square {'; and '.join(said)}."
+    return f"Of the error's mean square {'; and '.join(said)}; {DIAGNOSE}."
 
 
 def _figure(value: float | None) -> str:

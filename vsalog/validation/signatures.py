@@ -1,0 +1,187 @@
+"""What each kind of cause would leave in a torque's error: the shapes an error is compared with, and what each means in words.
+
+An effect that is small shows to first order as its own function of what was measured: a zero of the deflection that is off by δ
+leaves σ δ, a gap of width b leaves σ times the deflection cut off at ± b/2, a drifting spring leaves t τ.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+
+# Knots of a curve of any shape.
+KNOTS, SETPOINT_KNOTS = 10, 5
+# Half a gap, and the motion over which a loop changes sides, as parts of the largest deflection and of its span.
+GAPS = (0.01, 0.02, 0.04, 0.08, 0.16, 0.32)
+LOOPS = (0.01, 0.04, 0.16)
+# A loop's state is followed over so many samples, which is fine against any motion.
+FOLLOWED = 20_000
+
+WORDS = {
+    "offset": "the torque sensor has an offset, or a constant torque is missing",
+    "torque": "a wrong gain",
+    "zero": "the deflection's zero is off: an encoder has an offset",
+    "side": "the error has the torque's size whatever its sign: the spring is not alike in both directions (asymmetry)",
+    "gap": "the error has the sign of the deflection, and its size does not grow with it: backlash",
+    "deflection": "the error depends on the deflection: the spring's shape is not the model's (nonlinearity, asymmetry,"
+    " backlash)",
+    "position": "the error follows the position of link or motor: a gear ratio or an encoder's scale is off,"
+    " or its disc is eccentric",
+    "setpoint": "the error depends on the set-point: its zero or scale is off (lever arm, secondary motor's encoder), or the"
+    " model has too few powers of it",
+    "velocity": "the error grows with the velocity of the deflection: damping in the transmission, or a sensor that is late",
+    "late": "the error grows with a position's velocity: one encoder is late against the other",
+    "direction": "the error has the sign of the velocity: friction or hysteresis is missing",
+    "loading": "the error differs between loading and unloading: the transmission has hysteresis (a loop)",
+    "time": "the error changes over time: the torque sensor drifts",
+    "zero over time": "the error changes over time: an encoder drifts",
+    "gain over time": "the error grows with the torque, and changes over time: the stiffness drifts, or the torque sensor's gain",
+}
+# In a few words, where one cause cannot be told from another.
+SHORT = {
+    "offset": "an offset of the torque",
+    "torque": "a wrong gain, of spring or sensor",
+    "zero": "an encoder's offset",
+    "side": "an asymmetric spring",
+    "gap": "backlash",
+    "deflection": "another shape of the spring",
+    "position": "a gear ratio, or an encoder's scale or eccentricity",
+    "setpoint": "a wrong set-point",
+    "velocity": "damping, or a late torque sensor",
+    "late": "a late encoder",
+    "direction": "friction or hysteresis",
+    "loading": "hysteresis",
+    "time": "a drift of the torque sensor",
+    "zero over time": "a drift of an encoder",
+    "gain over time": "a drift of stiffness or gain",
+}
+
+
+@dataclass(frozen=True, slots=True)
+class Signature:
+    """The shape that one kind of cause leaves: any combination of its columns.
+
+    Attributes
+    ----------
+    on : what the error depends on; a key of `WORDS`
+    columns : shape (N, k)
+    """
+
+    on: str
+    columns: Array
+
+
+def signatures(torque: Array, variables: Mapping[str, Array]) -> list[Signature]:
+    """Return the shapes that these variables allow; one kind may have several.
+
+    Parameters
+    ----------
+    torque : predicted, shape (N,)
+    variables : as for `dependences`, shape (N,) each, all finite
+    """
+    found = [_of("offset", np.ones_like(torque))]
+    if np.ptp(torque) == 0.0:
+        return found
+    found += [_of("torque", torque), _of("side", np.abs(torque))]
+    for part in (_static, _moving, _over_time):
+        found += part(torque, variables)
+    return [s for s in found if bool(np.any(s.columns)) and bool(np.isfinite(s.columns).all())]
+
+
+def _of(on: str, *columns: Array) -> Signature:
+    return Signature(on, np.stack(columns, axis=1))
+
+
+def _static(torque: Array, variables: Mapping[str, Array]) -> Iterator[Signature]:
+    phi, sigma, setpoint = (variables.get(name) for name in ("deflection", "stiffness", "setpoint"))
+    if phi is not None and np.ptp(phi) > 0.0:
+        yield Signature("deflection", _hats(phi, KNOTS))
+    if setpoint is not None and np.ptp(setpoint) > 0.0:
+        curve = _hats(setpoint, SETPOINT_KNOTS)
+        yield Signature("setpoint", curve)
+        # A set-point that is off makes the spring stiffer or softer than predicted.
+        yield Signature("setpoint", curve * torque[:, None])
+    if sigma is None or phi is None:
+        return
+    yield _of("zero", sigma)
+    for share in GAPS:
+        half = share * float(np.abs(phi).max())
+        yield _of("gap", sigma * np.clip(phi, -half, half))
+    for name, at in _positions(variables):
+        yield _of("position", sigma * at)
+        # The disc's turn begins anywhere, so that its mean over the motion is the encoder's zero.
+        yield _of("position", sigma * np.sin(at), sigma * np.cos(at))
+        rate = variables.get(f"velocity of {name}")
+        if rate is not None:
+            yield _of("late", sigma * rate)
+
+
+def _positions(variables: Mapping[str, Array]) -> Iterator[tuple[str, Array]]:
+    for name, values in variables.items():
+        if name.endswith("_position") and np.ptp(values) > 0.0:
+            yield name, values
+
+
+def _moving(torque: Array, variables: Mapping[str, Array]) -> Iterator[Signature]:
+    rate, loading, sigma = (variables.get(name) for name in ("velocity", "loading", "stiffness"))
+    if rate is not None and np.ptp(rate) > 0.0:
+        yield _of("velocity", rate)
+        if sigma is not None:
+            yield _of("velocity", sigma * rate)
+        yield _of("direction", np.sign(rate))
+    for name, values in variables.items():
+        if name.startswith("loop"):
+            yield _of("direction", values)
+    if loading is not None and np.ptp(loading) > 0.0:
+        yield _of("loading", np.sign(loading))
+
+
+def _over_time(torque: Array, variables: Mapping[str, Array]) -> Iterator[Signature]:
+    time, sigma = variables.get("time"), variables.get("stiffness")
+    if time is None or np.ptp(time) == 0.0:
+        return
+    t = (time - time.min()) / np.ptp(time)
+    yield _of("time", np.ones_like(t), t)
+    yield _of("gain over time", torque, t * torque)
+    if sigma is not None:
+        yield _of("zero over time", sigma, t * sigma)
+
+
+def _hats(x: Array, count: int) -> Array:
+    """Return piecewise linear functions over knots that hold equally many samples between them: any curve, shape (N, k)."""
+    knots = np.unique(np.quantile(x, np.linspace(0.0, 1.0, count)))
+    out = np.zeros((x.size, knots.size))
+    for i in range(knots.size):
+        out[:, i] = np.interp(x, knots, np.eye(knots.size)[i])
+    return out
+
+
+def loops(phi: Array) -> dict[str, Array]:
+    """Return the states of springs that slip, −1 to 1, driven by a deflection: what hysteresis of some width leaves.
+
+    Parameters
+    ----------
+    phi : shape (N,), of the whole log in its order; NaN stands still
+
+    Returns
+    -------
+    Names → states, shape (N,)
+    """
+    known = np.flatnonzero(np.isfinite(phi))
+    if known.size < 2 or np.ptp(phi[known]) == 0.0:
+        return {}
+    at = known[:: max(1, known.size // FOLLOWED)]
+    span, steps = float(np.ptp(phi[at])), np.diff(phi[at])
+    out = {}
+    for share in LOOPS:
+        state, states = 0.0, [0.0]
+        for step in (steps / (share * span)).tolist():
+            state = min(1.0, max(-1.0, state + step))
+            states.append(state)
+        out[f"loop {share:g}"] = np.interp(np.arange(phi.size), at, np.array(states))
+    return out
