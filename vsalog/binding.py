@@ -223,7 +223,7 @@ def _check(recording: Recording, channel: Channel, role: str) -> None:
             )
         raise BindingError(f"{where} has no time column; say how fast it was sampled with --rate HZ")
     if channel.values.size < 2:
-        raise BindingError(f"{where} has {channel.values.size} samples; at least two are needed")
+        raise BindingError(f"{where} has {'one sample' if channel.values.size else 'no samples'}; at least two are needed")
     finite = np.isfinite(channel.values)
     if not finite.any():
         raise BindingError(f"{where} holds no finite number at all")
