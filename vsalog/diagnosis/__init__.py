@@ -1,0 +1,1 @@
+"""What a rig's simulation gets wrong, why, and what mending it is worth."""

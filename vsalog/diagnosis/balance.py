@@ -1,0 +1,328 @@
+"""The equations that a mechanical joint's roles allow, as residuals: what is left over where the rig and the log disagree.
+
+    motor          B θ̈ + D θ̇ + friction − τ_T − τ            (Flacco 2012 eq. 4, 8, 12)
+    secondary      B_c θ̈_c + D_c θ̇_c + friction + ψ_e − τ_c    (Flacco 2012 eq. 12, 52)
+    transmission   τ_sensor − τ_T(φ, φ̇, θ_c, t)
+    link           M q̈ + D q̇ + friction + g(q) + Σ τ_T − τ_ext  (Flacco 2012 eq. 3, 7)
+    sensors        what two sensors say of one thing
+
+with φ = q − θ. A position that is not recorded is told from the torque sensor through the transmission, or, without a sensor,
+from the motor equation; that equation is then used up.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vsalog.diagnosis._loops import loop_torque
+from vsalog.diagnosis.sensing import known
+from vsalog.mechanics import flexibility_torque, reaction_torque, stiffness
+from vsalog.mechanics.transmissions import coded
+from vsalog.rig.schema import (
+    AntagonisticJoint,
+    AwasTransmission,
+    ElasticJoint,
+    Friction,
+    KnownTransmission,
+    Link,
+    Motor,
+    SerialJoint,
+    UnknownTransmission,
+)
+
+Array = NDArray[np.float64]
+Mechanical = ElasticJoint | SerialJoint | AntagonisticJoint
+Side = Literal["motor", "transmission", "link", "sensor"]
+
+GRAVITY = 9.81
+# Rounds of finding the deflection under a torque, and the share of the stiffness at rest below which a step is not trusted.
+ROUNDS, LEAST = 12, 0.05
+# Changes of the deflection below so many deviations of its noise do not move a loop.
+SLACK = 4.0
+
+
+@dataclass(frozen=True, slots=True)
+class Equation:
+    """What is left over in one equation of a joint.
+
+    Attributes
+    ----------
+    name : motor, motor_1, secondary_motor, transmission, link, deflection, …
+    side : of the joint it is about
+    unit : SI
+    residual : shape (N,), but for what is `shaped`
+    shaped : shape (N,), or 0: what is no filtered channel but made of them with corners or waves that the filter would have taken
+        off; it has yet to pass the filter
+    rate : shape (N,), the velocity whose sign dry friction depends on; none where there is no friction
+    """
+
+    name: str
+    side: Side
+    unit: str
+    residual: Array
+    shaped: Array | float = 0.0
+    rate: Array | None = None
+
+    @property
+    def whole(self) -> Array:
+        """What is left over at every sample, shape (N,)."""
+        return self.residual + self.shaped
+
+
+@dataclass(frozen=True, slots=True)
+class Motion:
+    """What a joint did, as its rig and its channels say; each of shape (3, N): value and first and second derivative.
+
+    Attributes
+    ----------
+    roles : the true roles
+    motors : suffix → θ
+    link : q; none where nothing tells it
+    deflections : suffix → φ
+    torques : suffix → τ_T, shape (N,), what the transmission transmits
+    measured : suffixes whose τ_T is the torque sensor's, or the motor equation's, so that φ follows from it
+    spent : suffixes whose motor equation told τ_T
+    """
+
+    roles: Mapping[str, Array]
+    motors: Mapping[str, Array]
+    link: Array | None
+    deflections: Mapping[str, Array]
+    torques: Mapping[str, Array]
+    measured: frozenset[str]
+    spent: frozenset[str]
+
+
+def balance(joint: Mechanical, roles: Mapping[str, Array], time: Array, spread: Mapping[str, float]) -> list[Equation]:
+    """Form every equation that the roles allow.
+
+    Parameters
+    ----------
+    joint : of the rig
+    roles : role → value and derivatives, shape (3, N), of `true_roles`
+    time : shape (N,) [s]
+    spread : role → standard deviation of its noise after the filter
+    """
+    motion = motion_of(joint, roles, time, spread)
+    equations: list[Equation] = []
+    for suffix, motor in _motors(joint).items():
+        role = f"motor_torque{suffix}"
+        told = suffix in motion.torques and suffix in motion.motors and suffix not in motion.spent
+        if motor.inertia is not None and role in roles and told:
+            theta, torque = motion.motors[suffix], motion.torques[suffix]
+            residual = _moved(motor, theta) - torque - roles[role][0]
+            shaped = _resisted(motor, theta, torque)
+            equations.append(Equation(f"motor{suffix}", "motor", "N*m", residual, shaped, theta[1]))
+    if isinstance(joint, SerialJoint):
+        equations += _secondary(joint, motion, time)
+    equations += _transmissions(joint, motion)
+    if joint.link is not None and motion.link is not None and len(motion.torques) == len(_motors(joint)):
+        total = sum(motion.torques.values(), np.zeros(time.size))
+        external = roles["external_torque"][0] if "external_torque" in roles else 0.0
+        residual = _driven(joint.link, motion.link) + total - external
+        shaped = rubbing(joint.link.friction, motion.link[1], total) - _pushed(joint.link, time)
+        equations.append(Equation("link", "link", "N*m", residual, shaped, motion.link[1]))
+        if "link_acceleration" in roles and "link_position" in roles:
+            off = roles["link_acceleration"][0] - motion.link[2]
+            equations.append(Equation("link_acceleration", "sensor", "rad/s^2", off))
+    return equations
+
+
+def motion_of(joint: Mechanical, roles: Mapping[str, Array], time: Array, spread: Mapping[str, float]) -> Motion:
+    """Tell what a joint did; see `Motion`."""
+    suffixes = list(_motors(joint))
+    motors = {s: roles[f"motor_position{s}"] for s in suffixes if f"motor_position{s}" in roles}
+    link = roles.get("link_position")
+    for s in suffixes:
+        phi = roles.get(f"deflection{s}")
+        if phi is not None and link is None and s in motors:
+            link = motors[s] + phi
+        elif phi is not None and link is not None and s not in motors:
+            motors[s] = link - phi
+    deflections, torques = {}, {}
+    measured, spent = set(), set()
+    for s in suffixes:
+        transmission = _transmission(joint, s)
+        if isinstance(transmission, UnknownTransmission):
+            continue
+        arm = roles["setpoint"] if isinstance(transmission, AwasTransmission) and "setpoint" in roles else None
+        if isinstance(transmission, AwasTransmission) and arm is None:
+            continue
+        lever = None if arm is None else arm[0]
+        if f"deflection{s}" in roles or (link is not None and s in motors):
+            phi = roles[f"deflection{s}"] if f"deflection{s}" in roles else link - motors[s]  # type: ignore[operator]
+            told = (f"deflection{s}",) if f"deflection{s}" in roles else ("link_position", f"motor_position{s}")
+            slack = SLACK * float(np.hypot.reduce([spread.get(r, 0.0) for r in told]))
+            deflections[s], torques[s] = phi, transmitted(transmission, phi, lever, time, slack)
+            continue
+        sensed = _felt(joint, s, roles, motors)
+        if sensed is None or s not in motors:
+            continue
+        deflections[s] = _deflected(transmission, sensed, lever, time)
+        torques[s] = sensed
+        measured.add(s)
+        if f"torque_sensor{s}" not in roles:
+            spent.add(s)
+    if link is None and deflections:
+        first = next(iter(deflections))
+        link = motors[first] + deflections[first]
+    return Motion(roles, motors, link, deflections, torques, frozenset(measured), frozenset(spent))
+
+
+def transmitted(
+    transmission: KnownTransmission, phi: Array, arm: Array | None, time: Array, slack: float = 0.0
+) -> Array:
+    """Return τ_T of a deflection, shape (3, N), and a lever arm: spring, damping, hysteresis.
+
+    Hysteresis takes no notice of changes below `slack` [rad], which noise makes.
+    """
+    torque = flexibility_torque(transmission, phi[0], arm, time)
+    if transmission.damping:
+        rate = np.where(np.abs(phi[0]) > 0.5 * transmission.backlash, phi[1], 0.0)
+        torque = torque + transmission.damping * rate
+    if transmission.bouc_wen is not None or transmission.slip:
+        elements = np.array([(e.stiffness, e.limit) for e in transmission.slip]).reshape(-1, 2)
+        torque = torque + loop_torque(coded(transmission), elements, phi[0], slack)
+    return torque
+
+
+def _felt(joint: Mechanical, suffix: str, roles: Mapping[str, Array], motors: Mapping[str, Array]) -> Array | None:
+    """Return τ_T as the torque sensor says it, else as the motor equation does."""
+    if f"torque_sensor{suffix}" in roles:
+        return np.asarray(roles[f"torque_sensor{suffix}"][0])
+    motor = _motors(joint)[suffix]
+    if f"motor_torque{suffix}" in roles and suffix in motors and motor.inertia is not None:
+        moved = _moved(motor, motors[suffix]) + _resisted(motor, motors[suffix], None)
+        return np.asarray(moved - roles[f"motor_torque{suffix}"][0])
+    return None
+
+
+def _deflected(transmission: KnownTransmission, torque: Array, arm: Array | None, time: Array) -> Array:
+    """Return φ and its derivatives under a torque, shape (3, N); the inverse of `transmitted`."""
+    spring = torque
+    phi = np.zeros((3, torque.size))
+    dynamic = transmission.damping > 0.0 or transmission.bouc_wen is not None or bool(transmission.slip)
+    for _ in range(3 if dynamic else 1):
+        phi[0] = _under(transmission, spring, arm, time)
+        phi[1] = np.gradient(phi[0], time)
+        if dynamic:
+            rest = transmitted(transmission, phi, arm, time) - flexibility_torque(transmission, phi[0], arm, time)
+            spring = torque - rest
+    phi[2] = np.gradient(phi[1], time)
+    return phi
+
+
+def _under(transmission: KnownTransmission, torque: Array, arm: Array | None, time: Array) -> Array:
+    """Return the deflection at which the spring has that torque, by Newton's method from the gap's edge."""
+    edge = 0.5 * transmission.backlash
+    start = np.sign(torque) * (edge + 1e-9)
+    soft = np.abs(stiffness(transmission, start, arm, time))
+    scale = np.maximum(soft, 1e-9)
+    phi = start + torque / scale
+    if np.ndim(soft) and transmission.type == "vsa2":  # type: ignore[union-attr]
+        # The mechanism ends at its singularity, and hardens long before it.
+        limit = 1.98 * np.arcsin(1.0 / transmission.geometry)  # type: ignore[union-attr]
+        phi = np.clip(phi, -limit, limit)
+    else:
+        limit = np.inf
+    for _ in range(ROUNDS):
+        off = flexibility_torque(transmission, phi, arm, time) - torque
+        slope = np.maximum(stiffness(transmission, phi, arm, time), LEAST * scale)
+        phi = np.clip(phi - off / slope, -limit, limit)
+    return np.asarray(phi)
+
+
+def _moved(motor: Motor, theta: Array) -> Array:
+    """Return B θ̈ + D θ̇."""
+    motor = motor.reflected
+    assert motor.inertia is not None
+    return np.asarray(motor.inertia * theta[2] + motor.damping * theta[1])
+
+
+def _resisted(motor: Motor, theta: Array, load: Array | None) -> Array | float:
+    """Return dry friction less cogging."""
+    motor = motor.reflected
+    torque = rubbing(motor.friction, theta[1], load)
+    for c in motor.cogging:
+        torque = torque - c.torque * np.sin(c.order * motor.gear_ratio * theta[0] + c.phase)
+    return torque
+
+
+def rubbing(friction: Friction, rate: Array, load: Array | None) -> Array | float:
+    """Return the torque of dry friction at velocities other than zero."""
+    if friction.breakaway == 0.0 and friction.load == 0.0:
+        return 0.0
+    level = np.full_like(rate, friction.coulomb)
+    if friction.static is not None and friction.stribeck_velocity is not None:
+        level += (friction.static - friction.coulomb) * np.exp(-((rate / friction.stribeck_velocity) ** 2))
+    if friction.load and load is not None:
+        level += friction.load * np.abs(load)
+    return level * np.sign(rate)
+
+
+def _driven(link: Link, q: Array) -> Array:
+    """Return M q̈ + D q̇ + g(q)."""
+    inertia, weight = link.inertia, link.gravity_torque
+    if link.payload is not None:
+        inertia += link.payload.mass * link.payload.distance**2
+        weight += link.payload.mass * GRAVITY * link.payload.distance if weight else 0.0
+    return np.asarray(inertia * q[2] + link.damping * q[1] + weight * np.sin(q[0] - link.gravity_angle))
+
+
+def _pushed(link: Link, time: Array) -> Array | float:
+    """Return what pushes the link from outside."""
+    torque: Array | float = 0.0
+    for push in link.contact:
+        u = (time - push.start) / push.duration
+        torque = torque + np.where((u > 0.0) & (u < 1.0), push.torque * np.sin(np.pi * u) ** 2, 0.0)
+    return torque
+
+
+def _secondary(joint: SerialJoint, motion: Motion, time: Array) -> list[Equation]:
+    motor, lever, roles = joint.secondary_motor, joint.lever, motion.roles
+    if motor is None or motor.inertia is None or lever is None or "" not in motion.deflections:
+        return []
+    if not known(roles, "setpoint", "secondary_torque") or not isinstance(joint.transmission, AwasTransmission):
+        return []
+    arm = roles["setpoint"]
+    theta = np.stack([lever.start - arm[0], -arm[1], -arm[2]]) / lever.travel
+    reaction = reaction_torque(joint.transmission, motion.deflections[""][0], arm[0], lever.travel, time)
+    residual = _moved(motor, theta) + reaction - roles["secondary_torque"][0]
+    shaped = _resisted(motor, theta, reaction)
+    return [Equation("secondary_motor", "motor", "N*m", residual, shaped, theta[1])]
+
+
+def _transmissions(joint: Mechanical, motion: Motion) -> list[Equation]:
+    """Return the equations of torque sensors, and of deflections that two sensors tell."""
+    roles, equations = motion.roles, []
+    for s, torque in motion.torques.items():
+        if f"torque_sensor{s}" in roles and s not in motion.measured:
+            off = roles[f"torque_sensor{s}"][0] - torque
+            equations.append(Equation(f"transmission{s}", "transmission", "N*m", off))
+        if known(roles, f"deflection{s}", f"motor_position{s}", "link_position"):
+            off = roles[f"deflection{s}"][0] - roles["link_position"][0] + roles[f"motor_position{s}"][0]
+            equations.append(Equation(f"deflection{s}", "sensor", "rad", off))
+    if "torque_sensor" in roles and len(motion.torques) == 2:
+        off = roles["torque_sensor"][0] - sum(motion.torques.values())
+        equations.append(Equation("transmission", "transmission", "N*m", off))
+    if len(motion.measured) == 2 and motion.link is not None:
+        # Both transmissions hang on one link: where each puts it must agree.
+        second = list(motion.deflections)[1]
+        off = motion.link[0] - motion.motors[second][0] - motion.deflections[second][0]
+        equations.append(Equation("agreement", "transmission", "rad", off))
+    return equations
+
+
+def _motors(joint: Mechanical) -> dict[str, Motor]:
+    if isinstance(joint, AntagonisticJoint):
+        return {"_1": joint.motor_1, "_2": joint.motor_2}
+    return {"": joint.motor}
+
+
+def _transmission(joint: Mechanical, suffix: str) -> KnownTransmission | UnknownTransmission:
+    return getattr(joint, f"transmission{suffix}")  # type: ignore[no-any-return]

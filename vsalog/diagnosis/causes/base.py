@@ -1,0 +1,184 @@
+"""What a cause is: where in a joint it may sit, what it changes in the rig, and what to tell people of it."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Any, ClassVar
+
+import numpy as np
+from msgspec.structs import replace
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True, slots=True)
+class Parameter:
+    """A number that a cause is described by.
+
+    Attributes
+    ----------
+    name, unit : as the diagnosis reports it, SI
+    start : what it is in the rig as it stands, or where the search begins
+    step : small enough for the equations to be straight over it
+    low, high : bounds
+    """
+
+    name: str
+    unit: str
+    start: float
+    step: float
+    low: float = -np.inf
+    high: float = np.inf
+
+
+@dataclass(frozen=True, slots=True)
+class Remainder:
+    """What is left over in the equations at some stage of the search, for causes that look where to begin.
+
+    Attributes
+    ----------
+    time : shape (N,) [s]
+    equations : name → residual at every sample, shape (N,), NaN where it does not count
+    roles : role → value and derivatives, shape (3, N), as the rig has them
+    """
+
+    time: Array
+    equations: Mapping[str, Array]
+    roles: Mapping[str, Array]
+
+
+Apply = Callable[[Any, Sequence[float]], Any]
+Starts = Callable[[Remainder], list[tuple[float, ...]]]
+Report = Callable[[Sequence[float]], dict[str, tuple[float, str]]]
+
+
+@dataclass(frozen=True, slots=True)
+class Site:
+    """A cause at a place: one hypothesis.
+
+    Attributes
+    ----------
+    cause : name of the catalogue
+    part : of the joint: motor, motor_1, transmission, link, or a sensor's role
+    parameters : what is fitted
+    apply : puts values into a joint of the rig
+    starts : where a search over what is not linear begins; at the parameters' own start when absent
+    report : fitted values → name → (value, unit), where people are told other numbers than are fitted
+    excludes : causes that cannot stand beside this one at the same part
+    transient : happens once; its share of the log cannot be told from the rest
+    """
+
+    cause: str
+    part: str
+    parameters: tuple[Parameter, ...]
+    apply: Apply
+    starts: Starts | None = None
+    report: Report | None = None
+    excludes: frozenset[str] = frozenset()
+    transient: bool = False
+
+    @property
+    def key(self) -> tuple[str, str]:
+        """Cause and part."""
+        return self.cause, self.part
+
+    @property
+    def start(self) -> tuple[float, ...]:
+        """Where the search begins."""
+        return tuple(p.start for p in self.parameters)
+
+    def reported(self, values: Sequence[float]) -> dict[str, tuple[float, str]]:
+        """Return name → (value, unit) as people are told."""
+        if self.report is not None:
+            return self.report(values)
+        return {p.name: (float(v), p.unit) for p, v in zip(self.parameters, values, strict=True)}
+
+
+@dataclass(frozen=True, slots=True)
+class Setting:
+    """What a cause may know of joint and log before anything is fitted.
+
+    Attributes
+    ----------
+    joint : of the rig
+    roles : role → value and derivatives, shape (3, N), as the rig has them
+    period, duration : of the log [s]
+    deflections : suffix → φ, shape (N,)
+    torques : suffix → τ_T, shape (N,)
+    equations : names of those that can be formed
+    """
+
+    joint: Any
+    roles: Mapping[str, Array]
+    period: float
+    duration: float
+    deflections: Mapping[str, Array] = field(default_factory=dict)
+    torques: Mapping[str, Array] = field(default_factory=dict)
+    equations: tuple[str, ...] = ()
+
+    def torque_size(self, role: str | None = None) -> float:
+        """Return the size of a torque role's changes, or of all torques [N·m]."""
+        named = [v[0] for name, v in self.roles.items() if (name == role if role else "torque" in name)]
+        named += [] if role else list(self.torques.values())
+        return max((size(v) for v in named), default=0.0) or 1.0
+
+    def deflection_size(self, suffix: str) -> float:
+        """Return the largest deflection but for a few [rad]."""
+        phi = self.deflections.get(suffix)
+        return float(np.nanquantile(np.abs(phi), 0.99)) if phi is not None and np.isfinite(phi).any() else 1.0
+
+    def speed(self, role: str) -> float:
+        """Return the size of a role's rate."""
+        values = self.roles.get(role)
+        return (size(values[1]) if values is not None else 0.0) or 1.0
+
+
+class Cause:
+    """A physical or sensing effect that a rig's simulation may lack or have wrong.
+
+    A subclass states what it is, and yields its sites. The texts speak of `{part}`, in words.
+    """
+
+    name: ClassVar[str]
+    title: ClassVar[str]
+    says: ClassVar[str]
+    confirm: ClassVar[str]
+    reference: ClassVar[str]
+    signature: ClassVar[str]
+    order: ClassVar[int] = 0
+
+    def sites(self, setting: Setting) -> Iterator[Site]:
+        """Yield where in the joint the cause may sit, given its roles."""
+        raise NotImplementedError
+
+
+def size(values: Array) -> float:
+    """Return the standard deviation of what is a number."""
+    finite = values[np.isfinite(values)]
+    return float(np.std(finite)) if finite.size else 0.0
+
+
+def with_part(joint: Any, part: str, **changes: Any) -> Any:
+    """Return a joint with fields of one of its parts changed."""
+    return replace(joint, **{part: replace(getattr(joint, part), **changes)})
+
+
+def with_signal(joint: Any, role: str, **changes: Any) -> Any:
+    """Return a joint with fields of one of its signals changed."""
+    from vsalog.binding import signal_of
+
+    signal = replace(signal_of(getattr(joint.signals, role)), **changes)
+    return replace(joint, signals=replace(joint.signals, **{role: signal}))
+
+
+def suffix_of(part: str) -> str:
+    """Return ``_1`` or ``_2`` of a part or role that has a twin, else nothing."""
+    return part[-2:] if part.endswith(("_1", "_2")) else ""
+
+
+def transmissions_of(joint: Any) -> tuple[str, ...]:
+    """Return the names under which a mechanical joint has transmissions of a known type."""
+    names = [n for n in ("transmission", "transmission_1", "transmission_2") if hasattr(joint, n)]
+    return tuple(n for n in names if hasattr(getattr(joint, n), "damping"))

@@ -1,0 +1,201 @@
+"""What a link may have other than the rig says: inertia, payload, gravity, friction, a push from outside."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from typing import Any
+
+import numpy as np
+from msgspec.structs import replace
+
+from vsalog.diagnosis.balance import GRAVITY
+from vsalog.diagnosis.causes.base import Cause, Parameter, Remainder, Setting, Site, with_part
+from vsalog.rig.schema import Contact, Payload
+
+# Lengths of pushes to begin with [s]; the equation's remainder is averaged over them to find where.
+PUSHES = (0.1, 0.3, 1.0)
+
+
+class _OfLink(Cause):
+    """A cause that sits in the link."""
+
+    def sites(self, setting: Setting) -> Iterator[Site]:
+        """Yield one where the link's equation can be formed."""
+        if "link" in setting.equations:
+            yield from self.of_link(setting, setting.joint.link)
+
+    def of_link(self, setting: Setting, link: Any) -> Iterator[Site]:
+        """Yield the cause in the link."""
+        raise NotImplementedError
+
+
+class LinkInertia(_OfLink):
+    """Another inertia of the link."""
+
+    name = "link.inertia"
+    title = "The inertia of the link is not what the rig says"
+    says = "the link's equation is off in proportion to its acceleration"
+    confirm = "Clamp the motor and let the link swing on the spring: its frequency tells the inertia."
+    reference = "Flacco 2012 eq. 3, M"
+    signature = "link equation: q̈"
+    order = -1
+
+    def of_link(self, setting: Setting, link: Any) -> Iterator[Site]:
+        """Yield the cause in the link."""
+        parameter = Parameter("inertia", "kg*m^2", link.inertia, 0.01 * link.inertia, 1e-3 * link.inertia)
+
+        def apply(joint: Any, values: Sequence[float]) -> Any:
+            return with_part(joint, "link", inertia=float(values[0]))
+
+        yield Site(self.name, "link", (parameter,), apply)
+
+
+class LinkPayload(_OfLink):
+    """A mass on the link."""
+
+    name = "link.payload"
+    title = "The link carries a mass that the rig does not know"
+    says = "the link's equation is off by an inertia and a weight together"
+    confirm = "Look at the link, or weigh it; take the mass off and record again."
+    reference = "Swevers, Verdonck, De Schutter (2007), Dynamic model identification for industrial robots, §payload"
+    signature = "link equation: q̈ and sin q together"
+
+    def of_link(self, setting: Setting, link: Any) -> Iterator[Site]:
+        """Yield the cause in the link; without gravity it is an inertia like any other."""
+        if not link.gravity_torque:
+            return
+        there = link.payload
+        inertia, weight = (
+            (there.mass * there.distance**2, there.mass * GRAVITY * there.distance) if there else (0.0, 0.0)
+        )
+        parameters = (
+            Parameter("inertia", "kg*m^2", inertia, 0.01 * link.inertia, 1e-6 * link.inertia),
+            Parameter("weight", "N*m", weight, 0.01 * abs(link.gravity_torque), 1e-6 * abs(link.gravity_torque)),
+        )
+
+        def apply(joint: Any, values: Sequence[float]) -> Any:
+            told = _payload(values)
+            return with_part(joint, "link", payload=Payload(mass=told["mass"][0], distance=told["distance"][0]))
+
+        yield Site(
+            self.name, "link", parameters, apply, report=_payload, excludes=frozenset({"link.inertia", "link.gravity"})
+        )
+
+
+def _payload(values: Sequence[float]) -> dict[str, tuple[float, str]]:
+    inertia, weight = max(float(values[0]), 1e-12), max(float(values[1]), 1e-12)
+    distance = inertia * GRAVITY / weight
+    return {"mass": (weight / (GRAVITY * distance), "kg"), "distance": (distance, "m")}
+
+
+class LinkGravity(_OfLink):
+    """Another weight of the link."""
+
+    name = "link.gravity"
+    title = "The gravity torque of the link is not what the rig says"
+    says = "the link's equation is off in proportion to the sine of its position"
+    confirm = "Hold the link still in several positions and compare the torque that holds it."
+    reference = "Flacco 2012 eq. 3, g(q)"
+    signature = "link equation: sin(q − q₀)"
+
+    def of_link(self, setting: Setting, link: Any) -> Iterator[Site]:
+        """Yield the cause in the link."""
+        step = 0.01 * (abs(link.gravity_torque) or setting.torque_size())
+        parameter = Parameter("torque", "N*m", link.gravity_torque, step)
+
+        def apply(joint: Any, values: Sequence[float]) -> Any:
+            return with_part(joint, "link", gravity_torque=float(values[0]))
+
+        yield Site(self.name, "link", (parameter,), apply)
+
+
+class LinkViscousFriction(_OfLink):
+    """Friction that grows with the link's speed."""
+
+    name = "link.viscous_friction"
+    title = "The friction of the link that grows with its speed is not what the rig says"
+    says = "the link's equation is off in proportion to its velocity"
+    confirm = "Clamp the motor, let the link ring and see how fast the ringing fades."
+    reference = "Flacco 2012 eq. 3, D_q"
+    signature = "link equation: q̇"
+
+    def of_link(self, setting: Setting, link: Any) -> Iterator[Site]:
+        """Yield the cause in the link."""
+        step = 0.01 * setting.torque_size() / setting.speed("link_position")
+        parameter = Parameter("damping", "N*m*s/rad", link.damping, step, 0.0)
+
+        def apply(joint: Any, values: Sequence[float]) -> Any:
+            return with_part(joint, "link", damping=max(float(values[0]), 0.0))
+
+        yield Site(self.name, "link", (parameter,), apply)
+
+
+class LinkCoulombFriction(_OfLink):
+    """Dry friction at the link's bearing."""
+
+    name = "link.coulomb_friction"
+    title = "Dry friction of the link is missing in the rig, or has another level"
+    says = "the link's equation is off by a level that has the sign of its velocity"
+    confirm = (
+        "Clamp the motor, deflect the link a little and let go: with dry friction the ringing fades in a straight line and stops"
+        " early."
+    )
+    reference = "Armstrong-Hélouvry, Dupont, Canudas de Wit (1994), Automatica 30(7), §2"
+    signature = "link equation: sgn q̇"
+
+    def of_link(self, setting: Setting, link: Any) -> Iterator[Site]:
+        """Yield the cause in the link."""
+        parameter = Parameter("torque", "N*m", link.friction.coulomb, 1e-3 * setting.torque_size(), 0.0)
+
+        def apply(joint: Any, values: Sequence[float]) -> Any:
+            friction, level = joint.link.friction, max(float(values[0]), 0.0)
+            static = None if friction.static is None else max(friction.static, level)
+            return with_part(joint, "link", friction=replace(friction, coulomb=level, static=static))
+
+        yield Site(self.name, "link", (parameter,), apply)
+
+
+class LinkContact(_OfLink):
+    """A push from outside, once."""
+
+    name = "link.contact"
+    title = "Something pushed the link for a moment"
+    says = "the link's equation is off for a short time only"
+    confirm = "Look at what happened at {start}; record again without touching the link."
+    reference = "De Luca and Mattone (2005), Sensorless robot collision detection and hybrid force/motion control"
+    signature = "link equation: sin²(π (t − t₀) / T)"
+
+    def of_link(self, setting: Setting, link: Any) -> Iterator[Site]:
+        """Yield the cause in the link."""
+        parameters = (
+            Parameter("start", "s", 0.0, 0.005, 0.0, setting.duration),
+            Parameter("duration", "s", 0.3, 0.005, 0.03, 3.0),
+            Parameter("torque", "N*m", 0.0, 1e-3 * setting.torque_size()),
+        )
+
+        def apply(joint: Any, values: Sequence[float]) -> Any:
+            start, duration, torque = (float(v) for v in values)
+            push = Contact(start=max(start, 0.0), duration=max(duration, 1e-3), torque=torque)
+            return with_part(joint, "link", contact=(*joint.link.contact, push))
+
+        yield Site(self.name, "link", parameters, apply, _pushes, transient=True)
+
+
+def _pushes(left: Remainder) -> list[tuple[float, ...]]:
+    """Look for the strongest short bump in what is left over of the link's equation."""
+    residual = left.equations.get("link")
+    if residual is None:
+        return []
+    period = float(left.time[1] - left.time[0])
+    good = np.isfinite(residual)
+    values = np.where(good, residual - np.median(residual[good]), 0.0) if good.any() else np.zeros_like(residual)
+    found: list[tuple[float, ...]] = []
+    for duration in PUSHES:
+        length = max(3, round(duration / period))
+        if length >= values.size // 2:
+            continue
+        bell = np.sin(np.pi * (np.arange(length) + 0.5) / length) ** 2
+        fit = np.convolve(values, bell, mode="valid") / float(bell @ bell)
+        k = int(np.argmax(np.abs(fit)))
+        found.append((float(left.time[k]), length * period, float(fit[k])))
+    return found

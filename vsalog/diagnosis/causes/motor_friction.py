@@ -1,0 +1,166 @@
+"""Friction at the motor: viscous, Coulomb, Stribeck, and with the load."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from typing import Any
+
+from msgspec.structs import replace
+
+from vsalog.diagnosis.causes.base import Cause, Parameter, Remainder, Setting, Site, with_part
+from vsalog.diagnosis.sensing import motors_of, position_role, torque_role
+
+DRY = frozenset({"motor.coulomb_friction", "motor.stribeck_friction"})
+# Stribeck speeds to begin with, as parts of the motor's speed.
+SPEEDS = (0.03, 0.1, 0.3, 0.8)
+
+
+def moved_motors(setting: Setting) -> Iterator[str]:
+    """Yield the motors whose equation can be formed, and those whose equation tells the torque of a transmission."""
+    for name in motors_of(setting.joint):
+        motor = getattr(setting.joint, name)
+        if motor.inertia is None or torque_role(name) not in setting.roles:
+            continue
+        if name in setting.equations or (name != "secondary_motor" and "link" in setting.equations):
+            yield name
+
+
+def scale_of(setting: Setting, name: str) -> tuple[float, float]:
+    """Return the sizes of a motor's torque and of its speed."""
+    role = position_role(name)
+    if role not in setting.roles:
+        role = "link_position"
+    speed = setting.speed(role)
+    if name == "secondary_motor" and setting.joint.lever is not None:
+        speed /= setting.joint.lever.travel
+    return setting.torque_size(torque_role(name)), speed
+
+
+class MotorViscousFriction(Cause):
+    """Friction that grows with the motor's speed."""
+
+    name = "motor.viscous_friction"
+    title = "The friction of the {part} that grows with its speed is not what the rig says"
+    says = "its motor equation is off in proportion to the motor's velocity"
+    confirm = (
+        "Let the motor turn at several constant speeds without load: the torque it needs rises in a straight line."
+    )
+    reference = "Flacco 2012 eq. 4, D_θ"
+    signature = "motor equation: θ̇"
+
+    def sites(self, setting: Setting) -> Iterator[Site]:
+        """Yield one per motor."""
+        for name in moved_motors(setting):
+            torque, speed = scale_of(setting, name)
+            parameter = Parameter(
+                "damping", "N*m*s/rad", getattr(setting.joint, name).damping, 0.01 * torque / speed, 0.0
+            )
+
+            def apply(joint: Any, values: Sequence[float], name: str = name) -> Any:
+                return with_part(joint, name, damping=float(values[0]))
+
+            yield Site(self.name, name, (parameter,), apply)
+
+
+class MotorCoulombFriction(Cause):
+    """Dry friction of one level."""
+
+    name = "motor.coulomb_friction"
+    title = "Dry friction of the {part} is missing in the rig, or has another level"
+    says = "its motor equation is off by a level that has the sign of the motor's velocity"
+    confirm = (
+        "Raise the motor's torque slowly from zero until it moves, both ways: half the difference is the friction."
+    )
+    reference = "Armstrong-Hélouvry, Dupont, Canudas de Wit (1994), Automatica 30(7), §2"
+    signature = "motor equation: sgn θ̇"
+
+    def sites(self, setting: Setting) -> Iterator[Site]:
+        """Yield one per motor."""
+        for name in moved_motors(setting):
+            torque, _ = scale_of(setting, name)
+            start = getattr(setting.joint, name).friction.coulomb
+            parameter = Parameter("torque", "N*m", start, 1e-3 * torque, 0.0)
+            yield Site(self.name, name, (parameter,), _coulomb(name), excludes=DRY)
+
+
+def _coulomb(name: str) -> Any:
+    def apply(joint: Any, values: Sequence[float]) -> Any:
+        friction = getattr(joint, name).friction
+        level = max(float(values[0]), 0.0)
+        static = None if friction.static is None else max(friction.static, level)
+        return with_part(joint, name, friction=replace(friction, coulomb=level, static=static))
+
+    return apply
+
+
+class MotorStribeckFriction(Cause):
+    """Dry friction that is larger at rest than in motion."""
+
+    name = "motor.stribeck_friction"
+    title = "Dry friction of the {part} falls as it begins to move (Stribeck), and the rig does not have it so"
+    says = "its motor equation is off by a level that has the sign of the motor's velocity and is larger at slow motion"
+    confirm = (
+        "Let the motor turn at many constant speeds, the slowest below {velocity}: the torque first falls, then rises."
+    )
+    reference = "Armstrong-Hélouvry, Dupont, Canudas de Wit (1994), Automatica 30(7), §2.2"
+    signature = "motor equation: sgn θ̇ (1 + a exp(−θ̇²/v_s²))"
+
+    def sites(self, setting: Setting) -> Iterator[Site]:
+        """Yield one per motor."""
+        for name in moved_motors(setting):
+            torque, speed = scale_of(setting, name)
+            friction = getattr(setting.joint, name).friction
+            falling = friction.stribeck_velocity or 0.1 * speed
+            parameters = (
+                Parameter("torque", "N*m", friction.coulomb, 1e-3 * torque, 0.0),
+                Parameter("excess", "N*m", friction.breakaway - friction.coulomb, 1e-3 * torque, 0.0),
+                Parameter("velocity", "rad/s", falling, 1e-3 * speed, 1e-3 * speed, 3.0 * speed),
+            )  # fmt: skip
+
+            def starts(
+                _: Remainder, c: float = friction.coulomb, t: float = torque, v: float = speed
+            ) -> list[tuple[float, ...]]:
+                return [(c, 0.01 * t, share * v) for share in SPEEDS]
+
+            yield Site(self.name, name, parameters, _stribeck(name), starts, _stribeck_report, excludes=DRY)
+
+
+def _stribeck(name: str) -> Any:
+    def apply(joint: Any, values: Sequence[float]) -> Any:
+        level, excess, velocity = (max(float(v), 0.0) for v in values)
+        friction = replace(
+            getattr(joint, name).friction, coulomb=level, static=level + excess, stribeck_velocity=velocity
+        )
+        return with_part(joint, name, friction=friction)
+
+    return apply
+
+
+def _stribeck_report(values: Sequence[float]) -> dict[str, tuple[float, str]]:
+    level, excess, velocity = (float(v) for v in values)
+    return {"torque": (level, "N*m"), "static": (level + excess, "N*m"), "velocity": (velocity, "rad/s")}
+
+
+class MotorLoadDependentFriction(Cause):
+    """Dry friction that grows with the torque that is transmitted."""
+
+    name = "motor.load_dependent_friction"
+    title = "The gear of the {part} rubs in proportion to the torque it transmits, and the rig does not have it so"
+    says = "its motor equation is off by a part of the transmitted torque's size, with the sign of the motor's velocity"
+    confirm = "Measure the friction under several loads: it grows with them, in a straight line."
+    reference = (
+        "Hamon, Gautier, Garrec (2010), Dynamic identification of robots with a dry friction model depending on load"
+    )
+    signature = "motor equation: |τ_T| sgn θ̇"
+
+    def sites(self, setting: Setting) -> Iterator[Site]:
+        """Yield one per motor."""
+        for name in moved_motors(setting):
+            start = getattr(setting.joint, name).friction.load
+            parameter = Parameter("share", "1", start, 1e-3, 0.0, 0.9)
+
+            def apply(joint: Any, values: Sequence[float], name: str = name) -> Any:
+                friction = replace(getattr(joint, name).friction, load=max(float(values[0]), 0.0))
+                return with_part(joint, name, friction=friction)
+
+            yield Site(self.name, name, (parameter,), apply)

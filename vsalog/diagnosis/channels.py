@@ -1,0 +1,140 @@
+"""A joint's channels as recorded, passed through one and the same filter, and copies of them with noise like their own.
+
+Every equation is formed from channels that went through the same filter, so that what the filter does to one side of an
+equation it does to the other too.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from itertools import pairwise
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vsalog.filters.savitzky_golay import savgol_filter, savgol_weights
+from vsalog.resolution import noise_of, step_of
+from vsalog.signals import JointSignals
+
+Array = NDArray[np.float64]
+Flags = NDArray[np.bool_]
+
+# A polynomial of this degree is fitted to windows of so many seconds, but never to fewer samples than that.
+DEGREE, WINDOW, FEWEST = 4, 0.03, 7
+
+
+@dataclass(frozen=True, slots=True)
+class Noise:
+    """What a sensor adds to the truth: white noise of a standard deviation, then rounding to steps [both SI].
+
+    Attributes
+    ----------
+    deviation : of the white noise
+    step : of the rounding; 0 for none
+    """
+
+    deviation: float
+    step: float
+
+    @property
+    def floor(self) -> float:
+        """Standard deviation of both together."""
+        return float(np.hypot(self.deviation, self.step / 12.0**0.5))
+
+
+@dataclass(frozen=True, slots=True)
+class Channels:
+    """Filtered channels of a joint.
+
+    Attributes
+    ----------
+    period : T [s]
+    time : shape (N,), from the log's start [s]
+    roles : role → value and first and second derivative, shape (3, N), as recorded (SI, nothing of a sensor undone); NaN where
+        the filter's window is not whole
+    raw : role → shape (N,), before the filter
+    starts : shape (N,), where a run begins
+    noise : role → of its sensor
+    window : of the filter, in samples
+    """
+
+    period: float
+    time: Array
+    roles: Mapping[str, Array]
+    raw: Mapping[str, Array]
+    starts: Flags
+    noise: Mapping[str, Noise]
+    window: int
+
+    def __len__(self) -> int:
+        return int(self.time.shape[0])
+
+    @property
+    def spread(self) -> dict[str, float]:
+        """Role → standard deviation of its noise after the filter, were it white."""
+        left = float(np.linalg.norm(savgol_weights(self.window, DEGREE)))
+        return {role: noise.floor * left for role, noise in self.noise.items()}
+
+    def with_noise(self, seed: int) -> Channels:
+        """Return the channels as a second measurement of the same motion would have given them, filtered.
+
+        What is smooth is taken for the motion; noise is drawn anew and the sum rounded as the sensor rounds, from where its
+        steps happen to lie. So the error of an encoder that stands still, or moves slowly, is as it is: not white.
+        """
+        rng = np.random.default_rng(seed)
+        raw = {}
+        for role, measured in self.raw.items():
+            smooth = self.roles[role][0]
+            values = np.where(np.isfinite(smooth), smooth, measured)
+            raw[role] = _sensed(values, self.noise[role], rng)
+        return replace(self, roles=_filtered(raw, self.starts, self.period, self.window), raw=raw)
+
+
+def channels_of(signals: JointSignals) -> Channels:
+    """Filter the bound roles of a joint.
+
+    Parameters
+    ----------
+    signals : bound without undoing what the rig says of the sensors
+    """
+    period = signals.period
+    window = max(FEWEST, round(WINDOW / period) | 1)
+    raw = {role: np.ascontiguousarray(values) for role, values in signals.roles.items()}
+    noise = {role: noise_in(values) for role, values in raw.items()}
+    filtered = _filtered(raw, signals.starts, period, window)
+    return Channels(period, signals.time, filtered, raw, signals.starts, noise, window)
+
+
+def noise_in(values: Array) -> Noise:
+    """Tell white noise and steps of a channel from its samples."""
+    step = step_of(values) or 0.0
+    deviation = noise_of(values) or 0.0
+    # Rounding alone looks like white noise of a third of a step wherever the signal moves.
+    own = 0.0 if deviation < 0.5 * step else max(deviation**2 - step**2 / 12.0, 0.0) ** 0.5
+    return Noise(own, step)
+
+
+def _sensed(values: Array, noise: Noise, rng: np.random.Generator) -> Array:
+    said = values + noise.deviation * rng.standard_normal(values.size) if noise.deviation else values
+    if not noise.step:
+        return said
+    shift = rng.uniform(-0.5, 0.5) * noise.step
+    return np.asarray(np.round((said + shift) / noise.step) * noise.step - shift)
+
+
+def _filtered(raw: Mapping[str, Array], starts: Flags, period: float, window: int) -> dict[str, Array]:
+    weights = savgol_weights(window, DEGREE, 2, period)
+    edges = [0, *(int(k) for k in np.flatnonzero(starts) if k > 0), starts.size]
+    out = {}
+    for role, values in raw.items():
+        if np.ptp(values) == 0.0:
+            out[role] = np.stack([values, np.zeros_like(values), np.zeros_like(values)])
+            continue
+        found = np.full((3, values.size), np.nan)
+        for first, last in pairwise(edges):
+            if last - first >= window:
+                part = savgol_filter(values[first:last], weights)
+                found[:, first + window // 2 : first + window // 2 + part.shape[1]] = part
+        out[role] = found
+    return out

@@ -1,0 +1,273 @@
+"""Which causes: forward on held-out blocks, the simplest of those that explain as much, then a look back."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vsalog.diagnosis.causes import catalogue
+from vsalog.diagnosis.causes.base import Remainder, Setting, Site
+from vsalog.diagnosis.fit import (
+    Fit,
+    fitted,
+    jacobian_of,
+    newton_step,
+    parameters_of,
+    residual_of,
+)
+from vsalog.diagnosis.sensing import true_roles
+from vsalog.diagnosis.system import System
+
+Array = NDArray[np.float64]
+Integers = NDArray[np.int64]
+
+# A block is at least so long [s]; a log has between so many.
+BLOCK, FEWEST, MOST = 1.0, 8, 24
+# A cause must take this much off the mean square of the whitened equations (the noise's is 1), this part of what is left,
+# and be that many times as large as its own spread over the blocks.
+WORTH, SHARE, SURE = 0.1, 0.08, 2.5
+# Two causes explain equally much when they differ by no more than so many spreads of their difference over the blocks, and by
+# less than this part of what either explains. One cause that contains another must explain that much more to be preferred.
+ALIKE, NEAR, MORE = 2.0, 0.1, 0.02
+# What happens once has to stand out by so much more, since it was looked for everywhere.
+SEARCHED = 4.0
+MOST_CAUSES = 4
+# So many hypotheses are fitted in full after a first step with each.
+FITTED = 8
+
+
+@dataclass(frozen=True, slots=True)
+class Rival:
+    """A cause that was considered, and what it would have left over."""
+
+    site: Site
+    fit: Fit
+
+
+@dataclass(frozen=True, slots=True)
+class Choice:
+    """A cause that was chosen.
+
+    Attributes
+    ----------
+    site : of the catalogue
+    before, after : losses of the blocks without and with it, all others fitted
+    rivals : causes that would explain as much in its place
+    sureness : how often it is the best one when the blocks are drawn anew, 0 to 1
+    """
+
+    site: Site
+    before: Array
+    after: Array
+    rivals: tuple[Rival, ...]
+    sureness: float
+
+
+@dataclass(frozen=True, slots=True)
+class Selection:
+    """What explains a log.
+
+    Attributes
+    ----------
+    fit : of all chosen causes together
+    nothing : of none
+    choices : strongest first
+    blocks : shape (n,), the block of each whitened equation
+    """
+
+    fit: Fit
+    nothing: Fit
+    choices: tuple[Choice, ...]
+    blocks: Integers
+
+
+def select(system: System, joint: Any, setting: Setting) -> Selection:
+    """Find the causes that explain what the rig leaves over in a log.
+
+    Parameters
+    ----------
+    system : of the log
+    joint : of the rig
+    setting : what causes may know
+    """
+    sites = [site for cause in catalogue().values() for site in cause.sites(setting)]
+    blocks = blocks_of(system)
+    nothing = fitted(system, joint, (), np.zeros(0), blocks)
+    current, choices = nothing, list[Choice]()
+    while len(choices) < MOST_CAUSES:
+        rivals = considered(system, joint, setting, sites, current, blocks)
+        found = chosen(system, current, rivals)
+        if found is None:
+            break
+        choice, current = found
+        choices.append(choice)
+        current, choices = looked_back(system, joint, setting, sites, current, choices, blocks)
+    return Selection(current, nothing, tuple(_by_worth(system, joint, current, choices, blocks)), blocks)
+
+
+def blocks_of(system: System) -> Integers:
+    """Number the blocks of the whitened equations, shape (n,), rising."""
+    time = system.time
+    count = int(np.clip((time[-1] - time[0]) / BLOCK, FEWEST, MOST))
+    rows = np.minimum((np.arange(time.size) * count) // max(time.size, 1), count - 1)
+    return np.repeat(rows, len(system.names)).astype(np.int64)
+
+
+def considered(
+    system: System, joint: Any, setting: Setting, sites: Sequence[Site], current: Fit, blocks: Integers
+) -> list[Rival]:
+    """Fit each cause that is not in the current fit beside it; the promising ones in full."""
+    held = {site.key for site in current.sites}
+    barred = {(cause, site.part) for site in current.sites for cause in site.excludes}
+    left = remainder(system, current.joint(joint), setting)
+    trials = []
+    for site in sites:
+        if site.key in held or site.key in barred:
+            continue
+        starts = site.starts(left) if site.starts is not None else [site.start]
+        tried = [_first_step(system, joint, current, site, start) for start in starts]
+        if tried:
+            trials.append((*min(tried, key=lambda t: t[0]), site))
+    trials.sort(key=lambda t: t[0])
+    floor = current.residual @ current.residual
+    promising = [t for i, t in enumerate(trials) if i < FITTED or t[0] < trials[0][0] + 0.1 * (floor - trials[0][0])]
+    out = []
+    for _, start, site in promising[: 2 * FITTED]:
+        out.append(Rival(site, fitted(system, joint, (*current.sites, site), start, blocks)))
+    return out
+
+
+def _first_step(system: System, joint: Any, current: Fit, site: Site, start: Sequence[float]) -> tuple[float, Array]:
+    """Return what one Newton step with a cause beside the current ones leaves over, and where it leads."""
+    sites = (*current.sites, site)
+    values = np.concatenate([current.values, start])
+    old = current.values.size
+    residual = residual_of(system, joint, sites, values)
+    own = jacobian_of(system, joint, sites, values, residual, range(old, values.size))
+    J = np.concatenate([current.jacobian, own], axis=1)
+    parameters = parameters_of(sites)
+    low, high = np.array([p.low for p in parameters]), np.array([p.high for p in parameters])
+    step = newton_step(J, residual, values, low, high, 0.0)
+    predicted = residual + J @ step
+    moved = np.clip(values + step, low, high)
+    return float(predicted @ predicted), moved
+
+
+def chosen(system: System, current: Fit, rivals: Sequence[Rival]) -> tuple[Choice, Fit] | None:
+    """Return the best of the causes if it is worth it, with those that explain as much."""
+    worthy = [r for r in rivals if _worthy(system, current, r)]
+    if not worthy:
+        return None
+    best = min(worthy, key=_left)
+    gained = current.loss - _left(best)
+    alike = [r for r in worthy if r is best or _alike(r, best, gained)]
+    # The simplest of those that explain as much; among equals the one that explains most.
+    simplest = min(alike, key=lambda r: (len(r.site.parameters), catalogue()[r.site.cause].order, _left(r)))
+    others = tuple(r for r in alike if r is not simplest and not _contains(r.site, simplest.site))
+    choice = Choice(simplest.site, current.losses, simplest.fit.losses, others, _sureness(simplest, worthy))
+    return choice, simplest.fit
+
+
+def _contains(larger: Site, smaller: Site) -> bool:
+    """Tell whether one cause is the other and more, as Stribeck friction is Coulomb's."""
+    return (
+        smaller.cause in larger.excludes
+        and larger.part == smaller.part
+        and len(larger.parameters) > len(smaller.parameters)
+    )
+
+
+def _left(rival: Rival) -> float:
+    """Return what a cause leaves over; what happens once cannot be told from the rest of the log."""
+    if rival.site.transient:
+        return float(rival.fit.residual @ rival.fit.residual)
+    return rival.fit.loss
+
+
+def _worthy(system: System, current: Fit, rival: Rival) -> bool:
+    gain = current.loss - _left(rival)
+    if rival.site.transient:
+        return gain > SEARCHED * max(WORTH * system.count, SHARE * current.loss)
+    gains = current.losses - rival.fit.losses
+    return gain > max(WORTH * system.count, SHARE * current.loss, SURE * _spread(gains))
+
+
+def _alike(rival: Rival, best: Rival, gained: float) -> bool:
+    off = _left(rival) - _left(best)
+    if _contains(best.site, rival.site) and off < MORE * gained:
+        return True
+    if rival.site.transient or best.site.transient:
+        return off < MORE * gained
+    return off < min(ALIKE * _spread(rival.fit.losses - best.fit.losses), NEAR * gained)
+
+
+def _spread(differences: Array) -> float:
+    """Return the standard deviation of a sum over blocks."""
+    return float(np.std(differences) * np.sqrt(differences.size))
+
+
+def _sureness(simplest: Rival, worthy: Sequence[Rival]) -> float:
+    """Draw the blocks anew and count how often the cause explains most; causes that cannot be told apart share the rest."""
+    others = [r for r in worthy if r.site.cause != simplest.site.cause and not _contains(r.site, simplest.site)]
+    losses = np.stack([r.fit.losses for r in (simplest, *others)])
+    count = losses.shape[1]
+    draws = np.random.default_rng(0).multinomial(count, np.full(count, 1.0 / count), size=400)
+    drawn = losses @ draws.T
+    margin = drawn - drawn[0]
+    spread = np.maximum(np.std(margin, axis=1, keepdims=True), 1e-9 * float(losses[0].sum()))
+    equal = margin <= 0.1 * spread
+    return float(np.mean(np.where((margin < 0.0).any(axis=0), 0.0, 1.0 / equal.sum(axis=0))))
+
+
+def looked_back(
+    system: System,
+    joint: Any,
+    setting: Setting,
+    sites: Sequence[Site],
+    current: Fit,
+    choices: list[Choice],
+    blocks: Integers,
+) -> tuple[Fit, list[Choice]]:
+    """Try each earlier cause again now that others are known: drop it, or put another in its place."""
+    for k in range(len(choices) - (len(choices) == 1)):
+        if len(choices) < 2 or k >= len(choices):
+            break
+        site = choices[k].site
+        rest = tuple(s for s in current.sites if s.key != site.key)
+        start = np.concatenate([current.own(s) for s in rest]) if rest else np.zeros(0)
+        without = fitted(system, joint, rest, start, blocks)
+        rivals = considered(system, joint, setting, sites, without, blocks)
+        found = chosen(system, without, rivals)
+        if found is None:
+            current, choices = without, [c for c in choices if c.site.key != site.key]
+            continue
+        choice, fit = found
+        # Another takes its place only if it explains clearly more than noise can.
+        if choice.site.key == site.key or fit.loss < current.loss - WORTH * system.count:
+            current = fit
+            choices[k] = choice
+    return current, choices
+
+
+def _by_worth(system: System, joint: Any, fit: Fit, choices: Sequence[Choice], blocks: Integers) -> list[Choice]:
+    """Order causes by what the log would be left with without each."""
+    if len(choices) < 2:
+        return list(choices)
+    out = []
+    for choice in choices:
+        rest = tuple(s for s in fit.sites if s.key != choice.site.key)
+        without = fitted(system, joint, rest, np.concatenate([fit.own(s) for s in rest]), blocks)
+        out.append(replace(choice, before=without.losses, after=fit.losses))
+    return sorted(out, key=lambda c: float((c.after - c.before).sum()))
+
+
+def remainder(system: System, joint: Any, setting: Setting) -> Remainder:
+    """Return what is left over at every sample."""
+    equations = {}
+    for i, equation in enumerate(system.equations(joint)):
+        equations[equation.name] = np.where(system.usable[i], equation.whole, np.nan)
+    return Remainder(system.channels.time, equations, true_roles(joint, system.channels, system.hold))

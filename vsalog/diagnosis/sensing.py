@@ -1,0 +1,138 @@
+"""What the rig says of sensors and drives, undone: filtered channels become what the joint truly did, as the rig has it."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+from msgspec.structs import replace
+from numpy.typing import NDArray
+
+from vsalog.binding import offered_roles
+from vsalog.diagnosis.channels import Channels
+from vsalog.rig.schema import AntagonisticJoint, Joint, Motor, PneumaticJoint, SerialJoint, Signal
+
+Array = NDArray[np.float64]
+
+# An eccentricity is small against a turn: so many rounds leave nothing of it.
+ROUNDS = 6
+
+
+def bare(joint: Any) -> Any:
+    """Return the joint as if its sensors and drives were perfect, so that its channels are bound as they were recorded."""
+    signals = {}
+    for role, signal in offered_roles(joint).items():
+        if getattr(joint.signals, role, None) is None:
+            continue  # a set-point that its runs give
+        signals[role] = replace(
+            signal, offset=0.0, gain=1.0, drift=0.0, delay=0.0, eccentricity=None, series_stiffness=None
+        )
+    changed = {"signals": type(joint.signals)(**signals)}
+    for name in motors_of(joint):
+        motor: Motor = getattr(joint, name)
+        changed[name] = replace(motor, torque_gain=1.0, torque_offset=0.0, torque_delay=0.0)
+    return replace(joint, **changed)
+
+
+def at_joint(joint: Any) -> Any:
+    """Return the joint with all that its motors have as the joint feels it, so that parameters are those of the equations."""
+    return replace(joint, **{name: getattr(joint, name).reflected for name in motors_of(joint)})
+
+
+def motors_of(joint: Joint) -> tuple[str, ...]:
+    """Return the names under which a joint has motors."""
+    if isinstance(joint, PneumaticJoint):
+        return ()
+    if isinstance(joint, AntagonisticJoint):
+        return ("motor_1", "motor_2")
+    if isinstance(joint, SerialJoint) and joint.secondary_motor is not None:
+        return ("motor", "secondary_motor")
+    return ("motor",)
+
+
+def torque_role(motor: str) -> str:
+    """Return the role in which the torque of a motor is recorded."""
+    if motor == "secondary_motor":
+        return "secondary_torque"
+    return motor.replace("motor", "motor_torque")
+
+
+def position_role(motor: str) -> str:
+    """Return the role in which the position of a motor is recorded."""
+    return "setpoint" if motor == "secondary_motor" else motor.replace("motor", "motor_position")
+
+
+def true_roles(joint: Joint, channels: Channels, hold: float = 0.0) -> dict[str, Array]:
+    """Undo what the rig says of sensors and drives.
+
+    Parameters
+    ----------
+    joint : of the rig
+    channels : as recorded
+    hold : how long after its stamp a recorded motor torque acts on average, beside the rig's delay [s]
+
+    Returns
+    -------
+    role → value, first and second derivative, shape (3, N), SI; motor torques are those that act
+    """
+    offered = offered_roles(joint)
+    true = {
+        role: _true(values, offered.get(role, Signal()), channels.time, channels.period)
+        for role, values in channels.roles.items()
+    }
+    for name in motors_of(joint):
+        role = torque_role(name)
+        if role in true:
+            motor: Motor = getattr(joint, name).reflected
+            acting = shifted(true[role], -(motor.torque_delay + hold) / channels.period)
+            if motor.torque_gain != 1.0:
+                acting = acting * motor.torque_gain
+            if motor.torque_offset:
+                acting = np.stack([acting[0] + motor.torque_offset, acting[1], acting[2]])
+            true[role] = acting
+    for role, values in list(true.items()):
+        series = offered.get(role, Signal()).series_stiffness
+        sensor = role.replace("deflection", "torque_sensor")
+        if series is not None and sensor in true:
+            true[role] = values - true[sensor] / series
+    return true
+
+
+def _true(m: Array, signal: Signal, time: Array, period: float) -> Array:
+    """Undo m(t) = gain · x(t − delay) + offset + drift · t + eccentricity."""
+    if signal.offset or signal.drift:
+        m = np.stack([m[0] - signal.offset - signal.drift * time, m[1] - signal.drift, m[2]])
+    if signal.eccentricity is not None:
+        m = _centred(m, signal.gain, signal.eccentricity.amplitude, signal.eccentricity.phase)
+    elif signal.gain != 1.0:
+        m = m / signal.gain
+    return shifted(m, signal.delay / period) if signal.delay else m
+
+
+def _centred(m: Array, gain: float, amplitude: float, phase: float) -> Array:
+    x = m[0] / gain
+    for _ in range(ROUNDS):
+        x = (m[0] - amplitude * np.sin(x + phase)) / gain
+    slope = gain + amplitude * np.cos(x + phase)
+    rate = m[1] / slope
+    return np.stack([x, rate, (m[2] + amplitude * np.sin(x + phase) * rate**2) / slope])
+
+
+def shifted(values: Array, samples: float) -> Array:
+    """Return what is found `samples` later, shape (3, N): the filter's own derivatives carry a fraction of a sample.
+
+    Beyond the ends the last sample stands.
+    """
+    if samples == 0.0:
+        return values
+    whole = int(np.floor(samples))
+    part = samples - whole
+    index = np.clip(np.arange(values.shape[1]) + whole, 0, values.shape[1] - 1)
+    following = np.minimum(index + 1, values.shape[1] - 1)
+    return np.asarray((1.0 - part) * values[:, index] + part * values[:, following])
+
+
+def known(roles: Mapping[str, Array], *names: str) -> bool:
+    """Tell whether all of these roles are there."""
+    return all(name in roles for name in names)

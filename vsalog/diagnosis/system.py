@@ -1,0 +1,235 @@
+"""The stacked residual system: every equation of a joint, averaged, decimated, and divided by its noise.
+
+Equations hold at every sample, but a second derivative of an encoder's steps is mostly noise. So each equation is averaged
+over a short bell (the weak form: by parts, the derivatives act on the bell), at every half of its width. What noise makes of
+an average is measured, not derived: channels with noise like their own go through the same equations, and the covariance
+of what comes out whitens the equations together.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from vsalog.diagnosis.balance import Equation
+from vsalog.diagnosis.channels import DEGREE, Channels
+from vsalog.diagnosis.sensing import true_roles
+from vsalog.filters.savitzky_golay import savgol_weights
+
+Array = NDArray[np.float64]
+Flags = NDArray[np.bool_]
+Integers = NDArray[np.int64]
+
+# Whole width of the bell [s] and its fewest samples.
+BELL, FEWEST = 0.05, 5
+# Velocities below so many standard deviations have no sign; an average needs this share of its weight.
+STILL, ENOUGH = 3.0, 0.9
+# Filters are exact to about this part of the torques they pass.
+EXACT = 3e-4
+SEEDS = (1, 2)
+# No channel is later, or earlier, than this [s].
+LATEST = 0.05
+
+Balance = Callable[[Any, Mapping[str, Array], Array, Mapping[str, float]], list[Equation]]
+
+
+@dataclass(frozen=True, slots=True)
+class System:
+    """The equations of one joint of one log, ready to be formed for any rig.
+
+    Attributes
+    ----------
+    channels : filtered
+    balance : forms the equations
+    names, sides, units : of the equations, m of them
+    bell : weights, shape (L,), sum 1
+    wide : the bell after the channels' filter, for what has yet to pass it
+    centres : shape (R,), sample at the middle of each row
+    usable : shape (m, N), samples that count
+    weights : shape (R, m), share of a row's weight that counts; 0 where the row is not used
+    whiteners : pattern of used equations → shape (m, m), what makes their noise white and of variance 1
+    pattern : shape (R,)
+    deviation : shape (m,), noise of each equation's rows
+    hold : how long after its stamp a motor torque acts on average [s]
+    """
+
+    channels: Channels
+    balance: Balance
+    names: tuple[str, ...]
+    sides: tuple[str, ...]
+    units: tuple[str, ...]
+    bell: Array
+    wide: Array
+    centres: Integers
+    usable: Flags
+    weights: Array
+    whiteners: Mapping[int, Array]
+    pattern: Integers
+    deviation: Array
+    hold: float = 0.0
+
+    @property
+    def time(self) -> Array:
+        """Time of the rows [s]."""
+        return self.channels.time[self.centres]
+
+    @property
+    def count(self) -> int:
+        """Number of averages that count."""
+        return int(np.count_nonzero(self.weights))
+
+    def equations(self, joint: Any) -> list[Equation]:
+        """Form the equations of a joint at every sample."""
+        return formed(self.balance, joint, self.channels, self.hold)
+
+    def averaged(self, joint: Any) -> Array:
+        """Return the averaged equations, shape (R, m), in their units; 0 where they are not used."""
+        return self.rows(self.equations(joint))
+
+    def whitened(self, joint: Any) -> Array:
+        """Return the averaged equations divided by their noise, shape (R, m); 0 where they are not used."""
+        return self.white(self.averaged(joint))
+
+    def white(self, rows: Array) -> Array:
+        """Divide averaged equations by their noise."""
+        out = np.zeros_like(rows)
+        for pattern, whitener in self.whiteners.items():
+            own = self.pattern == pattern
+            out[own] = rows[own] @ whitener.T
+        return out
+
+    def average(self, values: Array) -> Array:
+        """Average any signal as the equations are, shape (R,)."""
+        out = np.empty(self.centres.size)
+        _average(np.ascontiguousarray(values), np.isfinite(values), self.bell, self.centres, out)
+        return out
+
+    def rows(self, equations: list[Equation]) -> Array:
+        """Average equations, shape (R, m); 0 where they are not used."""
+        out = np.zeros((self.centres.size, len(self.names)))
+        column, more = np.empty(self.centres.size), np.empty(self.centres.size)
+        for equation in equations:
+            if equation.name not in self.names:
+                continue
+            i = self.names.index(equation.name)
+            _average(np.ascontiguousarray(equation.residual), self.usable[i], self.bell, self.centres, column)
+            if np.ndim(equation.shaped):
+                _average(np.ascontiguousarray(equation.shaped), self.usable[i], self.wide, self.centres, more)
+                column += np.nan_to_num(more)
+            out[:, i] = np.where(self.weights[:, i] > 0.0, column, 0.0)
+        # What a rig that is far off makes of a row must not stop the search.
+        return np.nan_to_num(out, nan=1e6, posinf=1e6, neginf=-1e6)
+
+
+def build_system(joint: Any, channels: Channels, balance: Balance, hold: float = 0.0) -> System:
+    """Lay out the equations of a joint and measure their noise.
+
+    Parameters
+    ----------
+    joint : of the rig, as it stands
+    channels : filtered
+    balance : forms the equations
+    hold : see `System`
+    """
+    equations = formed(balance, joint, channels, hold)
+    again = [formed(balance, joint, channels.with_noise(seed), hold) for seed in SEEDS]
+    bell = _bell(channels.period)
+    wide = np.convolve(bell, savgol_weights(channels.window, DEGREE)[0])
+    margin = round(LATEST / channels.period) + 2
+    n, half = len(channels), wide.size // 2
+    centres = np.arange(half, n - half, max(1, bell.size // 2), dtype=np.int64)
+    usable = np.array([_usable(e, [a[i] for a in again], margin) for i, e in enumerate(equations)]).reshape(
+        len(equations), n
+    )
+    weights = np.zeros((centres.size, len(equations)))
+    share = np.empty(centres.size)
+    for i in range(len(equations)):
+        _average(usable[i].astype(np.float64), np.ones(n, dtype=np.bool_), bell, centres, share)
+        weights[:, i] = np.where(share >= ENOUGH, share, 0.0)
+    names = tuple(e.name for e in equations)
+    bits = (weights > 0.0).astype(np.int64) @ (1 << np.arange(len(equations), dtype=np.int64))
+    system = System(
+        channels, balance, names, tuple(e.side for e in equations), tuple(e.unit for e in equations), bell, wide, centres,
+        usable, weights, {}, bits, np.ones(len(equations)), hold,
+    )  # fmt: skip
+    plain = system.rows(equations)
+    noise = np.concatenate([system.rows(a) - plain for a in again])
+    scale = np.array([_size(e, channels) for e in equations])
+    used = np.concatenate([weights > 0.0] * len(again))
+    covariance = _covariance(noise, used) + np.diag((EXACT * scale) ** 2)
+    whiteners = {int(p): _whitener(covariance, int(p)) for p in np.unique(bits) if p}
+    return replace(system, whiteners=whiteners, deviation=np.sqrt(np.diag(covariance)))
+
+
+def formed(balance: Balance, joint: Any, channels: Channels, hold: float) -> list[Equation]:
+    """Form the equations of a joint at every sample."""
+    return balance(joint, true_roles(joint, channels, hold), channels.time, channels.spread)
+
+
+def _bell(period: float) -> Array:
+    length = max(FEWEST, round(BELL / period) | 1)
+    bell = np.hanning(length + 2)[1:-1]
+    return np.asarray(bell / bell.sum())
+
+
+def _usable(equation: Equation, again: list[Equation], margin: int) -> Flags:
+    """Tell where an equation counts: where it is a number and the direction of the motion is known."""
+    # Channels may turn out to be late: what is shifted must not reach over a run's end.
+    usable = np.convolve(~np.isfinite(equation.whole), np.ones(2 * margin + 1), mode="same") < 0.5
+    usable[:margin] = usable[-margin:] = False
+    if equation.rate is not None:
+        noise = np.concatenate([e.rate - equation.rate for e in again if e.rate is not None])
+        spread = float(np.nanstd(noise)) if noise.size else 0.0
+        usable &= np.abs(equation.rate) > STILL * spread
+    return usable
+
+
+def _size(equation: Equation, channels: Channels) -> float:
+    """Return the size of what is added up in an equation, in its unit, from the roles of that unit."""
+    if equation.unit != "N*m":
+        return 0.0
+    torques = [v[0] for role, v in channels.roles.items() if "torque" in role]
+    return max((float(np.nanstd(t)) for t in torques), default=0.0)
+
+
+def _covariance(noise: Array, used: Flags) -> Array:
+    """Return the covariance of the columns over the rows that use both."""
+    m = noise.shape[1]
+    out = np.zeros((m, m))
+    for i in range(m):
+        for j in range(i + 1):
+            both = used[:, i] & used[:, j]
+            if both.any():
+                out[i, j] = out[j, i] = float(np.mean(noise[both, i] * noise[both, j]))
+    return out
+
+
+def _whitener(covariance: Array, pattern: int) -> Array:
+    m = covariance.shape[0]
+    own = [i for i in range(m) if pattern >> i & 1]
+    out = np.zeros((m, m))
+    part = covariance[np.ix_(own, own)]
+    scale = np.sqrt(np.maximum(np.diag(part), 1e-300))
+    correlation = part / np.outer(scale, scale)
+    # Equations that share all their noise are told apart no better than to a part in a thousand.
+    lower = np.linalg.cholesky(correlation + 1e-6 * np.eye(len(own)))
+    out[np.ix_(own, own)] = np.linalg.solve(lower, np.diag(1.0 / scale))
+    return out
+
+
+@njit(cache=True)
+def _average(values: Array, usable: Flags, bell: Array, centres: Integers, out: Array) -> None:
+    half = bell.shape[0] // 2
+    for r in range(centres.shape[0]):
+        total, weight = 0.0, 0.0
+        first = centres[r] - half
+        for j in range(bell.shape[0]):
+            if usable[first + j]:
+                total += bell[j] * values[first + j]
+                weight += bell[j]
+        out[r] = total / weight if weight > 0.0 else np.nan
