@@ -1,0 +1,255 @@
+"""One case: a machine, what is hidden in it, the log and the nominal rig that tell of it, and the sealed truth."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.parquet as pq
+
+from . import motion
+from .effects import EFFECTS, OUTSIDE, SCORED_OUTSIDE, Effect, Scales, Shape, scales_of
+from .equations import visibility
+from .machines import Machine, Sensors, random_machine
+from .motion import Truth, Wanted
+from .rig_file import CHANNELS, rig_text, unit_of
+from .sensors import Quality, ideal, random_qualities, recorded
+
+VARIANTS = {
+    "full": (),
+    "no-torque-sensor": ("torque_sensor", "torque_sensor_1", "torque_sensor_2"),
+    "no-link-encoder": ("link_position",),
+}
+# An effect is at least so many times as strong as the noise, and at most.
+SIZES = 3.0, 100.0
+ATTEMPTS = 40
+
+
+@dataclass(frozen=True)
+class Plan:
+    """What a case shall be.
+
+    Attributes
+    ----------
+    name : of its folder
+    device : elastic, antagonistic, serial
+    seed : of everything random in it
+    causes : what to hide, of the catalogue; at most two
+    outside : what to hide that is not in the catalogue, or none
+    roles : full, no-torque-sensor, no-link-encoder
+    sizes : range of sizes, drawn from log-uniformly
+    poor : whether the machine hardly moves
+    """
+
+    name: str
+    device: str
+    seed: int
+    causes: tuple[str, ...] = ()
+    outside: str | None = None
+    roles: str = "full"
+    sizes: tuple[float, float] = SIZES
+    poor: bool = False
+
+
+@dataclass
+class Hidden:
+    """An effect with everything decided: where, how strong, and what that makes of its parameters."""
+
+    effect: Effect
+    part: str
+    shape: Shape
+    strength: float
+    parameters: dict[str, float] = field(default_factory=dict)
+    size: float = 0.0
+
+
+@dataclass
+class Case:
+    """Everything about a case, in memory.
+
+    Attributes
+    ----------
+    nominal : what the rig says
+    log, holdout : role → shape (N,), SI
+    truth : what goes into the sealed file
+    period : [s]
+    """
+
+    plan: Plan
+    nominal: Machine
+    log: dict[str, np.ndarray]
+    holdout: dict[str, np.ndarray]
+    truth: dict[str, Any]
+    period: float
+
+
+class NotVisibleError(RuntimeError):
+    """No machine was found in which the effect would be visible."""
+
+
+@dataclass
+class _Bench:
+    """A nominal machine that has been played once, and what it takes to say how visible a change is."""
+
+    nominal: Machine
+    follow: Wanted
+    truth: Truth
+    qualities: dict[str, Quality]
+    scales: Scales
+    missing: tuple[str, ...]
+
+    def changed(self, hidden: list[Hidden]) -> tuple[Machine, Sensors]:
+        machine, sensors = self.nominal.copy(), Sensors()
+        for h in hidden:
+            h.parameters = h.effect.hide(h.strength, h.shape, machine, sensors, h.part, self.scales)
+        return machine, sensors
+
+    def size(self, hidden: list[Hidden]) -> float:
+        """Return how visible effects are, NaN where the machine breaks."""
+        machine, sensors = self.changed(hidden)
+        truth = motion.happened(machine, self.follow)
+        if truth is None or _wild(truth, self.truth):
+            return float("nan")
+        said = {r: v for r, v in ideal(truth, sensors, self.nominal).items() if r not in self.missing}
+        return visibility(self.nominal, said, self.qualities, truth.inside, truth.period)
+
+
+def make_case(plan: Plan) -> Case:
+    """Make a case.
+
+    Raises
+    ------
+    NotVisibleError
+        No machine was found in which the effects are as visible as asked for.
+    """
+    rng = np.random.default_rng([plan.seed, 1])
+    for _ in range(ATTEMPTS):
+        bench = _bench(plan, rng)
+        if bench is None:
+            continue
+        hidden = _hide_all(plan, bench, rng)
+        if hidden is None:
+            continue
+        case = _finish(plan, bench, hidden, rng)
+        if case is not None:
+            return case
+    raise NotVisibleError(f"{plan.name}: {plan.causes or plan.outside} is not visible in {plan.device}, {plan.roles}")
+
+
+def _bench(plan: Plan, rng: np.random.Generator) -> _Bench | None:
+    period = 1e-3 if rng.random() < 0.7 else 2e-3
+    nominal = random_machine(plan.device, rng)
+    follow = motion.wanted(nominal, rng.uniform(20.0, 30.0), period, rng, plan.poor)
+    truth = motion.happened(nominal, follow)
+    if truth is None:
+        return None
+    qualities = random_qualities(nominal, truth, rng)
+    return _Bench(nominal, follow, truth, qualities, scales_of(nominal, truth), VARIANTS[plan.roles])
+
+
+def _hide_all(plan: Plan, bench: _Bench, rng: np.random.Generator) -> list[Hidden] | None:
+    effects = [EFFECTS[c] for c in plan.causes] + ([OUTSIDE[plan.outside]] if plan.outside else [])
+    hidden: list[Hidden] = []
+    taken: set[str] = set()
+    for effect in effects:
+        parts = [p for p in effect.parts(bench.nominal) if p not in bench.missing]
+        if not parts:
+            return None
+        part = str(rng.choice([p for p in parts if p not in taken] or parts))
+        taken.add(part)
+        one = Hidden(effect, part, effect.shape(rng, bench.nominal, part, bench.scales), 0.0)
+        low, high = np.log(plan.sizes[0]), np.log(plan.sizes[1])
+        if not _scaled(one, bench, float(np.exp(rng.uniform(low, high))), plan.sizes, rng):
+            return None
+        hidden.append(one)
+    return hidden
+
+
+def _scaled(one: Hidden, bench: _Bench, wanted: float, sizes: tuple[float, float], rng: np.random.Generator) -> bool:
+    """Find the strength at which an effect is as visible as wanted, or as near as its bounds allow."""
+    low, high = one.effect.bounds(bench.nominal, one.part, bench.scales)
+    sign = -1.0 if low < 0.0 and rng.random() < 0.5 else 1.0
+    most = -low if sign < 0.0 else high
+    weak, strong = 0.0, most
+    one.strength = sign * 0.3 * most
+    for _ in range(8):
+        one.size = bench.size([one])
+        if np.isfinite(one.size) and abs(np.log(one.size / wanted)) < 0.15:
+            break
+        here = abs(one.strength)
+        if np.isfinite(one.size) and one.size < wanted:
+            weak = here
+        else:
+            strong = here
+        # Sizes grow about as strengths do; what has been tried sets the limits.
+        guess = here * wanted / one.size if np.isfinite(one.size) else 0.4 * here
+        if not weak < guess < strong:
+            guess = most if strong == most and weak > 0.7 * most else 0.5 * (weak + strong)
+        if guess == here:
+            break
+        one.strength = sign * guess
+    return bool(np.isfinite(one.size) and 0.9 * sizes[0] <= one.size <= 1.1 * sizes[1])
+
+
+def _wild(truth: Truth, nominal: Truth) -> bool:
+    """Tell whether an effect made the servo swing: much more torque than the nominal machine's."""
+    inside = truth.inside
+    torques = [role for role in truth.roles if "torque" in role]
+    return any(np.std(truth.roles[r][inside]) > 2.5 * np.std(nominal.roles[r][inside]) for r in torques)
+
+
+def _finish(plan: Plan, bench: _Bench, hidden: list[Hidden], rng: np.random.Generator) -> Case | None:
+    machine, sensors = bench.changed(hidden)
+    duration = rng.uniform(20.0, 30.0)
+    again = motion.wanted(bench.nominal, duration, bench.follow.period, rng, plan.poor)
+    logs = []
+    for follow in (bench.follow, again):
+        truth = motion.happened(machine, follow)
+        nominal = motion.happened(bench.nominal, follow)
+        if truth is None or nominal is None or _wild(truth, nominal):
+            return None
+        said = recorded(truth, sensors, bench.nominal, bench.qualities, rng)
+        logs.append({role: values for role, values in said.items() if role not in bench.missing})
+    sealed = {
+        "case": plan.name,
+        "device": plan.device,
+        "roles": plan.roles,
+        "seed": plan.seed,
+        "poor": plan.poor,
+        "effects": [
+            {"cause": h.effect.cause, "part": h.part, "parameters": h.parameters, "size": h.size}
+            for h in hidden
+            if h.effect.cause in EFFECTS
+        ],
+        "outside": None,
+        "noise": {CHANNELS[r]: q.deviation for r, q in bench.qualities.items() if r not in bench.missing},
+    }
+    for h in hidden:
+        if h.effect.cause in OUTSIDE:
+            own = {"what": h.effect.cause, "part": h.part, "parameters": h.parameters, "size": h.size}
+            sealed["outside"] = SCORED_OUTSIDE[h.effect.cause] | own
+    return Case(plan, bench.nominal, logs[0], logs[1], sealed, bench.follow.period)
+
+
+def write_case(case: Case, out: Path) -> Path:
+    """Write log, hold-out and nominal rig into OUT/CASE, the truth into OUT/sealed; return the case's folder."""
+    folder, sealed = out / case.plan.name, out / "sealed"
+    folder.mkdir(parents=True, exist_ok=True)
+    sealed.mkdir(exist_ok=True)
+    _write_log(case.log, case.period, folder / "log.parquet")
+    _write_log(case.holdout, case.period, folder / "holdout.parquet")
+    (folder / "rig.toml").write_text(rig_text(case.nominal, list(case.log)), encoding="utf-8")
+    (sealed / f"{case.plan.name}.json").write_text(json.dumps(case.truth, indent=1), encoding="utf-8")
+    return folder
+
+
+def _write_log(roles: dict[str, np.ndarray], period: float, path: Path) -> None:
+    count = len(next(iter(roles.values())))
+    columns = {"time": np.arange(count) * period} | {CHANNELS[role]: values for role, values in roles.items()}
+    fields = [pa.field("time", pa.float64(), metadata={"unit": "s"})]
+    fields += [pa.field(CHANNELS[r], pa.float64(), metadata={"unit": unit_of(r)}) for r in roles]
+    pq.write_table(pa.table(list(columns.values()), schema=pa.schema(fields)), path)

@@ -1,0 +1,473 @@
+"""The effects that can be hidden, named as in the catalogue of causes, and those outside it.
+
+An effect has a strength: a number, 0 for none, that is scaled until the effect is as visible as asked for. What it is scaled by
+(`Scales`) comes from the nominal machine's own motion.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+
+from .machines import GRAVITY, Machine, Sensors
+from .motion import Truth
+
+Shape = dict[str, float]
+Parameters = dict[str, float]
+
+
+@dataclass
+class Scales:
+    """What is usual in a log: torques [N·m], speeds [rad/s], deflection [rad], duration [s]; by part."""
+
+    torque: dict[str, float]
+    speed: dict[str, float]
+    fastest: dict[str, float]
+    deflection: float
+    deflecting: float
+    duration: float
+    turn: dict[str, tuple[float, float]] = field(default_factory=dict)
+
+
+def scales_of(machine: Machine, truth: Truth) -> Scales:
+    """Learn the scales from how the nominal machine moved."""
+    inside = truth.inside
+    roles = {role: values[inside] for role, values in truth.roles.items()}
+    torque, speed, fastest, turn = {}, {}, {}, {}
+    pairs = {f"motor{s}": (f"motor_position{s}", f"torque_sensor{s}") for s in machine.suffixes}
+    pairs["link"] = ("link_position", f"torque_sensor{machine.suffixes[0]}")
+    if machine.device == "serial":
+        pairs["secondary_motor"] = ("setpoint", "secondary_torque")
+    for part, (position, torques) in pairs.items():
+        rate = np.gradient(roles[position], truth.period)
+        torque[part] = float(np.std(roles[torques])) * 2.0
+        speed[part], fastest[part] = float(np.std(rate)), float(np.max(np.abs(rate)))
+        turn[part] = float(np.min(roles[position])), float(np.max(roles[position]))
+    phi = roles["link_position"] - roles[f"motor_position{machine.suffixes[0]}"]
+    most = float(np.max(np.abs(phi)))
+    deflecting = float(np.std(np.gradient(phi, truth.period)))
+    return Scales(torque, speed, fastest, most, deflecting, float(truth.time[inside][-1]), turn)
+
+
+@dataclass(frozen=True)
+class Effect:
+    """An effect that can be hidden.
+
+    Attributes
+    ----------
+    cause : its name
+    parts : machine → parts of it that may have the effect
+    bounds : machine, part, scales → least and largest strength
+    shape : random generator, machine, part, scales → numbers that say how the effect looks, whatever its strength
+    hide : strength, shape, machine, sensors, part, scales → parameters by which it is scored; changes machine or sensors
+    """
+
+    cause: str
+    parts: Callable[[Machine], list[str]]
+    bounds: Callable[[Machine, str, Scales], tuple[float, float]]
+    shape: Callable[[np.random.Generator, Machine, str, Scales], Shape]
+    hide: Callable[[float, Shape, Machine, Sensors, str, Scales], Parameters]
+
+
+EFFECTS: dict[str, Effect] = {}
+OUTSIDE: dict[str, Effect] = {}
+SCORED_OUTSIDE: dict[str, dict[str, Any]] = {}
+
+
+def motor_of(machine: Machine, part: str) -> np.void:
+    return machine.motors[1 if part in ("motor_2", "secondary_motor") else 0]
+
+
+def spring_of(machine: Machine, part: str) -> np.void:
+    return machine.springs[1 if part.endswith("_2") else 0]
+
+
+def _motors(machine: Machine) -> list[str]:
+    own = [f"motor{s}" for s in machine.suffixes]
+    return [*own, "secondary_motor"] if machine.device == "serial" else own
+
+
+def _main_motors(machine: Machine) -> list[str]:
+    return [f"motor{s}" for s in machine.suffixes]
+
+
+def _springs(machine: Machine) -> list[str]:
+    return [f"transmission{s}" for s in machine.suffixes]
+
+
+def _link(_: Machine) -> list[str]:
+    return ["link"]
+
+
+def _hanging_link(machine: Machine) -> list[str]:
+    return ["link"] if machine.link[0]["gravity"] else []
+
+
+def _torque_sensors(machine: Machine) -> list[str]:
+    return [f"torque_sensor{s}" for s in machine.suffixes]
+
+
+def _encoders(machine: Machine) -> list[str]:
+    return [*(f"motor_position{s}" for s in machine.suffixes), "link_position"]
+
+
+def _plain(*_: Any) -> Shape:
+    return {}
+
+
+def _within(low: float, high: float):
+    return lambda *_: (low, high)
+
+
+def _effect(cause: str, parts, bounds, shape=_plain, table: dict[str, Effect] | None = None):
+    def register(hide):
+        (EFFECTS if table is None else table)[cause] = Effect(cause, parts, bounds, shape, hide)
+        return hide
+
+    return register
+
+
+# ── Motor ──────────────────────────────────────────────────────────────────────────────────────────────────────────────
+
+
+@_effect("motor.inertia", _motors, _within(-0.4, 0.8))
+def _(s, shape, machine, sensors, part, scales):
+    row = motor_of(machine, part)
+    row["inertia"] *= 1.0 + s
+    return {"inertia": float(row["inertia"])}
+
+
+def _damping_bounds(row_of):
+    def bounds(machine, part, scales):
+        nominal = row_of(machine, part)["damping"]
+        usual = scales.torque[part] / scales.speed[part]
+        return -0.9 * nominal / usual, 0.4
+
+    return bounds
+
+
+@_effect("motor.viscous_friction", _motors, _damping_bounds(motor_of))
+def _(s, shape, machine, sensors, part, scales):
+    row = motor_of(machine, part)
+    row["damping"] += s * scales.torque[part] / scales.speed[part]
+    return {"damping": float(row["damping"])}
+
+
+def _presliding(scales: Scales, part: str) -> float:
+    """Choose the travel of bristles so that they relax no faster than the integrator's steps can follow."""
+    return max(4e-4 * scales.fastest[part], 1e-4)
+
+
+def _kinetic(row, s: float, part: str, scales: Scales) -> float:
+    row["level"] = row["breakaway"] = s * scales.torque[part]
+    row["stribeck"], row["presliding"] = 1.0, _presliding(scales, part)
+    return float(row["level"])
+
+
+def _falling(rng, machine, part, scales):
+    return {"rise": rng.uniform(1.4, 2.2), "speed": rng.uniform(0.04, 0.2) * scales.speed[part]}
+
+
+@_effect("motor.coulomb_friction", _motors, _within(0.0, 0.4))
+def _(s, shape, machine, sensors, part, scales):
+    return {"torque": _kinetic(motor_of(machine, part), s, part, scales)}
+
+
+@_effect("motor.stribeck_friction", _motors, _within(0.0, 0.35), _falling)
+def _(s, shape, machine, sensors, part, scales):
+    row = motor_of(machine, part)
+    torque = _kinetic(row, s, part, scales)
+    row["breakaway"], row["stribeck"] = torque * shape["rise"], shape["speed"]
+    return {"torque": torque, "static": float(row["breakaway"]), "velocity": shape["speed"]}
+
+
+@_effect("motor.load_dependent_friction", _main_motors, _within(0.0, 0.5))
+def _(s, shape, machine, sensors, part, scales):
+    row = motor_of(machine, part)
+    row["load"], row["presliding"] = s, _presliding(scales, part)
+    return {"share": s}
+
+
+def _teeth(rng, machine, part, scales):
+    low, high = scales.turn[part]
+    gear = float(motor_of(machine, part)["gear"])
+    # At least one and a half periods are passed, and no more than about a hundred.
+    possible = [n for n in (1, 2, 3, 4, 6, 7, 8, 12, 14, 24) if 9.0 < n * gear * (high - low) < 600.0]
+    return {"order": float(rng.choice(possible or [1])), "phase": rng.uniform(-np.pi, np.pi)}
+
+
+@_effect("motor.cogging", _motors, _within(0.0, 0.3), _teeth)
+def _(s, shape, machine, sensors, part, scales):
+    row = motor_of(machine, part)
+    row["cogging"], row["order"], row["phase"] = s * scales.torque[part], shape["order"], shape["phase"]
+    return {"torque": float(row["cogging"]), "order": shape["order"], "phase": shape["phase"]}
+
+
+@_effect("motor.torque_constant", _motors, _within(-0.3, 0.4))
+def _(s, shape, machine, sensors, part, scales):
+    motor_of(machine, part)["gain"] = 1.0 + s
+    return {"gain": 1.0 + s}
+
+
+@_effect("motor.torque_offset", _motors, _within(-0.4, 0.4))
+def _(s, shape, machine, sensors, part, scales):
+    motor_of(machine, part)["offset"] = s * scales.torque[part]
+    return {"torque": s * scales.torque[part]}
+
+
+@_effect("motor.torque_delay", _motors, _within(0.0, 0.015))
+def _(s, shape, machine, sensors, part, scales):
+    motor_of(machine, part)["delay"] = s
+    return {"delay": s}
+
+
+# ── Transmission ───────────────────────────────────────────────────────────────────────────────────────────────────────
+
+
+def _spring_scale(machine: Machine, scales: Scales) -> float:
+    return float(np.mean([scales.torque[f"motor{s}"] for s in machine.suffixes]))
+
+
+@_effect("transmission.stiffness", _springs, _within(-0.3, 0.4))
+def _(s, shape, machine, sensors, part, scales):
+    spring_of(machine, part)["factor"] = 1.0 + s
+    return {"factor": 1.0 + s}
+
+
+@_effect("transmission.nonlinearity", _springs, _within(-0.15, 0.8))
+def _(s, shape, machine, sensors, part, scales):
+    cubic = s * machine.torque / machine.deflection**3
+    spring_of(machine, part)["added_cubic"] = cubic
+    return {"cubic": cubic}
+
+
+@_effect("transmission.asymmetry", _springs, _within(-0.3, 0.3))
+def _(s, shape, machine, sensors, part, scales):
+    spring_of(machine, part)["asymmetry"] = s
+    return {"asymmetry": s}
+
+
+def _transmission_damping_bounds(machine, part, scales):
+    usual = _spring_scale(machine, scales) / scales.deflecting
+    return -float(spring_of(machine, part)["damping"]) / usual, 0.3
+
+
+@_effect("transmission.damping", _springs, _transmission_damping_bounds)
+def _(s, shape, machine, sensors, part, scales):
+    row = spring_of(machine, part)
+    row["damping"] = max(float(row["damping"]) + s * _spring_scale(machine, scales) / scales.deflecting, 0.0)
+    return {"damping": float(row["damping"])}
+
+
+def _loop(rng, machine, part, scales):
+    return {"width": rng.uniform(0.05, 0.25) * scales.deflection, "slips": float(rng.random() < 0.5)}
+
+
+@_effect("transmission.hysteresis", _springs, _within(0.0, 0.3), _loop)
+def _(s, shape, machine, sensors, part, scales):
+    row, torque = spring_of(machine, part), s * _spring_scale(machine, scales)
+    if shape["slips"]:
+        # Three springs that slip one after another: a loop whose width is no single number, so only its height is scored.
+        row["slip_torque"], row["slip_width"] = torque, 2.0 * shape["width"]
+        return {"torque": torque}
+    row["loop"], row["width"] = torque, shape["width"]
+    return {"torque": torque, "width": shape["width"]}
+
+
+@_effect("transmission.backlash", _springs, _within(0.0, 0.45))
+def _(s, shape, machine, sensors, part, scales):
+    row = spring_of(machine, part)
+    row["gap"], row["wall"] = s * scales.deflection, 0.002 / scales.deflecting
+    return {"gap": float(row["gap"])}
+
+
+@_effect("transmission.stiffness_drift", _springs, _within(-0.012, 0.012))
+def _(s, shape, machine, sensors, part, scales):
+    spring_of(machine, part)["drift"] = s
+    return {"rate": s}
+
+
+# ── Link ───────────────────────────────────────────────────────────────────────────────────────────────────────────────
+
+
+def _link_of(machine: Machine, _: str = "link") -> np.void:
+    return machine.link[0]
+
+
+@_effect("link.inertia", _link, _within(-0.4, 0.8))
+def _(s, shape, machine, sensors, part, scales):
+    row = _link_of(machine)
+    row["inertia"] *= 1.0 + s
+    return {"inertia": float(row["inertia"])}
+
+
+def _arm(rng, machine, part, scales):
+    # The length of a rod with the link's inertia and gravity: M = m L²/3, m g L/2.
+    row = machine.link[0]
+    return {"distance": rng.uniform(0.5, 1.3) * 1.5 * GRAVITY * float(row["inertia"] / row["gravity"])}
+
+
+@_effect("link.payload", _hanging_link, _within(0.0, 0.6), _arm)
+def _(s, shape, machine, sensors, part, scales):
+    row, d = _link_of(machine), shape["distance"]
+    mass = s * float(row["inertia"]) / d**2
+    row["inertia"] += mass * d**2
+    row["gravity"] += mass * GRAVITY * d
+    return {"mass": mass, "distance": d}
+
+
+@_effect("link.gravity", _hanging_link, _within(-0.5, 0.6))
+def _(s, shape, machine, sensors, part, scales):
+    row = _link_of(machine)
+    row["gravity"] *= 1.0 + s
+    return {"torque": float(row["gravity"])}
+
+
+@_effect("link.viscous_friction", _link, _damping_bounds(_link_of))
+def _(s, shape, machine, sensors, part, scales):
+    row = _link_of(machine)
+    row["damping"] += s * scales.torque["link"] / scales.speed["link"]
+    return {"damping": float(row["damping"])}
+
+
+@_effect("link.coulomb_friction", _link, _within(0.0, 0.3))
+def _(s, shape, machine, sensors, part, scales):
+    return {"torque": _kinetic(_link_of(machine), s, part, scales)}
+
+
+def _when(rng, machine, part, scales):
+    duration = rng.uniform(0.3, 1.5)
+    return {"start": rng.uniform(0.15, 0.75) * scales.duration, "duration": duration}
+
+
+@_effect("link.contact", _link, _within(-0.8, 0.8), _when)
+def _(s, shape, machine, sensors, part, scales):
+    row, torque = _link_of(machine), s * scales.torque["link"]
+    row["push"], row["push_at"], row["push_lasts"] = torque, shape["start"], shape["duration"]
+    return {"start": shape["start"], "duration": shape["duration"], "torque": torque}
+
+
+# ── Sensors ────────────────────────────────────────────────────────────────────────────────────────────────────────────
+
+
+@_effect("sensor.torque_gain", _torque_sensors, _within(-0.3, 0.4))
+def _(s, shape, machine, sensors, part, scales):
+    sensors.of(part).gain = 1.0 + s
+    return {"gain": 1.0 + s}
+
+
+@_effect("sensor.torque_offset", _torque_sensors, _within(-0.4, 0.4))
+def _(s, shape, machine, sensors, part, scales):
+    sensors.of(part).offset = s * _spring_scale(machine, scales)
+    return {"offset": sensors.of(part).offset}
+
+
+@_effect("sensor.torque_drift", _torque_sensors, _within(-0.02, 0.02))
+def _(s, shape, machine, sensors, part, scales):
+    sensors.of(part).drift = s * _spring_scale(machine, scales)
+    return {"rate": sensors.of(part).drift}
+
+
+@_effect("sensor.torque_delay", _torque_sensors, _within(0.0, 0.015))
+def _(s, shape, machine, sensors, part, scales):
+    sensors.of(part).delay = s
+    return {"delay": s}
+
+
+def _dependence(rng, machine, part, scales):
+    return {"command": float(rng.random() < 0.3), "bend": rng.uniform(-0.5, 0.5)}
+
+
+@_effect("sensor.torque_not_independent", _torque_sensors, _within(-0.15, 0.15), _dependence)
+def _(s, shape, machine, sensors, part, scales):
+    how = "command" if shape["command"] else "deflection"
+    sensors.formula[part] = (how, 1.0 + s, s * shape["bend"])
+    return {}
+
+
+@_effect("sensor.encoder_offset", _encoders, _within(-0.4, 0.4))
+def _(s, shape, machine, sensors, part, scales):
+    sensors.of(part).offset = s * scales.deflection
+    return {"offset": sensors.of(part).offset}
+
+
+@_effect("sensor.encoder_scale", _encoders, _within(-0.1, 0.1))
+def _(s, shape, machine, sensors, part, scales):
+    sensors.of(part).gain = 1.0 + s
+    return {"gain": 1.0 + s}
+
+
+@_effect(
+    "sensor.encoder_eccentricity", _encoders, _within(0.0, 0.4), lambda rng, *_: {"phase": rng.uniform(-np.pi, np.pi)}
+)
+def _(s, shape, machine, sensors, part, scales):
+    flaws = sensors.of(part)
+    flaws.amplitude, flaws.phase = s * scales.deflection, shape["phase"]
+    return {"amplitude": flaws.amplitude, "phase": flaws.phase}
+
+
+@_effect("sensor.clock_skew", _encoders, _within(-0.015, 0.015))
+def _(s, shape, machine, sensors, part, scales):
+    sensors.of(part).delay = s
+    return {"delay": s}
+
+
+# ── Outside the catalogue ──────────────────────────────────────────────────────────────────────────────────────────────
+
+
+def _outside(name: str, parts, bounds, shape, side: str, depends_on: list[str]):
+    SCORED_OUTSIDE[name] = {"side": side, "depends_on": depends_on}
+    return _effect(name, parts, bounds, shape, OUTSIDE)
+
+
+def _place(rng, machine, part, scales):
+    low, high = scales.turn[part]
+    return {"at": low + rng.uniform(0.35, 0.65) * (high - low), "width": rng.uniform(0.02, 0.05) * (high - low)}
+
+
+@_outside("magnetic detent", _main_motors, _within(-0.8, 0.8), _place, "motor", ["motor_position"])
+def _(s, shape, machine, sensors, part, scales):
+    row = motor_of(machine, part)
+    row["detent"], row["detent_at"], row["detent_width"] = s * scales.torque[part], shape["at"], shape["width"]
+    return {"torque": float(row["detent"]), "angle": shape["at"], "width": shape["width"]}
+
+
+def _warm_up(rng, machine, part, scales):
+    return {"time": rng.uniform(0.4, 1.5) * scales.duration}
+
+
+def _warm(row, s, shape, part, scales):
+    row["heating"], row["warm_up"] = s * scales.torque[part], shape["time"]
+    row["warm_speed"], row["presliding"] = 0.7 * scales.speed[part], _presliding(scales, part)
+    return {"torque": float(row["heating"]), "time": shape["time"]}
+
+
+@_outside("motor friction that grows", _main_motors, _within(0.0, 0.8), _warm_up, "motor", ["time", "motor_velocity"])
+def _(s, shape, machine, sensors, part, scales):
+    return _warm(motor_of(machine, part), s, shape, part, scales)
+
+
+@_outside("link friction that grows", _link, _within(0.0, 0.8), _warm_up, "link", ["time", "link_velocity"])
+def _(s, shape, machine, sensors, part, scales):
+    return _warm(_link_of(machine), s, shape, part, scales)
+
+
+def _moment(rng, machine, part, scales):
+    return {"at": rng.uniform(0.3, 0.7) * scales.duration}
+
+
+@_outside("spring that yields", _springs, _within(-0.5, 0.5), _moment, "transmission", ["time"])
+def _(s, shape, machine, sensors, part, scales):
+    row = spring_of(machine, part)
+    row["yields"], row["yields_at"] = s * scales.deflection, shape["at"]
+    return {"angle": float(row["yields"]), "time": shape["at"]}
+
+
+@_outside("drag of the air", _link, _within(0.0, 0.6), _plain, "link", ["link_velocity"])
+def _(s, shape, machine, sensors, part, scales):
+    row = _link_of(machine)
+    row["drag"] = s * scales.torque[part] / scales.speed[part] ** 2
+    return {"drag": float(row["drag"])}
