@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -130,7 +130,7 @@ def compare(
     """
     runs: list[Run] = []
     left_out: dict[str, str] = {}
-    for contender in [Contender.parse(text) for text in asked or USUAL]:
+    for contender in _once(Contender.parse(text) for text in asked or USUAL):
         try:
             chosen = replace(options, estimator=contender.name, tune={**options.tune, **contender.tune})
             job = prepare(logs, chosen, progress)
@@ -150,6 +150,11 @@ def compare(
     return Comparison(
         logs=tuple(log.name for log in logs), rows=tuple(rows), left_out=left_out, warnings=tuple(warnings)
     ), runs
+
+
+def _once(contenders: Iterable[Contender]) -> list[Contender]:
+    """Leave out what was asked for twice: equal estimators give equal rows."""
+    return list({(c.name, tuple(sorted(c.tune.items()))): c for c in reversed(list(contenders))}.values())[::-1]
 
 
 def _truths(logs: Sequence[Path], options: Options, run: Run) -> Recording | None:

@@ -51,6 +51,8 @@ def test_refusals(run, log, samples):
         (("compare", log, "-e", "kalman"), "kalman"),
         (("compare", samples / "desr_foot" / "desr_foot.mat", "-e", "direct,qr-rls"), "motor_torque"),
         (("compare", "nothing.mcap"), "nothing.mcap"),
+        (("compare", log, "-e", ","), "names no estimator"),
+        (("compare", log, "-e", ""), "names no estimator"),
     ):
         done = run(*arguments)
         assert done.returncode == 2
@@ -62,3 +64,17 @@ def test_estimators_that_the_log_does_not_allow_are_left_out_with_the_reason(run
     found = json.loads(done.stdout)
     assert {row["estimator"] for row in found["rows"]} == {"residual-rls:modality=SENSOR", "direct"}
     assert "motor_torque" in found["left_out"]["qr-rls"]
+
+
+def test_an_estimator_that_is_named_twice_runs_once(run, log):
+    done = run(
+        "compare",
+        log,
+        "-e",
+        "direct, direct",
+        "-e",
+        "qr-rls:forgetting=0.99,direct,qr-rls: forgetting = 0.99",
+        "--json",
+    )
+    rows = [row["estimator"] for row in json.loads(done.stdout)["rows"] if row["transmission"] == "1"]
+    assert rows == ["direct", "qr-rls:forgetting=0.99"]

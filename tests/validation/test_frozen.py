@@ -53,6 +53,17 @@ def test_a_model_whose_numbers_do_not_fit_is_refused(name, models, tmp_path):
     assert not (tmp_path / "out").exists()
 
 
+def test_a_model_whose_rig_is_broken_is_refused_even_if_the_log_has_its_own(models, tmp_path):
+    model = tomllib.loads(models["vsa2"].read_text())
+    path = tmp_path / "edited.model.toml"
+    for rig in ("joint = [", '[joint.vsa2]\nkind = "elastick"\n'):
+        path.write_text(tomli_w.dumps({**model, "rig": rig}))
+        result = call("validate", path, SAMPLES / "vsa2_exp2.mcap", "-o", tmp_path / "out")
+        assert result.exit_code == 2
+        assert "the rig in it" in result.stderr
+        assert not (tmp_path / "out").exists()
+
+
 @pytest.mark.parametrize("text", ["x=" + "[" * 5000, "x=" + "9" * 5000])
 def test_toml_beyond_the_parser_is_no_model(text, tmp_path):
     path = tmp_path / "deep.model.toml"

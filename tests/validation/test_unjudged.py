@@ -3,6 +3,7 @@
 import csv
 import json
 import shutil
+import sys
 import tomllib
 
 import pytest
@@ -41,6 +42,7 @@ def holes(i, line, _):
     [
         (stuck, 2000, "the torque sensor never changes"),
         (lambda _i, line, _s: line, 60, "fewer than 20 samples"),
+        (lambda _i, line, _s: line, 130, "only 80 samples"),
         (holes, 2000, "51 samples in a row"),
     ],
 )
@@ -48,6 +50,47 @@ def test_why_nothing_is_judged(change, rows, words, models, tmp_path):
     joint = joint_of(models["sea"], table(tmp_path, change, rows), tmp_path)
     assert joint["verdict"] == "cannot be judged"
     assert words in " ".join(joint["sentences"])
+
+
+def test_a_sensor_that_is_stuck_for_a_while_is_found(models, tmp_path):
+    """What it says before is the model's; the whole error is of the stretch in which it says one and the same."""
+
+    def half(i, line, sensor):
+        return [*line[:sensor], "0.5", *line[sensor + 1 :]] if i >= 2500 else line
+
+    joint = joint_of(models["sea"], table(tmp_path, half, 5000), tmp_path)
+    first = joint["transmissions"][0]["dependence"][0]
+    assert first["on"] == "stuck"
+    assert first["share"] > 0.99
+    assert "first at 5 s" in joint["sentences"][2]
+
+
+def test_a_log_that_is_too_short_is_refused_without_advice_that_leads_nowhere(models, tmp_path):
+    for rows, words in ((29, "29 samples, but validating filters over 51"), (1, "has one sample;")):
+        log = table(tmp_path, lambda _i, line, _s: line, rows)
+        result = call("validate", models["sea"], log, "-o", tmp_path / "out")
+        assert result.exit_code == 2
+        assert words in result.stderr
+        assert "--tune" not in result.stderr
+
+
+@pytest.mark.parametrize("limit", ["nan", "inf", "-1"])
+@pytest.mark.parametrize("option", ["--max-nrmse", "--max-msrep"])
+def test_a_threshold_is_a_finite_number(option, limit, models, tmp_path):
+    result = call("validate", models["sea"], SAMPLES / "sea_exp2.bag", "-o", tmp_path / "out", option, limit)
+    assert result.exit_code == 2
+    assert not (tmp_path / "out").exists()
+
+
+def test_figures_without_matplotlib_are_refused_before_anything_is_done(models, tmp_path, monkeypatch):
+    monkeypatch.setitem(sys.modules, "matplotlib", None)
+    monkeypatch.setitem(sys.modules, "matplotlib.figure", None)
+    out = tmp_path / "out"
+    for arguments in (("validate", models["sea"], SAMPLES / "sea_exp2.bag"), ("estimate", SAMPLES / "sea_exp1.csv")):
+        result = call(*arguments, "-o", out, "--figures", out / "figures")
+        assert result.exit_code == 2
+        assert "vsalog[plots]" in result.stderr
+        assert not out.exists()
 
 
 def test_a_joint_does_not_hold_by_one_of_its_two_transmissions(models, tmp_path):

@@ -46,6 +46,8 @@ def compare(
     from vsalog.writers.reports import keep_inputs
 
     asked = [name for text in estimators for name in text.split(",") if name.strip()]
+    if estimators and not asked:
+        raise click.BadParameter(f"'{estimators[0]}' names no estimator", param_hint="-e")
     if report is not None:
         keep_inputs([report], logs)
     with Progress() as progress:

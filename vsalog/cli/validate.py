@@ -2,11 +2,24 @@
 
 from __future__ import annotations
 
+import math
 from pathlib import Path
+from typing import Any
 
 import rich_click as click
 
 from vsalog.cli.options import reading_options, rig_options
+
+
+class Percent(click.FloatRange):
+    """A finite number: a threshold of nan would be met by nothing, one of inf by everything."""
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
+        """Return the number, or fail."""
+        number = super().convert(value, param, ctx)
+        if not math.isfinite(number):
+            self.fail(f"{value} is no threshold: a number of per cent is needed", param, ctx)
+        return number
 
 
 @click.command(short_help="Hold a fitted model against other experiments: does it hold there?")
@@ -25,13 +38,13 @@ from vsalog.cli.options import reading_options, rig_options
 )
 @click.option(
     "--max-nrmse",
-    type=click.FloatRange(min=0.0),
+    type=Percent(min=0.0),
     metavar="%",
     help="Exit with 3 when the torque's error is larger, as a share of its span.",
 )
 @click.option(
     "--max-msrep",
-    type=click.FloatRange(min=0.0),
+    type=Percent(min=0.0),
     metavar="%",
     help="Exit with 3 when the mean square relative error of the torque is larger.",
 )

@@ -39,6 +39,7 @@ DEPENDENCES = {
     "zero over time": "time (deflection)",
     "gain over time": "time (gain)",
     "resolution": "resolution of the torque sensor",
+    "stuck": "a torque sensor that is stuck",
     "itself": "its own past (not white)",
 }
 

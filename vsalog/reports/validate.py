@@ -90,7 +90,7 @@ def _modalities(joint: JointReport) -> Table:
     for part in joint.transmissions:
         for m in part.modalities:
             span = "–" if m.stiffness_low is None else f"{m.stiffness_low:.4g} … {m.stiffness_high:.4g}"
-            torque = "–" if m.torque is None else _number(m.torque.nrmse.value)
+            torque = "–" if m.torque is None else _number(m.torque.nrmse.value, most=MOST_NRMSE)
             truth = "–" if m.against_truth is None else _number(m.against_truth.msrep.value)
             table.add_row(part.transmission, m.modality, span, _number(m.stiffness_std), torque, truth)
     return table

@@ -57,7 +57,7 @@ def dependences(
     error : prediction − reference, shape (N,)
     predicted : the torque that was predicted
     variables : as many as there are, shape (N,) each: ``deflection``, ``setpoint``, ``velocity``, ``loading`` (its sign),
-        ``time``, ``stiffness`` (predicted), ``…_position`` of link and motors, ``velocity of …_position``, ``loop …`` (`loops`)
+        ``time``, ``stiffness`` (predicted), `POSITIONS` of link and motors, ``velocity of`` each of these, ``loop …`` (`loops`)
     smoothing : for how many samples the filter that both went through makes even white noise stay alike
     step : the least step of the torque sensor [N·m]; None where it has none
     """

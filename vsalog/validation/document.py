@@ -77,7 +77,7 @@ class Dependence(_Part, frozen=True):
     on : ``torque`` (a wrong gain), ``offset``, ``zero`` (of the deflection), ``side`` (the torque's size), ``gap`` (the
         deflection's sign), ``deflection``, ``position`` (of link or motor), ``setpoint``, ``velocity``, ``late`` (a position's
         velocity), ``direction`` (of the velocity), ``loading`` (loops), ``time``, ``zero over time``, ``gain over time``,
-        ``resolution`` (the sensor's steps), ``itself`` (not white)
+        ``resolution`` (the sensor's steps), ``stuck`` (the sensor), ``itself`` (not white)
     share : of the error's mean square that it explains beyond those told before it, 0 to 1
     p_value : probability of such a share by chance, with the effective number of samples
     slope : of the error over the variable, SI, where a straight line says it; else null

@@ -6,8 +6,9 @@ import math
 from collections.abc import Iterable
 from pathlib import Path
 
-from vsalog.errors import ReadError
+from vsalog.errors import ReadError, RigError
 from vsalog.model import JointModel, ModelFile, TransmissionModel
+from vsalog.rig import Rig
 
 # Beyond these no torque is left that could be told from infinity, and no power of a deflection.
 LARGEST, HIGHEST_POWER, MOST_SETPOINT_POWERS = 1e100, 100, 100
@@ -27,6 +28,10 @@ def frozen(path: Path) -> ModelFile:
     except (RecursionError, ValueError) as error:
         # The TOML parser's own limits, of nesting and of digits.
         raise ReadError(f"{path}: is not a model file that 'vsalog estimate' writes: it is not sound TOML") from error
+    try:
+        Rig.from_toml(file.rig, f"{path}, the rig in it")
+    except RigError as error:
+        raise ReadError(f"{error}; write the model anew with 'vsalog estimate'") from error
     if not file.joint:
         raise ReadError(f"{path}: holds no joint, so there is nothing to judge")
     for name, joint in file.joint.items():

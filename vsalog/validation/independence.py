@@ -17,6 +17,38 @@ LONGEST = 1 << 18
 LEVELS, REPEATS = 30, 3
 
 
+# A sensor is stuck that says one and the same for so many samples while the torque changes by this part of its span, and by so
+# many of the sensor's steps.
+STUCK_SAMPLES, STUCK_SHARE, STUCK_STEPS = 100, 0.1, 5.0
+
+
+def stuck(torque: Array, predicted: Array, step: float) -> NDArray[np.bool_]:
+    """Tell where a torque sensor stays at one value though the torque that is predicted moves on.
+
+    Parameters
+    ----------
+    torque : shape (N,), as recorded
+    predicted : shape (N,), NaN where nothing is
+    step : of the sensor, 0 where it has none
+
+    Returns
+    -------
+    Shape (N,)
+    """
+    out = np.zeros(torque.size, dtype=np.bool_)
+    known = predicted[np.isfinite(predicted)]
+    if known.size == 0:
+        return out
+    least = max(STUCK_SHARE * float(np.ptp(known)), STUCK_STEPS * step)
+    edges = np.flatnonzero(np.diff(torque) != 0.0) + 1
+    begins, ends = np.append(0, edges), np.append(edges, torque.size)
+    for i in np.flatnonzero(ends - begins >= STUCK_SAMPLES):
+        part = slice(int(begins[i]), int(ends[i]))
+        moved = predicted[part][np.isfinite(predicted[part])]
+        out[part] = moved.size > 0 and float(np.ptp(moved)) > least
+    return out
+
+
 def computed_from(torque: Array, name: str, x: Array, what: str) -> str | None:
     """Say that a torque channel is a function of another signal; None where nothing speaks for it.
 

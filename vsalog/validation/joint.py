@@ -6,6 +6,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from msgspec.structs import replace
 from numpy.typing import NDArray
 
 from vsalog.estimators.device import Device, TransmissionView, deflection_of
@@ -15,13 +16,13 @@ from vsalog.resolution import step_of
 from vsalog.rig.schema import AntagonisticJoint, Joint
 from vsalog.signals import JointSignals
 from vsalog.validation import references as ref
-from vsalog.validation.dependence import dependences, gain_of
+from vsalog.validation.dependence import LEAST_SHARE, dependences, gain_of
 from vsalog.validation.document import Comparison, Dependence, Reference, Score, TransmissionReport
 from vsalog.validation.evidence import JointEvidence, TransmissionEvidence, setpoint_unit
-from vsalog.validation.independence import computed_from
+from vsalog.validation.independence import computed_from, stuck
 from vsalog.validation.region import inside_region
 from vsalog.validation.scores import LEAST_TORQUE, score
-from vsalog.validation.signatures import loops
+from vsalog.validation.signatures import POSITIONS, loops
 
 Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]
@@ -155,8 +156,7 @@ def _report(
         if measured is not None and predicted is not None and judged_on is None and bool(part.inside.any()):
             judged_on = reference  # type: ignore[assignment]
             raw = signals.roles.get(part.sensor_role or "") if reference == "sensor" else None
-            step = None if raw is None else step_of(raw)
-            dependence = _dependence(part, predicted, measured, s, setpoint, signals.period, step)
+            dependence = _dependence(part, predicted, measured, s, setpoint, signals.period, raw)
             gain = gain_of((predicted - measured)[part.inside], predicted[part.inside])
     comparisons.sort(key=lambda c: (c.reference != judged_on, c.quantity != "flexibility_torque"))
     known = np.isfinite(part.torque)
@@ -191,7 +191,7 @@ def _dependence(
     s: ref.Smoothed,
     setpoint: Array | None,
     period: float,
-    step: float | None,
+    raw: Array | None,
 ) -> tuple[Dependence, ...]:
     one_run = bool(np.all(np.diff(s.stamps) > 0))
     use = part.inside & np.isfinite(predicted) & np.isfinite(measured)
@@ -204,15 +204,34 @@ def _dependence(
         **loops(part.phi),
     }
     for name in s.roles:
-        if name.endswith("_position"):
+        if name.startswith(POSITIONS):
             variables[name] = s.roles[name]
             variables[f"velocity of {name}"] = ref.rate_of(s.roles[name], s, period)
     if one_run:
         variables["time"] = s.time  # of several runs each has its own
     if setpoint is not None:
         variables["setpoint"] = setpoint
+    error, told = predicted - measured, []
+    step = None if raw is None else step_of(raw)
+    if raw is not None:
+        still = stuck(raw, predicted, step or 0.0) & use
+        share = float(np.sum(error[still] ** 2) / max(np.sum(error[use] ** 2), 1e-300))
+        if share >= LEAST_SHARE:
+            told.append(_said_of_stuck(share, still, s.time))
+            use &= ~still
     chosen: Mapping[str, Array] = {name: x[use] for name, x in variables.items()}
-    return dependences((predicted - measured)[use], predicted[use], chosen, ref.noise_correlation(), step)
+    rest = dependences(error[use], predicted[use], chosen, ref.noise_correlation(), step)
+    left = 1.0 - sum(d.share for d in told)
+    return (*told, *(replace(d, share=left * d.share) for d in rest))
+
+
+def _said_of_stuck(share: float, still: Flags, time: Array) -> Dependence:
+    first, part = float(time[np.argmax(still)]), 100.0 * float(still.mean())
+    words = (
+        f"the torque sensor stays at one value while the torque goes on, first at {first:.4g} s and for {part:.3g} % of the log:"
+        " it is stuck, or its messages are"
+    )
+    return Dependence(on="stuck", share=share, p_value=0.0, slope=None, words=words)
 
 
 def _not_independent(device: Device, signals: JointSignals) -> str | None:

@@ -9,6 +9,7 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
+from vsalog.errors import FilterError
 from vsalog.estimators.device import Device, TransmissionView, deflection_of
 from vsalog.estimators.regression import BAND
 from vsalog.estimators.residual_rls import sensor_role
@@ -59,7 +60,11 @@ def smoothed(signals: JointSignals, roles: tuple[str, ...]) -> Smoothed:
     """
     conditioner = Conditioner(roles, signals, "savitzky-golay", window=(WINDOW - 1) * signals.period, degree=DEGREE)
     runs = np.diff(np.append(np.flatnonzero(signals.starts), len(signals)))
-    conditioner.check_length(int(runs.max()))
+    if int(runs.max()) < WINDOW:
+        raise FilterError(
+            f"the longest stretch without a gap has {int(runs.max())} samples, but validating filters over {WINDOW}"
+            f" ({(WINDOW - 1) * signals.period:.3g} s); record longer"
+        )
     state, given = conditioner.start(), 0
     out: dict[str, Array] = {}
 

@@ -19,6 +19,8 @@ KNOTS, SETPOINT_KNOTS = 10, 5
 # Half a gap, and the motion over which a loop changes sides, as parts of the largest deflection and of its span.
 GAPS = (0.01, 0.02, 0.04, 0.08, 0.16, 0.32)
 LOOPS = (0.01, 0.04, 0.16)
+# Names of positions begin like this.
+POSITIONS = ("link_position", "motor_position")
 # A loop's state is followed over so many samples, which is fine against any motion.
 FOLLOWED = 20_000
 
@@ -123,7 +125,7 @@ def _static(torque: Array, variables: Mapping[str, Array]) -> Iterator[Signature
 
 def _positions(variables: Mapping[str, Array]) -> Iterator[tuple[str, Array]]:
     for name, values in variables.items():
-        if name.endswith("_position") and np.ptp(values) > 0.0:
+        if name.startswith(POSITIONS) and np.ptp(values) > 0.0:
             yield name, values
 
 

@@ -19,6 +19,8 @@ from vsalog.validation.document import (
     Verdict,
 )
 from vsalog.validation.joint import Judged
+from vsalog.validation.references import WINDOW
+from vsalog.validation.scores import FEWEST_BLOCKS
 
 # A model whose torque is this close to the reference holds [% of the torque's span].
 HOLDS = 5.0
@@ -27,6 +29,8 @@ MOSTLY_OUTSIDE = 0.5
 GAIN = 0.1
 # The second dependence is named too when it explains this part of the error's mean square.
 WORTH_SAYING = 0.15
+# A verdict needs as many of the filter's windows as a bootstrap needs blocks.
+LEAST_SAMPLES = FEWEST_BLOCKS * WINDOW
 # Words name what an error depends on; which parameter of the rig makes it, a simulation of the rig tells.
 DIAGNOSE = "'vsalog diagnose LOG' looks for the cause and extends the rig by it"
 
@@ -45,11 +49,13 @@ def joint_report(
     verdict: Verdict = "cannot be judged"
     if worst is not None and judged.not_independent is None:
         verdict = _verdict(_main(worst))
-        if verdict == "holds" and any(_gain_is_off(part) for part in parts):
+        if verdict == "fails" and _is_noise(worst):
+            verdict = "undecided"  # what hides the model's error is no error of the model
+        if verdict == "holds" and any(_gain_is_off(part) for part in _counted(parts)):
             verdict = "fails"
         if verdict != "fails" and _unjudged(parts):
             verdict = "cannot be judged"  # a part of the joint of which nothing is known may be as bad as can be
-    told = list(warnings)
+    told = [*_cautions(parts, worst), *warnings]
     if worst is not None and worst.judged_on == "residual":
         told.insert(
             0,
@@ -78,25 +84,56 @@ def thresholds(logs: Sequence[LogReport], max_nrmse: float | None, max_msrep: fl
 
 
 def _meets(joint: JointReport, name: str, limit: float) -> bool:
-    mains = [_main(t) for t in joint.transmissions if t.judged_on is not None]
+    mains = [_main(t) for t in _counted(joint.transmissions) if t.judged_on is not None]
     values = [getattr(score, name).value for score in mains if score is not None]
     return joint.verdict != "cannot be judged" and bool(values) and all(v is not None and v <= limit for v in values)
 
 
 def _worst(parts: Sequence[TransmissionReport]) -> TransmissionReport | None:
     """Return the transmission that is predicted worst, of those that can be judged."""
-    judged = [t for t in parts if _judged(t)]
+    judged = [t for t in _counted(parts) if _judged(t)]
     return max(judged, key=lambda t: _nrmse(_main(t)), default=None)
+
+
+def _counted(parts: Sequence[TransmissionReport]) -> list[TransmissionReport]:
+    """Leave out what a residual judges where there is a torque sensor: one sensor of a whole joint tells more than its noise."""
+    by_sensor = [t for t in parts if t.judged_on == "sensor"]
+    if any(t.transmission == "total" for t in by_sensor):
+        return [t for t in parts if t.judged_on != "residual"]
+    return list(parts)
 
 
 def _judged(part: TransmissionReport) -> bool:
     score = _main(part)
-    return score is not None and score.nrmse.value is not None
+    return score is not None and score.nrmse.value is not None and score.samples >= LEAST_SAMPLES
+
+
+def _is_noise(part: TransmissionReport) -> bool:
+    """Tell whether the error is what the sensor's noise or steps make it: no dependence, not even on its own past."""
+    return not part.dependence or part.dependence[0].on == "resolution"
+
+
+def _cautions(parts: Sequence[TransmissionReport], worst: TransmissionReport | None) -> list[str]:
+    """Say what the verdict does not tell."""
+    out = []
+    alone = [t.transmission for t in parts if t.transmission != "total" and t.judged_on != "sensor"]
+    if alone and any(t.transmission == "total" and t.judged_on == "sensor" for t in parts):
+        out.append(
+            f"one torque sensor feels the sum of the transmissions, and the verdict rests on that; {' and '.join(alone)} alone"
+            " may be off where their errors cancel"
+        )
+    score = None if worst is None else _main(worst)
+    if score is not None and score.effective_samples < FEWEST_BLOCKS:
+        out.append(
+            f"the error stays alike for so long that {score.samples} samples are worth {score.effective_samples:.2g} independent"
+            " ones: a longer experiment would make the interval surer"
+        )
+    return out
 
 
 def _unjudged(parts: Sequence[TransmissionReport]) -> list[TransmissionReport]:
     """Return the transmissions that the verdict would pass over though the log has something to judge them by."""
-    return [t for t in parts if not _judged(t) and (t.judged_on is not None or t.inside_share == 0.0)]
+    return [t for t in _counted(parts) if not _judged(t) and (t.judged_on is not None or t.inside_share == 0.0)]
 
 
 def _main(part: TransmissionReport) -> Score | None:
@@ -135,7 +172,7 @@ def _sentences(
             "Record a torque sensor, or motor positions and torques, to judge the model by.",
         )
     if worst is None:
-        on = next((t for t in parts if t.judged_on is not None), None)
+        on = next((t for t in _counted(parts) if t.judged_on is not None), None)
         if on is not None:
             return _too_little(on)
         if not any(c.inside or c.outside for t in parts for c in t.comparisons) and all(
@@ -197,16 +234,19 @@ def _whose(part: TransmissionReport) -> str:
 
 def _too_little(part: TransmissionReport) -> tuple[str, ...]:
     """Say why a reference that is there judges nothing."""
-    if _main(part) is not None:
+    score = _main(part)
+    if score is not None and score.nrmse.value is None:
         what = "the torque sensor" if part.judged_on == "sensor" else "the residual of the motor equation"
         return (
             f"Nothing is judged: {what} never changes, so that an error has no span to be measured by.",
             "A sensor that is stuck or unplugged looks like that.",
             "See whether the rig names the right channel.",
         )
+    count = "fewer than 20" if score is None else f"only {score.samples}"
     return (
-        "Nothing is judged: fewer than 20 samples that can be judged lie in the region that the model was fitted in.",
-        "So few samples tell nothing of an error's size.",
+        f"Nothing is judged: {count} samples that can be judged lie in the region that the model was fitted in.",
+        f"An error's size needs at least {LEAST_SAMPLES}: {FEWEST_BLOCKS} windows of the filter, which makes the samples of each"
+        " depend on one another.",
         "Record longer, or fit the model on an experiment that covers these deflections and set-points.",
     )
 
@@ -231,7 +271,8 @@ def _why(part: TransmissionReport, verdict: Verdict) -> str:
     if not told and verdict == "holds":
         return "The error shows no dependence worth a cause."
     if not told and not part.dependence:
-        return "The error depends on none of the signals there are and is white, as noise of the torque sensor is."
+        what = "the torque sensor" if part.judged_on == "sensor" else "the residual"
+        return f"The error depends on none of the signals there are and is white, as noise of {what} is, which hides the model's."
     if not told:
         return f"What the error depends on does not show in the signals there are; {DIAGNOSE}."
     said = [f"{_share(d.share)} says: {d.words}" for d in told[:2] if d is told[0] or d.share >= WORTH_SAYING]
