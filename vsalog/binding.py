@@ -14,6 +14,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from vsalog.acting import acting_notes, acting_torque, is_motor_torque
 from vsalog.encoders import TURN, on_the_same_turn, unwrapped
 from vsalog.errors import BindingError, UnitError
 from vsalog.grid import EVEN, Bound, after_long_silence, common_segments, grid_of, on_grid
@@ -106,8 +107,13 @@ def bind(
     joint: Joint,
     roles: Collection[str],
     setpoints: Sequence[float | None] = (),
+    *,
+    acting: bool = True,
 ) -> JointSignals:
     """Bind the roles of a joint to one or more recordings.
+
+    A motor's torque is bound as what acts on the rotor: torque_gain · τ(t − torque_delay) + torque_offset, with the recorded τ
+    rounded to torque_step.
 
     Parameters
     ----------
@@ -115,6 +121,7 @@ def bind(
     name, joint : of the rig
     roles : the roles to bind, each offered by the rig
     setpoints : a fixed set-point per recording that goes before what the rig says, SI; None for none
+    acting : False binds motor torques as they were recorded, for a simulation that plays gain, offset, delay and step itself
 
     Raises
     ------
@@ -132,9 +139,14 @@ def bind(
                 role: _bind_role(recording, run, role, offered.get(role, Signal()), joint, fixed)
                 for role in (*roles, *_beside(offered, roles))
             }
+            if acting:
+                bound |= {
+                    role: acting_torque(b, _motor(joint, role)) for role, b in bound.items() if is_motor_torque(role)
+                }
             names.append("/".join(p for p in ((labels[i] if len(recordings) > 1 else ""), run.name) if p))
-            piece = _on_one_grid(recording, name, bound, len(names) - 1)
-            pieces.append(_less_series(recording, piece, offered, roles))
+            piece = _less_series(recording, _on_one_grid(recording, name, bound, len(names) - 1), offered, roles)
+            motors = {role: _motor(joint, role) for role in bound if acting and is_motor_torque(role)}
+            pieces.append(replace(piece, notes=(*piece.notes, *acting_notes(name, motors))))
     return _concatenate(name, pieces, tuple(names))
 
 
@@ -223,7 +235,9 @@ def _check(recording: Recording, channel: Channel, role: str) -> None:
             )
         raise BindingError(f"{where} has no time column; say how fast it was sampled with --rate HZ")
     if channel.values.size < 2:
-        raise BindingError(f"{where} has {'one sample' if channel.values.size else 'no samples'}; at least two are needed")
+        raise BindingError(
+            f"{where} has {'one sample' if channel.values.size else 'no samples'}; at least two are needed"
+        )
     finite = np.isfinite(channel.values)
     if not finite.any():
         raise BindingError(f"{where} holds no finite number at all")

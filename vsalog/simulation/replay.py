@@ -57,7 +57,7 @@ def replay(
     Parameters
     ----------
     joints : one joint, or those of `chain` in its order
-    signals : by joint, on one grid
+    signals : by joint, on one grid; bound with `acting=False`, since the joints play gain, offset, delay and step of their motors
     chain : that the joints form
     window : restart from the measured state every so often [s]; not within a run when absent
     steps : as for `play`

@@ -256,7 +256,8 @@ def _roles(joint: Joint, log: str, known: Collection[str]) -> list[str]:
 
 
 def _bound(recording: Recording, name: str, joint: Joint, roles: Collection[str]) -> JointSignals:
-    signals = bind([recording], name, joint, roles)
+    # The simulation does to a motor's torque what the rig says happens to it; binding must not have done it before.
+    signals = bind([recording], name, joint, roles, acting=False)
     if len(signals.run_names) > 1:
         raise SimulationError(
             f"{recording.path.name}: holds {len(signals.run_names)} runs of joint '{shown(name)}', but one is replayed at a time:"
