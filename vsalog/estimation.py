@@ -162,7 +162,7 @@ def estimate_joint(
         _settings(choice.tuning, fold),
         fold.model(state),
         summary,
-        (*warnings, *summary.warnings),
+        (*warnings, *fold.warnings(state), *summary.warnings),
         Trace.concatenate(kept) if kept else None,
     )
 

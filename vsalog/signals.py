@@ -55,6 +55,17 @@ class JointSignals:
             run=self.run[part],
         )
 
+    def joined(self, following: JointSignals) -> JointSignals:
+        """Return this block and the one that follows it as one."""
+        return replace(
+            following,
+            stamps=np.concatenate((self.stamps, following.stamps)),
+            time=np.concatenate((self.time, following.time)),
+            roles={r: np.concatenate((self.roles[r], v)) for r, v in following.roles.items()},
+            starts=np.concatenate((self.starts, following.starts)),
+            run=np.concatenate((self.run, following.run)),
+        )
+
     def blocks(self, size: int) -> Iterator[JointSignals]:
         """Cut into blocks of at most `size` samples."""
         for start in range(0, len(self), size):

@@ -10,7 +10,7 @@ from collections.abc import Collection
 
 from vsalog.estimators import qr_rls
 from vsalog.estimators.device import Device
-from vsalog.estimators.equations import IntegratedMotorEquation
+from vsalog.estimators.known import conditioner_of
 from vsalog.estimators.regression import RegressionFold
 from vsalog.estimators.solvers import QrSolver
 from vsalog.estimators.tuning import Tuning
@@ -34,7 +34,7 @@ def roles(device: Device, offered: Collection[str], tuning: BatchLsTuning) -> tu
 
 def build(device: Device, signals: JointSignals, tuning: BatchLsTuning) -> RegressionFold:
     """Assemble the estimator for a joint's signals."""
-    equations = tuple(IntegratedMotorEquation(v, device.basis, signals.period) for v in device.transmissions)
-    conditioner = tuning.conditioner(roles(device, signals.roles, tuning), signals)
+    equations = qr_rls.integrated_equations(device, signals)
+    conditioner = conditioner_of(device, signals, tuning, roles(device, signals.roles, tuning), motor=True)
     solver = QrSolver(1.0, tuning.memory_samples(signals))
     return RegressionFold(NAME, "INTEGRATED", device, conditioner, equations, solver, passes=2)

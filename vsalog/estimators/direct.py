@@ -12,6 +12,7 @@ from typing import Annotated, ClassVar, Literal
 from msgspec import Meta
 
 from vsalog.estimators.device import Device
+from vsalog.estimators.known import conditioner_of
 from vsalog.estimators.needs import deflection_roles, require
 from vsalog.estimators.regression import RegressionFold, Solver
 from vsalog.estimators.residual_rls import sensor_equations, sensor_role
@@ -64,5 +65,5 @@ def build(device: Device, signals: JointSignals, tuning: DirectTuning) -> Regres
         else RlsSolver(p0, tuning.c, memory)
     )
     needed = roles(device, signals.roles, tuning)
-    equations = sensor_equations(device, signals.roles)
-    return RegressionFold(NAME, "SENSOR", device, tuning.conditioner(needed, signals), equations, solver)
+    conditioner = conditioner_of(device, signals, tuning, needed, motor=False)
+    return RegressionFold(NAME, "SENSOR", device, conditioner, sensor_equations(device, signals), solver)

@@ -4,15 +4,16 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import ClassVar
+from typing import Any, ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
 
 from vsalog.basis import PolynomialBasis
 from vsalog.estimators.device import TransmissionView, deflection_of
+from vsalog.estimators.known import Known
 from vsalog.estimators.regression import EquationRows
-from vsalog.estimators.torque import integral_block, lag_block, residual_block
+from vsalog.estimators.torque import integral_block, lag_block, loaded_residual_block, residual_block
 from vsalog.filters.conditioning import Conditioned
 
 Array = NDArray[np.float64]
@@ -28,12 +29,14 @@ def _regressors(basis: PolynomialBasis, block: Conditioned, view: TransmissionVi
 class TorqueEquation:
     """F(φ, c) α = τ_e (Flacco 2012 eq. 21) with a torque that is measured or computed at every sample.
 
-    Several transmissions under one sensor add up: F(φ₁) α₁ + F(φ₂) α₂ = τ_e,t (eq. 9).
+    Several transmissions under one sensor add up: F(φ₁) α₁ + F(φ₂) α₂ = τ_e,t (eq. 9). What the rig knows of their damping and
+    hysteresis, `known`, is taken off what was measured.
     """
 
     transmissions: tuple[TransmissionView, ...]
     basis: PolynomialBasis
     torque: Callable[[Conditioned], Array]
+    known: tuple[Known, ...] = ()
 
     leading: ClassVar[int] = 0
     parameters: ClassVar[tuple[str, ...]] = ()
@@ -43,12 +46,21 @@ class TorqueEquation:
         """Number of unknowns."""
         return self.basis.size * len(self.transmissions)
 
-    def start(self) -> None:
-        """Return the state before the first sample: there is none."""
+    def start(self) -> tuple[Array, ...]:
+        """Return the state before the first sample: that of the hysteresis."""
+        return tuple(known.start() for known in self.known)
 
-    def rows(self, state: None, block: Conditioned) -> tuple[None, EquationRows]:
+    def rows(self, state: tuple[Array, ...], block: Conditioned) -> tuple[tuple[Array, ...], EquationRows]:
         """Form the equation for a block."""
-        y = self.torque(block)
+        y, doubted = self.torque(block), None
+        states = []
+        for own, known in zip(state, self.known, strict=True):
+            after, beside, doubt = known.block(own, block)
+            y = y - beside
+            states.append(after)
+            doubted = doubt > known.limit if doubted is None else doubted | (doubt > known.limit)
+        if doubted is not None:
+            y = np.where(doubted, np.nan, y)
         F = np.hstack([_regressors(self.basis, block, t) for t in self.transmissions])
         use = block.use & np.isfinite(y) & np.isfinite(F).all(axis=1)
         # One sensor for several transmissions says nothing of each alone.
@@ -56,7 +68,7 @@ class TorqueEquation:
         fed = {t.name: y if alone else np.full_like(y, np.nan) for t in self.transmissions}
         if not alone:
             fed["total"] = y
-        return None, EquationRows(F, y, use, np.zeros_like(use), fed, {})
+        return tuple(states), EquationRows(F, y, use, np.zeros_like(use), fed, {}, doubted=doubted)
 
 
 @dataclass(frozen=True, slots=True)
@@ -64,7 +76,8 @@ class ResidualEquation:
     """F(φ, c) α = r_e, the residual of the motor equation (Flacco 2012 eq. 15–17, 21).
 
     The residual is τ_e behind a first-order lag of bandwidth K_I. With `matched` the regressors pass through the same lag, so
-    that the two sides belong together; the paper leaves them as they are.
+    that the two sides belong together; the paper leaves them as they are. What the rig has beside the paper's equation, `known`,
+    is taken off; where it is in doubt the residual is not known, nor until its lag has forgotten it.
     """
 
     view: TransmissionView
@@ -74,6 +87,7 @@ class ResidualEquation:
     bandwidth: float
     period: float
     matched: bool
+    known: Known | None = None
 
     leading: ClassVar[int] = 0
     parameters: ClassVar[tuple[str, ...]] = ()
@@ -88,36 +102,56 @@ class ResidualEquation:
         """Number of unknowns."""
         return self.basis.size
 
-    def start(self) -> tuple[Array, Array]:
-        """Return the states of residual and lag before the first sample."""
-        return np.full(3, np.nan), np.full((2, self.basis.size), np.nan)
+    def start(self) -> tuple[Any, ...]:
+        """Return the states of residual, regressors' lag, hysteresis and doubt's lag before the first sample."""
+        known = None if self.known is None else self.known.start()
+        return np.full(3, np.nan), np.full((2, self.basis.size), np.nan), known, np.full((2, 1), np.nan)
 
-    def rows(self, state: tuple[Array, Array], block: Conditioned) -> tuple[tuple[Array, Array], EquationRows]:
+    def rows(self, state: tuple[Any, ...], block: Conditioned) -> tuple[tuple[Any, ...], EquationRows]:
         """Form the equation for a block."""
-        view, fit = self.view, block.fit
-        F = _regressors(self.basis, block, view)
+        F = _regressors(self.basis, block, self.view)
         use = block.use & np.isfinite(F).all(axis=1)
-        residual, r_e = residual_block(
-            state[0],
-            fit[view.motor_position],
-            fit[f"velocity:{view.motor_position}"],
-            fit[view.motor_torque],
-            use,
-            self.inertia,
-            self.damping,
-            self.bandwidth,
-            self.period,
-        )
+        residual, r_e, after, lagged_doubt = self._residual(state, block, use)
         lag, lagged = lag_block(state[1], F, use, self.bandwidth, self.period)
+        doubted = None
+        if self.known is not None and self.known.doubtful:
+            doubted = lagged_doubt[1][:, 0] > self.known.limit
+            r_e, use = np.where(doubted, np.nan, r_e), use & ~doubted
         rows = EquationRows(
             lagged if self.matched else F,
             r_e,
             use,
             np.zeros_like(use),
-            {view.name: r_e},
-            {view.name: {"residual": r_e}},
+            {self.view.name: r_e},
+            {self.view.name: {"residual": r_e}},
+            doubted=doubted,
         )
-        return (residual, lag), rows
+        return (residual, lag, after, lagged_doubt[0]), rows
+
+    def _residual(
+        self, state: tuple[Any, ...], block: Conditioned, use: Flags
+    ) -> tuple[Array, Array, Array | None, tuple[Array, Array]]:
+        """Return state and values of the residual, the state of the hysteresis, and state and values of the doubt behind the lag.
+
+        `use` is narrowed to where what is known is known.
+        """
+        view, fit, known = self.view, block.fit, self.known
+        theta, velocity, tau = fit[view.motor_position], fit[f"velocity:{view.motor_position}"], fit[view.motor_torque]
+        motor = (self.inertia, self.damping)
+        if known is None:
+            new, r_e = residual_block(state[0], theta, velocity, tau, use, *motor, self.bandwidth, self.period)
+            return new, r_e, None, (state[3], np.empty((0, 1)))
+        after, beside, doubt = known.block(state[2], block)
+        use &= np.isfinite(beside)
+        lagged = lag_block(state[3], doubt[:, None], use, self.bandwidth, self.period)
+        tau = tau + beside
+        if known.load > 0.0:
+            new, r_e = loaded_residual_block(
+                state[0], theta, velocity, tau, beside, known.way(block), use, *motor, known.load, self.bandwidth, self.period
+            )  # fmt: skip
+        else:
+            new, r_e = residual_block(state[0], theta, velocity, tau, use, *motor, self.bandwidth, self.period)
+        return new, r_e, after, lagged
 
 
 @dataclass(frozen=True, slots=True)
@@ -125,12 +159,17 @@ class IntegratedMotorEquation:
     """B θ̇ + D θ − Σ α_i ∫ f_i(φ) ds = ∫ τ ds + const (Flacco 2014 eq. 11), no motor parameter needed.
 
     The unknowns are the constant, B, D and α. The paper begins at rest in the origin, where the constant is zero; a log
-    begins anywhere, and again after every gap.
+    begins anywhere, and again after every gap. What the rig knows beside, `known`, is taken off the torque before it is
+    integrated; where it is in doubt the integrals begin anew, as after a gap, because what was missed there would stay in them.
+
+    Friction that grows with the transmitted torque, load · |τ_e| · way, goes with the unknowns: |τ_e| = τ_e sign φ, so that the
+    f_i are multiplied with 1 − load · way · sign φ.
     """
 
     view: TransmissionView
     basis: PolynomialBasis
     period: float
+    known: Known | None = None
 
     leading: ClassVar[int] = 3
     parameters: ClassVar[tuple[str, ...]] = ("motor_inertia", "motor_damping")
@@ -145,21 +184,38 @@ class IntegratedMotorEquation:
         """Number of unknowns."""
         return 3 + self.basis.size
 
-    def start(self) -> Array:
-        """Return the state of the integrals before the first sample."""
-        return np.full((2, self.basis.size + 1), np.nan)
+    def start(self) -> tuple[Array, Array | None]:
+        """Return the states of the integrals and of the hysteresis before the first sample."""
+        return np.full((2, self.basis.size + 1), np.nan), None if self.known is None else self.known.start()
 
-    def rows(self, state: Array, block: Conditioned) -> tuple[Array, EquationRows]:
+    def rows(self, state: tuple[Array, Array | None], block: Conditioned) -> tuple[Any, EquationRows]:
         """Form the equation for a block."""
-        view, fit = self.view, block.fit
+        view, fit, known = self.view, block.fit, self.known
         f = _regressors(self.basis, block, view)
         theta, velocity = fit[view.motor_position], fit[f"velocity:{view.motor_position}"]
-        tau = fit[view.motor_torque]
+        tau, fed, after, doubted, factor = fit[view.motor_torque], None, None, None, None
         use = block.use & np.isfinite(f).all(axis=1)
-        state, integrals, fresh = integral_block(state, np.column_stack((f, tau)), use, self.period)
+        if known is not None and state[1] is not None:
+            after, beside, doubt = known.block(state[1], block)
+            use &= np.isfinite(beside)
+            if known.doubtful:
+                doubted = doubt > known.limit
+                use &= ~doubted
+            if known.load > 0.0:
+                factor = 1.0 - known.load * known.way(block) * np.sign(deflection_of(fit, view))
+                fed = -tau / factor - beside
+                tau, f = tau + factor * beside, factor[:, None] * f
+            else:
+                tau = tau + beside
+        integrated, integrals, fresh = integral_block(state[0], np.column_stack((f, tau)), use, self.period)
         F = np.column_stack((np.ones_like(theta), velocity, theta, -integrals[:, :-1]))
         # B θ̈ + D θ̇ − τ = τ_e: what the equation says of the torque, where the filter gives an acceleration.
         acceleration = fit.get(f"acceleration:{view.motor_position}", np.full_like(theta, np.nan))
         dynamics = np.column_stack((np.zeros_like(theta), acceleration, velocity))
-        fed = {view.name: -tau}
-        return state, EquationRows(F, integrals[:, -1], use, fresh, fed, {}, dynamics)
+        fed = -tau if fed is None else fed
+        if factor is not None:
+            dynamics /= factor[:, None]
+        if doubted is not None:
+            fed = np.where(doubted, np.nan, fed)
+        rows = EquationRows(F, integrals[:, -1], use, fresh, {view.name: fed}, {}, dynamics, doubted)
+        return (integrated, after), rows

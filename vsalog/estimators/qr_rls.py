@@ -13,6 +13,7 @@ from msgspec import Meta
 
 from vsalog.estimators.device import Device
 from vsalog.estimators.equations import IntegratedMotorEquation
+from vsalog.estimators.known import conditioner_of, known_of
 from vsalog.estimators.needs import deflection_roles, require
 from vsalog.estimators.regression import RegressionFold
 from vsalog.estimators.solvers import QrSolver
@@ -53,6 +54,15 @@ def build(device: Device, signals: JointSignals, tuning: QrRlsTuning) -> Regress
     """Assemble the estimator for a joint's signals."""
     p0 = tuning.p0 if tuning.p0 is not None else 1e4 / largest_regressor(device, signals) ** 2
     solver = QrSolver(tuning.forgetting, tuning.memory_samples(signals), IntegratedMotorEquation.leading, p0)
-    equations = tuple(IntegratedMotorEquation(v, device.basis, signals.period) for v in device.transmissions)
-    needed = roles(device, signals.roles, tuning)
-    return RegressionFold(NAME, "INTEGRATED", device, tuning.conditioner(needed, signals), equations, solver)
+    conditioner = conditioner_of(device, signals, tuning, roles(device, signals.roles, tuning), motor=True)
+    return RegressionFold(NAME, "INTEGRATED", device, conditioner, integrated_equations(device, signals), solver)
+
+
+def integrated_equations(device: Device, signals: JointSignals) -> tuple[IntegratedMotorEquation, ...]:
+    """One equation per transmission."""
+    return tuple(
+        IntegratedMotorEquation(
+            v, device.basis, signals.period, known_of(device, v, signals, v.motor_torque, motor=True)
+        )
+        for v in device.transmissions
+    )

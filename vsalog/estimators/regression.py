@@ -6,7 +6,7 @@ A method differs from another in its equation (what is known to add up to what) 
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import Any, ClassVar, Protocol
 
 import numpy as np
@@ -27,6 +27,8 @@ Flags = NDArray[np.bool_]
 SUPPORTED_SHARE = 0.2
 # A deflection that comes back by this share of the deflection scale has turned.
 BAND = 0.01
+# Of a log; beyond it a person is told that what the rig knows is in doubt.
+DOUBTED_SHARE = 0.5
 # Rows an estimator works on at a time.
 BLOCK = 8192
 
@@ -37,7 +39,8 @@ class EquationRows:
 
     `fresh` marks where the first unknown begins anew (an integration constant); `fed` is, per transmission or in ``total``,
     the flexibility torque the estimator is fed with; `extra` are further columns of the trace, per transmission. Where the
-    leading unknowns are parameters of the motor, the flexibility torque is `dynamics` times these unknowns plus `fed`.
+    leading unknowns are parameters of the motor, the flexibility torque is `dynamics` times these unknowns plus `fed`. `doubted`
+    marks where what the rig knows beside the springs is in doubt, so that nothing is learnt; None where it never can be.
     """
 
     F: Array
@@ -47,6 +50,7 @@ class EquationRows:
     fed: Mapping[str, Array]
     extra: Mapping[str, Mapping[str, Array]]
     dynamics: Array | None = None
+    doubted: Flags | None = None
 
 
 class Equation(Protocol):
@@ -91,7 +95,7 @@ class Solver(Protocol):
 
 @dataclass(slots=True)
 class FoldState:
-    """States of the filters, of each equation and its solver, and the regions seen so far."""
+    """States of the filters, of each equation and its solver, the regions seen so far, and the samples seen and doubted."""
 
     filters: ConditionerState
     equations: list[Any]
@@ -99,6 +103,8 @@ class FoldState:
     regions: dict[str, Region]
     directions: dict[str, Array]
     learning: bool
+    seen: int = 0
+    doubted: dict[str, int] = field(default_factory=dict)
 
 
 class RegressionFold:
@@ -165,12 +171,15 @@ class RegressionFold:
             dict(state.regions),
             dict(state.directions),
             state.learning,
+            state.seen,
+            dict(state.doubted),
         )
         traces = []
         for block in ready:
             if len(block.rows) == 0:
                 continue
             block = self._with_branches(new, block)
+            new.seen += len(block.rows)
             columns: dict[str, dict[str, Any]] = {}
             variance = np.zeros(len(block.rows))
             for i, equation in enumerate(self.equations):
@@ -178,6 +187,9 @@ class RegressionFold:
                 new.solvers[i], part, spread = self._solve(new, equation, new.solvers[i], rows, block)
                 columns.update(part)
                 variance += spread
+                if rows.doubted is not None:
+                    names = ", ".join(t.name for t in equation.transmissions)
+                    new.doubted[names] = new.doubted.get(names, 0) + int(np.count_nonzero(rows.doubted))
             columns["total"] = _total(columns, variance, self.device)
             if "total" in rows.fed:
                 columns["total"]["flexibility_torque"] = self._fed(rows.fed["total"])
@@ -279,6 +291,16 @@ class RegressionFold:
     def _coefficients(self, equation: Equation, i: int, unknowns: Array) -> dict[str, Array]:
         first = equation.leading + i * self.device.basis.size
         return {f"coefficient_{h}": unknowns[:, first + h] for h in range(self.device.basis.size)}
+
+    def warnings(self, state: FoldState) -> tuple[str, ...]:
+        """Say where most of a log could not be learnt from, because what the rig knows of it is in doubt."""
+        return tuple(
+            f"joint '{self.device.joint}', transmission {names}: for {count / state.seen:.0%} of the time the torque of friction"
+            " or hysteresis that the rig has is not known, because the motor stands or is slower than its encoder can tell, or"
+            " the deflection has not yet moved through its loop; nothing is learnt there"
+            for names, count in state.doubted.items()
+            if count > DOUBTED_SHARE * state.seen
+        )
 
     def model(self, state: FoldState) -> JointModel:
         """Freeze what has been learnt into a model."""

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from vsalog.errors import EstimatorError
 from vsalog.estimators.device import Device, TransmissionView, deflection_of
 from vsalog.estimators.equations import ResidualEquation, TorqueEquation
+from vsalog.estimators.known import conditioner_of, known_of
 from vsalog.estimators.needs import deflection_roles, require
 from vsalog.estimators.regression import Equation, RegressionFold
 from vsalog.estimators.solvers import RlsSolver
@@ -75,7 +76,12 @@ def build(device: Device, signals: JointSignals, tuning: ResidualRlsTuning) -> R
     solver = RlsSolver(p0, tuning.c, tuning.memory_samples(signals))
     needed = roles(device, signals.roles, tuning)
     equations = _equations(device, signals, tuning)
-    return RegressionFold(NAME, tuning.modality, device, tuning.conditioner(needed, signals), equations, solver)
+    conditioner = (
+        tuning.conditioner(needed, signals)
+        if tuning.modality == "MODEL"
+        else conditioner_of(device, signals, tuning, needed, motor=tuning.modality == "RESIDUAL")
+    )
+    return RegressionFold(NAME, tuning.modality, device, conditioner, equations, solver)
 
 
 def _equations(device: Device, signals: JointSignals, tuning: ResidualRlsTuning) -> tuple[Equation, ...]:
@@ -83,16 +89,20 @@ def _equations(device: Device, signals: JointSignals, tuning: ResidualRlsTuning)
         return tuple(_residual(device, view, signals, tuning) for view in device.transmissions)
     if tuning.modality == "MODEL":
         return tuple(_model(device, view) for view in device.transmissions)
-    return sensor_equations(device, signals.roles)
+    return sensor_equations(device, signals)
 
 
-def sensor_equations(device: Device, offered: Collection[str]) -> tuple[Equation, ...]:
+def sensor_equations(device: Device, signals: JointSignals) -> tuple[Equation, ...]:
     """One equation per sensor: one for each transmission, or one that sees the sum of both."""
     views = device.transmissions
-    sensors = [sensor_role(view, offered) for view in views]
+    sensors = [sensor_role(view, signals.roles) for view in views]
+    known = [known_of(device, v, signals, s, motor=False) for v, s in zip(views, sensors, strict=True)]
     if len(views) > 1 and len(set(sensors)) == 1:
-        return (TorqueEquation(views, device.basis, _column(sensors[0])),)
-    return tuple(TorqueEquation((v,), device.basis, _column(s)) for v, s in zip(views, sensors, strict=True))
+        return (TorqueEquation(views, device.basis, _column(sensors[0]), tuple(k for k in known if k is not None)),)
+    return tuple(
+        TorqueEquation((v,), device.basis, _column(s), () if k is None else (k,))
+        for v, s, k in zip(views, sensors, known, strict=True)
+    )
 
 
 def sensor_role(view: TransmissionView, offered: Collection[str]) -> str:
@@ -113,7 +123,8 @@ def _model(device: Device, view: TransmissionView) -> Equation:
         )
 
     def torque(block: Conditioned) -> NDArray[np.float64]:
-        return flexibility_torque(view.nominal, deflection_of(block.fit, view), block.fit.get("setpoint"))
+        phi, time = deflection_of(block.fit, view), block.rows.time
+        return flexibility_torque(view.nominal, phi, block.fit.get("setpoint"), time)
 
     return TorqueEquation((view,), device.basis, torque)
 
@@ -141,4 +152,5 @@ def _residual(device: Device, view: TransmissionView, signals: JointSignals, tun
         tuning.bandwidth,
         signals.period,
         tuning.matched,
+        known_of(device, view, signals, view.motor_torque, motor=True),
     )

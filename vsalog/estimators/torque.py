@@ -33,6 +33,31 @@ def residual_block(
     return new, out
 
 
+def loaded_residual_block(
+    state: Array, theta: Array, theta_dot: Array, tau: Array, beside: Array, way: Array, use: Flags,
+    B: float, D: float, load: float, K_I: float, T: float,
+) -> tuple[Array, Array]:  # fmt: skip
+    """Residual of a motor whose friction grows with the transmitted torque: load · |τ_e + beside| · way is taken off too.
+
+    The torque it grows with is the residual's own, so that r = known + κ |r + beside| with κ = T K_I load way / (2 + T K_I); its
+    one solution is r + beside = (known + beside) / (1 ∓ κ), with − where known + beside ≥ 0.
+
+    Parameters
+    ----------
+    beside : shape (N,), what the transmission transmits beside its spring's torque; it is in `tau` already [N·m]
+    way : shape (N,), −1 to 1, which way friction acts
+    load : below 1
+    others : as for `residual_block`
+
+    Returns
+    -------
+    state, r_e (N,) [N·m]; NaN where `use` is false
+    """
+    new, out = state.copy(), np.empty_like(theta)
+    _loaded_residual(theta, theta_dot, tau, beside, way, use, B, D, load, K_I, T, new, out)
+    return new, out
+
+
 def lag_block(state: Array, x: Array, use: Flags, K_I: float, T: float) -> tuple[Array, Array]:
     """Pass columns through the same first-order lag that the residual has, so that both sides of eq. 21 are filtered alike.
 
@@ -79,6 +104,30 @@ def _residual(
         # Eq. 17 in increments: the integral of τ would otherwise grow without bound and lose digits.
         r = 0.0 if np.isnan(r) else a * r + b * (p - momentum - 0.5 * T * (tau[k] + torque))
         momentum, torque = p, tau[k]
+        out[k] = r
+    state[0], state[1], state[2] = r, momentum, torque
+
+
+@njit(cache=True)
+def _loaded_residual(
+    theta: Array, theta_dot: Array, tau: Array, beside: Array, way: Array, use: Flags,
+    B: float, D: float, load: float, K_I: float, T: float, state: Array, out: Array,
+) -> None:  # fmt: skip
+    a, b = (2.0 - T * K_I) / (2.0 + T * K_I), 2.0 * K_I / (2.0 + T * K_I)
+    r, momentum, torque = state[0], state[1], state[2]
+    for k in range(theta.shape[0]):
+        if not use[k]:
+            r = np.nan
+            out[k] = np.nan
+            continue
+        p, share = B * theta_dot[k] + D * theta[k], load * way[k]
+        if np.isnan(r):
+            r = 0.0
+        else:
+            kappa = 0.5 * T * b * share
+            carried = a * r + b * (p - momentum - 0.5 * T * (tau[k] + torque)) + beside[k]
+            r = carried / (1.0 - kappa if carried >= 0.0 else 1.0 + kappa) - beside[k]
+        momentum, torque = p, tau[k] - share * abs(r + beside[k])
         out[k] = r
     state[0], state[1], state[2] = r, momentum, torque
 

@@ -11,7 +11,7 @@ from msgspec import Meta
 
 from vsalog.errors import EstimatorError, did_you_mean
 from vsalog.estimators.device import Device, deflection_of, largest
-from vsalog.filters.conditioning import Conditioner, FilterName
+from vsalog.filters.conditioning import Conditioner, FilterName, Preparation
 from vsalog.signals import JointSignals
 
 # Functions of the basis beyond this, or below its reciprocal, cannot be squared and summed up safely.
@@ -45,8 +45,14 @@ class Tuning(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=Tr
     settle: Annotated[float, Meta(ge=0.0)] | None = None
     memory: Positive = 10.0
 
-    def conditioner(self, roles: tuple[str, ...], signals: JointSignals) -> Conditioner:
-        """Return the filters these values describe."""
+    def conditioner(
+        self,
+        roles: tuple[str, ...],
+        signals: JointSignals,
+        rates: tuple[str, ...] = (),
+        before: Preparation | None = None,
+    ) -> Conditioner:
+        """Return the filters these values describe; `rates` and `before` as a `Conditioner` takes them."""
         return Conditioner(
             roles,
             signals,
@@ -55,6 +61,8 @@ class Tuning(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=Tr
             degree=self.degree,
             shape=self.shape,
             settle=self.settle,
+            rates=rates,
+            before=before,
         )
 
     def memory_samples(self, signals: JointSignals) -> float:

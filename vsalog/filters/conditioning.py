@@ -13,7 +13,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
-from typing import Literal
+from typing import Any, Literal, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -39,7 +39,8 @@ class Conditioned:
     Attributes
     ----------
     rows : the samples the output belongs to (their stamps, times and runs)
-    fit : role → values to learn from; also ``velocity:ROLE`` and ``acceleration:ROLE`` of the motor positions
+    fit : role → values to learn from; also ``velocity:ROLE`` and ``acceleration:ROLE`` of the motor positions, and the velocity
+        of what else was asked for
     now : role → values to evaluate at (positions, deflections and the set-point)
     use : shape (N,), where every value to learn from is there and the filters have settled
     loading_fit, loading_now : transmission → shape (N,), whether it is being loaded; empty where nobody asks
@@ -53,14 +54,30 @@ class Conditioned:
     loading_now: Mapping[str, Flags] = field(default_factory=dict)
 
 
+class Preparation(Protocol):
+    """A fold that the signals go through before they are filtered, and that may hold samples back."""
+
+    roles: tuple[str, ...]  # that it adds
+
+    def start(self) -> Any:
+        """Return the state before the first sample."""
+
+    def step(self, state: Any, block: JointSignals) -> tuple[Any, list[JointSignals]]:
+        """Take a block; give the new state and what is ready."""
+
+    def finish(self, state: Any) -> tuple[Any, list[JointSignals]]:
+        """Give out what is held back."""
+
+
 @dataclass(slots=True)
 class ConditionerState:
-    """Filter states of the run in progress, and the samples still inside the window."""
+    """Filter states of the run in progress, the samples still inside the window, and the state of the preparation."""
 
     kalman: dict[str, Array] = field(default_factory=dict)
     seen: int = 0
     tail: JointSignals | None = None
     tail_kalman: dict[str, Array] = field(default_factory=dict)
+    prepared: Any = None
 
 
 class Conditioner:
@@ -75,6 +92,8 @@ class Conditioner:
     degree : of the Savitzky–Golay filter
     shape : α of the MKKF (Flacco 2012 eq. 20)
     settle : time the MKKF is given after a start before its output is learnt from [s]
+    rates : other positions and deflections whose velocity is wanted
+    before : what the signals go through first; the roles it adds are filtered like torques
 
     Raises
     ------
@@ -92,11 +111,15 @@ class Conditioner:
         degree: int = 20,
         shape: float = 6.0,
         settle: float | None = None,
+        rates: tuple[str, ...] = (),
+        before: Preparation | None = None,
     ) -> None:
         self.kind = kind
-        self.roles = roles
+        self.roles = roles if before is None else (*roles, *before.roles)
+        self.before = before
         self.period = signals.period
         self.motor_roles = tuple(r for r in roles if r.startswith("motor_position"))
+        self.rated = {*self.motor_roles, *rates}
         self.moving = tuple(r for r in roles if "torque" not in r)
         self.settings = {
             role: KinematicSettings.for_resolution(signals.resolution.get(role) or FINEST, self.period, shape)
@@ -130,22 +153,34 @@ class Conditioner:
 
     def start(self) -> ConditionerState:
         """Return the state before the first sample."""
-        return ConditionerState()
+        return ConditionerState(prepared=None if self.before is None else self.before.start())
 
     def step(self, state: ConditionerState, block: JointSignals) -> tuple[ConditionerState, list[Conditioned]]:
         """Filter a block; the output may belong to earlier samples and be shorter or longer than the block."""
-        out: list[Conditioned] = []
-        for piece in block.between_gaps():
-            if piece.starts[0]:
-                out += self._flush(state)
-                state = self.start()
-            state, conditioned = self._within_run(state, piece)
-            out.append(conditioned)
-        return state, out
+        if self.before is None:
+            return self._filter(state, [block])
+        prepared, blocks = self.before.step(state.prepared, block)
+        state, out = self._filter(state, blocks)
+        return replace(state, prepared=prepared), out
 
     def finish(self, state: ConditionerState) -> tuple[ConditionerState, list[Conditioned]]:
         """Give out what is still inside the window."""
-        return self.start(), self._flush(state)
+        out: list[Conditioned] = []
+        if self.before is not None:
+            state, out = self._filter(state, self.before.finish(state.prepared)[1])
+        return self.start(), [*out, *self._flush(state)]
+
+    def _filter(
+        self, state: ConditionerState, blocks: list[JointSignals]
+    ) -> tuple[ConditionerState, list[Conditioned]]:
+        out: list[Conditioned] = []
+        for piece in (piece for block in blocks for piece in block.between_gaps()):
+            if piece.starts[0]:
+                out += self._flush(state)
+                state = ConditionerState()
+            state, conditioned = self._within_run(state, piece)
+            out.append(conditioned)
+        return state, out
 
     def _within_run(self, state: ConditionerState, piece: JointSignals) -> tuple[ConditionerState, Conditioned]:
         states = dict(state.kalman)
@@ -155,7 +190,7 @@ class Conditioner:
             position, velocity, states[role] = kinematic_filter(raw, self.period, self.settings[role], states.get(role))
             # The filter goes on over a missing sample, but what it predicts there is no measurement.
             kalman[role] = np.where(np.isnan(raw), np.nan, position)
-            if role in self.motor_roles:
+            if role in self.rated:
                 kalman[f"velocity:{role}"] = velocity
         seen = state.seen + len(piece)
         if self.kind == "kinematic":
@@ -164,7 +199,7 @@ class Conditioner:
             use = _complete({r: piece.roles[r] for r in self.roles}) & (index >= self.settle)
             now = {r: kalman[r] for r in self.moving}
             return ConditionerState(states, seen), Conditioned(piece, fit, now, use)
-        joined = piece if state.tail is None else _join(state.tail, piece)
+        joined = piece if state.tail is None else state.tail.joined(piece)
         joined_kalman = {
             r: np.concatenate((state.tail_kalman[r], kalman[r])) if r in state.tail_kalman else kalman[r]
             for r in self.moving
@@ -185,6 +220,8 @@ class Conditioner:
                 smooth[role], smooth[f"velocity:{role}"], smooth[f"acceleration:{role}"] = savgol_filter(
                     joined.roles[role], self.weights
                 )
+            elif role in self.rated:
+                smooth[role], smooth[f"velocity:{role}"] = savgol_filter(joined.roles[role], self.weights[:2])
             else:
                 smooth[role] = savgol_filter(joined.roles[role], self.weights[:1])[0]
         return smooth
@@ -208,7 +245,7 @@ class Conditioner:
         pending = min(savgol_lag(self.window), state.seen)
         rows = state.tail[len(state.tail) - pending :]
         nothing = np.full(pending, np.nan)
-        names = [*self.roles, *(f"{d}:{r}" for r in self.motor_roles for d in ("velocity", "acceleration"))]
+        names = [*self.roles, *(f"velocity:{r}" for r in self.rated), *(f"acceleration:{r}" for r in self.motor_roles)]
         now = {r: state.tail_kalman[r][len(state.tail) - pending :] for r in self.moving}
         return [Conditioned(rows, dict.fromkeys(names, nothing), now, np.zeros(pending, dtype=np.bool_))]
 
@@ -228,14 +265,3 @@ def _at_end(values: Array, length: int) -> Array:
     if values.shape[0] >= length:
         return values[values.shape[0] - length :]
     return np.concatenate((np.full(length - values.shape[0], np.nan), values))
-
-
-def _join(first: JointSignals, second: JointSignals) -> JointSignals:
-    return replace(
-        second,
-        stamps=np.concatenate((first.stamps, second.stamps)),
-        time=np.concatenate((first.time, second.time)),
-        roles={r: np.concatenate((first.roles[r], v)) for r, v in second.roles.items()},
-        starts=np.concatenate((first.starts, second.starts)),
-        run=np.concatenate((first.run, second.run)),
-    )

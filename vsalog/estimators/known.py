@@ -1,0 +1,150 @@
+"""What the rig knows of a joint beside its springs, for the equations to honour: friction, cogging, damping, hysteresis."""
+
+from __future__ import annotations
+
+from collections.abc import Collection
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vsalog.errors import EstimatorError
+from vsalog.estimators.device import Device, TransmissionView, deflection_of
+from vsalog.estimators.net_torque import NetTorque, doubt_role, extended, way_role
+from vsalog.estimators.tuning import Tuning
+from vsalog.filters.conditioning import Conditioned, Conditioner
+from vsalog.mechanics.friction import rubs
+from vsalog.mechanics.hysteresis import loop_block, loop_level, loop_start
+from vsalog.rig.schema import UnknownTransmission
+from vsalog.signals import JointSignals
+
+Array = NDArray[np.float64]
+
+# What is not known does no harm while it is below a tenth of what it is about, or a hundredth of the torque beside it. The former
+# is what is left of a doubt 2.3 time constants later; the latter spares a log in which friction hardly matters.
+SHARE_OF_LEVEL, SHARE_OF_TORQUE = 0.1, 0.01
+
+
+@dataclass(frozen=True, slots=True)
+class Known:
+    """What is known of one transmission, and of its motor where the torque comes from the motor's side.
+
+    Attributes
+    ----------
+    view : the transmission
+    damping : of the transmission [N·m·s/rad]
+    half_gap : inside which it does not damp [rad]
+    loops : whether it has hysteresis
+    rubs : whether the motor has dry friction
+    load : part of the transmitted torque's size that rubs
+    limit : doubt below which a sample is learnt from [N·m]
+    """
+
+    view: TransmissionView
+    damping: float
+    half_gap: float
+    loops: bool
+    rubs: bool
+    load: float
+    limit: float
+
+    @property
+    def doubtful(self) -> bool:
+        """Whether anything here may be in doubt."""
+        return self.rubs or self.loops
+
+    def start(self) -> Array:
+        """Return the state before the first sample."""
+        return loop_start(self.view.nominal)
+
+    def block(self, state: Array, block: Conditioned) -> tuple[Array, Array, Array]:
+        """Return the state, the torque transmitted beside the spring's, and by how much that and the friction may be off.
+
+        Both have shape (N,) [N·m]; NaN where the deflection or its velocity is not known.
+        """
+        beside, doubt = np.zeros(len(block.rows)), np.zeros(len(block.rows))
+        phi = deflection_of(block.fit, self.view)
+        if self.damping > 0.0:
+            moving = np.abs(phi) > self.half_gap if self.half_gap > 0.0 else True
+            beside += np.where(moving, self.damping * _rate(block, self.view), 0.0)
+        if self.loops:
+            begun = loop_start(self.view.nominal) if block.rows.starts[0] else state
+            state, torque, unsure = loop_block(begun, self.view.nominal, phi)
+            beside += torque
+            doubt += unsure
+        if self.rubs:
+            doubt += np.abs(block.fit[doubt_role(self.view)])
+        return state, beside, doubt
+
+    def way(self, block: Conditioned) -> Array:
+        """Return which way friction acts, shape (N,), −1 to 1."""
+        return block.fit[way_role(self.view)]
+
+
+def _rate(block: Conditioned, view: TransmissionView) -> Array:
+    measured = block.fit.get(f"velocity:{view.deflection}")
+    if measured is not None:
+        return measured
+    return block.fit["velocity:link_position"] - block.fit[f"velocity:{view.motor_position}"]
+
+
+def known_of(
+    device: Device, view: TransmissionView, signals: JointSignals, torque: str, *, motor: bool
+) -> Known | None:
+    """Return what the rig knows of a transmission beside its spring; None where that is nothing.
+
+    Parameters
+    ----------
+    device, view : of the joint
+    signals : a block or the whole, for how large its torques are
+    torque : role of the torque that the doubt is held against
+    motor : whether the torque comes from the motor's side, so that the motor's effects matter too
+
+    Raises
+    ------
+    EstimatorError
+        Friction grows as fast as the torque it is told from.
+    """
+    t, friction = view.nominal, view.motor.reflected.friction
+    rubbing, loops = motor and rubs(friction), loop_level(t)
+    if rubbing and friction.load >= 1.0:
+        raise EstimatorError(
+            f"joint '{device.joint}': with a motor's friction.load of {friction.load:g} friction grows as fast as the transmitted"
+            " torque, and the motor's side cannot tell it; use a torque sensor (--tune modality=SENSOR, or --estimator direct)"
+        )
+    damping, gap = (0.0, 0.0) if isinstance(t, UnknownTransmission) else (t.damping, t.backlash)
+    if not (rubbing or damping or loops):
+        return None
+    size, load = _spread(signals.roles[torque]), friction.load if rubbing else 0.0
+    level = loops + load * size + (friction.breakaway if rubbing else 0.0)
+    limit = max(SHARE_OF_LEVEL * level, SHARE_OF_TORQUE * size)
+    return Known(view, damping, 0.5 * gap, loops > 0.0, rubbing, load, limit)
+
+
+def conditioner_of(
+    device: Device,
+    signals: JointSignals,
+    tuning: Tuning,
+    roles: tuple[str, ...],
+    *,
+    motor: bool,
+    transmission: bool = True,
+) -> Conditioner:
+    """Return the filters for a method that reads `roles`, with what the rig knows of motors and transmissions in mind."""
+    views = tuple(v for v in device.transmissions if motor and extended(v.motor))
+    before = NetTorque(views, signals, tuning.filter, tuning.shape) if views else None
+    return tuning.conditioner(roles, signals, _rates(device, roles), before)
+
+
+def _rates(device: Device, roles: Collection[str]) -> tuple[str, ...]:
+    """Return the positions whose velocity the transmissions' damping needs."""
+    damped = [
+        v for v in device.transmissions if not isinstance(v.nominal, UnknownTransmission) and v.nominal.damping > 0.0
+    ]
+    return tuple(dict.fromkeys(role for v in damped for role in v.deflection_roles(roles)))
+
+
+def _spread(torque: Array) -> float:
+    """Return the standard deviation of a torque [N·m]; 0 where there is none."""
+    finite = torque[np.isfinite(torque)]
+    return float(np.std(finite)) if finite.size else 0.0

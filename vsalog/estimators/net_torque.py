@@ -1,0 +1,163 @@
+"""What moves a rotor beside its transmission: motor torque and cogging less dry friction, before anything is filtered.
+
+Dry friction jumps where the velocity changes its sign. Were it told from filtered signals and taken off a filtered torque, the
+jump would be sharp on one side and smeared on the other; so it is taken off first, and all is filtered alike.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vsalog.estimators.device import TransmissionView
+from vsalog.filters.conditioning import FINEST, FilterName
+from vsalog.filters.kinematic import PAPER_TRACKING_INDEX, KinematicSettings, kinematic_filter
+from vsalog.filters.savitzky_golay import savgol_filter, savgol_lag, savgol_weights
+from vsalog.mechanics.friction import cogging_torque, friction_block, friction_start, rubs
+from vsalog.rig.schema import Motor
+from vsalog.signals import JointSignals
+
+Array = NDArray[np.float64]
+
+# The velocity whose sign matters is that of a cubic fitted to so many samples: long enough to see slow motion, short enough to
+# see where it turns.
+WINDOW, DEGREE = 21, 3
+# A velocity is told from zero when it is so many of its standard deviations away.
+SURE = 3.0
+# Samples to either side of a change of sign by which the cubic may miss it: where the acceleration jumps, as it does when
+# friction turns round, the cubic's velocity is off by the jump times 0.81 samples, and a jump may be twice what is seen.
+REACH = 2.0
+
+
+def extended(motor: Motor) -> bool:
+    """Tell whether the rig gives a motor dry friction or cogging."""
+    return rubs(motor.friction) or bool(motor.cogging)
+
+
+def way_role(view: TransmissionView) -> str:
+    """Name of the signal that says which way friction acts, −1 to 1."""
+    return f"way:{view.motor_torque}"
+
+
+def doubt_role(view: TransmissionView) -> str:
+    """Name of the signal that says by how much friction may be off [N·m]."""
+    return f"doubt:{view.motor_torque}"
+
+
+@dataclass(slots=True)
+class NetTorqueState:
+    """Samples of the run so far, those still held back or inside the window, and the states of frictions and filters."""
+
+    seen: int = 0
+    tail: JointSignals | None = None
+    frictions: dict[str, Array] = field(default_factory=dict)
+    kalman: dict[str, Array] = field(default_factory=dict)
+
+
+class NetTorque:
+    """Put in the place of each motor torque what is left of it once friction and cogging are accounted for.
+
+    With a causal filter the velocity is the kinematic Kalman filter's; else that of a cubic fitted around each sample, which
+    holds samples back by half its window.
+
+    Parameters
+    ----------
+    views : transmissions whose motors have friction or cogging
+    signals : a block or the whole, for its period and the encoders' resolutions
+    kind : of the filter that follows
+    shape : α of the MKKF
+    """
+
+    def __init__(
+        self, views: tuple[TransmissionView, ...], signals: JointSignals, kind: FilterName, shape: float
+    ) -> None:
+        self.views, self.period = views, signals.period
+        self.motors = {v.name: v.motor.reflected for v in views}
+        self.roles = tuple(role for v in views if rubs(v.motor.friction) for role in (way_role(v), doubt_role(v)))
+        self.centred = kind == "savitzky-golay"
+        self.lag = savgol_lag(WINDOW) if self.centred else 0
+        steps = {v.name: signals.resolution.get(v.motor_position) or FINEST for v in views}
+        if self.centred:
+            self.weights = savgol_weights(WINDOW, DEGREE, 1, self.period)[1:]
+            spread, self.reach = float(np.linalg.norm(self.weights)), REACH
+            self.floors = {name: SURE * spread * step / 12.0**0.5 for name, step in steps.items()}
+        else:
+            self.settings = {n: KinematicSettings.for_resolution(s, self.period, shape) for n, s in steps.items()}
+            spread, self.reach = _kinematic_velocity(PAPER_TRACKING_INDEX)
+            self.floors = {name: SURE * spread / self.period * step / 12.0**0.5 for name, step in steps.items()}
+
+    def start(self) -> NetTorqueState:
+        """Return the state before the first sample."""
+        return NetTorqueState()
+
+    def step(self, state: NetTorqueState, block: JointSignals) -> tuple[NetTorqueState, list[JointSignals]]:
+        """Take a block; give the new state and the samples that are ready."""
+        out: list[JointSignals] = []
+        for piece in block.between_gaps():
+            if piece.starts[0]:
+                out += self.finish(state)[1]
+                state = self.start()
+            state, ready = self._within_run(state, piece)
+            out += ready
+        return state, out
+
+    def finish(self, state: NetTorqueState) -> tuple[NetTorqueState, list[JointSignals]]:
+        """Give out what is held back; the velocity is not known at a run's very end."""
+        if state.tail is None or not self.centred:
+            return self.start(), []
+        held = state.tail[len(state.tail) - min(self.lag, state.seen) :]
+        unknown = {v.name: np.full(len(held), np.nan) for v in self.views}
+        return self.start(), [self._netted(dict(state.frictions), held, unknown)]
+
+    def _within_run(self, state: NetTorqueState, piece: JointSignals) -> tuple[NetTorqueState, list[JointSignals]]:
+        frictions, seen = dict(state.frictions), state.seen + len(piece)
+        if not self.centred:
+            kalman, velocities = dict(state.kalman), {}
+            for v in self.views:
+                raw = piece.roles[v.motor_position]
+                settings = self.settings[v.name]
+                _, velocities[v.name], kalman[v.name] = kinematic_filter(raw, self.period, settings, kalman.get(v.name))
+            netted = self._netted(frictions, piece, velocities)
+            return NetTorqueState(seen, None, frictions, kalman), [netted]
+        joined = piece if state.tail is None else state.tail.joined(piece)
+        first, last = max(state.seen - self.lag, 0), max(seen - self.lag, 0)
+        rows, velocities = slice(first - (seen - len(joined)), last - (seen - len(joined))), {}
+        for v in self.views:
+            found = savgol_filter(joined.roles[v.motor_position], self.weights)[0]
+            missing = max(last - first - found.size, 0)  # a run's first half window
+            velocities[v.name] = np.concatenate(
+                (np.full(missing, np.nan), found[found.size - (last - first - missing) :])
+            )
+        new = NetTorqueState(seen, joined[max(len(joined) - WINDOW + 1, 0) :], frictions)
+        return new, [self._netted(frictions, joined[rows], velocities)] if last > first else []
+
+    def _netted(self, frictions: dict[str, Array], rows: JointSignals, velocities: dict[str, Array]) -> JointSignals:
+        """Return rows with net torques; moves the states of `frictions` on."""
+        roles = dict(rows.roles)
+        for v in self.views:
+            motor, tau = self.motors[v.name], rows.roles[v.motor_torque]
+            net = tau + cogging_torque(motor, rows.roles[v.motor_position]) if motor.cogging else tau
+            if rubs(motor.friction):
+                before = frictions.get(v.name)
+                # The transmitted torque is about the motor's own; the estimator puts in what it finds for it.
+                frictions[v.name], torque, roles[way_role(v)], roles[doubt_role(v)] = friction_block(
+                    friction_start() if before is None else before, motor.friction, velocities[v.name],
+                    np.nan_to_num(tau), self.floors[v.name], self.reach, self.period,
+                )  # fmt: skip
+                net = net - torque
+            roles[v.motor_torque] = net
+        return replace(rows, roles=roles)
+
+
+def _kinematic_velocity(index: float) -> tuple[float, float]:
+    """Return the velocity's standard deviation, in steps' own per sample, and by how many samples it lags.
+
+    The steady state of the Kalman filter with a tracking index Λ is the α–β filter of Kalata (IEEE TAES 20(2), 1984).
+    """
+    r = (4.0 + index - (8.0 * index + index**2) ** 0.5) / 4.0
+    alpha = 1.0 - r**2
+    beta = 2.0 * (2.0 - alpha) - 4.0 * (1.0 - alpha) ** 0.5
+    variance = beta * (alpha - 0.5 * beta) / (1.0 - alpha)
+    return variance**0.5, (alpha - 0.5 * beta) / beta

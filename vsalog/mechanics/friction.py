@@ -1,0 +1,112 @@
+"""Dry friction and cogging of a motor, told from how it was seen to move.
+
+What friction does is known as far as the motion is: where the velocity is too small for its sign to be told, ideal friction
+may be anything between minus and plus its level, and bristles begin anywhere between their extremes. So both extremes are
+followed; their middle is what is taken for the friction, and half of what lies between them is the doubt.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from vsalog.rig.parts import Friction, Motor
+
+Array = NDArray[np.float64]
+
+
+def rubs(friction: Friction) -> bool:
+    """Tell whether there is any dry friction."""
+    return friction.breakaway > 0.0 or friction.load > 0.0
+
+
+def cogging_torque(motor: Motor, theta: Array) -> Array:
+    """Return Σ torque · sin(order · θ_rotor + phase) on the joint's side of the gear [N·m], shape of `theta` [rad]."""
+    motor, out = motor.reflected, np.zeros_like(theta)
+    for c in motor.cogging:
+        out += c.torque * np.sin(c.order * motor.gear_ratio * theta + c.phase)
+    return out
+
+
+def friction_start() -> Array:
+    """Return the state before the first sample, shape (3,): both extremes of the bristles' deflection, the last velocity."""
+    return np.full(3, np.nan)
+
+
+def friction_block(
+    state: Array, friction: Friction, velocity: Array, load: Array, floor: float, reach: float, period: float
+) -> tuple[Array, Array, Array, Array]:
+    """Return the torque of dry friction, but for the part that goes with the transmitted torque.
+
+    That part is `load` |τ| · way with the transmitted torque τ, which only the estimator knows.
+
+    Parameters
+    ----------
+    state : of `friction_start` or a previous call
+    friction : on the joint's side of the gear
+    velocity : shape (N,) [rad/s]; NaN where it is not known
+    load : shape (N,), about how large the transmitted torque is [N·m], for how far bristles give way, and for the doubt
+    floor : velocity whose sign cannot be told [rad/s]
+    reach : for so many samples to either side of where the velocity changes its sign, it is not told either
+    period : T [s]
+
+    Returns
+    -------
+    state
+    torque : shape (N,), opposes the motion [N·m]
+    way : shape (N,), −1 to 1, share of the level that acts, with its sign
+    doubt : shape (N,), by how much the whole friction may be off [N·m]
+    """
+    new, out = state.copy(), np.empty((3, velocity.shape[0]))
+    f = friction
+    _rub(
+        velocity, np.abs(load), f.coulomb, f.breakaway - f.coulomb, f.stribeck_velocity or 1.0, f.load,
+        f.presliding_stiffness or 0.0, f.presliding_damping, floor, reach, period, new, out,
+    )  # fmt: skip
+    return new, out[0], out[1], out[2]
+
+
+@njit(cache=True, error_model="numpy", forceinline=True)
+def _advanced(z: float, dx: float, stiffness: float, level: float) -> float:
+    """Move bristles by `dx` at one level: ż = v − σ₀ |v| z / level, solved exactly."""
+    end = level / stiffness if dx > 0.0 else -level / stiffness
+    moved: float = end + (z - end) * np.exp(-stiffness * abs(dx) / level)
+    return moved
+
+
+@njit(cache=True, error_model="numpy")
+def _rub(
+    velocity: Array, load: Array, coulomb: float, excess: float, stribeck: float, share: float, stiffness: float,
+    damping: float, floor: float, reach: float, period: float, state: Array, out: Array,
+) -> None:  # fmt: skip
+    high, low, last = state[0], state[1], state[2]
+    for k in range(velocity.shape[0]):
+        v = velocity[k]
+        seen = not np.isnan(v)
+        near = floor if np.isnan(last) or not seen else floor + reach * abs(v - last)
+        unsure = not (seen and abs(v) > near)
+        ratio = v / stribeck if seen else 0.0
+        base = coulomb + (excess * np.exp(-ratio * ratio) if excess > 0.0 else 0.0)
+        level = base + share * load[k]
+        extra = 0.0
+        if stiffness > 0.0 and level > 0.0:
+            limit = level / stiffness
+            if not seen or np.isnan(high):
+                high, low = limit, -limit
+            elif not np.isnan(last):
+                dx = 0.5 * period * (v + last)
+                if dx != 0.0:
+                    up, down = _advanced(high, dx, stiffness, level), _advanced(low, dx, stiffness, level)
+                    # What noise alone would wear down is not known to have gone.
+                    high, low = (max(high, up), min(low, down)) if unsure else (up, down)
+            top, bottom = min(high / limit, 1.0), max(low / limit, -1.0)
+            if seen:
+                extra = damping * (v - abs(v) * 0.5 * (top + bottom))
+        else:
+            top, bottom = (1.0, -1.0) if unsure else (np.sign(v), np.sign(v))
+        last = v
+        out[0, k] = base * 0.5 * (top + bottom) + extra
+        out[1, k] = 0.5 * (top + bottom)
+        out[2, k] = level * 0.5 * (top - bottom)
+    state[0], state[1], state[2] = high, low, last

@@ -1,0 +1,111 @@
+"""Hysteresis of a transmission, told from the deflection that was measured.
+
+A loop remembers; what it remembers of the time before the log nobody knows. So it is followed from both extremes it could have
+begun with: their middle is what is taken for its torque, and half of what lies between them is the doubt, which dies away as the
+deflection moves.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from vsalog.rig.parts import Transmission, UnknownTransmission
+
+Array = NDArray[np.float64]
+
+# A change of the deflection is followed in parts of at most so much of a loop's width.
+PART = 0.1
+# Steps beyond so many widths leave the loop saturated anyway.
+PARTS = 1000
+
+
+def loop_level(transmission: Transmission) -> float:
+    """Return the largest torque of all loops together [N·m]; 0 where there is none."""
+    if isinstance(transmission, UnknownTransmission):
+        return 0.0
+    smooth = transmission.bouc_wen.torque if transmission.bouc_wen is not None else 0.0
+    return smooth + sum(e.limit for e in transmission.slip)
+
+
+def loop_start(transmission: Transmission) -> Array:
+    """Return the state before the first sample, shape (2, 2 + n): the last deflection, the loop and n slip elements, twice."""
+    state = np.full((2, 2), np.nan)
+    if isinstance(transmission, UnknownTransmission):
+        return state
+    state[:, 1] = (1.0, -1.0)
+    limits = np.array([e.limit for e in transmission.slip])
+    return np.hstack((state, np.stack((limits, -limits))))
+
+
+def loop_block(state: Array, transmission: Transmission, phi: Array) -> tuple[Array, Array, Array]:
+    """Return the torque of a transmission's loops over its deflection.
+
+    Parameters
+    ----------
+    state : of `loop_start` or a previous call
+    transmission : of the rig
+    phi : shape (N,), deflection [rad]; the loops rest while it is NaN
+
+    Returns
+    -------
+    state
+    torque : shape (N,) [N·m], NaN where `phi` is
+    doubt : shape (N,), by how much it may be off [N·m]
+    """
+    new, out = state.copy(), np.zeros((2, phi.shape[0]))
+    if isinstance(transmission, UnknownTransmission):
+        return new, out[0], out[1]
+    loop = transmission.bouc_wen
+    torque, width, exponent, shape = (
+        (0.0, 1.0, 1.0, 1.0) if loop is None else (loop.torque, loop.width, loop.exponent, loop.shape)
+    )
+    elements = np.array([(e.stiffness, e.limit) for e in transmission.slip]).reshape(-1, 2)
+    _follow(phi, 0.5 * transmission.backlash, torque, width, exponent, shape, elements, new, out)
+    return new, out[0], out[1]
+
+
+@njit(cache=True, error_model="numpy", forceinline=True)
+def _slope(z: float, h: float, exponent: float, shape: float) -> float:
+    below = abs(z) ** (exponent - 1.0)
+    change: float = h - shape * abs(h) * below * z + (shape - 1.0) * h * below * abs(z)
+    return change
+
+
+@njit(cache=True, error_model="numpy")
+def _follow(
+    phi: Array, half_gap: float, torque: float, width: float, exponent: float, shape: float, elements: Array, state: Array,
+    out: Array,
+) -> None:  # fmt: skip
+    for k in range(phi.shape[0]):
+        x = phi[k]
+        if np.isnan(x):
+            out[0, k], out[1, k] = np.nan, np.nan
+            continue
+        u = x - half_gap if x > half_gap else x + half_gap if x < -half_gap else 0.0
+        du = 0.0 if np.isnan(state[0, 0]) else u - state[0, 0]
+        middle, doubt = 0.0, 0.0
+        for extreme in range(2):
+            state[extreme, 0] = u
+            total = 0.0
+            if torque > 0.0:
+                z = state[extreme, 1]
+                parts = int(min(1 + abs(du) / (PART * width), PARTS))
+                h = du / parts / width
+                for _ in range(parts):
+                    a = _slope(z, h, exponent, shape)
+                    b = _slope(z + 0.5 * a, h, exponent, shape)
+                    c = _slope(z + 0.5 * b, h, exponent, shape)
+                    d = _slope(z + c, h, exponent, shape)
+                    z = min(max(z + (a + 2.0 * b + 2.0 * c + d) / 6.0, -1.0), 1.0)
+                state[extreme, 1] = z
+                total += torque * z
+            for e in range(elements.shape[0]):
+                limit = elements[e, 1]
+                slipped = min(max(state[extreme, 2 + e] + elements[e, 0] * du, -limit), limit)
+                state[extreme, 2 + e] = slipped
+                total += slipped
+            middle += 0.5 * total
+            doubt += 0.5 * total if extreme == 0 else -0.5 * total
+        out[0, k], out[1, k] = middle, doubt
