@@ -84,7 +84,7 @@ SLIP_SHARES = (0.25, 0.6, 1.0)
 YIELD_TIME = 0.02
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def spring_torque(spring, u, arm):
     """Return the torque of the bare spring [N·m]; `arm` is the lever's [m]."""
     if spring.law == CUBIC:
@@ -97,7 +97,7 @@ def spring_torque(spring, u, arm):
     return spring.k1 * arm * arm * np.sin(2.0 * u)
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def _transmitted(spring, phi, rate, arm, t, z, y1, y2, y3):
     """Return the transmitted torque, and the deflection beyond the gap with its rate."""
     if spring.yields != 0.0:
@@ -117,7 +117,7 @@ def _transmitted(spring, phi, rate, arm, t, z, y1, y2, y3):
     return torque, u, du
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def _bristles(part, z, v, load, warmth):
     """Return friction torque and ż of bristles; z is normalised to the kinetic level, or to the level if that varies."""
     level = part.level + part.load * abs(load) + part.heating * warmth
@@ -130,14 +130,14 @@ def _bristles(part, z, v, load, warmth):
     return level * z, (v - abs(v) * z * ratio) / part.presliding
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def _warming(part, v, warmth):
     if part.heating == 0.0:
         return 0.0
     return (abs(v) / part.warm_speed - warmth) / part.warm_up
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def _rates(device, motors, springs, links, lever, x, t, applied, out, torques):
     """Write ẋ into `out` and the transmitted torques into `torques`; `applied` are the torques the drives make."""
     link = links[0]
@@ -156,14 +156,11 @@ def _rates(device, motors, springs, links, lever, x, t, applied, out, torques):
             out[LOOP_AT + i] = (du - abs(du) * x[LOOP_AT + i]) / spring.width
         else:
             out[LOOP_AT + i] = 0.0
-        for j in range(3):
+        for j in range(3 if spring.slip_torque != 0.0 else 0):
             # A slipping spring is a sharp Bouc–Wen loop: exponent 5 instead of 1.
-            rate = 0.0
-            if spring.slip_torque != 0.0:
-                z = x[y + j]
-                z2 = z * z
-                rate = (du - abs(du) * z * z2 * z2) / (SLIP_SHARES[j] * spring.slip_width)
-            out[y + j] = rate
+            z = x[y + j]
+            z2 = z * z
+            out[y + j] = (du - abs(du) * z * z2 * z2) / (SLIP_SHARES[j] * spring.slip_width)
         if device == SERIAL:
             # ψ_e = ∂U/∂θ_c with U = scale · k r² sin²φ (Flacco 2012 eq. 52)
             side = 1.0 + spring.asymmetry if u > 0.0 else 1.0 - spring.asymmetry
@@ -175,7 +172,8 @@ def _rates(device, motors, springs, links, lever, x, t, applied, out, torques):
         load = reaction if device == SERIAL and i == 1 else torques[i]
         dry, dz = _bristles(motor, x[BRISTLE_AT + i], dtheta, load, x[WARMTH_AT + i])
         torque = motor.gain * applied[i] + motor.offset - motor.damping * dtheta - dry
-        torque += motor.cogging * np.sin(motor.order * motor.gear * theta + motor.phase)
+        if motor.cogging != 0.0:
+            torque += motor.cogging * np.sin(motor.order * motor.gear * theta + motor.phase)
         if motor.detent != 0.0:
             s = (theta - motor.detent_at) / motor.detent_width
             torque -= motor.detent * s * np.exp(0.5 * (1.0 - s * s))
@@ -184,7 +182,9 @@ def _rates(device, motors, springs, links, lever, x, t, applied, out, torques):
         out[BRISTLE_AT + i] = dz
         out[WARMTH_AT + i] = _warming(motor, dtheta, x[WARMTH_AT + i])
     dry, dz = _bristles(link, x[BRISTLE_AT + 2], dq, total, x[WARMTH_AT + 2])
-    torque = -link.damping * dq - dry - link.drag * dq * abs(dq) - link.gravity * np.sin(q - link.hangs_at) - total
+    torque = -link.damping * dq - dry - link.drag * dq * abs(dq) - total
+    if link.gravity != 0.0:
+        torque -= link.gravity * np.sin(q - link.hangs_at)
     if link.push != 0.0 and 0.0 < t - link.push_at < link.push_lasts:
         torque += link.push * np.sin(np.pi * (t - link.push_at) / link.push_lasts) ** 2
     out[LINK_AT], out[LINK_AT + 1] = dq, torque / link.inertia
@@ -192,7 +192,7 @@ def _rates(device, motors, springs, links, lever, x, t, applied, out, torques):
     out[WARMTH_AT + 2] = _warming(link, dq, x[WARMTH_AT + 2])
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def rates(device, motors, springs, link, lever, x, t, applied):
     """Return ẋ and the transmitted torques."""
     out, torques = np.zeros(STATES), np.zeros(2)
@@ -200,7 +200,7 @@ def rates(device, motors, springs, link, lever, x, t, applied):
     return out, torques
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def play(device, motors, springs, link, lever, servos, wanted, start, period, step, x0):
     """Let the servos follow what is wanted, and record what happens.
 
@@ -223,6 +223,7 @@ def play(device, motors, springs, link, lever, servos, wanted, start, period, st
     states, torques, commands = np.zeros((n, STATES)), np.zeros((n, 2)), np.zeros((n, 2))
     x = x0.copy()
     k1, k2, k3, k4 = np.zeros(STATES), np.zeros(STATES), np.zeros(STATES), np.zeros(STATES)
+    y = np.zeros(STATES)
     applied, scratch = np.zeros(2), np.zeros(2)
     late = np.zeros(2)
     whole = np.zeros(2, dtype=np.int64)
@@ -253,14 +254,21 @@ def play(device, motors, springs, link, lever, servos, wanted, start, period, st
             for j in range(count):
                 s = t + edges[part] + j * h
                 _rates(device, motors, springs, link, lever, x, s, applied, k1, scratch)
-                _rates(device, motors, springs, link, lever, x + 0.5 * h * k1, s + 0.5 * h, applied, k2, scratch)
-                _rates(device, motors, springs, link, lever, x + 0.5 * h * k2, s + 0.5 * h, applied, k3, scratch)
-                _rates(device, motors, springs, link, lever, x + h * k3, s + h, applied, k4, scratch)
-                x = x + h / 6.0 * (k1 + 2.0 * k2 + 2.0 * k3 + k4)
+                for m in range(STATES):
+                    y[m] = x[m] + 0.5 * h * k1[m]
+                _rates(device, motors, springs, link, lever, y, s + 0.5 * h, applied, k2, scratch)
+                for m in range(STATES):
+                    y[m] = x[m] + 0.5 * h * k2[m]
+                _rates(device, motors, springs, link, lever, y, s + 0.5 * h, applied, k3, scratch)
+                for m in range(STATES):
+                    y[m] = x[m] + h * k3[m]
+                _rates(device, motors, springs, link, lever, y, s + h, applied, k4, scratch)
+                for m in range(STATES):
+                    x[m] += h / 6.0 * (k1[m] + 2.0 * k2[m] + 2.0 * k3[m] + k4[m])
     return states, torques, commands
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def deflections_under(spring, torques, arms, period):
     """Return the deflection that a bare spring and its damper have under sampled torques, by second-order backward steps."""
     out = np.zeros(torques.shape[0])

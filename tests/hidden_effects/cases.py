@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -12,12 +12,12 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 
 from . import motion
-from .effects import EFFECTS, OUTSIDE, SCORED_OUTSIDE, Effect, Scales, Shape, scales_of
-from .equations import visibility
-from .machines import Machine, Sensors, random_machine
-from .motion import Truth, Wanted
+from .alike import told_apart
+from .bench import Bench, Hidden, wild
+from .effects import EFFECTS, OUTSIDE, SCORED_OUTSIDE, scales_of
+from .machines import Machine, random_machine
 from .rig_file import CHANNELS, rig_text, unit_of
-from .sensors import Quality, ideal, random_qualities, recorded
+from .sensors import random_qualities, recorded
 
 VARIANTS = {
     "full": (),
@@ -56,18 +56,6 @@ class Plan:
 
 
 @dataclass
-class Hidden:
-    """An effect with everything decided: where, how strong, and what that makes of its parameters."""
-
-    effect: Effect
-    part: str
-    shape: Shape
-    strength: float
-    parameters: dict[str, float] = field(default_factory=dict)
-    size: float = 0.0
-
-
-@dataclass
 class Case:
     """Everything about a case, in memory.
 
@@ -89,33 +77,6 @@ class Case:
 
 class NotVisibleError(RuntimeError):
     """No machine was found in which the effect would be visible."""
-
-
-@dataclass
-class _Bench:
-    """A nominal machine that has been played once, and what it takes to say how visible a change is."""
-
-    nominal: Machine
-    follow: Wanted
-    truth: Truth
-    qualities: dict[str, Quality]
-    scales: Scales
-    missing: tuple[str, ...]
-
-    def changed(self, hidden: list[Hidden]) -> tuple[Machine, Sensors]:
-        machine, sensors = self.nominal.copy(), Sensors()
-        for h in hidden:
-            h.parameters = h.effect.hide(h.strength, h.shape, machine, sensors, h.part, self.scales)
-        return machine, sensors
-
-    def size(self, hidden: list[Hidden]) -> float:
-        """Return how visible effects are, NaN where the machine breaks."""
-        machine, sensors = self.changed(hidden)
-        truth = motion.happened(machine, self.follow)
-        if truth is None or _wild(truth, self.truth):
-            return float("nan")
-        said = {r: v for r, v in ideal(truth, sensors, self.nominal).items() if r not in self.missing}
-        return visibility(self.nominal, said, self.qualities, truth.inside, truth.period)
 
 
 def make_case(plan: Plan) -> Case:
@@ -140,7 +101,7 @@ def make_case(plan: Plan) -> Case:
     raise NotVisibleError(f"{plan.name}: {plan.causes or plan.outside} is not visible in {plan.device}, {plan.roles}")
 
 
-def _bench(plan: Plan, rng: np.random.Generator) -> _Bench | None:
+def _bench(plan: Plan, rng: np.random.Generator) -> Bench | None:
     period = 1e-3 if rng.random() < 0.7 else 2e-3
     nominal = random_machine(plan.device, rng)
     follow = motion.wanted(nominal, rng.uniform(20.0, 30.0), period, rng, plan.poor)
@@ -148,10 +109,10 @@ def _bench(plan: Plan, rng: np.random.Generator) -> _Bench | None:
     if truth is None:
         return None
     qualities = random_qualities(nominal, truth, rng)
-    return _Bench(nominal, follow, truth, qualities, scales_of(nominal, truth), VARIANTS[plan.roles])
+    return Bench(nominal, follow, truth, qualities, scales_of(nominal, truth), VARIANTS[plan.roles])
 
 
-def _hide_all(plan: Plan, bench: _Bench, rng: np.random.Generator) -> list[Hidden] | None:
+def _hide_all(plan: Plan, bench: Bench, rng: np.random.Generator) -> list[Hidden] | None:
     effects = [EFFECTS[c] for c in plan.causes] + ([OUTSIDE[plan.outside]] if plan.outside else [])
     hidden: list[Hidden] = []
     taken: set[str] = set()
@@ -163,46 +124,15 @@ def _hide_all(plan: Plan, bench: _Bench, rng: np.random.Generator) -> list[Hidde
         taken.add(part)
         one = Hidden(effect, part, effect.shape(rng, bench.nominal, part, bench.scales), 0.0)
         low, high = np.log(plan.sizes[0]), np.log(plan.sizes[1])
-        if not _scaled(one, bench, float(np.exp(rng.uniform(low, high))), plan.sizes, rng):
+        sign = -1.0 if effect.bounds(bench.nominal, part, bench.scales)[0] < 0.0 and rng.random() < 0.5 else 1.0
+        bench.scaled(one, float(np.exp(rng.uniform(low, high))), sign)
+        if not 0.9 * plan.sizes[0] <= one.size <= 1.1 * plan.sizes[1]:
             return None
         hidden.append(one)
     return hidden
 
 
-def _scaled(one: Hidden, bench: _Bench, wanted: float, sizes: tuple[float, float], rng: np.random.Generator) -> bool:
-    """Find the strength at which an effect is as visible as wanted, or as near as its bounds allow."""
-    low, high = one.effect.bounds(bench.nominal, one.part, bench.scales)
-    sign = -1.0 if low < 0.0 and rng.random() < 0.5 else 1.0
-    most = -low if sign < 0.0 else high
-    weak, strong = 0.0, most
-    one.strength = sign * 0.3 * most
-    for _ in range(8):
-        one.size = bench.size([one])
-        if np.isfinite(one.size) and abs(np.log(one.size / wanted)) < 0.15:
-            break
-        here = abs(one.strength)
-        if np.isfinite(one.size) and one.size < wanted:
-            weak = here
-        else:
-            strong = here
-        # Sizes grow about as strengths do; what has been tried sets the limits.
-        guess = here * wanted / one.size if np.isfinite(one.size) else 0.4 * here
-        if not weak < guess < strong:
-            guess = most if strong == most and weak > 0.7 * most else 0.5 * (weak + strong)
-        if guess == here:
-            break
-        one.strength = sign * guess
-    return bool(np.isfinite(one.size) and 0.9 * sizes[0] <= one.size <= 1.1 * sizes[1])
-
-
-def _wild(truth: Truth, nominal: Truth) -> bool:
-    """Tell whether an effect made the servo swing: much more torque than the nominal machine's."""
-    inside = truth.inside
-    torques = [role for role in truth.roles if "torque" in role]
-    return any(np.std(truth.roles[r][inside]) > 2.5 * np.std(nominal.roles[r][inside]) for r in torques)
-
-
-def _finish(plan: Plan, bench: _Bench, hidden: list[Hidden], rng: np.random.Generator) -> Case | None:
+def _finish(plan: Plan, bench: Bench, hidden: list[Hidden], rng: np.random.Generator) -> Case | None:
     machine, sensors = bench.changed(hidden)
     duration = rng.uniform(20.0, 30.0)
     again = motion.wanted(bench.nominal, duration, bench.follow.period, rng, plan.poor)
@@ -210,7 +140,7 @@ def _finish(plan: Plan, bench: _Bench, hidden: list[Hidden], rng: np.random.Gene
     for follow in (bench.follow, again):
         truth = motion.happened(machine, follow)
         nominal = motion.happened(bench.nominal, follow)
-        if truth is None or nominal is None or _wild(truth, nominal):
+        if truth is None or nominal is None or wild(truth, nominal):
             return None
         said = recorded(truth, sensors, bench.nominal, bench.qualities, rng)
         logs.append({role: values for role, values in said.items() if role not in bench.missing})
@@ -221,7 +151,14 @@ def _finish(plan: Plan, bench: _Bench, hidden: list[Hidden], rng: np.random.Gene
         "seed": plan.seed,
         "poor": plan.poor,
         "effects": [
-            {"cause": h.effect.cause, "part": h.part, "parameters": h.parameters, "size": h.size}
+            {
+                "cause": h.effect.cause,
+                "part": h.part,
+                "parameters": h.parameters,
+                "nominal": nominal_values(h, bench),
+                "size": h.size,
+                "alike": told_apart(h, bench, rng),
+            }
             for h in hidden
             if h.effect.cause in EFFECTS
         ],
@@ -233,6 +170,13 @@ def _finish(plan: Plan, bench: _Bench, hidden: list[Hidden], rng: np.random.Gene
             own = {"what": h.effect.cause, "part": h.part, "parameters": h.parameters, "size": h.size}
             sealed["outside"] = SCORED_OUTSIDE[h.effect.cause] | own
     return Case(plan, bench.nominal, logs[0], logs[1], sealed, bench.follow.period)
+
+
+def nominal_values(one: Hidden, bench: Bench) -> dict[str, float]:
+    """Return what an effect's parameters are where it is absent."""
+    absent = Hidden(one.effect, one.part, one.shape, 0.0)
+    bench.changed([absent])
+    return absent.parameters
 
 
 def write_case(case: Case, out: Path) -> Path:

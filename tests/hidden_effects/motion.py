@@ -15,7 +15,7 @@ from .machines import Machine, Sensors
 LEAD = 2.0
 TAIL = 0.05
 # Steps of the integrator are no longer than this [s].
-STEP = 2.5e-4
+STEP = 5e-4
 
 
 @dataclass
@@ -149,16 +149,16 @@ def wanted(machine: Machine, duration: float, period: float, rng: np.random.Gene
 
 
 def _most_deflected(machine: Machine, values: np.ndarray, period: float) -> float:
-    states, _, _ = _play(machine, values, period)
+    states, _, _ = _play(machine, values, period, 1e-3)
     phi = states[:, 4:5] - states[:, [0, 2]][:, : len(machine.suffixes)]
     return float(np.max(np.abs(phi))) if np.isfinite(phi).all() else float("nan")
 
 
-def _play(machine: Machine, values: np.ndarray, period: float):
+def _play(machine: Machine, values: np.ndarray, period: float, step: float = STEP):
     x0 = np.zeros(_plant.STATES)
     return _plant.play(
         machine.code, machine.motors, machine.springs, machine.link, machine.lever, machine.servos,
-        values, -round(LEAD / period) * period, period, STEP, x0,
+        values, -round(LEAD / period) * period, period, step, x0,
     )  # fmt: skip
 
 
