@@ -66,4 +66,4 @@ def build(device: Device, signals: JointSignals, tuning: DirectTuning) -> Regres
     )
     needed = roles(device, signals.roles, tuning)
     conditioner = conditioner_of(device, signals, tuning, needed, motor=False)
-    return RegressionFold(NAME, "SENSOR", device, conditioner, sensor_equations(device, signals), solver)
+    return RegressionFold(NAME, "SENSOR", device, conditioner, sensor_equations(device, signals, tuning), solver)

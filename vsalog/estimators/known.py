@@ -23,6 +23,9 @@ Array = NDArray[np.float64]
 # What is not known does no harm while it is below a tenth of what it is about, or a hundredth of the torque beside it. The former
 # is what is left of a doubt 2.3 time constants later; the latter spares a log in which friction hardly matters.
 SHARE_OF_LEVEL, SHARE_OF_TORQUE = 0.1, 0.01
+# Three standard deviations of the deflection's noise, in those of what the sensors round: a Savitzky–Golay filter leaves a third
+# of it, the MKKF at speed nearly all.
+SLACK = {"savitzky-golay": 1.0, "pair": 1.0, "kinematic": 3.0}
 
 
 @dataclass(frozen=True, slots=True)
@@ -35,6 +38,7 @@ class Known:
     damping : of the transmission [N·m·s/rad]
     half_gap : inside which it does not damp [rad]
     loops : whether it has hysteresis
+    slack : what noise may move the deflection by [rad]
     rubs : whether the motor has dry friction
     load : part of the transmitted torque's size that rubs
     limit : doubt below which a sample is learnt from [N·m]
@@ -44,6 +48,7 @@ class Known:
     damping: float
     half_gap: float
     loops: bool
+    slack: float
     rubs: bool
     load: float
     limit: float
@@ -69,7 +74,7 @@ class Known:
             beside += np.where(moving, self.damping * _rate(block, self.view), 0.0)
         if self.loops:
             begun = loop_start(self.view.nominal) if block.rows.starts[0] else state
-            state, torque, unsure = loop_block(begun, self.view.nominal, phi)
+            state, torque, unsure = loop_block(begun, self.view.nominal, phi, self.slack)
             beside += torque
             doubt += unsure
         if self.rubs:
@@ -89,14 +94,15 @@ def _rate(block: Conditioned, view: TransmissionView) -> Array:
 
 
 def known_of(
-    device: Device, view: TransmissionView, signals: JointSignals, torque: str, *, motor: bool
+    device: Device, view: TransmissionView, signals: JointSignals, tuning: Tuning, torque: str, *, motor: bool
 ) -> Known | None:
     """Return what the rig knows of a transmission beside its spring; None where that is nothing.
 
     Parameters
     ----------
     device, view : of the joint
-    signals : a block or the whole, for how large its torques are
+    signals : a block or the whole, for how large its torques are, and its noise
+    tuning : for the filter
     torque : role of the torque that the doubt is held against
     motor : whether the torque comes from the motor's side, so that the motor's effects matter too
 
@@ -118,7 +124,9 @@ def known_of(
     size, load = _spread(signals.roles[torque]), friction.load if rubbing else 0.0
     level = loops + load * size + (friction.breakaway if rubbing else 0.0)
     limit = max(SHARE_OF_LEVEL * level, SHARE_OF_TORQUE * size)
-    return Known(view, damping, 0.5 * gap, loops > 0.0, rubbing, load, limit)
+    steps = [signals.resolution.get(role, 0.0) for role in view.deflection_roles(signals.roles)]
+    slack = SLACK[tuning.filter] * float(np.linalg.norm(steps)) / 12.0**0.5
+    return Known(view, damping, 0.5 * gap, loops > 0.0, slack, rubbing, load, limit)
 
 
 def conditioner_of(

@@ -55,14 +55,16 @@ def build(device: Device, signals: JointSignals, tuning: QrRlsTuning) -> Regress
     p0 = tuning.p0 if tuning.p0 is not None else 1e4 / largest_regressor(device, signals) ** 2
     solver = QrSolver(tuning.forgetting, tuning.memory_samples(signals), IntegratedMotorEquation.leading, p0)
     conditioner = conditioner_of(device, signals, tuning, roles(device, signals.roles, tuning), motor=True)
-    return RegressionFold(NAME, "INTEGRATED", device, conditioner, integrated_equations(device, signals), solver)
+    return RegressionFold(
+        NAME, "INTEGRATED", device, conditioner, integrated_equations(device, signals, tuning), solver
+    )
 
 
-def integrated_equations(device: Device, signals: JointSignals) -> tuple[IntegratedMotorEquation, ...]:
+def integrated_equations(device: Device, signals: JointSignals, tuning: Tuning) -> tuple[IntegratedMotorEquation, ...]:
     """One equation per transmission."""
     return tuple(
         IntegratedMotorEquation(
-            v, device.basis, signals.period, known_of(device, v, signals, v.motor_torque, motor=True)
+            v, device.basis, signals.period, known_of(device, v, signals, tuning, v.motor_torque, motor=True)
         )
         for v in device.transmissions
     )

@@ -18,7 +18,7 @@ from vsalog.estimators.known import conditioner_of, known_of
 from vsalog.estimators.needs import deflection_roles, require
 from vsalog.estimators.regression import Equation, RegressionFold
 from vsalog.estimators.solvers import RlsSolver
-from vsalog.estimators.tuning import Modality, Positive, RlsTuning
+from vsalog.estimators.tuning import Modality, Positive, RlsTuning, Tuning
 from vsalog.filters.conditioning import Conditioned
 from vsalog.mechanics.transmissions import flexibility_torque
 from vsalog.rig.schema import UnknownTransmission
@@ -89,14 +89,14 @@ def _equations(device: Device, signals: JointSignals, tuning: ResidualRlsTuning)
         return tuple(_residual(device, view, signals, tuning) for view in device.transmissions)
     if tuning.modality == "MODEL":
         return tuple(_model(device, view) for view in device.transmissions)
-    return sensor_equations(device, signals)
+    return sensor_equations(device, signals, tuning)
 
 
-def sensor_equations(device: Device, signals: JointSignals) -> tuple[Equation, ...]:
+def sensor_equations(device: Device, signals: JointSignals, tuning: Tuning) -> tuple[Equation, ...]:
     """One equation per sensor: one for each transmission, or one that sees the sum of both."""
     views = device.transmissions
     sensors = [sensor_role(view, signals.roles) for view in views]
-    known = [known_of(device, v, signals, s, motor=False) for v, s in zip(views, sensors, strict=True)]
+    known = [known_of(device, v, signals, tuning, s, motor=False) for v, s in zip(views, sensors, strict=True)]
     if len(views) > 1 and len(set(sensors)) == 1:
         return (TorqueEquation(views, device.basis, _column(sensors[0]), tuple(k for k in known if k is not None)),)
     return tuple(
@@ -152,5 +152,5 @@ def _residual(device: Device, view: TransmissionView, signals: JointSignals, tun
         tuning.bandwidth,
         signals.period,
         tuning.matched,
-        known_of(device, view, signals, view.motor_torque, motor=True),
+        known_of(device, view, signals, tuning, view.motor_torque, motor=True),
     )

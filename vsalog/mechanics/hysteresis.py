@@ -30,7 +30,7 @@ def loop_level(transmission: Transmission) -> float:
 
 
 def loop_start(transmission: Transmission) -> Array:
-    """Return the state before the first sample, shape (2, 2 + n): the last deflection, the loop and n slip elements, twice."""
+    """Return the state before the first sample, shape (2, 2 + n): a deflection, and there the loop and n slip elements, twice."""
     state = np.full((2, 2), np.nan)
     if isinstance(transmission, UnknownTransmission):
         return state
@@ -39,14 +39,18 @@ def loop_start(transmission: Transmission) -> Array:
     return np.hstack((state, np.stack((limits, -limits))))
 
 
-def loop_block(state: Array, transmission: Transmission, phi: Array) -> tuple[Array, Array, Array]:
+def loop_block(state: Array, transmission: Transmission, phi: Array, slack: float = 0.0) -> tuple[Array, Array, Array]:
     """Return the torque of a transmission's loops over its deflection.
+
+    Noise alone, going to and fro, would wear down what a loop remembers. That is therefore kept until the deflection has moved by
+    more than `slack`, and what it does until then starts from there.
 
     Parameters
     ----------
     state : of `loop_start` or a previous call
     transmission : of the rig
     phi : shape (N,), deflection [rad]; the loops rest while it is NaN
+    slack : what noise may move the deflection by [rad]
 
     Returns
     -------
@@ -62,7 +66,7 @@ def loop_block(state: Array, transmission: Transmission, phi: Array) -> tuple[Ar
         (0.0, 1.0, 1.0, 1.0) if loop is None else (loop.torque, loop.width, loop.exponent, loop.shape)
     )
     elements = np.array([(e.stiffness, e.limit) for e in transmission.slip]).reshape(-1, 2)
-    _follow(phi, 0.5 * transmission.backlash, torque, width, exponent, shape, elements, new, out)
+    _follow(phi, 0.5 * transmission.backlash, torque, width, exponent, shape, slack, elements, new, out)
     return new, out[0], out[1]
 
 
@@ -75,8 +79,8 @@ def _slope(z: float, h: float, exponent: float, shape: float) -> float:
 
 @njit(cache=True, error_model="numpy")
 def _follow(
-    phi: Array, half_gap: float, torque: float, width: float, exponent: float, shape: float, elements: Array, state: Array,
-    out: Array,
+    phi: Array, half_gap: float, torque: float, width: float, exponent: float, shape: float, slack: float, elements: Array,
+    state: Array, out: Array,
 ) -> None:  # fmt: skip
     for k in range(phi.shape[0]):
         x = phi[k]
@@ -84,10 +88,13 @@ def _follow(
             out[0, k], out[1, k] = np.nan, np.nan
             continue
         u = x - half_gap if x > half_gap else x + half_gap if x < -half_gap else 0.0
-        du = 0.0 if np.isnan(state[0, 0]) else u - state[0, 0]
+        begin = np.isnan(state[0, 0])
+        du = 0.0 if begin else u - state[0, 0]
+        kept = begin or abs(du) > slack
         middle, doubt = 0.0, 0.0
         for extreme in range(2):
-            state[extreme, 0] = u
+            if kept:
+                state[extreme, 0] = u
             total = 0.0
             if torque > 0.0:
                 z = state[extreme, 1]
@@ -99,12 +106,14 @@ def _follow(
                     c = _slope(z + 0.5 * b, h, exponent, shape)
                     d = _slope(z + c, h, exponent, shape)
                     z = min(max(z + (a + 2.0 * b + 2.0 * c + d) / 6.0, -1.0), 1.0)
-                state[extreme, 1] = z
+                if kept:
+                    state[extreme, 1] = z
                 total += torque * z
             for e in range(elements.shape[0]):
                 limit = elements[e, 1]
                 slipped = min(max(state[extreme, 2 + e] + elements[e, 0] * du, -limit), limit)
-                state[extreme, 2 + e] = slipped
+                if kept:
+                    state[extreme, 2 + e] = slipped
                 total += slipped
             middle += 0.5 * total
             doubt += 0.5 * total if extreme == 0 else -0.5 * total
