@@ -1,13 +1,15 @@
 # make demo   the main job on a sample log
 # make test   everything that must hold: style, types, tests
 # make bench  speed, beside a reference in the same run
+# make battery SEED=1   hidden effects, and how many of them the diagnosis finds
 
 PYTHON ?= python3
 VENV ?= .venv
+SEED ?= 1
 BIN = $(VENV)/bin
 MAKEFLAGS += --no-print-directory
 
-.PHONY: demo test lint bench samples schema clean
+.PHONY: demo test lint bench battery samples schema clean
 
 demo: $(VENV)/.demo
 	@$(BIN)/vsalog inspect sample_logs/vsa2_exp1.mcap
@@ -28,11 +30,14 @@ lint: $(VENV)/.test
 bench: $(VENV)/.bench
 	$(BIN)/python -m benchmarks.recursions
 
+battery: $(VENV)/.test
+	$(BIN)/python -m tests.hidden_effects.battery --seed $(SEED) --out battery
+
 samples: $(VENV)/.test
 	$(BIN)/python -m vsalog.simulation.samples sample_logs
 
 clean:
-	rm -rf $(VENV) demo build dist *.egg-info .pytest_cache .mypy_cache .ruff_cache .hypothesis
+	rm -rf $(VENV) demo battery build dist *.egg-info .pytest_cache .mypy_cache .ruff_cache .hypothesis
 
 $(VENV)/bin/python:
 	@$(PYTHON) -c 'import sys; sys.exit("vsalog needs Python 3.11 or newer; name one: make PYTHON=python3.12" if sys.version_info < (3, 11) else 0)'

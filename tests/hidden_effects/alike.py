@@ -15,6 +15,8 @@ from .effects import EFFECTS
 from .equations import LeftOver
 
 BELOW = 0.5
+# Two effects fit a log equally well where they differ by less than the noise, or by less than this share of their size.
+EQUALLY = 0.1
 
 
 @dataclass(frozen=True)
@@ -85,21 +87,52 @@ def difference(one: Hidden, bench: Bench, cause: str, part: str, rng: np.random.
         if "phase" in shape and k == 0 and part != one.part:
             # What one encoder adds to the deflection the other takes off it.
             shape = shape | {"phase": shape["phase"] + np.pi}
-        other = Hidden(effect, part, shape, 0.0)
-        if not bench.scaled(other, one.size, 1.0, rounds=3):
-            continue
-        theirs = bench.left_over([other])
-        if theirs is not None:
-            best = min(best, _rest(mine, theirs, signed))
+        for sign in (1.0, -1.0) if signed else (1.0,):
+            other = Hidden(effect, part, shape, 0.0)
+            if not bench.scaled(other, one.size, sign, rounds=4):
+                continue
+            theirs = bench.left_over([other])
+            share, rest = (0.0, float("inf")) if theirs is None else _rest(mine, theirs)
+            best = min(best, rest)
+            if share > 0.0:
+                break
     return best
 
 
-def _rest(mine: dict[str, LeftOver], theirs: dict[str, LeftOver], signed: bool) -> float:
-    """Take the best multiple of what one effect leaves over off what another does; it is negative if it may be."""
+def _rest(mine: dict[str, LeftOver], theirs: dict[str, LeftOver]) -> tuple[float, float]:
+    """Take the best share of what one effect leaves over off what another does; return the share and the rest."""
     a = np.concatenate([part.values / part.noise for part in mine.values()])
     b = np.concatenate([theirs[name].values / part.noise for name, part in mine.items()])
     power = float(b @ b)
-    share = float(a @ b) / power if power > 0.0 else 0.0
-    share = share if signed else max(share, 0.0)
+    share = max(float(a @ b) / power, 0.0) if power > 0.0 else 0.0
     rest = (mine[n].values - share * theirs[n].values for n in mine)
-    return max(float(np.sqrt(np.mean(r**2)) / mine[n].noise) for r, n in zip(rest, mine, strict=True))
+    return share, max(float(np.sqrt(np.mean(r**2)) / mine[n].noise) for r, n in zip(rest, mine, strict=True))
+
+
+def fits_equally(one: Hidden, bench: Bench, member: str, rng: np.random.Generator, tries: int = 3) -> bool:
+    """Tell whether a cause that is said to be indistinguishable from an effect really fits as well.
+
+    Parameters
+    ----------
+    one, bench : the effect and its machine
+    member : "cause" or "cause@part"
+    rng, tries : for shapes of the other
+    """
+    cause, part = split(member)
+    if cause not in EFFECTS:
+        return False
+    parts = [p for p in EFFECTS[cause].parts(bench.nominal) if p not in bench.missing and part in ("", p)]
+    limit = max(1.0, EQUALLY * one.size)
+    return any(difference(one, bench, cause, p, rng, tries) < limit for p in parts if (cause, p) != _key(one)) or (
+        cause == one.effect.cause and part in ("", one.part)
+    )
+
+
+def split(member: str) -> tuple[str, str]:
+    """Split "cause", "cause@part", "cause (part)" or "cause part" into cause and part."""
+    words = "".join(" " if c in "@():" else c for c in member).split()
+    return (words[0] if words else ""), (words[1] if len(words) > 1 else "")
+
+
+def _key(one: Hidden) -> tuple[str, str]:
+    return one.effect.cause, one.part

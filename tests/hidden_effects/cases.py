@@ -15,7 +15,7 @@ from . import motion
 from .alike import told_apart
 from .bench import Bench, Hidden, wild
 from .effects import EFFECTS, OUTSIDE, SCORED_OUTSIDE, scales_of
-from .machines import Machine, random_machine
+from .machines import random_machine
 from .rig_file import CHANNELS, rig_text, unit_of
 from .sensors import random_qualities, recorded
 
@@ -61,14 +61,16 @@ class Case:
 
     Attributes
     ----------
-    nominal : what the rig says
+    bench : the nominal machine, as the rig describes it
+    hidden : what is hidden in it
     log, holdout : role → shape (N,), SI
     truth : what goes into the sealed file
     period : [s]
     """
 
     plan: Plan
-    nominal: Machine
+    bench: Bench
+    hidden: list[Hidden]
     log: dict[str, np.ndarray]
     holdout: dict[str, np.ndarray]
     truth: dict[str, Any]
@@ -90,12 +92,8 @@ def make_case(plan: Plan) -> Case:
     rng = np.random.default_rng([plan.seed, 1])
     for _ in range(ATTEMPTS):
         bench = _bench(plan, rng)
-        if bench is None:
-            continue
-        hidden = _hide_all(plan, bench, rng)
-        if hidden is None:
-            continue
-        case = _finish(plan, bench, hidden, rng)
+        hidden = None if bench is None else _hide_all(plan, bench, rng)
+        case = None if bench is None or hidden is None else _finish(plan, bench, hidden, rng)
         if case is not None:
             return case
     raise NotVisibleError(f"{plan.name}: {plan.causes or plan.outside} is not visible in {plan.device}, {plan.roles}")
@@ -169,7 +167,7 @@ def _finish(plan: Plan, bench: Bench, hidden: list[Hidden], rng: np.random.Gener
         if h.effect.cause in OUTSIDE:
             own = {"what": h.effect.cause, "part": h.part, "parameters": h.parameters, "size": h.size}
             sealed["outside"] = SCORED_OUTSIDE[h.effect.cause] | own
-    return Case(plan, bench.nominal, logs[0], logs[1], sealed, bench.follow.period)
+    return Case(plan, bench, hidden, logs[0], logs[1], sealed, bench.follow.period)
 
 
 def nominal_values(one: Hidden, bench: Bench) -> dict[str, float]:
@@ -186,7 +184,7 @@ def write_case(case: Case, out: Path) -> Path:
     sealed.mkdir(exist_ok=True)
     _write_log(case.log, case.period, folder / "log.parquet")
     _write_log(case.holdout, case.period, folder / "holdout.parquet")
-    (folder / "rig.toml").write_text(rig_text(case.nominal, list(case.log)), encoding="utf-8")
+    (folder / "rig.toml").write_text(rig_text(case.bench.nominal, list(case.log)), encoding="utf-8")
     (sealed / f"{case.plan.name}.json").write_text(json.dumps(case.truth, indent=1), encoding="utf-8")
     return folder
 

@@ -95,6 +95,7 @@ def main() -> None:
     parser.add_argument("--cause", choices=[*EFFECTS, *OUTSIDE], action="append", help="exactly these, one per case")
     parser.add_argument("--roles", choices=list(VARIANTS), default="full", help="with --cause")
     parser.add_argument("--size", type=float, nargs=2, default=SIZES, metavar=("LEAST", "MOST"), help="with --cause")
+    parser.add_argument("--poor", action="store_true", help="with --cause: the machine hardly moves")
     parser.add_argument("--workers", type=int, default=min(2, os.cpu_count() or 1))
     given = parser.parse_args()
     devices = tuple(given.device or DEVICES)
@@ -102,7 +103,7 @@ def main() -> None:
         chosen = [
             Plan(
                 f"{c}-{device}-{i}", device, given.seed * 1000 + i,
-                (c,) if c in EFFECTS else (), None if c in EFFECTS else c, given.roles, tuple(given.size),
+                (c,) if c in EFFECTS else (), None if c in EFFECTS else c, given.roles, tuple(given.size), given.poor,
             )
             for c in given.cause for device in devices for i in range(given.cases)
         ]  # fmt: skip

@@ -1,0 +1,131 @@
+"""`python -m tests.hidden_effects.battery --seed S --out DIR`: hide effects, have them diagnosed, score.
+
+Cases are made, `vsalog diagnose LOG --rig rig.toml --holdout holdout.parquet -o DIR` is run on each, and only then the truth is
+read. Results are printed, and written as battery.json and battery.md.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import os
+import signal
+import sys
+import time
+from concurrent.futures import ProcessPoolExecutor
+from multiprocessing import get_context
+from pathlib import Path
+
+import numpy as np
+
+from .alike import fits_equally
+from .cases import Plan, make_case
+from .generate import KINDS, generate, plans
+from .machines import DEVICES
+from .report import by_device, document, markdown
+from .scoring import Outcome, read, score
+
+# How the cases are shared among the kinds.
+SHARES = {"clean": 0.12, "single": 0.38, "pair": 0.18, "reduced": 0.22, "outside": 0.10}
+# A diagnosis that takes longer has failed [s].
+PATIENCE = 600
+
+
+def lay_out(cases: int, seed: int, devices: tuple[str, ...], kinds: tuple[str, ...]) -> list[Plan]:
+    """Return the plans of a battery."""
+    total = sum(SHARES[k] for k in kinds)
+    return [p for k in kinds for p in plans(k, max(1, round(cases * SHARES[k] / total)), seed, devices)]
+
+
+def diagnose(folder: Path) -> tuple[float, str]:
+    """Diagnose one case through the command's entry point; return how long it took and what went wrong."""
+    from click.testing import CliRunner
+
+    from vsalog.cli import cli
+
+    log, rig, holdout, out = (folder / n for n in ("log.parquet", "rig.toml", "holdout.parquet", "diagnosis"))
+    out.mkdir(exist_ok=True)
+    arguments = ["diagnose", str(log), "--rig", str(rig), "--holdout", str(holdout), "-o", str(out)]
+    begin = time.perf_counter()
+    signal.signal(signal.SIGALRM, _impatient)
+    signal.alarm(PATIENCE)
+    try:
+        result = CliRunner().invoke(cli, arguments)
+    finally:
+        signal.alarm(0)
+    took = time.perf_counter() - begin
+    if result.exit_code in (0, 3):
+        return took, ""
+    said = str(result.exception or "") or result.output.strip().splitlines()[-1:] or ""
+    return took, f"failed: {type(result.exception).__name__}: {said}"[:300]
+
+
+def _impatient(*_: object) -> None:
+    raise TimeoutError(f"no diagnosis within {PATIENCE} s")
+
+
+def judge(out: Path, names: list[str], workers: int) -> list[Outcome]:
+    """Diagnose and score cases that lie in a folder."""
+    folders = [out / name for name in names]
+    outcomes = []
+    with ProcessPoolExecutor(workers, mp_context=get_context("spawn")) as pool:
+        for done, (folder, (took, problem)) in enumerate(zip(folders, pool.map(diagnose, folders), strict=True), 1):
+            diagnosis = None if problem else read(folder / "diagnosis")
+            truth = json.loads((out / "sealed" / f"{folder.name}.json").read_text(encoding="utf-8"))
+            outcomes.append(score(truth, diagnosis, took, problem))
+            print(f"\r{done}/{len(folders)} diagnosed", end="", file=sys.stderr, flush=True)
+    print(file=sys.stderr)
+    return outcomes
+
+
+def look_at_sets(outcomes: list[Outcome], chosen: dict[str, Plan], workers: int) -> None:
+    """Note for each member of a set whether it really fits as well as what was hidden."""
+    asked = [o for o in outcomes if o.members and o.case in chosen]
+    with ProcessPoolExecutor(workers, mp_context=get_context("spawn")) as pool:
+        found = pool.map(_equal, [chosen[o.case] for o in asked], [o.members for o in asked])
+        for outcome, equal in zip(asked, found, strict=True):
+            outcome.equal = equal
+
+
+def _equal(plan: Plan, members: list[str]) -> list[bool]:
+    case, rng = make_case(plan), np.random.default_rng(plan.seed)
+    return [any(fits_equally(one, case.bench, member, rng) for one in case.hidden) for member in members]
+
+
+def write(outcomes: list[Outcome], out: Path, seed: int) -> str:
+    """Write battery.json and battery.md; return the latter."""
+    from vsalog._version import __version__
+
+    text = markdown(outcomes, seed, __version__) + "\n" + by_device(outcomes)
+    (out / "battery.md").write_text(text, encoding="utf-8")
+    (out / "battery.json").write_text(json.dumps(document(outcomes, seed, __version__), indent=1), encoding="utf-8")
+    return text
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(prog="python -m tests.hidden_effects.battery", description=__doc__)
+    parser.add_argument("--seed", type=int, default=1)
+    parser.add_argument("--out", type=Path, default=Path("battery"))
+    parser.add_argument("--cases", type=int, default=500)
+    parser.add_argument("--quick", action="store_true", help="24 cases")
+    parser.add_argument("--device", choices=list(DEVICES), action="append", help="default: all")
+    parser.add_argument("--kind", choices=KINDS, action="append", help="default: all")
+    parser.add_argument("--workers", type=int, default=min(2, os.cpu_count() or 1))
+    parser.add_argument(
+        "--again", action="store_true", help="take the cases that lie in --out, made with the same options"
+    )
+    given = parser.parse_args()
+    devices, kinds = tuple(given.device or DEVICES), tuple(given.kind or KINDS)
+    chosen = lay_out(24 if given.quick else given.cases, given.seed, devices, kinds)
+    if not given.again:
+        for problem in generate(chosen, given.out, given.workers):
+            print(f"not made: {problem}", file=sys.stderr)
+    names = [p.name for p in chosen if (given.out / "sealed" / f"{p.name}.json").exists()]
+    outcomes = judge(given.out, names, given.workers)
+    if not given.quick:
+        look_at_sets(outcomes, {p.name: p for p in chosen if p.name in names}, given.workers)
+    print(write(outcomes, given.out, given.seed))
+
+
+if __name__ == "__main__":
+    main()
