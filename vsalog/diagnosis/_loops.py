@@ -78,3 +78,40 @@ def _slope(z: float, h: float, exponent: float, shape: float) -> float:
     below = abs(z) ** (exponent - 1.0)
     change: float = h - shape * abs(h) * below * z + (shape - 1.0) * h * below * abs(z)
     return change
+
+
+def bristle_torque(x: Array, level: Array, stiffness: float, slack: float) -> Array:
+    """Return the torque of bristles that give way over a displacement before they slide: σ₀ z, dz = dx − σ₀ |dx| z / level.
+
+    Parameters
+    ----------
+    x : shape (N,), position [rad]; the bristles rest while it is NaN
+    level : shape (N,), at which they slide [N·m]
+    stiffness : σ₀ [N·m/rad]
+    slack : changes below this do not move the bristles for good [rad]
+
+    Returns
+    -------
+    shape (N,) [N·m]; the bristles begin relaxed (Dahl; LuGre without the bristles' own damping)
+    """
+    out = np.empty_like(x)
+    _bristles(x, level, stiffness, slack, out)
+    return out
+
+
+@njit(cache=True, error_model="numpy")
+def _bristles(x: Array, level: Array, stiffness: float, slack: float, out: Array) -> None:
+    torque, last = 0.0, np.nan
+    for k in range(x.shape[0]):
+        if np.isnan(x[k]):
+            out[k] = np.nan
+            continue
+        if np.isnan(last):
+            last = x[k]
+        dx = x[k] - last
+        # Exact for a level that does not change over dx: the torque decays towards ± level.
+        end = level[k] if dx > 0.0 else -level[k]
+        now = end + (torque - end) * np.exp(-stiffness * abs(dx) / max(level[k], 1e-300))
+        out[k] = now
+        if abs(dx) > slack:
+            torque, last = now, x[k]

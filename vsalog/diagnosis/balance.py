@@ -19,7 +19,7 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from vsalog.diagnosis._loops import loop_torque
+from vsalog.diagnosis._loops import bristle_torque, loop_torque
 from vsalog.diagnosis.sensing import known
 from vsalog.mechanics import flexibility_torque, reaction_torque, stiffness
 from vsalog.mechanics.transmissions import coded
@@ -87,6 +87,7 @@ class Motion:
     torques : suffix → τ_T, shape (N,), what the transmission transmits
     measured : suffixes whose τ_T is the torque sensor's, or the motor equation's, so that φ follows from it
     spent : suffixes whose motor equation told τ_T
+    slacks : suffix or "link" → changes of the position that may be noise [rad]
     """
 
     roles: Mapping[str, Array]
@@ -96,6 +97,7 @@ class Motion:
     torques: Mapping[str, Array]
     measured: frozenset[str]
     spent: frozenset[str]
+    slacks: Mapping[str, float]
 
 
 def balance(joint: Mechanical, roles: Mapping[str, Array], time: Array, spread: Mapping[str, float]) -> list[Equation]:
@@ -116,7 +118,7 @@ def balance(joint: Mechanical, roles: Mapping[str, Array], time: Array, spread: 
         if motor.inertia is not None and role in roles and told:
             theta, torque = motion.motors[suffix], motion.torques[suffix]
             residual = _moved(motor, theta) - torque - roles[role][0]
-            shaped = _resisted(motor, theta, torque)
+            shaped = _resisted(motor, theta, torque, motion.slacks[suffix])
             equations.append(Equation(f"motor{suffix}", "motor", "N*m", residual, shaped, theta[1]))
     if isinstance(joint, SerialJoint):
         equations += _secondary(joint, motion, time)
@@ -125,7 +127,7 @@ def balance(joint: Mechanical, roles: Mapping[str, Array], time: Array, spread: 
         total = sum(motion.torques.values(), np.zeros(time.size))
         external = roles["external_torque"][0] if "external_torque" in roles else 0.0
         residual = _driven(joint.link, motion.link) + total - external
-        shaped = rubbing(joint.link.friction, motion.link[1], total) - _pushed(joint.link, time)
+        shaped = rubbing(joint.link.friction, motion.link, total, motion.slacks["link"]) - _pushed(joint.link, time)
         equations.append(Equation("link", "link", "N*m", residual, shaped, motion.link[1]))
         if "link_acceleration" in roles and "link_position" in roles:
             off = roles["link_acceleration"][0] - motion.link[2]
@@ -171,7 +173,9 @@ def motion_of(joint: Mechanical, roles: Mapping[str, Array], time: Array, spread
     if link is None and deflections:
         first = next(iter(deflections))
         link = motors[first] + deflections[first]
-    return Motion(roles, motors, link, deflections, torques, frozenset(measured), frozenset(spent))
+    slacks = {s: SLACK * spread.get(f"motor_position{s}", 0.0) for s in suffixes}
+    slacks["link"] = SLACK * spread.get("link_position", max(slacks.values()) / SLACK)
+    return Motion(roles, motors, link, deflections, torques, frozenset(measured), frozenset(spent), slacks)
 
 
 def transmitted(
@@ -197,7 +201,7 @@ def _felt(joint: Mechanical, suffix: str, roles: Mapping[str, Array], motors: Ma
         return np.asarray(roles[f"torque_sensor{suffix}"][0])
     motor = _motors(joint)[suffix]
     if f"motor_torque{suffix}" in roles and suffix in motors and motor.inertia is not None:
-        moved = _moved(motor, motors[suffix]) + _resisted(motor, motors[suffix], None)
+        moved = _moved(motor, motors[suffix]) + _resisted(motor, motors[suffix], None, 0.0)
         return np.asarray(moved - roles[f"motor_torque{suffix}"][0])
     return None
 
@@ -244,25 +248,27 @@ def _moved(motor: Motor, theta: Array) -> Array:
     return np.asarray(motor.inertia * theta[2] + motor.damping * theta[1])
 
 
-def _resisted(motor: Motor, theta: Array, load: Array | None) -> Array | float:
+def _resisted(motor: Motor, theta: Array, load: Array | None, slack: float) -> Array | float:
     """Return dry friction less cogging."""
     motor = motor.reflected
-    torque = rubbing(motor.friction, theta[1], load)
+    torque = rubbing(motor.friction, theta, load, slack)
     for c in motor.cogging:
         torque = torque - c.torque * np.sin(c.order * motor.gear_ratio * theta[0] + c.phase)
     return torque
 
 
-def rubbing(friction: Friction, rate: Array, load: Array | None) -> Array | float:
-    """Return the torque of dry friction at velocities other than zero."""
+def rubbing(friction: Friction, x: Array, load: Array | None, slack: float) -> Array | float:
+    """Return the torque of dry friction over a motion, shape (3, N); where it stands still it is not known."""
     if friction.breakaway == 0.0 and friction.load == 0.0:
         return 0.0
-    level = np.full_like(rate, friction.coulomb)
+    level = np.full_like(x[1], friction.coulomb)
     if friction.static is not None and friction.stribeck_velocity is not None:
-        level += (friction.static - friction.coulomb) * np.exp(-((rate / friction.stribeck_velocity) ** 2))
+        level += (friction.static - friction.coulomb) * np.exp(-((x[1] / friction.stribeck_velocity) ** 2))
     if friction.load and load is not None:
         level += friction.load * np.abs(load)
-    return level * np.sign(rate)
+    if friction.presliding_stiffness is not None:
+        return bristle_torque(x[0], level, friction.presliding_stiffness, slack)
+    return level * np.sign(x[1])
 
 
 def _driven(link: Link, q: Array) -> Array:
@@ -293,7 +299,7 @@ def _secondary(joint: SerialJoint, motion: Motion, time: Array) -> list[Equation
     theta = np.stack([lever.start - arm[0], -arm[1], -arm[2]]) / lever.travel
     reaction = reaction_torque(joint.transmission, motion.deflections[""][0], arm[0], lever.travel, time)
     residual = _moved(motor, theta) + reaction - roles["secondary_torque"][0]
-    shaped = _resisted(motor, theta, reaction)
+    shaped = _resisted(motor, theta, reaction, 0.0)
     return [Equation("secondary_motor", "motor", "N*m", residual, shaped, theta[1])]
 
 

@@ -57,6 +57,7 @@ class Channels:
     starts : shape (N,), where a run begins
     noise : role → of its sensor
     window : of the filter, in samples
+    spread : role → standard deviation of its noise after the filter, were it white
     """
 
     period: float
@@ -66,15 +67,10 @@ class Channels:
     starts: Flags
     noise: Mapping[str, Noise]
     window: int
+    spread: Mapping[str, float]
 
     def __len__(self) -> int:
         return int(self.time.shape[0])
-
-    @property
-    def spread(self) -> dict[str, float]:
-        """Role → standard deviation of its noise after the filter, were it white."""
-        left = float(np.linalg.norm(savgol_weights(self.window, DEGREE)))
-        return {role: noise.floor * left for role, noise in self.noise.items()}
 
     def with_noise(self, seed: int) -> Channels:
         """Return the channels as a second measurement of the same motion would have given them, filtered.
@@ -103,7 +99,9 @@ def channels_of(signals: JointSignals) -> Channels:
     raw = {role: np.ascontiguousarray(values) for role, values in signals.roles.items()}
     noise = {role: noise_in(values) for role, values in raw.items()}
     filtered = _filtered(raw, signals.starts, period, window)
-    return Channels(period, signals.time, filtered, raw, signals.starts, noise, window)
+    left = float(np.linalg.norm(savgol_weights(window, DEGREE)))
+    spread = {role: own.floor * left for role, own in noise.items()}
+    return Channels(period, signals.time, filtered, raw, signals.starts, noise, window, spread)
 
 
 def noise_in(values: Array) -> Noise:

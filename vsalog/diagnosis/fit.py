@@ -114,6 +114,7 @@ def fitted(system: System, joint: Any, sites: Sequence[Site], start: Array, bloc
     """
     parameters = parameters_of(sites)
     low, high = np.array([p.low for p in parameters]), np.array([p.high for p in parameters])
+    reach = np.array([p.reach for p in parameters])
     values = np.clip(np.asarray(start, dtype=np.float64), low, high)
     residual = residual_of(system, joint, sites, values)
     loss, damping = float(residual @ residual), 0.0
@@ -122,7 +123,7 @@ def fitted(system: System, joint: Any, sites: Sequence[Site], start: Array, bloc
         jacobian = jacobian_of(system, joint, sites, values, residual)
         before = loss
         for _ in range(6):
-            step = newton_step(jacobian, residual, values, low, high, damping)
+            step = np.clip(newton_step(jacobian, residual, values, low, high, damping), -reach, reach)
             trial = np.clip(values + step, low, high)
             left = residual_of(system, joint, sites, trial)
             if float(left @ left) <= loss:

@@ -20,7 +20,7 @@ from vsalog.diagnosis.fit import (
     residual_of,
 )
 from vsalog.diagnosis.sensing import true_roles
-from vsalog.diagnosis.system import System
+from vsalog.diagnosis.system import System, build_system
 
 Array = NDArray[np.float64]
 Integers = NDArray[np.int64]
@@ -31,13 +31,13 @@ BLOCK, FEWEST, MOST = 1.0, 8, 24
 # and be that many times as large as its own spread over the blocks.
 WORTH, SHARE, SURE = 0.1, 0.08, 2.5
 # Two causes explain equally much when they differ by no more than so many spreads of their difference over the blocks, and by
-# less than this part of what either explains. One cause that contains another must explain that much more to be preferred.
-ALIKE, NEAR, MORE = 2.0, 0.1, 0.02
+# less than this part of what either explains.
+ALIKE, NEAR = 2.0, 0.1
 # What happens once has to stand out by so much more, since it was looked for everywhere.
 SEARCHED = 4.0
 MOST_CAUSES = 4
 # So many hypotheses are fitted in full after a first step with each.
-FITTED = 8
+FITTED, FAMILIES = 8, 3
 
 
 @dataclass(frozen=True, slots=True)
@@ -73,12 +73,14 @@ class Selection:
 
     Attributes
     ----------
+    system : with the noise as the chosen causes have it
     fit : of all chosen causes together
     nothing : of none
     choices : strongest first
     blocks : shape (n,), the block of each whitened equation
     """
 
+    system: System
     fit: Fit
     nothing: Fit
     choices: tuple[Choice, ...]
@@ -96,8 +98,8 @@ def select(system: System, joint: Any, setting: Setting) -> Selection:
     """
     sites = [site for cause in catalogue().values() for site in cause.sites(setting)]
     blocks = blocks_of(system)
-    nothing = fitted(system, joint, (), np.zeros(0), blocks)
-    current, choices = nothing, list[Choice]()
+    nothing = current = fitted(system, joint, (), np.zeros(0), blocks)
+    choices = list[Choice]()
     while len(choices) < MOST_CAUSES:
         rivals = considered(system, joint, setting, sites, current, blocks)
         found = chosen(system, current, rivals)
@@ -105,8 +107,21 @@ def select(system: System, joint: Any, setting: Setting) -> Selection:
             break
         choice, current = found
         choices.append(choice)
+        # What noise makes of the equations depends on what is in them, and so does how long torques seem to be held.
+        system, current = renewed(system, joint, current, blocks)
+        nothing = fitted(system, joint, (), np.zeros(0), blocks)
+        current, choices = settled(system, joint, setting, sites, current, choices, blocks)
         current, choices = looked_back(system, joint, setting, sites, current, choices, blocks)
-    return Selection(current, nothing, tuple(_by_worth(system, joint, current, choices, blocks)), blocks)
+    return Selection(system, current, nothing, tuple(_by_worth(system, joint, current, choices, blocks)), blocks)
+
+
+def renewed(system: System, joint: Any, current: Fit, blocks: Integers) -> tuple[System, Fit]:
+    """Measure the noise anew with the causes in, for torques that are held and such that are not; return what fits better."""
+    found = []
+    for hold in (0.5 * system.channels.period, 0.0):
+        other = build_system(current.joint(joint), system.channels, system.balance, hold).on_rows_of(system)
+        found.append((other, fitted(other, joint, current.sites, current.values, blocks)))
+    return min(found, key=lambda f: f[1].loss)
 
 
 def blocks_of(system: System) -> Integers:
@@ -133,12 +148,17 @@ def considered(
         if tried:
             trials.append((*min(tried, key=lambda t: t[0]), site))
     trials.sort(key=lambda t: t[0])
-    floor = current.residual @ current.residual
-    promising = [t for i, t in enumerate(trials) if i < FITTED or t[0] < trials[0][0] + 0.1 * (floor - trials[0][0])]
-    out = []
-    for _, start, site in promising[: 2 * FITTED]:
-        out.append(Rival(site, fitted(system, joint, (*current.sites, site), start, blocks)))
-    return out
+    if not trials:
+        return []
+    floor = float(current.residual @ current.residual)
+    bar = trials[0][0] + 0.1 * (floor - trials[0][0])
+    promising = [t for i, t in enumerate(trials) if i < FITTED or t[0] < bar][: 2 * FITTED]
+    # One step tells little of what is far from straight: whoever is of the family of a promising one is fitted too.
+    family = [t for t in trials if t not in promising and any(related(t[2], p[2]) for p in promising[:FAMILIES])]
+    return [
+        Rival(site, fitted(system, joint, (*current.sites, site), start, blocks))
+        for _, start, site in (*promising, *family)
+    ]
 
 
 def _first_step(system: System, joint: Any, current: Fit, site: Site, start: Sequence[float]) -> tuple[float, Array]:
@@ -151,7 +171,8 @@ def _first_step(system: System, joint: Any, current: Fit, site: Site, start: Seq
     J = np.concatenate([current.jacobian, own], axis=1)
     parameters = parameters_of(sites)
     low, high = np.array([p.low for p in parameters]), np.array([p.high for p in parameters])
-    step = newton_step(J, residual, values, low, high, 0.0)
+    reach = np.array([p.reach for p in parameters])
+    step = np.clip(newton_step(J, residual, values, low, high, 0.0), -reach, reach)
     predicted = residual + J @ step
     moved = np.clip(values + step, low, high)
     return float(predicted @ predicted), moved
@@ -163,22 +184,30 @@ def chosen(system: System, current: Fit, rivals: Sequence[Rival]) -> tuple[Choic
     if not worthy:
         return None
     best = min(worthy, key=_left)
+    # The simpler of two of which one contains the other, unless the larger is worth its numbers.
+    for smaller in sorted(worthy, key=lambda r: (len(r.site.parameters), _left(r))):
+        if _contains(best.site, smaller.site) and not _worthy(system, smaller.fit, best):
+            best = smaller
+            break
     gained = current.loss - _left(best)
     alike = [r for r in worthy if r is best or _alike(r, best, gained)]
-    # The simplest of those that explain as much; among equals the one that explains most.
+    # Among equals the one with the fewest numbers, then the one that explains most.
     simplest = min(alike, key=lambda r: (len(r.site.parameters), catalogue()[r.site.cause].order, _left(r)))
-    others = tuple(r for r in alike if r is not simplest and not _contains(r.site, simplest.site))
+    if simplest.site.cause == best.site.cause:
+        simplest = best
+    others = tuple(r for r in alike if r is not simplest and not related(r.site, simplest.site))
     choice = Choice(simplest.site, current.losses, simplest.fit.losses, others, _sureness(simplest, worthy))
     return choice, simplest.fit
 
 
 def _contains(larger: Site, smaller: Site) -> bool:
     """Tell whether one cause is the other and more, as Stribeck friction is Coulomb's."""
-    return (
-        smaller.cause in larger.excludes
-        and larger.part == smaller.part
-        and len(larger.parameters) > len(smaller.parameters)
-    )
+    return related(larger, smaller) and len(larger.parameters) > len(smaller.parameters)
+
+
+def related(one: Site, other: Site) -> bool:
+    """Tell whether two causes are of one family at one part, of which only one can be."""
+    return one.part == other.part and (one.cause == other.cause or other.cause in one.excludes)
 
 
 def _left(rival: Rival) -> float:
@@ -198,10 +227,8 @@ def _worthy(system: System, current: Fit, rival: Rival) -> bool:
 
 def _alike(rival: Rival, best: Rival, gained: float) -> bool:
     off = _left(rival) - _left(best)
-    if _contains(best.site, rival.site) and off < MORE * gained:
-        return True
     if rival.site.transient or best.site.transient:
-        return off < MORE * gained
+        return off < WORTH * gained
     return off < min(ALIKE * _spread(rival.fit.losses - best.fit.losses), NEAR * gained)
 
 
@@ -212,7 +239,7 @@ def _spread(differences: Array) -> float:
 
 def _sureness(simplest: Rival, worthy: Sequence[Rival]) -> float:
     """Draw the blocks anew and count how often the cause explains most; causes that cannot be told apart share the rest."""
-    others = [r for r in worthy if r.site.cause != simplest.site.cause and not _contains(r.site, simplest.site)]
+    others = [r for r in worthy if r.site.cause != simplest.site.cause and not related(r.site, simplest.site)]
     losses = np.stack([r.fit.losses for r in (simplest, *others)])
     count = losses.shape[1]
     draws = np.random.default_rng(0).multinomial(count, np.full(count, 1.0 / count), size=400)
@@ -221,6 +248,30 @@ def _sureness(simplest: Rival, worthy: Sequence[Rival]) -> float:
     spread = np.maximum(np.std(margin, axis=1, keepdims=True), 1e-9 * float(losses[0].sum()))
     equal = margin <= 0.1 * spread
     return float(np.mean(np.where((margin < 0.0).any(axis=0), 0.0, 1.0 / equal.sum(axis=0))))
+
+
+def settled(
+    system: System,
+    joint: Any,
+    setting: Setting,
+    sites: Sequence[Site],
+    current: Fit,
+    choices: list[Choice],
+    blocks: Integers,
+) -> tuple[Fit, list[Choice]]:
+    """Choose again within the family of the last cause, with the noise as it is known now."""
+    last = choices[-1]
+    rest = tuple(s for s in current.sites if s.key != last.site.key)
+    start = np.concatenate([current.own(s) for s in rest]) if rest else np.zeros(0)
+    without = fitted(system, joint, rest, start, blocks)
+    family = [s for s in sites if related(s, last.site)]
+    if len(family) < 2:
+        return current, [*choices[:-1], replace(last, before=without.losses, after=current.losses)]
+    found = chosen(system, without, considered(system, joint, setting, family, without, blocks))
+    if found is None:
+        return current, choices
+    choice = replace(found[0], rivals=last.rivals, sureness=last.sureness)
+    return found[1], [*choices[:-1], choice]
 
 
 def looked_back(
@@ -233,23 +284,18 @@ def looked_back(
     blocks: Integers,
 ) -> tuple[Fit, list[Choice]]:
     """Try each earlier cause again now that others are known: drop it, or put another in its place."""
-    for k in range(len(choices) - (len(choices) == 1)):
-        if len(choices) < 2 or k >= len(choices):
-            break
-        site = choices[k].site
-        rest = tuple(s for s in current.sites if s.key != site.key)
+    for choice in list(choices) if len(choices) > 1 else []:
+        rest = tuple(s for s in current.sites if s.key != choice.site.key)
         start = np.concatenate([current.own(s) for s in rest]) if rest else np.zeros(0)
         without = fitted(system, joint, rest, start, blocks)
-        rivals = considered(system, joint, setting, sites, without, blocks)
-        found = chosen(system, without, rivals)
-        if found is None:
-            current, choices = without, [c for c in choices if c.site.key != site.key]
+        if not _worthy(system, without, Rival(choice.site, current)):
+            current, choices = without, [c for c in choices if c is not choice]
             continue
-        choice, fit = found
+        found = chosen(system, without, considered(system, joint, setting, sites, without, blocks))
         # Another takes its place only if it explains clearly more than noise can.
-        if choice.site.key == site.key or fit.loss < current.loss - WORTH * system.count:
-            current = fit
-            choices[k] = choice
+        if found is not None and found[1].loss < current.loss - max(WORTH * system.count, SHARE * current.loss):
+            choices = [found[0] if c is choice else c for c in choices]
+            current = found[1]
     return current, choices
 
 

@@ -54,7 +54,7 @@ class System:
     weights : shape (R, m), share of a row's weight that counts; 0 where the row is not used
     whiteners : pattern of used equations → shape (m, m), what makes their noise white and of variance 1
     pattern : shape (R,)
-    deviation : shape (m,), noise of each equation's rows
+    covariance : shape (m, m), of the noise of the equations' rows
     hold : how long after its stamp a motor torque acts on average [s]
     """
 
@@ -70,7 +70,7 @@ class System:
     weights: Array
     whiteners: Mapping[int, Array]
     pattern: Integers
-    deviation: Array
+    covariance: Array
     hold: float = 0.0
 
     @property
@@ -79,9 +79,19 @@ class System:
         return self.channels.time[self.centres]
 
     @property
+    def deviation(self) -> Array:
+        """Noise of each equation's averages, in its unit, shape (m,)."""
+        return np.sqrt(np.diag(self.covariance))
+
+    @property
     def count(self) -> int:
         """Number of averages that count."""
         return int(np.count_nonzero(self.weights))
+
+    def on_rows_of(self, other: System) -> System:
+        """Return the system with the rows that another one uses, so that the two can be compared."""
+        return replace(self, usable=other.usable, weights=other.weights, pattern=other.pattern,
+                       whiteners={p: _whitener(self.covariance, p) for p in other.whiteners})  # fmt: skip
 
     def equations(self, joint: Any) -> list[Equation]:
         """Form the equations of a joint at every sample."""
@@ -155,7 +165,7 @@ def build_system(joint: Any, channels: Channels, balance: Balance, hold: float =
     bits = (weights > 0.0).astype(np.int64) @ (1 << np.arange(len(equations), dtype=np.int64))
     system = System(
         channels, balance, names, tuple(e.side for e in equations), tuple(e.unit for e in equations), bell, wide, centres,
-        usable, weights, {}, bits, np.ones(len(equations)), hold,
+        usable, weights, {}, bits, np.eye(len(equations)), hold,
     )  # fmt: skip
     plain = system.rows(equations)
     noise = np.concatenate([system.rows(a) - plain for a in again])
@@ -163,7 +173,7 @@ def build_system(joint: Any, channels: Channels, balance: Balance, hold: float =
     used = np.concatenate([weights > 0.0] * len(again))
     covariance = _covariance(noise, used) + np.diag((EXACT * scale) ** 2)
     whiteners = {int(p): _whitener(covariance, int(p)) for p in np.unique(bits) if p}
-    return replace(system, whiteners=whiteners, deviation=np.sqrt(np.diag(covariance)))
+    return replace(system, whiteners=whiteners, covariance=covariance)
 
 
 def formed(balance: Balance, joint: Any, channels: Channels, hold: float) -> list[Equation]:

@@ -118,8 +118,13 @@ class Machine:
         elements = [s.index for s in self.transmissions for _ in s.transmission.slip]
         return [int(self.at[d.FIRST_SLIP]) + e for e, owner in enumerate(elements) if owner == transmission]
 
-    def steps(self, period: float) -> tuple[int, bool]:
+    def steps(self, period: float, fixed: Sequence[int] = ()) -> tuple[int, bool]:
         """Return the integration steps per period that the fastest mode needs, and whether the equations are stiff.
+
+        Parameters
+        ----------
+        period : T [s]
+        fixed : degrees of freedom that move as prescribed, however fast they would be
 
         Raises
         ------
@@ -127,7 +132,7 @@ class Machine:
             More than `MOST_STEPS` are needed.
         """
         with np.errstate(all="ignore"):  # numbers beyond all measure end as steps beyond all measure
-            needed, stiff = self._needed(period)
+            needed, stiff = self._needed(period, fixed)
         if not needed <= MOST_STEPS:
             raise SimulationError(
                 f"the rig's fastest mode needs more than {MOST_STEPS} integration steps per period: are inertia, damping"
@@ -135,8 +140,9 @@ class Machine:
             )
         return max(1, int(np.ceil(needed))), stiff
 
-    def _needed(self, period: float) -> tuple[float, bool]:
-        n, rates, load, inertia = self.freedom, [], np.zeros(self.freedom), self.inertia
+    def _needed(self, period: float, fixed: Sequence[int]) -> tuple[float, bool]:
+        n, rates, load, inertia = self.freedom, [], np.zeros(self.freedom), self.inertia.copy()
+        inertia[list(fixed)] = np.inf
         for slot in self.transmissions:
             link, motor, _ = self.at[self.at[d.ENDS] + 3 * slot.index :][:3]
             load[[link, motor]] += self._stiffness(slot)

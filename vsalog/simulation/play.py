@@ -50,7 +50,8 @@ def play(
         An input does not fit, or the motion leaves what the model describes.
     """
     period = float(time[1] - time[0])
-    suggested, stiff = machine.steps(period)
+    prescribed = [m.index for m in machine.motors if isinstance(inputs.get(m.joint, {}).get(m.role), Motion)]
+    suggested, stiff = machine.steps(period, prescribed)
     count = suggested if steps is None else steps
     drives = _Drives(machine, inputs, time, count)
     at = machine.moved(list(drives.splines))

@@ -23,6 +23,7 @@ class Parameter:
     start : what it is in the rig as it stands, or where the search begins
     step : small enough for the equations to be straight over it
     low, high : bounds
+    reach : as far as one step of a fit may go, where the equations bend
     """
 
     name: str
@@ -31,6 +32,7 @@ class Parameter:
     step: float
     low: float = -np.inf
     high: float = np.inf
+    reach: float = np.inf
 
 
 @dataclass(frozen=True, slots=True)

@@ -10,6 +10,7 @@ from msgspec.structs import replace
 
 from vsalog.diagnosis.balance import GRAVITY
 from vsalog.diagnosis.causes.base import Cause, Parameter, Remainder, Setting, Site, with_part
+from vsalog.diagnosis.causes.motor_friction import with_bristles
 from vsalog.rig.schema import Contact, Payload
 
 # Lengths of pushes to begin with [s]; the equation's remainder is averaged over them to find where.
@@ -152,7 +153,7 @@ class LinkCoulombFriction(_OfLink):
             static = None if friction.static is None else max(friction.static, level)
             return with_part(joint, "link", friction=replace(friction, coulomb=level, static=static))
 
-        yield Site(self.name, "link", (parameter,), apply)
+        yield from with_bristles(Site(self.name, "link", (parameter,), apply), setting)
 
 
 class LinkContact(_OfLink):
@@ -168,8 +169,8 @@ class LinkContact(_OfLink):
     def of_link(self, setting: Setting, link: Any) -> Iterator[Site]:
         """Yield the cause in the link."""
         parameters = (
-            Parameter("start", "s", 0.0, 0.005, 0.0, setting.duration),
-            Parameter("duration", "s", 0.3, 0.005, 0.03, 3.0),
+            Parameter("start", "s", 0.0, 0.005, 0.0, setting.duration, 0.1),
+            Parameter("duration", "s", 0.3, 0.005, 0.03, 3.0, 0.1),
             Parameter("torque", "N*m", 0.0, 1e-3 * setting.torque_size()),
         )
 

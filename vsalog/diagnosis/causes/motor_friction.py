@@ -5,14 +5,48 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from typing import Any
 
+import numpy as np
 from msgspec.structs import replace
 
-from vsalog.diagnosis.causes.base import Cause, Parameter, Remainder, Setting, Site, with_part
+from vsalog.diagnosis.causes.base import Cause, Parameter, Remainder, Setting, Site, size, with_part
 from vsalog.diagnosis.sensing import motors_of, position_role, torque_role
 
 DRY = frozenset({"motor.coulomb_friction", "motor.stribeck_friction"})
 # Stribeck speeds to begin with, as parts of the motor's speed.
 SPEEDS = (0.03, 0.1, 0.3, 0.8)
+# Displacements over which bristles give way, as parts of the position's, to begin with.
+BRISTLES = (3e-4, 3e-3, 3e-2)
+
+
+def with_bristles(plain: Site, setting: Setting) -> Iterator[Site]:
+    """Yield a friction as it is, and with bristles that give way before it slides, which shows after each reversal."""
+    yield plain
+    if getattr(setting.joint, plain.part).friction.presliding_stiffness is not None:
+        return
+    role = "link_position" if plain.part == "link" else position_role(plain.part)
+    if role not in setting.roles:
+        return
+    travel = size(setting.roles[role][0])
+    torque = setting.torque_size() if plain.part == "link" else scale_of(setting, plain.part)[0]
+    own = len(plain.parameters)
+
+    def apply(joint: Any, values: Sequence[float]) -> Any:
+        joint = plain.apply(joint, values[:own])
+        friction = replace(getattr(joint, plain.part).friction, presliding_stiffness=float(np.exp(values[own])))
+        return with_part(joint, plain.part, friction=friction)
+
+    def starts(left: Remainder) -> list[tuple[float, ...]]:
+        first = plain.starts(left) if plain.starts is not None else [plain.start]
+        level = 0.03 * torque
+        begun = [(max(s[0], level if plain.parameters[0].unit == "N*m" else 0.03), *s[1:]) for s in first[:2]]
+        return [(*s, float(np.log(level / (share * travel)))) for s in begun for share in BRISTLES]
+
+    def report(values: Sequence[float]) -> dict[str, tuple[float, str]]:
+        return plain.reported(values[:own]) | {"presliding_stiffness": (float(np.exp(values[own])), "N*m/rad")}
+
+    low, high = np.log(1e-3 * torque / travel), np.log(1e5 * torque / travel)
+    bristle = Parameter("presliding", "1", 0.5 * (low + high), 0.05, float(low), float(high), 1.5)
+    yield Site(plain.cause, plain.part, (*plain.parameters, bristle), apply, starts, report, plain.excludes)
 
 
 def moved_motors(setting: Setting) -> Iterator[str]:
@@ -80,7 +114,7 @@ class MotorCoulombFriction(Cause):
             torque, _ = scale_of(setting, name)
             start = getattr(setting.joint, name).friction.coulomb
             parameter = Parameter("torque", "N*m", start, 1e-3 * torque, 0.0)
-            yield Site(self.name, name, (parameter,), _coulomb(name), excludes=DRY)
+            yield from with_bristles(Site(self.name, name, (parameter,), _coulomb(name), excludes=DRY), setting)
 
 
 def _coulomb(name: str) -> Any:
@@ -114,7 +148,7 @@ class MotorStribeckFriction(Cause):
             parameters = (
                 Parameter("torque", "N*m", friction.coulomb, 1e-3 * torque, 0.0),
                 Parameter("excess", "N*m", friction.breakaway - friction.coulomb, 1e-3 * torque, 0.0),
-                Parameter("velocity", "rad/s", falling, 1e-3 * speed, 1e-3 * speed, 3.0 * speed),
+                Parameter("velocity", "rad/s", falling, 1e-3 * speed, 1e-3 * speed, 3.0 * speed, 0.3 * speed),
             )  # fmt: skip
 
             def starts(
@@ -122,7 +156,8 @@ class MotorStribeckFriction(Cause):
             ) -> list[tuple[float, ...]]:
                 return [(c, 0.01 * t, share * v) for share in SPEEDS]
 
-            yield Site(self.name, name, parameters, _stribeck(name), starts, _stribeck_report, excludes=DRY)
+            plain = Site(self.name, name, parameters, _stribeck(name), starts, _stribeck_report, excludes=DRY)
+            yield from with_bristles(plain, setting)
 
 
 def _stribeck(name: str) -> Any:
@@ -163,4 +198,4 @@ class MotorLoadDependentFriction(Cause):
                 friction = replace(getattr(joint, name).friction, load=max(float(values[0]), 0.0))
                 return with_part(joint, name, friction=friction)
 
-            yield Site(self.name, name, (parameter,), apply)
+            yield from with_bristles(Site(self.name, name, (parameter,), apply), setting)

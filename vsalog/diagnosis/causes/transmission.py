@@ -157,7 +157,7 @@ class TransmissionHysteresis(_OfTransmission):
         height, width = (loop.torque, loop.width) if loop is not None else (0.0, 0.1 * phi)
         parameters = (
             Parameter("torque", "N*m", height, 1e-3 * torque, 0.0),
-            Parameter("width", "rad", width, 0.02 * width, 2e-3 * phi, 2.0 * phi),
+            Parameter("width", "rad", width, 0.02 * width, 2e-3 * phi, 2.0 * phi, 0.1 * phi),
         )
 
         def starts(_: Remainder) -> list[tuple[float, ...]]:
@@ -184,7 +184,7 @@ class TransmissionBacklash(_OfTransmission):
     def site(self, setting: Setting, name: str, transmission: Any) -> Site:
         """Return the cause in one transmission."""
         phi = setting.deflection_size(suffix_of(name))
-        parameter = Parameter("gap", "rad", transmission.backlash, 2e-3 * phi, 0.0, 1.5 * phi)
+        parameter = Parameter("gap", "rad", transmission.backlash, 2e-3 * phi, 0.0, 1.5 * phi, 0.3 * phi)
 
         def starts(_: Remainder) -> list[tuple[float, ...]]:
             return [(share * phi,) for share in GAPS]

@@ -1,0 +1,205 @@
+"""The structures of `diagnosis.json`: what a diagnosis found. `docs/diagnosis.schema.json` is generated from them."""
+
+from __future__ import annotations
+
+from typing import Literal
+
+import msgspec
+
+VERSION = 1
+
+Verdict = Literal["consistent", "explained", "partly explained", "unexplained"]
+Where = Literal["motor", "transmission", "link", "sensor", "pneumatic"]
+
+
+class _Part(msgspec.Struct, frozen=True, kw_only=True):
+    """Values never change."""
+
+
+class Number(_Part, frozen=True):
+    """A parameter of a cause: its value, standard deviation and SI unit."""
+
+    value: float
+    std: float | None
+    unit: str
+
+
+class SignalError(_Part, frozen=True):
+    """How far the rig's simulation is from one recorded signal.
+
+    Attributes
+    ----------
+    joint : name
+    signal : role
+    unit : SI
+    rmse : of windows of the log, each begun with the state that fits it best
+    noise_floor : what noise of this sensor, and of the recorded inputs, would make of it if the rig were right
+    nrmse : rmse / (greatest − least recorded) [%]
+    rmse_whole_log : of the simulation that runs through from the log's first state; null where it does not get through
+    """
+
+    joint: str
+    signal: str
+    unit: str
+    rmse: float
+    noise_floor: float
+    nrmse: float
+    rmse_whole_log: float | None = None
+
+
+class EquationError(_Part, frozen=True):
+    """What is left over in one equation of a joint.
+
+    Attributes
+    ----------
+    joint : name
+    equation : motor, motor_1, secondary_motor, transmission, link, deflection, …
+    side : of the joint it is about
+    unit : SI
+    rms_before, rms_after : of its averages over a short bell, with the rig as it stands and with the causes found
+    noise : what noise alone would leave
+    """
+
+    joint: str
+    equation: str
+    side: Where
+    unit: str
+    rms_before: float
+    rms_after: float
+    noise: float
+
+
+class FoundCause(_Part, frozen=True):
+    """A cause that was found.
+
+    Attributes
+    ----------
+    cause : name of the catalogue
+    joint : name
+    part : of the joint: motor, transmission_1, link, or a sensor's role
+    title : in words
+    parameters : name → number
+    confidence : 0 to 1, how often it is the best explanation when the log's blocks are drawn anew, less what stays unexplained
+    indistinguishable_from : other causes that this log explains as well with
+    error_removed : part of what the rig left over, beyond noise, that goes when this cause is put in, all others being there
+    why : the evidence in words
+    how_to_confirm : an experiment
+    tell_apart : which experiment would tell it from the others; empty where there are none
+    reference : where the effect is described
+    """
+
+    cause: str
+    joint: str
+    part: str
+    title: str
+    parameters: dict[str, Number]
+    confidence: float
+    indistinguishable_from: tuple[str, ...]
+    error_removed: float
+    why: str
+    how_to_confirm: str
+    tell_apart: str
+    reference: str
+
+
+class Gain(_Part, frozen=True):
+    """What the causes are worth for one signal: simulation errors on data that was not used to fit them.
+
+    Attributes
+    ----------
+    joint : name
+    signal : role, or ``stiffness`` of a transmission
+    unit : SI
+    rmse_before, rmse_after : with the rig as it stands, and extended
+    noise_floor : what noise would make of it if the rig were right
+    reduction : 1 − rmse_after / rmse_before
+    ci95 : interval of the reduction, from a bootstrap over windows
+    """
+
+    joint: str
+    signal: str
+    unit: str
+    rmse_before: float
+    rmse_after: float
+    noise_floor: float
+    reduction: float
+    ci95: tuple[float, float]
+
+
+class Gains(_Part, frozen=True):
+    """The gain, and whether it was measured on data that was held out (another log, or blocks of this one)."""
+
+    holdout: bool
+    where: str
+    signals: tuple[Gain, ...]
+
+
+class Bin(_Part, frozen=True):
+    """What is left over in one interval of a variable: its ends, mean remainder, and the noise of that mean."""
+
+    low: float
+    high: float
+    mean: float
+    std: float
+
+
+class Unexplained(_Part, frozen=True):
+    """What no cause of the catalogue explains.
+
+    Attributes
+    ----------
+    fraction : of what the rig left over beyond noise that is still left
+    where : side of the joint it is on; null where nothing is left
+    depends_on : signals it depends on, strongest first
+    equation : in which it was looked at
+    curve : over the first of these signals
+    unit : of that signal
+    """
+
+    fraction: float
+    where: Where | None
+    depends_on: tuple[str, ...]
+    equation: str | None = None
+    curve: tuple[Bin, ...] = ()
+    unit: str = ""
+
+
+class Diagnosis(_Part, frozen=True):
+    """A whole `diagnosis.json`.
+
+    Attributes
+    ----------
+    version : of this structure
+    vsalog : version that wrote it
+    log, log_sha256 : what was diagnosed
+    holdout, holdout_sha256 : the other log; null where there is none
+    rig : as it stands, TOML
+    settings : of this run
+    verdict : in a word
+    sentences : what was found, as a colleague would say it
+    simulation_error : of the rig as it stands, on the log
+    equations : what is left over in each
+    causes : found, the weightiest first
+    gain : of the extended rig
+    unexplained : what is left
+    next_experiment : what would tell more; empty where nothing is open
+    warnings : what a person should know
+    """
+
+    version: int
+    vsalog: str
+    log: str
+    log_sha256: str
+    holdout: str | None
+    holdout_sha256: str | None
+    rig: str
+    settings: dict[str, str]
+    verdict: Verdict
+    sentences: tuple[str, ...]
+    simulation_error: tuple[SignalError, ...]
+    equations: tuple[EquationError, ...]
+    causes: tuple[FoundCause, ...]
+    gain: Gains
+    unexplained: Unexplained
+    next_experiment: str
+    warnings: tuple[str, ...]
