@@ -30,8 +30,8 @@ def cogging_torque(motor: Motor, theta: Array) -> Array:
 
 
 def friction_start() -> Array:
-    """Return the state before the first sample, shape (3,): both extremes of the bristles' deflection, the last velocity."""
-    return np.full(3, np.nan)
+    """Return the state before the first sample, shape (4,): extremes of the bristles' deflection, last velocity and level."""
+    return np.full(4, np.nan)
 
 
 def friction_block(
@@ -55,7 +55,7 @@ def friction_block(
     -------
     state
     torque : shape (N,), opposes the motion [N·m]
-    way : shape (N,), −1 to 1, share of the level that acts, with its sign
+    way : shape (N,), share of the level that acts, with its sign
     doubt : shape (N,), by how much the whole friction may be off [N·m]
     """
     new, out = state.copy(), np.empty((3, velocity.shape[0]))
@@ -80,7 +80,7 @@ def _rub(
     velocity: Array, load: Array, coulomb: float, excess: float, stribeck: float, share: float, stiffness: float,
     damping: float, floor: float, reach: float, period: float, state: Array, out: Array,
 ) -> None:  # fmt: skip
-    high, low, last = state[0], state[1], state[2]
+    high, low, last, before = state[0], state[1], state[2], state[3]
     for k in range(velocity.shape[0]):
         v = velocity[k]
         seen = not np.isnan(v)
@@ -97,16 +97,18 @@ def _rub(
             elif not np.isnan(last):
                 dx = 0.5 * period * (v + last)
                 if dx != 0.0:
-                    up, down = _advanced(high, dx, stiffness, level), _advanced(low, dx, stiffness, level)
+                    middle = 0.5 * (level + before)
+                    up, down = _advanced(high, dx, stiffness, middle), _advanced(low, dx, stiffness, middle)
                     # What noise alone would wear down is not known to have gone.
                     high, low = (max(high, up), min(low, down)) if unsure else (up, down)
-            top, bottom = min(high / limit, 1.0), max(low / limit, -1.0)
+            # Beyond 1 where the level has fallen faster than the bristles, as it does over the Stribeck velocity.
+            top, bottom = high / limit, low / limit
             if seen:
                 extra = damping * (v - abs(v) * 0.5 * (top + bottom))
         else:
             top, bottom = (1.0, -1.0) if unsure else (np.sign(v), np.sign(v))
-        last = v
+        last, before = v, level
         out[0, k] = base * 0.5 * (top + bottom) + extra
         out[1, k] = 0.5 * (top + bottom)
         out[2, k] = level * 0.5 * (top - bottom)
-    state[0], state[1], state[2] = high, low, last
+    state[0], state[1], state[2], state[3] = high, low, last, before
