@@ -58,7 +58,7 @@ class TorqueEquation:
             after, beside, doubt = known.block(own, block)
             y = y - beside
             states.append(after)
-            doubted = doubt > known.limit if doubted is None else doubted | (doubt > known.limit)
+            doubted = doubt > 1.0 if doubted is None else doubted | (doubt > 1.0)
         if doubted is not None:
             y = np.where(doubted, np.nan, y)
         F = np.hstack([_regressors(self.basis, block, t) for t in self.transmissions])
@@ -115,7 +115,7 @@ class ResidualEquation:
         lag, lagged = lag_block(state[1], F, use, self.bandwidth, self.period)
         doubted = None
         if self.known is not None and self.known.doubtful:
-            doubted = lagged_doubt[1][:, 0] > self.known.limit
+            doubted = lagged_doubt[1][:, 0] > 1.0
             r_e, use = np.where(doubted, np.nan, r_e), use & ~doubted
         rows = EquationRows(
             lagged if self.matched else F,
@@ -199,7 +199,7 @@ class IntegratedMotorEquation:
             after, beside, doubt = known.block(state[1], block)
             use &= np.isfinite(beside)
             if known.doubtful:
-                doubted = doubt > known.limit
+                doubted = doubt > 1.0
                 use &= ~doubted
             if known.load > 0.0:
                 factor = 1.0 - known.load * known.way(block) * np.sign(deflection_of(fit, view))

@@ -20,9 +20,10 @@ from vsalog.signals import JointSignals
 
 Array = NDArray[np.float64]
 
-# What is not known does no harm while it is below a tenth of what it is about, or a hundredth of the torque beside it. The former
-# is what is left of a doubt 2.3 time constants later; the latter spares a log in which friction hardly matters.
-SHARE_OF_LEVEL, SHARE_OF_TORQUE = 0.1, 0.01
+# Doubt does no harm below a hundredth of the torque that is learnt from: it spares a log in which friction hardly matters. It is
+# borne up to a tenth of friction's level, since it comes and goes with every turn of the motion, and up to a hundredth of a
+# loop's, since it stays until the deflection moves on.
+SHARE_OF_TORQUE, SHARE_OF_FRICTION, SHARE_OF_LOOP = 0.01, 0.1, 0.01
 # Three standard deviations of the deflection's noise, in those of what the sensors round: a Savitzky–Golay filter leaves a third
 # of it, the MKKF at speed nearly all.
 SLACK = {"savitzky-golay": 1.0, "pair": 1.0, "kinematic": 3.0}
@@ -41,7 +42,7 @@ class Known:
     slack : what noise may move the deflection by [rad]
     rubs : whether the motor has dry friction
     load : part of the transmitted torque's size that rubs
-    limit : doubt below which a sample is learnt from [N·m]
+    friction_limit, loop_limit : doubt that is borne [N·m]
     """
 
     view: TransmissionView
@@ -51,7 +52,8 @@ class Known:
     slack: float
     rubs: bool
     load: float
-    limit: float
+    friction_limit: float
+    loop_limit: float
 
     @property
     def doubtful(self) -> bool:
@@ -63,9 +65,9 @@ class Known:
         return loop_start(self.view.nominal)
 
     def block(self, state: Array, block: Conditioned) -> tuple[Array, Array, Array]:
-        """Return the state, the torque transmitted beside the spring's, and by how much that and the friction may be off.
+        """Return the state, the torque transmitted beside the spring's [N·m], and the doubt in that and in the friction.
 
-        Both have shape (N,) [N·m]; NaN where the deflection or its velocity is not known.
+        Both have shape (N,), NaN where the deflection or its velocity is not known. The doubt is a share of what is borne.
         """
         beside, doubt = np.zeros(len(block.rows)), np.zeros(len(block.rows))
         phi = deflection_of(block.fit, self.view)
@@ -76,9 +78,9 @@ class Known:
             begun = loop_start(self.view.nominal) if block.rows.starts[0] else state
             state, torque, unsure = loop_block(begun, self.view.nominal, phi, self.slack)
             beside += torque
-            doubt += unsure
+            doubt += unsure / self.loop_limit
         if self.rubs:
-            doubt += np.abs(block.fit[doubt_role(self.view)])
+            doubt += np.abs(block.fit[doubt_role(self.view)]) / self.friction_limit
         return state, beside, doubt
 
     def way(self, block: Conditioned) -> Array:
@@ -122,11 +124,13 @@ def known_of(
     if not (rubbing or damping or loops):
         return None
     size, load = _spread(signals.roles[torque]), friction.load if rubbing else 0.0
-    level = loops + load * size + (friction.breakaway if rubbing else 0.0)
-    limit = max(SHARE_OF_LEVEL * level, SHARE_OF_TORQUE * size)
+    level = load * size + (friction.breakaway if rubbing else 0.0)
+    limits = (
+        max(share * of, SHARE_OF_TORQUE * size) for share, of in ((SHARE_OF_FRICTION, level), (SHARE_OF_LOOP, loops))
+    )
     steps = [signals.resolution.get(role, 0.0) for role in view.deflection_roles(signals.roles)]
     slack = SLACK[tuning.filter] * float(np.linalg.norm(steps)) / 12.0**0.5
-    return Known(view, damping, 0.5 * gap, loops > 0.0, slack, rubbing, load, limit)
+    return Known(view, damping, 0.5 * gap, loops > 0.0, slack, rubbing, load, *limits)
 
 
 def conditioner_of(
