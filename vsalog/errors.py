@@ -42,6 +42,10 @@ class SimulationError(VsalogError):
     """A rig cannot be simulated, or its motion leaves what the model describes."""
 
 
+class DiagnosisError(VsalogError):
+    """The log or the rig does not hold what a diagnosis needs."""
+
+
 class WriteError(VsalogError):
     """A result cannot be written."""
 

@@ -268,7 +268,7 @@ def rubbing(friction: Friction, x: Array, load: Array | None, slack: float) -> A
         level += friction.load * np.abs(load)
     if friction.presliding_stiffness is not None:
         return bristle_torque(x[0], level, friction.presliding_stiffness, slack)
-    return level * np.sign(x[1])
+    return np.asarray(level * np.sign(x[1]))
 
 
 def _driven(link: Link, q: Array) -> Array:

@@ -134,7 +134,7 @@ def _covariance(r: Array, S: Array, P: Array) -> Array:
     """Return the covariance of the values: windows, not samples, are what is independent."""
     left, columns = _projected(r, S, P)
     g = np.stack([c.T @ e for c, e in zip(columns, left, strict=True)])
-    A = sum(c.T @ c for c in columns)
+    A = np.sum([c.T @ c for c in columns], axis=0)
     count = len(g)
     freedom = max(count - A.shape[0], 1)
     inverse = np.stack([solved(A, e) for e in np.eye(A.shape[0])], axis=-1)

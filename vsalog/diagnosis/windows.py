@@ -1,14 +1,15 @@
 """The rig's simulation in windows, each begun anew: multiple shooting, the states at the windows' beginnings free.
 
-A simulation that runs through a whole log drifts away for reasons of no interest, and one restarted from a measured state carries
-the noise of a derivative. So every window's state at its beginning is fitted, as unknowns that belong to no cause, and what is left
-over is what the rig cannot explain within a window, whatever it began with.
+A simulation that runs through a whole log drifts away for reasons of no interest, and one restarted from a measured state
+carries the noise of a derivative. So every window's state at its beginning is fitted, as unknowns that belong to no cause, and
+what is left over is what the rig cannot explain within a window, whatever it began with.
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -107,15 +108,13 @@ def windows_of(joint: Any, channels: Channels, hold: bool) -> Windows:
     spans = []
     for first, last in edges.reshape(-1, 2):
         inner = [first, *(c for c in cuts if first < c < last), last]
-        for a, b in zip(inner, inner[1:], strict=False):
+        for a, b in pairwise(inner):
             spans += [(k, k + length) for k in range(a, b - length + 1, length)]
     if not spans:
         raise SimulationError(f"no run of the log is as long as {length * channels.period:g} s with all of its inputs")
     kept = np.linspace(0, len(spans) - 1, min(MOST, len(spans))).round().astype(np.int64)
-    answered = tuple(
-        r for r in channels.roles
-        if r.removesuffix("_1").removesuffix("_2") in SIMULATED and not _drives(joint, channels, r) and np.ptp(channels.raw[r]) > 0.0
-    )  # fmt: skip
+    moving = [r for r in channels.roles if np.ptp(channels.raw[r]) > 0.0 and not _drives(joint, channels, r)]
+    answered = tuple(r for r in moving if r.removesuffix("_1").removesuffix("_2") in SIMULATED)
     if not answered:
         raise SimulationError("nothing is recorded that a simulation could be held against")
     return Windows(channels, np.array(spans)[kept], answered, hold)
@@ -180,7 +179,7 @@ def simulated(joint: Any, windows: Windows, states: Array, step: Array | None = 
 
 def _stretches(spans: NDArray[np.int64]) -> list[tuple[int, int]]:
     breaks = [0, *(w + 1 for w in range(len(spans) - 1) if spans[w, 1] != spans[w + 1, 0]), len(spans)]
-    return list(zip(breaks, breaks[1:], strict=False))
+    return list(pairwise(breaks))
 
 
 def _inputs(joint: Any, channels: Channels, roles: Mapping[str, Array], part: slice, hold: bool) -> dict[str, Input]:

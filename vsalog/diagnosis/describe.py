@@ -1,0 +1,218 @@
+"""A joint's diagnosis as the document says it, and as the figures draw it."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vsalog.diagnosis.causes import catalogue
+from vsalog.diagnosis.document import (
+    Bin,
+    EquationError,
+    FoundCause,
+    Gain,
+    Number,
+    SignalError,
+    Unexplained,
+)
+from vsalog.diagnosis.evidence import CauseEvidence, EquationEvidence, JointEvidence, SignalEvidence
+from vsalog.diagnosis.fit import applied
+from vsalog.diagnosis.joint import (
+    Found,
+    JointDiagnosis,
+    plain_rows,
+    remainder_depends_on,
+    unexplained_equation,
+    variables,
+)
+from vsalog.diagnosis.remainder import curve_of, predicted_share
+from vsalog.diagnosis.windows import Shot
+from vsalog.diagnosis.words import part_in_words, title_of
+from vsalog.rig.schema import role_units
+
+Array = NDArray[np.float64]
+
+UNITS = {"deflection": "rad"}
+# A cause is shown over the signal that predicts its shape; of several that do so about as well, over the first of these.
+SLACK = 0.03
+ORDER = ("velocity", "rate", "deflection", "position", "setpoint", "torque", "time")
+
+
+def unit_of(role: str) -> str:
+    """Return the SI unit of a role; a set-point is a lever arm here."""
+    return "m" if role == "setpoint" else role_units(role)[0]
+
+
+def causes_of(found: JointDiagnosis) -> list[FoundCause]:
+    """Return the causes as the document says them."""
+    out = [_computed(found, role, why) for role, why in found.computed.items()]
+    for cause in found.found:
+        kind = catalogue()[cause.site.cause]
+        others = tuple(dict.fromkeys(r.site.cause for r in cause.choice.rivals if r.site.cause != cause.site.cause))
+        numbers = {n: Number(value=v, std=s, unit=u) for n, (v, s, u) in cause.numbers().items()}
+        apart = " ".join(f"To tell it from {name}: {catalogue()[name].confirm}" for name in others)
+        out.append(
+            FoundCause(
+                cause=cause.site.cause,
+                joint=found.name,
+                part=cause.site.part,
+                title=title_of(cause.site.cause, cause.site.part),
+                parameters=numbers,
+                confidence=cause.choice.sureness * (1.0 - found.fraction),
+                indistinguishable_from=others,
+                error_removed=cause.removed,
+                why=f"{part_in_words(cause.site.part).capitalize()}: {kind.says}.",
+                how_to_confirm=_filled(kind.confirm, numbers),
+                tell_apart=_filled(apart, numbers),
+                reference=kind.reference,
+            )
+        )
+    return out
+
+
+def _computed(found: JointDiagnosis, role: str, why: str) -> FoundCause:
+    kind = catalogue()["sensor.torque_not_independent"]
+    return FoundCause(
+        cause=kind.name, joint=found.name, part=role, title=title_of(kind.name, role), parameters={}, confidence=0.99,
+        indistinguishable_from=(), error_removed=0.0, why=f"{why}.", how_to_confirm=kind.confirm, tell_apart="",
+        reference=kind.reference,
+    )  # fmt: skip
+
+
+def _filled(text: str, numbers: dict[str, Number]) -> str:
+    """Put a cause's numbers where its words ask for them."""
+    for name, number in numbers.items():
+        text = text.replace(f"{{{name}}}", f"{number.value:.3g} {number.unit}")
+    return text
+
+
+def signal_errors(found: JointDiagnosis) -> list[SignalError]:
+    """Return the simulation errors of the rig as it stands."""
+    gain = found.gain
+    if gain is None:
+        return []
+    out = []
+    for role in gain.windows.roles:
+        rmse, span = gain.rmse(gain.before, role), float(np.nanmax(np.ptp(gain.windows.channels.raw[role])))
+        out.append(
+            SignalError(
+                joint=found.name,
+                signal=role,
+                unit=unit_of(role),
+                rmse=rmse,
+                noise_floor=gain.floor[role],
+                nrmse=100.0 * rmse / span if span else 0.0,
+            )
+        )
+    return out
+
+
+def gains_of(found: JointDiagnosis) -> list[Gain]:
+    """Return what the causes are worth; nothing where none was kept."""
+    gain, out = found.gain, []
+    if gain is None or not found.found:
+        return []
+    for role in gain.windows.roles:
+        reduction, interval = gain.reduction(role)
+        out.append(
+            Gain(
+                joint=found.name,
+                signal=role,
+                unit=unit_of(role),
+                rmse_before=gain.rmse(gain.before, role),
+                rmse_after=gain.rmse(gain.after, role),
+                noise_floor=gain.floor[role],
+                reduction=reduction,
+                ci95=interval,
+            )
+        )
+    return out
+
+
+def equation_errors(found: JointDiagnosis) -> list[EquationError]:
+    """Return what is left over in each equation, before and after."""
+    before, after = (np.sqrt(np.nanmean(plain_rows(found, j) ** 2, axis=0)) for j in (found.joint, found.extended))
+    system = found.system
+    return [
+        EquationError(
+            joint=found.name,
+            equation=name,
+            side=side,  # type: ignore[arg-type]
+            unit=unit,
+            rms_before=float(before[i] * system.deviation[i]),
+            rms_after=float(after[i] * system.deviation[i]),
+            noise=float(system.deviation[i]),
+        )
+        for i, (name, side, unit) in enumerate(zip(system.names, system.sides, system.units, strict=True))
+    ]
+
+
+def unexplained_of(found: JointDiagnosis) -> Unexplained:
+    """Return what no cause explains."""
+    equation = unexplained_equation(found)
+    if found.consistent or equation is None:
+        return Unexplained(fraction=found.fraction if not found.consistent else 0.0, where=None, depends_on=())
+    on, known = remainder_depends_on(found, equation), variables(found)
+    rows = plain_rows(found, found.extended)[:, equation] * found.system.deviation[equation]
+    curve: tuple[Bin, ...] = ()
+    if on:
+        curve = tuple(Bin(low=a, high=b, mean=m, std=s) for a, b, m, s in curve_of(rows, known[on[0]][0]))
+    return Unexplained(
+        fraction=found.fraction,
+        where=found.system.sides[equation],  # type: ignore[arg-type]
+        depends_on=tuple(on),
+        equation=found.system.names[equation],
+        curve=curve,
+        unit=known[on[0]][1] if on else "",
+    )
+
+
+def evidence_of(found: JointDiagnosis, log: str) -> JointEvidence:
+    """Return what the figures of a joint draw.
+
+    Parameters
+    ----------
+    found : about the joint
+    log : name of the log that the gain was measured on
+    """
+    system, known = found.system, variables(found)
+    before, after = (plain_rows(found, j) * system.deviation for j in (found.joint, found.extended))
+    equations = {
+        name: EquationEvidence(side, unit, before[:, i], after[:, i], float(system.deviation[i]))
+        for i, (name, side, unit) in enumerate(zip(system.names, system.sides, system.units, strict=True))
+    }
+    signals, time = dict[str, SignalEvidence](), system.channels.time
+    if found.gain is not None:
+        windows, time = found.gain.windows, found.gain.windows.channels.time
+        inside = windows.window >= 0
+        for role in windows.roles:
+            measured = np.where(inside, windows.channels.raw[role], np.nan)
+            said = [measured - shot.errors[role] for shot in _shots(found)]
+            signals[role] = SignalEvidence(unit_of(role), measured, said[0], said[-1])
+    views = tuple(_view(found, cause, known) for cause in found.found)
+    return JointEvidence(found.name, time, signals, log, system.time, equations, known, views)
+
+
+def _shots(found: JointDiagnosis) -> list[Shot]:
+    assert found.gain is not None
+    return [found.gain.before, found.gain.after]
+
+
+def _view(found: JointDiagnosis, cause: Found, known: dict[str, tuple[Array, str]]) -> CauseEvidence:
+    """Return the equation and the variable in which a cause shows most."""
+    sites = found.fit.sites
+    rest = tuple(s for s in sites if s.key != cause.site.key)
+    values = np.concatenate([found.fit.own(s) for s in rest]) if rest else np.zeros(0)
+    without, with_it = plain_rows(found, applied(found.joint, rest, values)), plain_rows(found, found.extended)
+    shape = without - with_it
+    i = int(np.nanargmax(np.nanmean(shape**2, axis=0)))
+    blocks = found.selection.blocks.reshape(-1, len(found.system.names))[:, 0]
+    shares = {name: predicted_share(shape[:, i], blocks, x) for name, (x, _) in known.items()}
+    best = max(shares.values())
+    near = [name for name, share in shares.items() if share >= best - SLACK]
+    variable = min(near, key=lambda name: next((k for k, word in enumerate(ORDER) if word in name), len(ORDER)))
+    scale = float(found.system.deviation[i])
+    return CauseEvidence(
+        cause.site.cause, cause.site.part, title_of(cause.site.cause, cause.site.part), found.system.names[i], variable,
+        without[:, i] * scale, shape[:, i] * scale,
+    )  # fmt: skip

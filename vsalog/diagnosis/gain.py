@@ -1,0 +1,102 @@
+"""What the causes are worth: simulation errors before and after, on windows that the causes were not fitted to."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vsalog.diagnosis.sensing import motors_of, torque_role
+from vsalog.diagnosis.windows import Shot, Windows, begun, by_states, in_windows, shoot
+from vsalog.errors import SimulationError
+
+Array = NDArray[np.float64]
+
+DRAWS, SEED = 1000, 0
+
+
+@dataclass(frozen=True, slots=True)
+class Compared:
+    """A rig as it stands and extended, on the same windows.
+
+    Attributes
+    ----------
+    windows : of the log
+    before, after : simulations; `after` is `before` where nothing was found
+    floor : role → error that noise alone would make
+    """
+
+    windows: Windows
+    before: Shot
+    after: Shot
+    floor: Mapping[str, float]
+
+    def squares(self, shot: Shot, role: str) -> Array:
+        """Return Σ of squares of a role's error in each window, shape (W,)."""
+        return np.array([np.sum(shot.errors[role][a:b] ** 2) for a, b in self.windows.spans])
+
+    def rmse(self, shot: Shot, role: str) -> float:
+        """Return the root mean square error of a role."""
+        samples = int(np.sum(self.windows.spans[:, 1] - self.windows.spans[:, 0]))
+        return float(np.sqrt(self.squares(shot, role).sum() / samples))
+
+    def reduction(self, role: str) -> tuple[float, tuple[float, float]]:
+        """Return 1 − after / before and its 95 % interval, from windows drawn anew."""
+        before, after = self.squares(self.before, role), self.squares(self.after, role)
+        counts = np.random.default_rng(SEED).multinomial(
+            before.size, np.full(before.size, 1.0 / before.size), size=DRAWS
+        )
+        drawn = 1.0 - np.sqrt((counts @ after) / np.maximum(counts @ before, 1e-300))
+        low, high = np.quantile(drawn, [0.025, 0.975])
+        return float(1.0 - np.sqrt(after.sum() / max(before.sum(), 1e-300))), (float(low), float(high))
+
+    @property
+    def helps(self) -> bool:
+        """Whether the extended rig is better on these windows, all roles together."""
+        return self.whole(self.after) < self.whole(self.before)
+
+    def whole(self, shot: Shot) -> float:
+        """Return the Σ of squares of all roles over their noise."""
+        return float(np.sum(in_windows(shot, self.windows) ** 2))
+
+
+def compared(before: Any, after: Any, windows: Windows) -> Compared:
+    """Simulate windows with two rigs, each from the states that fit it best.
+
+    Raises
+    ------
+    SimulationError
+        The rig as it stands cannot be simulated there.
+    """
+    first = begun(before, windows)
+    second = first if after is before else begun(after, windows)
+    return Compared(windows, first, second, floors(after, windows, second))
+
+
+def floors(joint: Any, windows: Windows, shot: Shot) -> dict[str, float]:
+    """Return the error of each role that noise alone makes: its sensor's, and what noise in the recorded torques moves.
+
+    The second is measured: the windows are simulated with torques that carry noise of the same kind once more, and what the
+    states at the beginnings can make up for is taken off.
+    """
+    channels, rng = windows.channels, np.random.default_rng(SEED)
+    raw = dict(channels.raw)
+    for motor in motors_of(joint):
+        role = torque_role(motor)
+        if role in raw and channels.noise[role].deviation:
+            raw[role] = raw[role] + channels.noise[role].deviation * rng.standard_normal(raw[role].size)
+    own = {role: channels.noise[role].floor for role in windows.roles}
+    try:
+        moved = shoot(joint, replace(windows, channels=replace(channels, raw=raw)), shot.states)
+    except SimulationError:
+        return own
+    scale = np.repeat([own[r] or 1.0 for r in windows.roles], 1)
+    off = in_windows(moved, windows) - in_windows(shot, windows)
+    S = by_states(joint, windows, shot)
+    left = np.stack([d - s @ np.linalg.lstsq(s, d, rcond=1e-8)[0] for d, s in zip(off, S, strict=True)])
+    length = left.shape[1] // len(windows.roles)
+    rms = np.sqrt(np.mean(left.reshape(len(left), len(windows.roles), length) ** 2, axis=(0, 2))) * scale
+    return {role: float(np.hypot(own[role], rms[i])) for i, role in enumerate(windows.roles)}

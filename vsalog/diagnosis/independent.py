@@ -1,0 +1,35 @@
+"""Torque channels that are no measurements, told before anything is fitted to them."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from vsalog.diagnosis.causes.sensor import TORQUES
+from vsalog.signals import JointSignals
+from vsalog.validation.independence import computed_from
+
+
+def not_independent(signals: JointSignals, joint: Any) -> dict[str, str]:
+    """Return torque sensor's role → why it is no measurement.
+
+    Parameters
+    ----------
+    signals : as recorded
+    joint : of the rig
+    """
+    roles, found = signals.roles, {}
+    for role in (r for r in TORQUES if r in roles):
+        suffix = role.removeprefix("torque_sensor")
+        others = {f"deflection{suffix}": "the deflection", f"motor_torque{suffix}": "the motor's torque"}
+        known = {what: roles[name] for name, what in others.items() if name in roles}
+        position = f"motor_position{suffix}"
+        if "link_position" in roles and position in roles:
+            known["the deflection"] = roles["link_position"] - roles[position]
+        for what, x in known.items():
+            why = computed_from(np.asarray(roles[role]), role, np.asarray(x), what)
+            if why is not None:
+                found[role] = why
+                break
+    return found

@@ -1,0 +1,252 @@
+"""The diagnosis of one joint: what is wrong, why, the extended joint, the gain."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field, replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vsalog.diagnosis.balance import balance, motion_of
+from vsalog.diagnosis.causes import catalogue
+from vsalog.diagnosis.causes.base import Site
+from vsalog.diagnosis.channels import Channels, channels_of
+from vsalog.diagnosis.fit import Fit, applied, covariance_of, fitted
+from vsalog.diagnosis.gain import Compared, compared
+from vsalog.diagnosis.independent import not_independent
+from vsalog.diagnosis.remainder import depends_on, variables_of
+from vsalog.diagnosis.selection import Choice, Selection, select
+from vsalog.diagnosis.sensing import at_joint, true_roles
+from vsalog.diagnosis.setting import setting_of
+from vsalog.diagnosis.system import System, build_system
+from vsalog.diagnosis.windows import Windows, windows_of
+from vsalog.errors import DiagnosisError, SimulationError
+from vsalog.signals import JointSignals
+
+Array = NDArray[np.float64]
+Progress = Callable[[str], None]
+
+# Every so-manieth window is held out where there is no second log.
+HELD_OUT = 3
+# The mean square of an equation that noise explains, and the part of what was wrong that may be left of an explained log.
+NOISE, LEFT = 2.0, 0.03
+
+
+@dataclass(frozen=True, slots=True)
+class Found:
+    """A cause that was found and kept.
+
+    Attributes
+    ----------
+    site : of the catalogue
+    values, covariance : as fitted
+    choice : why it was chosen
+    removed : part of what the rig left over that it takes away
+    """
+
+    site: Site
+    values: Array
+    covariance: Array
+    choice: Choice
+    removed: float
+
+    def numbers(self) -> dict[str, tuple[float, float, str]]:
+        """Return name → value, standard deviation, unit, as people are told."""
+        told = self.site.reported(self.values.tolist())
+        slopes = np.zeros((len(told), self.values.size))
+        for i, parameter in enumerate(self.site.parameters):
+            step = 1e-3 * max(abs(parameter.step), 1e-12)
+            moved = self.values.copy()
+            moved[i] += step
+            there = self.site.reported(moved.tolist())
+            slopes[:, i] = [(there[name][0] - value) / step for name, (value, _) in told.items()]
+        spread = np.sqrt(np.maximum(np.diag(slopes @ self.covariance @ slopes.T), 0.0))
+        return {name: (value, float(s), unit) for (name, (value, unit)), s in zip(told.items(), spread, strict=True)}
+
+
+@dataclass(frozen=True, slots=True)
+class JointDiagnosis:
+    """What was found about one joint.
+
+    Attributes
+    ----------
+    name : of the joint
+    joint : as the rig has it, on the joint's side
+    extended : with what was found
+    system : the equations
+    selection : of causes
+    fit : of those that were kept
+    found : causes that were kept, the weightiest first
+    computed : torque sensor's role → why it is no measurement
+    gain : simulations before and after; none where nothing can be simulated
+    held_out : what the gain was measured on, in words; and whether it is another log
+    fraction : of what the rig left over that no cause explains
+    warnings : what a person should know
+    """
+
+    name: str
+    joint: Any
+    extended: Any
+    system: System
+    selection: Selection
+    fit: Fit
+    found: tuple[Found, ...]
+    computed: Mapping[str, str]
+    gain: Compared | None
+    held_out: str
+    fraction: float
+    warnings: tuple[str, ...] = field(default=())
+
+    @property
+    def consistent(self) -> bool:
+        """Whether nothing is left over but noise."""
+        return self.fit.loss <= NOISE * self.system.count
+
+    def rows(self, fit: Fit) -> Array:
+        """Return what a fit leaves over, whitened, shape (R, m)."""
+        return fit.residual.reshape(-1, len(self.system.names))
+
+
+def diagnose_joint(
+    name: str, joint: Any, signals: JointSignals, holdout: JointSignals | None, progress: Progress = lambda _: None
+) -> JointDiagnosis:
+    """Find what a joint's simulation gets wrong.
+
+    Parameters
+    ----------
+    name, joint : of the rig
+    signals : of the log, bound without undoing what the rig says of sensors and drives
+    holdout : of another log, bound alike
+    progress : told what is being done
+
+    Raises
+    ------
+    DiagnosisError
+        The roles allow no equation at all.
+    """
+    joint, warnings = at_joint(joint), list[str]()
+    computed = not_independent(signals, joint)
+    signals = without(signals, computed)
+    holdout = None if holdout is None else without(holdout, computed)
+    channels = channels_of(signals)
+    system = build_system(joint, channels, balance, 0.5 * signals.period)
+    if not system.names or not system.count:
+        raise DiagnosisError(
+            f"joint '{name}': its roles allow no equation to be checked; a diagnosis needs positions of motor and link (or the"
+            " deflection) with a torque sensor, or with the motor's torque and inertia, and a transmission of a known type"
+        )
+    progress(f"joint {name}: looking for causes")
+    selection = select(system, joint, setting_of(joint, system))
+    system, fit = selection.system, selection.fit
+    progress(f"joint {name}: simulating")
+    gain, held_out, kept = None, "", fit
+    try:
+        windows, held_out = _held_out(joint, channels, holdout, system.hold > 0.0)
+        kept, gain, dropped = _kept(system, joint, selection, windows, progress)
+        warnings += dropped
+    except SimulationError as error:
+        warnings.append(f"joint '{name}' could not be simulated, so nothing was measured of the gain: {error}")
+    found = _found(system, joint, selection, kept)
+    return JointDiagnosis(
+        name, joint, kept.joint(joint), system, selection, kept, tuple(found), computed, gain, held_out,
+        _fraction(system, selection.nothing, kept), tuple(warnings),
+    )  # fmt: skip
+
+
+def without(signals: JointSignals, roles: Mapping[str, str]) -> JointSignals:
+    """Return the signals without some roles."""
+    return replace(signals, roles={r: v for r, v in signals.roles.items() if r not in roles})
+
+
+def _held_out(joint: Any, channels: Channels, holdout: JointSignals | None, hold: bool) -> tuple[Windows, str]:
+    """Return the windows to measure the gain on, and what they are called."""
+    if holdout is not None:
+        return windows_of(joint, channels_of(holdout), hold), "the held-out log"
+    windows = windows_of(joint, channels, hold)
+    return windows, "windows of the log itself"
+
+
+def _kept(
+    system: System, joint: Any, selection: Selection, windows: Windows, progress: Progress
+) -> tuple[Fit, Compared, list[str]]:
+    """Drop causes that do not make the simulation of the held-out windows better."""
+    fit, dropped = selection.fit, list[str]()
+    gain = compared(joint, fit.joint(joint), windows)
+    for choice in sorted(selection.choices, key=lambda c: float((c.before - c.after).sum())):
+        site = choice.site
+        rest = tuple(s for s in fit.sites if s.key != site.key)
+        if len(fit.sites) == 1:
+            helps = gain.helps
+        else:
+            start = np.concatenate([fit.own(s) for s in rest])
+            less = compared(applied(joint, rest, start), fit.joint(joint), windows)
+            helps = less.helps
+        if not helps:
+            start = np.concatenate([fit.own(s) for s in rest]) if rest else np.zeros(0)
+            fit = fitted(system, joint, rest, start, selection.blocks)
+            gain = compared(joint, fit.joint(joint), windows)
+            dropped.append(
+                f"{site.cause} would explain part of the equations, but does not make the simulation of held-out data better:"
+                " it is not kept"
+            )
+    return fit, gain, dropped
+
+
+def _found(system: System, joint: Any, selection: Selection, fit: Fit) -> list[Found]:
+    """Return the causes of a fit with what each takes away."""
+    if not fit.sites:
+        return []
+    covariance = covariance_of(fit, selection.blocks)
+    wrong = max(selection.nothing.loss - system.count, 1e-300)
+    out, first = [], 0
+    for site in fit.sites:
+        own = slice(first, first + len(site.parameters))
+        first += len(site.parameters)
+        rest = tuple(s for s in fit.sites if s.key != site.key)
+        start = np.concatenate([fit.own(s) for s in rest]) if rest else np.zeros(0)
+        less = fitted(system, joint, rest, start, selection.blocks)
+        choice = next(c for c in selection.choices if c.site.key == site.key)
+        removed = float(np.clip((less.loss - fit.loss) / wrong, 0.0, 1.0))
+        out.append(Found(site, fit.values[own], covariance[own, own], choice, removed))
+    return sorted(out, key=lambda f: -f.removed)
+
+
+def _fraction(system: System, nothing: Fit, fit: Fit) -> float:
+    """Return the part of what was wrong beyond noise that is still left."""
+    wrong, left = nothing.loss - system.count, fit.loss - NOISE * system.count
+    return float(np.clip(left / wrong, 0.0, 1.0)) if wrong > 0.0 and left > 0.0 else 0.0
+
+
+def unexplained_equation(found: JointDiagnosis) -> int | None:
+    """Return the equation in which most is left over beyond noise; none where nothing is."""
+    rows = plain_rows(found, found.extended)
+    squares = np.nanmean(rows**2, axis=0)
+    worst = int(np.nanargmax(squares))
+    return worst if squares[worst] > NOISE else None
+
+
+def plain_rows(found: JointDiagnosis, joint: Any) -> Array:
+    """Return the averaged equations of a joint over their own noise, shape (R, m), NaN where they do not count."""
+    rows = found.system.averaged(joint) / found.system.deviation
+    return np.where(found.system.weights > 0.0, rows, np.nan)
+
+
+def variables(found: JointDiagnosis) -> dict[str, tuple[Array, str]]:
+    """Return what remainders of a joint may depend on."""
+    channels = found.system.channels
+    roles = true_roles(found.extended, channels, found.system.hold)
+    return variables_of(found.system, motion_of(found.extended, roles, channels.time, channels.spread))
+
+
+def remainder_depends_on(found: JointDiagnosis, equation: int) -> list[str]:
+    """Return the variables that an equation's remainder depends on, strongest first."""
+    rows = plain_rows(found, found.extended)[:, equation]
+    blocks = found.selection.blocks.reshape(-1, len(found.system.names))[:, 0]
+    return [d.name for d in depends_on(rows, blocks, variables(found))]
+
+
+def known_cause(name: str) -> Any:
+    """Return a cause of the catalogue."""
+    return catalogue()[name]

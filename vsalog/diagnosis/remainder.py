@@ -1,0 +1,102 @@
+"""What no cause explains: how much of it there is, on which side, and which signals it depends on."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vsalog.diagnosis.balance import Motion
+from vsalog.diagnosis.system import System
+
+Array = NDArray[np.float64]
+Integers = NDArray[np.int64]
+
+# A variable is cut into so many intervals that hold equally many rows; a remainder depends on it where the means of the
+# intervals, learnt from the other blocks, predict at least this part of its square.
+BINS, LEAST = 24, 0.05
+MOST_TOLD = 3
+
+
+@dataclass(frozen=True, slots=True)
+class Dependent:
+    """A variable that a remainder depends on: its name, and the part of the remainder's square that it predicts."""
+
+    name: str
+    share: float
+
+
+def variables_of(system: System, motion: Motion) -> dict[str, tuple[Array, str]]:
+    """Return what remainders may depend on: name → (averages, shape (R,), unit)."""
+    found: dict[str, tuple[Array, str]] = {"time": (system.time, "s")}
+    for suffix, theta in motion.motors.items():
+        found[f"motor_position{suffix}"] = system.average(theta[0]), "rad"
+        found[f"motor_velocity{suffix}"] = system.average(theta[1]), "rad/s"
+    if motion.link is not None:
+        found["link_position"] = system.average(motion.link[0]), "rad"
+        found["link_velocity"] = system.average(motion.link[1]), "rad/s"
+    for suffix, phi in motion.deflections.items():
+        found[f"deflection{suffix}"] = system.average(phi[0]), "rad"
+        found[f"deflection_rate{suffix}"] = system.average(phi[1]), "rad/s"
+    for role, values in motion.roles.items():
+        if role.startswith(("motor_torque", "setpoint", "secondary_torque", "pressure")):
+            unit = "m" if role == "setpoint" else "Pa" if role.startswith("pressure") else "N*m"
+            found[role] = system.average(values[0]), unit
+    return {name: (x, unit) for name, (x, unit) in found.items() if np.isfinite(x).any() and np.nanstd(x) > 0.0}
+
+
+def depends_on(rows: Array, blocks: Integers, variables: Mapping[str, tuple[Array, str]]) -> list[Dependent]:
+    """Return the variables that predict a remainder in blocks they were not learnt from, the best first.
+
+    Parameters
+    ----------
+    rows : shape (R,), over its noise; NaN where it does not count
+    blocks : shape (R,)
+    variables : name → (values, unit)
+    """
+    found = [Dependent(name, predicted_share(rows, blocks, x)) for name, (x, _) in variables.items()]
+    told = sorted((d for d in found if d.share >= LEAST), key=lambda d: -d.share)
+    return told[:MOST_TOLD]
+
+
+def predicted_share(rows: Array, blocks: Integers, x: Array) -> float:
+    """Return the part of a remainder's square that means over intervals of a variable predict, held out by blocks.
+
+    Time has no such intervals to learn from in other blocks: there, every other row of a block is held out.
+    """
+    good = np.isfinite(rows) & np.isfinite(x)
+    if np.count_nonzero(good) < 4 * BINS:
+        return 0.0
+    e, v, b = rows[good], x[good], blocks[good]
+    rising = bool(np.all(np.diff(v) > 0.0))
+    # Neighbours share their bells: in time, pairs of rows are held out by turns.
+    fold = (np.arange(e.size) // 2) % 2 if rising else b % 4
+    edges = np.unique(np.quantile(v, np.linspace(0.0, 1.0, BINS + 1)))
+    if edges.size < 4:
+        return 0.0
+    index = np.clip(np.searchsorted(edges, v, side="right") - 1, 0, edges.size - 2)
+    left = 0.0
+    for k in np.unique(fold):
+        out = fold == k
+        count = np.bincount(index[~out], minlength=edges.size)
+        mean = np.bincount(index[~out], e[~out], minlength=edges.size) / np.maximum(count, 1)
+        left += float(np.sum((e[out] - mean[index[out]]) ** 2))
+    return 1.0 - left / float(np.sum(e**2))
+
+
+def curve_of(rows: Array, x: Array) -> list[tuple[float, float, float, float]]:
+    """Return ends, mean and standard error over intervals of a variable."""
+    good = np.isfinite(rows) & np.isfinite(x)
+    e, v = rows[good], x[good]
+    edges = np.unique(np.quantile(v, np.linspace(0.0, 1.0, BINS + 1)))
+    index = np.clip(np.searchsorted(edges, v, side="right") - 1, 0, max(edges.size - 2, 0))
+    out = []
+    for k in range(edges.size - 1):
+        own = e[index == k]
+        if own.size:
+            # Rows overlap by half: every second one is independent.
+            error = float(np.std(own) / np.sqrt(max(own.size / 2.0, 1.0)))
+            out.append((float(edges[k]), float(edges[k + 1]), float(np.mean(own)), error))
+    return out

@@ -1,0 +1,220 @@
+"""One run of `diagnose`: a log and its rig in, what is wrong and the extended rig out."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+from msgspec.structs import replace
+
+from vsalog._version import __version__
+from vsalog.binding import bind, offered_roles, wanted_channels
+from vsalog.diagnosis.describe import causes_of, equation_errors, evidence_of, gains_of, signal_errors, unexplained_of
+from vsalog.diagnosis.document import VERSION, Diagnosis, FoundCause, Gains, Unexplained, Verdict
+from vsalog.diagnosis.evidence import JointEvidence
+from vsalog.diagnosis.joint import JointDiagnosis, diagnose_joint
+from vsalog.diagnosis.sensing import at_joint, bare
+from vsalog.diagnosis.words import sentences
+from vsalog.errors import BindingError, DiagnosisError, RigError, VsalogError
+from vsalog.estimation import pick_joints
+from vsalog.job import sha256
+from vsalog.readers import open_reader, read
+from vsalog.recording import Recording
+from vsalog.rig import Rig
+from vsalog.rig.find import find_rig
+from vsalog.rig.schema import RigidJoint
+from vsalog.signals import JointSignals
+
+Progress = Callable[[str], None]
+
+
+@dataclass(frozen=True, slots=True)
+class Options:
+    """What can be asked of `diagnose`; the command line's options of the same names.
+
+    Attributes
+    ----------
+    rig : a rig file or a preset's name; looked for in and beside the log when absent
+    joints : names of the joints wanted; all when empty
+    set : key → value of the rig
+    rate, time : as for `estimate`
+    """
+
+    rig: str | Path | None = None
+    joints: tuple[str, ...] = ()
+    set: Mapping[str, str] = field(default_factory=dict)
+    rate: float | None = None
+    time: str = "auto"
+
+
+@dataclass(frozen=True, slots=True)
+class Outcome:
+    """What a run gives.
+
+    Attributes
+    ----------
+    diagnosis : the document
+    evidence : what figures draw, joint by joint
+    rig : as it stands
+    extended : with the causes filled in; none where there is nothing to fill in
+    """
+
+    diagnosis: Diagnosis
+    evidence: tuple[JointEvidence, ...]
+    rig: Rig
+    extended: Rig | None
+
+
+def diagnose(log: Path, holdout: Path | None, options: Options, progress: Progress = lambda _: None) -> Outcome:
+    """Hold a rig against a log, and name what is wrong with it.
+
+    Parameters
+    ----------
+    log : to learn from
+    holdout : another log of the same machine, to measure the gain on
+    options : what is asked for
+    progress : told what is being done
+
+    Raises
+    ------
+    VsalogError
+        A log cannot be read, the rig is missing or does not fit, or the roles allow nothing to be checked.
+    """
+    rig = _rig(log, options)
+    wanted = pick_joints(rig.joints, options.joints)
+    usable = {name: joint for name, joint in wanted.items() if not isinstance(joint, RigidJoint)}
+    if not usable:
+        raise DiagnosisError(f"{rig.where}: has no joint with a transmission or muscles; there is nothing to diagnose")
+    progress(f"reading {log.name}")
+    recording = _read(log, usable, options)
+    second = None if holdout is None else _read(holdout, usable, options)
+    found, warnings = list[JointDiagnosis](), [f"{log.name}: {note}" for note in recording.notes]
+    for name, joint in usable.items():
+        try:
+            signals = _bound(recording, name, joint)
+            other = None if second is None else _bound(second, name, joint, set(signals.roles))
+            warnings += signals.notes
+            found.append(diagnose_joint(name, joint, signals, other, progress))
+        except VsalogError as error:
+            if len(usable) == 1:
+                raise
+            warnings.append(f"left out: {error}")
+    if not found:
+        raise DiagnosisError(f"{log.name}: no joint of the rig can be diagnosed: {'; '.join(warnings)}")
+    return _outcome(log, holdout, options, rig, found, warnings)
+
+
+def _outcome(
+    log: Path, holdout: Path | None, options: Options, rig: Rig, found: Sequence[JointDiagnosis], warnings: list[str]
+) -> Outcome:
+    causes = [c for f in found for c in causes_of(f)]
+    left = max((unexplained_of(f) for f in found), key=lambda u: u.fraction)
+    verdict = _verdict(found, causes, left)
+    gains = [g for f in found for g in gains_of(f)]
+    where = next((f.held_out for f in found if f.gain is not None), "")
+    document = Diagnosis(
+        version=VERSION,
+        vsalog=__version__,
+        log=log.name,
+        log_sha256=sha256(log),
+        holdout=None if holdout is None else holdout.name,
+        holdout_sha256=None if holdout is None else sha256(holdout),
+        rig=rig.to_toml(),
+        settings=_settings(options),
+        verdict=verdict,
+        sentences=sentences(verdict, causes, gains, where, left, len(found)),
+        simulation_error=tuple(e for f in found for e in signal_errors(f)),
+        equations=tuple(e for f in found for e in equation_errors(f)),
+        causes=tuple(causes),
+        gain=Gains(holdout=holdout is not None, where=where, signals=tuple(gains)),
+        unexplained=left,
+        next_experiment=_next(causes, left),
+        warnings=(*warnings, *(w for f in found for w in f.warnings)),
+    )
+    measured = log if holdout is None else holdout
+    evidence = tuple(evidence_of(f, measured.name) for f in found)
+    return Outcome(document, evidence, rig, _extended(rig, found))
+
+
+def _verdict(found: Sequence[JointDiagnosis], causes: Sequence[FoundCause], left: Unexplained) -> Verdict:
+    whole = all(f.consistent for f in found) or left.fraction <= 0.03
+    if not causes:
+        return "consistent" if whole else "unexplained"
+    return "explained" if whole else "partly explained"
+
+
+def _next(causes: Sequence[FoundCause], left: Unexplained) -> str:
+    """Return the experiment that would tell most."""
+    for cause in causes:
+        if cause.tell_apart:
+            return cause.tell_apart
+    if left.fraction > 0.03 and left.depends_on:
+        variable = left.depends_on[0].replace("_", " ")
+        return f"Record a slow sweep of {variable} with everything else at rest: what is left over shows as a curve over it."
+    return causes[0].how_to_confirm if causes else ""
+
+
+def _extended(rig: Rig, found: Sequence[JointDiagnosis]) -> Rig | None:
+    """Return the rig with what was found; parts that nothing was found in stay as they were written."""
+    joints, changed = dict(rig.joints), False
+    for one in found:
+        if not one.found:
+            continue
+        changed = True
+        original, plain = rig.joints[one.name], at_joint(rig.joints[one.name])
+        kept = {
+            name: getattr(original, name)
+            for name in original.__struct_fields__
+            if getattr(one.extended, name) == getattr(plain, name)
+        }
+        joints[one.name] = replace(one.extended, **kept)
+    return Rig(replace(rig.file, joint=joints), f"{rig.where}, extended") if changed else None
+
+
+def _rig(log: Path, options: Options) -> Rig:
+    text = open_reader(log, options.rate).rig_text if options.rig is None else None
+    rig = find_rig(log, text, options.rig)
+    if rig is None:
+        raise RigError(
+            f"no rig was found in or beside {log.name}, and without one there is no simulation to be wrong:"
+            f" 'vsalog init {log.name} > rig.toml' writes a first one, to be completed by hand (docs/rig.md); give it with --rig"
+        )
+    return rig.with_settings(options.set)
+
+
+def _read(log: Path, joints: Mapping[str, Any], options: Options) -> Recording:
+    channels = set().union(*(wanted_channels(joint, log.name) for joint in joints.values()))
+    return read(log, channels, time=options.time, rate=options.rate)
+
+
+def _bound(recording: Recording, name: str, joint: Any, roles: set[str] | None = None) -> JointSignals:
+    """Bind every role that the log has, as recorded."""
+    plain = bare(joint)
+    offered = offered_roles(plain)
+    there = [r for r in offered if wanted_channels(plain, recording.path.name, [r]) <= set(recording.channels)]
+    if roles is not None:
+        missing = sorted(roles - set(there))
+        if missing:
+            raise BindingError(
+                f"{recording.path.name}: lacks {', '.join(missing)}, which the log to be diagnosed has; a held-out log needs"
+                " the same roles"
+            )
+        there = [r for r in there if r in roles]
+    if not there:
+        raise BindingError(
+            f"{recording.path.name}: none of the channels that the rig names for joint '{name}' is there;"
+            f" 'vsalog inspect {recording.path.name}' lists them"
+        )
+    return bind([recording], name, plain, there)
+
+
+def _settings(options: Options) -> dict[str, str]:
+    asked = {
+        "joints": ",".join(options.joints),
+        "time": options.time,
+        **{f"set {k}": v for k, v in options.set.items()},
+    }
+    asked["rate"] = "" if options.rate is None else f"{options.rate:g}"
+    return {key: value for key, value in asked.items() if value}

@@ -1,0 +1,101 @@
+"""What a diagnosis says, in words."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from vsalog.diagnosis.causes import catalogue
+from vsalog.diagnosis.document import FoundCause, Gain, Unexplained, Verdict
+
+_PARTS = {
+    "motor": "motor",
+    "motor_1": "first motor",
+    "motor_2": "second motor",
+    "secondary_motor": "secondary motor",
+    "transmission": "transmission",
+    "transmission_1": "first transmission",
+    "transmission_2": "second transmission",
+    "link": "link",
+    "torque_sensor": "torque sensor",
+    "torque_sensor_1": "first torque sensor",
+    "torque_sensor_2": "second torque sensor",
+    "motor_position": "motor position",
+    "motor_position_1": "first motor's position",
+    "motor_position_2": "second motor's position",
+    "link_position": "link position",
+    "deflection": "deflection",
+}
+
+
+def part_in_words(part: str) -> str:
+    """Return what people call a part of a joint."""
+    return _PARTS.get(part, part.replace("_", " "))
+
+
+def title_of(cause: str, part: str) -> str:
+    """Return a cause's title with its part."""
+    return catalogue()[cause].title.replace("{part}", part_in_words(part))
+
+
+def sentences(
+    verdict: Verdict, causes: Sequence[FoundCause], gains: Sequence[Gain], held_out: str, left: Unexplained, joints: int
+) -> tuple[str, ...]:
+    """Say in three sentences what was found, why one may believe it, and what it is worth."""
+    if verdict == "consistent":
+        return (
+            "Nothing is wrong: the log is consistent with the rig within its noise.",
+            "Every equation of the joint closes to what the sensors' noise explains, and no cause of the catalogue would improve"
+            " it on data it was not fitted to.",
+            "What the log does not excite it cannot tell: that the rig is right holds for motions like these.",
+        )
+    first = _found(verdict, causes, joints)
+    return tuple(s for s in (first, _believe(causes, left), _worth(gains, held_out)) if s)
+
+
+def _found(verdict: Verdict, causes: Sequence[FoundCause], joints: int) -> str:
+    if not causes:
+        return "The rig's simulation is wrong, and no cause of the catalogue explains it."
+    told = [f"{_lower(c.title)} ({numbers(c)})" if c.parameters else _lower(c.title) for c in causes[:3]]
+    where = f"in joint {causes[0].joint}, " if joints > 1 else ""
+    whole = "; ".join(told)
+    start = "What the simulation gets wrong is explained: " if verdict == "explained" else "Part of it is explained: "
+    return f"{start}{where}{whole}."
+
+
+def _lower(title: str) -> str:
+    return title[0].lower() + title[1:]
+
+
+def numbers(cause: FoundCause) -> str:
+    """Return a cause's parameters with their 95 % intervals."""
+    parts = []
+    for name, n in cause.parameters.items():
+        unit = "" if n.unit == "1" else f" {n.unit.replace('*', '·').replace('^2', '²').replace('^3', '³')}"
+        spread = "" if n.std is None else f" ± {1.96 * n.std:.2g}"
+        parts.append(f"{name.replace('_', ' ')} {n.value:.4g}{spread}{unit}")
+    return ", ".join(parts)
+
+
+def _believe(causes: Sequence[FoundCause], left: Unexplained) -> str:
+    sure = ""
+    if causes:
+        others = causes[0].indistinguishable_from
+        sure = f"We are {100 * causes[0].confidence:.0f} % sure of the first"
+        sure += f"; this log cannot tell it from {', '.join(others)}. " if others else ". "
+    if left.fraction > 0.02 and left.where is not None:
+        on = f" and depends on {' and '.join(left.depends_on)}" if left.depends_on else ""
+        return f"{sure}{100 * left.fraction:.0f} % of what was wrong is left unexplained; it is on the {left.where} side{on}."
+    return f"{sure}Nothing beyond noise is left over once it is put in." if causes else sure
+
+
+def _worth(gains: Sequence[Gain], held_out: str) -> str:
+    if not gains:
+        return ""
+    best = max(gains, key=lambda g: g.reduction)
+    low, high = best.ci95
+    signal = best.signal.replace("_", " ")
+    return (
+        f"On {held_out} the extended rig's simulation of {signal} is off by {best.rmse_after:.3g} instead of"
+        f" {best.rmse_before:.3g} {best.unit.replace('*', '·')}: {100 * best.reduction:.0f} % less (95 %: {100 * low:.0f} to"
+        f" {100 * high:.0f} %); noise alone makes {best.noise_floor:.3g}."
+    )
