@@ -37,7 +37,7 @@ from vsalog.rig.schema import (
 
 Array = NDArray[np.float64]
 Mechanical = ElasticJoint | SerialJoint | AntagonisticJoint
-Side = Literal["motor", "transmission", "link", "sensor"]
+Side = Literal["motor", "transmission", "link", "sensor", "pneumatic"]
 
 GRAVITY = 9.81
 # Rounds of finding the deflection under a torque, and the share of the stiffness at rest below which a step is not trusted.

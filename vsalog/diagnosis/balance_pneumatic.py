@@ -5,21 +5,20 @@
     pressure_1, _2  Ṗ + k₂ (V̇/V) P − k₁ R T (m(P, u) − leak) / V              (eq. 4)
     link_position   ψ_sensor − ψ of a seesaw that is clamped
 
-One role of ψ, P₁ and P₂ may be missing: the torque meter tells it through the muscles' forces, which uses its equation up; without a
-meter the seesaw's equation tells a pressure. An angle that neither an encoder nor a meter nor a clamp tells leaves nothing: every
-equation holds it, and all that is then known of it is the seesaw's motion under the muscles, which is a simulation. Without its
-valve's voltage a muscle has no equation of pressure. What a clamp bears is not measured: a clamped seesaw has no equation.
+One role of ψ, P₁ and P₂ may be missing: the torque meter tells it through the muscles' forces, which uses its equation up;
+without a meter the seesaw's equation tells a pressure. An angle that neither an encoder nor a meter nor a clamp tells leaves
+nothing: every equation holds it, and only a simulation of the seesaw under its muscles could say more.
+Without its valve's voltage a muscle has no equation of pressure. What a clamp bears is not measured: a clamped seesaw has none.
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
-from vsalog.diagnosis.balance import Equation
+from vsalog.diagnosis.balance import SLACK, Equation, Motion
 from vsalog.diagnosis.sensing import known
 from vsalog.mechanics.muscle_forces import force_slopes
 from vsalog.mechanics.pneumatic_friction import friction_level, viscous_coefficient
@@ -38,28 +37,9 @@ from vsalog.rig.schema import PneumaticJoint
 
 Array = NDArray[np.float64]
 
-PRESSURES = ("pressure_1", "pressure_2")
+ANGLE, PRESSURES = "link_position", ("pressure_1", "pressure_2")
 # Rounds of finding what a torque tells, and the share of the slope in the middle below which a step is not trusted.
 ROUNDS, LEAST = 12, 0.05
-
-
-@dataclass(frozen=True, slots=True)
-class PneumaticMotion:
-    """What a pneumatic joint did, as its rig and its channels say.
-
-    Attributes
-    ----------
-    roles : the true roles, with what was told of the missing one; each of shape (3, N): value, first and second derivative
-    spent : names of the equations that told it
-    """
-
-    roles: Mapping[str, Array]
-    spent: frozenset[str]
-
-    @property
-    def whole(self) -> bool:
-        """Whether the angle and both pressures are known."""
-        return known(self.roles, "link_position", *PRESSURES)
 
 
 def balance_pneumatic(
@@ -71,47 +51,61 @@ def balance_pneumatic(
     -------
     Equations of the sides "link", "transmission", "pneumatic" and "sensor"
     """
-    motion = pneumatic_motion(joint, roles, time)
-    equations = []
-    if motion.whole:
-        equations += _torques(joint, motion)
-    if "link_position" in motion.roles:
+    motion = pneumatic_motion(joint, roles, time, spread)
+    equations = _torques(joint, motion) if motion.torques else []
+    if motion.link is not None:
         for index in (1, 2):
             if known(motion.roles, f"pressure_{index}", f"valve_{index}"):
                 equations.append(_filling(joint, motion.roles, index))
     held = joint.seesaw.held_at
-    if held is not None and "link_position" in roles:
-        equations.append(Equation("link_position", "sensor", "rad", roles["link_position"][0] - held))
+    if held is not None and ANGLE in roles:
+        equations.append(Equation("link_position", "sensor", "rad", roles[ANGLE][0] - held))
     return equations
 
 
-def pneumatic_motion(joint: PneumaticJoint, roles: Mapping[str, Array], time: Array) -> PneumaticMotion:
-    """Tell what a joint did; of the angle and the pressures one that is not recorded may be told from a torque."""
-    told = dict(roles)
+def pneumatic_motion(
+    joint: PneumaticJoint, roles: Mapping[str, Array], time: Array, spread: Mapping[str, float]
+) -> Motion:
+    """Tell what a joint did; parameters as `balance.balance`.
+
+    Returns
+    -------
+    The angle as `link`, the muscles' torque as the only one of `torques`, what was told of a missing angle or pressure among the
+    `roles`, and in `spent` the name of the equation that told it
+    """
+    told, spent = dict(roles), frozenset[str]()
     held = joint.seesaw.held_at
     if held is not None:
-        told["link_position"] = np.stack([np.full(time.size, held), np.zeros(time.size), np.zeros(time.size)])
-    missing = [role for role in ("link_position", *PRESSURES) if role not in told]
-    if len(missing) != 1:
-        return PneumaticMotion(told, frozenset())
-    role = missing[0]
-    if "torque_sensor" in told:
-        found = _under(joint, told, role, told["torque_sensor"][0])
-        return PneumaticMotion({**told, role: _with_rates(found, time)}, frozenset({"transmission"}))
-    if role == "link_position" or held is not None:
-        return PneumaticMotion(told, frozenset())
+        told[ANGLE] = np.stack([np.full(time.size, held), np.zeros(time.size), np.zeros(time.size)])
+    missing = [role for role in (ANGLE, *PRESSURES) if role not in told]
+    if len(missing) == 1:
+        torque, equation = _teller(joint, told, missing[0])
+        if torque is not None:
+            told[missing[0]], spent = _with_rates(torque, time), frozenset({equation})
+    torques = {}
+    if known(told, ANGLE, *PRESSURES):
+        torques[""] = joint_torque(joint, *(told[role][0] for role in (ANGLE, *PRESSURES)))
+    slacks = {"link": SLACK * spread.get(ANGLE, 0.0)}
+    return Motion(told, {}, told.get(ANGLE), {}, torques, frozenset(), spent, slacks)
+
+
+def _teller(joint: PneumaticJoint, roles: Mapping[str, Array], missing: str) -> tuple[Array | None, str]:
+    """Return the angle or the pressure that is not recorded as a torque tells it, and the name of that torque's equation."""
+    if "torque_sensor" in roles:
+        return _under(joint, roles, missing, roles["torque_sensor"][0]), "transmission"
+    if missing == ANGLE or joint.seesaw.held_at is not None:
+        return None, ""
     # Friction depends on the pressure that is looked for, a little.
-    torque = _carried(joint, told)
-    for _ in range(3):
-        found = _under(joint, told, role, torque)
-        torque = _carried(joint, told) + _dry(joint, {**told, role: found[None]})
-    return PneumaticMotion({**told, role: _with_rates(found, time)}, frozenset({"seesaw"}))
+    found = _under(joint, roles, missing, _carried(joint, roles))
+    for _ in range(2):
+        torque = _carried(joint, roles) + _dry(joint, {**roles, missing: found[None]})
+        found = _under(joint, roles, missing, torque)
+    return found, "seesaw"
 
 
-def _torques(joint: PneumaticJoint, motion: PneumaticMotion) -> list[Equation]:
+def _torques(joint: PneumaticJoint, motion: Motion) -> list[Equation]:
     roles, out = motion.roles, []
-    psi = roles["link_position"]
-    torque = joint_torque(joint, psi[0], roles["pressure_1"][0], roles["pressure_2"][0])
+    psi, torque = roles[ANGLE], motion.torques[""]
     if joint.seesaw.held_at is None and "seesaw" not in motion.spent:
         out.append(Equation("seesaw", "link", "N*m", _carried(joint, roles) - torque, _dry(joint, roles), psi[1]))
     if "torque_sensor" in roles and "transmission" not in motion.spent:
@@ -121,23 +115,23 @@ def _torques(joint: PneumaticJoint, motion: PneumaticMotion) -> list[Equation]:
 
 def _carried(joint: PneumaticJoint, roles: Mapping[str, Array]) -> Array:
     """Return J ψ̈ + k_s ψ + c_s ψ̇ − τ_ext."""
-    psi, seesaw = roles["link_position"], joint.seesaw
+    psi, seesaw = roles[ANGLE], joint.seesaw
     torque = seesaw.inertia * psi[2] + seesaw.return_stiffness * psi[0] + viscous_coefficient(joint) * psi[1]
     return np.asarray(torque - roles["external_torque"][0] if "external_torque" in roles else torque)
 
 
 def _dry(joint: PneumaticJoint, roles: Mapping[str, Array]) -> Array:
     """Return the torque of dry friction; where the seesaw stands still it is not known."""
-    psi, p1, p2 = roles["link_position"], roles["pressure_1"][0], roles["pressure_2"][0]
+    psi, p1, p2 = roles[ANGLE], roles["pressure_1"][0], roles["pressure_2"][0]
     pulls = muscle_pulls(joint, psi[0], p1, p2)
     return np.asarray(friction_level(joint, p1, p2, *pulls, psi[1]) * np.sign(psi[1]))
 
 
 def _filling(joint: PneumaticJoint, roles: Mapping[str, Array], index: int) -> Equation:
     """Return the equation of a muscle's pressure."""
-    air, muscle, valve = joint.air, (joint.muscle_1, joint.muscle_2)[index - 1], (joint.valve_1, joint.valve_2)[index - 1]
-    name = f"pressure_{index}"
-    psi, p, voltage = roles["link_position"], roles[name], roles[f"valve_{index}"][0]
+    muscle, valve = ((joint.muscle_1, joint.valve_1), (joint.muscle_2, joint.valve_2))[index - 1]
+    air, name = joint.air, f"pressure_{index}"
+    psi, p, voltage = roles[ANGLE], roles[name], roles[f"valve_{index}"][0]
     length = muscle_lengths(joint, psi[0])[index - 1]
     side = -1.0 if index == 1 else 1.0
     speed = side * joint.seesaw.radius * np.cos(psi[0]) * psi[1]
@@ -145,7 +139,7 @@ def _filling(joint: PneumaticJoint, roles: Mapping[str, Array], index: int) -> E
     swelling = air.volume_index * volume_slope(muscle, length) * speed * p[0] / volume
     net = valve_flow(valve, air, valve_opening(valve, voltage), p[0])
     net = net - orifice_flow(air, muscle.leak_area, p[0], air.outside_pressure)
-    # A valve's voltage steps and its map has corners, which the channels' filter would have rounded: the flow passes it afterwards.
+    # A valve's voltage steps and its map has corners, which the filter would have rounded: the flow passes it afterwards.
     filling = air.inflow_index * air.gas_constant * air.temperature * net / volume
     return Equation(name, "pneumatic", "Pa/s", p[1] + swelling, -filling)
 
@@ -153,14 +147,14 @@ def _filling(joint: PneumaticJoint, roles: Mapping[str, Array], index: int) -> E
 def _under(joint: PneumaticJoint, roles: Mapping[str, Array], role: str, torque: Array) -> Array:
     """Return the angle, or the pressure, at which the muscles make a torque, by Newton's method from the middle of its range."""
     air = joint.air
-    state = {r: roles[r][0] for r in ("link_position", *PRESSURES) if r != role}
-    middle = 0.0 if role == "link_position" else 0.5 * (air.supply_pressure + air.outside_pressure)
-    low, high = (-1.5, 1.5) if role == "link_position" else (1e-3 * air.outside_pressure, 3.0 * air.supply_pressure)
+    state = {r: roles[r][0] for r in (ANGLE, *PRESSURES) if r != role}
+    middle = 0.0 if role == ANGLE else 0.5 * (air.supply_pressure + air.outside_pressure)
+    low, high = (-1.5, 1.5) if role == ANGLE else (1e-3 * air.outside_pressure, 3.0 * air.supply_pressure)
     x = np.full(torque.size, middle)
     least: Array | None = None
     for _ in range(ROUNDS):
         state[role] = x
-        off = joint_torque(joint, *(state[r] for r in ("link_position", *PRESSURES))) - torque
+        off = joint_torque(joint, *(state[r] for r in (ANGLE, *PRESSURES))) - torque
         slope = _slope(joint, state, role)
         least = LEAST * np.abs(slope) if least is None else least
         slope = np.where(np.abs(slope) < least, np.copysign(least, slope), slope)
@@ -170,8 +164,8 @@ def _under(joint: PneumaticJoint, roles: Mapping[str, Array], role: str, torque:
 
 def _slope(joint: PneumaticJoint, state: Mapping[str, Array], role: str) -> Array:
     """Return the change of the muscles' torque with the angle or a pressure."""
-    psi = state["link_position"]
-    if role == "link_position":
+    psi = state[ANGLE]
+    if role == ANGLE:
         return -isobaric_stiffness(joint, psi, state["pressure_1"], state["pressure_2"])
     first = role == "pressure_1"
     muscle, length = (joint.muscle_1, joint.muscle_2)[not first], muscle_lengths(joint, psi)[not first]

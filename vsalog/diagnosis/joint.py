@@ -9,13 +9,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from vsalog.diagnosis.balance import balance, motion_of
 from vsalog.diagnosis.causes import catalogue
 from vsalog.diagnosis.causes.base import Site
 from vsalog.diagnosis.channels import Channels, channels_of
 from vsalog.diagnosis.fit import Fit, applied, covariance_of, fitted
 from vsalog.diagnosis.gain import Compared, compared
 from vsalog.diagnosis.independent import not_independent
+from vsalog.diagnosis.kinds import balance_for, motion_for
 from vsalog.diagnosis.remainder import depends_on, variables_of
 from vsalog.diagnosis.selection import Choice, Selection, select
 from vsalog.diagnosis.sensing import at_joint, true_roles
@@ -131,11 +131,12 @@ def diagnose_joint(
     signals = without(signals, computed)
     holdout = None if holdout is None else without(holdout, computed)
     channels = channels_of(signals)
-    system = build_system(joint, channels, balance, 0.5 * signals.period)
+    system = build_system(joint, channels, balance_for(joint), 0.5 * signals.period)
     if not system.names or not system.count:
         raise DiagnosisError(
             f"joint '{name}': its roles allow no equation to be checked; a diagnosis needs positions of motor and link (or the"
-            " deflection) with a torque sensor, or with the motor's torque and inertia, and a transmission of a known type"
+            " deflection) with a torque sensor, or with the motor's torque and inertia, and a transmission of a known type; one"
+            " with muscles needs their pressures with the angle, or with the torque meter"
         )
     progress(f"joint {name}: looking for causes")
     selection = select(system, joint, setting_of(joint, system))
@@ -237,7 +238,7 @@ def variables(found: JointDiagnosis) -> dict[str, tuple[Array, str]]:
     """Return what remainders of a joint may depend on."""
     channels = found.system.channels
     roles = true_roles(found.extended, channels, found.system.hold)
-    return variables_of(found.system, motion_of(found.extended, roles, channels.time, channels.spread))
+    return variables_of(found.system, motion_for(found.extended, roles, channels.time, channels.spread))
 
 
 def remainder_depends_on(found: JointDiagnosis, equation: int) -> list[str]:

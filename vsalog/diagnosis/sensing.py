@@ -17,6 +17,8 @@ Array = NDArray[np.float64]
 
 # An eccentricity is small against a turn: so many rounds leave nothing of it.
 ROUNDS = 6
+# Voltages that are commanded, and held from one sample to the next as motors' torques are.
+VALVES = ("valve_1", "valve_2")
 
 
 def bare(joint: Any) -> Any:
@@ -70,7 +72,7 @@ def true_roles(joint: Joint, channels: Channels, hold: float = 0.0) -> dict[str,
     ----------
     joint : of the rig
     channels : as recorded
-    hold : how long after its stamp a recorded motor torque acts on average, beside the rig's delay [s]
+    hold : how long after its stamp a recorded motor torque or valve's voltage acts on average, beside the rig's delay [s]
 
     Returns
     -------
@@ -92,6 +94,8 @@ def true_roles(joint: Joint, channels: Channels, hold: float = 0.0) -> dict[str,
                 acting = np.stack([acting[0] + motor.torque_offset, acting[1], acting[2]])
             true[role] = acting
     for role, values in list(true.items()):
+        if role in VALVES and hold:
+            true[role] = shifted(values, -hold / channels.period)
         series = offered.get(role, Signal()).series_stiffness
         sensor = role.replace("deflection", "torque_sensor")
         if series is not None and sensor in true:

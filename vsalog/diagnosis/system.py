@@ -201,6 +201,10 @@ def _usable(equation: Equation, again: list[Equation], margin: int) -> Flags:
 
 def _size(equation: Equation, channels: Channels) -> float:
     """Return the size of what is added up in an equation, in its unit, from the roles of that unit."""
+    if equation.unit == "Pa/s":
+        return max(
+            (float(np.nanstd(v[1])) for role, v in channels.roles.items() if role.startswith("pressure")), default=0.0
+        )
     if equation.unit != "N*m":
         return 0.0
     torques = [v[0] for role, v in channels.roles.items() if "torque" in role]

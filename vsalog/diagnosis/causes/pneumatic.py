@@ -9,7 +9,7 @@ import numpy as np
 from msgspec.structs import replace
 
 from vsalog.binding import signal_of
-from vsalog.diagnosis.causes.base import Cause, Parameter, Setting, Site, size, with_part, with_signal
+from vsalog.diagnosis.causes.base import Cause, Parameter, Setting, Site, with_part, with_signal
 from vsalog.rig.schema import PneumaticJoint, PressureFriction, SimpleFriction, TonduFriction
 
 TWINS = ("_1", "_2")
@@ -113,7 +113,9 @@ class PneumaticPressureOffset(_OfMuscles):
     """A pressure sensor whose zero is elsewhere."""
 
     name = "pneumatic.pressure_offset"
-    title = "The {part} sensor says too much or too little by a constant: its zero is off, or it is no absolute pressure"
+    title = (
+        "The {part} sensor says too much or too little by a constant: its zero is off, or it is no absolute pressure"
+    )
     says = "the muscle's pull and its flow are those of another pressure, by the same amount at every moment"
     confirm = "Open the muscle to the outside and compare what the sensor says with a barometer."
     reference = "Shin 2021 eq. 4 and 6: pressures are absolute"
@@ -170,8 +172,8 @@ class PneumaticMuscleFriction(Cause):
     title = "Dry friction of the muscles is missing in the rig, or has another level"
     says = "the joint's torque is off by a level that has the sign of its velocity"
     confirm = (
-        "Let the pressures rise and fall very slowly to and fro: the angle comes back on another branch, and the torque between the"
-        " two is twice the friction."
+        "Let the pressures rise and fall very slowly to and fro: the angle comes back on another branch, and the torque"
+        " between the two is twice the friction."
     )
     reference = "Shin 2021 eq. 10 and §II-B4, T_p; §IV-B for the other laws"
     signature = "seesaw equation: sgn ψ̇, with 1/(P − P_out)² where the friction is that of the paper"
@@ -183,8 +185,8 @@ class PneumaticMuscleFriction(Cause):
         friction = setting.joint.friction
         torque = 1e-3 * setting.torque_size()
         if isinstance(friction, PressureFriction):
-            gauge = [setting.roles[f"pressure{t}"][0] - setting.joint.air.outside_pressure for t in TWINS]
-            tube = sum(float(np.nanmedian(np.maximum(np.abs(g), 1e3))) ** -2.0 for g in gauge)
+            # Of two muscles at half of what the supply gives.
+            tube = 2.0 * (0.5 * (setting.joint.air.supply_pressure - setting.joint.air.outside_pressure)) ** -2.0
             parameter = Parameter("muscle", "N*m*Pa^2", friction.muscle, torque / tube, 0.0)
         else:
             level = friction.kinetic if isinstance(friction, TonduFriction) else friction.level if friction else 0.0

@@ -1,0 +1,27 @@
+"""What a diagnosis does otherwise for each kind of joint: the equations, and how what the joint did is told."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vsalog.diagnosis.balance import Motion, balance, motion_of
+from vsalog.diagnosis.balance_pneumatic import balance_pneumatic, pneumatic_motion
+from vsalog.diagnosis.system import Balance
+from vsalog.rig.schema import PneumaticJoint
+
+Array = NDArray[np.float64]
+
+
+def balance_for(joint: Any) -> Balance:
+    """Return what forms the equations of a joint of this kind."""
+    return balance_pneumatic if isinstance(joint, PneumaticJoint) else balance
+
+
+def motion_for(joint: Any, roles: Mapping[str, Array], time: Array, spread: Mapping[str, float]) -> Motion:
+    """Tell what a joint of any kind did; parameters as `balance.balance`."""
+    told = pneumatic_motion if isinstance(joint, PneumaticJoint) else motion_of
+    return told(joint, roles, time, spread)
