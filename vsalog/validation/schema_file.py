@@ -5,37 +5,21 @@
 
 from __future__ import annotations
 
-import json
 from typing import Any
 
-import msgspec
-
-from vsalog.rig.schema_file import field_descriptions
+from vsalog.document_schema import as_text, document_schema
 from vsalog.validation import document
 
 
 def report_schema() -> dict[str, Any]:
-    """Return the JSON Schema (draft 2020-12): msgspec's own, with the docstrings' words for each key."""
-    schema: dict[str, Any] = msgspec.json.schema(document.Report)
-    definitions: dict[str, Any] = schema["$defs"]
-    for name, definition in definitions.items():
-        words = field_descriptions(getattr(document, name))
-        for key, part in definition.get("properties", {}).items():
-            if key in words:
-                part["description"] = words[key]
-    report = definitions.pop("Report")
-    return {
-        **report,
-        "$schema": "https://json-schema.org/draft/2020-12/schema",
-        "title": f"vsalog validation report, version {document.VERSION}",
-        "description": "What 'vsalog validate' found.",
-        "$defs": definitions,
-    }
+    """Return the JSON Schema (draft 2020-12)."""
+    title = f"vsalog validation report, version {document.VERSION}"
+    return document_schema(document, "Report", title, "What 'vsalog validate' found.")
 
 
 def schema_text() -> str:
     """Return the schema as it stands in `docs/report.schema.json`."""
-    return json.dumps(report_schema(), indent=2, ensure_ascii=False) + "\n"
+    return as_text(report_schema())
 
 
 if __name__ == "__main__":
