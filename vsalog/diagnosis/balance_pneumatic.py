@@ -17,8 +17,10 @@ from collections.abc import Mapping
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.ndimage import minimum_filter1d
 
 from vsalog.diagnosis.balance import SLACK, Equation, Motion
+from vsalog.diagnosis.channels import WINDOW
 from vsalog.diagnosis.sensing import known
 from vsalog.mechanics.muscle_forces import force_slopes
 from vsalog.mechanics.pneumatic_friction import friction_level, viscous_coefficient
@@ -40,6 +42,8 @@ Array = NDArray[np.float64]
 ANGLE, PRESSURES = "link_position", ("pressure_1", "pressure_2")
 # Rounds of finding what a torque tells, and the share of the slope in the middle below which a step is not trusted.
 ROUNDS, LEAST = 12, 0.05
+# The direction of a motion is known where it is the same over so many of the filter's windows.
+ABOUT = 1.0
 
 
 def balance_pneumatic(
@@ -52,7 +56,7 @@ def balance_pneumatic(
     Equations of the sides "link", "transmission", "pneumatic" and "sensor"
     """
     motion = pneumatic_motion(joint, roles, time, spread)
-    equations = _torques(joint, motion) if motion.torques else []
+    equations = _torques(joint, motion, time) if motion.torques else []
     if motion.link is not None:
         for index in (1, 2):
             if known(motion.roles, f"pressure_{index}", f"valve_{index}"):
@@ -103,14 +107,22 @@ def _teller(joint: PneumaticJoint, roles: Mapping[str, Array], missing: str) -> 
     return found, "seesaw"
 
 
-def _torques(joint: PneumaticJoint, motion: Motion) -> list[Equation]:
+def _torques(joint: PneumaticJoint, motion: Motion, time: Array) -> list[Equation]:
     roles, out = motion.roles, []
     psi, torque = roles[ANGLE], motion.torques[""]
     if joint.seesaw.held_at is None and "seesaw" not in motion.spent:
-        out.append(Equation("seesaw", "link", "N*m", _carried(joint, roles) - torque, _dry(joint, roles), psi[1]))
+        rate = _least_about(psi[1], time)
+        out.append(Equation("seesaw", "link", "N*m", _carried(joint, roles) - torque, _dry(joint, roles), rate))
     if "torque_sensor" in roles and "transmission" not in motion.spent:
         out.append(Equation("transmission", "transmission", "N*m", roles["torque_sensor"][0] - torque))
     return out
+
+
+def _least_about(rate: Array, time: Array) -> Array:
+    """Return the slowest of the velocities about each sample: a seesaw that stops sticks, and the filter smears its stop."""
+    size = 2 * round(0.5 * ABOUT * WINDOW / max(float(time[1] - time[0]), 1e-9)) + 1
+    least = minimum_filter1d(np.abs(rate), size)
+    return np.asarray(np.where(np.isfinite(rate), least, np.nan))
 
 
 def _carried(joint: PneumaticJoint, roles: Mapping[str, Array]) -> Array:

@@ -98,6 +98,8 @@ def channels_of(signals: JointSignals) -> Channels:
     window = max(FEWEST, round(WINDOW / period) | 1)
     raw = {role: np.ascontiguousarray(values) for role, values in signals.roles.items()}
     noise = {role: noise_in(values) for role, values in raw.items()}
+    # What is commanded in a few steps was not rounded to them.
+    noise |= {role: replace(own, step=0.0) for role, own in noise.items() if role.startswith("valve")}
     filtered = _filtered(raw, signals.starts, period, window)
     left = float(np.linalg.norm(savgol_weights(window, DEGREE)))
     spread = {role: own.floor * left for role, own in noise.items()}
