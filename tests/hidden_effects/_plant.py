@@ -80,6 +80,8 @@ SERVO = np.dtype([("stiffness", "f8"), ("damping", "f8"), ("limit", "f8")])
 MOTOR_AT, LINK_AT, BRISTLE_AT, WARMTH_AT, LOOP_AT, SLIP_AT, STATES = 0, 4, 6, 9, 12, 14, 20
 # Three equal springs that slip one after another, at these shares of `slip_width`.
 SLIP_SHARES = (0.25, 0.6, 1.0)
+# Speed that a part may gain within a sample [rad/s], and the most steps per second.
+BRISTLE_MARGIN, MOST_STEPS = 0.2, 6e4
 # How fast a spring yields [s].
 YIELD_TIME = 0.02
 
@@ -193,6 +195,18 @@ def _rates(device, motors, springs, links, lever, x, t, applied, out, torques):
 
 
 @njit(cache=True, error_model="numpy")
+def _relaxing(motors, links, x):
+    """Return how many steps per second the bristles ask for: they relax over their travel, at the speed they are dragged."""
+    most = 0.0
+    for i in range(2):
+        if motors[i].presliding > 0.0:
+            most = max(most, (abs(x[2 * i + 1]) + BRISTLE_MARGIN) / motors[i].presliding)
+    if links[0].presliding > 0.0:
+        most = max(most, (abs(x[LINK_AT + 1]) + BRISTLE_MARGIN) / links[0].presliding)
+    return min(most / 1.5, MOST_STEPS)
+
+
+@njit(cache=True, error_model="numpy")
 def rates(device, motors, springs, link, lever, x, t, applied):
     """Return ẋ and the transmitted torques."""
     out, torques = np.zeros(STATES), np.zeros(2)
@@ -210,7 +224,7 @@ def play(device, motors, springs, link, lever, servos, wanted, start, period, st
     wanted : shape (N, 2, 2), per sample and motor the wanted angle [rad] and velocity [rad/s]
     start : time of the first sample [s]
     period : sample time [s]
-    step : no longer are steps [s]
+    step : no longer are steps [s]; bristles may ask for shorter ones
     x0 : shape (STATES,), the state at the start
 
     Returns
@@ -249,7 +263,7 @@ def play(device, motors, springs, link, lever, servos, wanted, start, period, st
                 # Until a late drive has heard of it, the command before acts on.
                 at = k - whole[i] - (1 if edges[part] < late[i] - 1e-12 else 0)
                 applied[i] = commands[at, i] if at >= 0 else 0.0
-            count = int(np.ceil(length / step - 1e-9))
+            count = int(np.ceil(length * max(1.0 / step, _relaxing(motors, link, x)) - 1e-9))
             h = length / count
             for j in range(count):
                 s = t + edges[part] + j * h

@@ -14,7 +14,7 @@ import pyarrow.parquet as pq
 from . import motion
 from .alike import told_apart
 from .bench import Bench, Hidden, wild
-from .effects import EFFECTS, OUTSIDE, SCORED_OUTSIDE, scales_of
+from .effects import EFFECTS, OUTSIDE, SCORED_OUTSIDE, Effect, scales_of
 from .machines import random_machine
 from .rig_file import CHANNELS, rig_text, unit_of
 from .sensors import random_qualities, recorded
@@ -99,9 +99,15 @@ def make_case(plan: Plan) -> Case:
     raise NotVisibleError(f"{plan.name}: {plan.causes or plan.outside} is not visible in {plan.device}, {plan.roles}")
 
 
+def _effects(plan: Plan) -> list[Effect]:
+    return [EFFECTS[c] for c in plan.causes] + ([OUTSIDE[plan.outside]] if plan.outside else [])
+
+
 def _bench(plan: Plan, rng: np.random.Generator) -> Bench | None:
     period = 1e-3 if rng.random() < 0.7 else 2e-3
     nominal = random_machine(plan.device, rng)
+    if any(not effect.parts(nominal) for effect in _effects(plan)):
+        return None
     follow = motion.wanted(nominal, rng.uniform(20.0, 30.0), period, rng, plan.poor)
     truth = motion.happened(nominal, follow)
     if truth is None:
@@ -111,10 +117,9 @@ def _bench(plan: Plan, rng: np.random.Generator) -> Bench | None:
 
 
 def _hide_all(plan: Plan, bench: Bench, rng: np.random.Generator) -> list[Hidden] | None:
-    effects = [EFFECTS[c] for c in plan.causes] + ([OUTSIDE[plan.outside]] if plan.outside else [])
     hidden: list[Hidden] = []
     taken: set[str] = set()
-    for effect in effects:
+    for effect in _effects(plan):
         parts = [p for p in effect.parts(bench.nominal) if p not in bench.missing]
         if not parts:
             return None

@@ -157,8 +157,8 @@ def _(s, shape, machine, sensors, part, scales):
 
 
 def _presliding(scales: Scales, part: str) -> float:
-    """Choose the travel of bristles so that they relax no faster than the integrator's steps can follow."""
-    return max(4e-4 * scales.fastest[part], 1e-4)
+    """Choose the travel of bristles: about that of a good gear, a fraction of a millimetre at a hand's length."""
+    return max(5e-5 * scales.fastest[part], 1e-4)
 
 
 def _kinetic(row, s: float, part: str, scales: Scales) -> float:

@@ -69,7 +69,12 @@ class _Sum:
         self.total = self.total + oaconvolve(values, kernel, mode="same")
 
     def noisy(self, role: str, factor: float, kernel: np.ndarray) -> None:
-        self.weights[role] = self.weights.get(role, 0.0) + factor * kernel
+        # Kernels of one channel may differ in length: they are centred, or begin together.
+        before = self.weights.get(role, np.zeros(1))
+        both = np.zeros(max(before.size, kernel.size))
+        both[: before.size] += before
+        both[: kernel.size] += factor * kernel
+        self.weights[role] = both
 
     def done(self, qualities: dict[str, Quality]) -> LeftOver:
         noise = sum(float(np.sum(w**2)) * qualities[r].deviation ** 2 for r, w in self.weights.items())
@@ -84,13 +89,22 @@ def _held(command: np.ndarray) -> np.ndarray:
 
 @dataclass
 class _Spring:
-    """Of one transmission: roles, deflection with the roles it comes from, torque and stiffness of the nominal spring."""
+    """Of one transmission: deflection, the nominal spring's torque, its stiffness and compliance (rms), its damper's lag [s]."""
 
     suffix: str
     phi: np.ndarray
     torque: np.ndarray
     stiffness: float
-    measured: bool
+    compliance: float
+    lag: float
+
+    def under(self, kernel: np.ndarray, period: float) -> np.ndarray:
+        """Return what a kernel of the deflection is to the torque that tells it: the spring's damper makes it lag."""
+        if self.lag <= 0.0:
+            return self.compliance * kernel
+        decay = np.exp(-period / self.lag)
+        steps = np.arange(max(3, round(6.0 * self.lag / period)))
+        return self.compliance * np.convolve(kernel, (1.0 - decay) * decay**steps)
 
 
 def left_over(
@@ -133,7 +147,7 @@ def left_over(
             _formula(equation, -1.0, spring, nominal, i, w0, w1)
             out[f"transmission{suffix}"] = equation.done(qualities)
     if nominal.device == "serial":
-        out["secondary_motor"] = _secondary(nominal, said, springs[0], arm, qualities, _Sum(windows, inside))
+        out["secondary_motor"] = _secondary(nominal, said, springs[0], arm, qualities, period, _Sum(windows, inside))
     rig = nominal.link[0]
     kernel = rig["inertia"] * w2 + rig["damping"] * w1
     if "link_position" in said:
@@ -143,12 +157,12 @@ def left_over(
     else:
         q = said[f"motor_position{springs[0].suffix}"] + springs[0].phi
         link.noisy(f"motor_position{springs[0].suffix}", 1.0, kernel)
-        link.noisy(f"torque_sensor{springs[0].suffix}", 1.0 / springs[0].stiffness, kernel)
+        link.noisy(f"torque_sensor{springs[0].suffix}", 1.0, springs[0].under(kernel, period))
     link.add(q, kernel)
     link.add(rig["gravity"] * np.sin(q - rig["hangs_at"]), w0)
     out["link"] = link.done(qualities)
     if len(springs) == 2 and "link_position" not in said:
-        out["deflections"] = _twice(said, springs, qualities, _Sum(windows, inside))
+        out["deflections"] = _twice(said, springs, qualities, period, _Sum(windows, inside))
     return out
 
 
@@ -161,7 +175,8 @@ def _spring(
     else:
         phi = _plant.deflections_under(row, said[f"torque_sensor{suffix}"], arm, period)
     torque, stiffness = curve(row, phi, arm)
-    return _Spring(suffix, phi, torque, float(np.sqrt(np.mean(stiffness**2))), "link_position" in said)
+    stiff, soft = (float(np.sqrt(np.mean(x**2))) for x in (stiffness, 1.0 / stiffness))
+    return _Spring(suffix, phi, torque, stiff, soft, float(row["damping"]) * soft)
 
 
 def curve(row: np.void, phi: np.ndarray, arm: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -195,7 +210,7 @@ def _formula(equation, sign, spring, nominal, i, w0, w1) -> None:
     equation.noisy(f"motor_position{spring.suffix}", -1.0, kernel)
 
 
-def _secondary(nominal, said, spring, arm, qualities, equation) -> LeftOver:
+def _secondary(nominal, said, spring, arm, qualities, period, equation) -> LeftOver:
     """B_c θ̈_c + D_c θ̇_c + ψ_e − τ_c with ψ_e = −2 k b r sin²φ."""
     w0, w1, w2 = equation.windows.value, equation.windows.rate, equation.windows.curve
     motor = nominal.motors[1]
@@ -205,23 +220,23 @@ def _secondary(nominal, said, spring, arm, qualities, equation) -> LeftOver:
     factor = -2.0 * nominal.springs[0]["k1"] * nominal.lever[1]
     equation.add(factor * arm * np.sin(spring.phi) ** 2, w0)
     slope = float(np.sqrt(np.mean((factor * arm * np.sin(2.0 * spring.phi)) ** 2)))
-    if spring.measured:
+    if "link_position" in said:
         equation.noisy("link_position", slope, w0)
         equation.noisy("motor_position", -slope, w0)
     else:
-        equation.noisy("torque_sensor", slope / spring.stiffness, w0)
+        equation.noisy("torque_sensor", slope, spring.under(w0, period))
     equation.add(-_held(said["secondary_torque"]), w0)
     equation.noisy("secondary_torque", -1.0, w0)
     return equation.done(qualities)
 
 
-def _twice(said, springs, qualities, equation) -> LeftOver:
+def _twice(said, springs, qualities, period, equation) -> LeftOver:
     """Say where the link is twice: from either transmission."""
     w0 = equation.windows.value
     for sign, spring in zip((1.0, -1.0), springs, strict=True):
         equation.add(sign * (said[f"motor_position{spring.suffix}"] + spring.phi), w0)
         equation.noisy(f"motor_position{spring.suffix}", sign, w0)
-        equation.noisy(f"torque_sensor{spring.suffix}", sign / spring.stiffness, w0)
+        equation.noisy(f"torque_sensor{spring.suffix}", sign, spring.under(w0, period))
     return equation.done(qualities)
 
 

@@ -96,14 +96,14 @@ def random_machine(device: str, rng: np.random.Generator) -> Machine:
         stiffness = torque / deflection
         springs["law"] = _plant.LEVER
         springs["k1"] = stiffness / (2.0 * (0.75 * lever[0]) ** 2)
-        resonance = rng.uniform(3.0, 7.0)
+        resonance = rng.uniform(2.0, 4.5)
     else:
         torque, deflection = _log(rng, 1.0, 40.0), rng.uniform(0.05, 0.2)
         stiffness = torque / deflection
         hardening = rng.uniform(0.2, 0.7) if rng.random() < 0.5 else 0.0
         springs["law"] = _plant.CUBIC
         springs["k1"], springs["k3"] = stiffness * (1.0 - hardening), stiffness * hardening / deflection**2
-        resonance = rng.uniform(3.0, 7.0)
+        resonance = rng.uniform(2.0, 4.5)
     inertia = stiffness / (2.0 * np.pi * resonance) ** 2
     link["inertia"] = inertia
     # The four-bar mechanism is soft about its middle: without more damping a link would swing there all the time.

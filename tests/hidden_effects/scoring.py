@@ -207,6 +207,8 @@ def _gains(diagnosis: Mapping[str, Any]) -> tuple[list[float], bool]:
     floors = {(s.get("joint"), s["signal"]): s.get("noise_floor") for s in diagnosis.get("simulation_error", [])}
     ratios, changes = [], []
     for signal in gain.get("signals", []):
+        if signal["signal"].startswith("stiffness"):
+            continue  # what an estimate of the stiffness gains is told beside the simulation's
         floor = signal.get("noise_floor") or floors.get((signal.get("joint"), signal["signal"]))
         if floor and signal.get("rmse_after") is not None:
             ratios.append(float(signal["rmse_after"]) / float(floor))
