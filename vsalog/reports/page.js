@@ -35,7 +35,7 @@
       return { ...own, ...fill, type: "scatter", hoverinfo: "skip" };
     }
     if (curve.kind === "points") {
-      const marker = { size: 4, color: paint, opacity: 0.75 };
+      const marker = curve.symbol ? { size: 12, color: paint, symbol: curve.symbol, line: { width: 2, color: paint } } : { size: 4, color: paint, opacity: 0.75 };
       if (curve.shade) {
         const bar = { title: { text: axes.shadeLabel, side: "right" }, thickness: 12, outlinewidth: 0, len: 0.95, ypad: 0 };
         Object.assign(marker, { color: curve.shade, colorscale: shades[isDark() ? "dark" : "light"], showscale: true, colorbar: bar });
@@ -73,7 +73,7 @@
       const gap = n > 1 ? 0.09 : 0, wide = (1 - gap * (n - 1)) / n;
       return { height: 370, at: spec.axes.map((_, i) => [i * (wide + gap), i * (wide + gap) + wide, 0, 1]) };
     }
-    const rows = spec.axes.map((_, i) => (i === 0 || !spec.linked ? 260 : 170));
+    const rows = spec.axes.map((axes, i) => (axes.rows ? 40 * axes.rows.length + 30 : i === 0 || !spec.linked ? 260 : 170));
     const gap = spec.linked ? 26 : 90, all = rows.reduce((a, b) => a + b, 0) + gap * (n - 1);
     let top = all;
     const at = rows.map((h) => { const y = [0, 1, (top - h) / all, top / all]; top -= h + gap; return y; });
@@ -88,6 +88,12 @@
       const link = spec.linked ? { matches: i ? "x" : undefined, showticklabels: last } : {};
       layout[`xaxis${id}`] = axis(spec.linked && !last ? "" : axes.x, { domain: at[i].slice(0, 2), anchor: `y${id}`, ...link });
       layout[`yaxis${id}`] = axis(axes.y, { domain: at[i].slice(2), anchor: `x${id}` });
+      if (axes.log) Object.assign(layout[`xaxis${id}`], { type: "log", dtick: "D2" });
+      if (axes.ticks) Object.assign(layout[`xaxis${id}`], { tickvals: axes.ticks.at, ticktext: axes.ticks.text });
+      if (axes.rows) {
+        const named = { tickvals: axes.rows.map((_, k) => -k), ticktext: axes.rows, range: [0.6 - axes.rows.length, 0.6], zeroline: false };
+        Object.assign(layout[`yaxis${id}`], named, { fixedrange: true, ticks: "" });
+      }
       const shaded = { type: "rect", xref: `x${id}`, yref: `y${id} domain`, y0: 0, y1: 1, fillcolor: colour("shade"), line: { width: 0 }, layer: "below" };
       for (const [x0, x1] of axes.spans) layout.shapes.push({ ...shaded, x0, x1 });
       for (const curve of axes.curves) data.push(trace(curve, id, axes));
@@ -176,7 +182,7 @@
     const [a, b] = layout.xaxis.range, span = b - a;
     const to = { ArrowLeft: [a - 0.2 * span, b - 0.2 * span], ArrowRight: [a + 0.2 * span, b + 0.2 * span], "+": [a + 0.2 * span, b - 0.2 * span],
       "=": [a + 0.2 * span, b - 0.2 * span], "-": [a - span / 3, b + span / 3] }[event.key];
-    if (event.key === "0") Plotly.relayout(box, { "xaxis.autorange": true, "yaxis.autorange": true });
+    if (event.key === "0") Plotly.relayout(box, { "xaxis.autorange": true, ...(box.spec.axes[0].rows ? {} : { "yaxis.autorange": true }) });
     else if (to) Plotly.relayout(box, { "xaxis.range[0]": to[0], "xaxis.range[1]": to[1] });
     else return;
     event.preventDefault();

@@ -44,21 +44,23 @@ FOOTER = (
 
 @dataclass(frozen=True, slots=True)
 class Part:
-    """A transmission on the page: its name, HTML before the figures, and the figures."""
+    """A transmission on the page, or a part with a heading (HTML) of its own: HTML before the figures, and the figures."""
 
     name: str
     html: str
     charts: Sequence[Chart]
+    heading: str = ""
 
 
 @dataclass(frozen=True, slots=True)
 class Section:
-    """A joint of a log on the page; `html` stands before its parts."""
+    """A joint of a log on the page, or a section with a heading (HTML) of its own; `html` stands before its parts."""
 
     joint: str
     log: str
     html: str
     parts: Sequence[Part]
+    heading: str = ""
 
 
 def write_page(path: Path, title: str, report: Report | None, evidence: Sequence[Sequence[JointEvidence]]) -> None:
@@ -128,7 +130,8 @@ def assembled(title: str, kind: str, top: str, sections: Sequence[Section], bott
     body = "".join(_section(i, section) for i, section in enumerate(sections))
     contents = ""
     if len(sections) > 1:
-        links = (f'<li><a href="#s{i}">{name(s.joint)} in {name(s.log)}</a></li>' for i, s in enumerate(sections))
+        named = (s.heading or f"{name(s.joint)} in {name(s.log)}" for s in sections)
+        links = (f'<li><a href="#s{i}">{heading}</a></li>' for i, heading in enumerate(named))
         contents = f'<nav aria-label="Contents"><ul>{"".join(links)}</ul></nav>'
     return "\n".join(
         (
@@ -157,10 +160,12 @@ def _section(i: int, section: Section) -> str:
     inner = []
     for j, part in enumerate(section.parts):
         key = f"s{i}p{j}"
-        heading = "" if len(section.parts) == 1 else f'<h3 id="{key}">{_part_heading(part.name)}</h3>'
+        told = part.heading or ("" if len(section.parts) == 1 else _part_heading(part.name))
+        heading = f'<h3 id="{key}">{told}</h3>' if told else ""
         figures = "".join(_figure(f"{key}f{k}", key, chart) for k, chart in enumerate(part.charts))
         inner.append(f'{heading}{part.html}<div class="figures">{figures}</div>')
-    heading = f'<h2 id="s{i}">Joint {name(section.joint)} in {name(section.log)}</h2>'
+    told = section.heading or f"Joint {name(section.joint)} in {name(section.log)}"
+    heading = f'<h2 id="s{i}">{told}</h2>'
     return f'<section aria-labelledby="s{i}">{heading}{section.html}{"".join(inner)}</section>'
 
 

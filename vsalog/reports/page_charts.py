@@ -36,6 +36,7 @@ class Curve:
     dashed : line style
     shade : shape (N,), what the colour of each point tells, or None
     width : of each bar, shape (N,), or None
+    symbol : of large points: circle, diamond, …; small dots when empty
     """
 
     label: str
@@ -46,11 +47,23 @@ class Curve:
     dashed: bool = False
     shade: Array | None = None
     width: Array | None = None
+    symbol: str = ""
 
 
 @dataclass(frozen=True, slots=True)
 class Axes:
-    """A pair of axes: labels with units, curves, stretches of x that are shaded, and what shade and shading mean."""
+    """A pair of axes.
+
+    Attributes
+    ----------
+    x_label, y_label : with units
+    curves : drawn in them
+    spans, span_label : stretches of x that are shaded, and what that means
+    shade_label : what the colour of points means
+    x_ticks : places that are marked, and with what; plotly's own when empty
+    rows : names of the rows of a chart that has no y: row i is at y = −i
+    x_log : x is logarithmic
+    """
 
     x_label: str
     y_label: str
@@ -58,6 +71,9 @@ class Axes:
     spans: tuple[tuple[float, float], ...] = ()
     span_label: str = ""
     shade_label: str = ""
+    x_ticks: tuple[tuple[float, str], ...] = ()
+    rows: tuple[str, ...] = ()
+    x_log: bool = False
 
 
 @dataclass(frozen=True, slots=True)

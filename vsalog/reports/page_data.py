@@ -26,7 +26,7 @@ def chart_data(chart: Chart) -> dict[str, Any]:
 
 
 def _axes(axes: Axes) -> dict[str, Any]:
-    return {
+    out: dict[str, Any] = {
         "x": label(axes.x_label),
         "y": label(axes.y_label),
         "spans": [list(map(_rounded, span)) for span in axes.spans],
@@ -34,6 +34,13 @@ def _axes(axes: Axes) -> dict[str, Any]:
         "shadeLabel": label(axes.shade_label),
         "curves": [_curve(curve) for curve in axes.curves],
     }
+    if axes.x_ticks:
+        out["ticks"] = {"at": [_rounded(at) for at, _ in axes.x_ticks], "text": [label(text) for _, text in axes.x_ticks]}
+    if axes.rows:
+        out["rows"] = [label(text) for text in axes.rows]
+    if axes.x_log:
+        out["log"] = True
+    return out
 
 
 def _curve(curve: Curve) -> dict[str, Any]:
@@ -47,6 +54,8 @@ def _curve(curve: Curve) -> dict[str, Any]:
     }
     if curve.shade is not None:
         out["shade"] = array(curve.shade)
+    if curve.symbol:
+        out["symbol"] = curve.symbol
     if curve.width is not None:
         out["width"] = array(curve.width)
     return out
