@@ -22,6 +22,7 @@ ENCODERS = (
     "deflection_1",
     "deflection_2",
 )
+CLOCKED = (*ENCODERS, "pressure_1", "pressure_2", "valve_1", "valve_2")
 
 
 def _changing(role: str, field: str) -> Any:
@@ -201,14 +202,14 @@ class ClockSkew(Cause):
 
     name = "sensor.clock_skew"
     title = "The {part} channel is late or early against the others"
-    says = "the deflection is off in proportion to the position's rate"
+    says = "what is made of it is off in proportion to its rate"
     confirm = "Tap the joint and see when each channel notices; look at how the channels get their stamps."
     reference = "stamps given on arrival instead of on measurement"
     signature = "all equations with φ: ẋ σ(φ)"
 
     def sites(self, setting: Setting) -> Iterator[Site]:
-        """Yield one per encoder."""
-        for role, signal in _recorded(setting, ENCODERS):
+        """Yield one per encoder; where there are muscles, per pressure and valve too."""
+        for role, signal in _recorded(setting, CLOCKED):
             parameter = Parameter("delay", "s", signal.delay, 0.25 * setting.period, -LATEST, LATEST)
             yield Site(self.name, role, (parameter,), _changing(role, "delay"))
 
