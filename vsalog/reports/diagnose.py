@@ -14,6 +14,7 @@ from rich.table import Table
 
 from vsalog.diagnosis.document import Diagnosis, FoundCause, Gain, SignalError
 from vsalog.reports.diagnosis_words import (
+    confidence_text,
     open_experiment,
     parameter_text,
     reduction_text,
@@ -94,7 +95,7 @@ def _causes(console: Console, causes: Sequence[FoundCause], several: bool) -> No
         table.add_row(
             title,
             escape("\n".join(_parameters(cause)) or "–"),
-            share_text(cause.confidence),
+            confidence_text(cause.confidence),
             share_text(cause.error_removed),
             escape(others),
         )
@@ -160,7 +161,7 @@ def _advice(console: Console, diagnosis: Diagnosis) -> None:
         console.print("\n[bold]How to confirm[/]")
     for cause in diagnosis.causes:
         if cause.how_to_confirm:
-            _say(console, f"{cause.title}: {cause.how_to_confirm}")
+            _say(console, f"{cause.cause}: {cause.how_to_confirm}")
         if cause.tell_apart:
             _say(console, cause.tell_apart, "    ", "    ")
     more = open_experiment(diagnosis)

@@ -58,13 +58,17 @@ def parameter_text(found: Number) -> str:
 
 
 def share_text(share: float) -> str:
-    """Return a share in per cent: one decimal only where it matters."""
+    """Return a share in per cent: a decimal only where it matters, for 99.6 % is not all of it, nor 0.4 % nothing."""
     if not math.isfinite(share):
         return "–"
     per_cent = 100.0 * share
-    # 99.6 % is not all of it, nor is 0.4 % nothing.
-    near = 0.0 < abs(per_cent) < 1.0 or 99.0 < per_cent < 100.0
-    return f"{per_cent:.1f} %".replace("-", "−") if near else f"{per_cent:.0f} %".replace("-", "−")
+    digits = 1 if 0.05 <= abs(per_cent) < 1.0 or 99.0 < per_cent < 99.95 else 0
+    return f"{per_cent:.{digits}f} %".replace("-", "−")
+
+
+def confidence_text(confidence: float) -> str:
+    """Return how sure we are in per cent; never all of it."""
+    return "> 99 %" if confidence > 0.99 else share_text(confidence)
 
 
 def reduction_text(gain: Gain) -> str:
@@ -95,7 +99,7 @@ def unexplained_words(left: Unexplained) -> str:
 
 def sure_words(cause: FoundCause) -> str:
     """Say how sure a cause is, and what it takes away."""
-    return f"{share_text(cause.confidence)} sure; it takes away {share_text(cause.error_removed)} of the error"
+    return f"{confidence_text(cause.confidence)} sure; it takes away {share_text(cause.error_removed)} of the error"
 
 
 def open_experiment(diagnosis: Diagnosis) -> str:

@@ -88,7 +88,7 @@
       const link = spec.linked ? { matches: i ? "x" : undefined, showticklabels: last } : {};
       layout[`xaxis${id}`] = axis(spec.linked && !last ? "" : axes.x, { domain: at[i].slice(0, 2), anchor: `y${id}`, ...link });
       layout[`yaxis${id}`] = axis(axes.y, { domain: at[i].slice(2), anchor: `x${id}` });
-      if (axes.log) Object.assign(layout[`xaxis${id}`], { type: "log", dtick: "D2" });
+      if (axes.log) layout[`xaxis${id}`].type = "log";
       if (axes.ticks) Object.assign(layout[`xaxis${id}`], { tickvals: axes.ticks.at, ticktext: axes.ticks.text });
       if (axes.rows) {
         const named = { tickvals: axes.rows.map((_, k) => -k), ticktext: axes.rows, range: [0.6 - axes.rows.length, 0.6], zeroline: false };

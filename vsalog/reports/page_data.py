@@ -35,7 +35,10 @@ def _axes(axes: Axes) -> dict[str, Any]:
         "curves": [_curve(curve) for curve in axes.curves],
     }
     if axes.x_ticks:
-        out["ticks"] = {"at": [_rounded(at) for at, _ in axes.x_ticks], "text": [label(text) for _, text in axes.x_ticks]}
+        out["ticks"] = {
+            "at": [_rounded(at) for at, _ in axes.x_ticks],
+            "text": [label(text) for _, text in axes.x_ticks],
+        }
     if axes.rows:
         out["rows"] = [label(text) for text in axes.rows]
     if axes.x_log:

@@ -1,0 +1,176 @@
+"""The figures of signals over time: measured, simulated with the rig as it stands, and with the extended one."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vsalog.diagnosis.evidence import JointEvidence, SignalEvidence
+from vsalog.reports.diagnosis_words import signal_name, unit_of
+from vsalog.reports.page_charts import Axes, Chart, Curve
+from vsalog.reports.page_decimate import GAP_PERIODS, decimated, gaps_of, one_after_the_other
+from vsalog.reports.page_figures import TIME, number, span_words
+
+Array = NDArray[np.float64]
+
+# Windows that cover less than this part of a log are drawn side by side: at their own places nothing could be seen of them.
+SPARSE = 0.25
+TICKS = 8
+# An expanded view is this part of what is drawn, within these bounds [s].
+EXPANDED_SHARE, EXPANDED_LEAST, EXPANDED_MOST = 0.05, 1.0, 5.0
+EXPANDED_COLUMNS = 500
+BEFORE, AFTER, MEASURED = "simulated, rig as it stands", "simulated, extended rig", "measured"
+
+
+@dataclass(frozen=True, slots=True)
+class Stretch:
+    """The samples of a joint that lie in windows.
+
+    Attributes
+    ----------
+    time : shape (N,), as the log has it, runs one after the other [s]
+    place : shape (N,), where they are drawn [s]
+    ticks : of the axis of `place`; plotly's own when empty
+    label : of that axis
+    signals : role → signal, of shape (N,)
+    """
+
+    time: Array
+    place: Array
+    ticks: tuple[tuple[float, str], ...]
+    label: str
+    signals: Mapping[str, SignalEvidence]
+
+
+def signal_charts(joint: JointEvidence, noise: Mapping[str, float], columns: int) -> list[Chart]:
+    """Return the figures of a joint's signals.
+
+    Parameters
+    ----------
+    joint : what is drawn
+    noise : role → error that noise alone makes of its simulation
+    columns : of pixels
+    """
+    stretch = in_windows(joint)
+    if stretch.time.size < 2:
+        return []
+    charts = [_over_time(stretch, role, noise.get(role), columns) for role in stretch.signals]
+    expanded = _expanded(stretch, noise)
+    return charts if expanded is None else [*charts, expanded]
+
+
+def in_windows(joint: JointEvidence) -> Stretch:
+    """Return the samples that windows hold, at the places where they are drawn."""
+    known = np.zeros(joint.time.size, dtype=np.bool_)
+    for signal in joint.signals.values():
+        known |= np.isfinite(signal.measured)
+    whole = one_after_the_other(joint.time)
+    time = whole[known]
+    signals = {role: _part(signal, known) for role, signal in joint.signals.items()}
+    gaps = gaps_of(time)
+    if time.size < 2 or known.sum() >= SPARSE * known.size or gaps.size == 0:
+        return Stretch(time, time, (), TIME, signals)
+    period = float(np.median(np.diff(time)))
+    pause = max(2.0 * GAP_PERIODS * period, 0.002 * period * time.size)
+    shift = np.zeros(time.size)
+    shift[gaps + 1] = time[gaps + 1] - time[gaps] - pause
+    place = time - np.cumsum(shift) - time[0]
+    first = np.r_[0, gaps + 1]
+    marked = first[np.unique(np.linspace(0, first.size - 1, min(TICKS, first.size)).astype(np.int64))]
+    ticks = tuple((float(place[k]), number(float(time[k]), 4)) for k in marked)
+    return Stretch(time, place, ticks, "time [s], windows of the log side by side", signals)
+
+
+def _part(signal: SignalEvidence, which: NDArray[np.bool_] | slice) -> SignalEvidence:
+    before = None if signal.before is None else signal.before[which]
+    after = None if signal.after is None else signal.after[which]
+    if before is not None and after is not None and np.array_equal(before, after, equal_nan=True):
+        after = None
+    return SignalEvidence(signal.unit, signal.measured[which], before, after)
+
+
+def _curves(place: Array, signal: SignalEvidence, columns: int, gaps: NDArray[np.int64]) -> list[Curve]:
+    # What was measured lies under what explains it.
+    curves = [Curve(MEASURED, *decimated(place, signal.measured, columns, gaps), "measured")]
+    if signal.before is not None:
+        curves.append(Curve(BEFORE, *decimated(place, signal.before, columns, gaps), "error", dashed=True))
+    if signal.after is not None:
+        curves.append(Curve(AFTER, *decimated(place, signal.after, columns, gaps), "model"))
+    return curves
+
+
+def _over_time(stretch: Stretch, role: str, noise: float | None, columns: int) -> Chart:
+    """One signal, and how far the simulations are from it."""
+    signal, gaps = stretch.signals[role], gaps_of(stretch.place)
+    name, unit = signal_name(role), unit_of(signal.unit)
+    bracket = f" [{unit.strip()}]" if unit else ""
+    curves = tuple(_curves(stretch.place, signal, columns, gaps))
+    axes = [Axes(stretch.label, f"{name}{bracket}", curves, x_ticks=stretch.ticks)]
+    words = f"Measured: {span_words(signal.measured, unit.strip())}."
+    errors: list[Curve] = []
+    said: list[str] = []
+    kinds = (("rig as it stands", signal.before, "error", True), ("extended rig", signal.after, "model", False))
+    for label, values, colour, dashed in kinds:
+        if values is not None:
+            error = values - signal.measured
+            errors.append(Curve("", *decimated(stretch.place, error, columns, gaps), colour, dashed=dashed))
+            said.append(f"{number(_rms(error))}{unit} with the {label}")
+    if errors and noise:
+        ends, high = stretch.place[[0, -1]], 2.0 * noise
+        band = (np.r_[ends, ends[::-1]], np.array([high, high, -high, -high]))
+        errors.insert(0, Curve("± 2 × what noise alone makes", *band, "truth", "area"))
+    if errors:
+        axes.append(Axes(stretch.label, f"error{bracket}", tuple(errors), x_ticks=stretch.ticks))
+        words += f" Simulated − measured, root mean square: {', '.join(said)}"
+        words += f"; noise alone makes {number(noise)}{unit}." if noise else "."
+    words += " Each window of the simulation begins with the state that fits it best."
+    return Chart("simulation", f"{name[:1].upper()}{name[1:]} over time", words, tuple(axes), linked=True)
+
+
+def _expanded(stretch: Stretch, noise: Mapping[str, float]) -> Chart | None:
+    """All signals around the place where the rig as it stands is furthest off, every sample of it."""
+    worst = worst_place(stretch, noise)
+    begin, end = float(stretch.time[0]), float(stretch.time[-1])
+    length = float(np.clip(EXPANDED_SHARE * (end - begin), EXPANDED_LEAST, EXPANDED_MOST))
+    if worst is None or end - begin <= 1.5 * length:
+        return None
+    first = float(np.clip(worst - 0.5 * length, begin, end - length))
+    a, b = np.searchsorted(stretch.time, [first, first + length])
+    axes: list[Axes] = []
+    for role, signal in stretch.signals.items():
+        time, cut = stretch.time[a:b], _part(signal, slice(a, b))
+        unit = unit_of(signal.unit).strip()
+        curves = _curves(time, cut, EXPANDED_COLUMNS, gaps_of(time))
+        if axes:
+            curves = [Curve("", c.x, c.y, c.colour, dashed=c.dashed) for c in curves]
+        axes.append(Axes(TIME, f"{signal_name(role)} [{unit}]" if unit else signal_name(role), tuple(curves)))
+    words = (
+        f"{number(b_minus(stretch.time, a, b))} s around t = {number(worst, 4)} s, where the simulation with the rig as it stands"
+        f" is furthest from {'what was' if len(axes) > 1 else 'the signal'} measured, in multiples of its noise."
+    )
+    # Not zoomed with the others: their axes may not be time.
+    return Chart("simulation_expanded", "Where the simulation is worst", words, tuple(axes), linked=not stretch.ticks)
+
+
+def b_minus(time: Array, a: int, b: int) -> float:
+    """Return how long samples a to b take [s]."""
+    return float(time[min(b, time.size) - 1] - time[a])
+
+
+def worst_place(stretch: Stretch, noise: Mapping[str, float]) -> float | None:
+    """Return the time at which the simulations with the rig as it stands are furthest off [s]; None where there are none."""
+    total = np.zeros(stretch.time.size)
+    for role, signal in stretch.signals.items():
+        if signal.before is None:
+            continue
+        error = np.nan_to_num(signal.before - signal.measured)
+        total += (error / (noise.get(role) or float(np.nanstd(signal.measured)) or 1.0)) ** 2
+    return float(stretch.time[int(np.argmax(total))]) if total.any() else None
+
+
+def _rms(values: Array) -> float:
+    known = values[np.isfinite(values)]
+    return float(np.sqrt(np.mean(known**2))) if known.size else float("nan")
