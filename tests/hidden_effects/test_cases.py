@@ -52,7 +52,7 @@ def test_the_log_and_the_nominal_rig_are_what_vsalog_reads(folder, device):
         assert np.allclose(np.diff(time), time[1])
         assert set(table.column_names[1:]) <= set(CHANNELS.values())
         recording = read(folder / device / name)
-        assert set(table.column_names[1:]) <= set(recording.names)
+        assert set(table.column_names[1:]) <= set(recording.channels)
 
 
 def test_the_hold_out_is_another_movement(folder):
