@@ -13,6 +13,7 @@ import rich_click as click
 
 from vsalog._version import __version__
 from vsalog.cli.compare import compare
+from vsalog.cli.diagnose import diagnose
 from vsalog.cli.estimate import estimate
 from vsalog.cli.init import init
 from vsalog.cli.inspect import inspect
@@ -30,6 +31,7 @@ def cli(debug: bool) -> None:
 
 
 cli.add_command(compare)
+cli.add_command(diagnose)
 cli.add_command(estimate)
 cli.add_command(init)
 cli.add_command(inspect)

@@ -22,6 +22,8 @@ Flags = NDArray[np.bool_]
 
 # A polynomial of this degree is fitted to windows of so many seconds, but never to fewer samples than that.
 DEGREE, WINDOW, FEWEST = 4, 0.03, 7
+# So many samples of a window are enough to form equations with.
+THIN = 10
 
 
 @dataclass(frozen=True, slots=True)
@@ -58,6 +60,8 @@ class Channels:
     noise : role → of its sensor
     window : of the filter, in samples
     spread : role → standard deviation of its noise after the filter, were it white
+    every : of the filtered samples only every so-manieth is kept
+    whole : the channels with all samples; none where these are they
     """
 
     period: float
@@ -68,9 +72,29 @@ class Channels:
     noise: Mapping[str, Noise]
     window: int
     spread: Mapping[str, float]
+    every: int = 1
+    whole: Channels | None = None
 
     def __len__(self) -> int:
         return int(self.time.shape[0])
+
+    def thinned(self) -> Channels:
+        """Return the channels with as many filtered samples as still tell their motion: equations are formed so often."""
+        every = max(1, self.window // THIN)
+        if every == 1:
+            return self
+        part = slice(None, None, every)
+        starts = np.zeros(self.time[part].size, dtype=np.bool_)
+        starts[np.minimum(-(-np.flatnonzero(self.starts) // every), starts.size - 1)] = True
+        return replace(
+            self, period=self.period * every, time=self.time[part], roles={r: v[:, part] for r, v in self.roles.items()},
+            raw={r: v[part] for r, v in self.raw.items()}, starts=starts, every=every, whole=self,
+        )  # fmt: skip
+
+    @property
+    def taps(self) -> Array:
+        """The filter's own weights for a value, among the samples that are kept."""
+        return savgol_weights(max(DEGREE + 1, round(self.window / self.every) | 1), DEGREE)[0]
 
     def with_noise(self, seed: int) -> Channels:
         """Return the channels as a second measurement of the same motion would have given them, filtered.
@@ -78,6 +102,8 @@ class Channels:
         What is smooth is taken for the motion; noise is drawn anew and the sum rounded as the sensor rounds, from where its
         steps happen to lie. So the error of an encoder that stands still, or moves slowly, is as it is: not white.
         """
+        if self.whole is not None:
+            return self.whole.with_noise(seed).thinned()
         rng = np.random.default_rng(seed)
         raw = {}
         for role, measured in self.raw.items():

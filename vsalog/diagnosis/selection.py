@@ -29,10 +29,10 @@ Integers = NDArray[np.int64]
 BLOCK, FEWEST, MOST = 1.0, 8, 24
 # A cause must take this much off the mean square of the whitened equations (the noise's is 1), this part of what is left,
 # and be that many times as large as its own spread over the blocks.
-WORTH, SHARE, SURE = 0.1, 0.08, 2.5
-# Two causes explain equally much when they differ by no more than so many spreads of their difference over the blocks, and by
-# less than this part of what either explains.
-ALIKE, NEAR = 2.0, 0.1
+WORTH, SHARE, SURE = 0.1, 0.08, 1.5
+# Two causes explain equally much when they differ by no more than so many spreads of their difference over the blocks, and the
+# one leaves no more over than this part more.
+ALIKE, NEAR = 2.0, 0.3
 # What happens once has to stand out by so much more, since it was looked for everywhere.
 SEARCHED = 4.0
 MOST_CAUSES = 4
@@ -118,7 +118,7 @@ def select(system: System, joint: Any, setting: Setting) -> Selection:
 def renewed(system: System, joint: Any, current: Fit, blocks: Integers) -> tuple[System, Fit]:
     """Measure the noise anew with the causes in, for torques that are held and such that are not; return what fits better."""
     found = []
-    for hold in (0.5 * system.channels.period, 0.0):
+    for hold in (0.5 * system.channels.period / system.channels.every, 0.0):
         other = build_system(current.joint(joint), system.channels, system.balance, hold).on_rows_of(system)
         found.append((other, fitted(other, joint, current.sites, current.values, blocks)))
     return min(found, key=lambda f: f[1].loss)
@@ -152,7 +152,10 @@ def considered(
         return []
     floor = float(current.residual @ current.residual)
     bar = trials[0][0] + 0.1 * (floor - trials[0][0])
-    promising = [t for i, t in enumerate(trials) if i < FITTED or t[0] < bar][: 2 * FITTED]
+    # What cannot become worth it is not fitted; the first step of what is not straight is given some credit.
+    least = max(WORTH * system.count, SHARE * current.loss)
+    hopeful = [t for t in trials if floor - t[0] > (0.3 if t[2].starts is not None else 0.9) * least]
+    promising = [t for i, t in enumerate(hopeful) if i < FITTED or t[0] < bar][: 2 * FITTED]
     # One step tells little of what is far from straight: whoever is of the family of a promising one is fitted too.
     family = [t for t in trials if t not in promising and any(related(t[2], p[2]) for p in promising[:FAMILIES])]
     return [
@@ -190,11 +193,9 @@ def chosen(system: System, current: Fit, rivals: Sequence[Rival]) -> tuple[Choic
             best = smaller
             break
     gained = current.loss - _left(best)
-    alike = [r for r in worthy if r is best or _alike(r, best, gained)]
+    alike = [r for r in worthy if r is best or (not related(r.site, best.site) and _alike(system, r, best, gained))]
     # Among equals the one with the fewest numbers, then the one that explains most.
     simplest = min(alike, key=lambda r: (len(r.site.parameters), catalogue()[r.site.cause].order, _left(r)))
-    if simplest.site.cause == best.site.cause:
-        simplest = best
     others = tuple(r for r in alike if r is not simplest and not related(r.site, simplest.site))
     choice = Choice(simplest.site, current.losses, simplest.fit.losses, others, _sureness(simplest, worthy))
     return choice, simplest.fit
@@ -225,11 +226,11 @@ def _worthy(system: System, current: Fit, rival: Rival) -> bool:
     return gain > max(WORTH * system.count, SHARE * current.loss, SURE * _spread(gains))
 
 
-def _alike(rival: Rival, best: Rival, gained: float) -> bool:
-    off = _left(rival) - _left(best)
+def _alike(system: System, rival: Rival, best: Rival, gained: float) -> bool:
+    off, near = _left(rival) - _left(best), NEAR * _left(best) + WORTH * system.count
     if rival.site.transient or best.site.transient:
-        return off < WORTH * gained
-    return off < min(ALIKE * _spread(rival.fit.losses - best.fit.losses), NEAR * gained)
+        return off < min(near, WORTH * gained)
+    return off < min(near, max(ALIKE * _spread(rival.fit.losses - best.fit.losses), 0.2 * WORTH * system.count))
 
 
 def _spread(differences: Array) -> float:

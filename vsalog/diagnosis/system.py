@@ -17,9 +17,8 @@ from numba import njit
 from numpy.typing import NDArray
 
 from vsalog.diagnosis.balance import Equation
-from vsalog.diagnosis.channels import DEGREE, Channels
+from vsalog.diagnosis.channels import Channels
 from vsalog.diagnosis.sensing import true_roles
-from vsalog.filters.savitzky_golay import savgol_weights
 
 Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]
@@ -149,7 +148,7 @@ def build_system(joint: Any, channels: Channels, balance: Balance, hold: float =
     equations = formed(balance, joint, channels, hold)
     again = [formed(balance, joint, channels.with_noise(seed), hold) for seed in SEEDS]
     bell = _bell(channels.period)
-    wide = np.convolve(bell, savgol_weights(channels.window, DEGREE)[0])
+    wide = np.convolve(bell, channels.taps)
     margin = round(LATEST / channels.period) + 2
     n, half = len(channels), wide.size // 2
     centres = np.arange(half, n - half, max(1, bell.size // 2), dtype=np.int64)

@@ -15,6 +15,8 @@ from vsalog.rig.schema import Contact, Payload
 
 # Lengths of pushes to begin with [s]; the equation's remainder is averaged over them to find where.
 PUSHES = (0.1, 0.3, 1.0)
+# Time in the beginning in which nothing is taken for a push [s].
+SETTLING = 0.2
 
 
 class _OfLink(Cause):
@@ -197,6 +199,8 @@ def _pushes(left: Remainder) -> list[tuple[float, ...]]:
             continue
         bell = np.sin(np.pi * (np.arange(length) + 0.5) / length) ** 2
         fit = np.convolve(values, bell, mode="valid") / float(bell @ bell)
+        # What the log begins with may be a loop that is not where the search has it.
+        fit[: max(1, round(SETTLING / period))] = 0.0
         k = int(np.argmax(np.abs(fit)))
         found.append((float(left.time[k]), length * period, float(fit[k])))
     return found

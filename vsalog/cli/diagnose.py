@@ -1,0 +1,73 @@
+"""`vsalog diagnose`: what the simulation gets wrong, why, the extended rig, the gain."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import rich_click as click
+
+from vsalog.cli.options import reading_options, rig_options
+
+
+@click.command(short_help="What the rig's simulation gets wrong, why, the extended rig, and what it is worth.")
+@click.argument("log", type=click.Path(path_type=Path), metavar="LOG")
+@click.option(
+    "--holdout",
+    type=click.Path(path_type=Path),
+    metavar="LOG",
+    help="Another log of the same machine: the gain is measured on it. Windows of LOG itself when absent.",
+)
+@rig_options("Diagnose")
+@reading_options
+@click.option(
+    "--fail-on-cause",
+    is_flag=True,
+    help="Exit with 3 when the log is not consistent with the rig: a cause was found, or something is unexplained.",
+)
+@click.option(
+    "-o",
+    "--output",
+    type=click.Path(path_type=Path),
+    metavar="DIR",
+    help="Folder for diagnosis.json, diagnosis.html and extended.rig.toml; the current one when absent.",
+)
+@click.option("--json", "as_json", is_flag=True, help="Print the diagnosis as one JSON document on stdout.")
+@click.pass_context
+def diagnose(
+    context: click.Context,
+    log: Path,
+    holdout: Path | None,
+    rig: str | None,
+    joints: tuple[str, ...],
+    settings: dict[str, str],
+    rate: float | None,
+    time: str,
+    fail_on_cause: bool,
+    output: Path | None,
+    as_json: bool,
+) -> None:
+    """Hold the rig's simulation against LOG, name the causes of what it gets wrong, extend the rig, and measure the gain.
+
+    Writes diagnosis.json, diagnosis.html and, where a cause was found, extended.rig.toml: an ordinary rig to simulate, estimate
+    and validate with.
+    """
+    from vsalog.diagnosis.run import Options
+    from vsalog.diagnosis.run import diagnose as run
+    from vsalog.reports.diagnose import print_json, print_report
+    from vsalog.reports.estimate import Progress
+    from vsalog.writers.diagnosis import Outputs, write_diagnosis
+    from vsalog.writers.reports import keep_inputs
+
+    options = Options(rig, joints, settings, rate, time)
+    outputs = Outputs.within(output)
+    inputs = [log, *([holdout] if holdout is not None else []), *([Path(rig)] if rig is not None else [])]
+    keep_inputs([outputs.document, outputs.page, outputs.rig], inputs)
+    with Progress() as progress:
+        with progress.saying_when_compiling():
+            outcome = run(log, holdout, options, progress.say)
+        progress.say("writing the report")
+        extended = None if outcome.extended is None else outcome.extended.to_toml()
+        write_diagnosis(outcome.diagnosis, outcome.evidence, extended, outputs)
+    (print_json if as_json else print_report)(outcome.diagnosis, outputs)
+    if fail_on_cause and outcome.diagnosis.verdict != "consistent":
+        context.exit(3)
