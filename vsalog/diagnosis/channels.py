@@ -94,7 +94,7 @@ class Channels:
     @property
     def taps(self) -> Array:
         """The filter's own weights for a value, among the samples that are kept."""
-        return savgol_weights(max(DEGREE + 1, round(self.window / self.every) | 1), DEGREE)[0]
+        return np.asarray(savgol_weights(max(DEGREE + 1, round(self.window / self.every) | 1), DEGREE)[0])
 
     def with_noise(self, seed: int) -> Channels:
         """Return the channels as a second measurement of the same motion would have given them, filtered.

@@ -9,8 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from vsalog.diagnosis.sensing import motors_of, torque_role
-from vsalog.diagnosis.windows import Shot, Windows, begun, by_states, in_windows, shoot
+from vsalog.diagnosis.windows import Shot, Windows, begun, by_states, in_windows, player_of, shoot
 from vsalog.errors import SimulationError
 
 Array = NDArray[np.float64]
@@ -79,13 +78,12 @@ def compared(before: Any, after: Any, windows: Windows) -> Compared:
 def floors(joint: Any, windows: Windows, shot: Shot) -> dict[str, float]:
     """Return the error of each role that noise alone makes: its sensor's, and what noise in the recorded torques moves.
 
-    The second is measured: the windows are simulated with torques that carry noise of the same kind once more, and what the
+    The second is measured: the windows are simulated with torques, or voltages, that carry noise of the same kind once more, and what the
     states at the beginnings can make up for is taken off.
     """
     channels, rng = windows.channels, np.random.default_rng(SEED)
     raw = dict(channels.raw)
-    for motor in motors_of(joint):
-        role = torque_role(motor)
+    for role in player_of(joint, channels).driving():
         if role in raw and channels.noise[role].deviation:
             raw[role] = raw[role] + channels.noise[role].deviation * rng.standard_normal(raw[role].size)
     own = {role: channels.noise[role].floor for role in windows.roles}

@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 
 from vsalog.diagnosis.causes.sensor import TORQUES
+from vsalog.rig.schema import AwasTransmission
 from vsalog.signals import JointSignals
 from vsalog.validation.independence import computed_from
 
@@ -27,8 +28,13 @@ def not_independent(signals: JointSignals, joint: Any) -> dict[str, str]:
         position = f"motor_position{suffix}"
         if "link_position" in roles and position in roles:
             known["the deflection"] = roles["link_position"] - roles[position]
+        torque = np.asarray(roles[role])
+        if isinstance(getattr(joint, f"transmission{suffix}", None), AwasTransmission) and "setpoint" in roles:
+            # A formula has the lever arm squared in it (Flacco 2012 eq. 49).
+            torque = torque / np.asarray(roles["setpoint"]) ** 2
         for what, x in known.items():
-            why = computed_from(np.asarray(roles[role]), role, np.asarray(x), what)
+            own = torque if what == "the deflection" else np.asarray(roles[role])
+            why = computed_from(own, role, np.asarray(x), what)
             if why is not None:
                 found[role] = why
                 break

@@ -27,9 +27,9 @@ Integers = NDArray[np.int64]
 
 # A block is at least so long [s]; a log has between so many.
 BLOCK, FEWEST, MOST = 1.0, 8, 24
-# A cause must take this much off the mean square of the whitened equations (the noise's is 1), this part of what is left,
-# and be that many times as large as its own spread over the blocks.
-WORTH, SHARE, SURE = 0.1, 0.08, 1.5
+# A cause must take this much off the mean square of the whitened equations (the noise's is 1), and this part of what is left;
+# without the block that gains most it must still be worth that part of it.
+WORTH, SHARE, SURE = 0.1, 0.08, 0.5
 # Two causes explain equally much when they differ by no more than so many spreads of their difference over the blocks, and the
 # one leaves no more over than this part more.
 ALIKE, NEAR = 2.0, 0.3
@@ -223,7 +223,7 @@ def _worthy(system: System, current: Fit, rival: Rival) -> bool:
     if rival.site.transient:
         return gain > SEARCHED * max(WORTH * system.count, SHARE * current.loss)
     gains = current.losses - rival.fit.losses
-    return gain > max(WORTH * system.count, SHARE * current.loss, SURE * _spread(gains))
+    return gain > max(WORTH * system.count, SHARE * current.loss) and gain - gains.max() > SURE * WORTH * system.count
 
 
 def _alike(system: System, rival: Rival, best: Rival, gained: float) -> bool:

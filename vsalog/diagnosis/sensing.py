@@ -137,6 +137,36 @@ def shifted(values: Array, samples: float) -> Array:
     return np.asarray((1.0 - part) * values[:, index] + part * values[:, following])
 
 
+def said(joint: Any, role: str, truth: Mapping[str, Array], time: Array) -> Array:
+    """Return what a sensor makes of the truth: gain · x(t − delay) + offset + drift · t + eccentricity.
+
+    Parameters
+    ----------
+    joint : of the rig
+    role : that the sensor plays
+    truth : of a simulation, name → shape (N,)
+    time : shape (N,) [s]
+    """
+    signal = offered_roles(joint).get(role, Signal())
+    suffix = role[-2:] if role.endswith(("_1", "_2")) else ""
+    if role.startswith("torque_sensor"):
+        name = "transmission_torque"
+        x = truth.get(f"{name}{suffix}", truth.get(f"{name}_total"))
+    elif role == "setpoint":
+        x = truth["lever_arm"]
+    else:
+        x = truth[role]
+    assert x is not None
+    if role.startswith("deflection") and signal.series_stiffness is not None:
+        x = x + truth[f"transmission_torque{suffix}"] / signal.series_stiffness
+    if signal.delay:
+        x = np.interp(time - signal.delay, time, x)
+    told = signal.gain * x + signal.offset + signal.drift * time
+    if signal.eccentricity is not None:
+        told = told + signal.eccentricity.amplitude * np.sin(x + signal.eccentricity.phase)
+    return told
+
+
 def known(roles: Mapping[str, Array], *names: str) -> bool:
     """Tell whether all of these roles are there."""
     return all(name in roles for name in names)

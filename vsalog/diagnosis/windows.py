@@ -7,33 +7,64 @@ what is left over is what the rig cannot explain within a window, whatever it be
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
-from typing import Any
+from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
-from vsalog.binding import offered_roles
-from vsalog.diagnosis.balance import motion_of
 from vsalog.diagnosis.channels import Channels
-from vsalog.diagnosis.sensing import motors_of, torque_role, true_roles
+from vsalog.diagnosis.sensing import said, true_roles
+from vsalog.diagnosis.windows_mechanical import MechanicalPlayer
+from vsalog.diagnosis.windows_pneumatic import PneumaticPlayer
 from vsalog.errors import SimulationError
-from vsalog.rig.schema import Signal
-from vsalog.simulation.inputs import Input, Motion, table
-from vsalog.simulation.machine import build
-from vsalog.simulation.play import play
+from vsalog.rig.schema import PneumaticJoint
 
 Array = NDArray[np.float64]
+Flags = NDArray[np.bool_]
 
 # Length of a window [s], its fewest samples, and how many of a long log are simulated.
 WINDOW, FEWEST, MOST = 0.5, 20, 60
-# Perturbations of positions [rad] and velocities [rad/s] that tell how a window depends on its beginning.
-NUDGES = (1e-5, 1e-3)
-ROUNDS = 4
-NAME = "joint"
-SIMULATED = ("motor_position", "link_position", "deflection", "torque_sensor", "setpoint")
+
+
+class Player(Protocol):
+    """What plays a joint of some kind in windows."""
+
+    def driving(self) -> list[str]:
+        """Return the roles that drive the joint where they are recorded."""
+        ...
+
+    def answered(self) -> list[str]:
+        """Return the recorded roles that a simulation answers to."""
+        ...
+
+    def measured_states(self) -> Array:
+        """Return the states as rig and filter have them, shape (N, n), NaN where they are not known."""
+        ...
+
+    def free(self, states: Array) -> Mapping[int, tuple[float, Flags]]:
+        """Return state → a small change of it, and the windows, shape (W,), in which nothing prescribes it."""
+        ...
+
+    def simulated(
+        self, spans: NDArray[np.int64], states: Array, hold: bool
+    ) -> Iterator[tuple[slice, Mapping[str, Array]]]:
+        """Yield stretches of samples and the truth in them, windows begun with states of shape (W, n)."""
+        ...
+
+
+def player_of(joint: Any, channels: Channels) -> Player:
+    """Return what plays a joint of this kind.
+
+    Raises
+    ------
+    SimulationError
+        The joint cannot be simulated, or nothing drives it.
+    """
+    kind = PneumaticPlayer if isinstance(joint, PneumaticJoint) else MechanicalPlayer
+    return kind(joint, channels)
 
 
 @dataclass(frozen=True, slots=True)
@@ -94,13 +125,12 @@ def windows_of(joint: Any, channels: Channels, hold: bool) -> Windows:
     SimulationError
         The rig cannot be simulated, no input drives it, or no run of the log is long enough.
     """
-    build({NAME: joint})
+    player = player_of(joint, channels)
     length = max(FEWEST, round(WINDOW / channels.period))
     roles = true_roles(joint, channels, 0.0)
-    states = measured_states(joint, channels)
+    states = player.measured_states()
     good = np.isfinite(states).all(axis=1)
-    driving = [torque_role(m) for m in motors_of(joint)]
-    for role in driving:
+    for role in player.driving():
         if role in roles:
             good &= np.isfinite(roles[role][0])
     edges = np.flatnonzero(np.diff(np.r_[False, good, False].astype(np.int8)))
@@ -113,42 +143,14 @@ def windows_of(joint: Any, channels: Channels, hold: bool) -> Windows:
     if not spans:
         raise SimulationError(f"no run of the log is as long as {length * channels.period:g} s with all of its inputs")
     kept = np.linspace(0, len(spans) - 1, min(MOST, len(spans))).round().astype(np.int64)
-    moving = [r for r in channels.roles if np.ptp(channels.raw[r]) > 0.0 and not _drives(joint, channels, r)]
-    answered = tuple(r for r in moving if r.removesuffix("_1").removesuffix("_2") in SIMULATED)
+    answered = tuple(r for r in player.answered() if np.ptp(channels.raw[r]) > 0.0)
     if not answered:
         raise SimulationError("nothing is recorded that a simulation could be held against")
     return Windows(channels, np.array(spans)[kept], answered, hold)
 
 
-def _drives(joint: Any, channels: Channels, role: str) -> bool:
-    """Tell whether a position prescribes a motor's motion, because its torque is not recorded."""
-    torque = "secondary_torque" if role == "setpoint" else role.replace("motor_position", "motor_torque")
-    return torque != role and torque not in channels.roles
-
-
-def measured_states(joint: Any, channels: Channels) -> Array:
-    """Return (q, q̇, θ₁, θ̇₁, …) as rig and filter have them, shape (N, n)."""
-    roles = true_roles(joint, channels, 0.0)
-    motion = motion_of(joint, roles, channels.time, channels.spread)
-    if motion.link is None:
-        raise SimulationError("the position of the link is not recorded, and nothing tells it")
-    columns = [motion.link[0], motion.link[1]]
-    for name in motors_of(joint):
-        if name == "secondary_motor":
-            arm, lever = roles.get("setpoint"), joint.lever
-            if arm is None or lever is None:
-                raise SimulationError("the set-point is not recorded")
-            columns += [(lever.start - arm[0]) / lever.travel, -arm[1] / lever.travel]
-            continue
-        suffix = name.removeprefix("motor")
-        if suffix not in motion.motors:
-            raise SimulationError(f"the position of the {name} is not recorded, and nothing tells it")
-        columns += [motion.motors[suffix][0], motion.motors[suffix][1]]
-    return np.stack(columns, axis=-1)
-
-
-def simulated(joint: Any, windows: Windows, states: Array, step: Array | None = None) -> dict[str, Array]:
-    """Simulate the windows and return role → what the sensors would say, shape (N,); NaN outside.
+def shoot(joint: Any, windows: Windows, states: Array) -> Shot:
+    """Simulate the windows from given states.
 
     Parameters
     ----------
@@ -162,70 +164,12 @@ def simulated(joint: Any, windows: Windows, states: Array, step: Array | None = 
         The motion leaves what the model describes.
     """
     channels = windows.channels
-    machine = build({NAME: joint})
-    roles = true_roles(joint, channels, 0.0)
-    out = {role: np.full(len(channels), np.nan) for role in windows.roles}
-    # Windows that touch are one run with restarts.
-    for first_w, last_w in _stretches(windows.spans):
-        first, last = int(windows.spans[first_w, 0]), int(windows.spans[last_w - 1, 1])
-        time = channels.time[first] + np.arange(last - first) * channels.period
-        inputs = _inputs(joint, channels, roles, slice(first, last), windows.hold)
-        restarts = {int(windows.spans[w, 0]) - first: {NAME: states[w]} for w in range(first_w, last_w)}
-        truth = play(machine, {NAME: inputs}, time, start=restarts[0], restarts=restarts)[NAME]
+    errors = {role: np.full(len(channels), np.nan) for role in windows.roles}
+    for part, truth in player_of(joint, channels).simulated(windows.spans, states, windows.hold):
+        time = channels.time[part.start] + np.arange(part.stop - part.start) * channels.period
         for role in windows.roles:
-            out[role][first:last] = _said(joint, role, truth, time)
-    return out
-
-
-def _stretches(spans: NDArray[np.int64]) -> list[tuple[int, int]]:
-    breaks = [0, *(w + 1 for w in range(len(spans) - 1) if spans[w, 1] != spans[w + 1, 0]), len(spans)]
-    return list(pairwise(breaks))
-
-
-def _inputs(joint: Any, channels: Channels, roles: Mapping[str, Array], part: slice, hold: bool) -> dict[str, Input]:
-    """Return what drives the machine: recorded torques, and motions where no torque is recorded."""
-    time, given = channels.time[part], dict[str, Input]()
-    time = time[0] + np.arange(time.size) * channels.period
-    for name in motors_of(joint):
-        role = torque_role(name)
-        if role in channels.raw:
-            torque = channels.raw[role][part]
-            given[role] = torque if hold else table(time, torque)
-        elif name == "secondary_motor":
-            given[role] = Motion((joint.lever.start - roles["setpoint"][0][part]) / joint.lever.travel)
-        else:
-            given[role] = Motion(roles[name.replace("motor", "motor_position")][0][part])
-    if "external_torque" in roles:
-        given["external_torque"] = table(time, roles["external_torque"][0][part])
-    return given
-
-
-def _said(joint: Any, role: str, truth: Mapping[str, Array], time: Array) -> Array:
-    """Return what a sensor makes of the truth: gain · x(t − delay) + offset + drift · t + eccentricity."""
-    signal = offered_roles(joint).get(role, Signal())
-    suffix = role[-2:] if role.endswith(("_1", "_2")) else ""
-    if role.startswith("torque_sensor"):
-        name = "transmission_torque"
-        x = truth.get(f"{name}{suffix}", truth.get(f"{name}_total"))
-    elif role == "setpoint":
-        x = truth["lever_arm"]
-    else:
-        x = truth[role]
-    assert x is not None
-    if role.startswith("deflection") and signal.series_stiffness is not None:
-        x = x + truth[f"transmission_torque{suffix}"] / signal.series_stiffness
-    if signal.delay:
-        x = np.interp(time - signal.delay, time, x)
-    said = signal.gain * x + signal.offset + signal.drift * time
-    if signal.eccentricity is not None:
-        said = said + signal.eccentricity.amplitude * np.sin(x + signal.eccentricity.phase)
-    return said
-
-
-def shoot(joint: Any, windows: Windows, states: Array) -> Shot:
-    """Simulate the windows from given states."""
-    said = simulated(joint, windows, states)
-    return Shot(states, {role: windows.channels.raw[role] - said[role] for role in windows.roles})
+            errors[role][part] = channels.raw[role][part] - said(joint, role, truth, time)
+    return Shot(states, errors)
 
 
 def begun(joint: Any, windows: Windows, states: Array | None = None, rounds: int = 2) -> Shot:
@@ -239,7 +183,7 @@ def begun(joint: Any, windows: Windows, states: Array | None = None, rounds: int
     rounds : Newton steps
     """
     if states is None:
-        states = measured_states(joint, windows.channels)[windows.spans[:, 0]]
+        states = player_of(joint, windows.channels).measured_states()[windows.spans[:, 0]]
     shot = shoot(joint, windows, states)
     J = by_states(joint, windows, shot)
     for _ in range(rounds):
@@ -270,23 +214,13 @@ def in_windows(shot: Shot, windows: Windows) -> Array:
 def by_states(joint: Any, windows: Windows, shot: Shot) -> Array:
     """Return the change of each window's errors with its state, shape (W, L · roles, n)."""
     base = in_windows(shot, windows)
-    out = np.empty((*base.shape, shot.states.shape[1]))
-    out[:] = 0.0
-    for i in free_states(joint, windows):
-        nudge = NUDGES[i % 2]
+    out = np.zeros((*base.shape, shot.states.shape[1]))
+    for i, (nudge, where) in player_of(joint, windows.channels).free(shot.states).items():
         states = shot.states.copy()
-        states[:, i] += nudge
-        out[..., i] = (in_windows(shoot(joint, windows, states), windows) - base) / nudge
+        states[where, i] += nudge
+        change = (in_windows(shoot(joint, windows, states), windows) - base) / nudge
+        out[where, :, i] = change[where]
     return out
-
-
-def free_states(joint: Any, windows: Windows) -> list[int]:
-    """Return the states that nothing prescribes."""
-    free = [0, 1]
-    for k, name in enumerate(motors_of(joint)):
-        if torque_role(name) in windows.channels.raw:
-            free += [2 + 2 * k, 3 + 2 * k]
-    return free
 
 
 def _least(J: Array, r: Array) -> Array:

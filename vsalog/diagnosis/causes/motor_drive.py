@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -120,18 +120,18 @@ class MotorCogging(Cause):
     def sites(self, setting: Setting) -> Iterator[Site]:
         """Yield one per motor."""
         for name in moved_motors(setting):
-            if position_role(name) not in setting.roles or name == "secondary_motor":
+            if position_role(name) not in setting.roles:
                 continue
             torque, _ = scale_of(setting, name)
             ratio = getattr(setting.joint, name).gear_ratio
-            theta = setting.roles[position_role(name)][0]
+            theta = _angle(setting.joint, setting.roles, name)
             span = float(np.nanmax(theta) - np.nanmin(theta)) * ratio or 1.0
             parameters = (
                 Parameter("cosine", "N*m", 0.0, 1e-3 * torque),
                 Parameter("sine", "N*m", 0.0, 1e-3 * torque),
                 Parameter("order", "1", 1.0, 0.01 / span, 0.1, 1.2 * ORDERS, 1.0 / span),
             )
-            yield Site(self.name, name, parameters, _cogging(name), _waves(name, ratio), _cogging_report)
+            yield Site(self.name, name, parameters, _cogging(name), _waves(setting.joint, name), _cogging_report)
 
 
 def _cogging(name: str) -> Any:
@@ -153,11 +153,18 @@ def _cogging_report(values: Sequence[float]) -> dict[str, tuple[float, str]]:
     }
 
 
-def _waves(name: str, ratio: float) -> Any:
+def _angle(joint: Any, roles: Mapping[str, Array], name: str) -> Array:
+    """Return a motor's position on the joint's side [rad], shape (N,); a set-point is a lever arm here."""
+    position = roles[position_role(name)][0]
+    return np.asarray((joint.lever.start - position) / joint.lever.travel if name == "secondary_motor" else position)
+
+
+def _waves(joint: Any, name: str) -> Any:
     """Look for waves over the rotor's turn in what is left over of the motor equation."""
 
     def starts(left: Remainder) -> list[tuple[float, ...]]:
-        residual, theta = left.equations.get(name), left.roles[position_role(name)][0] * ratio
+        residual = left.equations.get(name)
+        theta = _angle(joint, left.roles, name) * getattr(joint, name).gear_ratio
         if residual is None:
             residual = left.equations.get("link")
         if residual is None:

@@ -1,0 +1,98 @@
+"""Joints with pneumatic muscles, played in windows: the valves' voltages in, angle, pressures and torque out."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vsalog.diagnosis.balance_pneumatic import ANGLE, PRESSURES, pneumatic_motion
+from vsalog.diagnosis.channels import DEGREE, Channels
+from vsalog.diagnosis.sensing import VALVES, true_roles
+from vsalog.errors import SimulationError
+from vsalog.filters.savitzky_golay import savgol_weights
+from vsalog.rig.schema import PneumaticJoint
+from vsalog.simulation.inputs import TorqueInput, table
+from vsalog.simulation.pneumatic import simulate_pneumatic
+
+Array = NDArray[np.float64]
+Flags = NDArray[np.bool_]
+
+# A window's states count pressures in bar, so that all of them are of about one size.
+BAR = 1e5
+# Perturbations of angle [rad], velocity [rad/s] and pressure [bar] that tell how a window depends on its beginning.
+NUDGES = (1e-5, 1e-3, 1e-4, 1e-4)
+# A seesaw slower than so many standard deviations of its velocity's noise begins a window at rest.
+STILL = 3.0
+SIMULATED = (ANGLE, "torque_sensor", *PRESSURES)
+
+
+class PneumaticPlayer:
+    """Plays a joint with muscles; the states are (ψ, ψ̇, P₁, P₂) with pressures in bar. See `windows.Player`.
+
+    Parameters
+    ----------
+    joint : of the rig
+    channels : of the log
+
+    Raises
+    ------
+    SimulationError
+        The voltage of a valve is not recorded: nothing drives its muscle.
+    """
+
+    def __init__(self, joint: PneumaticJoint, channels: Channels) -> None:
+        for role in VALVES:
+            if role not in channels.raw:
+                raise SimulationError(f"the voltage of {role} is not recorded, so that nothing drives its muscle")
+        self.joint, self.channels = joint, channels
+        self.roles = true_roles(joint, channels, 0.0)
+
+    def driving(self) -> list[str]:
+        """Return the valves' roles."""
+        return list(VALVES)
+
+    def answered(self) -> list[str]:
+        """Return the recorded angle, pressures and torque meter."""
+        return [r for r in self.channels.roles if r in SIMULATED]
+
+    def measured_states(self) -> Array:
+        """Return the states as rig and filter have them, shape (N, 4); a velocity that may be noise is none."""
+        channels = self.channels
+        motion = pneumatic_motion(self.joint, self.roles, channels.time, channels.spread)
+        for role in (ANGLE, *PRESSURES):
+            if role not in motion.roles:
+                raise SimulationError(f"{role} is not recorded, and nothing tells it")
+        psi, (p1, p2) = motion.roles[ANGLE], (motion.roles[r][0] / BAR for r in PRESSURES)
+        noise = channels.noise[ANGLE].floor if ANGLE in channels.noise else 0.0
+        own = noise * float(np.linalg.norm(savgol_weights(channels.window, DEGREE, 2, channels.period)[1]))
+        rate = np.where(np.abs(psi[1]) <= STILL * own, 0.0, psi[1])
+        return np.stack([psi[0], np.where(np.isfinite(psi[1]), rate, np.nan), p1, p2], axis=-1)
+
+    def free(self, states: Array) -> Mapping[int, tuple[float, Flags]]:
+        """Return all states, but for the angle of a seesaw that is clamped, and the velocity of one that rests."""
+        every = np.ones(len(states), dtype=np.bool_)
+        free = {i: (NUDGES[i], every) for i in range(4)}
+        if self.joint.friction is not None:
+            free[1] = NUDGES[1], states[:, 1] != 0.0
+        if self.joint.seesaw.held_at is not None:
+            del free[0], free[1]
+        return free
+
+    def simulated(
+        self, spans: NDArray[np.int64], states: Array, hold: bool
+    ) -> Iterator[tuple[slice, Mapping[str, Array]]]:
+        """Yield the windows' truth, one by one."""
+        channels = self.channels
+        for (first, last), state in zip(spans, states, strict=True):
+            part = slice(int(first), int(last))
+            time = channels.time[first] + np.arange(last - first) * channels.period
+            inputs: dict[str, TorqueInput] = {}
+            for role in VALVES:
+                voltage = self.roles[role][0][part]
+                inputs[role] = voltage if hold else table(time, voltage)
+            if "external_torque" in self.roles:
+                inputs["external_torque"] = table(time, self.roles["external_torque"][0][part])
+            begin = state * np.array([1.0, 1.0, BAR, BAR])
+            yield part, simulate_pneumatic(self.joint, inputs, time, start=begin)
