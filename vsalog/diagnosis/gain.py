@@ -78,8 +78,8 @@ def compared(before: Any, after: Any, windows: Windows) -> Compared:
 def floors(joint: Any, windows: Windows, shot: Shot) -> dict[str, float]:
     """Return the error of each role that noise alone makes: its sensor's, and what noise in the recorded torques moves.
 
-    The second is measured: the windows are simulated with torques, or voltages, that carry noise of the same kind once more, and what the
-    states at the beginnings can make up for is taken off.
+    The second is measured: the windows are simulated with torques, or voltages, that carry noise of the same kind once more, and
+    what the states at the beginnings can make up for is taken off.
     """
     channels, rng = windows.channels, np.random.default_rng(SEED)
     raw = dict(channels.raw)
