@@ -20,8 +20,8 @@ import numpy as np
 
 from .alike import fits_equally
 from .cases import Plan, make_case
+from .devices import DEVICES
 from .generate import KINDS, generate, plans
-from .machines import DEVICES
 from .report import by_device, document, markdown
 from .scoring import Outcome, read, score
 

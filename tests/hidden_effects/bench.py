@@ -6,9 +6,9 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from . import motion
+from .devices import DEVICES
 from .effects import Effect, Scales, Shape
-from .equations import LeftOver, left_over
+from .equations import LeftOver
 from .machines import Machine, Sensors
 from .motion import Truth, Wanted
 from .sensors import Quality, ideal
@@ -57,11 +57,12 @@ class Bench:
     def left_over(self, hidden: list[Hidden]) -> dict[str, LeftOver] | None:
         """Return what effects leave over in the nominal equations; none where the machine breaks or its servo swings."""
         machine, sensors = self.changed(hidden)
-        truth = motion.happened(machine, self.follow)
+        device = DEVICES[self.nominal.device]
+        truth = device.happened(machine, self.follow)
         if truth is None or wild(truth, self.truth):
             return None
         said = {r: v for r, v in ideal(truth, sensors, self.nominal).items() if r not in self.missing}
-        return left_over(self.nominal, said, self.qualities, truth.inside, truth.period)
+        return device.left_over(self.nominal, said, self.qualities, truth.inside, truth.period)
 
     def size(self, hidden: list[Hidden]) -> float:
         """Return how visible effects are: the largest ratio of all equations, NaN where there is none."""
@@ -96,5 +97,5 @@ class Bench:
 def wild(truth: Truth, nominal: Truth) -> bool:
     """Tell whether an effect made the servo swing: much more torque than the nominal machine's."""
     inside = truth.inside
-    torques = [role for role in truth.roles if "torque" in role]
+    torques = [role for role in truth.roles if role.startswith(("motor_torque", "secondary_torque"))]
     return any(np.std(truth.roles[r][inside]) > 2.5 * np.std(nominal.roles[r][inside]) for r in torques)

@@ -11,12 +11,11 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
 
-from . import motion
 from .alike import told_apart
 from .bench import Bench, Hidden, wild
-from .effects import EFFECTS, OUTSIDE, SCORED_OUTSIDE, Effect, scales_of
-from .machines import random_machine
-from .rig_file import CHANNELS, rig_text, unit_of
+from .devices import DEVICES
+from .effects import EFFECTS, OUTSIDE, SCORED_OUTSIDE, Effect
+from .rig_file import CHANNELS, unit_of
 from .sensors import random_qualities, recorded
 
 VARIANTS = {
@@ -36,7 +35,7 @@ class Plan:
     Attributes
     ----------
     name : of its folder
-    device : elastic, antagonistic, serial
+    device : elastic, antagonistic, serial, pneumatic
     seed : of everything random in it
     causes : what to hide, of the catalogue; at most two
     outside : what to hide that is not in the catalogue, or none
@@ -105,15 +104,16 @@ def _effects(plan: Plan) -> list[Effect]:
 
 def _bench(plan: Plan, rng: np.random.Generator) -> Bench | None:
     period = 1e-3 if rng.random() < 0.7 else 2e-3
-    nominal = random_machine(plan.device, rng)
+    device = DEVICES[plan.device]
+    nominal = device.random_machine(plan.device, rng)
     if any(not effect.parts(nominal) for effect in _effects(plan)):
         return None
-    follow = motion.wanted(nominal, rng.uniform(20.0, 30.0), period, rng, plan.poor)
-    truth = motion.happened(nominal, follow)
+    follow = device.wanted(nominal, rng.uniform(20.0, 30.0), period, rng, plan.poor)
+    truth = device.happened(nominal, follow)
     if truth is None:
         return None
     qualities = random_qualities(nominal, truth, rng)
-    return Bench(nominal, follow, truth, qualities, scales_of(nominal, truth), VARIANTS[plan.roles])
+    return Bench(nominal, follow, truth, qualities, device.scales_of(nominal, truth), VARIANTS[plan.roles])
 
 
 def _hide_all(plan: Plan, bench: Bench, rng: np.random.Generator) -> list[Hidden] | None:
@@ -138,11 +138,12 @@ def _hide_all(plan: Plan, bench: Bench, rng: np.random.Generator) -> list[Hidden
 def _finish(plan: Plan, bench: Bench, hidden: list[Hidden], rng: np.random.Generator) -> Case | None:
     machine, sensors = bench.changed(hidden)
     duration = rng.uniform(20.0, 30.0)
-    again = motion.wanted(bench.nominal, duration, bench.follow.period, rng, plan.poor)
+    device = DEVICES[plan.device]
+    again = device.wanted(bench.nominal, duration, bench.follow.period, rng, plan.poor)
     logs = []
     for follow in (bench.follow, again):
-        truth = motion.happened(machine, follow)
-        nominal = motion.happened(bench.nominal, follow)
+        truth = device.happened(machine, follow)
+        nominal = device.happened(bench.nominal, follow)
         if truth is None or nominal is None or wild(truth, nominal):
             return None
         said = recorded(truth, sensors, bench.nominal, bench.qualities, rng)
@@ -189,7 +190,9 @@ def write_case(case: Case, out: Path) -> Path:
     sealed.mkdir(exist_ok=True)
     _write_log(case.log, case.period, folder / "log.parquet")
     _write_log(case.holdout, case.period, folder / "holdout.parquet")
-    (folder / "rig.toml").write_text(rig_text(case.bench.nominal, list(case.log)), encoding="utf-8")
+    (folder / "rig.toml").write_text(
+        DEVICES[case.plan.device].rig_text(case.bench.nominal, list(case.log)), encoding="utf-8"
+    )
     (sealed / f"{case.plan.name}.json").write_text(json.dumps(case.truth, indent=1), encoding="utf-8")
     return folder
 

@@ -98,31 +98,44 @@ def _springs(machine: Machine) -> list[str]:
     return [f"transmission{s}" for s in machine.suffixes]
 
 
-def _link(_: Machine) -> list[str]:
-    return ["link"]
+def _link(machine: Machine) -> list[str]:
+    return ["link"] if machine.suffixes else []
 
 
 def _hanging_link(machine: Machine) -> list[str]:
-    return ["link"] if machine.link[0]["gravity"] else []
+    return ["link"] if machine.suffixes and machine.link[0]["gravity"] else []
+
+
+def _spring_sensors(machine: Machine) -> list[str]:
+    return [f"torque_sensor{s}" for s in machine.suffixes]
 
 
 def _torque_sensors(machine: Machine) -> list[str]:
-    return [f"torque_sensor{s}" for s in machine.suffixes]
+    return _spring_sensors(machine) or ["torque_sensor"]
 
 
 def _encoders(machine: Machine) -> list[str]:
     return [*(f"motor_position{s}" for s in machine.suffixes), "link_position"]
 
 
-def _plain(*_: Any) -> Shape:
+def _turning_encoders(machine: Machine) -> list[str]:
+    # A pneumatic joint turns too little for an eccentricity to be more than an offset and a gain.
+    return _encoders(machine) if machine.suffixes else []
+
+
+def plain(*_: Any) -> Shape:
+    """Return the shape of an effect that has none."""
     return {}
 
 
-def _within(low: float, high: float):
+def within(low: float, high: float):
+    """Return bounds that are always the same."""
     return lambda *_: (low, high)
 
 
-def _effect(cause: str, parts, bounds, shape=_plain, table: dict[str, Effect] | None = None):
+def effect(cause: str, parts, bounds, shape=plain, table: dict[str, Effect] | None = None):
+    """Register what hides an effect."""
+
     def register(hide):
         (EFFECTS if table is None else table)[cause] = Effect(cause, parts, bounds, shape, hide)
         return hide
@@ -133,7 +146,7 @@ def _effect(cause: str, parts, bounds, shape=_plain, table: dict[str, Effect] | 
 # ── Motor ──────────────────────────────────────────────────────────────────────────────────────────────────────────────
 
 
-@_effect("motor.inertia", _motors, _within(-0.4, 0.8))
+@effect("motor.inertia", _motors, within(-0.4, 0.8))
 def _(s, shape, machine, sensors, part, scales):
     row = motor_of(machine, part)
     row["inertia"] *= 1.0 + s
@@ -149,7 +162,7 @@ def _damping_bounds(row_of):
     return bounds
 
 
-@_effect("motor.viscous_friction", _motors, _damping_bounds(motor_of))
+@effect("motor.viscous_friction", _motors, _damping_bounds(motor_of))
 def _(s, shape, machine, sensors, part, scales):
     row = motor_of(machine, part)
     row["damping"] += s * scales.torque[part] / scales.speed[part]
@@ -171,12 +184,12 @@ def _falling(rng, machine, part, scales):
     return {"rise": rng.uniform(1.4, 2.2), "speed": rng.uniform(0.04, 0.2) * scales.speed[part]}
 
 
-@_effect("motor.coulomb_friction", _motors, _within(0.0, 0.4))
+@effect("motor.coulomb_friction", _motors, within(0.0, 0.4))
 def _(s, shape, machine, sensors, part, scales):
     return {"torque": _kinetic(motor_of(machine, part), s, part, scales)}
 
 
-@_effect("motor.stribeck_friction", _motors, _within(0.0, 0.35), _falling)
+@effect("motor.stribeck_friction", _motors, within(0.0, 0.35), _falling)
 def _(s, shape, machine, sensors, part, scales):
     row = motor_of(machine, part)
     torque = _kinetic(row, s, part, scales)
@@ -184,7 +197,7 @@ def _(s, shape, machine, sensors, part, scales):
     return {"torque": torque, "static": float(row["breakaway"]), "velocity": shape["speed"]}
 
 
-@_effect("motor.load_dependent_friction", _main_motors, _within(0.0, 0.5))
+@effect("motor.load_dependent_friction", _main_motors, within(0.0, 0.5))
 def _(s, shape, machine, sensors, part, scales):
     row = motor_of(machine, part)
     row["load"], row["presliding"] = s, _presliding(scales, part)
@@ -199,26 +212,26 @@ def _teeth(rng, machine, part, scales):
     return {"order": float(rng.choice(possible or [1])), "phase": rng.uniform(-np.pi, np.pi)}
 
 
-@_effect("motor.cogging", _motors, _within(0.0, 0.3), _teeth)
+@effect("motor.cogging", _motors, within(0.0, 0.3), _teeth)
 def _(s, shape, machine, sensors, part, scales):
     row = motor_of(machine, part)
     row["cogging"], row["order"], row["phase"] = s * scales.torque[part], shape["order"], shape["phase"]
     return {"torque": float(row["cogging"]), "order": shape["order"], "phase": shape["phase"]}
 
 
-@_effect("motor.torque_constant", _motors, _within(-0.3, 0.4))
+@effect("motor.torque_constant", _motors, within(-0.3, 0.4))
 def _(s, shape, machine, sensors, part, scales):
     motor_of(machine, part)["gain"] = 1.0 + s
     return {"gain": 1.0 + s}
 
 
-@_effect("motor.torque_offset", _motors, _within(-0.4, 0.4))
+@effect("motor.torque_offset", _motors, within(-0.4, 0.4))
 def _(s, shape, machine, sensors, part, scales):
     motor_of(machine, part)["offset"] = s * scales.torque[part]
     return {"torque": s * scales.torque[part]}
 
 
-@_effect("motor.torque_delay", _motors, _within(0.0, 0.015))
+@effect("motor.torque_delay", _motors, within(0.0, 0.015))
 def _(s, shape, machine, sensors, part, scales):
     motor_of(machine, part)["delay"] = s
     return {"delay": s}
@@ -228,23 +241,24 @@ def _(s, shape, machine, sensors, part, scales):
 
 
 def _spring_scale(machine: Machine, scales: Scales) -> float:
-    return float(np.mean([scales.torque[f"motor{s}"] for s in machine.suffixes]))
+    """Return what the torque sensors see; a joint without springs has one sensor, at its link."""
+    return float(np.mean([scales.torque[f"motor{s}"] for s in machine.suffixes] or [scales.torque["link"]]))
 
 
-@_effect("transmission.stiffness", _springs, _within(-0.3, 0.4))
+@effect("transmission.stiffness", _springs, within(-0.3, 0.4))
 def _(s, shape, machine, sensors, part, scales):
     spring_of(machine, part)["factor"] = 1.0 + s
     return {"factor": 1.0 + s}
 
 
-@_effect("transmission.nonlinearity", _springs, _within(-0.15, 0.8))
+@effect("transmission.nonlinearity", _springs, within(-0.15, 0.8))
 def _(s, shape, machine, sensors, part, scales):
     cubic = s * machine.torque / machine.deflection**3
     spring_of(machine, part)["added_cubic"] = cubic
     return {"cubic": cubic}
 
 
-@_effect("transmission.asymmetry", _springs, _within(-0.3, 0.3))
+@effect("transmission.asymmetry", _springs, within(-0.3, 0.3))
 def _(s, shape, machine, sensors, part, scales):
     spring_of(machine, part)["asymmetry"] = s
     return {"asymmetry": s}
@@ -255,7 +269,7 @@ def _transmission_damping_bounds(machine, part, scales):
     return -float(spring_of(machine, part)["damping"]) / usual, 0.3
 
 
-@_effect("transmission.damping", _springs, _transmission_damping_bounds)
+@effect("transmission.damping", _springs, _transmission_damping_bounds)
 def _(s, shape, machine, sensors, part, scales):
     row = spring_of(machine, part)
     row["damping"] = max(float(row["damping"]) + s * _spring_scale(machine, scales) / scales.deflecting, 0.0)
@@ -266,7 +280,7 @@ def _loop(rng, machine, part, scales):
     return {"width": rng.uniform(0.05, 0.25) * scales.deflection, "slips": float(rng.random() < 0.5)}
 
 
-@_effect("transmission.hysteresis", _springs, _within(0.0, 0.3), _loop)
+@effect("transmission.hysteresis", _springs, within(0.0, 0.3), _loop)
 def _(s, shape, machine, sensors, part, scales):
     row, torque = spring_of(machine, part), s * _spring_scale(machine, scales)
     if shape["slips"]:
@@ -277,14 +291,14 @@ def _(s, shape, machine, sensors, part, scales):
     return {"torque": torque, "width": shape["width"]}
 
 
-@_effect("transmission.backlash", _springs, _within(0.0, 0.45))
+@effect("transmission.backlash", _springs, within(0.0, 0.45))
 def _(s, shape, machine, sensors, part, scales):
     row = spring_of(machine, part)
     row["gap"], row["wall"] = s * scales.deflection, 0.002 / scales.deflecting
     return {"gap": float(row["gap"])}
 
 
-@_effect("transmission.stiffness_drift", _springs, _within(-0.012, 0.012))
+@effect("transmission.stiffness_drift", _springs, within(-0.012, 0.012))
 def _(s, shape, machine, sensors, part, scales):
     spring_of(machine, part)["drift"] = s
     return {"rate": s}
@@ -297,7 +311,7 @@ def _link_of(machine: Machine, _: str = "link") -> np.void:
     return machine.link[0]
 
 
-@_effect("link.inertia", _link, _within(-0.4, 0.8))
+@effect("link.inertia", _link, within(-0.4, 0.8))
 def _(s, shape, machine, sensors, part, scales):
     row = _link_of(machine)
     row["inertia"] *= 1.0 + s
@@ -310,7 +324,7 @@ def _arm(rng, machine, part, scales):
     return {"distance": rng.uniform(0.5, 1.3) * 1.5 * GRAVITY * float(row["inertia"] / row["gravity"])}
 
 
-@_effect("link.payload", _hanging_link, _within(0.0, 0.6), _arm)
+@effect("link.payload", _hanging_link, within(0.0, 0.6), _arm)
 def _(s, shape, machine, sensors, part, scales):
     row, d = _link_of(machine), shape["distance"]
     mass = s * float(row["inertia"]) / d**2
@@ -319,21 +333,21 @@ def _(s, shape, machine, sensors, part, scales):
     return {"mass": mass, "distance": d}
 
 
-@_effect("link.gravity", _hanging_link, _within(-0.5, 0.6))
+@effect("link.gravity", _hanging_link, within(-0.5, 0.6))
 def _(s, shape, machine, sensors, part, scales):
     row = _link_of(machine)
     row["gravity"] *= 1.0 + s
     return {"torque": float(row["gravity"])}
 
 
-@_effect("link.viscous_friction", _link, _damping_bounds(_link_of))
+@effect("link.viscous_friction", _link, _damping_bounds(_link_of))
 def _(s, shape, machine, sensors, part, scales):
     row = _link_of(machine)
     row["damping"] += s * scales.torque["link"] / scales.speed["link"]
     return {"damping": float(row["damping"])}
 
 
-@_effect("link.coulomb_friction", _link, _within(0.0, 0.3))
+@effect("link.coulomb_friction", _link, within(0.0, 0.3))
 def _(s, shape, machine, sensors, part, scales):
     return {"torque": _kinetic(_link_of(machine), s, part, scales)}
 
@@ -343,7 +357,7 @@ def _when(rng, machine, part, scales):
     return {"start": rng.uniform(0.15, 0.75) * scales.duration, "duration": duration}
 
 
-@_effect("link.contact", _link, _within(-0.8, 0.8), _when)
+@effect("link.contact", _link, within(-0.8, 0.8), _when)
 def _(s, shape, machine, sensors, part, scales):
     row, torque = _link_of(machine), s * scales.torque["link"]
     row["push"], row["push_at"], row["push_lasts"] = torque, shape["start"], shape["duration"]
@@ -353,25 +367,25 @@ def _(s, shape, machine, sensors, part, scales):
 # ── Sensors ────────────────────────────────────────────────────────────────────────────────────────────────────────────
 
 
-@_effect("sensor.torque_gain", _torque_sensors, _within(-0.3, 0.4))
+@effect("sensor.torque_gain", _torque_sensors, within(-0.3, 0.4))
 def _(s, shape, machine, sensors, part, scales):
     sensors.of(part).gain = 1.0 + s
     return {"gain": 1.0 + s}
 
 
-@_effect("sensor.torque_offset", _torque_sensors, _within(-0.4, 0.4))
+@effect("sensor.torque_offset", _torque_sensors, within(-0.4, 0.4))
 def _(s, shape, machine, sensors, part, scales):
     sensors.of(part).offset = s * _spring_scale(machine, scales)
     return {"offset": sensors.of(part).offset}
 
 
-@_effect("sensor.torque_drift", _torque_sensors, _within(-0.02, 0.02))
+@effect("sensor.torque_drift", _torque_sensors, within(-0.02, 0.02))
 def _(s, shape, machine, sensors, part, scales):
     sensors.of(part).drift = s * _spring_scale(machine, scales)
     return {"rate": sensors.of(part).drift}
 
 
-@_effect("sensor.torque_delay", _torque_sensors, _within(0.0, 0.015))
+@effect("sensor.torque_delay", _torque_sensors, within(0.0, 0.015))
 def _(s, shape, machine, sensors, part, scales):
     sensors.of(part).delay = s
     return {"delay": s}
@@ -381,27 +395,30 @@ def _dependence(rng, machine, part, scales):
     return {"command": float(rng.random() < 0.3), "bend": rng.uniform(-0.5, 0.5)}
 
 
-@_effect("sensor.torque_not_independent", _torque_sensors, _within(-0.15, 0.15), _dependence)
+@effect("sensor.torque_not_independent", _spring_sensors, within(-0.15, 0.15), _dependence)
 def _(s, shape, machine, sensors, part, scales):
     how = "command" if shape["command"] else "deflection"
     sensors.formula[part] = (how, 1.0 + s, s * shape["bend"])
     return {}
 
 
-@_effect("sensor.encoder_offset", _encoders, _within(-0.4, 0.4))
+@effect("sensor.encoder_offset", _encoders, within(-0.4, 0.4))
 def _(s, shape, machine, sensors, part, scales):
     sensors.of(part).offset = s * scales.deflection
     return {"offset": sensors.of(part).offset}
 
 
-@_effect("sensor.encoder_scale", _encoders, _within(-0.1, 0.1))
+@effect("sensor.encoder_scale", _encoders, within(-0.1, 0.1))
 def _(s, shape, machine, sensors, part, scales):
     sensors.of(part).gain = 1.0 + s
     return {"gain": 1.0 + s}
 
 
-@_effect(
-    "sensor.encoder_eccentricity", _encoders, _within(0.0, 0.4), lambda rng, *_: {"phase": rng.uniform(-np.pi, np.pi)}
+@effect(
+    "sensor.encoder_eccentricity",
+    _turning_encoders,
+    within(0.0, 0.4),
+    lambda rng, *_: {"phase": rng.uniform(-np.pi, np.pi)},
 )
 def _(s, shape, machine, sensors, part, scales):
     flaws = sensors.of(part)
@@ -409,7 +426,7 @@ def _(s, shape, machine, sensors, part, scales):
     return {"amplitude": flaws.amplitude, "phase": flaws.phase}
 
 
-@_effect("sensor.clock_skew", _encoders, _within(-0.015, 0.015))
+@effect("sensor.clock_skew", _encoders, within(-0.015, 0.015))
 def _(s, shape, machine, sensors, part, scales):
     sensors.of(part).delay = s
     return {"delay": s}
@@ -420,7 +437,7 @@ def _(s, shape, machine, sensors, part, scales):
 
 def _outside(name: str, parts, bounds, shape, side: str, depends_on: list[str]):
     SCORED_OUTSIDE[name] = {"side": side, "depends_on": depends_on}
-    return _effect(name, parts, bounds, shape, OUTSIDE)
+    return effect(name, parts, bounds, shape, OUTSIDE)
 
 
 def _place(rng, machine, part, scales):
@@ -428,7 +445,7 @@ def _place(rng, machine, part, scales):
     return {"at": low + rng.uniform(0.35, 0.65) * (high - low), "width": rng.uniform(0.02, 0.05) * (high - low)}
 
 
-@_outside("magnetic detent", _main_motors, _within(-0.8, 0.8), _place, "motor", ["motor_position"])
+@_outside("magnetic detent", _main_motors, within(-0.8, 0.8), _place, "motor", ["motor_position"])
 def _(s, shape, machine, sensors, part, scales):
     row = motor_of(machine, part)
     row["detent"], row["detent_at"], row["detent_width"] = s * scales.torque[part], shape["at"], shape["width"]
@@ -445,12 +462,12 @@ def _warm(row, s, shape, part, scales):
     return {"torque": float(row["heating"]), "time": shape["time"]}
 
 
-@_outside("motor friction that grows", _main_motors, _within(0.0, 0.8), _warm_up, "motor", ["time", "motor_velocity"])
+@_outside("motor friction that grows", _main_motors, within(0.0, 0.8), _warm_up, "motor", ["time", "motor_velocity"])
 def _(s, shape, machine, sensors, part, scales):
     return _warm(motor_of(machine, part), s, shape, part, scales)
 
 
-@_outside("link friction that grows", _link, _within(0.0, 0.8), _warm_up, "link", ["time", "link_velocity"])
+@_outside("link friction that grows", _link, within(0.0, 0.8), _warm_up, "link", ["time", "link_velocity"])
 def _(s, shape, machine, sensors, part, scales):
     return _warm(_link_of(machine), s, shape, part, scales)
 
@@ -459,14 +476,14 @@ def _moment(rng, machine, part, scales):
     return {"at": rng.uniform(0.3, 0.7) * scales.duration}
 
 
-@_outside("spring that yields", _springs, _within(-0.5, 0.5), _moment, "transmission", ["time"])
+@_outside("spring that yields", _springs, within(-0.5, 0.5), _moment, "transmission", ["time"])
 def _(s, shape, machine, sensors, part, scales):
     row = spring_of(machine, part)
     row["yields"], row["yields_at"] = s * scales.deflection, shape["at"]
     return {"angle": float(row["yields"]), "time": shape["at"]}
 
 
-@_outside("drag of the air", _link, _within(0.0, 0.6), _plain, "link", ["link_velocity"])
+@_outside("drag of the air", _link, within(0.0, 0.6), plain, "link", ["link_velocity"])
 def _(s, shape, machine, sensors, part, scales):
     row = _link_of(machine)
     row["drag"] = s * scales.torque[part] / scales.speed[part] ** 2

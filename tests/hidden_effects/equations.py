@@ -57,7 +57,7 @@ class LeftOver:
         return float(np.sqrt(np.mean(self.values**2)) / self.noise)
 
 
-class _Sum:
+class Sum:
     """Adds up an equation's terms with their noise; each channel's weights are collected before they are squared."""
 
     def __init__(self, windows: Windows, inside: slice) -> None:
@@ -127,12 +127,12 @@ def left_over(
         arm = nominal.lever[0] - nominal.lever[1] * said["setpoint"]
     springs = [_spring(nominal, i, suffix, said, arm, period) for i, suffix in enumerate(nominal.suffixes)]
     out = {}
-    link = _Sum(windows, inside)
+    link = Sum(windows, inside)
     for i, spring in enumerate(springs):
         suffix, motor = spring.suffix, nominal.motors[i]
         theta_role = f"motor_position{suffix}"
         theta, sensor = said[theta_role], f"torque_sensor{suffix}"
-        equation = _Sum(windows, inside)
+        equation = Sum(windows, inside)
         equation.add(theta, motor["inertia"] * w2 + motor["damping"] * w1)
         equation.noisy(theta_role, 1.0, motor["inertia"] * w2 + motor["damping"] * w1)
         equation.add(-_held(said[f"motor_torque{suffix}"]), w0)
@@ -141,13 +141,13 @@ def left_over(
         out[f"motor{suffix}"] = equation.done(qualities)
         _transmit(link, 1.0, spring, nominal, i, said, sensor, w0, w1)
         if sensor in said and "link_position" in said:
-            equation = _Sum(windows, inside)
+            equation = Sum(windows, inside)
             equation.add(said[sensor], w0)
             equation.noisy(sensor, 1.0, w0)
             _formula(equation, -1.0, spring, nominal, i, w0, w1)
             out[f"transmission{suffix}"] = equation.done(qualities)
     if nominal.device == "serial":
-        out["secondary_motor"] = _secondary(nominal, said, springs[0], arm, qualities, period, _Sum(windows, inside))
+        out["secondary_motor"] = _secondary(nominal, said, springs[0], arm, qualities, period, Sum(windows, inside))
     rig = nominal.link[0]
     kernel = rig["inertia"] * w2 + rig["damping"] * w1
     if "link_position" in said:
@@ -162,7 +162,7 @@ def left_over(
     link.add(rig["gravity"] * np.sin(q - rig["hangs_at"]), w0)
     out["link"] = link.done(qualities)
     if len(springs) == 2 and "link_position" not in said:
-        out["deflections"] = _twice(said, springs, qualities, period, _Sum(windows, inside))
+        out["deflections"] = _twice(said, springs, qualities, period, Sum(windows, inside))
     return out
 
 

@@ -10,22 +10,27 @@ import os
 import sys
 from collections.abc import Iterator
 from concurrent.futures import ProcessPoolExecutor
+from functools import cache
 from itertools import cycle, islice
 from pathlib import Path
 
 import numpy as np
 
 from .cases import SIZES, VARIANTS, NotVisibleError, Plan, make_case, write_case
+from .devices import DEVICES
 from .effects import EFFECTS, OUTSIDE
-from .machines import DEVICES
 
 KINDS = ("clean", "single", "pair", "reduced", "outside")
 
 
-def _applies(cause: str, device: str, roles: str = "full") -> bool:
-    if device == "serial" and cause in ("link.payload", "link.gravity"):
+@cache
+def _applies(effect: str, device: str, roles: str = "full") -> bool:
+    """Tell whether some machine of a device may have an effect, and whether it may be seen with those roles."""
+    if device == "pneumatic" and roles == "no-link-encoder":
         return False
-    return not (roles == "no-torque-sensor" and cause.startswith("sensor.torque"))
+    machines = [DEVICES[device].random_machine(device, np.random.default_rng(seed)) for seed in range(8)]
+    parts = {part for machine in machines for part in (EFFECTS | OUTSIDE)[effect].parts(machine)}
+    return bool(parts - set(VARIANTS[roles]))
 
 
 def plans(kind: str, count: int, seed: int, devices: tuple[str, ...] = tuple(DEVICES)) -> list[Plan]:
@@ -60,7 +65,7 @@ def _every(kind: str, devices: tuple[str, ...], rng: np.random.Generator) -> Ite
             for roles in list(VARIANTS)[1:]:
                 yield from ((device, (c,), None, roles) for c in causes if _applies(c, device, roles))
         elif kind == "outside":
-            yield from ((device, (), o, "full") for o in OUTSIDE)
+            yield from ((device, (), o, "full") for o in OUTSIDE if _applies(o, device))
         else:
             for first in causes:
                 # Two effects of different families: both of one part of a joint may add up to the same thing.

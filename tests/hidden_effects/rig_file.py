@@ -21,8 +21,12 @@ CHANNELS = {
     "torque_sensor_2": "spring 2 torque",
     "setpoint": "lever motor angle",
     "secondary_torque": "lever motor torque",
+    "pressure_1": "muscle 1 pressure",
+    "pressure_2": "muscle 2 pressure",
+    "valve_1": "valve 1 voltage",
+    "valve_2": "valve 2 voltage",
 }
-UNITS = {"position": "rad", "setpoint": "rad", "torque": "N*m", "sensor": "N*m"}
+UNITS = {"position": "rad", "setpoint": "rad", "torque": "N*m", "sensor": "N*m", "pressure": "Pa", "valve": "V"}
 
 
 def unit_of(role: str) -> str:
@@ -35,22 +39,26 @@ def rig_text(machine: Machine, roles: list[str]) -> str:
     lines = ['name = "hidden machine"', "", f"[joint.{name}]", f'kind = "{machine.device}"', ""]
     motors = {"elastic": ["motor"], "serial": ["motor", "secondary_motor"], "antagonistic": ["motor_1", "motor_2"]}
     for part, row in zip(motors[machine.device], machine.motors, strict=False):
-        lines += _table(
+        lines += table(
             f"joint.{name}.{part}",
             {"inertia": row["inertia"], "damping": row["damping"], "gear_ratio": row["gear"]},
         )
     for suffix, row in zip(machine.suffixes, machine.springs, strict=False):
-        lines += _table(f"joint.{name}.transmission{suffix}", _law(row))
+        lines += table(f"joint.{name}.transmission{suffix}", _law(row))
     if machine.device == "serial":
-        lines += _table(f"joint.{name}.lever", {"start": machine.lever[0], "travel": machine.lever[1]})
+        lines += table(f"joint.{name}.lever", {"start": machine.lever[0], "travel": machine.lever[1]})
     row = machine.link[0]
     link = {"inertia": row["inertia"], "damping": row["damping"]}
     if row["gravity"]:
         link |= {"gravity_torque": row["gravity"], "gravity_angle": row["hangs_at"]}
-    lines += _table(f"joint.{name}.link", link)
-    lines.append(f"[joint.{name}.signals]")
-    lines += [f'{role} = {{ channel = "{CHANNELS[role]}", unit = "{unit_of(role)}" }}' for role in roles]
-    return "\n".join(lines) + "\n"
+    lines += table(f"joint.{name}.link", link)
+    return "\n".join([*lines, *channel_lines(name, roles)]) + "\n"
+
+
+def channel_lines(name: str, roles: list[str]) -> list[str]:
+    """Return the table of a joint's signals."""
+    lines = [f'{role} = {{ channel = "{CHANNELS[role]}", unit = "{unit_of(role)}" }}' for role in roles]
+    return [f"[joint.{name}.signals]", *lines]
 
 
 def _law(row: np.void) -> dict[str, object]:
@@ -65,6 +73,7 @@ def _law(row: np.void) -> dict[str, object]:
     return law | ({"damping": row["damping"]} if row["damping"] else {})
 
 
-def _table(name: str, values: dict[str, object]) -> list[str]:
+def table(name: str, values: dict[str, object]) -> list[str]:
+    """Return a table of numbers and texts, and an empty line."""
     rows = [f'{k} = "{v}"' if isinstance(v, str) else f"{k} = {float(v)!r}" for k, v in values.items()]
     return [f"[{name}]", *rows, ""]
