@@ -14,7 +14,7 @@ from vsalog.errors import SimulationError
 from vsalog.filters.savitzky_golay import savgol_weights
 from vsalog.rig.schema import PneumaticJoint
 from vsalog.simulation.inputs import TorqueInput, table
-from vsalog.simulation.pneumatic import simulate_pneumatic
+from vsalog.simulation.pneumatic import coarse_steps, simulate_pneumatic
 
 Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]
@@ -95,4 +95,5 @@ class PneumaticPlayer:
             if "external_torque" in self.roles:
                 inputs["external_torque"] = table(time, self.roles["external_torque"][0][part])
             begin = state * np.array([1.0, 1.0, BAR, BAR])
-            yield part, simulate_pneumatic(self.joint, inputs, time, start=begin)
+            steps = coarse_steps(self.joint, begin, channels.period)
+            yield part, simulate_pneumatic(self.joint, inputs, time, steps, begin)

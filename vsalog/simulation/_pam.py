@@ -39,8 +39,10 @@ def _flow(up: float, down: float, air: Array) -> float:
 
 @njit(cache=True)
 def _flow_down(high: float, low: float, air: Array) -> float:
-    k = air[3]
-    ratio = max(low / high, air[4])
+    k, ratio = air[3], low / high
+    if ratio <= air[4]:
+        choked: float = high * air[7]
+        return choked
     inside = max(ratio ** (2.0 / k) - ratio ** ((k + 1.0) / k), 0.0)
     flow: float = high * np.sqrt(2.0 * k / (k - 1.0) * inside / air[2])
     return flow
@@ -206,7 +208,7 @@ def integrate_pam(
     inputs : shape (3, N − 1, 2S + 1), α₁, α₂ and the external torque [N·m] at the ends and the middles of the S steps in
         each period; a period has its own end value, so that a held input jumps at the border and not before
     step : [s], period / S
-    air : P_tank, P_out [Pa], R T [J/kg], k, critical ratio, k₁, k₂
+    air : P_tank, P_out [Pa], R T [J/kg], k, critical ratio, k₁, k₂, and what a choked orifice lets through [kg/(s·m²·Pa)]
     muscles : shape (2, 16): L₀, D₁, D₂, D₃, force gain, leak area, A₁, A₂ [m²], code of the force model and its numbers
         (up to 6), rest length
     seesaw : r, J, k_s, M g
