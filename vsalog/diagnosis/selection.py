@@ -98,7 +98,9 @@ def select(system: System, joint: Any, setting: Setting) -> Selection:
     """
     sites = [site for cause in catalogue().values() for site in cause.sites(setting)]
     blocks = blocks_of(system)
-    nothing = current = fitted(system, joint, (), np.zeros(0), blocks)
+    # Torques that only seem to be held would look like a delay.
+    system, current = renewed(system, joint, fitted(system, joint, (), np.zeros(0), blocks), blocks)
+    nothing = current
     choices = list[Choice]()
     while len(choices) < MOST_CAUSES:
         rivals = considered(system, joint, setting, sites, current, blocks)
