@@ -159,7 +159,8 @@ def considered(
     hopeful = [t for t in trials if floor - t[0] > (0.3 if t[2].starts is not None else 0.9) * least]
     promising = [t for i, t in enumerate(hopeful) if i < FITTED or t[0] < bar][: 2 * FITTED]
     # One step tells little of what is far from straight: whoever is of the family of a promising one is fitted too.
-    family = [t for t in trials if t not in promising and any(related(t[2], p[2]) for p in promising[:FAMILIES])]
+    taken = {id(t) for t in promising}
+    family = [t for t in trials if id(t) not in taken and any(related(t[2], p[2]) for p in promising[:FAMILIES])]
     return [
         Rival(site, fitted(system, joint, (*current.sites, site), start, blocks))
         for _, start, site in (*promising, *family)
