@@ -1,0 +1,126 @@
+"""Channels: the filter against scipy's, what noise is told, and noise made anew like the measured."""
+
+import numpy as np
+import pytest
+from scipy.signal import savgol_filter
+from written_out import signals
+
+from vsalog.diagnosis.channels import DEGREE, channels_of, noise_in
+
+PERIOD = 1e-3
+TIME = np.arange(8000) * PERIOD
+
+
+def motion(t):
+    return np.sin(2 * np.pi * 0.7 * t) + 0.3 * np.sin(2 * np.pi * 3.1 * t + 1.0)
+
+
+def channels(**said):
+    return channels_of(signals(said, PERIOD))
+
+
+def test_filtered_channels_are_scipys_in_value_and_derivatives():
+    noisy = motion(TIME) + 1e-3 * np.random.default_rng(0).standard_normal(TIME.size)
+    found = channels(link_position=noisy)
+    inside = slice(found.window, -found.window)
+    for order in range(3):
+        expected = savgol_filter(noisy, found.window, DEGREE, deriv=order, delta=PERIOD)
+        np.testing.assert_allclose(found.roles["link_position"][order][inside], expected[inside], rtol=1e-8, atol=1e-7)
+
+
+def test_nothing_is_filtered_across_a_gap():
+    """What stands on one side of a gap must not be felt on the other."""
+    bound = signals({"link_position": np.where(np.arange(4000) < 2000, 0.0, 1.0) + motion(TIME[:4000])}, PERIOD)
+    bound.starts[2000] = True
+    found = channels_of(bound)
+    half = found.window // 2
+    assert np.isnan(found.roles["link_position"][:, 2000 - half : 2000 + half]).all()
+    inside = np.r_[half : 2000 - half, 2000 + half : 4000 - half]
+    expected = motion(TIME[:4000]) + (np.arange(4000) >= 2000)
+    np.testing.assert_allclose(found.roles["link_position"][0][inside], expected[inside], atol=1e-6)
+
+
+@pytest.mark.parametrize("deviation", [1e-4, 3e-3])
+def test_white_noise_is_told(deviation):
+    said = motion(TIME) + deviation * np.random.default_rng(1).standard_normal(TIME.size)
+    noise = noise_in(said)
+    assert noise.step == 0.0
+    assert noise.deviation == pytest.approx(deviation, rel=0.06)
+
+
+@pytest.mark.parametrize("step", [2e-4, 1e-2])
+def test_the_steps_of_an_encoder_are_told_and_are_no_white_noise(step):
+    noise = noise_in(np.round(motion(TIME) / step) * step)
+    assert noise.step == pytest.approx(step, rel=1e-6)
+    assert noise.deviation == 0.0
+    assert noise.floor == pytest.approx(step / np.sqrt(12.0), rel=1e-6)
+
+
+def test_noise_before_rounding_is_told_from_the_rounding():
+    step, deviation = 1e-3, 2.5e-3
+    said = motion(TIME) + deviation * np.random.default_rng(2).standard_normal(TIME.size)
+    noise = noise_in(np.round(said / step) * step)
+    assert noise.step == pytest.approx(step, rel=1e-6)
+    assert noise.deviation == pytest.approx(deviation, rel=0.06)
+
+
+def test_a_signal_without_noise_has_none():
+    assert noise_in(motion(TIME)).floor < 1e-6
+
+
+@pytest.mark.parametrize(("deviation", "step"), [(2e-3, 0.0), (0.0, 1e-3), (2e-3, 1e-3)])
+def test_noise_made_anew_is_like_the_measured(deviation, step):
+    """It spreads about the motion it takes for true as the measured does about the one that only this test knows."""
+    said = motion(TIME) + deviation * np.random.default_rng(3).standard_normal(TIME.size)
+    said = np.round(said / step) * step if step else said
+    found = channels(link_position=said)
+    again = [found.with_noise(seed) for seed in range(4)]
+    inside = slice(found.window, -found.window)
+    measured = np.std((said - motion(TIME))[inside])
+    for other in again:
+        spread = np.std((other.raw["link_position"] - found.roles["link_position"][0])[inside])
+        assert spread == pytest.approx(measured, rel=0.08)
+    smooth = channels(link_position=motion(TIME)).roles["link_position"]
+    for order in range(3):
+        own = np.std((found.roles["link_position"] - smooth)[order][inside])
+        new = np.mean([np.std((o.roles["link_position"] - found.roles["link_position"])[order][inside]) for o in again])
+        assert new == pytest.approx(own, rel=0.15), order
+
+
+def test_noise_made_anew_is_independent_of_the_measured_and_of_itself():
+    said = motion(TIME) + 2e-3 * np.random.default_rng(4).standard_normal(TIME.size)
+    found = channels(link_position=said)
+    inside = slice(found.window, -found.window)
+    smooth = found.roles["link_position"][0]
+    one, two = ((found.with_noise(seed).raw["link_position"] - smooth)[inside] for seed in (1, 2))
+    for other in (two, (said - motion(TIME))[inside]):
+        # 4.5 standard deviations of the correlation of white noise.
+        assert abs(np.corrcoef(one, other)[0, 1]) < 4.5 / np.sqrt(one.size)
+    np.testing.assert_array_equal(found.with_noise(1).raw["link_position"], found.with_noise(1).raw["link_position"])
+
+
+def test_an_encoder_at_rest_stays_on_its_step():
+    """The error of a step does not average out where nothing moves: noise anew must not make it do so."""
+    said = np.full(4000, 0.3) + np.where(np.arange(4000) > 2000, 0.01, 0.0)
+    said = np.round(said / 0.01) * 0.01
+    found = channels(motor_position=said, link_position=motion(TIME[:4000]))
+    assert np.ptp(found.with_noise(1).raw["motor_position"][:1900]) == 0.0
+
+
+def test_thinned_channels_keep_samples_as_they_are():
+    found = channels(link_position=motion(TIME))
+    thin = found.thinned()
+    assert 1 < thin.every < found.window // 4
+    assert thin.period == pytest.approx(thin.every * PERIOD)
+    np.testing.assert_array_equal(thin.time, found.time[:: thin.every])
+    np.testing.assert_array_equal(thin.roles["link_position"], found.roles["link_position"][:, :: thin.every])
+    noisy, whole = thin.with_noise(3), found.with_noise(3)
+    np.testing.assert_array_equal(noisy.raw["link_position"], whole.raw["link_position"][:: thin.every])
+
+
+def test_a_run_that_begins_between_kept_samples_begins_at_the_next_one():
+    bound = signals({"link_position": motion(TIME[:4000])}, PERIOD)
+    bound.starts[2001] = True
+    thin = channels_of(bound).thinned()
+    (_, begin) = np.flatnonzero(thin.starts)
+    assert thin.time[begin] >= TIME[2001] > thin.time[begin - 1]

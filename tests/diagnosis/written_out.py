@@ -1,0 +1,158 @@
+"""Joints whose equations are written out here, moved by scipy and felt by sensors that are written out here too.
+
+Nothing of vsalog's mechanics or simulation is used: what a test hides in a log is hidden by this file alone.
+"""
+
+from dataclasses import dataclass, field
+
+import numpy as np
+from scipy.integrate import solve_ivp
+
+from vsalog.diagnosis.channels import channels_of
+from vsalog.rig import Rig
+from vsalog.signals import JointSignals
+
+ELASTIC = """
+[joint.arm]
+kind = "elastic"
+[joint.arm.motor]
+inertia = 0.02
+damping = 0.05
+[joint.arm.transmission]
+type = "cubic"
+stiffness = 12.0
+cubic = 150.0
+[joint.arm.link]
+inertia = 0.03
+damping = 0.02
+gravity_torque = 1.5
+[joint.arm.signals]
+motor_position = "motor position"
+link_position = "link position"
+motor_torque = "motor torque"
+torque_sensor = "torque sensor"
+"""
+ROLES = ("motor_position", "link_position", "motor_torque", "torque_sensor")
+# What the sensors add: steps of the encoders [rad], white noise of the torques [N·m].
+STEP, NOISE = 5e-5, 5e-3
+
+
+def drive(t, seed=0):
+    """A torque of many waves, odd enough to tell all effects of an elastic joint apart [N·m]."""
+    waves = np.random.default_rng(seed)
+    parts = zip((0.31, 0.73, 1.37, 2.3, 3.9), (0.9, 0.7, 0.5, 0.4, 0.3), strict=True)
+    return sum(a * np.sin(2 * np.pi * f * t + waves.uniform(0, 6)) for f, a in parts)
+
+
+@dataclass
+class Truth:
+    """What an elastic joint has, each a number of the equations in `elastic`."""
+
+    inertia: float = 0.02
+    damping: float = 0.05
+    coulomb: float = 0.0
+    stiffness: float = 12.0
+    cubic: float = 150.0
+    link_inertia: float = 0.03
+    link_damping: float = 0.02
+    gravity: float = 1.5
+    gain: float = 1.0
+    offset: float = 0.0
+    delay: float = 0.0
+    push: tuple = (0.0, 0.1, 0.0)
+    extra: object = field(default=lambda t, theta, phi: 0.0)
+
+
+def elastic(time, truth, torque=drive):
+    """Move the joint: role → value and two derivatives, shape (3, N), exact to the integrator's 1e-10.
+
+    B θ̈ + D θ̇ + F tanh(θ̇/v₀) − τ_e = τ,  M q̈ + D_q q̇ + G sin q + τ_e = τ_ext,  τ_e = k φ + k₃ φ³ + extra,  φ = q − θ
+    """
+    start, length, height = truth.push
+
+    def spring(t, theta, phi):
+        return truth.stiffness * phi + truth.cubic * phi**3 + truth.extra(t, theta, phi)
+
+    def accelerations(t, q, dq, a, da):
+        e, u = spring(t, a, q - a), (t - start) / length
+        pushed = np.where((u > 0) & (u < 1), height * np.sin(np.pi * u) ** 2, 0.0)
+        rubbed = truth.coulomb * np.tanh(da / 1e-3)
+        ddq = (pushed - e - truth.link_damping * dq - truth.gravity * np.sin(q)) / truth.link_inertia
+        return ddq, (torque(t) + e - truth.damping * da - rubbed) / truth.inertia
+
+    def equations(t, x):
+        q, dq, a, da = x
+        ddq, dda = accelerations(t, q, dq, a, da)
+        return [dq, float(ddq), da, float(dda)]
+
+    method = "LSODA" if truth.coulomb else "DOP853"
+    found = solve_ivp(equations, (0, time[-1]), np.zeros(4), method, time, rtol=1e-9, atol=1e-11, max_step=0.02)
+    assert found.success
+    q, dq, a, da = found.y
+    ddq, dda = accelerations(time, q, dq, a, da)
+    e = spring(time, a, q - a)
+    tau = torque(time)
+    return {
+        "link_position": np.stack([q, dq, ddq]),
+        "motor_position": np.stack([a, da, dda]),
+        "torque_sensor": derived(e, time),
+        "motor_torque": derived(tau, time),
+    }
+
+
+def derived(values, time):
+    """Value and two derivatives by differences."""
+    first = np.gradient(values, time)
+    return np.stack([values, first, np.gradient(first, time)])
+
+
+def sensed(roles, time, truth, seed=0):
+    """What sensors say of the joint: encoders with steps, torques with noise; the torque sensor as `truth` has it."""
+    rng = np.random.default_rng([seed, 1])
+    said = {}
+    for role, values in roles.items():
+        x = values[0]
+        if role.endswith("position"):
+            said[role] = np.round(x / STEP) * STEP
+            continue
+        if role == "torque_sensor":
+            x = truth.gain * np.interp(time - truth.delay, time, x) + truth.offset
+        said[role] = x + NOISE * rng.standard_normal(x.size)
+    return said
+
+
+def signals(said, period, joint="arm"):
+    """Sensors' samples as they are bound to a joint."""
+    n = next(iter(said.values())).size
+    stamps = np.arange(n, dtype=np.int64) * round(period * 1e9)
+    starts = np.zeros(n, dtype=bool)
+    starts[0] = True
+    return JointSignals(joint, period, stamps, np.arange(n) * period, said, starts, np.zeros(n, dtype=np.int32))
+
+
+def log(truth=None, duration=10.0, period=2e-3, seed=0, roles=ROLES):
+    """Samples of a joint's sensors: time and role → values."""
+    truth = truth or Truth()
+    time = np.arange(round(duration / period)) * period
+    moved = elastic(time, truth, lambda t: drive(t, seed))
+    said = sensed(moved, time, truth, seed)
+    return time, {role: said[role] for role in roles}
+
+
+def channels(truth=None, **options):
+    """Filtered channels of a joint's log."""
+    time, said = log(truth, **options)
+    return channels_of(signals(said, time[1] - time[0]))
+
+
+def write_csv(path, time, said):
+    """Write samples as the log that `ELASTIC` names the channels of."""
+    units = {"position": "rad", "torque": "N·m", "sensor": "N·m"}
+    names = {role: role.replace("_", " ") for role in said}
+    header = ",".join(["time [s]", *(f"{n} [{units[n.split()[-1]]}]" for n in names.values())])
+    np.savetxt(path, np.column_stack([time, *said.values()]), "%.9g", ",", header=header, comments="", encoding="utf-8")
+
+
+def joint_of(text=ELASTIC):
+    """The first joint of a rig file."""
+    return next(iter(Rig.from_toml(text).joints.values()))
