@@ -142,6 +142,8 @@
     const { data, layout } = spec.surface ? solid(spec, box) : flat(spec, box);
     // Zooming survives a change of colours and of width.
     layout.uirevision = "kept";
+    // Without it a second drawing keeps the first one's width.
+    layout.width = box.clientWidth;
     const first = !box.drawn;
     box.drawn = true;
     box.wide = box.clientWidth;

@@ -127,11 +127,12 @@ def _charts(view: tuple[JointEvidence, CauseEvidence] | None) -> list[Chart]:
 def _about(cause: FoundCause) -> str:
     """What a cause is, why it is believed, how to confirm it."""
     told = [escaped(cause.why)]
+    sure = f"We are {confidence_text(cause.confidence).replace('>', 'more than')} sure."
     if cause.indistinguishable_from:
         others = ", ".join(f"<code>{escaped(o)}</code>" for o in cause.indistinguishable_from)
-        told.append(f"We are {escaped(confidence_text(cause.confidence))} sure. This log cannot tell it from {others}.")
+        told.append(f"{sure} This log cannot tell it from {others}.")
     else:
-        told.append(f"We are {escaped(confidence_text(cause.confidence))} sure.")
+        told.append(sure)
     if cause.how_to_confirm:
         told.append(f"<strong>To confirm it:</strong> {escaped(cause.how_to_confirm)}")
     if cause.tell_apart:

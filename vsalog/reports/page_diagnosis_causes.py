@@ -19,6 +19,10 @@ Array = NDArray[np.float64]
 POINTS, BINS, COLUMNS = 1800, 60, 800
 # A shape is drawn as a line where this part of its square follows from the variable, or from it and its direction.
 ALONG, BRANCHES = 0.97, 0.9
+# Causes with a memory make loops, large ones and small ones, over a variable: of those the path of some rows is drawn.
+LOOPS = {"transmission.hysteresis": "deflection"}
+PATH = 120
+SHAPE = "what this cause makes"
 
 
 @dataclass(frozen=True, slots=True)
@@ -38,17 +42,21 @@ def cause_chart(joint: JointEvidence, cause: CauseEvidence) -> Chart | None:
     joint : that the cause is in
     cause : a view of it
     """
-    values, x_unit = joint.variables[cause.variable]
+    variable = _variable(joint, cause)
+    values, x_unit = joint.variables[variable]
     x = np.where(np.isfinite(cause.without) & np.isfinite(cause.shape), values, np.nan)
     if np.count_nonzero(np.isfinite(x)) < 2:
         return None
     equation = joint.equations[cause.equation]
     unit, left = unit_of(equation.unit), cause.without - cause.shape
-    x_label = _axis(signal_name(cause.variable), x_unit)
+    x_label = _axis(signal_name(variable), x_unit)
     y_label = _axis("left over", equation.unit)
-    if cause.variable == "time":
+    if variable == "time":
         x = one_after_the_other(x) if np.isfinite(x).all() else x
-        upper, lower = _lines(x, cause), [Curve("with it", *decimated(x, left, COLUMNS, gaps_of(joint.rows)), "error")]
+        upper, lower = (
+            _lines(x, cause),
+            [Curve("left over with it", *decimated(x, left, COLUMNS, gaps_of(joint.rows)), "error")],
+        )
         drawn = "both over time"
     else:
         upper, drawn = _points(x, cause)
@@ -61,50 +69,75 @@ def cause_chart(joint: JointEvidence, cause: CauseEvidence) -> Chart | None:
         lower.insert(0, Curve("± 2 standard deviations of noise", *band, "truth", "area"))
     name = signal_name(cause.equation)
     words = (
-        f"What is left over in the equation of the {name}, over {signal_name(cause.variable)}"
+        f"What is left over in the equation of the {name}, over {signal_name(variable)}"
         f" ({span_words(x, unit_of(x_unit).strip())}): above without this cause, {span_words(cause.without, unit.strip())},"
         f" and what this cause makes of it, {span_words(cause.shape, unit.strip())}, {drawn}; below with it. Its root mean"
         f" square goes from {number(_rms(cause.without))} to {number(_rms(left))}{unit}; noise alone makes"
         f" {number(equation.noise)}{unit}."
     )
-    title = f"{name[:1].upper()}{name[1:]} equation over {signal_name(cause.variable)}"
+    title = f"{name[:1].upper()}{name[1:]} equation over {signal_name(variable)}"
     panels = (Axes(x_label, y_label, tuple(upper)), Axes(x_label, y_label, tuple(lower)))
     return Chart("cause", title, words, panels, linked=True)
+
+
+def _variable(joint: JointEvidence, cause: CauseEvidence) -> str:
+    """Return the variable that a cause is drawn over."""
+    loop = LOOPS.get(cause.cause)
+    if loop is None:
+        return cause.variable
+    suffix = cause.part[-2:] if cause.part.endswith(("_1", "_2")) else ""
+    return next((v for v in (loop + suffix, loop) if v in joint.variables), cause.variable)
 
 
 def _lines(time: Array, cause: CauseEvidence) -> list[Curve]:
     gaps = gaps_of(time[np.isfinite(time)]) if np.isfinite(time).all() else None
     return [
         Curve("left over without this cause", *decimated(time, cause.without, COLUMNS, gaps), "measured"),
-        Curve("what this cause makes", *decimated(time, cause.shape, COLUMNS, gaps), "model", dashed=True),
+        Curve(SHAPE, *decimated(time, cause.shape, COLUMNS, gaps), "model", dashed=True),
     ]
 
 
 def _points(x: Array, cause: CauseEvidence) -> tuple[list[Curve], str]:
-    """The remainder as points, the shape as a line where it is one, else as two branches, else as points; and which in words."""
+    """The remainder as points, and the shape as a line where it is one, else as a loop, else as points; and which in words."""
     at = scattered(x, cause.without, POINTS)
-    curves = [Curve("left over without this cause", x[at], cause.without[at], "measured", "points")]
+    points = Curve("left over without this cause", x[at], cause.without[at], "measured", "points")
     one = means_over(x, cause.shape)
     if one.left <= 1.0 - ALONG:
-        return [*curves, Curve("what this cause makes", one.x, one.y, "model")], "a line"
-    rising = np.gradient(x) > 0.0
-    branches = [means_over(np.where(way, x, np.nan), cause.shape) for way in (rising, ~rising)]
-    square = max(float(np.nansum(cause.shape[np.isfinite(x)] ** 2)), 1e-300)
-    left = sum(
-        b.left * float(np.sum(cause.shape[np.isfinite(x) & way] ** 2))
-        for b, way in zip(branches, (rising, ~rising), strict=True)
-    )
-    if left / square <= min(1.0 - BRANCHES, 0.5 * one.left):
-        names = (("what this cause makes, rising", False), ("falling", True))
-        for (label, dashed), b in zip(names, branches, strict=True):
-            curves.append(Curve(label, b.x, b.y, "model", dashed=dashed))
-        return curves, "a loop: one line while the variable rises, one while it falls (means)"
+        return [points, Curve(SHAPE, one.x, one.y, "model")], "a line"
+    branches = _branches(x, cause.shape, one)
+    if branches is not None:
+        up, down = branches
+        lines = [Curve(f"{SHAPE}, rising", up.x, up.y, "model"), Curve("falling", down.x, down.y, "model", dashed=True)]
+        return [points, *lines], "a loop: one line while the variable rises, one while it falls (means)"
+    if cause.cause in LOOPS:
+        path = _widest(x)
+        told = f"loops, of which the line follows {path.stop - path.start} averages that are in one piece and wide"
+        return [points, Curve(f"{SHAPE}, for a while", x[path], cause.shape[path], "model")], told
     at = scattered(x, cause.shape, POINTS // 2)
-    share = share_text(1.0 - one.left)
-    return [
-        *curves,
-        Curve("what this cause makes", x[at], cause.shape[at], "model", "points"),
-    ], f"points, for only {share} of it follows from this variable alone"
+    told = f"points, for only {share_text(1.0 - one.left)} of it follows from this variable alone"
+    return [points, Curve(SHAPE, x[at], cause.shape[at], "model", "points")], told
+
+
+def _branches(x: Array, shape: Array, one: Means) -> tuple[Means, Means] | None:
+    """Return a shape's means while a variable rises and while it falls, where these tell the shape; else None."""
+    rising = np.gradient(x) > 0.0
+    known = np.isfinite(x) & np.isfinite(shape)
+    ways = [known & rising, known & ~rising]
+    up, down = (means_over(np.where(way, x, np.nan), shape) for way in ways)
+    squares = [float(np.sum(shape[way] ** 2)) for way in ways]
+    left = (up.left * squares[0] + down.left * squares[1]) / max(sum(squares), 1e-300)
+    return (up, down) if left <= min(1.0 - BRANCHES, 0.5 * one.left) else None
+
+
+def _widest(x: Array) -> slice:
+    """Return rows that follow one another without a gap and in which a variable goes as far as it does."""
+    length = min(PATH, x.size)
+    reach = [
+        (float(np.ptp(x[k : k + length])) if np.isfinite(x[k : k + length]).all() else -1.0, -k)
+        for k in range(0, x.size - length + 1, max(length // 4, 1))
+    ]
+    first = -max(reach)[1]
+    return slice(first, first + length)
 
 
 def means_over(x: Array, y: Array) -> Means:

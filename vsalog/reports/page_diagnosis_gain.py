@@ -45,7 +45,7 @@ def gain_chart(gains: Sequence[Gain], where: str) -> Chart | None:
         for r, g in zip(rows, known, strict=True)
     )
     words = f"Error of the simulation (root mean square) on {where}, as a multiple of what noise alone makes: {told}."
-    label = "error of the simulation / what noise alone makes"
+    label = "error / what noise makes"
     return _chart("gain", "Error of the simulation, before and after", words, label, rows)
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,7 +22,10 @@ TICKS = 8
 # An expanded view is this part of what is drawn, within these bounds [s].
 EXPANDED_SHARE, EXPANDED_LEAST, EXPANDED_MOST = 0.05, 1.0, 5.0
 EXPANDED_COLUMNS = 500
+# Where an error is below this part of what a signal does in a stretch, it is drawn itself: beside the signal nobody could see it.
+UNSEEN = 0.05
 BEFORE, AFTER, MEASURED = "simulated, rig as it stands", "simulated, extended rig", "measured"
+BAND = "± 2 × what noise alone makes"
 
 
 @dataclass(frozen=True, slots=True)
@@ -96,9 +99,30 @@ def _curves(place: Array, signal: SignalEvidence, columns: int, gaps: NDArray[np
     # What was measured lies under what explains it.
     curves = [Curve(MEASURED, *decimated(place, signal.measured, columns, gaps), "measured")]
     if signal.before is not None:
-        curves.append(Curve(BEFORE, *decimated(place, signal.before, columns, gaps), "error", dashed=True))
+        curves.append(Curve(BEFORE, *decimated(place, signal.before, columns, gaps), "error"))
     if signal.after is not None:
-        curves.append(Curve(AFTER, *decimated(place, signal.after, columns, gaps), "model"))
+        curves.append(Curve(AFTER, *decimated(place, signal.after, columns, gaps), "model", dashed=True))
+    return curves
+
+
+def _errors(
+    place: Array,
+    signal: SignalEvidence,
+    noise: float | None,
+    columns: int,
+    gaps: NDArray[np.int64],
+    band_label: str = BAND,
+) -> list[Curve]:
+    """Simulated − measured, over what noise alone makes; without labels, for the colours are those of the signals."""
+    curves = []
+    for values, colour, dashed in ((signal.before, "error", False), (signal.after, "model", True)):
+        if values is not None:
+            error = values - signal.measured
+            curves.append(Curve("", *decimated(place, error, columns, gaps), colour, dashed=dashed))
+    if curves and noise:
+        ends, high = place[[0, -1]], 2.0 * noise
+        outline = (np.r_[ends, ends[::-1]], np.array([high, high, -high, -high]))
+        curves.insert(0, Curve(BAND, *outline, "truth", "area"))
     return curves
 
 
@@ -110,20 +134,12 @@ def _over_time(stretch: Stretch, role: str, noise: float | None, columns: int) -
     curves = tuple(_curves(stretch.place, signal, columns, gaps))
     axes = [Axes(stretch.label, f"{name}{bracket}", curves, x_ticks=stretch.ticks)]
     words = f"Measured: {span_words(signal.measured, unit.strip())}."
-    errors: list[Curve] = []
-    said: list[str] = []
-    kinds = (("rig as it stands", signal.before, "error", True), ("extended rig", signal.after, "model", False))
-    for label, values, colour, dashed in kinds:
-        if values is not None:
-            error = values - signal.measured
-            errors.append(Curve("", *decimated(stretch.place, error, columns, gaps), colour, dashed=dashed))
-            said.append(f"{number(_rms(error))}{unit} with the {label}")
-    if errors and noise:
-        ends, high = stretch.place[[0, -1]], 2.0 * noise
-        band = (np.r_[ends, ends[::-1]], np.array([high, high, -high, -high]))
-        errors.insert(0, Curve("± 2 × what noise alone makes", *band, "truth", "area"))
+    errors = _errors(stretch.place, signal, noise, columns, gaps)
     if errors:
+        errors = _labelled_once(errors, {c.label for c in curves})
         axes.append(Axes(stretch.label, f"error{bracket}", tuple(errors), x_ticks=stretch.ticks))
+        kinds = (("rig as it stands", signal.before), ("extended rig", signal.after))
+        said = [f"{number(_rms(v - signal.measured))}{unit} with the {label}" for label, v in kinds if v is not None]
         words += f" Simulated − measured, root mean square: {', '.join(said)}"
         words += f"; noise alone makes {number(noise)}{unit}." if noise else "."
     words += " Each window of the simulation begins with the state that fits it best."
@@ -139,25 +155,38 @@ def _expanded(stretch: Stretch, noise: Mapping[str, float]) -> Chart | None:
         return None
     first = float(np.clip(worst - 0.5 * length, begin, end - length))
     a, b = np.searchsorted(stretch.time, [first, first + length])
-    axes: list[Axes] = []
-    for role, signal in stretch.signals.items():
-        time, cut = stretch.time[a:b], _part(signal, slice(a, b))
-        unit = unit_of(signal.unit).strip()
-        curves = _curves(time, cut, EXPANDED_COLUMNS, gaps_of(time))
-        if axes:
-            curves = [Curve("", c.x, c.y, c.colour, dashed=c.dashed) for c in curves]
-        axes.append(Axes(TIME, f"{signal_name(role)} [{unit}]" if unit else signal_name(role), tuple(curves)))
+    gaps, axes, shown = gaps_of(stretch.time[a:b]), list[Axes](), set[str]()
+    for role, whole in stretch.signals.items():
+        time, signal, unit = stretch.time[a:b], _part(whole, slice(a, b)), unit_of(whole.unit).strip()
+        name = signal_name(role)
+        curves = _curves(time, signal, EXPANDED_COLUMNS, gaps)
+        if _hidden(signal):
+            curves = _errors(time, signal, noise.get(role), EXPANDED_COLUMNS, gaps)
+            name = f"error of {name}"
+        curves = _labelled_once(curves, shown)
+        axes.append(Axes(TIME, f"{name} [{unit}]" if unit else name, tuple(curves)))
     words = (
-        f"{number(b_minus(stretch.time, a, b))} s around t = {number(worst, 4)} s, where the simulation with the rig as it stands"
-        f" is furthest from {'what was' if len(axes) > 1 else 'the signal'} measured, in multiples of its noise."
+        f"{number(length)} s around t = {number(worst, 4)} s, where the simulation with the rig as it stands is furthest off, in"
+        " multiples of its noise. Where the difference could not be seen beside the signal, it is drawn itself (simulated −"
+        " measured)."
     )
     # Not zoomed with the others: their axes may not be time.
     return Chart("simulation_expanded", "Where the simulation is worst", words, tuple(axes), linked=not stretch.ticks)
 
 
-def b_minus(time: Array, a: int, b: int) -> float:
-    """Return how long samples a to b take [s]."""
-    return float(time[min(b, time.size) - 1] - time[a])
+def _labelled_once(curves: list[Curve], shown: set[str]) -> list[Curve]:
+    """Take the labels off that the legend has already, and note the others."""
+    told = [replace(c, label="" if c.label in shown else c.label) for c in curves]
+    shown |= {c.label for c in curves}
+    return told
+
+
+def _hidden(signal: SignalEvidence) -> bool:
+    """Tell whether a signal moves so much that its errors cannot be seen beside it."""
+    known = signal.measured[np.isfinite(signal.measured)]
+    if signal.before is None or known.size == 0:
+        return False
+    return float(np.nanmax(np.abs(signal.before - signal.measured))) < UNSEEN * float(np.ptp(known))
 
 
 def worst_place(stretch: Stretch, noise: Mapping[str, float]) -> float | None:

@@ -43,7 +43,7 @@ def stacking_table(caption: str, heads: Sequence[str], rows: Sequence[Sequence[s
         )
         body.append(f'<tr><th scope="row">{row[0]}</th>{cells}</tr>')
     return (
-        f'<div class="scroll" tabindex="0" role="region" aria-label="{escaped(caption)}"><table class="scores">'
+        f'<div class="scroll" tabindex="0" role="region" aria-label="{escaped(caption)}"><table class="scores told">'
         f"<caption>{escaped(caption)}</caption><thead><tr>{head}</tr></thead><tbody>{''.join(body)}</tbody></table></div>"
     )
 
@@ -71,7 +71,11 @@ def ranking_table(diagnosis: Diagnosis, several: bool) -> str:
 def parameters_table(causes: Sequence[FoundCause], several: bool) -> str:
     """All parameters with their 95 % intervals."""
     rows = [
-        [escaped(c.title) + _joint(c.joint, several), escaped(signal_name(n)), escaped(parameter_text(p))]
+        [
+            f"<code>{escaped(c.cause)}</code>{_joint(c.joint, several)}",
+            escaped(signal_name(n)),
+            escaped(parameter_text(p)),
+        ]
         for c in causes
         for n, p in c.parameters.items()
     ]
@@ -157,4 +161,4 @@ def _bar(share: float, told: str = "") -> str:
     """A share as a bar and as a number."""
     wide = min(max(share, 0.0), 1.0) if share >= LEAST_BAR else 0.0
     bar = f'<span class="bar" aria-hidden="true"><span style="width:{100.0 * wide:.1f}%"></span></span>'
-    return f"{bar} {escaped(told or share_text(share))}"
+    return f'<span class="share">{bar} {escaped(told or share_text(share))}</span>'
