@@ -6,7 +6,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
-from . import effects, equations, machines, motion, pneumatic, pneumatic_effects, rig_file
+from . import effects, equations, machines, motion, outside, pneumatic, pneumatic_effects, rig_file, sensor_effects
 
 
 @dataclass(frozen=True)
@@ -30,6 +30,9 @@ class Device:
     scales_of: Callable[..., effects.Scales]
     rig_text: Callable[..., str]
 
+
+# Their effects are registered when they are imported.
+REGISTERED = (effects, sensor_effects, outside, pneumatic_effects)
 
 _MECHANICAL = Device(
     machines.random_machine,

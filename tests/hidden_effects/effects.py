@@ -90,37 +90,23 @@ def _motors(machine: Machine) -> list[str]:
     return [*own, "secondary_motor"] if machine.device == "serial" else own
 
 
-def _main_motors(machine: Machine) -> list[str]:
+def main_motors(machine: Machine) -> list[str]:
+    """Return the motors that move the joint."""
     return [f"motor{s}" for s in machine.suffixes]
 
 
-def _springs(machine: Machine) -> list[str]:
+def springs(machine: Machine) -> list[str]:
+    """Return the transmissions."""
     return [f"transmission{s}" for s in machine.suffixes]
 
 
-def _link(machine: Machine) -> list[str]:
+def link(machine: Machine) -> list[str]:
+    """Return the link; a pneumatic joint has effects of its own."""
     return ["link"] if machine.suffixes else []
 
 
 def _hanging_link(machine: Machine) -> list[str]:
     return ["link"] if machine.suffixes and machine.link[0]["gravity"] else []
-
-
-def _spring_sensors(machine: Machine) -> list[str]:
-    return [f"torque_sensor{s}" for s in machine.suffixes]
-
-
-def _torque_sensors(machine: Machine) -> list[str]:
-    return _spring_sensors(machine) or ["torque_sensor"]
-
-
-def _encoders(machine: Machine) -> list[str]:
-    return [*(f"motor_position{s}" for s in machine.suffixes), "link_position"]
-
-
-def _turning_encoders(machine: Machine) -> list[str]:
-    # A pneumatic joint turns too little for an eccentricity to be more than an offset and a gain.
-    return _encoders(machine) if machine.suffixes else []
 
 
 def plain(*_: Any) -> Shape:
@@ -169,14 +155,14 @@ def _(s, shape, machine, sensors, part, scales):
     return {"damping": float(row["damping"])}
 
 
-def _presliding(scales: Scales, part: str) -> float:
+def presliding(scales: Scales, part: str) -> float:
     """Choose the travel of bristles: about that of a good gear, a fraction of a millimetre at a hand's length."""
     return max(5e-5 * scales.fastest[part], 1e-4)
 
 
 def _kinetic(row, s: float, part: str, scales: Scales) -> float:
     row["level"] = row["breakaway"] = s * scales.torque[part]
-    row["stribeck"], row["presliding"] = 1.0, _presliding(scales, part)
+    row["stribeck"], row["presliding"] = 1.0, presliding(scales, part)
     return float(row["level"])
 
 
@@ -197,10 +183,10 @@ def _(s, shape, machine, sensors, part, scales):
     return {"torque": torque, "static": float(row["breakaway"]), "velocity": shape["speed"]}
 
 
-@effect("motor.load_dependent_friction", _main_motors, within(0.0, 0.5))
+@effect("motor.load_dependent_friction", main_motors, within(0.0, 0.5))
 def _(s, shape, machine, sensors, part, scales):
     row = motor_of(machine, part)
-    row["load"], row["presliding"] = s, _presliding(scales, part)
+    row["load"], row["presliding"] = s, presliding(scales, part)
     return {"share": s}
 
 
@@ -240,39 +226,39 @@ def _(s, shape, machine, sensors, part, scales):
 # ── Transmission ───────────────────────────────────────────────────────────────────────────────────────────────────────
 
 
-def _spring_scale(machine: Machine, scales: Scales) -> float:
+def spring_scale(machine: Machine, scales: Scales) -> float:
     """Return what the torque sensors see; a joint without springs has one sensor, at its link."""
     return float(np.mean([scales.torque[f"motor{s}"] for s in machine.suffixes] or [scales.torque["link"]]))
 
 
-@effect("transmission.stiffness", _springs, within(-0.3, 0.4))
+@effect("transmission.stiffness", springs, within(-0.3, 0.4))
 def _(s, shape, machine, sensors, part, scales):
     spring_of(machine, part)["factor"] = 1.0 + s
     return {"factor": 1.0 + s}
 
 
-@effect("transmission.nonlinearity", _springs, within(-0.15, 0.8))
+@effect("transmission.nonlinearity", springs, within(-0.15, 0.8))
 def _(s, shape, machine, sensors, part, scales):
     cubic = s * machine.torque / machine.deflection**3
     spring_of(machine, part)["added_cubic"] = cubic
     return {"cubic": cubic}
 
 
-@effect("transmission.asymmetry", _springs, within(-0.3, 0.3))
+@effect("transmission.asymmetry", springs, within(-0.3, 0.3))
 def _(s, shape, machine, sensors, part, scales):
     spring_of(machine, part)["asymmetry"] = s
     return {"asymmetry": s}
 
 
 def _transmission_damping_bounds(machine, part, scales):
-    usual = _spring_scale(machine, scales) / scales.deflecting
+    usual = spring_scale(machine, scales) / scales.deflecting
     return -float(spring_of(machine, part)["damping"]) / usual, 0.3
 
 
-@effect("transmission.damping", _springs, _transmission_damping_bounds)
+@effect("transmission.damping", springs, _transmission_damping_bounds)
 def _(s, shape, machine, sensors, part, scales):
     row = spring_of(machine, part)
-    row["damping"] = max(float(row["damping"]) + s * _spring_scale(machine, scales) / scales.deflecting, 0.0)
+    row["damping"] = max(float(row["damping"]) + s * spring_scale(machine, scales) / scales.deflecting, 0.0)
     return {"damping": float(row["damping"])}
 
 
@@ -280,9 +266,9 @@ def _loop(rng, machine, part, scales):
     return {"width": rng.uniform(0.05, 0.25) * scales.deflection, "slips": float(rng.random() < 0.5)}
 
 
-@effect("transmission.hysteresis", _springs, within(0.0, 0.3), _loop)
+@effect("transmission.hysteresis", springs, within(0.0, 0.3), _loop)
 def _(s, shape, machine, sensors, part, scales):
-    row, torque = spring_of(machine, part), s * _spring_scale(machine, scales)
+    row, torque = spring_of(machine, part), s * spring_scale(machine, scales)
     if shape["slips"]:
         # Three springs that slip one after another: a loop whose width is no single number, so only its height is scored.
         row["slip_torque"], row["slip_width"] = torque, 2.0 * shape["width"]
@@ -291,14 +277,14 @@ def _(s, shape, machine, sensors, part, scales):
     return {"torque": torque, "width": shape["width"]}
 
 
-@effect("transmission.backlash", _springs, within(0.0, 0.45))
+@effect("transmission.backlash", springs, within(0.0, 0.45))
 def _(s, shape, machine, sensors, part, scales):
     row = spring_of(machine, part)
     row["gap"], row["wall"] = s * scales.deflection, 0.002 / scales.deflecting
     return {"gap": float(row["gap"])}
 
 
-@effect("transmission.stiffness_drift", _springs, within(-0.012, 0.012))
+@effect("transmission.stiffness_drift", springs, within(-0.012, 0.012))
 def _(s, shape, machine, sensors, part, scales):
     spring_of(machine, part)["drift"] = s
     return {"rate": s}
@@ -307,13 +293,13 @@ def _(s, shape, machine, sensors, part, scales):
 # ── Link ───────────────────────────────────────────────────────────────────────────────────────────────────────────────
 
 
-def _link_of(machine: Machine, _: str = "link") -> np.void:
+def link_of(machine: Machine, _: str = "link") -> np.void:
     return machine.link[0]
 
 
-@effect("link.inertia", _link, within(-0.4, 0.8))
+@effect("link.inertia", link, within(-0.4, 0.8))
 def _(s, shape, machine, sensors, part, scales):
-    row = _link_of(machine)
+    row = link_of(machine)
     row["inertia"] *= 1.0 + s
     return {"inertia": float(row["inertia"])}
 
@@ -326,7 +312,7 @@ def _arm(rng, machine, part, scales):
 
 @effect("link.payload", _hanging_link, within(0.0, 0.6), _arm)
 def _(s, shape, machine, sensors, part, scales):
-    row, d = _link_of(machine), shape["distance"]
+    row, d = link_of(machine), shape["distance"]
     mass = s * float(row["inertia"]) / d**2
     row["inertia"] += mass * d**2
     row["gravity"] += mass * GRAVITY * d
@@ -335,21 +321,21 @@ def _(s, shape, machine, sensors, part, scales):
 
 @effect("link.gravity", _hanging_link, within(-0.5, 0.6))
 def _(s, shape, machine, sensors, part, scales):
-    row = _link_of(machine)
+    row = link_of(machine)
     row["gravity"] *= 1.0 + s
     return {"torque": float(row["gravity"])}
 
 
-@effect("link.viscous_friction", _link, _damping_bounds(_link_of))
+@effect("link.viscous_friction", link, _damping_bounds(link_of))
 def _(s, shape, machine, sensors, part, scales):
-    row = _link_of(machine)
+    row = link_of(machine)
     row["damping"] += s * scales.torque["link"] / scales.speed["link"]
     return {"damping": float(row["damping"])}
 
 
-@effect("link.coulomb_friction", _link, within(0.0, 0.3))
+@effect("link.coulomb_friction", link, within(0.0, 0.3))
 def _(s, shape, machine, sensors, part, scales):
-    return {"torque": _kinetic(_link_of(machine), s, part, scales)}
+    return {"torque": _kinetic(link_of(machine), s, part, scales)}
 
 
 def _when(rng, machine, part, scales):
@@ -357,134 +343,8 @@ def _when(rng, machine, part, scales):
     return {"start": rng.uniform(0.15, 0.75) * scales.duration, "duration": duration}
 
 
-@effect("link.contact", _link, within(-0.8, 0.8), _when)
+@effect("link.contact", link, within(-0.8, 0.8), _when)
 def _(s, shape, machine, sensors, part, scales):
-    row, torque = _link_of(machine), s * scales.torque["link"]
+    row, torque = link_of(machine), s * scales.torque["link"]
     row["push"], row["push_at"], row["push_lasts"] = torque, shape["start"], shape["duration"]
     return {"start": shape["start"], "duration": shape["duration"], "torque": torque}
-
-
-# ── Sensors ────────────────────────────────────────────────────────────────────────────────────────────────────────────
-
-
-@effect("sensor.torque_gain", _torque_sensors, within(-0.3, 0.4))
-def _(s, shape, machine, sensors, part, scales):
-    sensors.of(part).gain = 1.0 + s
-    return {"gain": 1.0 + s}
-
-
-@effect("sensor.torque_offset", _torque_sensors, within(-0.4, 0.4))
-def _(s, shape, machine, sensors, part, scales):
-    sensors.of(part).offset = s * _spring_scale(machine, scales)
-    return {"offset": sensors.of(part).offset}
-
-
-@effect("sensor.torque_drift", _torque_sensors, within(-0.02, 0.02))
-def _(s, shape, machine, sensors, part, scales):
-    sensors.of(part).drift = s * _spring_scale(machine, scales)
-    return {"rate": sensors.of(part).drift}
-
-
-@effect("sensor.torque_delay", _torque_sensors, within(0.0, 0.015))
-def _(s, shape, machine, sensors, part, scales):
-    sensors.of(part).delay = s
-    return {"delay": s}
-
-
-def _dependence(rng, machine, part, scales):
-    return {"command": float(rng.random() < 0.3), "bend": rng.uniform(-0.5, 0.5)}
-
-
-@effect("sensor.torque_not_independent", _spring_sensors, within(-0.15, 0.15), _dependence)
-def _(s, shape, machine, sensors, part, scales):
-    how = "command" if shape["command"] else "deflection"
-    sensors.formula[part] = (how, 1.0 + s, s * shape["bend"])
-    return {}
-
-
-@effect("sensor.encoder_offset", _encoders, within(-0.4, 0.4))
-def _(s, shape, machine, sensors, part, scales):
-    sensors.of(part).offset = s * scales.deflection
-    return {"offset": sensors.of(part).offset}
-
-
-@effect("sensor.encoder_scale", _encoders, within(-0.1, 0.1))
-def _(s, shape, machine, sensors, part, scales):
-    sensors.of(part).gain = 1.0 + s
-    return {"gain": 1.0 + s}
-
-
-@effect(
-    "sensor.encoder_eccentricity",
-    _turning_encoders,
-    within(0.0, 0.4),
-    lambda rng, *_: {"phase": rng.uniform(-np.pi, np.pi)},
-)
-def _(s, shape, machine, sensors, part, scales):
-    flaws = sensors.of(part)
-    flaws.amplitude, flaws.phase = s * scales.deflection, shape["phase"]
-    return {"amplitude": flaws.amplitude, "phase": flaws.phase}
-
-
-@effect("sensor.clock_skew", _encoders, within(-0.015, 0.015))
-def _(s, shape, machine, sensors, part, scales):
-    sensors.of(part).delay = s
-    return {"delay": s}
-
-
-# ── Outside the catalogue ──────────────────────────────────────────────────────────────────────────────────────────────
-
-
-def _outside(name: str, parts, bounds, shape, side: str, depends_on: list[str]):
-    SCORED_OUTSIDE[name] = {"side": side, "depends_on": depends_on}
-    return effect(name, parts, bounds, shape, OUTSIDE)
-
-
-def _place(rng, machine, part, scales):
-    low, high = scales.turn[part]
-    return {"at": low + rng.uniform(0.35, 0.65) * (high - low), "width": rng.uniform(0.02, 0.05) * (high - low)}
-
-
-@_outside("magnetic detent", _main_motors, within(-0.8, 0.8), _place, "motor", ["motor_position"])
-def _(s, shape, machine, sensors, part, scales):
-    row = motor_of(machine, part)
-    row["detent"], row["detent_at"], row["detent_width"] = s * scales.torque[part], shape["at"], shape["width"]
-    return {"torque": float(row["detent"]), "angle": shape["at"], "width": shape["width"]}
-
-
-def _warm_up(rng, machine, part, scales):
-    return {"time": rng.uniform(0.4, 1.5) * scales.duration}
-
-
-def _warm(row, s, shape, part, scales):
-    row["heating"], row["warm_up"] = s * scales.torque[part], shape["time"]
-    row["warm_speed"], row["presliding"] = 0.7 * scales.speed[part], _presliding(scales, part)
-    return {"torque": float(row["heating"]), "time": shape["time"]}
-
-
-@_outside("motor friction that grows", _main_motors, within(0.0, 0.8), _warm_up, "motor", ["time", "motor_velocity"])
-def _(s, shape, machine, sensors, part, scales):
-    return _warm(motor_of(machine, part), s, shape, part, scales)
-
-
-@_outside("link friction that grows", _link, within(0.0, 0.8), _warm_up, "link", ["time", "link_velocity"])
-def _(s, shape, machine, sensors, part, scales):
-    return _warm(_link_of(machine), s, shape, part, scales)
-
-
-def _moment(rng, machine, part, scales):
-    return {"at": rng.uniform(0.3, 0.7) * scales.duration}
-
-
-@_outside("spring that yields", _springs, within(-0.5, 0.5), _moment, "transmission", ["time"])
-def _(s, shape, machine, sensors, part, scales):
-    row = spring_of(machine, part)
-    row["yields"], row["yields_at"] = s * scales.deflection, shape["at"]
-    return {"angle": float(row["yields"]), "time": shape["at"]}
-
-
-@_outside("drag of the air", _link, within(0.0, 0.6), plain, "link", ["link_velocity"])
-def _(s, shape, machine, sensors, part, scales):
-    row = _link_of(machine)
-    row["drag"] = s * scales.torque[part] / scales.speed[part] ** 2
-    return {"drag": float(row["drag"])}
