@@ -67,7 +67,7 @@ def diagnose(
             outcome = run(log, holdout, options, progress.say)
         progress.say("writing the report")
         extended = None if outcome.extended is None else outcome.extended.to_toml()
-        write_diagnosis(outcome.diagnosis, outcome.evidence, extended, outputs)
+        outputs = write_diagnosis(outcome.diagnosis, outcome.evidence, extended, outputs)
     (print_json if as_json else print_report)(outcome.diagnosis, outputs)
     if fail_on_cause and outcome.diagnosis.verdict != "consistent":
         context.exit(3)
