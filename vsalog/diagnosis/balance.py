@@ -33,6 +33,7 @@ from vsalog.rig.schema import (
     Motor,
     SerialJoint,
     UnknownTransmission,
+    Vsa2Transmission,
 )
 
 Array = NDArray[np.float64]
@@ -41,7 +42,10 @@ Side = Literal["motor", "transmission", "link", "sensor", "pneumatic"]
 
 GRAVITY = 9.81
 # Rounds of finding the deflection under a torque, and the share of the stiffness at rest below which a step is not trusted.
-ROUNDS, LEAST = 12, 0.05
+ROUNDS, LEAST = 8, 0.05
+# Torques are found to this part of the largest.
+NEAR = 1e-9
+TABLE = 1001
 # Changes of the deflection below so many deviations of its noise do not move a loop.
 SLACK = 4.0
 
@@ -222,23 +226,33 @@ def _deflected(transmission: KnownTransmission, torque: Array, arm: Array | None
 
 
 def _under(transmission: KnownTransmission, torque: Array, arm: Array | None, time: Array) -> Array:
-    """Return the deflection at which the spring has that torque, by Newton's method from the gap's edge."""
-    edge = 0.5 * transmission.backlash
-    start = np.sign(torque) * (edge + 1e-9)
-    soft = np.abs(stiffness(transmission, start, arm, time))
+    """Return the deflection at which the spring has that torque: off a table where there is one, then by Newton's method."""
+    start = np.sign(torque) * (0.5 * transmission.backlash + 1e-9)
+    soft, largest = np.abs(stiffness(transmission, start, arm, time)), np.fmax.reduce(np.abs(torque))
     scale = np.maximum(soft, 1e-9)
-    phi = start + torque / scale
-    if np.ndim(soft) and transmission.type == "vsa2":  # type: ignore[union-attr]
-        # The mechanism ends at its singularity, and hardens long before it.
-        limit = 1.98 * np.arcsin(1.0 / transmission.geometry)  # type: ignore[union-attr]
-        phi = np.clip(phi, -limit, limit)
+    # A four-bar mechanism ends at its singularity, and hardens long before it.
+    limit = 1.98 * np.arcsin(1.0 / transmission.geometry) if isinstance(transmission, Vsa2Transmission) else np.inf
+    if arm is None:
+        phi = _off_table(transmission, torque / (1.0 + transmission.drift * time), limit)
     else:
-        limit = np.inf
+        phi = np.clip(start + torque / scale, -limit, limit)
     for _ in range(ROUNDS):
         off = flexibility_torque(transmission, phi, arm, time) - torque
+        if not np.fmax.reduce(np.abs(off)) > NEAR * largest:
+            break
         slope = np.maximum(stiffness(transmission, phi, arm, time), LEAST * scale)
         phi = np.clip(phi - off / slope, -limit, limit)
     return np.asarray(phi)
+
+
+def _off_table(transmission: KnownTransmission, torque: Array, limit: float) -> Array:
+    """Return the deflection under a torque, at the log's beginning, to a part in a thousand."""
+    largest, reach = float(np.fmax.reduce(np.abs(torque))), min(limit, 0.05)
+    while reach < min(limit, 10.0) and float(flexibility_torque(transmission, reach)) < largest:
+        reach = min(1.5 * reach, limit)
+    phi = np.linspace(-reach, reach, TABLE)
+    rising = np.maximum.accumulate(flexibility_torque(transmission, phi))
+    return np.interp(torque, rising, phi)
 
 
 def _moved(motor: Motor, theta: Array) -> Array:

@@ -58,7 +58,7 @@ def causes_of(found: JointDiagnosis) -> list[FoundCause]:
                 part=cause.site.part,
                 title=title_of(cause.site.cause, cause.site.part),
                 parameters=numbers,
-                confidence=cause.choice.sureness * (1.0 - found.fraction),
+                confidence=cause.choice.sureness * found.trust,
                 indistinguishable_from=others,
                 error_removed=cause.removed,
                 why=f"{part_in_words(cause.site.part).capitalize()}: {kind.says}.",

@@ -31,7 +31,7 @@ Progress = Callable[[str], None]
 # Every so-manieth window is held out where there is no second log.
 HELD_OUT = 3
 # The mean square of an equation that noise explains, and the part of what was wrong that may be left of an explained log.
-NOISE, LEFT = 2.0, 0.03
+NOISE, LEFT = 2.0, 0.015
 # Filters and averages tell no number better than to this part of it.
 EXACT = 5e-4
 
@@ -106,6 +106,17 @@ class JointDiagnosis:
     def consistent(self) -> bool:
         """Whether nothing is left over but noise."""
         return self.fit.loss <= NOISE * self.system.count
+
+    @property
+    def whole(self) -> bool:
+        """Whether all that was wrong is explained, but for what noise and a small part of a gross effect make."""
+        return self.consistent or self.fraction <= LEFT
+
+    @property
+    def trust(self) -> float:
+        """How far what is left over leaves a cause that was found believable, 0 to 1."""
+        left = self.fit.loss / (NOISE * self.system.count)
+        return 1.0 if self.whole else (1.0 - self.fraction) / max(left, 1.0) ** 0.5
 
     def rows(self, fit: Fit) -> Array:
         """Return what a fit leaves over, whitened, shape (R, m)."""

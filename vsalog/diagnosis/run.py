@@ -14,7 +14,7 @@ from vsalog.binding import bind, offered_roles, wanted_channels
 from vsalog.diagnosis.describe import causes_of, equation_errors, evidence_of, gains_of, signal_errors, unexplained_of
 from vsalog.diagnosis.document import VERSION, Diagnosis, FoundCause, Gains, Unexplained, Verdict
 from vsalog.diagnosis.evidence import JointEvidence
-from vsalog.diagnosis.joint import JointDiagnosis, diagnose_joint
+from vsalog.diagnosis.joint import LEFT, JointDiagnosis, diagnose_joint
 from vsalog.diagnosis.sensing import at_joint, bare
 from vsalog.diagnosis.words import sentences
 from vsalog.errors import BindingError, DiagnosisError, RigError, VsalogError
@@ -139,7 +139,7 @@ def _outcome(
 
 
 def _verdict(found: Sequence[JointDiagnosis], causes: Sequence[FoundCause], left: Unexplained) -> Verdict:
-    whole = all(f.consistent for f in found) or left.fraction <= 0.03
+    whole = all(f.whole for f in found)
     if not causes:
         return "consistent" if whole else "unexplained"
     return "explained" if whole else "partly explained"
@@ -150,7 +150,7 @@ def _next(causes: Sequence[FoundCause], left: Unexplained) -> str:
     for cause in causes:
         if cause.tell_apart:
             return cause.tell_apart
-    if left.fraction > 0.03 and left.depends_on:
+    if left.fraction > LEFT and left.depends_on:
         variable = left.depends_on[0].replace("_", " ")
         return f"Record a slow sweep of {variable} with everything else at rest: what is left over shows as a curve over it."
     return causes[0].how_to_confirm if causes else ""
