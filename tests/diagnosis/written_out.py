@@ -3,7 +3,10 @@
 Nothing of vsalog's mechanics or simulation is used: what a test hides in a log is hidden by this file alone.
 """
 
-from dataclasses import dataclass, field
+import math
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from functools import cache
 
 import numpy as np
 from scipy.integrate import solve_ivp
@@ -34,17 +37,27 @@ torque_sensor = "torque sensor"
 """
 ROLES = ("motor_position", "link_position", "motor_torque", "torque_sensor")
 # What the sensors add: steps of the encoders [rad], white noise of the torques [N·m].
-STEP, NOISE = 5e-5, 5e-3
+STEP, NOISE = 2e-4, 5e-3
 
 
-def drive(t, seed=0):
-    """A torque of many waves, odd enough to tell all effects of an elastic joint apart [N·m]."""
-    waves = np.random.default_rng(seed)
-    parts = zip((0.31, 0.73, 1.37, 2.3, 3.9), (0.9, 0.7, 0.5, 0.4, 0.3), strict=True)
-    return sum(a * np.sin(2 * np.pi * f * t + waves.uniform(0, 6)) for f, a in parts)
+def drive(seed=0):
+    """A torque of many waves, odd enough to tell all effects of an elastic joint apart: t → N·m."""
+    phase = np.random.default_rng(seed).uniform(0, 6, 5).tolist()
+    waves = list(zip((0.31, 0.73, 1.37, 2.3, 3.9), (0.9, 0.7, 0.5, 0.4, 0.3), phase, strict=True))
+
+    def torque(t):
+        sine = np.sin if isinstance(t, np.ndarray) else math.sin
+        return sum(a * sine(2 * math.pi * f * t + p) for f, a, p in waves)
+
+    return torque
 
 
-@dataclass
+def nothing(t, theta, phi):
+    """Is not there."""
+    return 0.0
+
+
+@dataclass(frozen=True)
 class Truth:
     """What an elastic joint has, each a number of the equations in `elastic`."""
 
@@ -60,44 +73,50 @@ class Truth:
     offset: float = 0.0
     delay: float = 0.0
     push: tuple = (0.0, 0.1, 0.0)
-    extra: object = field(default=lambda t, theta, phi: 0.0)
+    extra: Callable = nothing
 
 
-def elastic(time, truth, torque=drive):
-    """Move the joint: role → value and two derivatives, shape (3, N), exact to the integrator's 1e-10.
+def elastic(time, truth, torque=None):
+    """Move the joint: role → value and two derivatives, shape (3, N), exact to the integrator's tolerance.
 
     B θ̈ + D θ̇ + F tanh(θ̇/v₀) − τ_e = τ,  M q̈ + D_q q̇ + G sin q + τ_e = τ_ext,  τ_e = k φ + k₃ φ³ + extra,  φ = q − θ
     """
+    torque = torque or drive()
     start, length, height = truth.push
 
     def spring(t, theta, phi):
         return truth.stiffness * phi + truth.cubic * phi**3 + truth.extra(t, theta, phi)
 
-    def accelerations(t, q, dq, a, da):
+    def accelerations(t, q, dq, a, da, m=math):
         e, u = spring(t, a, q - a), (t - start) / length
-        pushed = np.where((u > 0) & (u < 1), height * np.sin(np.pi * u) ** 2, 0.0)
-        rubbed = truth.coulomb * np.tanh(da / 1e-3)
-        ddq = (pushed - e - truth.link_damping * dq - truth.gravity * np.sin(q)) / truth.link_inertia
+        pushed = height * m.sin(math.pi * u) ** 2 * ((u > 0) & (u < 1)) if height else 0.0
+        rubbed = truth.coulomb * m.tanh(da / 1e-3)
+        ddq = (pushed - e - truth.link_damping * dq - truth.gravity * m.sin(q)) / truth.link_inertia
         return ddq, (torque(t) + e - truth.damping * da - rubbed) / truth.inertia
 
     def equations(t, x):
-        q, dq, a, da = x
+        q, dq, a, da = x.tolist()
         ddq, dda = accelerations(t, q, dq, a, da)
-        return [dq, float(ddq), da, float(dda)]
+        return [dq, ddq, da, dda]
 
     method = "LSODA" if truth.coulomb else "DOP853"
-    found = solve_ivp(equations, (0, time[-1]), np.zeros(4), method, time, rtol=1e-9, atol=1e-11, max_step=0.02)
+    found = solve_ivp(equations, (0, time[-1]), np.zeros(4), method, time, rtol=1e-8, atol=1e-10, max_step=0.05)
     assert found.success
     q, dq, a, da = found.y
-    ddq, dda = accelerations(time, q, dq, a, da)
-    e = spring(time, a, q - a)
-    tau = torque(time)
+    ddq, dda = accelerations(time, q, dq, a, da, np)
     return {
         "link_position": np.stack([q, dq, ddq]),
         "motor_position": np.stack([a, da, dda]),
-        "torque_sensor": derived(e, time),
-        "motor_torque": derived(tau, time),
+        "torque_sensor": derived(spring(time, a, q - a), time),
+        "motor_torque": derived(torque(time), time),
     }
+
+
+@cache
+def motion(truth, duration, period, seed):
+    """Time, and how a joint moves in it; computed once."""
+    time = np.arange(round(duration / period)) * period
+    return time, elastic(time, truth, drive(seed))
 
 
 def derived(values, time):
@@ -106,18 +125,19 @@ def derived(values, time):
     return np.stack([values, first, np.gradient(first, time)])
 
 
-def sensed(roles, time, truth, seed=0):
+def sensed(roles, time, truth, seed=0, loud=1.0):
     """What sensors say of the joint: encoders with steps, torques with noise; the torque sensor as `truth` has it."""
-    rng = np.random.default_rng([seed, 1])
+    rng, step = np.random.default_rng([seed, 1]), loud * STEP
     said = {}
     for role, values in roles.items():
         x = values[0]
         if role.endswith("position"):
-            said[role] = np.round(x / STEP) * STEP
+            shift = rng.uniform(-0.5, 0.5) * step
+            said[role] = np.round((x + shift) / step) * step - shift
             continue
         if role == "torque_sensor":
             x = truth.gain * np.interp(time - truth.delay, time, x) + truth.offset
-        said[role] = x + NOISE * rng.standard_normal(x.size)
+        said[role] = x + loud * NOISE * rng.standard_normal(x.size)
     return said
 
 
@@ -130,12 +150,12 @@ def signals(said, period, joint="arm"):
     return JointSignals(joint, period, stamps, np.arange(n) * period, said, starts, np.zeros(n, dtype=np.int32))
 
 
-def log(truth=None, duration=10.0, period=2e-3, seed=0, roles=ROLES):
-    """Samples of a joint's sensors: time and role → values."""
+def log(truth=None, duration=10.0, period=2e-3, seed=0, roles=ROLES, loud=1.0):
+    """Samples of a joint's sensors: time and role → values; `loud` times as noisy as others."""
     truth = truth or Truth()
-    time = np.arange(round(duration / period)) * period
-    moved = elastic(time, truth, lambda t: drive(t, seed))
-    said = sensed(moved, time, truth, seed)
+    felt = {"gain": 1.0, "offset": 0.0, "delay": 0.0}
+    time, moved = motion(replace(truth, **felt), duration, period, seed)
+    said = sensed(moved, time, truth, seed, loud)
     return time, {role: said[role] for role in roles}
 
 

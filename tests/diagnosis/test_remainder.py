@@ -1,0 +1,78 @@
+"""What a remainder depends on, and its curve: found where it is, not found in noise."""
+
+import numpy as np
+import pytest
+from scipy.stats import binned_statistic
+
+from vsalog.diagnosis.remainder import curve_of, depends_on, predicted_share
+
+R = 1200
+TIME = np.arange(R) * 0.025
+BLOCKS = np.arange(R) * 16 // R
+
+
+def variables(seed=0):
+    """Motions that are not each other's functions."""
+    rng = np.random.default_rng(seed)
+    phases = rng.uniform(0, 6, 3)
+    return {
+        "time": (TIME, "s"),
+        "motor_velocity": (np.sin(2 * np.pi * 0.37 * TIME + phases[0]), "rad/s"),
+        "deflection": (0.1 * np.sin(2 * np.pi * 0.91 * TIME + phases[1]), "rad"),
+        "link_position": (np.sin(2 * np.pi * 0.23 * TIME + phases[2]), "rad"),
+    }
+
+
+SHAPES = {
+    "motor_velocity": lambda v: np.sign(v) * (1 + 2 * np.exp(-((v / 0.2) ** 2))),
+    "deflection": lambda p: np.exp(-(((p - 0.05) / 0.01) ** 2)) * 4,
+    "link_position": lambda q: np.cos(9 * q),
+}
+
+
+@pytest.mark.parametrize("name", SHAPES)
+def test_the_variable_is_found_whatever_the_shape(name):
+    known = variables()
+    rows = SHAPES[name](known[name][0]) + 0.3 * np.random.default_rng(1).standard_normal(R)
+    found = depends_on(rows, BLOCKS, known)
+    assert found[0].name == name
+    signal = SHAPES[name](known[name][0])
+    # What can be predicted at most is the signal's part of the square.
+    assert 0.7 < found[0].share / (np.mean(signal**2) / np.mean(rows**2)) < 1.02
+
+
+def test_a_drift_depends_on_time():
+    rows = 2 * TIME / TIME[-1] + 0.3 * np.random.default_rng(2).standard_normal(R)
+    assert depends_on(rows, BLOCKS, variables())[0].name == "time"
+
+
+def test_noise_depends_on_nothing():
+    """Over fifty draws: a curve learnt from noise predicts less than nothing of other noise."""
+    shares = []
+    for seed in range(50):
+        rows = np.random.default_rng(seed).standard_normal(R)
+        assert depends_on(rows, BLOCKS, variables(seed)) == []
+        shares += [predicted_share(rows, BLOCKS, x) for x, _ in variables(seed).values()]
+    assert np.mean(shares) < 0.0
+
+
+def test_rows_that_do_not_count_are_left_out():
+    known = variables()
+    rows = SHAPES["motor_velocity"](known["motor_velocity"][0])
+    gone = np.random.default_rng(3).random(R) < 0.3
+    holed = np.where(gone, np.nan, rows)
+    whole = predicted_share(rows, BLOCKS, known["motor_velocity"][0])
+    assert predicted_share(holed, BLOCKS, known["motor_velocity"][0]) == pytest.approx(whole, abs=0.1)
+    assert predicted_share(np.full(R, np.nan), BLOCKS, known["motor_velocity"][0]) == 0.0
+    assert predicted_share(rows, BLOCKS, np.full(R, 2.0)) == 0.0
+
+
+def test_a_curve_is_the_means_over_intervals_of_equal_count():
+    x = np.random.default_rng(4).uniform(-1, 1, R)
+    rows = x**3 + 0.1 * np.random.default_rng(5).standard_normal(R)
+    curve = np.array(curve_of(rows, x))
+    edges = np.r_[curve[:, 0], curve[-1, 1]]
+    np.testing.assert_allclose(np.diff(np.searchsorted(np.sort(x), edges[1:-1])), R / 24, atol=1)
+    np.testing.assert_allclose(curve[:, 2], binned_statistic(x, rows, "mean", edges).statistic, atol=1e-12)
+    deviation = binned_statistic(x, rows, "std", edges).statistic
+    np.testing.assert_allclose(curve[:, 3], deviation / np.sqrt(R / 24 / 2), rtol=0.02)
