@@ -141,7 +141,7 @@ def newton_step(J: Array, r: Array, values: Array, low: Array, high: Array, damp
     """Return the step towards the least sum of squares; what would leave its bounds stays where it is."""
     free = np.ones(values.size, dtype=np.bool_)
     step = np.zeros(values.size)
-    for _ in range(values.size):
+    for _ in range(values.size + 1):
         step[:] = 0.0
         if not free.any():
             break
