@@ -55,10 +55,10 @@ PROBE = """<script>
 </script>"""
 
 
-def probed(page, folder, *options):
-    """Open a page with the probe in it; return what that found, and what the console says."""
+def probed(page, folder, *options, probe=PROBE):
+    """Open a page with a probe in it; return what that found, and what the console says."""
     text = page.read_text(encoding="utf-8")
-    page.write_text(text.replace("</body>", PROBE + "</body>"), encoding="utf-8")
+    page.write_text(text.replace("</body>", probe + "</body>"), encoding="utf-8")
     command = [
         CHROMIUM, "--headless=new", "--no-sandbox", "--disable-gpu", "--disable-3d-apis", "--no-first-run",
         "--disable-background-networking", "--host-resolver-rules=MAP * ~NOTFOUND", f"--user-data-dir={folder}",

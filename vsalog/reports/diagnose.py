@@ -115,7 +115,7 @@ def _block(console: Console, i: int, cause: FoundCause, several: bool) -> None:
 
 def _parameters(cause: FoundCause) -> Iterator[str]:
     for name, found in cause.parameters.items():
-        yield f"{signal_name(plain(name))} {parameter_text(found)}"
+        yield plain(f"{signal_name(name)} {parameter_text(found)}")
 
 
 def _errors(console: Console, diagnosis: Diagnosis, several: bool) -> None:
@@ -152,7 +152,7 @@ def _error_row(error: SignalError) -> tuple[str, ...]:
 
 
 def _signal(found: Gain | SignalError) -> str:
-    return f"{signal_name(plain(found.signal))} [{unit_of(found.unit).strip() or '1'}]"
+    return plain(f"{signal_name(found.signal)} [{unit_of(found.unit).strip() or '1'}]")
 
 
 def _advice(console: Console, diagnosis: Diagnosis) -> None:

@@ -106,19 +106,15 @@ def _curves(place: Array, signal: SignalEvidence, columns: int, gaps: NDArray[np
 
 
 def _errors(
-    place: Array,
-    signal: SignalEvidence,
-    noise: float | None,
-    columns: int,
-    gaps: NDArray[np.int64],
-    band_label: str = BAND,
+    place: Array, signal: SignalEvidence, noise: float | None, columns: int, gaps: NDArray[np.int64]
 ) -> list[Curve]:
-    """Simulated − measured, over what noise alone makes; without labels, for the colours are those of the signals."""
+    """Simulated − measured, over what noise alone makes."""
     curves = []
-    for values, colour, dashed in ((signal.before, "error", False), (signal.after, "model", True)):
+    for values, label, colour in ((signal.before, BEFORE, "error"), (signal.after, AFTER, "model")):
         if values is not None:
             error = values - signal.measured
-            curves.append(Curve("", *decimated(place, error, columns, gaps), colour, dashed=dashed))
+            x, y = decimated(place, error, columns, gaps)
+            curves.append(Curve(label, x, y, colour, dashed=label == AFTER))
     if curves and noise:
         ends, high = place[[0, -1]], 2.0 * noise
         outline = (np.r_[ends, ends[::-1]], np.array([high, high, -high, -high]))
