@@ -64,17 +64,26 @@ def _impatient(*_: object) -> None:
     raise TimeoutError(f"no diagnosis within {PATIENCE} s")
 
 
-def judge(out: Path, names: list[str], workers: int) -> list[Outcome]:
-    """Diagnose and score cases that lie in a folder."""
-    folders = [out / name for name in names]
-    outcomes = []
+def diagnose_all(folders: list[Path], workers: int) -> None:
+    """Diagnose cases; how long each took, and what went wrong, is kept beside its diagnosis."""
     with ProcessPoolExecutor(workers, mp_context=get_context("spawn")) as pool:
         for done, (folder, (took, problem)) in enumerate(zip(folders, pool.map(diagnose, folders), strict=True), 1):
-            diagnosis = None if problem else read(folder / "diagnosis")
-            truth = json.loads((out / "sealed" / f"{folder.name}.json").read_text(encoding="utf-8"))
-            outcomes.append(score(truth, diagnosis, took, problem))
+            text = json.dumps({"seconds": took, "problem": problem})
+            (folder / "diagnosis" / "run.json").write_text(text, encoding="utf-8")
             print(f"\r{done}/{len(folders)} diagnosed", end="", file=sys.stderr, flush=True)
     print(file=sys.stderr)
+
+
+def judge(folders: list[Path], sealed: Path) -> list[Outcome]:
+    """Score what the diagnoses of cases say; those that were not diagnosed are left out."""
+    outcomes = []
+    for folder in folders:
+        path = folder / "diagnosis" / "run.json"
+        if path.exists():
+            run = json.loads(path.read_text(encoding="utf-8"))
+            diagnosis = None if run["problem"] else read(folder / "diagnosis")
+            truth = json.loads((sealed / f"{folder.name}.json").read_text(encoding="utf-8"))
+            outcomes.append(score(truth, diagnosis, run["seconds"], run["problem"]))
     return outcomes
 
 
@@ -114,14 +123,20 @@ def main() -> None:
     parser.add_argument(
         "--again", action="store_true", help="take the cases that lie in --out, made with the same options"
     )
+    parser.add_argument(
+        "--score", action="store_true", help="score the diagnoses that lie in --out, made with the same options"
+    )
     given = parser.parse_args()
     devices, kinds = tuple(given.device or DEVICES), tuple(given.kind or KINDS)
     chosen = lay_out(24 if given.quick else given.cases, given.seed, devices, kinds)
-    if not given.again:
+    if not (given.again or given.score):
         for problem in generate(chosen, given.out, given.workers):
             print(f"not made: {problem}", file=sys.stderr)
     names = [p.name for p in chosen if (given.out / "sealed" / f"{p.name}.json").exists()]
-    outcomes = judge(given.out, names, given.workers)
+    folders = [given.out / name for name in names]
+    if not given.score:
+        diagnose_all(folders, given.workers)
+    outcomes = judge(folders, given.out / "sealed")
     if not given.quick:
         look_at_sets(outcomes, {p.name: p for p in chosen if p.name in names}, given.workers)
     print(write(outcomes, given.out, given.seed))
