@@ -115,8 +115,8 @@ def main() -> None:
     parser = argparse.ArgumentParser(prog="python -m tests.hidden_effects.battery", description=__doc__)
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--out", type=Path, default=Path("battery"))
-    parser.add_argument("--cases", type=int, default=500)
-    parser.add_argument("--quick", action="store_true", help="24 cases")
+    parser.add_argument("--cases", type=int, help="how many; 500 when absent")
+    parser.add_argument("--quick", action="store_true", help="24 cases, and sets are not looked into")
     parser.add_argument("--device", choices=list(DEVICES), action="append", help="default: all")
     parser.add_argument("--kind", choices=KINDS, action="append", help="default: all")
     parser.add_argument("--workers", type=int, default=min(2, os.cpu_count() or 1))
@@ -128,7 +128,7 @@ def main() -> None:
     )
     given = parser.parse_args()
     devices, kinds = tuple(given.device or DEVICES), tuple(given.kind or KINDS)
-    chosen = lay_out(24 if given.quick else given.cases, given.seed, devices, kinds)
+    chosen = lay_out(given.cases or (24 if given.quick else 500), given.seed, devices, kinds)
     if not (given.again or given.score):
         for problem in generate(chosen, given.out, given.workers):
             print(f"not made: {problem}", file=sys.stderr)
