@@ -25,6 +25,11 @@ from vsalog.cli.options import reading_options, rig_options
     help="Exit with 3 when the log is not consistent with the rig: a cause was found, or something is unexplained.",
 )
 @click.option(
+    "--suggest",
+    is_flag=True,
+    help="Propose the experiment that would tell most, as next.scenario.toml: a scenario for 'vsalog simulate'.",
+)
+@click.option(
     "-o",
     "--output",
     type=click.Path(path_type=Path),
@@ -43,13 +48,14 @@ def diagnose(
     rate: float | None,
     time: str,
     fail_on_cause: bool,
+    suggest: bool,
     output: Path | None,
     as_json: bool,
 ) -> None:
     """Hold the rig's simulation against LOG, name the causes of what it gets wrong, extend the rig, and measure the gain.
 
     Writes diagnosis.json, diagnosis.html and, where a cause was found, extended.rig.toml: an ordinary rig to simulate, estimate
-    and validate with.
+    and validate with. With --suggest also next.scenario.toml, which 'vsalog simulate RIG --scenario' plays.
     """
     from vsalog.diagnosis.run import Options
     from vsalog.diagnosis.run import diagnose as run
@@ -58,16 +64,22 @@ def diagnose(
     from vsalog.writers.diagnosis import Outputs, write_diagnosis
     from vsalog.writers.reports import keep_inputs
 
-    options = Options(rig, joints, settings, rate, time)
-    outputs = Outputs.within(output)
+    options = Options(rig, joints, settings, rate, time, suggest)
+    outputs = Outputs.within(output, suggest)
     inputs = [log, *([holdout] if holdout is not None else []), *([Path(rig)] if rig is not None else [])]
-    keep_inputs([outputs.document, outputs.page, outputs.rig], inputs)
+    written = [
+        outputs.document,
+        outputs.page,
+        outputs.rig,
+        *([outputs.scenario] if outputs.scenario is not None else []),
+    ]
+    keep_inputs(written, inputs)
     with Progress() as progress:
         with progress.saying_when_compiling():
             outcome = run(log, holdout, options, progress.say)
         progress.say("writing the report")
         extended = None if outcome.extended is None else outcome.extended.to_toml()
-        outputs = write_diagnosis(outcome.diagnosis, outcome.evidence, extended, outputs)
+        outputs = write_diagnosis(outcome.diagnosis, outcome.evidence, extended, outputs, outcome.scenario)
     (print_json if as_json else print_report)(outcome.diagnosis, outputs)
     if fail_on_cause and outcome.diagnosis.verdict != "consistent":
         context.exit(3)

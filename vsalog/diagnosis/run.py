@@ -16,6 +16,7 @@ from vsalog.diagnosis.document import VERSION, Diagnosis, FoundCause, Gains, Une
 from vsalog.diagnosis.evidence import JointEvidence
 from vsalog.diagnosis.joint import LEFT, JointDiagnosis, diagnose_joint
 from vsalog.diagnosis.sensing import at_joint, bare
+from vsalog.diagnosis.suggest import Suggestion, suggest
 from vsalog.diagnosis.words import sentences
 from vsalog.errors import BindingError, DiagnosisError, RigError, VsalogError
 from vsalog.estimation import pick_joints
@@ -40,6 +41,7 @@ class Options:
     joints : names of the joints wanted; all when empty
     set : key → value of the rig
     rate, time : as for `estimate`
+    suggest : propose the next experiment
     """
 
     rig: str | Path | None = None
@@ -47,6 +49,7 @@ class Options:
     set: Mapping[str, str] = field(default_factory=dict)
     rate: float | None = None
     time: str = "auto"
+    suggest: bool = False
 
 
 @dataclass(frozen=True, slots=True)
@@ -59,12 +62,14 @@ class Outcome:
     evidence : what figures draw, joint by joint
     rig : as it stands
     extended : with the causes filled in; none where there is nothing to fill in
+    scenario : the next experiment, TOML; none where it was not asked for, or nothing can be proposed
     """
 
     diagnosis: Diagnosis
     evidence: tuple[JointEvidence, ...]
     rig: Rig
     extended: Rig | None
+    scenario: str | None = None
 
 
 def diagnose(log: Path, holdout: Path | None, options: Options, progress: Progress = lambda _: None) -> Outcome:
@@ -103,11 +108,27 @@ def diagnose(log: Path, holdout: Path | None, options: Options, progress: Progre
             warnings.append(f"left out: {error}")
     if not found:
         raise DiagnosisError(f"{log.name}: no joint of the rig can be diagnosed: {'; '.join(warnings)}")
-    return _outcome(log, holdout, options, rig, found, warnings)
+    proposed = _proposed(rig, found, warnings, progress) if options.suggest else None
+    return _outcome(log, holdout, options, rig, found, warnings, proposed)
+
+
+def _proposed(rig: Rig, found: Sequence[JointDiagnosis], warnings: list[str], progress: Progress) -> Suggestion | None:
+    """Look for the next experiment; where there is none, say why."""
+    try:
+        return suggest(rig, found, progress)
+    except VsalogError as error:
+        warnings.append(f"no experiment is proposed: {error}")
+    return None
 
 
 def _outcome(
-    log: Path, holdout: Path | None, options: Options, rig: Rig, found: Sequence[JointDiagnosis], warnings: list[str]
+    log: Path,
+    holdout: Path | None,
+    options: Options,
+    rig: Rig,
+    found: Sequence[JointDiagnosis],
+    warnings: list[str],
+    proposed: Suggestion | None,
 ) -> Outcome:
     causes = [c for f in found for c in causes_of(f)]
     left = max((unexplained_of(f) for f in found), key=lambda u: u.fraction)
@@ -130,12 +151,13 @@ def _outcome(
         causes=tuple(causes),
         gain=Gains(holdout=holdout is not None, where=where, signals=tuple(gains)),
         unexplained=left,
-        next_experiment=_next(causes, left),
+        next_experiment=_next(causes, left) if proposed is None else proposed.words,
         warnings=(*warnings, *(w for f in found for w in f.warnings)),
     )
     measured = log if holdout is None else holdout
     evidence = tuple(evidence_of(f, measured.name) for f in found)
-    return Outcome(document, evidence, rig, _extended(rig, found))
+    scenario = None if proposed is None else proposed.scenario
+    return Outcome(document, evidence, rig, _extended(rig, found), scenario)
 
 
 def _verdict(found: Sequence[JointDiagnosis], causes: Sequence[FoundCause], left: Unexplained) -> Verdict:

@@ -174,6 +174,8 @@ def _files(console: Console, diagnosis: Diagnosis, outputs: Outputs) -> None:
     files = [("report", outputs.page), ("data", outputs.document)]
     if outputs.rig_is == "written" or (outputs.rig_is == "planned" and diagnosis.causes):
         files.append(("extended rig", outputs.rig))
+    if outputs.scenario is not None:
+        files.append(("next experiment", outputs.scenario))
     console.print()
     for what, path in files:
         console.print(f"{what}: {escape(plain(str(path)))}", soft_wrap=True)

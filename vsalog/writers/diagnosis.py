@@ -26,22 +26,29 @@ class Outputs:
     document, page, rig : files
     rig_is : what became of `rig`: planned, written, none (there is nothing to extend), or old (nothing to extend, and a file of
         that name from before was left as it is)
+    scenario : the experiment that is proposed; none where it was not asked for, or nothing is proposed
     """
 
     document: Path
     page: Path
     rig: Path
     rig_is: Literal["planned", "written", "none", "old"] = "planned"
+    scenario: Path | None = None
 
     @classmethod
-    def within(cls, folder: Path | None) -> Outputs:
-        """Name the files in a folder; in the current one when absent."""
+    def within(cls, folder: Path | None, suggest: bool = False) -> Outputs:
+        """Name the files in a folder, the current one when absent; with a scenario where `suggest` says so."""
         where = Path() if folder is None else folder
-        return cls(where / "diagnosis.json", where / "diagnosis.html", where / "extended.rig.toml")
+        scenario = where / "next.scenario.toml" if suggest else None
+        return cls(where / "diagnosis.json", where / "diagnosis.html", where / "extended.rig.toml", scenario=scenario)
 
 
 def write_diagnosis(
-    diagnosis: Diagnosis, evidence: Sequence[JointEvidence], extended_rig_toml: str | None, outputs: Outputs
+    diagnosis: Diagnosis,
+    evidence: Sequence[JointEvidence],
+    extended_rig_toml: str | None,
+    outputs: Outputs,
+    scenario_toml: str | None = None,
 ) -> Outputs:
     """Write all of it.
 
@@ -52,10 +59,11 @@ def write_diagnosis(
     extended_rig_toml : the rig with the causes filled in; None where there is nothing to fill in: a file of that name that is
         there from before is never deleted, and said to be old
     outputs : where to
+    scenario_toml : the experiment that is proposed; None where none is
 
     Returns
     -------
-    The outputs, with what became of the extended rig
+    The outputs, with what became of the extended rig and the scenario
 
     Raises
     ------
@@ -67,7 +75,8 @@ def write_diagnosis(
     except OSError as error:
         raise WriteError(f"{outputs.document.parent}: cannot be made a folder: {error.strerror}") from error
     # Before anything is written, so that all are there or none is.
-    for path in (outputs.document, outputs.page, outputs.rig):
+    proposed = outputs.scenario if scenario_toml is not None else None
+    for path in (outputs.document, outputs.page, outputs.rig, *([proposed] if proposed else [])):
         check_path(path)
     write_diagnosis_page(outputs.page, diagnosis, evidence, extended_rig_toml)
     if extended_rig_toml is not None:
@@ -75,8 +84,10 @@ def write_diagnosis(
         became = replace(outputs, rig_is="written")
     else:
         became = replace(outputs, rig_is="old" if outputs.rig.exists() else "none")
+    if proposed is not None and scenario_toml is not None:
+        write_text(proposed, scenario_toml)
     write_text(outputs.document, msgspec.json.format(msgspec.json.encode(diagnosis), indent=2).decode() + "\n")
-    return became
+    return replace(became, scenario=proposed)
 
 
 def _heading(diagnosis: Diagnosis) -> str:

@@ -1,0 +1,262 @@
+"""The next experiment: the one that best separates what this log leaves confused, from the rig's own simulation.
+
+Each candidate is played with one of two hypotheses in the rig, its equations are formed as those of a log are, with that
+log's noise, and the other hypothesis is fitted to them. What it leaves over is what would tell the two apart:
+
+    D² = (Σ r_other² − Σ r_own²) / n,    r the whitened averages, n of them,
+
+so that D is how far the two are apart, in standard deviations of one average (the T-criterion of Atkinson and Fedorov 1975,
+The design of experiments for discriminating between two rival models). Of all candidates the one is proposed whose smallest
+separation per second is largest.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+from msgspec.structs import replace as with_fields
+from numpy.typing import NDArray
+
+from vsalog.binding import bind
+from vsalog.diagnosis.channels import channels_of
+from vsalog.diagnosis.fit import applied, fitted, residual_of
+from vsalog.diagnosis.joint import JointDiagnosis
+from vsalog.diagnosis.kinds import balance_for
+from vsalog.diagnosis.selection import blocks_of
+from vsalog.diagnosis.sensing import bare
+from vsalog.diagnosis.suggest_candidates import Candidate, candidates
+from vsalog.diagnosis.suggest_questions import Hypothesis, Question, questions_of
+from vsalog.diagnosis.suggest_range import Seen, seen_in
+from vsalog.diagnosis.suggest_words import TELLS, scenario_text, words_of
+from vsalog.diagnosis.system import System, build_system
+from vsalog.errors import DiagnosisError, VsalogError
+from vsalog.rig import Rig
+from vsalog.rig.schema import Payload, PneumaticJoint, RigFile
+from vsalog.simulation.scenario import Scenario
+from vsalog.simulation.scenario_schema import ScenarioFile
+from vsalog.simulation.simulate import simulate
+
+Array = NDArray[np.float64]
+Progress = Callable[[str], None]
+
+# Logs faster than this are answered with a scenario at this sample time [s].
+PERIOD = 5e-4
+# So many of the best candidates are played with the other hypothesis in the rig too.
+BOTH_WAYS = 3
+# A payload adds this share to inertia and weight, and is asked for only if it separates so many times better.
+PAYLOAD, WORTHWHILE = 0.3, 1.5
+GRAVITY = 9.81
+
+
+@dataclass(frozen=True, slots=True)
+class Suggestion:
+    """An experiment that is proposed.
+
+    Attributes
+    ----------
+    scenario : TOML, as `vsalog simulate RIG --scenario` plays it
+    words : what to do, why, and how well it would separate
+    """
+
+    scenario: str
+    words: str
+
+
+@dataclass(frozen=True, slots=True)
+class Played:
+    """A candidate as it was played.
+
+    Attributes
+    ----------
+    candidate : with the share of what was seen that stays within it
+    separations : D of each question, shape (Q,)
+    payload : that has to be put on the link; none where the link stays as it is
+    """
+
+    candidate: Candidate
+    separations: Array
+    payload: Payload | None = None
+
+
+def suggest(rig: Rig, found: Sequence[JointDiagnosis], progress: Progress = lambda _: None) -> Suggestion:
+    """Propose the experiment that would tell most.
+
+    Parameters
+    ----------
+    rig : as it stands
+    found : about each joint; the first one that has causes confused is asked about, else the first
+    progress : told what is being done
+
+    Raises
+    ------
+    VsalogError
+        Nothing can be proposed: the joint cannot be simulated, or the log shows no motion that could be repeated.
+    """
+    open_ones = [(one, questions_of(one)) for one in found]
+    one, questions = next((o for o in open_ones if o[1].confused), open_ones[0])
+    if not questions.asked:
+        raise DiagnosisError(f"joint '{one.name}': there is nothing that another experiment could tell")
+    bench = Bench.of(rig, one)
+    progress(f"joint {one.name}: looking for the experiment that would tell most")
+    best = bench.best(questions.asked)
+    return Suggestion(
+        scenario_text(best.candidate.file, one.name, best.candidate.words, best.payload, questions, best.separations),
+        words_of(one, best.candidate, best.payload, questions, best.separations, len(rig.joints) > 1),
+    )
+
+
+@dataclass(frozen=True, slots=True)
+class Bench:
+    """What candidates are played on.
+
+    Attributes
+    ----------
+    rig : as it stands
+    found : about the joint
+    seen : what its log shows it to bear
+    period : sample time [s]
+    """
+
+    rig: Rig
+    found: JointDiagnosis
+    seen: Seen
+    period: float
+
+    @classmethod
+    def of(cls, rig: Rig, found: JointDiagnosis) -> Bench:
+        """Look at a joint's log."""
+        channels = found.system.channels.whole or found.system.channels
+        return cls(rig, found, seen_in(found.extended, found.system), max(channels.period, PERIOD))
+
+    def best(self, questions: Sequence[Question]) -> Played:
+        """Return the candidate that separates best.
+
+        Raises
+        ------
+        VsalogError
+            None can be played.
+        """
+        plain = self.found.joint
+        played = self._first_look(plain, None, questions)
+        played = self._both_ways(plain, played, questions)
+        best = max(played, key=lambda p: _worth(p, played))
+        payload = payload_for(plain, questions)
+        if payload is not None and _worth(best, played) < np.inf:
+            loaded = with_fields(plain, link=with_fields(plain.link, payload=payload))
+            trial = self._tried(loaded, best.candidate, payload, questions)
+            if trial is not None and _worth(trial, played) > WORTHWHILE * _worth(best, played):
+                return trial
+        return best
+
+    def _first_look(self, plain: Any, payload: Payload | None, questions: Sequence[Question]) -> list[Played]:
+        """Play every candidate with the first hypothesis of each question."""
+        whole = self.rig.file
+        file = with_fields(whole, joint={**whole.joint, self.found.name: self.found.extended})
+        played, why = list[Played](), None
+        for candidate in candidates(self.found.name, self.found.extended, file, self.seen, self.period):
+            try:
+                one = self._tried(plain, candidate, payload, questions, False)
+            except VsalogError as error:
+                why = error
+                continue
+            if one is not None:
+                played.append(one)
+        if not played:
+            raise why or DiagnosisError(
+                f"joint '{self.found.name}': no experiment stays within the positions, speeds and torques that this log shows"
+            )
+        return played
+
+    def _both_ways(self, plain: Any, played: list[Played], questions: Sequence[Question]) -> list[Played]:
+        """Play the best ones with the other hypotheses too; what separates less counts."""
+        ranked = sorted(played, key=lambda p: -_worth(p, played))[:BOTH_WAYS]
+        checked = [self._tried(plain, p.candidate, p.payload, questions) for p in ranked]
+        return [c for c in checked if c is not None] or ranked
+
+    def _tried(
+        self,
+        plain: Any,
+        candidate: Candidate,
+        payload: Payload | None,
+        questions: Sequence[Question],
+        both: bool = True,
+    ) -> Played | None:
+        """Return how well a candidate separates, as large as it may be; none where it cannot be small enough."""
+        for smaller in candidate.smaller():
+            separations = self._separations(plain, smaller.file, questions, both)
+            if separations is not None:
+                return Played(smaller, separations, payload)
+        return None
+
+    def _separations(self, plain: Any, file: ScenarioFile, questions: Sequence[Question], both: bool) -> Array | None:
+        """Return D of each question; none where a motion leaves what was seen."""
+        systems = dict[int, System]()
+        out = np.full(len(questions), np.inf)
+        for i, question in enumerate(questions):
+            ways = [(question.one, question.other), (question.other, question.one)]
+            for own, other in ways if both and question.confused else ways[:1]:
+                if id(own) not in systems:
+                    system = self._played(applied(plain, own.sites, own.values), file)
+                    if system is None:
+                        return None
+                    systems[id(own)] = system
+                out[i] = min(out[i], separation(systems[id(own)], plain, own, other))
+        return out
+
+    def _played(self, joint: Any, file: ScenarioFile) -> System | None:
+        """Play a scenario with a joint and form its equations; none where the motion leaves what was seen."""
+        log, name, rig = self.found.system.channels, self.found.name, self._with(joint)
+        own = with_fields(file, joint={n: d for n, d in file.joint.items() if n in rig.joint})
+        inputs = Scenario(own).inputs(rig)
+        experiment = simulate(rig, inputs, file.duration, period=file.period, ideal=True)
+        if not self.seen.holds(experiment.joints[name].truth):
+            return None
+        signals = bind([experiment.recording()], name, bare(joint), list(log.raw))
+        channels = replace(channels_of(signals), noise=log.noise, spread=log.spread).thinned()
+        # A servo's torque is held from sample to sample; valves follow their voltage as it is.
+        hold = 0.0 if isinstance(joint, PneumaticJoint) else 0.5 * file.period
+        return build_system(joint, channels, balance_for(joint), hold)
+
+    def _with(self, joint: Any) -> RigFile:
+        """Return the rig with the joint in it; joints that do not move with it are left out."""
+        file, name = self.rig.file, self.found.name
+        chained = [] if file.chain is None else [link.joint for link in file.chain.link]
+        joints = {n: j for n, j in file.joint.items() if n == name or (name in chained and n in chained)}
+        return with_fields(file, joint={**joints, name: joint}, chain=file.chain if name in chained else None)
+
+
+def separation(system: System, joint: Any, own: Hypothesis, other: Hypothesis) -> float:
+    """Return how far two hypotheses are apart, in standard deviations of one average.
+
+    Parameters
+    ----------
+    system : of an experiment that was played with `own` in the rig
+    joint : of the rig, without either
+    own, other : with the values to begin with
+    """
+    mine = residual_of(system, joint, own.sites, own.values)
+    start = np.asarray(other.values, dtype=np.float64)
+    theirs = fitted(system, joint, other.sites, start, blocks_of(system)).residual
+    more = float(theirs @ theirs) - float(mine @ mine)
+    return float(np.sqrt(max(more, 0.0) / max(system.count, 1)))
+
+
+def payload_for(joint: Any, questions: Sequence[Question]) -> Payload | None:
+    """Return a mass that changes inertia and weight alike; none without gravity, or where a payload is in question."""
+    link = getattr(joint, "link", None)
+    asked = {site.cause for q in questions for h in (q.one, q.other) for site in h.sites}
+    if link is None or not link.gravity_torque or link.payload is not None or "link.payload" in asked:
+        return None
+    distance = float(f"{GRAVITY * link.inertia / abs(link.gravity_torque):.2g}")
+    return Payload(mass=float(f"{PAYLOAD * link.inertia / distance**2:.2g}"), distance=distance)
+
+
+def _worth(one: Played, among: Sequence[Played]) -> float:
+    """Return the smallest separation of those questions that any of the candidates answers."""
+    best = np.max([p.separations for p in among], axis=0)
+    answered = best >= TELLS
+    chosen = one.separations[answered] if answered.any() else one.separations
+    return float(np.min(chosen))

@@ -1,0 +1,302 @@
+"""Experiments that might be proposed: a small family of scenarios within what a log has shown to be safe."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass
+from math import pi, sqrt
+from typing import Any
+
+import numpy as np
+from msgspec.structs import replace
+
+from vsalog.diagnosis.suggest_range import Range, Seen
+from vsalog.mechanics import stiffness
+from vsalog.rig.schema import AntagonisticJoint, PneumaticJoint, RigFile, RigidJoint, SerialJoint, UnknownTransmission
+from vsalog.simulation.scenario_generic import generic
+from vsalog.simulation.scenario_schema import Constant, Drives, Parts, ScenarioFile, ServoDrive, Sine, Steps, Trapezoid
+
+# How long an experiment takes [s], and its lowest and highest frequencies [Hz].
+DURATION, SLOWEST, FASTEST = 16.0, 0.1, 5.0
+# Of what was seen, so much is used: a loop overshoots a little.
+SHARE = 0.85
+# Shares of it that are tried, until the simulated motion stays within what was seen.
+SHRUNK = (1.0, 0.75, 0.55, 0.4, 0.25)
+# Of that, what the second movement (a set-point, two motors against each other) takes, and its frequency [Hz].
+SECOND, SECOND_FREQUENCY = 0.4, 0.07
+# The shortest time in which the middle of the range is approached [s], and the longest that is spent on it.
+APPROACH, LONGEST = 1.0, 4.0
+
+
+@dataclass(frozen=True, slots=True)
+class Room:
+    """What a driven quantity may do: swing about its middle by so much, no faster than so much per second."""
+
+    middle: float
+    half: float
+    rate: float
+
+    def sine(self, frequency: float, share: float) -> float:
+        """Return the amplitude of a sine that takes a share of the room, of the swing as of the speed."""
+        return share * min(self.half, self.rate / (2.0 * pi * frequency))
+
+    def part(self, share: float) -> Room:
+        """Return a part of the room."""
+        return Room(self.middle, share * self.half, share * self.rate)
+
+
+Wave = Callable[[Room, float], Parts]
+
+
+def _ramps(room: Room, _: float) -> Parts:
+    period = 1.0 / SLOWEST
+    swing = min(room.half, 0.25 * room.rate * period)
+    ramp = Trapezoid(amplitude=2.0 * swing, rise=0.5 * period, hold=0.0, period=period, start=0.25 * period)
+    return (Trapezoid(amplitude=-swing, rise=0.25 * period, hold=DURATION), ramp)
+
+
+def _speeds(room: Room, _: float) -> Parts:
+    swing = min(room.half, 0.5 * room.rate)
+    parts, start = [Trapezoid(amplitude=-swing, rise=1.0, hold=DURATION)], 1.0
+    for rise in (1.0, 2.0, 4.0):
+        parts.append(Trapezoid(amplitude=2.0 * swing, rise=rise, hold=0.0, start=start))
+        start += 2.0 * rise
+    return tuple(parts)
+
+
+def _sines(count: int, top: float) -> Wave:
+    def wave(room: Room, fastest: float) -> Parts:
+        highest = max(top * fastest, 2.0 * SLOWEST)
+        frequencies = np.geomspace(SLOWEST, highest, count)
+        return tuple(
+            Sine(amplitude=room.sine(float(f), 1.0 / count), frequency=float(f), phase=2.4 * i)
+            for i, f in enumerate(frequencies)
+        )
+
+    return wave
+
+
+def _slow(room: Room, _: float) -> Parts:
+    return (Sine(amplitude=room.sine(SLOWEST, 1.0), frequency=SLOWEST),)
+
+
+def _fast(room: Room, fastest: float) -> Parts:
+    slow, quick = room.sine(SLOWEST, 0.4), room.sine(0.8 * fastest, 0.6)
+    return Sine(amplitude=slow, frequency=SLOWEST), Sine(amplitude=quick, frequency=0.8 * fastest)
+
+
+def _steps(room: Room, fastest: float) -> Parts:
+    levels = [1.0, 0.3, -0.5, -1.0, -0.3, 0.6, 0.0]
+    largest = max(abs(b - a) for a, b in zip([0.0, *levels], levels, strict=False))
+    # Half a cosine is π/2 times as steep as a straight line.
+    rise = min(max(0.5 * pi * largest * room.half / room.rate, 0.5 / fastest), 1.8) if room.rate else 1.0
+    swing = min(room.half, rise * room.rate / (0.5 * pi * largest))
+    times = tuple(0.5 + 2.1 * i for i in range(len(levels)))
+    return (Steps(times=times, values=tuple(swing * v for v in levels), rise=rise),)
+
+
+# Words → wave.
+WAVES: Mapping[str, Wave] = {
+    "slow ramps with reversals": _ramps,
+    "ramps at three speeds": _speeds,
+    "a slow and a faster sine": _sines(2, 0.4),
+    "a few sines from slow to the joint's resonance": _sines(5, 1.0),
+    "levels that are held": _steps,
+    "a slow sine": _slow,
+    "a slow sine with a fast one on top": _fast,
+    "three slow sines": _sines(3, 0.2),
+}
+# Those that are tried both with and without a second movement.
+TWICE = 4
+
+
+@dataclass(frozen=True, slots=True)
+class Candidate:
+    """An experiment that might be proposed.
+
+    Attributes
+    ----------
+    words : what is done
+    joint : name of the joint that is driven
+    file : as `vsalog simulate --scenario` plays it
+    again : makes it with another share of what was seen
+    share : of what was seen that it takes
+    """
+
+    words: str
+    file: ScenarioFile
+    again: Callable[[float], ScenarioFile]
+    share: float = 1.0
+
+    def smaller(self) -> Iterator[Candidate]:
+        """Yield it, and then with less and less of what was seen."""
+        for share in (s for s in SHRUNK if s <= self.share):
+            yield dataclasses.replace(self, file=self.again(share), share=share)
+
+
+def candidates(name: str, joint: Any, rig: RigFile, seen: Seen, period: float) -> list[Candidate]:
+    """Return scenarios to choose from.
+
+    Parameters
+    ----------
+    name, joint : of the extended rig
+    rig : the rig with that joint in it
+    seen : what the log shows the joint to bear
+    period : sample time of the log [s]
+    """
+    second = _second(joint, seen)
+    waves = list(WAVES.items())
+    kinds = (
+        [(w, f, "") for w, f in waves] if not second else [(w, f, s) for w, f in waves[:TWICE] for s in ("", second)]
+    )
+    out = []
+    for words, wave, also in kinds:
+
+        def make(share: float, wave: Wave = wave, also: str = also) -> ScenarioFile:
+            return _scenario(name, joint, rig, seen, period, wave, bool(also), share)
+
+        out.append(Candidate(f"{words}{also}", make(1.0), make))
+    return out
+
+
+def _second(joint: Any, seen: Seen) -> str:
+    """Return the words for a second movement that the joint can make; none where it cannot, or was not seen to."""
+    lever = seen.driven.get("secondary_servo")
+    if isinstance(joint, SerialJoint) and lever is not None and lever.half > 0.0 and lever.rate > 0.0:
+        return ", while the set-point moves to and fro"
+    if isinstance(joint, AntagonisticJoint):
+        return ", while the motors draw apart and together again"
+    if isinstance(joint, PneumaticJoint):
+        return ", while both muscles stiffen and relax"
+    return ""
+
+
+def _scenario(
+    name: str, joint: Any, rig: RigFile, seen: Seen, period: float, wave: Wave, second: bool, share: float
+) -> ScenarioFile:
+    """Return a scenario: one joint driven, the others of the rig held."""
+    plain = generic("servo", rig, period)
+    joints = {other: _held(drives, rig.joint[other]) for other, drives in plain.joint.items() if other != name}
+    top = fastest(joint)
+    drives = dict[str, Any]()
+    for key, one in seen.driven.items():
+        base = getattr(plain.joint[name], key)
+        if isinstance(joint, PneumaticJoint):
+            drives[key] = _valve(key, one, wave, second, share, top)
+            continue
+        parts = _reference(key, one, joint, wave, second, share, top)
+        limit = seen.torques.get(key.replace("servo", "torque"))
+        drives[key] = replace(base, reference=parts, limit=_round(limit, down=True) if limit else None)
+    joints = {n: (Drives(**drives) if n == name else joints[n]) for n in plain.joint}
+    return ScenarioFile(
+        name="next", description="proposed by vsalog diagnose", duration=DURATION, period=period, joint=joints
+    )
+
+
+def _reference(key: str, seen: Range, joint: Any, wave: Wave, second: bool, share: float, top: float) -> Parts:
+    """Return what a motor's servo follows."""
+    room, first = _room(seen, share), _rest(seen, joint)
+    if key == "secondary_servo":
+        if not second:
+            return (Constant(value=_round(room.middle)),)
+        slow = room.sine(SECOND_FREQUENCY, 1.0)
+        return (Constant(value=_round(room.middle)), Sine(amplitude=_round(slow), frequency=SECOND_FREQUENCY))
+    if first is None:
+        parts: list[Any] = [Constant(value=room.middle)] if room.middle else []
+    else:
+        # It begins where the link hangs, and goes to the middle of what was seen without haste.
+        way, most = room.middle - first, room.rate * LONGEST / (0.5 * pi)
+        if abs(way) > most:
+            way = float(np.copysign(most, way))
+            middle = first + way
+            room = Room(middle, max(min(seen.high - middle, middle - seen.low) * SHARE * share, 0.0), room.rate)
+        rise = max(APPROACH, 0.5 * pi * abs(way) / room.rate) if room.rate else APPROACH
+        parts = [Constant(value=first)] if first else []
+        parts += [Steps(times=(0.0,), values=(way,), rise=rise)] if way else []
+    if second and key[-2:] in ("_1", "_2"):
+        side = -1.0 if key.endswith("_2") else 1.0
+        slow = room.part(SECOND).sine(SECOND_FREQUENCY, 1.0)
+        # From together to apart and back: the two begin where they are.
+        parts += [Constant(value=side * slow), Sine(amplitude=-side * slow, frequency=SECOND_FREQUENCY, phase=0.5 * pi)]
+        room = room.part(1.0 - SECOND)
+    return tuple(map(_rounded, (*parts, *wave(room, top))))
+
+
+def _room(seen: Range, share: float) -> Room:
+    return Room(0.5 * (seen.low + seen.high), share * SHARE * seen.half, share * SHARE * seen.rate)
+
+
+def _rest(seen: Range, joint: Any) -> float | None:
+    """Return where the joint begins: where its link hangs, or the nearest position that was seen; anywhere without gravity."""
+    link = joint.link
+    if link is None or not link.gravity_torque:
+        return None
+    return float(np.clip(link.gravity_angle, seen.low, seen.high))
+
+
+def _valve(key: str, seen: Range, wave: Wave, second: bool, share: float, top: float) -> Parts:
+    """Return a valve's voltage: the muscles take turns, and stiffen together as the second movement."""
+    middle, half = 0.5 * (seen.low + seen.high), share * SHARE * seen.half
+    room = Room(middle, half, 2.0 * pi * half * top)
+    parts: list[Any] = [Constant(value=middle)]
+    if second:
+        parts.append(Sine(amplitude=SECOND * half, frequency=SECOND_FREQUENCY))
+        room = room.part(1.0 - SECOND)
+    side = -1.0 if key.endswith("_2") else 1.0
+    return tuple(map(_rounded, (*parts, *(_turned(p, side) for p in wave(room, top)))))
+
+
+def _turned(part: Any, side: float) -> Any:
+    if isinstance(part, Steps):
+        return replace(part, values=tuple(side * v for v in part.values))
+    return replace(part, amplitude=side * part.amplitude)
+
+
+def _held(drives: Drives, joint: Any) -> Drives:
+    """Return what holds a joint of the rig that is not asked about where it is."""
+    out = dict[str, Any]()
+    for key in Drives.__struct_fields__:
+        drive = getattr(drives, key)
+        if isinstance(drive, ServoDrive):
+            start = joint.link.gravity_angle if joint.link is not None else 0.0
+            at = 0.0 if key == "secondary_servo" else start
+            out[key] = replace(drive, reference=(Constant(value=at),))
+        elif drive and not isinstance(joint, RigidJoint):
+            out[key] = tuple(p for p in drive if isinstance(p, Constant)) or (Constant(value=0.0),)
+    return Drives(**out)
+
+
+def fastest(joint: Any) -> float:
+    """Return the highest frequency of an experiment: that of the link on its springs, but no higher than a loop follows [Hz]."""
+    if isinstance(joint, PneumaticJoint):
+        return 1.0
+    springs = [getattr(joint, n) for n in ("transmission", "transmission_1", "transmission_2") if hasattr(joint, n)]
+    known = [s for s in springs if not isinstance(s, UnknownTransmission)]
+    if joint.link is None or not known or joint.link.inertia <= 0.0:
+        return 2.0
+    arm = joint.lever.start if isinstance(joint, SerialJoint) and joint.lever is not None else None
+    stiff = sum(float(stiffness(s, 0.5 * s.backlash + 1e-4, arm)) for s in known)
+    load = joint.link.payload
+    inertia = joint.link.inertia + (load.mass * load.distance**2 if load is not None else 0.0)
+    return float(np.clip(sqrt(max(stiff, 0.0) / inertia) / (2.0 * pi), 0.5, FASTEST))
+
+
+def _rounded(part: Any) -> Any:
+    """Return a part with numbers that people can read."""
+    changed = dict[str, Any]()
+    for name in part.__struct_fields__:
+        value = getattr(part, name)
+        if isinstance(value, float):
+            changed[name] = _round(value)
+        elif isinstance(value, tuple):
+            changed[name] = tuple(_round(v) for v in value)
+    return replace(part, **changed)
+
+
+def _round(value: float, down: bool = False) -> float:
+    """Round to four digits; a limit never upwards."""
+    if value == 0.0 or not np.isfinite(value):
+        return float(value)
+    rounded = float(f"{value:.4g}")
+    return float(f"{value * (1.0 - 5e-4):.4g}") if down and rounded > value else rounded

@@ -1,0 +1,138 @@
+"""A proposed experiment in words, and as a file."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import msgspec
+import numpy as np
+from numpy.typing import NDArray
+
+from vsalog.diagnosis.causes import catalogue
+from vsalog.diagnosis.joint import JointDiagnosis
+from vsalog.diagnosis.suggest_candidates import Candidate
+from vsalog.diagnosis.suggest_questions import Question, Questions
+from vsalog.diagnosis.words import part_in_words
+from vsalog.rig.parts import Payload
+from vsalog.simulation.scenario_schema import ScenarioFile
+from vsalog.units import shown
+
+Array = NDArray[np.float64]
+
+# Two hypotheses that are at least so many standard deviations of an average apart are told apart.
+TELLS = 0.3
+FILE = "next.scenario.toml"
+
+
+def words_of(
+    found: JointDiagnosis,
+    candidate: Candidate,
+    payload: Payload | None,
+    questions: Questions,
+    separations: Array,
+    several: bool,
+) -> str:
+    """Say what to do, why, and how well it would separate."""
+    what = f"Play {FILE}: {candidate.words}, {candidate.file.duration:g} s, within what this log shows to be safe"
+    if several:
+        what += f", in joint {found.name}"
+    if payload is not None:
+        what += f", with a known mass of {payload.mass:g} kg on the link at {payload.distance:g} m from its axis"
+    why = _apart(questions, separations) if questions.confused else _shown(questions, separations)
+    return f"{what}. {why}"
+
+
+def _apart(questions: Questions, separations: Array) -> str:
+    """Say how far the causes that are confused would be apart."""
+    told = [(q, float(d)) for q, d in zip(questions.asked, separations, strict=True) if d >= TELLS]
+    left = [q for q, d in zip(questions.asked, separations, strict=True) if d < TELLS]
+    out = []
+    if told:
+        first, least = min(told, key=lambda t: t[1])
+        pair = f"{_name(first, 'one')} and {_name(first, 'other')}"
+        many = f"{pair}, the closest of {len(told)} pairs," if len(told) > 1 else pair
+        out.append(
+            f"It tells {_all(told)} apart: in this log {many} differ by {_times(first.now)} the noise of an averaged equation,"
+            f" there by {_times(least)}."
+        )
+    if left:
+        pairs = "; ".join(f"{_name(q, 'one')} from {_name(q, 'other')}" for q in left)
+        most = max(float(d) for d in separations if d < TELLS)
+        site = left[0].other.site
+        confirm = f" {catalogue()[site.cause].confirm}" if site is not None and not told else ""
+        out.append(f"No experiment within those bounds tells {pairs} ({_times(most)} the noise at best).{confirm}")
+    return " ".join(out)
+
+
+def _all(told: list[tuple[Question, float]]) -> str:
+    names = list(dict.fromkeys(_name(q, side) for q, _ in told for side in ("one", "other")))
+    return " and ".join(filter(None, (", ".join(names[:-1]), names[-1])))
+
+
+def _shown(questions: Questions, separations: Array) -> str:
+    """Say what the log could not have shown, and the experiment would."""
+    parts = []
+    for question, there in zip(questions.asked, separations, strict=True):
+        value, unit = question.size or (0.0, "1")
+        now = value * TELLS / question.now if question.now > 0.0 else np.inf
+        then = value * TELLS / there if there > 0.0 else np.inf
+        parts.append(f"{_name(question, 'one')} ({_size(now, unit)}; there {_size(then, unit)})")
+    return f"It would show what this log shows least of: changes by less than these it cannot have told: {', '.join(parts)}."
+
+
+def _size(value: float, unit: str) -> str:
+    plain = "" if unit == "1" else f" {unit.replace('*', '·').replace('^2', '²').replace('^3', '³')}"
+    return "any" if not np.isfinite(value) else f"{value:.2g}{plain}"
+
+
+def _name(question: Question, side: str) -> str:
+    site = getattr(question, side).site
+    if site is None:
+        return "nothing"
+    others = [s for q in (question,) for s in (q.one.site, q.other.site) if s is not None and s is not site]
+    alike = any(s.cause == site.cause for s in others)
+    return f"{site.cause} ({part_in_words(site.part)})" if alike else str(site.cause)
+
+
+def _times(d: float) -> str:
+    return f"{d:.2g} times" if d >= 0.01 else "less than 0.01 times"
+
+
+def scenario_text(
+    file: ScenarioFile,
+    joint: str,
+    words: str,
+    payload: Payload | None,
+    questions: Questions,
+    separations: Array,
+) -> str:
+    """Return the scenario as TOML, with a heading that says what it is for; names must not end the comment."""
+    import tomli_w
+
+    lines = [f"Proposed by vsalog diagnose --suggest for joint {shown(joint)}: {words}.", "All numbers are SI."]
+    for question, there in zip(questions.asked, separations, strict=True):
+        pair = f"{_name(question, 'one')} against {_name(question, 'other')}"
+        lines.append(
+            f"{pair}: apart by {_times(question.now)} the noise of an average in the log, {_times(float(there))} here."
+        )
+    if payload is not None:
+        key = f"joint.{shown(joint)}.link.payload"
+        lines.append(
+            f"Put {payload.mass:g} kg on the link, {payload.distance:g} m from its axis, and say so in the rig:"
+            f" --set {key}.mass={payload.mass:g} --set {key}.distance={payload.distance:g}"
+        )
+    return "".join(f"# {line}\n" for line in lines) + "\n" + tomli_w.dumps(_tables(file))
+
+
+def _tables(file: ScenarioFile) -> dict[str, Any]:
+    tables: dict[str, Any] = _without_empty(msgspec.to_builtins(file))
+    return tables
+
+
+def _without_empty(value: Any) -> Any:
+    """Leave out what TOML has no word for, and what is not said."""
+    if isinstance(value, dict):
+        return {k: _without_empty(v) for k, v in value.items() if v is not None and v != () and v != []}
+    if isinstance(value, list | tuple):
+        return [_without_empty(v) for v in value]
+    return value
