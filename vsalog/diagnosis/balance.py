@@ -19,6 +19,7 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from vsalog.binding import offered_roles
 from vsalog.diagnosis._loops import bristle_torque, loop_torque
 from vsalog.diagnosis.sensing import known
 from vsalog.mechanics import flexibility_torque, reaction_torque, stiffness
@@ -162,21 +163,21 @@ def motion_of(joint: Mechanical, roles: Mapping[str, Array], time: Array, spread
         lever = None if arm is None else arm[0]
         if f"deflection{s}" in roles or (link is not None and s in motors):
             phi = roles[f"deflection{s}"] if f"deflection{s}" in roles else link - motors[s]  # type: ignore[operator]
-            told = (f"deflection{s}",) if f"deflection{s}" in roles else ("link_position", f"motor_position{s}")
-            slack = SLACK * float(np.hypot.reduce([spread.get(r, 0.0) for r in told]))
+            sensed = [f"deflection{s}"] if f"deflection{s}" in roles else ["link_position", f"motor_position{s}"]
+            slack = SLACK * float(np.hypot.reduce([spread.get(r, 0.0) for r in sensed]))
             deflections[s], torques[s] = phi, transmitted(transmission, phi, lever, time, slack)
             continue
-        sensed = _felt(joint, s, roles, motors)
-        if sensed is None or s not in motors:
+        felt = _felt(joint, s, roles, motors)
+        if felt is None or s not in motors:
             continue
-        deflections[s] = _deflected(transmission, sensed, lever, time)
-        torques[s] = sensed
+        deflections[s] = _deflected(transmission, felt, lever, time)
+        torques[s] = felt
         measured.add(s)
         if f"torque_sensor{s}" not in roles:
             spent.add(s)
-    if link is None and deflections:
-        first = next(iter(deflections))
-        link = motors[first] + deflections[first]
+    told = [s for s in deflections if s in motors]
+    if link is None and told:
+        link = motors[told[0]] + deflections[told[0]]
     slacks = {s: SLACK * spread.get(f"motor_position{s}", 0.0) for s in suffixes}
     slacks["link"] = SLACK * spread.get("link_position", max(slacks.values()) / SLACK)
     return Motion(roles, motors, link, deflections, torques, frozenset(measured), frozenset(spent), slacks)
@@ -322,13 +323,13 @@ def _transmissions(joint: Mechanical, motion: Motion) -> list[Equation]:
     roles, equations = motion.roles, []
     for s, torque in motion.torques.items():
         if f"torque_sensor{s}" in roles and s not in motion.measured:
-            off = roles[f"torque_sensor{s}"][0] - torque
+            off = _gain(joint, f"torque_sensor{s}") * (roles[f"torque_sensor{s}"][0] - torque)
             equations.append(Equation(f"transmission{s}", "transmission", "N*m", off))
         if known(roles, f"deflection{s}", f"motor_position{s}", "link_position"):
             off = roles[f"deflection{s}"][0] - roles["link_position"][0] + roles[f"motor_position{s}"][0]
             equations.append(Equation(f"deflection{s}", "sensor", "rad", off))
     if "torque_sensor" in roles and len(motion.torques) == 2:
-        off = roles["torque_sensor"][0] - sum(motion.torques.values())
+        off = _gain(joint, "torque_sensor") * (roles["torque_sensor"][0] - sum(motion.torques.values()))
         equations.append(Equation("transmission", "transmission", "N*m", off))
     if len(motion.measured) == 2 and motion.link is not None:
         # Both transmissions hang on one link: where each puts it must agree.
@@ -336,6 +337,11 @@ def _transmissions(joint: Mechanical, motion: Motion) -> list[Equation]:
         off = motion.link[0] - motion.motors[second][0] - motion.deflections[second][0]
         equations.append(Equation("agreement", "transmission", "rad", off))
     return equations
+
+
+def _gain(joint: Mechanical, role: str) -> float:
+    """Return a sensor's gain: the equation is formed in what it says, so that a large gain makes nothing small."""
+    return offered_roles(joint)[role].gain
 
 
 def _motors(joint: Mechanical) -> dict[str, Motor]:

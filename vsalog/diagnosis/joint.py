@@ -17,10 +17,11 @@ from vsalog.diagnosis.gain import Compared, compared
 from vsalog.diagnosis.independent import not_independent
 from vsalog.diagnosis.kinds import balance_for, motion_for
 from vsalog.diagnosis.remainder import depends_on, variables_of
-from vsalog.diagnosis.selection import Choice, Selection, select
+from vsalog.diagnosis.selection import Choice, Selection, blocks_of, select
 from vsalog.diagnosis.sensing import at_joint, true_roles
 from vsalog.diagnosis.setting import setting_of
 from vsalog.diagnosis.system import System, build_system
+from vsalog.diagnosis.unknown import TAKEN_UP, with_springs
 from vsalog.diagnosis.windows import Windows, windows_of
 from vsalog.errors import DiagnosisError, SimulationError
 from vsalog.signals import JointSignals
@@ -140,20 +141,22 @@ def diagnose_joint(
     DiagnosisError
         The roles allow no equation at all.
     """
-    joint, warnings = at_joint(joint), list[str]()
     computed = not_independent(signals, joint)
-    signals = without(signals, computed)
+    joint, said = with_springs(at_joint(joint), signals)
+    warnings = list(said)
+    channels = channels_of(without(signals, computed))
+    system = build_system(joint, channels.thinned(), balance_for(joint), 0.5 * signals.period)
+    if not system.count and computed:
+        return _only_computed(name, joint, signals, computed, warnings)
     holdout = None if holdout is None else without(holdout, computed)
-    channels = channels_of(signals)
-    system = build_system(joint, channels, balance_for(joint), 0.5 * signals.period)
-    if not system.names or not system.count:
+    if not system.count:
         raise DiagnosisError(
             f"joint '{name}': its roles allow no equation to be checked; a diagnosis needs positions of motor and link (or the"
             " deflection) with a torque sensor, or with the motor's torque and inertia, and a transmission of a known type; one"
             " with muscles needs their pressures with the angle, or with the torque meter"
         )
     progress(f"joint {name}: looking for causes")
-    selection = select(system, joint, setting_of(joint, system))
+    selection = select(system, joint, setting_of(joint, system), TAKEN_UP if said else frozenset())
     system, fit = selection.system, selection.fit
     progress(f"joint {name}: simulating")
     gain, held_out, kept = None, "", fit
@@ -168,6 +171,21 @@ def diagnose_joint(
         name, joint, kept.joint(joint), system, selection, kept, tuple(found), computed, gain, held_out,
         _fraction(system, selection.nothing, kept), tuple(warnings),
     )  # fmt: skip
+
+
+def _only_computed(
+    name: str, joint: Any, signals: JointSignals, computed: Mapping[str, str], warnings: list[str]
+) -> JointDiagnosis:
+    """Return the diagnosis of a log whose only torque is none: there is nothing else to be checked with."""
+    channels = channels_of(signals).thinned()
+    system = build_system(joint, channels, balance_for(joint), 0.5 * signals.period)
+    blocks = blocks_of(system)
+    fit = fitted(system, joint, (), np.zeros(0), blocks)
+    warnings.append(
+        f"joint '{name}': without a torque that was measured no equation can be checked: nothing else was looked for"
+    )
+    nothing = Selection(system, fit, fit, (), blocks)
+    return JointDiagnosis(name, joint, joint, system, nothing, fit, (), computed, None, "", 0.0, tuple(warnings))
 
 
 def without(signals: JointSignals, roles: Mapping[str, str]) -> JointSignals:

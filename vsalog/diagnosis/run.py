@@ -4,9 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 from msgspec.structs import replace
 
 from vsalog._version import __version__
@@ -17,6 +19,7 @@ from vsalog.diagnosis.evidence import JointEvidence
 from vsalog.diagnosis.joint import LEFT, JointDiagnosis, diagnose_joint
 from vsalog.diagnosis.sensing import at_joint, bare
 from vsalog.diagnosis.suggest import Suggestion, suggest
+from vsalog.diagnosis.unknown import unknown_in
 from vsalog.diagnosis.words import sentences
 from vsalog.errors import BindingError, DiagnosisError, RigError, VsalogError
 from vsalog.estimation import pick_joints
@@ -29,6 +32,9 @@ from vsalog.rig.schema import RigidJoint
 from vsalog.signals import JointSignals
 
 Progress = Callable[[str], None]
+
+# Causes that are all less sure than this explain nothing.
+DOUBTFUL = 0.05
 
 
 @dataclass(frozen=True, slots=True)
@@ -101,7 +107,7 @@ def diagnose(log: Path, holdout: Path | None, options: Options, progress: Progre
             signals = _bound(recording, name, joint)
             other = None if second is None else _bound(second, name, joint, set(signals.roles))
             warnings += signals.notes
-            found.append(diagnose_joint(name, joint, signals, other, progress))
+            found += [diagnose_joint(label, joint, part, other, progress) for label, part in _runs(name, signals)]
         except VsalogError as error:
             if len(usable) == 1:
                 raise
@@ -164,6 +170,8 @@ def _verdict(found: Sequence[JointDiagnosis], causes: Sequence[FoundCause], left
     whole = all(f.whole for f in found)
     if not causes:
         return "consistent" if whole else "unexplained"
+    if not whole and max(c.confidence for c in causes) < DOUBTFUL:
+        return "unexplained"
     return "explained" if whole else "partly explained"
 
 
@@ -182,10 +190,12 @@ def _extended(rig: Rig, found: Sequence[JointDiagnosis]) -> Rig | None:
     """Return the rig with what was found; parts that nothing was found in stay as they were written."""
     joints, changed = dict(rig.joints), False
     for one in found:
-        if not one.found:
+        original = rig.joints.get(one.name)
+        # What was found of one run, or beside a spring that was fitted to the log, is no rig for others.
+        if not one.found or original is None or unknown_in(original):
             continue
         changed = True
-        original, plain = rig.joints[one.name], at_joint(rig.joints[one.name])
+        plain = at_joint(original)
         kept = {
             name: getattr(original, name)
             for name in original.__struct_fields__
@@ -230,6 +240,15 @@ def _bound(recording: Recording, name: str, joint: Any, roles: set[str] | None =
             f" 'vsalog inspect {recording.path.name}' lists them"
         )
     return bind([recording], name, plain, there)
+
+
+def _runs(name: str, signals: JointSignals) -> list[tuple[str, JointSignals]]:
+    """Return the runs of a log, each under a set-point of its own, with what they are called."""
+    if len(signals.run_names) < 2:
+        return [(name, signals)]
+    edges = [*np.flatnonzero(np.diff(signals.run, prepend=-1)), len(signals)]
+    parts = [signals[a:b] for a, b in pairwise(edges)]
+    return [(f"{name}, {signals.run_names[int(part.run[0])]}", part) for part in parts]
 
 
 def _settings(options: Options) -> dict[str, str]:

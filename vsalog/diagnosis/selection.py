@@ -89,7 +89,7 @@ class Selection:
     blocks: Integers
 
 
-def select(system: System, joint: Any, setting: Setting) -> Selection:
+def select(system: System, joint: Any, setting: Setting, barred: frozenset[str] = frozenset()) -> Selection:
     """Find the causes that explain what the rig leaves over in a log.
 
     Parameters
@@ -97,8 +97,9 @@ def select(system: System, joint: Any, setting: Setting) -> Selection:
     system : of the log
     joint : of the rig
     setting : what causes may know
+    barred : causes that cannot be told here
     """
-    sites = [site for cause in catalogue().values() for site in cause.sites(setting)]
+    sites = [site for cause in catalogue().values() if cause.name not in barred for site in cause.sites(setting)]
     blocks = blocks_of(system)
     # Torques that only seem to be held would look like a delay.
     system, current = renewed(system, joint, fitted(system, joint, (), np.zeros(0), blocks), blocks)
