@@ -48,6 +48,12 @@ def sentences(
             " it on data it was not fitted to.",
             "What the log does not excite it cannot tell: that the rig is right holds for motions like these.",
         )
+    if causes and all(c.cause == "sensor.torque_not_independent" for c in causes) and not gains:
+        return (
+            f"{causes[0].title}.",
+            f"{causes[0].why[0].upper()}{causes[0].why[1:]}",
+            "What it says cannot confirm the rig, nor contradict it: nothing that rests on it was called right or wrong.",
+        )
     first = _found(verdict, causes, joints)
     return tuple(s for s in (first, _believe(causes, left), _worth(gains, held_out)) if s)
 
