@@ -81,7 +81,7 @@ class FoundCause(_Part, frozen=True):
     parameters : name → number
     confidence : 0 to 1, how often it is the best explanation when the log's blocks are drawn anew, less what stays unexplained
     indistinguishable_from : other causes that this log explains as well with
-    error_removed : part of what the rig left over, beyond noise, that goes when this cause is put in, all others being there
+    error_removed : part of what the rig left over, beyond noise, that this cause takes away; the causes' parts add up
     why : the evidence in words
     how_to_confirm : an experiment
     tell_apart : which experiment would tell it from the others; empty where there are none

@@ -46,7 +46,7 @@ class Found:
     site : of the catalogue
     values, covariance : as fitted
     choice : why it was chosen
-    removed : part of what the rig left over that it takes away
+    removed : part of what the rig left over, beyond noise, that it takes away
     """
 
     site: Site
@@ -232,18 +232,34 @@ def _found(system: System, joint: Any, selection: Selection, fit: Fit) -> list[F
     if not fit.sites:
         return []
     covariance = covariance_of(fit, selection.blocks)
-    wrong = max(selection.nothing.loss - system.count, 1e-300)
     out, first = [], 0
-    for site in fit.sites:
+    for site, removed in zip(fit.sites, _removed(system, joint, selection, fit), strict=True):
         own = slice(first, first + len(site.parameters))
         first += len(site.parameters)
-        rest = tuple(s for s in fit.sites if s.key != site.key)
-        start = np.concatenate([fit.own(s) for s in rest]) if rest else np.zeros(0)
-        less = fitted(system, joint, rest, start, selection.blocks)
         choice = next(c for c in selection.choices if c.site.key == site.key)
-        removed = float(np.clip((less.loss - fit.loss) / wrong, 0.0, 1.0))
         out.append(Found(site, fit.values[own], covariance[own, own], choice, removed))
     return sorted(out, key=lambda f: -f.removed)
+
+
+def _removed(system: System, joint: Any, selection: Selection, fit: Fit) -> list[float]:
+    """Return the part of what was wrong that each cause takes away.
+
+    What two causes take away together is more, or less, than what each does alone: a cause's part is the mean of what it takes
+    away as the first one and as the last one, and the parts add up to what all do.
+    """
+    nothing = selection.nothing
+    wrong = max(nothing.loss - system.count, 1e-300)
+    parts = []
+    for site in fit.sites:
+        rest = tuple(s for s in fit.sites if s.key != site.key)
+        if not rest:
+            parts.append(nothing.loss - fit.loss)
+            continue
+        alone = fitted(system, joint, (site,), fit.own(site), selection.blocks)
+        without_it = fitted(system, joint, rest, np.concatenate([fit.own(s) for s in rest]), selection.blocks)
+        parts.append(max(nothing.loss - alone.loss, 0.0) + max(without_it.loss - fit.loss, 0.0))
+    whole = float(np.clip((nothing.loss - fit.loss) / wrong, 0.0, 1.0))
+    return [whole * part / max(sum(parts), 1e-300) for part in parts]
 
 
 def _fraction(system: System, nothing: Fit, fit: Fit) -> float:
