@@ -43,7 +43,9 @@ ANGLE, PRESSURES = "link_position", ("pressure_1", "pressure_2")
 # Rounds of finding what a torque tells, and the share of the slope in the middle below which a step is not trusted.
 ROUNDS, LEAST = 12, 0.05
 # The direction of a motion is known where it is the same over so many of the filter's windows.
-ABOUT = 1.0
+ABOUT = 1.4
+# A seesaw slower than this part of its usual velocity may be creeping, and friction is then below its level.
+CREEP = 0.1
 
 
 def balance_pneumatic(
@@ -119,10 +121,14 @@ def _torques(joint: PneumaticJoint, motion: Motion, time: Array) -> list[Equatio
 
 
 def _least_about(rate: Array, time: Array) -> Array:
-    """Return the slowest of the velocities about each sample: a seesaw that stops sticks, and the filter smears its stop."""
+    """Return the slowest of the velocities about each sample, 0 where it turns or creeps.
+
+    A seesaw that stops sticks for a while, and the filter smears its stop; what sticks creeps, as tubes and threads give way.
+    """
     size = 2 * round(0.5 * ABOUT * WINDOW / max(float(time[1] - time[0]), 1e-9)) + 1
-    least = minimum_filter1d(np.abs(rate), size)
-    return np.asarray(np.where(np.isfinite(rate), least, np.nan))
+    known = np.nan_to_num(rate)
+    least = np.maximum(minimum_filter1d(known, size), minimum_filter1d(-known, size))
+    return np.asarray(np.where(np.isfinite(rate), np.where(least > CREEP * np.nanstd(rate), least, 0.0), np.nan))
 
 
 def _carried(joint: PneumaticJoint, roles: Mapping[str, Array]) -> Array:
