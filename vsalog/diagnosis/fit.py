@@ -31,7 +31,7 @@ class Fit:
     values : of all their parameters, one after another
     residual : shape (n,), whitened equations that are left over
     jacobian : shape (n, p), their change with the values
-    losses : shape (B,), Σ of squares in each block when the values are fitted to the others
+    losses : shape (B,), Σ of squares in each block when the values are fitted to the others, but for those of what happens once
     """
 
     sites: tuple[Site, ...]
@@ -133,7 +133,9 @@ def fitted(system: System, joint: Any, sites: Sequence[Site], start: Array, bloc
             damping = max(10.0 * damping, 1e-3)
         if before - loss <= ENOUGH * before:
             break
-    losses = block_losses(jacobian, residual, blocks)
+    # What happens once says nothing of other blocks, nor they of it: it stays as it is when one is left out.
+    lasting = np.array([not site.transient for site in sites for _ in site.parameters], dtype=np.bool_)
+    losses = block_losses(jacobian[:, lasting], residual, blocks)
     return Fit(tuple(sites), values, residual, jacobian, losses)
 
 

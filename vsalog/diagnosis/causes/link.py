@@ -71,6 +71,7 @@ class LinkPayload(_OfLink):
         inertia, weight = (
             (there.mass * there.distance**2, there.mass * GRAVITY * there.distance) if there else (0.0, 0.0)
         )
+        inertia, weight = max(inertia, 1e-6 * link.inertia), max(weight, 1e-6 * abs(link.gravity_torque))
         parameters = (
             Parameter("inertia", "kg*m^2", inertia, 0.01 * link.inertia, 1e-6 * link.inertia),
             Parameter("weight", "N*m", weight, 0.01 * abs(link.gravity_torque), 1e-6 * abs(link.gravity_torque)),

@@ -32,7 +32,10 @@ def with_bristles(plain: Site, setting: Setting) -> Iterator[Site]:
 
     def apply(joint: Any, values: Sequence[float]) -> Any:
         joint = plain.apply(joint, values[:own])
-        friction = replace(getattr(joint, plain.part).friction, presliding_stiffness=float(np.exp(values[own])))
+        friction = getattr(joint, plain.part).friction
+        if friction.breakaway == 0.0:
+            return joint  # bristles without a level are nothing, and no rig may have them
+        friction = replace(friction, presliding_stiffness=float(np.exp(values[own])))
         return with_part(joint, plain.part, friction=friction)
 
     def starts(left: Remainder) -> list[tuple[float, ...]]:
