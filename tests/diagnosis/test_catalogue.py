@@ -1,0 +1,180 @@
+"""Every cause of the catalogue: it has its name and its words, and what it puts into a rig is a rig that plays."""
+
+import re
+from dataclasses import replace
+from functools import cache
+
+import msgspec
+import numpy as np
+import pytest
+
+from vsalog.diagnosis.causes import catalogue
+from vsalog.diagnosis.causes.base import Remainder
+from vsalog.diagnosis.channels import channels_of
+from vsalog.diagnosis.fit import applied
+from vsalog.diagnosis.kinds import balance_for
+from vsalog.diagnosis.run import _bound
+from vsalog.diagnosis.selection import remainder
+from vsalog.diagnosis.sensing import at_joint
+from vsalog.diagnosis.setting import setting_of
+from vsalog.diagnosis.system import build_system
+from vsalog.diagnosis.words import part_in_words, title_of
+from vsalog.rig import Rig
+from vsalog.simulation import simulate
+
+# The names that stay, one side of a joint after the other.
+NAMES = [
+    *("motor.inertia", "motor.viscous_friction", "motor.coulomb_friction", "motor.stribeck_friction"),
+    *(
+        "motor.load_dependent_friction",
+        "motor.cogging",
+        "motor.torque_constant",
+        "motor.torque_offset",
+        "motor.torque_delay",
+    ),
+    *("transmission.stiffness", "transmission.nonlinearity", "transmission.asymmetry", "transmission.damping"),
+    *("transmission.hysteresis", "transmission.backlash", "transmission.stiffness_drift"),
+    *("link.inertia", "link.payload", "link.gravity", "link.viscous_friction", "link.coulomb_friction", "link.contact"),
+    *("sensor.torque_gain", "sensor.torque_offset", "sensor.torque_drift", "sensor.torque_delay"),
+    *("sensor.torque_not_independent", "sensor.encoder_offset", "sensor.encoder_scale", "sensor.encoder_eccentricity"),
+    *("sensor.clock_skew", "pneumatic.leak", "pneumatic.orifice_area", "pneumatic.valve_offset"),
+    *("pneumatic.pressure_offset", "pneumatic.force_gain", "pneumatic.muscle_friction"),
+]
+# It is told before anything is fitted, and so has nothing to put into a rig.
+TOLD_BEFORE = {"sensor.torque_not_independent"}
+
+DRIVEN = {
+    "sea": {"motor_torque": lambda t: 3 * np.sin(5 * t) + np.sin(23 * t)},
+    "vsa2": {
+        "motor_torque_1": lambda t: 0.05 * np.sin(6 * t) + 0.03,
+        "motor_torque_2": lambda t: 0.05 * np.sin(9 * t) - 0.03,
+    },
+    "awas": {"motor_torque": lambda t: 6 * np.sin(5 * t), "secondary_torque": lambda t: 40 * np.sin(4 * t)},
+    "pam": {"valve_1": lambda t: 6.2 + 1.5 * np.sin(4 * t), "valve_2": lambda t: 6.2 - 1.5 * np.sin(4 * t)},
+}
+
+
+def test_the_names_are_those_that_stay():
+    assert sorted(catalogue()) == sorted(NAMES)
+    assert len(set(NAMES)) == len(NAMES)
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_every_cause_says_what_it_is(name):
+    cause = catalogue()[name]
+    for words in (cause.title, cause.says, cause.confirm, cause.reference, cause.signature, type(cause).__doc__):
+        assert words
+        assert words.strip()
+    assert cause.confirm.endswith(".")
+    assert not cause.title.endswith(".")
+    assert "{" not in cause.title.replace("{part}", "")
+
+
+@cache
+def played(preset):
+    """The preset driven for four seconds: its joint, what causes may know, and what its equations leave over."""
+    rig = Rig.preset(preset)
+    name = next(iter(rig.joints))
+    recording = simulate(rig.file, {name: DRIVEN[preset]}, 4.0, period=2e-3).recording()
+    joint = at_joint(rig.joints[name])
+    system = build_system(joint, channels_of(_bound(recording, name, joint)), balance_for(joint))
+    setting = setting_of(joint, system)
+    return name, joint, setting, remainder(system, joint, setting)
+
+
+def sites(preset):
+    _, _, setting, _ = played(preset)
+    return [site for cause in catalogue().values() for site in cause.sites(setting)]
+
+
+def measured(preset, joint):
+    """What perfect sensors say of the joint in half a second."""
+    rig, name = Rig.preset(preset), played(preset)[0]
+    file = msgspec.structs.replace(rig.file, joint={name: joint})
+    # What a log or a person would be given is text: it has to be read again.
+    again = Rig.from_toml(Rig(file, "changed").to_toml())
+    assert again.joints[name] == joint
+    return simulate(again.file, {name: DRIVEN[preset]}, 0.5, period=2e-3, ideal=True).measured
+
+
+def far(one, other):
+    """Greatest difference of two recordings, over the signals' ranges."""
+    return max(np.abs(one[r] - other[r]).max() / (np.ptp(one[r]) or 1.0) for r in one)
+
+
+@pytest.mark.parametrize("preset", DRIVEN)
+def test_no_effect_is_the_rig_as_it_stands(preset):
+    joint = played(preset)[1]
+    plain = measured(preset, joint)
+    for site in sites(preset):
+        same = measured(preset, applied(joint, (site,), np.array(site.start)))
+        # A payload begins at a millionth of the link.
+        assert far(plain, same) < 1e-5, site.key
+
+
+@pytest.mark.parametrize("preset", DRIVEN)
+def test_an_effect_is_a_rig_that_loads_and_plays_and_is_another(preset):
+    joint = played(preset)[1]
+    plain = measured(preset, joint)
+    for site in sites(preset):
+        values = [min(p.start + 30 * p.step, p.high) for p in site.parameters]
+        assert values != list(site.start), site.key
+        changed = applied(joint, (site,), np.array(values))
+        if changed == joint:  # bristles of a friction that has no level of its own are none
+            assert site.cause == "motor.load_dependent_friction"
+            continue
+        other = measured(preset, changed)
+        assert all(np.isfinite(v).all() for v in other.values()), site.key
+        assert far(plain, other) > 1e-9, site.key
+        told = site.reported(values)
+        assert all(np.isfinite(v) for v, _ in told.values())
+        confirm = catalogue()[site.cause].confirm
+        assert set(re.findall(r"\{(\w+)\}", confirm)) <= set(told), site.key
+
+
+@pytest.mark.parametrize("preset", DRIVEN)
+def test_sites_are_well_made(preset):
+    _, joint, _, left = played(preset)
+    found = sites(preset)
+    keys = [(*s.key, len(s.parameters)) for s in found]
+    assert len(keys) == len(set(keys))
+    for site in found:
+        title = title_of(site.cause, site.part)
+        assert "{" not in title
+        if "{part}" in catalogue()[site.cause].title:
+            assert part_in_words(site.part) in title
+        for p in site.parameters:
+            assert p.step > 0.0, site.key
+            assert p.low <= p.start <= p.high, site.key
+            assert p.reach > p.step, site.key
+        for start in site.starts(left) if site.starts else ():
+            assert len(start) == len(site.parameters)
+            assert np.isfinite(start).all()
+            assert joint != applied(joint, (site,), np.array(start)) or not any(start), site.key
+
+
+def test_every_cause_has_a_place_in_some_joint():
+    somewhere = {site.cause for preset in DRIVEN for site in sites(preset)}
+    assert somewhere == set(NAMES) - TOLD_BEFORE
+
+
+@pytest.mark.parametrize("preset", DRIVEN)
+def test_searches_cope_with_nothing_left_over(preset):
+    """Remainders of zero, and such that are not known anywhere."""
+    _, _, _, left = played(preset)
+    for fill in (0.0, np.nan):
+        blank = Remainder(left.time, {n: np.full_like(e, fill) for n, e in left.equations.items()}, left.roles)
+        for site in sites(preset):
+            for start in site.starts(blank) if site.starts else ():
+                assert np.isfinite(start).all(), site.key
+
+
+def test_causes_ask_for_the_equations_they_show_in():
+    """Without the motor's torque nothing is said of the motor; without anything, nothing at all."""
+    _, _, setting, _ = played("sea")
+    less = replace(setting, roles={r: v for r, v in setting.roles.items() if r != "motor_torque"}, equations=("link",))
+    named = {s.cause for c in catalogue().values() for s in c.sites(less)}
+    assert not {n for n in named if n.startswith("motor.")}
+    assert "link.inertia" in named
+    none = replace(setting, roles={}, equations=(), deflections={}, torques={})
+    assert [s.key for c in catalogue().values() for s in c.sites(none)] == []
