@@ -87,21 +87,20 @@ def _filled(text: str, numbers: dict[str, Number]) -> str:
 
 
 def signal_errors(found: JointDiagnosis) -> list[SignalError]:
-    """Return the simulation errors of the rig as it stands."""
-    gain = found.gain
-    if gain is None:
-        return []
-    out = []
-    for role in gain.windows.roles:
-        rmse, span = gain.rmse(gain.before, role), float(np.nanmax(np.ptp(gain.windows.channels.raw[role])))
+    """Return the simulation errors of the rig as it stands, on the log that is diagnosed."""
+    stands, out = found.standing, []
+    for role in stands.windows.roles if stands is not None else ():
+        assert stands is not None
+        rmse, span = stands.rmse(role), float(np.ptp(stands.windows.channels.raw[role]))
         out.append(
             SignalError(
                 joint=found.name,
                 signal=role,
                 unit=unit_of(role),
                 rmse=rmse,
-                noise_floor=gain.floor[role],
+                noise_floor=stands.floor[role],
                 nrmse=100.0 * rmse / span if span else 0.0,
+                rmse_whole_log=stands.through.get(role),
             )
         )
     return out

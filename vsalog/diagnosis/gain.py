@@ -62,6 +62,57 @@ class Compared:
         return float(np.sum(in_windows(shot, self.windows) ** 2))
 
 
+@dataclass(frozen=True, slots=True)
+class Standing:
+    """How far the rig as it stands is from the log that is diagnosed.
+
+    Attributes
+    ----------
+    windows : of the log
+    shot : their simulation, from the states that fit them best
+    floor : role → error that noise alone would make
+    through : role → root mean square error of one simulation from the first window's beginning to the end of its run; empty
+        where it does not get through
+    """
+
+    windows: Windows
+    shot: Shot
+    floor: Mapping[str, float]
+    through: Mapping[str, float]
+
+    def rmse(self, role: str) -> float:
+        """Return the root mean square error of a role in the windows."""
+        return float(np.sqrt(np.nanmean(self.shot.errors[role] ** 2)))
+
+
+def standing(joint: Any, windows: Windows, known: Compared | None = None) -> Standing:
+    """Simulate a log with the rig as it stands, in windows and as a whole.
+
+    Parameters
+    ----------
+    joint : of the rig
+    windows : of the log
+    known : the same windows simulated before, if they were
+
+    Raises
+    ------
+    SimulationError
+        The rig cannot be simulated there.
+    """
+    shot = begun(joint, windows) if known is None else known.before
+    floor = floors(joint, windows, shot) if known is None else known.floor
+    first = int(windows.spans[0, 0])
+    cuts = [int(k) for k in np.flatnonzero(windows.channels.starts) if k > first]
+    last = min([int(windows.spans[-1, 1]), *cuts])
+    whole = replace(windows, spans=np.array([[first, last]]))
+    try:
+        errors = shoot(joint, whole, shot.states[:1]).errors
+    except SimulationError:
+        return Standing(windows, shot, floor, {})
+    through = {role: float(np.sqrt(np.nanmean(errors[role][first:last] ** 2))) for role in windows.roles}
+    return Standing(windows, shot, floor, {r: e for r, e in through.items() if np.isfinite(e)})
+
+
 def compared(before: Any, after: Any, windows: Windows) -> Compared:
     """Simulate windows with two rigs, each from the states that fit it best.
 

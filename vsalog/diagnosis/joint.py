@@ -11,9 +11,9 @@ from numpy.typing import NDArray
 
 from vsalog.diagnosis.causes import catalogue
 from vsalog.diagnosis.causes.base import Site
-from vsalog.diagnosis.channels import Channels, channels_of
+from vsalog.diagnosis.channels import channels_of
 from vsalog.diagnosis.fit import Fit, applied, covariance_of, fitted
-from vsalog.diagnosis.gain import Compared, compared
+from vsalog.diagnosis.gain import Compared, Standing, compared, standing
 from vsalog.diagnosis.independent import not_independent
 from vsalog.diagnosis.kinds import balance_for, motion_for
 from vsalog.diagnosis.remainder import depends_on, variables_of
@@ -29,8 +29,6 @@ from vsalog.signals import JointSignals
 Array = NDArray[np.float64]
 Progress = Callable[[str], None]
 
-# Every so-manieth window is held out where there is no second log.
-HELD_OUT = 3
 # The mean square of an equation that noise explains, and the part of what was wrong that may be left of an explained log.
 NOISE, LEFT = 2.0, 0.015
 # Filters and averages tell no number better than to this part of it.
@@ -84,6 +82,7 @@ class JointDiagnosis:
     fit : of those that were kept
     found : causes that were kept, the weightiest first
     computed : torque sensor's role → why it is no measurement
+    standing : the rig as it stands against the log; none where nothing can be simulated
     gain : simulations before and after; none where nothing can be simulated
     held_out : what the gain was measured on, in words; and whether it is another log
     fraction : of what the rig left over that no cause explains
@@ -98,6 +97,7 @@ class JointDiagnosis:
     fit: Fit
     found: tuple[Found, ...]
     computed: Mapping[str, str]
+    standing: Standing | None
     gain: Compared | None
     held_out: str
     fraction: float
@@ -159,16 +159,18 @@ def diagnose_joint(
     selection = select(system, joint, setting_of(joint, system), TAKEN_UP if said else frozenset())
     system, fit = selection.system, selection.fit
     progress(f"joint {name}: simulating")
-    gain, held_out, kept = None, "", fit
+    stands, gain, held_out, kept = None, None, "", fit
     try:
-        windows, held_out = _held_out(joint, channels, holdout, system.hold > 0.0)
+        own = windows_of(joint, channels, system.hold > 0.0)
+        windows, held_out = _held_out(joint, own, holdout)
         kept, gain, dropped = _kept(system, joint, selection, windows, progress)
+        stands = standing(joint, own, gain if holdout is None else None)
         warnings += dropped
     except SimulationError as error:
         warnings.append(f"joint '{name}' could not be simulated, so nothing was measured of the gain: {error}")
     found = _found(system, joint, selection, kept)
     return JointDiagnosis(
-        name, joint, kept.joint(joint), system, selection, kept, tuple(found), computed, gain, held_out,
+        name, joint, kept.joint(joint), system, selection, kept, tuple(found), computed, stands, gain, held_out,
         _fraction(system, selection.nothing, kept), tuple(warnings),
     )  # fmt: skip
 
@@ -185,7 +187,7 @@ def _only_computed(
         f"joint '{name}': without a torque that was measured no equation can be checked: nothing else was looked for"
     )
     nothing = Selection(system, fit, fit, (), blocks)
-    return JointDiagnosis(name, joint, joint, system, nothing, fit, (), computed, None, "", 0.0, tuple(warnings))
+    return JointDiagnosis(name, joint, joint, system, nothing, fit, (), computed, None, None, "", 0.0, tuple(warnings))
 
 
 def without(signals: JointSignals, roles: Mapping[str, str]) -> JointSignals:
@@ -193,12 +195,11 @@ def without(signals: JointSignals, roles: Mapping[str, str]) -> JointSignals:
     return replace(signals, roles={r: v for r, v in signals.roles.items() if r not in roles})
 
 
-def _held_out(joint: Any, channels: Channels, holdout: JointSignals | None, hold: bool) -> tuple[Windows, str]:
+def _held_out(joint: Any, own: Windows, holdout: JointSignals | None) -> tuple[Windows, str]:
     """Return the windows to measure the gain on, and what they are called."""
-    if holdout is not None:
-        return windows_of(joint, channels_of(holdout), hold), "the held-out log"
-    windows = windows_of(joint, channels, hold)
-    return windows, "windows of the log itself"
+    if holdout is None:
+        return own, "windows of the log itself"
+    return windows_of(joint, channels_of(holdout), own.hold), "the held-out log"
 
 
 def _kept(

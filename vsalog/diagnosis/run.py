@@ -14,10 +14,11 @@ from msgspec.structs import replace
 from vsalog._version import __version__
 from vsalog.binding import bind, offered_roles, wanted_channels
 from vsalog.diagnosis.describe import causes_of, equation_errors, evidence_of, gains_of, signal_errors, unexplained_of
-from vsalog.diagnosis.document import VERSION, Diagnosis, FoundCause, Gains, Unexplained, Verdict
+from vsalog.diagnosis.document import VERSION, Diagnosis, FoundCause, Gain, Gains, Unexplained, Verdict
 from vsalog.diagnosis.evidence import JointEvidence
 from vsalog.diagnosis.joint import LEFT, JointDiagnosis, diagnose_joint
 from vsalog.diagnosis.sensing import at_joint, bare
+from vsalog.diagnosis.stiffness_gain import stiffness_gains
 from vsalog.diagnosis.suggest import Suggestion, suggest
 from vsalog.diagnosis.unknown import unknown_in
 from vsalog.diagnosis.words import sentences
@@ -28,7 +29,7 @@ from vsalog.readers import open_reader, read
 from vsalog.recording import Recording
 from vsalog.rig import Rig
 from vsalog.rig.find import find_rig
-from vsalog.rig.schema import RigidJoint
+from vsalog.rig.schema import PneumaticJoint, RigidJoint
 from vsalog.signals import JointSignals
 
 Progress = Callable[[str], None]
@@ -115,7 +116,12 @@ def diagnose(log: Path, holdout: Path | None, options: Options, progress: Progre
     if not found:
         raise DiagnosisError(f"{log.name}: no joint of the rig can be diagnosed: {'; '.join(warnings)}")
     proposed = _proposed(rig, found, warnings, progress) if options.suggest else None
-    return _outcome(log, holdout, options, rig, found, warnings, proposed)
+    extended = _extended(rig, found)
+    measured = recording if second is None else second
+    stiffness = (
+        [] if extended is None else [g for n in usable for g in _stiffness(n, rig, extended, measured, progress)]
+    )
+    return _outcome(log, holdout, options, rig, extended, found, stiffness, warnings, proposed)
 
 
 def _proposed(rig: Rig, found: Sequence[JointDiagnosis], warnings: list[str], progress: Progress) -> Suggestion | None:
@@ -132,7 +138,9 @@ def _outcome(
     holdout: Path | None,
     options: Options,
     rig: Rig,
+    extended: Rig | None,
     found: Sequence[JointDiagnosis],
+    stiffness: Sequence[Gain],
     warnings: list[str],
     proposed: Suggestion | None,
 ) -> Outcome:
@@ -155,7 +163,7 @@ def _outcome(
         simulation_error=tuple(e for f in found for e in signal_errors(f)),
         equations=tuple(e for f in found for e in equation_errors(f)),
         causes=tuple(causes),
-        gain=Gains(holdout=holdout is not None, where=where, signals=tuple(gains)),
+        gain=Gains(holdout=holdout is not None, where=where, signals=(*gains, *stiffness)),
         unexplained=left,
         next_experiment=_next(causes, left) if proposed is None else proposed.words,
         warnings=(*warnings, *(w for f in found for w in f.warnings)),
@@ -163,7 +171,7 @@ def _outcome(
     measured = log if holdout is None else holdout
     evidence = tuple(evidence_of(f, measured.name) for f in found)
     scenario = None if proposed is None else proposed.scenario
-    return Outcome(document, evidence, rig, _extended(rig, found), scenario)
+    return Outcome(document, evidence, rig, extended, scenario)
 
 
 def _verdict(found: Sequence[JointDiagnosis], causes: Sequence[FoundCause], left: Unexplained) -> Verdict:
@@ -203,6 +211,14 @@ def _extended(rig: Rig, found: Sequence[JointDiagnosis]) -> Rig | None:
         }
         joints[one.name] = replace(one.extended, **kept)
     return Rig(replace(rig.file, joint=joints), f"{rig.where}, extended") if changed else None
+
+
+def _stiffness(name: str, rig: Rig, extended: Rig, recording: Recording, progress: Progress) -> list[Gain]:
+    before, after = rig.joints[name], extended.joints[name]
+    if before == after or isinstance(before, PneumaticJoint):
+        return []
+    progress(f"joint {name}: estimating its stiffness with both rigs")
+    return stiffness_gains(name, before, after, recording)
 
 
 def _rig(log: Path, options: Options) -> Rig:
