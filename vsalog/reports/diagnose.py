@@ -28,8 +28,8 @@ from vsalog.reports.page_figures import number
 from vsalog.reports.page_text import plain
 from vsalog.writers.diagnosis import Outputs
 
-# Columns from which on the causes are a table, and those of a pipe.
-WIDE, PIPE = 120, 160
+# Columns from which on the causes are a table, below which tables stand close, and those of a pipe.
+WIDE, NARROW, PIPE = 120, 100, 160
 _STYLE = {"consistent": "green", "explained": "cyan", "partly explained": "yellow", "unexplained": "bold red"}
 
 
@@ -123,7 +123,7 @@ def _errors(console: Console, diagnosis: Diagnosis, several: bool) -> None:
     gains, errors = diagnosis.gain.signals, diagnosis.simulation_error
     if not gains and not errors:
         return
-    table = Table(box=None, pad_edge=False, padding=(0, 2))
+    table = Table(box=None, pad_edge=False, padding=(0, 2 if console.width >= NARROW else 1))
     heads = ["joint"] if several else []
     heads += ["signal"]
     for head in heads:
@@ -134,7 +134,7 @@ def _errors(console: Console, diagnosis: Diagnosis, several: bool) -> None:
         else ("error (rmse)", "by noise alone", "of its span")
     )
     for head in numbers:
-        table.add_column(head, justify="right")
+        table.add_column(head, justify="right", no_wrap=True)
     for row in map(_gain_row, gains) if gains else map(_error_row, errors):
         table.add_row(*map(escape, row if several else row[1:]))
     where = diagnosis.gain.where if gains else "windows of the log"
