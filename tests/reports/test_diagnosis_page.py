@@ -330,6 +330,13 @@ PROBE = """<script>
     told.requests = performance.getEntriesByType("resource").map((e) => e.name).filter((n) => !/^(data|blob):/.test(n));
     told.images = document.querySelectorAll("img").length;
     told.unnamed = [...document.querySelectorAll("[tabindex='0']")].filter((e) => !e.ariaLabel && e.tagName !== "PRE").length;
+    const widest = () => Math.max(...plots.map((p) => p.querySelector(".main-svg").clientWidth)), shown = widest();
+    dispatchEvent(new Event("beforeprint"));
+    await until(() => widest() <= 690);
+    told.printed = [widest(), gain._fullLayout.font.color];
+    dispatchEvent(new Event("afterprint"));
+    await until(() => widest() === shown);
+    told.shownAgain = widest() - shown;
     const wide = (element) => element.getBoundingClientRect().width;
     told.bars = [...document.querySelectorAll(".bar")].map((b) => wide(b.firstChild) / wide(b));
   } catch (error) { told.error = String(error.stack); }
@@ -356,6 +363,9 @@ def test_a_browser_draws_it_without_complaint_and_without_a_network(tmp_path, wi
     assert found["zoomed"]
     assert found["yrangeAfter"] == found["yrange"]  # rows keep their places
     assert found["tooWide"] == 0
+    assert found["printed"][0] <= 690  # as wide as paper
+    assert found["printed"][1] == "#1c2126"  # dark on white, whatever the screen shows
+    assert found["shownAgain"] == 0
     assert found["requests"] == []
     assert found["images"] == 0
     assert found["unnamed"] == 0

@@ -12,6 +12,8 @@
   const plots = [...document.querySelectorAll(".plot")];
   const narrow = (box) => box.clientWidth < 620;
   const colour = (name) => getComputedStyle(root).getPropertyValue(/^\d+$/.test(name) ? `--c${name % 7}` : `--${name}`).trim();
+  // Pixels that A4 and Letter have room for between their margins.
+  const PAPER = 690;
   let printing = false;
 
   function isDark() {
@@ -142,8 +144,8 @@
     const { data, layout } = spec.surface ? solid(spec, box) : flat(spec, box);
     // Zooming survives a change of colours and of width.
     layout.uirevision = "kept";
-    // Without it a second drawing keeps the first one's width.
-    layout.width = box.clientWidth;
+    // Without it a second drawing keeps the first one's width; paper is narrower than most screens.
+    layout.width = printing ? Math.min(box.clientWidth, PAPER) : box.clientWidth;
     const first = !box.drawn;
     box.drawn = true;
     box.wide = box.clientWidth;
