@@ -17,7 +17,7 @@ from vsalog.diagnosis.describe import causes_of, equation_errors, evidence_of, g
 from vsalog.diagnosis.document import VERSION, Diagnosis, FoundCause, Gain, Gains, Unexplained, Verdict
 from vsalog.diagnosis.evidence import JointEvidence
 from vsalog.diagnosis.joint import LEFT, JointDiagnosis, diagnose_joint
-from vsalog.diagnosis.sensing import at_joint, bare
+from vsalog.diagnosis.sensing import as_written, at_joint, bare, motors_of
 from vsalog.diagnosis.stiffness_gain import stiffness_gains
 from vsalog.diagnosis.suggest import Suggestion, suggest
 from vsalog.diagnosis.unknown import unknown_in
@@ -209,7 +209,8 @@ def _extended(rig: Rig, found: Sequence[JointDiagnosis]) -> Rig | None:
             for name in original.__struct_fields__
             if getattr(one.extended, name) == getattr(plain, name)
         }
-        joints[one.name] = replace(one.extended, **kept)
+        motors = {m: as_written(getattr(one.extended, m), getattr(original, m)) for m in motors_of(original)}
+        joints[one.name] = replace(one.extended, **(motors | kept))
     return Rig(replace(rig.file, joint=joints), f"{rig.where}, extended") if changed else None
 
 

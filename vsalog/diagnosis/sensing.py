@@ -42,6 +42,25 @@ def at_joint(joint: Any) -> Any:
     return replace(joint, **{name: getattr(joint, name).reflected for name in motors_of(joint)})
 
 
+def as_written(motor: Motor, original: Motor) -> Motor:
+    """Return a motor with its values on the side of the gear where another one has them; what did not change stays as it was."""
+    if original.side == "joint":
+        return motor
+    ratio, plain = original.gear_ratio, original.reflected
+    rotor = replace(
+        motor,
+        side="rotor",
+        inertia=None if motor.inertia is None else motor.inertia / ratio**2,
+        damping=motor.damping / ratio**2,
+        friction=motor.friction.geared(1.0 / ratio),
+        cogging=tuple(replace(c, torque=c.torque / ratio) for c in motor.cogging),
+        torque_offset=motor.torque_offset / ratio,
+        torque_step=motor.torque_step / ratio,
+    )
+    same = [name for name in rotor.__struct_fields__ if getattr(motor, name) == getattr(plain, name)]
+    return replace(rotor, **{name: getattr(original, name) for name in same if name != "side"})
+
+
 def motors_of(joint: Joint) -> tuple[str, ...]:
     """Return the names under which a joint has motors."""
     if isinstance(joint, PneumaticJoint):
