@@ -165,7 +165,7 @@ def _outcome(
         causes=tuple(causes),
         gain=Gains(holdout=holdout is not None, where=where, signals=(*gains, *stiffness)),
         unexplained=left,
-        next_experiment=_next(causes, left) if proposed is None else proposed.words,
+        next_experiment=_next(causes, left) if proposed is None else _both(_next(causes, left), proposed, left),
         warnings=(*warnings, *(w for f in found for w in f.warnings)),
     )
     measured = log if holdout is None else holdout
@@ -192,6 +192,11 @@ def _next(causes: Sequence[FoundCause], left: Unexplained) -> str:
         variable = left.depends_on[0].replace("_", " ")
         return f"Record a slow sweep of {variable} with everything else at rest: what is left over shows as a curve over it."
     return causes[0].how_to_confirm if causes else ""
+
+
+def _both(advice: str, proposed: Suggestion, left: Unexplained) -> str:
+    """Return the words of what is proposed; where something is unexplained, after what would show it."""
+    return f"{advice} {proposed.words}" if left.fraction > 0.03 and not proposed.confused else proposed.words
 
 
 def _extended(rig: Rig, found: Sequence[JointDiagnosis]) -> Rig | None:

@@ -28,7 +28,7 @@ from vsalog.diagnosis.kinds import balance_for
 from vsalog.diagnosis.selection import blocks_of
 from vsalog.diagnosis.sensing import bare
 from vsalog.diagnosis.suggest_candidates import Candidate, candidates
-from vsalog.diagnosis.suggest_questions import Hypothesis, Question, questions_of
+from vsalog.diagnosis.suggest_questions import Hypothesis, Question, questions_of, shown
 from vsalog.diagnosis.suggest_range import Seen, seen_in
 from vsalog.diagnosis.suggest_words import TELLS, scenario_text, words_of
 from vsalog.diagnosis.system import System, build_system
@@ -45,9 +45,11 @@ Progress = Callable[[str], None]
 # Logs faster than this are answered with a scenario at this sample time [s].
 PERIOD = 5e-4
 # So many of the best candidates are played with the other hypothesis in the rig too.
-BOTH_WAYS = 3
+BOTH_WAYS = 4
 # A payload adds this share to inertia and weight, and is asked for only if it separates so many times better.
 PAYLOAD, WORTHWHILE = 0.3, 1.5
+# A candidate that leaves what was seen becomes smaller, so as to stay a little within; so many times, and not below this share.
+TRIES, WITHIN, LEAST = 4, 0.93, 0.05
 GRAVITY = 9.81
 
 
@@ -59,10 +61,12 @@ class Suggestion:
     ----------
     scenario : TOML, as `vsalog simulate RIG --scenario` plays it
     words : what to do, why, and how well it would separate
+    confused : whether it is to tell causes apart that this log confuses
     """
 
     scenario: str
     words: str
+    confused: bool
 
 
 @dataclass(frozen=True, slots=True)
@@ -105,6 +109,7 @@ def suggest(rig: Rig, found: Sequence[JointDiagnosis], progress: Progress = lamb
     return Suggestion(
         scenario_text(best.candidate.file, one.name, best.candidate.words, best.payload, questions, best.separations),
         words_of(one, best.candidate, best.payload, questions, best.separations, len(rig.joints) > 1),
+        questions.confused,
     )
 
 
@@ -141,13 +146,14 @@ class Bench:
         """
         plain = self.found.joint
         played = self._first_look(plain, None, questions)
-        played = self._both_ways(plain, played, questions)
-        best = max(played, key=lambda p: _worth(p, played))
+        if questions[0].confused:
+            played = self._both_ways(plain, played, questions)
+        best = max(played, key=lambda p: _worth(p, played, questions))
         payload = payload_for(plain, questions)
-        if payload is not None and _worth(best, played) < np.inf:
+        if payload is not None:
             loaded = with_fields(plain, link=with_fields(plain.link, payload=payload))
             trial = self._tried(loaded, best.candidate, payload, questions)
-            if trial is not None and _worth(trial, played) > WORTHWHILE * _worth(best, played):
+            if trial is not None and _worth(trial, played, questions) > WORTHWHILE * _worth(best, played, questions):
                 return trial
         return best
 
@@ -172,7 +178,7 @@ class Bench:
 
     def _both_ways(self, plain: Any, played: list[Played], questions: Sequence[Question]) -> list[Played]:
         """Play the best ones with the other hypotheses too; what separates less counts."""
-        ranked = sorted(played, key=lambda p: -_worth(p, played))[:BOTH_WAYS]
+        ranked = sorted(played, key=lambda p: -_worth(p, played, questions))[:BOTH_WAYS]
         checked = [self._tried(plain, p.candidate, p.payload, questions) for p in ranked]
         return [c for c in checked if c is not None] or ranked
 
@@ -185,35 +191,47 @@ class Bench:
         both: bool = True,
     ) -> Played | None:
         """Return how well a candidate separates, as large as it may be; none where it cannot be small enough."""
-        for smaller in candidate.smaller():
-            separations = self._separations(plain, smaller.file, questions, both)
-            if separations is not None:
-                return Played(smaller, separations, payload)
+        for _ in range(TRIES):
+            try:
+                return Played(candidate, self._separations(plain, candidate.file, questions, both), payload)
+            except Left as left:
+                share = candidate.share * WITHIN / left.taken
+                if share < LEAST:
+                    return None
+                candidate = candidate.with_share(share)
         return None
 
-    def _separations(self, plain: Any, file: ScenarioFile, questions: Sequence[Question], both: bool) -> Array | None:
-        """Return D of each question; none where a motion leaves what was seen."""
+    def _separations(self, plain: Any, file: ScenarioFile, questions: Sequence[Question], both: bool) -> Array:
+        """Return D of each question.
+
+        Raises
+        ------
+        Left
+            A motion leaves what was seen.
+        """
+        if not questions[0].confused:
+            nothing = questions[0].other
+            system = self._played(applied(plain, nothing.sites, nothing.values), file)
+            return np.array([shown(system, plain, q.one, nothing) for q in questions])
         systems = dict[int, System]()
         out = np.full(len(questions), np.inf)
         for i, question in enumerate(questions):
             ways = [(question.one, question.other), (question.other, question.one)]
-            for own, other in ways if both and question.confused else ways[:1]:
+            for own, other in ways if both else ways[:1]:
                 if id(own) not in systems:
-                    system = self._played(applied(plain, own.sites, own.values), file)
-                    if system is None:
-                        return None
-                    systems[id(own)] = system
+                    systems[id(own)] = self._played(applied(plain, own.sites, own.values), file)
                 out[i] = min(out[i], separation(systems[id(own)], plain, own, other))
         return out
 
-    def _played(self, joint: Any, file: ScenarioFile) -> System | None:
-        """Play a scenario with a joint and form its equations; none where the motion leaves what was seen."""
+    def _played(self, joint: Any, file: ScenarioFile) -> System:
+        """Play a scenario with a joint and form its equations; `Left` where the motion leaves what was seen."""
         log, name, rig = self.found.system.channels, self.found.name, self._with(joint)
         own = with_fields(file, joint={n: d for n, d in file.joint.items() if n in rig.joint})
         inputs = Scenario(own).inputs(rig)
         experiment = simulate(rig, inputs, file.duration, period=file.period, ideal=True)
-        if not self.seen.holds(experiment.joints[name].truth):
-            return None
+        taken = self.seen.taken(experiment.joints[name].truth)
+        if taken > 1.0:
+            raise Left(taken)
         signals = bind([experiment.recording()], name, bare(joint), list(log.raw))
         channels = replace(channels_of(signals), noise=log.noise, spread=log.spread).thinned()
         # A servo's torque is held from sample to sample; valves follow their voltage as it is.
@@ -226,6 +244,14 @@ class Bench:
         chained = [] if file.chain is None else [link.joint for link in file.chain.link]
         joints = {n: j for n, j in file.joint.items() if n == name or (name in chained and n in chained)}
         return with_fields(file, joint={**joints, name: joint}, chain=file.chain if name in chained else None)
+
+
+class Left(Exception):
+    """A motion leaves what was seen: it takes so many times as much."""
+
+    def __init__(self, taken: float) -> None:
+        super().__init__(taken)
+        self.taken = taken
 
 
 def separation(system: System, joint: Any, own: Hypothesis, other: Hypothesis) -> float:
@@ -254,8 +280,15 @@ def payload_for(joint: Any, questions: Sequence[Question]) -> Payload | None:
     return Payload(mass=float(f"{PAYLOAD * link.inertia / distance**2:.2g}"), distance=distance)
 
 
-def _worth(one: Played, among: Sequence[Played]) -> float:
-    """Return the smallest separation of those questions that any of the candidates answers."""
+def _worth(one: Played, among: Sequence[Played], questions: Sequence[Question]) -> float:
+    """Return what an experiment is worth.
+
+    Where causes are confused that is the smallest separation of those pairs that any of the candidates tells apart; where the log
+    could not have shown something, how many times smaller it may be to show, on the geometric mean.
+    """
+    if not questions[0].confused:
+        now = np.array([max(q.now, 1e-6) for q in questions])
+        return float(np.exp(np.mean(np.log(np.maximum(one.separations, 1e-6) / now))))
     best = np.max([p.separations for p in among], axis=0)
     answered = best >= TELLS
     chosen = one.separations[answered] if answered.any() else one.separations

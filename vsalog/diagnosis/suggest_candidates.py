@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from math import pi, sqrt
 from typing import Any
@@ -21,8 +21,6 @@ from vsalog.simulation.scenario_schema import Constant, Drives, Parts, ScenarioF
 DURATION, SLOWEST, FASTEST = 16.0, 0.1, 5.0
 # Of what was seen, so much is used: a loop overshoots a little.
 SHARE = 0.85
-# Shares of it that are tried, until the simulated motion stays within what was seen.
-SHRUNK = (1.0, 0.75, 0.55, 0.4, 0.25)
 # Of that, what the second movement (a set-point, two motors against each other) takes, and its frequency [Hz].
 SECOND, SECOND_FREQUENCY = 0.4, 0.07
 # The shortest time in which the middle of the range is approached [s], and the longest that is spent on it.
@@ -31,19 +29,25 @@ APPROACH, LONGEST = 1.0, 4.0
 
 @dataclass(frozen=True, slots=True)
 class Room:
-    """What a driven quantity may do: swing about its middle by so much, no faster than so much per second."""
+    """What a driven quantity may do: swing about its middle by so much, so fast, and bend so sharply."""
 
     middle: float
     half: float
     rate: float
+    bend: float = np.inf
 
     def sine(self, frequency: float, share: float) -> float:
         """Return the amplitude of a sine that takes a share of the room, of the swing as of the speed."""
-        return share * min(self.half, self.rate / (2.0 * pi * frequency))
+        omega = 2.0 * pi * frequency
+        return share * min(self.half, self.rate / omega, self.bend / omega**2)
+
+    def step(self, rise: float) -> float:
+        """Return how far half a cosine may go in that time."""
+        return min(2.0 * self.half, self.rate * rise / (0.5 * pi), self.bend * rise**2 / (0.5 * pi**2))
 
     def part(self, share: float) -> Room:
         """Return a part of the room."""
-        return Room(self.middle, share * self.half, share * self.rate)
+        return Room(self.middle, share * self.half, share * self.rate, share * self.bend)
 
 
 Wave = Callable[[Room, float], Parts]
@@ -57,11 +61,12 @@ def _ramps(room: Room, _: float) -> Parts:
 
 
 def _speeds(room: Room, _: float) -> Parts:
-    swing = min(room.half, 0.5 * room.rate)
-    parts, start = [Trapezoid(amplitude=-swing, rise=1.0, hold=DURATION)], 1.0
-    for rise in (1.0, 2.0, 4.0):
-        parts.append(Trapezoid(amplitude=2.0 * swing, rise=rise, hold=0.0, start=start))
-        start += 2.0 * rise
+    swing, parts, start, side = 0.5 * room.step(1.0), list[Any](), 0.0, 1.0
+    for rise in (1.0, 1.0, 1.0, 2.0, 2.0, 4.0, 4.0):
+        # The first goes from the middle to one side, each other from side to side.
+        change = side * swing if not parts else 2.0 * side * swing
+        parts.append(Steps(times=(start,), values=(change,), rise=rise))
+        start, side = start + rise, -side
     return tuple(parts)
 
 
@@ -70,30 +75,29 @@ def _sines(count: int, top: float) -> Wave:
         highest = max(top * fastest, 2.0 * SLOWEST)
         frequencies = np.geomspace(SLOWEST, highest, count)
         return tuple(
-            Sine(amplitude=room.sine(float(f), 1.0 / count), frequency=float(f), phase=2.4 * i)
-            for i, f in enumerate(frequencies)
+            Sine(amplitude=room.sine(float(f), 1.0 / count), frequency=float(f), phase=0.5 * pi) for f in frequencies
         )
 
     return wave
 
 
 def _slow(room: Room, _: float) -> Parts:
-    return (Sine(amplitude=room.sine(SLOWEST, 1.0), frequency=SLOWEST),)
+    return (Sine(amplitude=room.sine(SLOWEST, 1.0), frequency=SLOWEST, phase=0.5 * pi),)
 
 
 def _fast(room: Room, fastest: float) -> Parts:
     slow, quick = room.sine(SLOWEST, 0.4), room.sine(0.8 * fastest, 0.6)
-    return Sine(amplitude=slow, frequency=SLOWEST), Sine(amplitude=quick, frequency=0.8 * fastest)
+    high = Sine(amplitude=quick, frequency=0.8 * fastest, phase=0.5 * pi)
+    return Sine(amplitude=slow, frequency=SLOWEST, phase=0.5 * pi), high
 
 
 def _steps(room: Room, fastest: float) -> Parts:
     levels = [1.0, 0.3, -0.5, -1.0, -0.3, 0.6, 0.0]
     largest = max(abs(b - a) for a, b in zip([0.0, *levels], levels, strict=False))
-    # Half a cosine is π/2 times as steep as a straight line.
-    rise = min(max(0.5 * pi * largest * room.half / room.rate, 0.5 / fastest), 1.8) if room.rate else 1.0
-    swing = min(room.half, rise * room.rate / (0.5 * pi * largest))
+    rise = next((r for r in np.linspace(0.5 / fastest, 1.8, 20) if room.step(r) >= largest * room.half), 1.8)
+    swing = min(room.half, room.step(rise) / largest)
     times = tuple(0.5 + 2.1 * i for i in range(len(levels)))
-    return (Steps(times=times, values=tuple(swing * v for v in levels), rise=rise),)
+    return (Steps(times=times, values=tuple(swing * v for v in levels), rise=float(rise)),)
 
 
 # Words → wave.
@@ -107,8 +111,8 @@ WAVES: Mapping[str, Wave] = {
     "a slow sine with a fast one on top": _fast,
     "three slow sines": _sines(3, 0.2),
 }
-# Those that are tried both with and without a second movement.
-TWICE = 4
+# So many are tried both with and without a second movement; of muscles fewer, whose simulation takes its time.
+TWICE, OF_MUSCLES = 4, 3
 
 
 @dataclass(frozen=True, slots=True)
@@ -129,10 +133,9 @@ class Candidate:
     again: Callable[[float], ScenarioFile]
     share: float = 1.0
 
-    def smaller(self) -> Iterator[Candidate]:
-        """Yield it, and then with less and less of what was seen."""
-        for share in (s for s in SHRUNK if s <= self.share):
-            yield dataclasses.replace(self, file=self.again(share), share=share)
+    def with_share(self, share: float) -> Candidate:
+        """Return it with another share of what was seen."""
+        return dataclasses.replace(self, file=self.again(share), share=share)
 
 
 def candidates(name: str, joint: Any, rig: RigFile, seen: Seen, period: float) -> list[Candidate]:
@@ -147,9 +150,8 @@ def candidates(name: str, joint: Any, rig: RigFile, seen: Seen, period: float) -
     """
     second = _second(joint, seen)
     waves = list(WAVES.items())
-    kinds = (
-        [(w, f, "") for w, f in waves] if not second else [(w, f, s) for w, f in waves[:TWICE] for s in ("", second)]
-    )
+    some = waves[: OF_MUSCLES if isinstance(joint, PneumaticJoint) else TWICE]
+    kinds = [(w, f, s) for w, f in some for s in ("", second)] if second else [(w, f, "") for w, f in waves]
     out = []
     for words, wave, also in kinds:
 
@@ -197,6 +199,7 @@ def _scenario(
 def _reference(key: str, seen: Range, joint: Any, wave: Wave, second: bool, share: float, top: float) -> Parts:
     """Return what a motor's servo follows."""
     room, first = _room(seen, share), _rest(seen, joint)
+    moving = room.part(1.0 - SECOND) if second and key[-2:] in ("_1", "_2") else room
     if key == "secondary_servo":
         if not second:
             return (Constant(value=_round(room.middle)),)
@@ -210,21 +213,25 @@ def _reference(key: str, seen: Range, joint: Any, wave: Wave, second: bool, shar
         if abs(way) > most:
             way = float(np.copysign(most, way))
             middle = first + way
-            room = Room(middle, max(min(seen.high - middle, middle - seen.low) * SHARE * share, 0.0), room.rate)
+            left = max(min(seen.high - middle, middle - seen.low) * SHARE * share, 0.0)
+            moving = dataclasses.replace(moving, half=min(left, moving.half))
+        # Sines begin at their peaks, where they are at rest.
+        begun = sum(p.amplitude for p in wave(moving, top) if isinstance(p, Sine))
+        way += begun
         rise = max(APPROACH, 0.5 * pi * abs(way) / room.rate) if room.rate else APPROACH
-        parts = [Constant(value=first)] if first else []
+        parts = [Constant(value=first - begun)] if first - begun else []
         parts += [Steps(times=(0.0,), values=(way,), rise=rise)] if way else []
     if second and key[-2:] in ("_1", "_2"):
         side = -1.0 if key.endswith("_2") else 1.0
         slow = room.part(SECOND).sine(SECOND_FREQUENCY, 1.0)
         # From together to apart and back: the two begin where they are.
         parts += [Constant(value=side * slow), Sine(amplitude=-side * slow, frequency=SECOND_FREQUENCY, phase=0.5 * pi)]
-        room = room.part(1.0 - SECOND)
-    return tuple(map(_rounded, (*parts, *wave(room, top))))
+    return tuple(map(_rounded, (*parts, *wave(moving, top))))
 
 
 def _room(seen: Range, share: float) -> Room:
-    return Room(0.5 * (seen.low + seen.high), share * SHARE * seen.half, share * SHARE * seen.rate)
+    part = share * SHARE
+    return Room(0.5 * (seen.low + seen.high), part * seen.half, part * seen.rate, part * seen.bend)
 
 
 def _rest(seen: Range, joint: Any) -> float | None:

@@ -4,22 +4,24 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from itertools import combinations
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from vsalog.diagnosis.causes import catalogue
 from vsalog.diagnosis.causes.base import Parameter, Site
-from vsalog.diagnosis.fit import Fit, applied, fitted
+from vsalog.diagnosis.fit import Fit, fitted, jacobian_of, residual_of
 from vsalog.diagnosis.joint import JointDiagnosis
 from vsalog.diagnosis.selection import related
 from vsalog.diagnosis.setting import setting_of
+from vsalog.diagnosis.system import System
 
 Array = NDArray[np.float64]
 
 # So many hypotheses are held against each other at most, and so many causes that the log would not have shown.
 MOST, HIDDEN = 4, 3
-# A cause of an ordinary size changes what the rig says by this share, or by so many of its parameter's small steps.
+# A cause of an ordinary size changes what the rig says by this share, or, where it says nothing, by so many small steps.
 ORDINARY, STEPS = 0.1, 30.0
 
 
@@ -84,18 +86,14 @@ def _confused(found: JointDiagnosis) -> tuple[Question, ...]:
         beside = np.concatenate([found.fit.own(s) for s in rest]) if rest else np.zeros(0)
         fits = [(one.site, found.fit)]
         for rival in one.choice.rivals:
-            if rival.site in sites and len(fits) < MOST:
+            # Of a family the first: the others are the same and more.
+            if rival.site in sites and len(fits) < MOST and not any(related(rival.site, s) for s, _ in fits[1:]):
                 start = np.concatenate([beside, rival.fit.own(rival.site)])
                 fits.append((rival.site, fitted(system, joint, (*rest, rival.site), start, blocks)))
-        return tuple(
-            Question(_hypothesis(*a), _hypothesis(*b), _apart(a[1], b[1], system.count), True)
-            for a, b in combinations(fits, 2)
-        )
+        # One object for each, so that each is played once.
+        held = [(Hypothesis(site, fit.sites, fit.values), fit) for site, fit in fits]
+        return tuple(Question(a, b, _apart(f, g, system.count), True) for (a, f), (b, g) in combinations(held, 2))
     return ()
-
-
-def _hypothesis(site: Site, fit: Fit) -> Hypothesis:
-    return Hypothesis(site, fit.sites, fit.values)
 
 
 def _apart(one: Fit, other: Fit, count: int) -> float:
@@ -109,28 +107,37 @@ def _hidden(found: JointDiagnosis) -> tuple[Question, ...]:
     nothing = Hypothesis(None, fit.sites, fit.values)
     setting = setting_of(joint, system)
     asked = list[Question]()
-    # What the rig predicts of the log as it stands is taken away, so that noise does not count as a difference.
-    base = system.whitened(applied(joint, fit.sites, fit.values)).ravel()
     for cause in catalogue().values():
         for site in cause.sites(setting):
             if len(site.parameters) > 1 or site.transient or any(related(site, s) for s in fit.sites):
                 continue
             value = _ordinary(site.parameters[0])
-            values = np.concatenate([fit.values, [value]])
-            change = system.whitened(applied(joint, (*fit.sites, site), values)).ravel() - base
-            if fit.values.size:
-                J = fit.jacobian
-                change = change - J @ np.linalg.lstsq(J, change, rcond=1e-9)[0]
-            now = float(np.sqrt(change @ change / max(system.count, 1)))
+            one = Hypothesis(site, (*fit.sites, site), np.concatenate([fit.values, [value]]))
             told, unit = next(iter(site.reported([value]).values()))
             start = next(iter(site.reported([site.parameters[0].start]).values()))[0]
-            one = Hypothesis(site, (*fit.sites, site), values)
-            asked.append(Question(one, nothing, now, False, (abs(told - start), unit)))
+            asked.append(Question(one, nothing, shown(system, joint, one, nothing), False, (abs(told - start), unit)))
     return tuple(sorted(asked, key=lambda q: q.now)[:HIDDEN])
+
+
+def shown(system: System, joint: Any, one: Hypothesis, nothing: Hypothesis) -> float:
+    """Return how far a cause moves the equations, in standard deviations of one average, beyond what the others can take up.
+
+    Parameters
+    ----------
+    system : of a log or an experiment
+    joint : of the rig, without any of them
+    one, nothing : with and without the cause
+    """
+    base = residual_of(system, joint, nothing.sites, nothing.values)
+    change = residual_of(system, joint, one.sites, one.values) - base
+    if nothing.values.size:
+        J = jacobian_of(system, joint, nothing.sites, nothing.values, base)
+        change = change - J @ np.linalg.lstsq(J, change, rcond=1e-9)[0]
+    return float(np.sqrt(float(change @ change) / max(system.count, 1)))
 
 
 def _ordinary(parameter: Parameter) -> float:
     """Return a value that is neither tiny nor gross."""
-    change = max(ORDINARY * abs(parameter.start), STEPS * parameter.step)
+    change = ORDINARY * abs(parameter.start) or STEPS * parameter.step
     value = parameter.start + change
     return float(value if value <= parameter.high else parameter.start - change)

@@ -30,24 +30,26 @@ class Range:
     ----------
     low, high : least and greatest value, SI
     rate : largest rate but for a few, SI per second
+    bend : largest change of the rate but for a few, SI per second²
     """
 
     low: float
     high: float
     rate: float
+    bend: float = np.inf
 
     @property
     def half(self) -> float:
         """Half of the interval's width."""
         return 0.5 * (self.high - self.low)
 
-    def holds(self, values: Array, rates: Array | None = None) -> bool:
-        """Tell whether values, and their rates, stay within what was seen."""
-        room = SLACK * (self.high - self.low)
-        inside = bool(np.all(values >= self.low - room) and np.all(values <= self.high + room))
-        if rates is None:
-            return inside
-        return inside and float(np.quantile(np.abs(rates), MOST)) <= (1.0 + SLACK) * self.rate
+    def taken(self, values: Array, rates: Array | None = None) -> float:
+        """Return the share of what was seen that values, and their rates, take: above 1 they leave it."""
+        off = float(np.max(np.abs(values - 0.5 * (self.low + self.high))))
+        swing = off / ((1.0 + SLACK) * self.half) if self.half else np.inf if off > 0.0 else 0.0
+        if rates is None or not self.rate:
+            return swing
+        return max(swing, float(np.quantile(np.abs(rates), MOST)) / ((1.0 + SLACK) * self.rate))
 
 
 @dataclass(frozen=True, slots=True)
@@ -65,21 +67,23 @@ class Seen:
     torques: Mapping[str, float]
     moved: Mapping[str, Range]
 
-    def holds(self, truth: Mapping[str, Array]) -> bool:
-        """Tell whether a simulated motion stays within what was seen."""
-        for key, one in self.driven.items():
-            name = "secondary_position" if key == "secondary_servo" else key.replace("servo", "position")
-            rates = truth.get(name.replace("position", "velocity")) if "servo" in key else None
-            if name in truth and not one.holds(truth[name], rates):
-                return False
+    def taken(self, truth: Mapping[str, Array]) -> float:
+        """Return the share of what was seen that a simulated motion takes: above 1 it leaves it.
+
+        Parameters
+        ----------
+        truth : of a simulation, name → shape (N,)
+        """
+        known = {key.replace("servo", "position"): one for key, one in self.driven.items()} | dict(self.moved)
+        shares = [0.0]
+        for name, one in known.items():
+            if name in truth and one.half:
+                rates = truth.get(name.replace("position", "velocity")) if "position" in name else None
+                shares.append(one.taken(truth[name], rates))
         for role, most in self.torques.items():
-            if role in truth and float(np.max(np.abs(truth[role]))) > (1.0 + SLACK) * most:
-                return False
-        return all(
-            one.holds(truth[name], truth.get(name.replace("position", "velocity")) if "position" in name else None)
-            for name, one in self.moved.items()
-            if name in truth
-        )
+            if role in truth and most:
+                shares.append(float(np.max(np.abs(truth[role]))) / ((1.0 + SLACK) * most))
+        return max(shares)
 
 
 def seen_in(joint: Any, system: System) -> Seen:
@@ -94,7 +98,7 @@ def seen_in(joint: Any, system: System) -> Seen:
     roles = true_roles(joint, channels, system.hold)
     motion = motion_for(joint, roles, channels.time, channels.spread)
     if isinstance(joint, PneumaticJoint):
-        return _seen_of_muscles(motion.roles)
+        return _seen_of_muscles(motion.roles, system)
     driven, torques, moved = dict[str, Range](), dict[str, float](), dict[str, Range]()
     for name in motors_of(joint):
         role = torque_role(name)
@@ -102,21 +106,23 @@ def seen_in(joint: Any, system: System) -> Seen:
             torques[role] = float(np.nanmax(np.abs(channels.roles[role][0])))
         if name == "secondary_motor":
             if "setpoint" in roles and joint.lever is not None:
-                driven["secondary_servo"] = _range(_turned(joint, roles["setpoint"]))
+                driven["secondary_servo"] = _range(_turned(joint, roles["setpoint"]), system)
             continue
         suffix = name.removeprefix("motor")
         if suffix in motion.motors:
-            driven[f"motor_servo{suffix}"] = _range(motion.motors[suffix])
+            driven[f"motor_servo{suffix}"] = _range(motion.motors[suffix], system)
     for suffix, phi in motion.deflections.items():
-        moved[f"deflection{suffix}"] = _range(phi)
+        moved[f"deflection{suffix}"] = _range(phi, system)
     if motion.link is not None:
-        moved["link_position"] = _range(motion.link)
+        moved["link_position"] = _range(motion.link, system)
     return Seen(driven, torques, moved)
 
 
-def _seen_of_muscles(roles: Mapping[str, Array]) -> Seen:
-    driven = {role: _range(roles[role]) for role in VALVES if role in roles}
-    moved = {role: _range(roles[role]) for role in ("pressure_1", "pressure_2", "link_position") if role in roles}
+def _seen_of_muscles(roles: Mapping[str, Array], system: System) -> Seen:
+    driven = {role: _range(roles[role], system) for role in VALVES if role in roles}
+    moved = {
+        role: _range(roles[role], system) for role in ("pressure_1", "pressure_2", "link_position") if role in roles
+    }
     return Seen(driven, {}, moved)
 
 
@@ -126,10 +132,15 @@ def _turned(joint: Any, arm: Array) -> Array:
     return np.asarray(np.stack([lever.start - arm[0], -arm[1], -arm[2]]) / lever.travel)
 
 
-def _range(values: Array) -> Range:
+def _range(values: Array, system: System) -> Range:
     """Return the interval of a motion, shape (3, N)."""
-    x, rate = (values[i][np.isfinite(values[i])] for i in (0, 1))
+    x = values[0][np.isfinite(values[0])]
     if not x.size:
         return Range(0.0, 0.0, 0.0)
-    fastest = float(np.quantile(np.abs(rate), MOST)) if rate.size else 0.0
-    return Range(float(x.min()), float(x.max()), fastest)
+    # A second derivative is mostly noise: it is averaged as the equations are.
+    return Range(float(x.min()), float(x.max()), _most(values[1]), _most(system.average(values[2])))
+
+
+def _most(values: Array) -> float:
+    finite = np.abs(values[np.isfinite(values)])
+    return float(np.quantile(finite, MOST)) if finite.size else 0.0

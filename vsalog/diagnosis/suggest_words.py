@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from vsalog.diagnosis.causes import catalogue
 from vsalog.diagnosis.joint import JointDiagnosis
+from vsalog.diagnosis.selection import WORTH
 from vsalog.diagnosis.suggest_candidates import Candidate
 from vsalog.diagnosis.suggest_questions import Question, Questions
 from vsalog.diagnosis.words import part_in_words
@@ -19,8 +20,10 @@ from vsalog.units import shown
 
 Array = NDArray[np.float64]
 
-# Two hypotheses that are at least so many standard deviations of an average apart are told apart.
-TELLS = 0.3
+# Two hypotheses that are at least so many standard deviations of an average apart are told apart: what a cause has to be worth.
+TELLS = WORTH**0.5
+# What is shown from so many times smaller a size on is worth an experiment.
+BETTER = 1.2
 FILE = "next.scenario.toml"
 
 
@@ -49,14 +52,14 @@ def _apart(questions: Questions, separations: Array) -> str:
     out = []
     if told:
         first, least = min(told, key=lambda t: t[1])
-        pair = f"{_name(first, 'one')} and {_name(first, 'other')}"
-        many = f"{pair}, the closest of {len(told)} pairs," if len(told) > 1 else pair
+        closest = f"{_name(first, 'one', questions)} and {_name(first, 'other', questions)}, the closest,"
+        pair = closest if len(told) > 1 else "they"
         out.append(
-            f"It tells {_all(told)} apart: in this log {many} differ by {_times(first.now)} the noise of an averaged equation,"
-            f" there by {_times(least)}."
+            f"It tells {_all(told, questions)} apart: in this log {pair} differ by {_times(first.now)} the noise of an averaged"
+            f" equation, there by {_times(least)}."
         )
     if left:
-        pairs = "; ".join(f"{_name(q, 'one')} from {_name(q, 'other')}" for q in left)
+        pairs = "; ".join(f"{_name(q, 'one', questions)} from {_name(q, 'other', questions)}" for q in left)
         most = max(float(d) for d in separations if d < TELLS)
         site = left[0].other.site
         confirm = f" {catalogue()[site.cause].confirm}" if site is not None and not told else ""
@@ -64,20 +67,32 @@ def _apart(questions: Questions, separations: Array) -> str:
     return " ".join(out)
 
 
-def _all(told: list[tuple[Question, float]]) -> str:
-    names = list(dict.fromkeys(_name(q, side) for q, _ in told for side in ("one", "other")))
+def _all(told: list[tuple[Question, float]], questions: Questions) -> str:
+    return _listed(list(dict.fromkeys(_name(q, side, questions) for q, _ in told for side in ("one", "other"))))
+
+
+def _listed(names: list[str]) -> str:
     return " and ".join(filter(None, (", ".join(names[:-1]), names[-1])))
 
 
 def _shown(questions: Questions, separations: Array) -> str:
     """Say what the log could not have shown, and the experiment would."""
-    parts = []
+    less, hidden = [], []
     for question, there in zip(questions.asked, separations, strict=True):
         value, unit = question.size or (0.0, "1")
         now = value * TELLS / question.now if question.now > 0.0 else np.inf
         then = value * TELLS / there if there > 0.0 else np.inf
-        parts.append(f"{_name(question, 'one')} ({_size(now, unit)}; there {_size(then, unit)})")
-    return f"It would show what this log shows least of: changes by less than these it cannot have told: {', '.join(parts)}."
+        name = _name(question, "one", questions)
+        if now > BETTER * then:
+            less.append(f"{name} from {_size(then, unit)} on instead of from {_size(now, unit)}")
+        else:
+            hidden.append(f"{name} below {_size(now, unit)}")
+    if not less:
+        return f"It would show little that this log does not: {_listed(hidden)} takes a larger or a faster motion."
+    told = f"Of what this log shows least it would show {_listed(less)}."
+    if hidden:
+        told += f" Nothing within those bounds shows {_listed(hidden)} either: that takes a larger or a faster motion."
+    return told
 
 
 def _size(value: float, unit: str) -> str:
@@ -85,11 +100,11 @@ def _size(value: float, unit: str) -> str:
     return "any" if not np.isfinite(value) else f"{value:.2g}{plain}"
 
 
-def _name(question: Question, side: str) -> str:
+def _name(question: Question, side: str, questions: Questions) -> str:
     site = getattr(question, side).site
     if site is None:
         return "nothing"
-    others = [s for q in (question,) for s in (q.one.site, q.other.site) if s is not None and s is not site]
+    others = [s for q in questions.asked for s in (q.one.site, q.other.site) if s is not None and s.key != site.key]
     alike = any(s.cause == site.cause for s in others)
     return f"{site.cause} ({part_in_words(site.part)})" if alike else str(site.cause)
 
@@ -111,7 +126,7 @@ def scenario_text(
 
     lines = [f"Proposed by vsalog diagnose --suggest for joint {shown(joint)}: {words}.", "All numbers are SI."]
     for question, there in zip(questions.asked, separations, strict=True):
-        pair = f"{_name(question, 'one')} against {_name(question, 'other')}"
+        pair = f"{_name(question, 'one', questions)} against {_name(question, 'other', questions)}"
         lines.append(
             f"{pair}: apart by {_times(question.now)} the noise of an average in the log, {_times(float(there))} here."
         )
