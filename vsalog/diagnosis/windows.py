@@ -24,9 +24,14 @@ from vsalog.rig.schema import PneumaticJoint
 
 Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]
+Integers = NDArray[np.int64]
 
 # Length of a window [s], its fewest samples, and how many of a long log are simulated.
 WINDOW, FEWEST, MOST = 0.5, 20, 60
+# Mean squares of a window, the noise's being 1: above the first it is far off and begun anew, so often; below the last it is left
+# alone. Shares of a Newton step, and the part of the usual effect below which a state is not moved.
+FAR, AGAIN, NEAR = 2.0, 3, 1.05
+SHARES, WEAK = (1.0, 0.3), 0.02
 
 
 class Player(Protocol):
@@ -92,7 +97,7 @@ class Windows:
             out[first:last] = w
         return out
 
-    def part(self, chosen: Sequence[int]) -> Windows:
+    def part(self, chosen: Sequence[int] | Integers) -> Windows:
         """Return some of the windows."""
         return replace(self, spans=self.spans[np.asarray(chosen, dtype=np.int64)])
 
@@ -180,30 +185,77 @@ def begun(joint: Any, windows: Windows, states: Array | None = None, rounds: int
     joint : of the rig
     windows : of the log
     states : to start the search with; the measured ones when absent
-    rounds : Newton steps
+    rounds : Newton steps of all windows with one set of derivatives; those that are still far off get more
     """
     if states is None:
         states = player_of(joint, windows.channels).measured_states()[windows.spans[:, 0]]
-    shot = shoot(joint, windows, states)
-    J = by_states(joint, windows, shot)
-    for _ in range(rounds):
-        r = in_windows(shot, windows)
-        moved = shot.states - np.stack([_least(J[w], r[w]) for w in range(len(r))])
-        shot = _better(joint, windows, shot, moved)
+    shot = _nearer(joint, windows, shoot(joint, windows, states), rounds)
+    # Friction that sticks bends the way from a beginning to what follows: such windows are looked at again where they are now.
+    for _ in range(AGAIN):
+        far = np.flatnonzero(_squares(shot, windows) > FAR)
+        if not far.size:
+            break
+        some = np.arange(len(windows.spans)) if _remembers(joint) else far
+        now = Shot(shot.states[some], shot.errors)
+        near = _nearer(joint, windows.part(some), now, 1)
+        if near is now:
+            break
+        shot = _merged(windows, shot, some, near)
     return shot
 
 
-def _better(joint: Any, windows: Windows, shot: Shot, moved: Array) -> Shot:
-    """Take the new state in each window where it is better."""
+def _remembers(joint: Any) -> bool:
+    """Tell whether a joint has loops or bristles: those go on from one window to the next, so that none can be played alone."""
+    parts = [getattr(joint, name) for name in joint.__struct_fields__]
+    bristles = any(getattr(getattr(p, "friction", None), "presliding_stiffness", None) is not None for p in parts)
+    return bristles or any(getattr(p, "bouc_wen", None) is not None or getattr(p, "slip", ()) for p in parts)
+
+
+def _nearer(joint: Any, windows: Windows, shot: Shot, rounds: int) -> Shot:
+    """Take Newton steps with one set of derivatives; in each window the longest of some shares that is better."""
+    J = by_states(joint, windows, shot)
+    norms = np.linalg.norm(J, axis=1)
+    # What sticks does not notice how fast it was: a beginning is not led far away by what says next to nothing.
+    J *= (norms > WEAK * np.median(norms, axis=0))[:, None, :]
+    for _ in range(rounds):
+        r, left = in_windows(shot, windows), np.flatnonzero(_squares(shot, windows) > NEAR)
+        step = np.stack([_least(J[w], r[w]) for w in range(len(r))])
+        for share in SHARES:
+            if not left.size:
+                break
+            shot, left = _better(joint, windows, shot, left, shot.states[left] - share * step[left])
+    return shot
+
+
+def _better(joint: Any, windows: Windows, shot: Shot, some: Integers, states: Array) -> tuple[Shot, Integers]:
+    """Take new states in each of some windows where they are better; return the windows where they are not, too."""
+    part, played, begin = windows.part(some), windows.part(some), states
+    if _remembers(joint):
+        played, begin = windows, shot.states.copy()
+        begin[some] = states
     try:
-        trial = shoot(joint, windows, moved)
+        errors = shoot(joint, played, begin).errors
     except SimulationError:
-        return shot
-    before, after = (np.sum(in_windows(s, windows) ** 2, axis=1) for s in (shot, trial))
-    kept = np.where((after < before)[:, None], trial.states, shot.states)
-    if (after < before).all():
-        return trial
-    return shoot(joint, windows, kept)
+        return shot, some
+    better = _squares(Shot(states, errors), part) < _squares(Shot(shot.states[some], shot.errors), part)
+    if not better.any():
+        return shot, some
+    return _merged(windows, shot, some[better], Shot(states[better], errors)), some[~better]
+
+
+def _merged(windows: Windows, shot: Shot, some: Integers, other: Shot) -> Shot:
+    """Put another simulation of some windows into one of all."""
+    states, errors = shot.states.copy(), {role: e.copy() for role, e in shot.errors.items()}
+    states[some] = other.states
+    for first, last in windows.spans[some]:
+        for role, kept in errors.items():
+            kept[first:last] = other.errors[role][first:last]
+    return Shot(states, errors)
+
+
+def _squares(shot: Shot, windows: Windows) -> Array:
+    """Return the mean square of the errors over their noise in each window, shape (W,)."""
+    return np.asarray(np.mean(in_windows(shot, windows) ** 2, axis=1))
 
 
 def in_windows(shot: Shot, windows: Windows) -> Array:
@@ -224,7 +276,8 @@ def by_states(joint: Any, windows: Windows, shot: Shot) -> Array:
 
 
 def _least(J: Array, r: Array) -> Array:
-    scale = np.maximum(np.linalg.norm(J, axis=0), 1e-300)
+    scale = np.linalg.norm(J, axis=0)
+    scale = np.where(scale > 0.0, scale, 1.0)
     return np.asarray(np.linalg.lstsq(J / scale, r, rcond=1e-8)[0] / scale)
 
 
