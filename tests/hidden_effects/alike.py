@@ -82,34 +82,42 @@ def difference(one: Hidden, bench: Bench, cause: str, part: str, rng: np.random.
         return float("inf")
     effect, best = EFFECTS[cause], float("inf")
     signed = effect.bounds(bench.nominal, part, bench.scales)[0] < 0.0
-    for k in range(tries):
+    for _ in range(tries):
         shape = one.shape if cause == one.effect.cause else effect.shape(rng, bench.nominal, part, bench.scales)
-        if "phase" in shape and k == 0 and part != one.part:
-            # What one encoder adds to the deflection the other takes off it.
-            shape = shape | {"phase": shape["phase"] + np.pi}
         for sign in (1.0, -1.0) if signed else (1.0,):
             other = Hidden(effect, part, shape, 0.0)
             if not bench.scaled(other, one.size, sign, rounds=4):
                 continue
-            theirs = bench.left_over([other])
-            share, rest = (0.0, float("inf")) if theirs is None else _rest(mine, theirs)
+            theirs = [bench.left_over([other])]
+            if "phase" in shape:
+                # A wave of any phase is a sum of two.
+                turned = Hidden(effect, part, shape | {"phase": shape["phase"] + 0.5 * np.pi}, other.strength)
+                theirs.append(bench.left_over([turned]))
+            found = [t for t in theirs if t is not None]
+            if len(found) < len(theirs):
+                continue
+            share, rest = _rest(mine, found)
             best = min(best, rest)
             if share > 0.0:
                 break
     return best
 
 
-def _rest(mine: dict[str, LeftOver], theirs: dict[str, LeftOver]) -> tuple[float, float]:
-    """Take the best share of what one effect leaves over off what another does; return the share and the rest."""
+def _rest(mine: dict[str, LeftOver], theirs: list[dict[str, LeftOver]]) -> tuple[float, float]:
+    """Take the best shares of what other effects leave over off what one does; return the first share and the rest."""
     a = np.concatenate([part.values / part.noise for part in mine.values()])
-    b = np.concatenate([theirs[name].values / part.noise for name, part in mine.items()])
-    power = float(b @ b)
-    share = max(float(a @ b) / power, 0.0) if power > 0.0 else 0.0
-    rest = (mine[n].values - share * theirs[n].values for n in mine)
-    return share, max(float(np.sqrt(np.mean(r**2)) / mine[n].noise) for r, n in zip(rest, mine, strict=True))
+    columns = [np.concatenate([t[name].values / part.noise for name, part in mine.items()]) for t in theirs]
+    shares = np.linalg.lstsq(np.stack(columns, axis=1), a, rcond=None)[0]
+    if len(theirs) == 1:
+        shares = np.maximum(shares, 0.0)
+    worst = 0.0
+    for name, part in mine.items():
+        rest = part.values - sum(share * t[name].values for share, t in zip(shares, theirs, strict=True))
+        worst = max(worst, float(np.sqrt(np.mean(rest**2)) / part.noise))
+    return (1.0 if len(theirs) > 1 else float(shares[0])), worst
 
 
-def fits_equally(one: Hidden, bench: Bench, member: str, rng: np.random.Generator, tries: int = 3) -> bool:
+def fits_equally(one: Hidden, bench: Bench, member: str, rng: np.random.Generator, tries: int = 3) -> bool | None:
     """Tell whether a cause that is said to be indistinguishable from an effect really fits as well.
 
     Parameters
@@ -117,22 +125,24 @@ def fits_equally(one: Hidden, bench: Bench, member: str, rng: np.random.Generato
     one, bench : the effect and its machine
     member : "cause" or "cause@part"
     rng, tries : for shapes of the other
+
+    Returns
+    -------
+    none where the cause cannot be hidden in this machine, so that it cannot be said
     """
     cause, part = split(member)
+    if cause == one.effect.cause and part in ("", one.part):
+        return True
     if cause not in EFFECTS:
-        return False
+        return None
     parts = [p for p in EFFECTS[cause].parts(bench.nominal) if p not in bench.missing and part in ("", p)]
+    if not parts:
+        return None
     limit = max(1.0, EQUALLY * one.size)
-    return any(difference(one, bench, cause, p, rng, tries) < limit for p in parts if (cause, p) != _key(one)) or (
-        cause == one.effect.cause and part in ("", one.part)
-    )
+    return any(difference(one, bench, cause, p, rng, tries) < limit for p in parts)
 
 
 def split(member: str) -> tuple[str, str]:
     """Split "cause", "cause@part", "cause (part)" or "cause part" into cause and part."""
     words = "".join(" " if c in "@():" else c for c in member).split()
     return (words[0] if words else ""), (words[1] if len(words) > 1 else "")
-
-
-def _key(one: Hidden) -> tuple[str, str]:
-    return one.effect.cause, one.part

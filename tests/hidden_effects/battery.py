@@ -98,7 +98,8 @@ def look_at_sets(outcomes: list[Outcome], chosen: dict[str, Plan], workers: int)
 
 def _equal(plan: Plan, members: list[str]) -> list[bool]:
     case, rng = make_case(plan), np.random.default_rng(plan.seed)
-    return [any(fits_equally(one, case.bench, member, rng) for one in case.hidden) for member in members]
+    found = [[fits_equally(one, case.bench, member, rng) for one in case.hidden] for member in members]
+    return [any(own) for own in found if any(answer is not None for answer in own)]
 
 
 def write(outcomes: list[Outcome], out: Path, seed: int) -> str:

@@ -6,7 +6,7 @@ from scipy.ndimage import minimum_filter1d
 from scipy.signal import oaconvolve
 
 from tests.hidden_effects import motion
-from tests.hidden_effects.alike import difference
+from tests.hidden_effects.alike import difference, fits_equally
 from tests.hidden_effects.bench import Bench, Hidden
 from tests.hidden_effects.cases import VARIANTS
 from tests.hidden_effects.effects import EFFECTS, scales_of
@@ -171,6 +171,17 @@ def test_without_gravity_one_encoders_offset_is_the_others(benches):
     rng = np.random.default_rng(0)
     assert difference(one, bench, "sensor.encoder_offset", "link_position", rng) < 0.5
     assert difference(one, bench, "transmission.stiffness", "transmission", rng) > 3.0
+
+
+def test_one_encoders_eccentricity_is_the_others_turned_by_half(benches):
+    bench = benches["serial"]
+    one = Hidden(EFFECTS["sensor.encoder_eccentricity"], "motor_position", {"phase": 0.7}, 0.0)
+    assert bench.scaled(one, 5.0, 1.0)
+    rng = np.random.default_rng(0)
+    assert difference(one, bench, "sensor.encoder_eccentricity", "link_position", rng) < 1.0
+    assert fits_equally(one, bench, "sensor.encoder_eccentricity", rng)
+    assert not fits_equally(one, bench, "transmission.stiffness@transmission", rng)
+    assert fits_equally(one, bench, "link.payload", rng) is None
 
 
 def test_the_window_is_a_mean_and_its_derivatives_are():
