@@ -90,7 +90,7 @@ def elastic(time, truth, torque=None):
     def accelerations(t, q, dq, a, da, m=math):
         e, u = spring(t, a, q - a), (t - start) / length
         pushed = height * m.sin(math.pi * u) ** 2 * ((u > 0) & (u < 1)) if height else 0.0
-        rubbed = truth.coulomb * m.tanh(da / 1e-3)
+        rubbed = truth.coulomb * m.tanh(da / 1e-4)
         ddq = (pushed - e - truth.link_damping * dq - truth.gravity * m.sin(q)) / truth.link_inertia
         return ddq, (torque(t) + e - truth.damping * da - rubbed) / truth.inertia
 
