@@ -15,6 +15,8 @@ from vsalog.errors import SimulationError
 Array = NDArray[np.float64]
 
 DRAWS, SEED = 1000, 0
+# Integration steps per sample up to which all windows are simulated; a stiff one counts for so many; the fewest windows.
+STEPS, STIFF, FEWEST = 16, 12, 12
 
 
 @dataclass(frozen=True, slots=True)
@@ -121,9 +123,22 @@ def compared(before: Any, after: Any, windows: Windows) -> Compared:
     SimulationError
         The rig as it stands cannot be simulated there.
     """
+    windows = _affordable(after, windows)
     first = begun(before, windows)
     second = first if after is before else begun(after, windows)
     return Compared(windows, first, second, floors(after, windows, second))
+
+
+def _affordable(joint: Any, windows: Windows) -> Windows:
+    """Return fewer windows, as evenly spread, of a machine that takes many integration steps, as stiff bristles do."""
+    machine = getattr(player_of(joint, windows.channels), "machine", None)
+    if machine is None:
+        return windows
+    steps, stiff = machine.steps(windows.channels.period)
+    share = STEPS / (steps * (STIFF if stiff else 1))
+    count = len(windows.spans)
+    kept = int(np.clip(share * count, min(FEWEST, count), count))
+    return windows if kept == count else windows.part(np.linspace(0, count - 1, kept).round().astype(np.int64))
 
 
 def floors(joint: Any, windows: Windows, shot: Shot) -> dict[str, float]:
