@@ -62,7 +62,10 @@ def balance_pneumatic(
     if motion.link is not None:
         for index in (1, 2):
             if known(motion.roles, f"pressure_{index}", f"valve_{index}"):
-                equations.append(_filling(joint, motion.roles, index))
+                # What the seesaw tells of a pressure holds only where the direction of its friction is known.
+                told = "seesaw" in motion.spent and f"pressure_{index}" not in roles
+                rate = _least_about(motion.link[1], time) if told else None
+                equations.append(_filling(joint, motion.roles, index, rate))
     held = joint.seesaw.held_at
     if held is not None and ANGLE in roles:
         equations.append(Equation("link_position", "sensor", "rad", roles[ANGLE][0] - held))
@@ -145,7 +148,7 @@ def _dry(joint: PneumaticJoint, roles: Mapping[str, Array]) -> Array:
     return np.asarray(friction_level(joint, p1, p2, *pulls, psi[1]) * np.sign(psi[1]))
 
 
-def _filling(joint: PneumaticJoint, roles: Mapping[str, Array], index: int) -> Equation:
+def _filling(joint: PneumaticJoint, roles: Mapping[str, Array], index: int, rate: Array | None) -> Equation:
     """Return the equation of a muscle's pressure."""
     muscle, valve = ((joint.muscle_1, joint.valve_1), (joint.muscle_2, joint.valve_2))[index - 1]
     air, name = joint.air, f"pressure_{index}"
@@ -159,7 +162,7 @@ def _filling(joint: PneumaticJoint, roles: Mapping[str, Array], index: int) -> E
     net = net - orifice_flow(air, muscle.leak_area, p[0], air.outside_pressure)
     # A valve's voltage steps and its map has corners, which the filter would have rounded: the flow passes it afterwards.
     filling = air.inflow_index * air.gas_constant * air.temperature * net / volume
-    return Equation(name, "pneumatic", "Pa/s", p[1] + swelling, -filling)
+    return Equation(name, "pneumatic", "Pa/s", p[1] + swelling, -filling, rate)
 
 
 def _under(joint: PneumaticJoint, roles: Mapping[str, Array], role: str, torque: Array) -> Array:

@@ -13,8 +13,7 @@ from vsalog.diagnosis.causes.base import Cause, Parameter, Setting, Site, with_p
 from vsalog.rig.schema import PneumaticJoint, PressureFriction, SimpleFriction, TonduFriction
 
 TWINS = ("_1", "_2")
-# Equations that hold the muscles' pull.
-TORQUES = frozenset({"seesaw", "transmission"})
+PRESSURES = ("pressure_1", "pressure_2")
 
 
 class _OfMuscles(Cause):
@@ -29,6 +28,13 @@ class _OfMuscles(Cause):
     def of_muscle(self, setting: Setting, twin: str) -> Iterator[Site]:
         """Yield the cause at one muscle."""
         raise NotImplementedError
+
+
+def _pulls(setting: Setting, *equations: str) -> bool:
+    """Tell whether one of the equations that hold the muscles' torque is there, or told an angle or a pressure to the others."""
+    pulled = PRESSURES if setting.joint.seesaw.held_at is not None else ("link_position", *PRESSURES)
+    told = "" in setting.torques and bool(setting.equations) and any(role not in setting.roles for role in pulled)
+    return told or bool(set(equations) & set(setting.equations))
 
 
 def _filled(setting: Setting, twin: str) -> bool:
@@ -154,7 +160,7 @@ class PneumaticForceGain(_OfMuscles):
 
     def of_muscle(self, setting: Setting, twin: str) -> Iterator[Site]:
         """Yield the cause at one muscle."""
-        if not TORQUES & set(setting.equations):
+        if not _pulls(setting, "seesaw", "transmission"):
             return
         name = f"muscle{twin}"
         parameter = Parameter("gain", "1", getattr(setting.joint, name).force_gain, 1e-3, 0.05, 20.0)
@@ -180,7 +186,9 @@ class PneumaticMuscleFriction(Cause):
 
     def sites(self, setting: Setting) -> Iterator[Site]:
         """Yield one where the seesaw's equation can be formed."""
-        if not isinstance(setting.joint, PneumaticJoint) or "seesaw" not in setting.equations:
+        if not isinstance(setting.joint, PneumaticJoint) or setting.joint.seesaw.held_at is not None:
+            return
+        if "seesaw" not in setting.equations and ("torque_sensor" in setting.roles or not _pulls(setting)):
             return
         friction = setting.joint.friction
         torque = 1e-3 * setting.torque_size()
