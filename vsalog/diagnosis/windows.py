@@ -28,9 +28,9 @@ Integers = NDArray[np.int64]
 
 # Length of a window [s], its fewest samples, and how many of a long log are simulated.
 WINDOW, FEWEST, MOST = 0.5, 20, 60
-# Mean squares of a window, the noise's being 1: above the first it is far off and begun anew, so often; below the last it is left
-# alone. Shares of a Newton step, and the part of the usual effect below which a state is not moved.
-FAR, AGAIN, NEAR = 2.0, 3, 1.05
+# A window whose mean square is above this, the noise's being 1, is far off and begun anew, so often. Shares of a Newton step, and
+# the part of the usual effect below which a state is not moved.
+FAR, AGAIN = 2.0, 3
 SHARES, WEAK = (1.0, 0.3), 0.02
 
 
@@ -218,7 +218,7 @@ def _nearer(joint: Any, windows: Windows, shot: Shot, rounds: int) -> Shot:
     # What sticks does not notice how fast it was: a beginning is not led far away by what says next to nothing.
     J *= (norms > WEAK * np.median(norms, axis=0))[:, None, :]
     for _ in range(rounds):
-        r, left = in_windows(shot, windows), np.flatnonzero(_squares(shot, windows) > NEAR)
+        r, left = in_windows(shot, windows), np.arange(len(windows.spans))
         step = np.stack([_least(J[w], r[w]) for w in range(len(r))])
         for share in SHARES:
             if not left.size:
