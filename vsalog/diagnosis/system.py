@@ -229,6 +229,10 @@ def _whitener(covariance: Array, pattern: int) -> Array:
     part = covariance[np.ix_(own, own)]
     scale = np.sqrt(np.maximum(np.diag(part), 1e-300))
     correlation = part / np.outer(scale, scale)
+    # Measured over the rows that each pair has, a correlation may have directions of less than no noise.
+    values, vectors = np.linalg.eigh(correlation)
+    if values.min() < 0.0:
+        correlation = (vectors * np.maximum(values, 0.0)) @ vectors.T
     # Equations that share all their noise are told apart no better than to a part in a thousand.
     lower = np.linalg.cholesky(correlation + 1e-6 * np.eye(len(own)))
     out[np.ix_(own, own)] = np.linalg.solve(lower, np.diag(1.0 / scale))
