@@ -13,7 +13,7 @@ Without its valve's voltage a muscle has no equation of pressure. What a clamp b
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,10 +22,8 @@ from scipy.ndimage import minimum_filter1d
 from vsalog.diagnosis.balance import SLACK, Equation, Motion
 from vsalog.diagnosis.channels import WINDOW
 from vsalog.diagnosis.sensing import known
-from vsalog.mechanics.muscle_forces import force_slopes
 from vsalog.mechanics.pneumatic_friction import friction_level, viscous_coefficient
 from vsalog.mechanics.pneumatics import (
-    isobaric_stiffness,
     joint_torque,
     muscle_lengths,
     muscle_pulls,
@@ -101,15 +99,41 @@ def pneumatic_motion(
 def _teller(joint: PneumaticJoint, roles: Mapping[str, Array], missing: str) -> tuple[Array | None, str]:
     """Return the angle or the pressure that is not recorded as a torque tells it, and the name of that torque's equation."""
     if "torque_sensor" in roles:
-        return _under(joint, roles, missing, roles["torque_sensor"][0]), "transmission"
+        return _told(joint, roles, missing, lambda _: roles["torque_sensor"][0]), "transmission"
     if missing == ANGLE or joint.seesaw.held_at is not None:
         return None, ""
-    # Friction depends on the pressure that is looked for, a little.
-    found = _under(joint, roles, missing, _carried(joint, roles))
-    for _ in range(2):
-        torque = _carried(joint, roles) + _dry(joint, {**roles, missing: found[None]})
-        found = _under(joint, roles, missing, torque)
-    return found, "seesaw"
+    carried = _carried(joint, roles)
+    # Friction depends on the pressure that is looked for.
+    return _told(joint, roles, missing, lambda x: carried + _dry(joint, {**roles, missing: x[None]})), "seesaw"
+
+
+def _told(joint: PneumaticJoint, roles: Mapping[str, Array], role: str, torque: Callable[[Array], Array]) -> Array:
+    """Return the angle, or the pressure, at which the muscles make a torque, by Newton's method from the middle of its range.
+
+    Parameters
+    ----------
+    joint : of the rig
+    roles : all but the one that is looked for
+    role : that is looked for
+    torque : of values of the role, shape (N,)
+    """
+    air, turns = joint.air, role == ANGLE
+    low, high = (-1.5, 1.5) if turns else (air.outside_pressure, 2.0 * air.supply_pressure)
+    step = 1e-6 if turns else 1e-5 * air.supply_pressure
+
+    def off(x: Array) -> Array:
+        state = [x if r == role else roles[r][0] for r in (ANGLE, *PRESSURES)]
+        return np.asarray(joint_torque(joint, *state) - torque(x))
+
+    middle = 0.0 if turns else 0.5 * (air.supply_pressure + air.outside_pressure)
+    x = np.full(roles[PRESSURES[0] if turns else ANGLE].shape[1], middle)
+    least: Array | None = None
+    for _ in range(ROUNDS):
+        slope = (off(x + step) - off(x - step)) / (2.0 * step)
+        least = LEAST * np.abs(slope) if least is None else least
+        slope = np.where(np.abs(slope) < least, np.copysign(least, slope), slope)
+        x = np.clip(x - off(x) / slope, low, high)
+    return np.asarray(x)
 
 
 def _torques(joint: PneumaticJoint, motion: Motion, time: Array) -> list[Equation]:
@@ -163,35 +187,6 @@ def _filling(joint: PneumaticJoint, roles: Mapping[str, Array], index: int, rate
     # A valve's voltage steps and its map has corners, which the filter would have rounded: the flow passes it afterwards.
     filling = air.inflow_index * air.gas_constant * air.temperature * net / volume
     return Equation(name, "pneumatic", "Pa/s", p[1] + swelling, -filling, rate)
-
-
-def _under(joint: PneumaticJoint, roles: Mapping[str, Array], role: str, torque: Array) -> Array:
-    """Return the angle, or the pressure, at which the muscles make a torque, by Newton's method from the middle of its range."""
-    air = joint.air
-    state = {r: roles[r][0] for r in (ANGLE, *PRESSURES) if r != role}
-    middle = 0.0 if role == ANGLE else 0.5 * (air.supply_pressure + air.outside_pressure)
-    low, high = (-1.5, 1.5) if role == ANGLE else (1e-3 * air.outside_pressure, 3.0 * air.supply_pressure)
-    x = np.full(torque.size, middle)
-    least: Array | None = None
-    for _ in range(ROUNDS):
-        state[role] = x
-        off = joint_torque(joint, *(state[r] for r in (ANGLE, *PRESSURES))) - torque
-        slope = _slope(joint, state, role)
-        least = LEAST * np.abs(slope) if least is None else least
-        slope = np.where(np.abs(slope) < least, np.copysign(least, slope), slope)
-        x = np.clip(x - off / slope, low, high)
-    return np.where(np.isfinite(torque), x, np.nan)
-
-
-def _slope(joint: PneumaticJoint, state: Mapping[str, Array], role: str) -> Array:
-    """Return the change of the muscles' torque with the angle or a pressure."""
-    psi = state[ANGLE]
-    if role == ANGLE:
-        return -isobaric_stiffness(joint, psi, state["pressure_1"], state["pressure_2"])
-    first = role == "pressure_1"
-    muscle, length = (joint.muscle_1, joint.muscle_2)[not first], muscle_lengths(joint, psi)[not first]
-    _, by_pressure = force_slopes(muscle, joint.air, state[role], length)
-    return np.asarray((1.0 if first else -1.0) * joint.seesaw.radius * np.cos(psi) * by_pressure)
 
 
 def _with_rates(values: Array, time: Array) -> Array:
