@@ -1,6 +1,7 @@
 """Every cause of the catalogue: it has its name and its words, and what it puts into a rig is a rig that plays."""
 
 import re
+import runpy
 from dataclasses import replace
 from functools import cache
 
@@ -151,6 +152,14 @@ def test_sites_are_well_made(preset):
             assert len(start) == len(site.parameters)
             assert np.isfinite(start).all()
             assert joint != applied(joint, (site,), np.array(start)) or not any(start), site.key
+
+
+def test_the_catalogue_in_the_manual_is_current(request):
+    docs = request.config.rootpath / "docs"
+    made = runpy.run_path(str(docs / "make_causes.py"))["reference"]()
+    assert (docs / "causes.md").read_text(encoding="utf-8") == made, "run: python docs/make_causes.py"
+    assert sorted(re.findall(r"^### (.+)$", made, re.MULTILINE)) == sorted(NAMES)
+    assert "{" not in made
 
 
 def test_every_cause_has_a_place_in_some_joint():

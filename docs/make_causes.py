@@ -1,0 +1,72 @@
+"""Writes docs/causes.md from the classes of the catalogue: ``python docs/make_causes.py``."""
+
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+
+from vsalog.binding import offered_roles
+from vsalog.diagnosis.causes import catalogue
+from vsalog.diagnosis.causes.base import Cause, Setting, Site
+from vsalog.diagnosis.sensing import at_joint
+from vsalog.rig import Rig
+
+SIDES = {"motor": "Motor", "transmission": "Transmission", "link": "Link", "sensor": "Sensors", "pneumatic": "Muscles"}
+EQUATIONS = ("motor", "secondary_motor", "motor_1", "motor_2", "transmission", "link")
+MUSCLES = ("seesaw", "transmission", "pressure_1", "pressure_2")
+
+
+def settings() -> Iterator[Setting]:
+    """Yield joints of each kind with all their roles recorded, so that every cause has a place somewhere."""
+    for preset, equations in {"sea": EQUATIONS, "awas": EQUATIONS, "vsa2": EQUATIONS, "pam": MUSCLES}.items():
+        joint = at_joint(next(iter(Rig.preset(preset).joints.values())))
+        wave = 1e5 * np.stack([np.sin(k + np.linspace(0.0, 6.0, 100)) + 2.0 for k in range(3)])
+        roles = dict.fromkeys((*offered_roles(joint), "motor_torque", "secondary_torque"), wave)
+        phi = dict.fromkeys(("", "_1", "_2"), wave[0])
+        yield Setting(joint, roles, 1e-3, 0.1, phi, phi, equations)
+
+
+def first_site(cause: Cause) -> Site | None:
+    """Return the cause at the first place where it may sit, in its simplest form."""
+    return next((site for setting in settings() for site in cause.sites(setting)), None)
+
+
+def entry(cause: Cause) -> list[str]:
+    """Return what is said of a cause."""
+    site = first_site(cause)
+    told = site.reported([p.start for p in site.parameters]) if site is not None else {}
+    numbers = ", ".join(f"`{name}`" + ("" if unit == "1" else f" [{unit}]") for name, (_, unit) in told.items())
+    part = {"sensor": "sensor", "pneumatic": "muscle"}.get(cause.name.split(".")[0], cause.name.split(".")[0])
+    filled = {name: f"the {name} found" for name in told}
+    confirm = cause.confirm
+    for name, words in filled.items():
+        confirm = confirm.replace(f"{{{name}}}", words)
+    title = cause.title.replace("{part}", part)
+    return [
+        f"### {cause.name}",
+        "",
+        f"{title[0].upper()}{title[1:]}.",
+        "",
+        f"- Shows so: {cause.says.replace('{part}', part)}.",
+        f"- Signature: {cause.signature}",
+        f"- Parameters: {numbers or 'none'}",
+        f"- To confirm it: {confirm}",
+        f"- Reference: {cause.reference}",
+        "",
+    ]
+
+
+def reference() -> str:
+    """Return the catalogue as Markdown."""
+    parts = ["# Causes", "", "Written by `python docs/make_causes.py` from the classes in `vsalog/diagnosis/causes`;"]
+    parts += ["[diagnosis.md](diagnosis.md) says how they are told from each other.", ""]
+    for side, heading in SIDES.items():
+        parts += [f"## {heading}", ""]
+        for name, cause in sorted(catalogue().items()):
+            if name.startswith(f"{side}."):
+                parts += entry(cause)
+    return "\n".join(parts)
+
+
+if __name__ == "__main__":
+    Path(__file__).with_name("causes.md").write_text(reference(), encoding="utf-8")
