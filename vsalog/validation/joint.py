@@ -23,6 +23,8 @@ from vsalog.validation.independence import computed_from, stuck
 from vsalog.validation.region import inside_region
 from vsalog.validation.scores import LEAST_TORQUE, score
 from vsalog.validation.signatures import POSITIONS, loops
+from vsalog.validation.torques import felt, sensor_of
+from vsalog.validation.torques import residual as residual_of
 
 Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]
@@ -74,11 +76,11 @@ def judge(model: JointModel, joint: Joint, device: Device, signals: JointSignals
         No run is long enough.
     """
     not_independent = _not_independent(device, signals)
-    s = ref.smoothed(signals, tuple(signals.roles))
+    s = ref.smoothed(device, signals, tuple(signals.roles))
     setpoint = s.roles.get("setpoint")
-    parts = [_part(model, joint, device, view, s, setpoint, signals.period, recording) for view in device.transmissions]
+    parts = [_part(model, joint, device, view, s, setpoint, signals, recording) for view in device.transmissions]
     if len(parts) > 1:
-        parts.append(_total(parts, s, recording, signals.joint))
+        parts.append(_total(parts, device, s, signals, recording))
     trusted = not_independent is None
     reports = tuple(_report(part, s, setpoint, signals, trusted) for part in parts)
     drawn = {p.name: _evidence(p, r) for p, r in zip(parts, reports, strict=True)}
@@ -89,29 +91,31 @@ def judge(model: JointModel, joint: Joint, device: Device, signals: JointSignals
 
 def _part(
     model: JointModel, joint: Joint, device: Device, view: TransmissionView, s: ref.Smoothed, setpoint: Array | None,
-    period: float, recording: Recording,
+    signals: JointSignals, recording: Recording,
 ) -> _Part:  # fmt: skip
     torque, torque_std, sigma, sigma_std = ref.prediction(model, view, s, setpoint)
-    sensor, residual = ref.sensor_of(device, view, s), ref.residual(view, s, period)
+    sensor, residual = sensor_of(device, view, s), residual_of(device, view, s, signals)
     phi = deflection_of(s.roles, view)
     fitted = next(t for t in model.transmission if t.name == view.name)
     suffix = f"_{view.name}" if isinstance(joint, AntagonisticJoint) else ""
     return _Part(
         view.name, phi, torque, torque_std, sigma, sigma_std, inside_region(fitted, phi, setpoint),
-        None if sensor is None else s.roles[sensor], sensor, residual,
-        None if residual is None else ref.behind_the_lag(torque, period),
+        felt(device, (view,), sensor, s, signals), sensor, residual,
+        None if residual is None else ref.behind_the_lag(torque, signals.period),
         ref.nominal(view, s, setpoint), ref.true_stiffness(recording, device.joint, suffix, s),
     )  # fmt: skip
 
 
-def _total(parts: Sequence[_Part], s: ref.Smoothed, recording: Recording, joint: str) -> _Part:
+def _total(
+    parts: Sequence[_Part], device: Device, s: ref.Smoothed, signals: JointSignals, recording: Recording
+) -> _Part:
     """The joint as a whole: torques and stiffnesses of both transmissions add up (Flacco 2012 eq. 9–10)."""
 
     def total(values: Sequence[Array | None]) -> Array | None:
         known = [v for v in values if v is not None]
         return np.sum(known, axis=0) if len(known) == len(values) else None
 
-    sensor = s.roles.get("torque_sensor")
+    sensor = felt(device, device.transmissions, "torque_sensor", s, signals)
     nominal = [p.nominal for p in parts]
     known = [n for n in nominal if n is not None]
     return _Part(
@@ -129,7 +133,7 @@ def _total(parts: Sequence[_Part], s: ref.Smoothed, recording: Recording, joint:
         (np.sum([n[0] for n in known], axis=0), np.sum([n[1] for n in known], axis=0))
         if len(known) == len(parts)
         else None,
-        ref.true_stiffness(recording, joint, "_total", s),
+        ref.true_stiffness(recording, signals.joint, "_total", s),
     )
 
 

@@ -11,10 +11,11 @@ from numpy.typing import NDArray
 
 from vsalog.errors import FilterError
 from vsalog.estimators.device import Device, TransmissionView, deflection_of
+from vsalog.estimators.known import conditioner_of
 from vsalog.estimators.regression import BAND
-from vsalog.estimators.residual_rls import sensor_role
-from vsalog.estimators.torque import lag_block, residual_block
-from vsalog.filters.conditioning import Conditioned, Conditioner
+from vsalog.estimators.torque import lag_block
+from vsalog.estimators.tuning import Tuning
+from vsalog.filters.conditioning import Conditioned
 from vsalog.filters.direction import direction_start, loading_block
 from vsalog.filters.savitzky_golay import savgol_weights
 from vsalog.mechanics.transmissions import flexibility_torque, stiffness
@@ -41,7 +42,9 @@ class Smoothed:
     ----------
     time : from the log's start [s]
     starts : where a run begins
-    roles : role → values; also ``velocity:ROLE`` of the motor positions
+    roles : role → values; also ``velocity:ROLE`` of the motor positions and of what a transmission's damping needs. A motor's
+        torque is what is left of it once its friction and cogging are accounted for, where the rig gives it any; which way the
+        friction acts, and the doubt in it, are there too
     """
 
     time: Array
@@ -50,15 +53,20 @@ class Smoothed:
     roles: Mapping[str, Array]
 
 
-def smoothed(signals: JointSignals, roles: tuple[str, ...]) -> Smoothed:
-    """Filter whole signals.
+def tuning_of(signals: JointSignals) -> Tuning:
+    """Return the filter that validating uses, as an estimator's tuning."""
+    return Tuning(filter="savitzky-golay", window=(WINDOW - 1) * signals.period, degree=DEGREE)
+
+
+def smoothed(device: Device, signals: JointSignals, roles: tuple[str, ...]) -> Smoothed:
+    """Filter whole signals, with what the rig knows of motors and transmissions in mind.
 
     Raises
     ------
     FilterError
         No run of the log is as long as the filter's window.
     """
-    conditioner = Conditioner(roles, signals, "savitzky-golay", window=(WINDOW - 1) * signals.period, degree=DEGREE)
+    conditioner = conditioner_of(device, signals, tuning_of(signals), roles, motor=True)
     runs = np.diff(np.append(np.flatnonzero(signals.starts), len(signals)))
     if int(runs.max()) < WINDOW:
         raise FilterError(
@@ -105,17 +113,6 @@ def prediction(
     return torque, std, sigma, sigma_std
 
 
-def residual(view: TransmissionView, s: Smoothed, period: float) -> Array | None:
-    """Return the residual of the motor equation (Flacco 2012 eq. 17); None where a role or the motor's inertia is missing."""
-    inertia, needed = view.motor.reflected_inertia, (view.motor_position, view.motor_torque)
-    if inertia is None or not set(needed) <= set(s.roles):
-        return None
-    theta, rate, tau = s.roles[needed[0]], s.roles[f"velocity:{needed[0]}"], s.roles[needed[1]]
-    use = np.isfinite(theta) & np.isfinite(rate) & np.isfinite(tau)
-    begin = np.full(3, np.nan)
-    return residual_block(begin, theta, rate, tau, use, inertia, view.motor.reflected_damping, BANDWIDTH, period)[1]
-
-
 def behind_the_lag(values: Array, period: float) -> Array:
     """Pass a prediction through the residual's own lag, so that both are late alike."""
     use = np.isfinite(values)
@@ -150,19 +147,16 @@ def truth_channels(joint: str) -> tuple[str, ...]:
     return tuple(f"/truth/{where}stiffness{suffix}.data" for where in ("", f"{joint}/") for suffix in suffixes)
 
 
-def sensor_of(device: Device, view: TransmissionView, s: Smoothed) -> str | None:
-    """Return the role of the sensor that feels this transmission alone; None where there is none."""
-    role = sensor_role(view, s.roles)
-    if role not in s.roles or (len(device.transmissions) > 1 and role == "torque_sensor"):
-        return None
-    return role
+def runs_of(s: Smoothed) -> list[slice]:
+    """Return where each run lies."""
+    edges = [0, *(int(i) for i in np.flatnonzero(s.starts) if i > 0), s.starts.size]
+    return [slice(begin, end) for begin, end in pairwise(edges)]
 
 
 def rate_of(values: Array, s: Smoothed, period: float) -> Array:
     """Return the derivative of a smoothed signal, run by run."""
     out = np.full_like(values, np.nan)
-    edges = [0, *(int(i) for i in np.flatnonzero(s.starts) if i > 0), values.size]
-    for begin, end in pairwise(edges):
-        if end - begin > 2:
-            out[begin:end] = np.gradient(values[begin:end], period)
+    for run in runs_of(s):
+        if run.stop - run.start > 2:
+            out[run] = np.gradient(values[run], period)
     return out

@@ -1,0 +1,103 @@
+"""The torques that a frozen model is held against, less what the rig knows beside the springs, as the estimators take it off."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vsalog.estimators.device import Device, TransmissionView
+from vsalog.estimators.known import Known, known_of
+from vsalog.estimators.net_torque import way_role
+from vsalog.estimators.residual_rls import sensor_role
+from vsalog.estimators.torque import lag_block, loaded_residual_block, residual_block
+from vsalog.filters.conditioning import Conditioned
+from vsalog.mechanics.friction import rubs
+from vsalog.signals import JointSignals
+from vsalog.validation.references import BANDWIDTH, Smoothed, runs_of, tuning_of
+
+Array = NDArray[np.float64]
+
+
+def residual(device: Device, view: TransmissionView, s: Smoothed, signals: JointSignals) -> Array | None:
+    """Return the residual of the motor equation (Flacco 2012 eq. 17), less what the rig knows beside that equation.
+
+    Parameters
+    ----------
+    device, view : of the joint
+    s, signals : smoothed and as bound, N samples
+
+    Returns
+    -------
+    Shape (N,) [N·m], NaN where it is not known or too much in doubt; None where a role or the motor's inertia is missing, or
+    friction grows as fast as the torque that it would be told from.
+    """
+    inertia, needed = view.motor.reflected_inertia, (view.motor_position, view.motor_torque)
+    if inertia is None or not set(needed) <= set(s.roles):
+        return None
+    friction = view.motor.reflected.friction
+    if rubs(friction) and friction.load >= 1.0:
+        return None
+    theta, rate, tau = s.roles[needed[0]], s.roles[f"velocity:{needed[0]}"], s.roles[needed[1]]
+    use = np.isfinite(theta) & np.isfinite(rate) & np.isfinite(tau)
+    begin, motor = np.full(3, np.nan), (inertia, view.motor.reflected_damping)
+    known = known_of(device, view, signals, tuning_of(signals), needed[1], motor=True)
+    if known is None:
+        return residual_block(begin, theta, rate, tau, use, *motor, BANDWIDTH, signals.period)[1]
+    beside, doubt = _beside(known, s, signals)
+    use &= np.isfinite(beside) & np.isfinite(doubt)
+    tau = tau + beside
+    if known.load > 0.0:
+        way = s.roles[way_role(view)]
+        found = loaded_residual_block(
+            begin, theta, rate, tau, beside, way, use, *motor, known.load, BANDWIDTH, signals.period
+        )[1]
+    else:
+        found = residual_block(begin, theta, rate, tau, use, *motor, BANDWIDTH, signals.period)[1]
+    # What is in doubt stays so until the residual's lag has forgotten it.
+    late = lag_block(np.full((2, 1), np.nan), doubt[:, None].copy(), use, BANDWIDTH, signals.period)[1][:, 0]
+    return np.where(late > 1.0, np.nan, found)
+
+
+def sensor_of(device: Device, view: TransmissionView, s: Smoothed) -> str | None:
+    """Return the role of the sensor that feels this transmission alone; None where there is none."""
+    role = sensor_role(view, s.roles)
+    if role not in s.roles or (len(device.transmissions) > 1 and role == "torque_sensor"):
+        return None
+    return role
+
+
+def felt(
+    device: Device, views: tuple[TransmissionView, ...], role: str | None, s: Smoothed, signals: JointSignals
+) -> Array | None:
+    """Return what a sensor says of the springs: its torque less the known damping and hysteresis of what it feels.
+
+    Parameters
+    ----------
+    device : of the joint
+    views : the transmissions that the sensor feels
+    role : of the sensor; None where there is none
+    s, signals : smoothed and as bound, N samples
+
+    Returns
+    -------
+    Shape (N,) [N·m], NaN where it is not known or too much in doubt; None without a sensor
+    """
+    if role is None or role not in s.roles:
+        return None
+    torque = s.roles[role]
+    for view in views:
+        known = known_of(device, view, signals, tuning_of(signals), role, motor=False)
+        if known is not None:
+            beside, doubt = _beside(known, s, signals)
+            torque = np.where(doubt > 1.0, np.nan, torque - beside)
+    return torque
+
+
+def _beside(known: Known, s: Smoothed, signals: JointSignals) -> tuple[Array, Array]:
+    """Return the torque transmitted beside the spring's [N·m] and the doubt as a share of what is borne, shape (N,) each."""
+    torque, doubt, state = np.empty(s.time.size), np.empty(s.time.size), known.start()
+    for run in runs_of(s):
+        fit = {name: values[run] for name, values in s.roles.items()}
+        block = Conditioned(signals[run], fit, {}, np.ones(run.stop - run.start, dtype=np.bool_))
+        state, torque[run], doubt[run] = known.block(state, block)
+    return torque, doubt
