@@ -300,8 +300,12 @@ def looked_back(
             current, choices = without, [c for c in choices if c is not choice]
             continue
         found = chosen(system, without, considered(system, joint, setting, sites, without, blocks))
-        # Another takes its place only if it explains clearly more than noise can.
-        if found is not None and found[1].loss < current.loss - max(WORTH * system.count, SHARE * current.loss):
+        if found is None:
+            continue
+        # Another takes its place only if it explains clearly more than noise can, or as much with fewer numbers.
+        better = found[1].loss < current.loss - max(WORTH * system.count, SHARE * current.loss)
+        fewer = len(found[0].site.parameters) < len(choice.site.parameters)
+        if better or (fewer and any(r.site.key == choice.site.key for r in found[0].rivals)):
             choices = [found[0] if c is choice else c for c in choices]
             current = found[1]
     return current, choices
