@@ -1,18 +1,22 @@
 """Two pneumatic muscles and a seesaw, written out by hand and integrated by scipy: logs whose truth is known.
 
-Numbers are those of Shin 2021 Table II but for wider orifices and a load of springs. Friction is a steep hyperbolic tangent, so that
-scipy needs no events; pressures are in bar inside.
+Numbers are those of Shin 2021 Table II but for wider orifices, another inertia and a load of springs. Friction is a steep
+hyperbolic tangent, so that scipy needs no events; pressures are in bar inside. Nothing of vsalog's mechanics is used.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cache
 from math import cos, sin, sqrt, tanh
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.integrate import solve_ivp
+
+from vsalog.rig import Rig
+from vsalog.rig.schema import PneumaticJoint
 
 Array = NDArray[np.float64]
 
@@ -91,7 +95,7 @@ level = 0.02
 """
 
 
-@dataclass
+@dataclass(frozen=True)
 class Bench:
     """What is true; the defaults are what the rig says."""
 
@@ -127,7 +131,8 @@ def pulls(bench: Bench, psi: float, a: float, b: float) -> tuple[float, float]:
     return bench.gain[0] * f1, bench.gain[1] * f2
 
 
-def rates(bench: Bench, t: float, x: Array) -> list[float]:
+def rates(bench: Bench, x: Array, u: tuple[float, float]) -> list[float]:
+    """Return the rates of (ψ, ψ̇, P₁, P₂) under two voltages."""
     psi, omega = x[0], x[1]
     f1, f2 = pulls(bench, psi, x[2], x[3])
     if bench.held is None:
@@ -144,7 +149,7 @@ def rates(bench: Bench, t: float, x: Array) -> list[float]:
         p, length = x[2 + i], 0.165 + sign * 0.0365 * sin(psi)
         volume = -2.44e-2 * length**2 + 6.824e-3 * length - 4.254e-4
         swelling = (6.824e-3 - 4.88e-2 * length) * sign * 0.0365 * cos(psi) * omega
-        opening = min(max((voltages(t)[i] + bench.valve[i]) / 10.0, 0.0), 1.0)
+        opening = min(max((u[i] + bench.valve[i]) / 10.0, 0.0), 1.0)
         flow = opening * nozzle(TANK, p) - (1.0 - opening) * nozzle(p, OUTSIDE)
         flow *= bench.scale[i] * (0.156 if flow > 0.0 else 0.234)
         flow -= bench.leak[i] * nozzle(p, OUTSIDE)
@@ -152,32 +157,45 @@ def rates(bench: Bench, t: float, x: Array) -> list[float]:
     return out
 
 
-def played(bench: Bench, duration: float = 8.0, rate: float = 500.0, seed: int = 0) -> dict[str, Array]:
-    """Return channel → samples: what the sensors say, with noise."""
-    settle = 1.0
-    time = np.arange(round((duration + settle) * rate)) / rate
+def torque_of(bench: Bench, x: Array) -> float:
+    f1, f2 = pulls(bench, x[0], x[2], x[3])
+    return 0.0365 * cos(x[0]) * (f1 - f2)
+
+
+@cache
+def moved(bench: Bench, duration: float, rate: float) -> tuple[Array, Array]:
+    """Return the states, shape (4, N), and the voltages, (2, N), a second after the start."""
+    time = np.arange(round((duration + 1.0) * rate)) / rate
     start = [bench.held or 0.0, 0.0, 3.5, 3.5]
     solution = solve_ivp(
-        lambda t, x: rates(bench, t, x), (0.0, time[-1]), start, "LSODA", time, rtol=1e-7, atol=1e-9, max_step=0.01
-    )
+        lambda t, x: rates(bench, x, voltages(t)), (0.0, time[-1]), start, "LSODA", time, rtol=1e-7, atol=1e-9, max_step=0.01
+    )  # fmt: skip
     assert solution.success
-    x = solution.y[:, time >= settle]
-    torque = [
-        0.0365 * cos(psi) * (np.subtract(*pulls(bench, psi, a, b))) for psi, a, b in zip(x[0], x[2], x[3], strict=True)
-    ]
-    u = np.array([voltages(t) for t in time[time >= settle]]).T
-    rng = np.random.default_rng(seed)
-    n = x.shape[1]
-    step = 2.0 * np.pi / 2**16
+    kept = time >= 1.0
+    return solution.y[:, kept], np.array([voltages(t) for t in time[kept]]).T
+
+
+def played(bench: Bench, duration: float = 8.0, rate: float = 500.0, seed: int = 0) -> dict[str, Array]:
+    """Return channel → samples: what the sensors say, with noise."""
+    x, u = moved(bench, duration, rate)
+    rng, n, step = np.random.default_rng(seed), x.shape[1], 2.0 * np.pi / 2**16
+    torque = np.array([torque_of(bench, state) for state in x.T])
     return {
         "time": np.arange(n) / rate,
         "angle": np.round(x[0] / step) * step,
-        "torque": bench.meter * np.array(torque) + 0.004 * rng.standard_normal(n),
+        "torque": bench.meter * torque + 0.004 * rng.standard_normal(n),
         "p1": 1e5 * x[2] + bench.gauge[0] + 250.0 * rng.standard_normal(n),
         "p2": 1e5 * x[3] + bench.gauge[1] + 250.0 * rng.standard_normal(n),
         "u1": u[0],
         "u2": u[1],
     }
+
+
+def joint_of(bench: Bench, friction: str = PAPER) -> PneumaticJoint:
+    """Return the joint as its rig says it is."""
+    joint = Rig.from_toml(rig_text(bench, friction)).joints["arm"]
+    assert isinstance(joint, PneumaticJoint)
+    return joint
 
 
 def rig_text(bench: Bench, friction: str = PAPER) -> str:
