@@ -28,7 +28,7 @@ from vsalog.diagnosis.kinds import balance_for
 from vsalog.diagnosis.selection import blocks_of
 from vsalog.diagnosis.sensing import bare
 from vsalog.diagnosis.suggest_candidates import Candidate, candidates
-from vsalog.diagnosis.suggest_questions import Hypothesis, Question, questions_of, shown
+from vsalog.diagnosis.suggest_questions import Hypothesis, Question, ordinary_causes, questions_of, shown
 from vsalog.diagnosis.suggest_range import Seen, seen_in
 from vsalog.diagnosis.suggest_words import TELLS, scenario_text, words_of
 from vsalog.diagnosis.system import System, build_system
@@ -45,7 +45,9 @@ Progress = Callable[[str], None]
 # Logs faster than this are answered with a scenario at this sample time [s].
 PERIOD = 5e-4
 # So many of the best candidates are played with the other hypothesis in the rig too.
-BOTH_WAYS = 4
+BOTH_WAYS = 6
+# Candidates that separate nearly as well as the best one are as good.
+NEARLY = 0.6
 # A payload adds this share to inertia and weight, and is asked for only if it separates so many times better.
 PAYLOAD, WORTHWHILE = 0.3, 1.5
 # A candidate that leaves what was seen becomes smaller, so as to stay a little within; so many times, and not below this share.
@@ -148,6 +150,7 @@ class Bench:
         played = self._first_look(plain, None, questions)
         if questions[0].confused:
             played = self._both_ways(plain, played, questions)
+            played = self._rich(plain, played, questions)
         best = max(played, key=lambda p: _worth(p, played, questions))
         payload = payload_for(plain, questions)
         if payload is not None:
@@ -181,6 +184,26 @@ class Bench:
         ranked = sorted(played, key=lambda p: -_worth(p, played, questions))[:BOTH_WAYS]
         checked = [self._tried(plain, p.candidate, p.payload, questions) for p in ranked]
         return [c for c in checked if c is not None] or ranked
+
+    def _rich(self, plain: Any, played: list[Played], questions: Sequence[Question]) -> list[Played]:
+        """Return, of those that separate about as well as the best, the one that shows most of all other causes.
+
+        What separates two causes may leave others free to take part: a motion without acceleration knows nothing of inertia.
+        """
+        worth = [_worth(p, played, questions) for p in played]
+        # What the best one tells apart has to stay so.
+        bar = max(NEARLY * max(worth), min(max(worth), TELLS))
+        near = [p for p, w in zip(played, worth, strict=True) if w >= bar]
+        return [max(near, key=lambda p: self._shown(plain, p.candidate.file, questions[0].one))]
+
+    def _shown(self, plain: Any, file: ScenarioFile, truth: Hypothesis) -> float:
+        """Return how far causes of an ordinary size move the equations of an experiment, on the geometric mean."""
+        try:
+            system = self._played(applied(plain, truth.sites, truth.values), file)
+        except Left:
+            return 0.0
+        others = ordinary_causes(self.found, truth)
+        return float(np.mean([np.log(max(shown(system, plain, o, truth), 1e-6)) for o, _ in others])) if others else 0.0
 
     def _tried(
         self,

@@ -38,8 +38,7 @@ class Room:
 
     def sine(self, frequency: float, share: float) -> float:
         """Return the amplitude of a sine that takes a share of the room, of the swing as of the speed."""
-        omega = 2.0 * pi * frequency
-        return share * min(self.half, self.rate / omega, self.bend / omega**2)
+        return share * min(self.half, self.rate / (2.0 * pi * frequency))
 
     def step(self, rise: float) -> float:
         """Return how far half a cosine may go in that time."""
@@ -61,6 +60,15 @@ def _ramps(room: Room, _: float) -> Parts:
 
 
 def _speeds(room: Room, _: float) -> Parts:
+    swing = min(room.half, 0.5 * room.rate)
+    parts, start = [Trapezoid(amplitude=-swing, rise=1.0, hold=DURATION)], 1.0
+    for rise in (1.0, 2.0, 4.0):
+        parts.append(Trapezoid(amplitude=2.0 * swing, rise=rise, hold=0.0, start=start))
+        start += 2.0 * rise
+    return tuple(parts)
+
+
+def _swings(room: Room, _: float) -> Parts:
     swing, parts, start, side = 0.5 * room.step(1.0), list[Any](), 0.0, 1.0
     for rise in (1.0, 1.0, 1.0, 2.0, 2.0, 4.0, 4.0):
         # The first goes from the middle to one side, each other from side to side.
@@ -81,10 +89,6 @@ def _sines(count: int, top: float) -> Wave:
     return wave
 
 
-def _slow(room: Room, _: float) -> Parts:
-    return (Sine(amplitude=room.sine(SLOWEST, 1.0), frequency=SLOWEST, phase=0.5 * pi),)
-
-
 def _fast(room: Room, fastest: float) -> Parts:
     slow, quick = room.sine(SLOWEST, 0.4), room.sine(0.8 * fastest, 0.6)
     high = Sine(amplitude=quick, frequency=0.8 * fastest, phase=0.5 * pi)
@@ -102,14 +106,14 @@ def _steps(room: Room, fastest: float) -> Parts:
 
 # Words → wave.
 WAVES: Mapping[str, Wave] = {
-    "slow ramps with reversals": _ramps,
     "ramps at three speeds": _speeds,
-    "a slow and a faster sine": _sines(2, 0.4),
     "a few sines from slow to the joint's resonance": _sines(5, 1.0),
     "levels that are held": _steps,
-    "a slow sine": _slow,
+    "slow ramps with reversals": _ramps,
+    "a slow and a faster sine": _sines(2, 0.4),
     "a slow sine with a fast one on top": _fast,
-    "three slow sines": _sines(3, 0.2),
+    "three sines from slow to the joint's resonance": _sines(3, 1.0),
+    "smooth swings at three speeds": _swings,
 }
 # So many are tried both with and without a second movement; of muscles fewer, whose simulation takes its time.
 TWICE, OF_MUSCLES = 4, 3

@@ -105,18 +105,27 @@ def _hidden(found: JointDiagnosis) -> tuple[Question, ...]:
     """Return the causes that the log would show least of, at an ordinary size, each against nothing."""
     system, fit, joint = found.system, found.fit, found.joint
     nothing = Hypothesis(None, fit.sites, fit.values)
-    setting = setting_of(joint, system)
-    asked = list[Question]()
+    asked = [
+        Question(one, nothing, shown(system, joint, one, nothing), False, size)
+        for one, size in ordinary_causes(found, nothing)
+    ]
+    return tuple(sorted(asked, key=lambda q: q.now)[:HIDDEN])
+
+
+def ordinary_causes(found: JointDiagnosis, beside: Hypothesis) -> list[tuple[Hypothesis, tuple[float, str]]]:
+    """Return the causes of one number, each of an ordinary size, beside what is there, with that size and its unit."""
+    out = []
+    setting = setting_of(found.joint, found.system)
     for cause in catalogue().values():
         for site in cause.sites(setting):
-            if len(site.parameters) > 1 or site.transient or any(related(site, s) for s in fit.sites):
+            if len(site.parameters) > 1 or site.transient or any(related(site, s) for s in beside.sites):
                 continue
             value = _ordinary(site.parameters[0])
-            one = Hypothesis(site, (*fit.sites, site), np.concatenate([fit.values, [value]]))
             told, unit = next(iter(site.reported([value]).values()))
             start = next(iter(site.reported([site.parameters[0].start]).values()))[0]
-            asked.append(Question(one, nothing, shown(system, joint, one, nothing), False, (abs(told - start), unit)))
-    return tuple(sorted(asked, key=lambda q: q.now)[:HIDDEN])
+            one = Hypothesis(site, (*beside.sites, site), np.concatenate([beside.values, [value]]))
+            out.append((one, (abs(told - start), unit)))
+    return out
 
 
 def shown(system: System, joint: Any, one: Hypothesis, nothing: Hypothesis) -> float:

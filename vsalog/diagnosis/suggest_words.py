@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import Any
 
 import msgspec
@@ -15,7 +16,9 @@ from vsalog.diagnosis.suggest_candidates import Candidate
 from vsalog.diagnosis.suggest_questions import Question, Questions
 from vsalog.diagnosis.words import part_in_words
 from vsalog.rig.parts import Payload
-from vsalog.simulation.scenario_schema import ScenarioFile
+from vsalog.simulation.scenario import unit_of
+from vsalog.simulation.scenario_parts import sum_of_parts
+from vsalog.simulation.scenario_schema import ScenarioFile, ServoDrive
 from vsalog.units import shown
 
 Array = NDArray[np.float64]
@@ -36,13 +39,31 @@ def words_of(
     several: bool,
 ) -> str:
     """Say what to do, why, and how well it would separate."""
-    what = f"Play {FILE}: {candidate.words}, {candidate.file.duration:g} s, within what this log shows to be safe"
+    bounds = _listed(
+        [f"{what} {low:.2g} to {high:.2g} {unit}" for what, low, high, unit in swings(candidate.file, found.name)]
+    )
+    what = f"Play {FILE}: {candidate.words}, {candidate.file.duration:g} s, {bounds}, within what this log shows to be safe"
     if several:
         what += f", in joint {found.name}"
     if payload is not None:
         what += f", with a known mass of {payload.mass:g} kg on the link at {payload.distance:g} m from its axis"
     why = _apart(questions, separations) if questions.confused else _shown(questions, separations)
     return f"{what}. {why}"
+
+
+def swings(file: ScenarioFile, joint: str) -> list[tuple[str, float, float, str]]:
+    """Return what is driven in a joint, from where to where, and the unit; what is held is left out."""
+    time = np.linspace(0.0, file.duration, 2000)
+    out = []
+    for key in file.joint[joint].__struct_fields__:
+        drive = getattr(file.joint[joint], key)
+        if drive:
+            parts = drive.reference if isinstance(drive, ServoDrive) else drive
+            values = sum_of_parts(parts, unit_of(key), file.duration, Path(), ("joint", joint, key))(time)
+            if np.ptp(values) > 0.0:
+                name = key.replace("servo", "position").replace("_", " ")
+                out.append((name, float(values.min()), float(values.max()), unit_of(key)))
+    return out
 
 
 def _apart(questions: Questions, separations: Array) -> str:
