@@ -28,9 +28,9 @@ Integers = NDArray[np.int64]
 
 # Length of a window [s], its fewest samples, and how many of a long log are simulated.
 WINDOW, FEWEST, MOST = 0.5, 20, 60
-# A window whose mean square is above this, the noise's being 1, is far off and begun anew, so often. Shares of a Newton step, and
-# the part of the usual effect below which a state is not moved.
-FAR, AGAIN = 2.0, 3
+# A window is there when its mean square is no more than so many times a Newton step promises; above the second it is begun anew,
+# so often. Shares of a step, and the part of the usual effect below which a state is not moved.
+CLOSE, FAR, AGAIN = 1.01, 1.5, 3
 SHARES, WEAK = (1.0, 0.3), 0.02
 
 
@@ -185,22 +185,20 @@ def begun(joint: Any, windows: Windows, states: Array | None = None, rounds: int
     joint : of the rig
     windows : of the log
     states : to start the search with; the measured ones when absent
-    rounds : Newton steps of all windows with one set of derivatives; those that are still far off get more
+    rounds : Newton steps with one set of derivatives; windows that are still far off get more
     """
     if states is None:
         states = player_of(joint, windows.channels).measured_states()[windows.spans[:, 0]]
-    shot = _nearer(joint, windows, shoot(joint, windows, states), rounds)
+    shot, far = _nearer(joint, windows, shoot(joint, windows, states), rounds)
     # Friction that sticks bends the way from a beginning to what follows: such windows are looked at again where they are now.
     for _ in range(AGAIN):
-        far = np.flatnonzero(_squares(shot, windows) > FAR)
         if not far.size:
             break
         some = np.arange(len(windows.spans)) if _remembers(joint) else far
-        now = Shot(shot.states[some], shot.errors)
-        near = _nearer(joint, windows.part(some), now, 1)
-        if near is now:
+        near, still = _nearer(joint, windows.part(some), Shot(shot.states[some], shot.errors), 1)
+        if np.array_equal(near.states, shot.states[some]):
             break
-        shot = _merged(windows, shot, some, near)
+        shot, far = _merged(windows, shot, some, near), some[still]
     return shot
 
 
@@ -211,20 +209,28 @@ def _remembers(joint: Any) -> bool:
     return bristles or any(getattr(p, "bouc_wen", None) is not None or getattr(p, "slip", ()) for p in parts)
 
 
-def _nearer(joint: Any, windows: Windows, shot: Shot, rounds: int) -> Shot:
-    """Take Newton steps with one set of derivatives; in each window the longest of some shares that is better."""
+def _nearer(joint: Any, windows: Windows, shot: Shot, rounds: int) -> tuple[Shot, Integers]:
+    """Take Newton steps with one set of derivatives; in each window the longest of some shares that is better.
+
+    Returns
+    -------
+    The simulation, and the windows that are still far from what the derivatives promise
+    """
     J = by_states(joint, windows, shot)
     norms = np.linalg.norm(J, axis=1)
     # What sticks does not notice how fast it was: a beginning is not led far away by what says next to nothing.
     J *= (norms > WEAK * np.median(norms, axis=0))[:, None, :]
+    promised = np.zeros(len(windows.spans))
     for _ in range(rounds):
-        r, left = in_windows(shot, windows), np.arange(len(windows.spans))
+        r = in_windows(shot, windows)
         step = np.stack([_least(J[w], r[w]) for w in range(len(r))])
+        promised = np.mean((r - np.einsum("wln,wn->wl", J, step)) ** 2, axis=1)
+        left = np.flatnonzero(_squares(shot, windows) > CLOSE * promised)
         for share in SHARES:
             if not left.size:
                 break
             shot, left = _better(joint, windows, shot, left, shot.states[left] - share * step[left])
-    return shot
+    return shot, np.flatnonzero(_squares(shot, windows) > FAR * promised)
 
 
 def _better(joint: Any, windows: Windows, shot: Shot, some: Integers, states: Array) -> tuple[Shot, Integers]:
