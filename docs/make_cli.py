@@ -18,8 +18,8 @@ def reference() -> str:
         "## Exit codes",
         "",
         "0: done. 2: the input or the command line is at fault; one line on stderr says what, where and what to do, and",
-        "nothing was written. 3: done, but a threshold that was asked for was missed (`validate --max-nrmse`). 1: a bug in",
-        "vsalog; `vsalog --debug …` shows a traceback.",
+        "nothing was written. 3: done, but a threshold that was asked for was missed (`validate --max-nrmse`,",
+        "`diagnose --fail-on-cause`). 1: a bug in vsalog; `vsalog --debug …` shows a traceback.",
         "",
     ]
     return "\n".join(parts)
