@@ -21,7 +21,7 @@ from vsalog.rig.schema import PneumaticJoint
 Array = NDArray[np.float64]
 
 TANK, OUTSIDE, GAS = 7.1, 1.013, 287.0 * 293.0
-SMOOTH = 1e-3  # velocity over which friction turns round [rad/s]
+SMOOTH = 1e-4  # velocity over which friction turns round [rad/s]
 
 RIG = """
 name = "bench"

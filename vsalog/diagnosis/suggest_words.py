@@ -147,10 +147,11 @@ def scenario_text(
 
     lines = [f"Proposed by vsalog diagnose --suggest for joint {shown(joint)}: {words}.", "All numbers are SI."]
     for question, there in zip(questions.asked, separations, strict=True):
-        pair = f"{_name(question, 'one', questions)} against {_name(question, 'other', questions)}"
-        lines.append(
-            f"{pair}: apart by {_times(question.now)} the noise of an average in the log, {_times(float(there))} here."
-        )
+        if question.size is None:
+            what = f"{_name(question, 'one', questions)} against {_name(question, 'other', questions)}: apart by"
+        else:
+            what = f"{_name(question, 'one', questions)} of {_size(*question.size)}: shows as"
+        lines.append(f"{what} {_times(question.now)} the noise of an average in the log, {_times(float(there))} here.")
     if payload is not None:
         key = f"joint.{shown(joint)}.link.payload"
         lines.append(
