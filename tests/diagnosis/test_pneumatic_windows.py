@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from click.testing import CliRunner
 from pam_machine import Bench, joint_of, moved, write
-from test_pneumatic import as_rig, signals_of
+from test_balance_pneumatic import as_rig, signals_of
 
 from vsalog.cli import cli
 from vsalog.diagnosis.channels import channels_of

@@ -131,7 +131,7 @@ def named(document):
 
 
 def test_an_experiment_proposed_for_inertia_or_weight_tells_which_it_was_on_a_machine_written_out_here(tmp_path, run):
-    truth = Truth(gravity=1.8)
+    truth = Truth(gravity=1.56)
     put(tmp_path, "poor", *swinging(truth), ELASTIC)
     poor = run("diagnose", "poor.csv", "--suggest", "--json", "-o", "out")
     candidates = {*named(poor), *(o for c in poor["causes"] for o in c["indistinguishable_from"])}
@@ -150,7 +150,7 @@ def test_an_experiment_proposed_for_inertia_or_weight_tells_which_it_was_on_a_ma
 
 @pytest.mark.parametrize(
     ("hidden", "right"),
-    [("motor.friction.coulomb=0.015", "motor.coulomb_friction"), ("motor.damping=0.12", "motor.viscous_friction")],
+    [("motor.friction.coulomb=0.005", "motor.coulomb_friction"), ("motor.damping=0.075", "motor.viscous_friction")],
 )
 def test_an_experiment_proposed_for_frictions_tells_which_it_was(tmp_path, run, hidden, right):
     (tmp_path / "rig.toml").write_text(_noisy(LEVEL), encoding="utf-8")

@@ -16,6 +16,8 @@ DRY = frozenset({"motor.coulomb_friction", "motor.stribeck_friction"})
 SPEEDS = (0.03, 0.1, 0.3, 0.8)
 # Displacements over which bristles give way, as parts of the position's, to begin with.
 BRISTLES = (3e-4, 3e-3, 3e-2)
+# Bristles give way over no less and no more than these parts of it: what never slides is a spring to the ground, not friction.
+NARROW, WIDE = 1e-5, 0.3
 
 
 def with_bristles(plain: Site, setting: Setting) -> Iterator[Site]:
@@ -30,26 +32,31 @@ def with_bristles(plain: Site, setting: Setting) -> Iterator[Site]:
     torque = setting.torque_size() if plain.part == "link" else scale_of(setting, plain.part)[0]
     own = len(plain.parameters)
 
+    def level(values: Sequence[float]) -> float:
+        friction = getattr(plain.apply(setting.joint, values[:own]), plain.part).friction
+        return float(friction.breakaway)
+
     def apply(joint: Any, values: Sequence[float]) -> Any:
         joint = plain.apply(joint, values[:own])
         friction = getattr(joint, plain.part).friction
         if friction.breakaway == 0.0:
             return joint  # bristles without a level are nothing, and no rig may have them
-        friction = replace(friction, presliding_stiffness=float(np.exp(values[own])))
-        return with_part(joint, plain.part, friction=friction)
+        stiffness = friction.breakaway / float(np.exp(values[own]))
+        return with_part(joint, plain.part, friction=replace(friction, presliding_stiffness=stiffness))
 
     def starts(left: Remainder) -> list[tuple[float, ...]]:
         first = plain.starts(left) if plain.starts is not None else [plain.start]
-        level = 0.03 * torque
-        begun = [(max(s[0], level if plain.parameters[0].unit == "N*m" else 0.03), *s[1:]) for s in first[:2]]
-        return [(*s, float(np.log(level / (share * travel)))) for s in begun for share in BRISTLES]
+        least = 0.03 * torque if plain.parameters[0].unit == "N*m" else 0.03
+        begun = [(max(s[0], least), *s[1:]) for s in first[:2]]
+        return [(*s, float(np.log(share * travel))) for s in begun for share in BRISTLES]
 
     def report(values: Sequence[float]) -> dict[str, tuple[float, str]]:
-        return plain.reported(values[:own]) | {"presliding_stiffness": (float(np.exp(values[own])), "N*m/rad")}
+        stiffness = level(values) / float(np.exp(values[own]))
+        return plain.reported(values[:own]) | {"presliding_stiffness": (stiffness, "N*m/rad")}
 
-    low, high = np.log(1e-3 * torque / travel), np.log(1e5 * torque / travel)
-    bristle = Parameter("presliding", "1", 0.5 * (low + high), 0.05, float(low), float(high), 1.5)
-    yield Site(plain.cause, plain.part, (*plain.parameters, bristle), apply, starts, report, plain.excludes)
+    low, high = np.log(NARROW * travel), np.log(WIDE * travel)
+    way = Parameter("way", "1", 0.5 * (low + high), 0.05, float(low), float(high), 1.5)
+    yield Site(plain.cause, plain.part, (*plain.parameters, way), apply, starts, report, plain.excludes)
 
 
 def moved_motors(setting: Setting) -> Iterator[str]:
