@@ -221,6 +221,6 @@ def _against(
     two = isinstance(run.job.rig.joints[estimate.joint], AntagonisticJoint)
     suffix = ("_total" if transmission == "total" else f"_{transmission}") if two else ""
     stamps = Smoothed(trace.time, trace.stamps, np.zeros(trace.time.size, dtype=np.bool_), {})
-    true = true_stiffness(truth, estimate.joint, suffix, stamps)
+    true = true_stiffness(truth.channels, estimate.joint, suffix, stamps)
     settled = (mine["excited"] > 0.0) & (trace.time > 0.5 * (trace.time[0] + trace.time[-1]))
     return None if true is None else score(mine["stiffness"][settled], true[settled])

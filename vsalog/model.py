@@ -122,7 +122,7 @@ class JointModel(_Base, frozen=True):
         if at.ndim != 1:
             raise EstimatorError(f"the deflection must be one number or a list of them, not of shape {at.shape}")
         rows = self.basis.basis().rows(at, None if setpoint is None else c, derivative, on)[:, derivative]
-        variance = np.einsum("ki,ij,kj->k", rows, np.array(part.covariance), rows)
+        variance = np.einsum("ki,ki->k", rows @ np.array(part.covariance), rows)
         return rows @ np.array(part.coefficients), np.sqrt(variance)
 
 

@@ -24,6 +24,7 @@ WORDS = {
     "time": ("time",),
     "motor_position": ("motor_position", "motor angle", "motor_angle", "theta"),
     "motor_velocity": ("motor_velocity", "motor_speed", "motor velocity", "theta_dot"),
+    "link_position": ("link_position", "link angle", "link_angle", "q"),
     "link_velocity": ("link_velocity", "link_speed", "link velocity", "q_dot"),
 }
 

@@ -11,7 +11,7 @@ from vsalog.rig import Rig
 from vsalog.rig.schema import CubicTransmission
 from vsalog.simulation import simulate
 from vsalog.simulation.inputs import multisine
-from vsalog.validation.joint import judge
+from vsalog.validation.joint import judge, prepare
 
 ROLES = ("motor_position", "link_position", "torque_sensor")
 
@@ -25,14 +25,14 @@ def test_two_hundred_second_experiments(spring, models):
     rig = Rig.preset("sea").file
     joint = rig.joint["sea"]
     played = joint if spring is None else replace(joint, transmission=spring)
-    scores = []
+    scores, device = [], device_of("sea", joint)
     for seed in range(200):
         torque = multisine(1.2, np.arange(1, 16) * 0.1, seed=seed)
         machine = replace(rig, joint={"sea": played})
         experiment = simulate(machine, {"sea": {"motor_torque": torque}}, 10.0, period=2e-3, seed=seed)
         recording = experiment.recording()
         signals = bind([recording], "sea", joint, ROLES)
-        part = judge(model, joint, device_of("sea", joint), signals, recording).transmissions[0]
+        part = judge(model, joint, device, prepare(device, signals), recording.channels).transmissions[0]
         scores.append(next(c.inside for c in part.comparisons if c.reference == "sensor"))
     mse = np.mean([s.mse.value for s in scores])
     hits = [s.nrmse.low <= 100.0 * np.sqrt(mse) / s.span <= s.nrmse.high for s in scores]

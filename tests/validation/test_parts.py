@@ -117,7 +117,8 @@ def test_noise_that_stays_alike_is_rarely_given_a_cause(alike):
         error = lfilter([1.0], [1.0, -a], rng.standard_normal(T.size + 10_000))[10_000:]
         q = 0.3 * np.sin(T) + phi
         variables = {"deflection": phi, "velocity": rate, "loading": np.sign(rate * phi), "time": T, "stiffness": sigma,
-                     "link_position": q, "velocity of link_position": np.gradient(q, 1e-3), **loops(phi)}  # fmt: skip
+                     "link_position": q, "velocity of link_position": np.gradient(q, 1e-3)}  # fmt: skip
+        variables |= loops(phi, np.arange(phi.size))
         found = dependences(0.01 * error, 20.0 * phi + 500.0 * phi**3, variables)
         causes += any(d.on != "itself" for d in found)
     assert causes <= 1

@@ -11,7 +11,7 @@ from vsalog.diagnosis.document import Gain
 from vsalog.diagnosis.gain import DRAWS, SEED
 from vsalog.errors import VsalogError
 from vsalog.estimation import choose, estimate_joint
-from vsalog.recording import Recording
+from vsalog.recording import Recording, Stamps
 from vsalog.trace import Trace
 
 Array = NDArray[np.float64]
@@ -46,7 +46,8 @@ def stiffness_gains(name: str, before: Any, after: Any, recording: Recording) ->
         if single and transmission == "total":
             continue  # the same as the one transmission
         if all(transmission in trace.transmissions for trace in (*first, *second)):
-            old, new = _differences(first, transmission), _differences(second, transmission)
+            stamps = first[0].stamps
+            old, new = (_differences(pair, transmission, stamps) for pair in (first, second))
             gain = _gain(name, "total" if single else transmission, old, new)
             out += [gain] if gain is not None else []
     return out
@@ -67,20 +68,28 @@ def _traces(name: str, joint: Any, recording: Recording) -> tuple[Trace, Trace] 
     return found[0], found[1]
 
 
-def _differences(pair: tuple[Trace, Trace], transmission: str) -> tuple[Array, Array]:
-    """Return RESIDUAL − SENSOR, shape (N,), NaN where either is not supported by the data; and the variance of that."""
-    columns = [{k: np.asarray(v, dtype=np.float64) for k, v in t.transmissions[transmission].items()} for t in pair]
-    time = pair[0].time
-    good = time > time[0] + SETTLED * (time[-1] - time[0])
+def _differences(pair: tuple[Trace, Trace], transmission: str, stamps: Stamps) -> tuple[Array, Array]:
+    """Return RESIDUAL − SENSOR at some stamps, NaN where either is not supported by the data; and the variance of that.
+
+    A delay that one rig knows of and the other does not leaves traces that begin and end apart.
+    """
+    columns = [
+        {k: _at(stamps, trace, trace.transmissions[transmission][k]) for k in ("excited", "stiffness", "stiffness_std")}
+        for trace in pair
+    ]
+    good = stamps > stamps[0] + SETTLED * (stamps[-1] - stamps[0])
     for c in columns:
-        good &= (c["excited"] > 0.0) & np.isfinite(c["stiffness"])
+        good &= (c["excited"] > 0.5) & np.isfinite(c["stiffness"])
     off = np.where(good, columns[0]["stiffness"] - columns[1]["stiffness"], np.nan)
     return off, columns[0]["stiffness_std"] ** 2 + columns[1]["stiffness_std"] ** 2
 
 
+def _at(stamps: Stamps, trace: Trace, values: NDArray[Any]) -> Array:
+    seconds, own = (stamps - stamps[0]) * 1e-9, (trace.stamps - stamps[0]) * 1e-9
+    return np.asarray(np.interp(seconds, own, np.asarray(values, dtype=np.float64), left=np.nan, right=np.nan))
+
+
 def _gain(name: str, transmission: str, old: tuple[Array, Array], new: tuple[Array, Array]) -> Gain | None:
-    if old[0].size != new[0].size:
-        return None
     good = np.isfinite(old[0]) & np.isfinite(new[0])
     if np.count_nonzero(good) < 10 * BLOCKS:
         return None

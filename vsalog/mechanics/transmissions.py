@@ -49,7 +49,7 @@ def flexibility_torque(
     RigError
         The transmission has no nominal model, or its set-point is missing.
     """
-    return _evaluated(transmission, phi, setpoint, time, "flexibility torque")[1]
+    return _evaluated(transmission, phi, setpoint, time, "flexibility torque")[1].copy()  # frees the others
 
 
 def stiffness(
@@ -59,7 +59,7 @@ def stiffness(
 
     Parameters and errors are those of `flexibility_torque`.
     """
-    return _evaluated(transmission, phi, setpoint, time, "stiffness")[2]
+    return _evaluated(transmission, phi, setpoint, time, "stiffness")[2].copy()
 
 
 def elastic_energy(

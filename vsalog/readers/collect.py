@@ -5,12 +5,43 @@ from __future__ import annotations
 from collections.abc import Collection
 from dataclasses import dataclass, field, replace
 from pathlib import Path
+from typing import Generic, TypeVar
 
 import numpy as np
+from numpy.typing import NDArray
 
 from vsalog.readers.base import Block, Reader, plural
 from vsalog.readers.timing import YEAR_2000, Clock, Order, choose_clock, put_in_order
 from vsalog.recording import Channel, Recording, Stamps, Stream, Values
+
+T = TypeVar("T", np.int64, np.float64)
+
+
+@dataclass(slots=True)
+class _Column(Generic[T]):
+    """Values that grow block by block. What is not filled yet is no memory; lists of blocks would leave holes behind."""
+
+    values: NDArray[T]
+    filled: int = 0
+    blocks: int = 0
+
+    def add(self, at: int, new: NDArray[T]) -> None:
+        """Put a block's values in place; what blocks before it had not is NaN."""
+        end = at + len(new)
+        if end > self.values.size:
+            larger = np.empty(max(end, 2 * self.values.size), dtype=self.values.dtype)
+            larger[: self.filled] = self.values[: self.filled]
+            self.values = larger
+        if self.filled < at:
+            self.values[self.filled : at] = np.nan
+        self.values[at:end] = new
+        self.filled, self.blocks = end, self.blocks + 1
+
+    def whole(self, count: int) -> NDArray[T]:
+        """Return all values, NaN at the end where the last blocks had none."""
+        self.add(count, self.values[:0])
+        self.values.resize(count, refcheck=False)
+        return self.values
 
 
 @dataclass(slots=True)
@@ -18,33 +49,33 @@ class _Gathered:
     """The blocks of one stream."""
 
     type: str
-    counts: list[int] = field(default_factory=list)
-    clocks: dict[str, list[Stamps]] = field(default_factory=dict)
-    columns: dict[str, dict[int, Values]] = field(default_factory=dict)
+    count: int = 0
+    blocks: int = 0
+    clocks: dict[str, _Column[np.int64]] = field(default_factory=dict)
+    columns: dict[str, _Column[np.float64]] = field(default_factory=dict)
     units: dict[str, str] = field(default_factory=dict)
     timeless: str = ""
 
     def add(self, block: Block) -> None:
-        number = len(self.counts)
-        self.counts.append(len(next(iter(block.clocks.values()))))
         for kind, stamps in block.clocks.items():
-            self.clocks.setdefault(kind, []).append(stamps)
+            # A clock that a block has not is none; the rest of it does not matter then.
+            clock = self.clocks.setdefault(kind, _Column(np.empty(0, dtype=np.int64)))
+            clock.add(clock.filled, stamps)
         for name, values in block.columns.items():
-            self.columns.setdefault(name, {})[number] = values
+            self.columns.setdefault(name, _Column(np.empty(0))).add(self.count, values)
         for name, unit in block.units.items():
             self.units.setdefault(name, unit)
         self.timeless = block.timeless
+        self.count += len(next(iter(block.clocks.values())))
+        self.blocks += 1
 
     def joined_clocks(self) -> dict[str, Stamps]:
         """Return the clocks that every block has."""
-        complete = (kind for kind, parts in self.clocks.items() if len(parts) == len(self.counts))
-        return {kind: np.concatenate(self.clocks[kind]) for kind in complete}
+        return {kind: clock.values[: self.count] for kind, clock in self.clocks.items() if clock.blocks == self.blocks}
 
     def take_column(self, name: str) -> Values:
-        """Return a column over all blocks, NaN where a block has none of it, and forget its parts."""
-        parts = self.columns.pop(name)
-        missing = (np.full(count, np.nan) if i not in parts else parts[i] for i, count in enumerate(self.counts))
-        return np.concatenate(list(missing))
+        """Return a column over all blocks, NaN where a block has none of it, and forget it here."""
+        return self.columns.pop(name).whole(self.count)
 
 
 def collect(path: Path, reader: Reader, wanted: Collection[str] | None, time: str) -> Recording:

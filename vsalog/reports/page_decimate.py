@@ -13,6 +13,8 @@ Indices = NDArray[np.int64]
 
 # A step of time this many times the usual one is a gap that no line crosses.
 GAP_PERIODS = 5.0
+# Points are chosen among so many samples or a few more, spread over the log.
+LOOKED_AT = 400_000
 
 
 def gaps_of(time: Array) -> Indices:
@@ -164,18 +166,23 @@ def scattered(x: Array, y: Array, most: int) -> Indices:
     if known.size <= most:
         return known
     a, b = x[known], y[known]
-    extremes = np.array([a.argmin(), a.argmax(), b.argmin(), b.argmax()])
+    extremes = known[[a.argmin(), a.argmax(), b.argmin(), b.argmax()]]
+    known = known[:: max(1, known.size // LOOKED_AT)]
+    a, b = x[known], y[known]
     side = int(np.sqrt(most))
     while True:
         cell = _cell(a, side) * side + _cell(b, side)
-        first = np.unique(cell, return_index=True)[1]
+        # Of several values for one place the last is kept: backwards, the first sample of each cell.
+        filled = np.full(side * side, -1, dtype=np.int64)
+        filled[cell[::-1]] = np.arange(cell.size - 1, -1, -1)
+        first = filled[filled >= 0]
         # A thin curve fills few cells of a coarse grid: finer ones, until there are as many points as wanted.
         if first.size > most:
             break
         chosen, side = first, 2 * side
         if side > 64 * int(np.sqrt(most)):
             break
-    return np.asarray(known[np.union1d(chosen, extremes)], dtype=np.int64)
+    return np.asarray(np.union1d(known[chosen], extremes), dtype=np.int64)
 
 
 def _cell(values: Array, side: int) -> Indices:

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import stats
+from scipy import special
 
 from vsalog.validation.document import Dependence
 from vsalog.validation.scores import bins_of, effective_samples
@@ -20,7 +20,7 @@ LEAST_SHARE, LARGEST_P = 0.05, 1e-3
 # Errors this much smaller than the torque's spread are not worth a cause.
 NEGLIGIBLE = 2e-3
 # Samples that tell a dependence; of a longer log only as many are looked at.
-ENOUGH = 100_000
+ENOUGH = 50_000
 # Times the filter's own correlation, beyond which nothing of it is left.
 APART = 3.0
 # Causes that are told one after the other, each of what the ones before have left.
@@ -47,8 +47,20 @@ class _Fit:
     coefficients: Array
 
 
+def thinned(use: NDArray[np.bool_]) -> tuple[NDArray[np.int64], int]:
+    """Return which samples of those in use to look at, as indices, and of how many each is one."""
+    rows = np.flatnonzero(use)
+    thin = max(1, rows.size // ENOUGH)
+    return rows[::thin], thin
+
+
 def dependences(
-    error: Array, predicted: Array, variables: Mapping[str, Array], smoothing: float = 1.0, step: float | None = None
+    error: Array,
+    predicted: Array,
+    variables: Mapping[str, Array],
+    smoothing: float = 1.0,
+    step: float | None = None,
+    thin: int = 1,
 ) -> tuple[Dependence, ...]:
     """Return what the error depends on, in the order in which it explains most of what is left; `itself` comes last.
 
@@ -60,12 +72,12 @@ def dependences(
         ``time``, ``stiffness`` (predicted), `POSITIONS` of link and motors, ``velocity of`` each of these, ``loop …`` (`loops`)
     smoothing : for how many samples the filter that both went through makes even white noise stay alike
     step : the least step of the torque sensor [N·m]; None where it has none
+    thin : of how many samples of the log each that is given is one
     """
     keep = np.isfinite(error) & np.isfinite(predicted)
     for x in variables.values():
         keep &= np.isfinite(x)
-    thin = max(1, int(np.count_nonzero(keep)) // ENOUGH)
-    e, torque = error[keep][::thin], predicted[keep][::thin]
+    e, torque = error[keep], predicted[keep]
     if e.size < 50:
         return ()
     power = float(np.mean(e**2))
@@ -74,7 +86,7 @@ def dependences(
         return ()
     if step is not None and step**2 / 12.0 >= STEPS_ALONE * power:
         return (_steps(step, power),)
-    at = {name: x[keep][::thin] for name, x in variables.items()}
+    at = {name: x[keep] for name, x in variables.items()}
     told, rest = _causes(e, torque, at, power)
     last = _itself(rest, power, smoothing / thin, thin)
     if last is not None and last.share >= LEAST_SHARE and last.p_value <= LARGEST_P:
@@ -237,8 +249,9 @@ def _has_a_trend(rest: Array, signature: Signature) -> bool:
         part = slice(i * size, (i + 1) * size)
         norm = float(base[part] @ base[part])
         means.append(float(base[part] @ rest[part]) / norm if norm > 0.0 else 0.0)
-    measure = float(stats.kendalltau(np.arange(BLOCKS), means).statistic)
-    return bool(np.isfinite(measure) and abs(measure) >= MONOTONE)
+    # Kendall's measure: pairs of blocks that rise less those that fall, of all pairs.
+    rising = np.sign(np.subtract.outer(means, means))[np.tril_indices(BLOCKS, -1)]
+    return abs(float(rising.mean())) >= MONOTONE
 
 
 def _steps(step: float, power: float) -> Dependence:
@@ -264,7 +277,7 @@ def _itself(rest: Array, power: float, smoothing: float, thin: int) -> Dependenc
     )
     z = abs(rho) * np.sqrt(left.size)
     share = max(rho, 0.0) ** 2 * variance / left.size / power
-    return Dependence(on="itself", share=share, p_value=2.0 * float(stats.norm.sf(z)), slope=rho, words=words)
+    return Dependence(on="itself", share=share, p_value=2.0 * float(special.ndtr(-z)), slope=rho, words=words)
 
 
 def _p(share: float, freedom: int, independent: float) -> float:
@@ -274,4 +287,4 @@ def _p(share: float, freedom: int, independent: float) -> float:
     """
     spare = max(independent - freedom - 1.0, 1.0)
     f = max(share, 0.0) / freedom / max((1.0 - share) / spare, 1e-300)
-    return float(stats.f.sf(f, freedom, spare))
+    return float(special.fdtrc(freedom, spare, f))

@@ -13,6 +13,7 @@ from vsalog.rig.schema import Joint
 
 Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]
+Deviations = NDArray[np.floating]
 
 
 @dataclass(frozen=True, slots=True)
@@ -32,11 +33,11 @@ class TransmissionEvidence:
 
     deflection: Array
     predicted: Array
-    predicted_std: Array
+    predicted_std: Deviations
     measured: Array | None
     measured_by: str
     stiffness: Array
-    stiffness_std: Array
+    stiffness_std: Deviations
     true_stiffness: Array | None
     inside: Flags
 

@@ -2,21 +2,21 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
 
 import numpy as np
-from msgspec.structs import replace
+from msgspec import structs
 from numpy.typing import NDArray
 
 from vsalog.estimators.device import Device, TransmissionView, deflection_of
 from vsalog.model import JointModel
-from vsalog.recording import Recording
+from vsalog.recording import Channel
 from vsalog.resolution import step_of
 from vsalog.rig.schema import AntagonisticJoint, Joint
 from vsalog.signals import JointSignals
 from vsalog.validation import references as ref
-from vsalog.validation.dependence import LEAST_SHARE, dependences, gain_of
+from vsalog.validation.dependence import LEAST_SHARE, dependences, gain_of, thinned
 from vsalog.validation.document import Comparison, Dependence, Reference, Score, TransmissionReport
 from vsalog.validation.evidence import JointEvidence, TransmissionEvidence, setpoint_unit
 from vsalog.validation.independence import computed_from, stuck
@@ -28,6 +28,7 @@ from vsalog.validation.torques import residual as residual_of
 
 Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]
+Truth = Mapping[str, Channel]
 
 TORQUE, STIFFNESS = ("flexibility_torque", "N*m"), ("stiffness", "N*m/rad")
 
@@ -48,9 +49,9 @@ class _Part:
     name: str
     phi: Array
     torque: Array
-    torque_std: Array
+    torque_std: ref.Deviations
     stiffness: Array
-    stiffness_std: Array
+    stiffness_std: ref.Deviations
     inside: Flags
     sensor: Array | None
     sensor_role: str | None
@@ -60,15 +61,31 @@ class _Part:
     truth: Array | None
 
 
-def judge(model: JointModel, joint: Joint, device: Device, signals: JointSignals, recording: Recording) -> Judged:
-    """Hold a joint's frozen model against a log.
+@dataclass(frozen=True, slots=True)
+class Prepared:
+    """A joint's signals, ready to be judged.
+
+    Attributes
+    ----------
+    signals : as bound, but with smoothed values where there are such: an hour's are not kept twice
+    smoothed : the same, with rates
+    sensors : torque sensors as they were recorded, role → shape (N,)
+    not_independent : why a torque sensor is none; None where nothing speaks for that
+    """
+
+    signals: JointSignals
+    smoothed: ref.Smoothed
+    sensors: Mapping[str, Array]
+    not_independent: str | None
+
+
+def prepare(device: Device, signals: JointSignals) -> Prepared:
+    """Filter a joint's signals.
 
     Parameters
     ----------
-    model : frozen
-    joint, device : of the rig
+    device : of the joint
     signals : bound: deflections or positions, set-point, and whatever torques there are
-    recording : for a simulator's truth
 
     Raises
     ------
@@ -77,21 +94,49 @@ def judge(model: JointModel, joint: Joint, device: Device, signals: JointSignals
     """
     not_independent = _not_independent(device, signals)
     s = ref.smoothed(device, signals, tuple(signals.roles))
+    sensors = {role: values for role, values in signals.roles.items() if role.startswith("torque_sensor")}
+    kept = {role: s.roles.get(role, values) for role, values in signals.roles.items()}
+    return Prepared(replace(signals, roles=kept), s, sensors, not_independent)
+
+
+def judge(model: JointModel, joint: Joint, device: Device, prepared: Prepared, truth: Truth) -> Judged:
+    """Hold a joint's frozen model against a log.
+
+    Parameters
+    ----------
+    model : frozen
+    joint, device : of the rig
+    prepared : the log's signals
+    truth : what a simulator left of its truth in the log, by channel
+    """
+    signals, s = prepared.signals, prepared.smoothed
     setpoint = s.roles.get("setpoint")
-    parts = [_part(model, joint, device, view, s, setpoint, signals, recording) for view in device.transmissions]
-    if len(parts) > 1:
-        parts.append(_total(parts, device, s, signals, recording))
-    trusted = not_independent is None
-    reports = tuple(_report(part, s, setpoint, signals, trusted) for part in parts)
-    drawn = {p.name: _evidence(p, r) for p, r in zip(parts, reports, strict=True)}
+    reports, drawn = list[TransmissionReport](), dict[str, TransmissionEvidence]()
+
+    def report(part: _Part) -> None:
+        reports.append(_report(part, prepared, setpoint))
+        drawn[part.name] = _evidence(part, reports[-1])
+
+    total: _Part | None = None
+    for view in device.transmissions:
+        # A part is long: no more than one is kept beside their sum.
+        part = _part(model, joint, device, view, s, setpoint, signals, truth)
+        report(part)
+        if len(device.transmissions) > 1:
+            total = part if total is None else _added(total, part)
+        del part
+    if total is not None:
+        report(_whole(total, device, s, signals, truth))
     return Judged(
-        reports, JointEvidence(signals.joint, s.time, setpoint, setpoint_unit(joint), drawn, model), not_independent
+        tuple(reports),
+        JointEvidence(signals.joint, s.time, setpoint, setpoint_unit(joint), drawn, model),
+        prepared.not_independent,
     )
 
 
 def _part(
     model: JointModel, joint: Joint, device: Device, view: TransmissionView, s: ref.Smoothed, setpoint: Array | None,
-    signals: JointSignals, recording: Recording,
+    signals: JointSignals, truth: Truth,
 ) -> _Part:  # fmt: skip
     torque, torque_std, sigma, sigma_std = ref.prediction(model, view, s, setpoint)
     sensor, residual = sensor_of(device, view, s), residual_of(device, view, s, signals)
@@ -102,44 +147,47 @@ def _part(
         view.name, phi, torque, torque_std, sigma, sigma_std, inside_region(fitted, phi, setpoint),
         felt(device, (view,), sensor, s, signals), sensor, residual,
         None if residual is None else ref.behind_the_lag(torque, signals.period),
-        ref.nominal(view, s, setpoint), ref.true_stiffness(recording, device.joint, suffix, s),
+        ref.nominal(view, s, setpoint), ref.true_stiffness(truth, device.joint, suffix, s),
     )  # fmt: skip
 
 
-def _total(
-    parts: Sequence[_Part], device: Device, s: ref.Smoothed, signals: JointSignals, recording: Recording
-) -> _Part:
-    """The joint as a whole: torques and stiffnesses of both transmissions add up (Flacco 2012 eq. 9–10)."""
+def _added(one: _Part, other: _Part) -> _Part:
+    """Both transmissions' torques and stiffnesses add up (Flacco 2012 eq. 9–10); the standard deviations in squares."""
 
-    def total(values: Sequence[Array | None]) -> Array | None:
-        known = [v for v in values if v is not None]
-        return np.sum(known, axis=0) if len(known) == len(values) else None
+    def plus(a: Array | None, b: Array | None) -> Array | None:
+        return None if a is None or b is None else a + b
 
-    sensor = felt(device, device.transmissions, "torque_sensor", s, signals)
-    nominal = [p.nominal for p in parts]
-    known = [n for n in nominal if n is not None]
-    return _Part(
-        "total",
-        parts[0].phi,
-        np.sum([p.torque for p in parts], axis=0),
-        np.sqrt(np.sum([p.torque_std**2 for p in parts], axis=0)),
-        np.sum([p.stiffness for p in parts], axis=0),
-        np.sqrt(np.sum([p.stiffness_std**2 for p in parts], axis=0)),
-        np.logical_and.reduce([p.inside for p in parts]),
-        sensor if sensor is not None else total([p.sensor for p in parts]),
-        "torque_sensor" if sensor is not None else None,
-        total([p.residual for p in parts]),
-        total([p.lagged for p in parts]),
-        (np.sum([n[0] for n in known], axis=0), np.sum([n[1] for n in known], axis=0))
-        if len(known) == len(parts)
-        else None,
-        ref.true_stiffness(recording, signals.joint, "_total", s),
+    nominal = None
+    if one.nominal is not None and other.nominal is not None:
+        nominal = (one.nominal[0] + other.nominal[0], one.nominal[1] + other.nominal[1])
+    return replace(
+        one,
+        torque=one.torque + other.torque,
+        torque_std=np.hypot(one.torque_std, other.torque_std),
+        stiffness=one.stiffness + other.stiffness,
+        stiffness_std=np.hypot(one.stiffness_std, other.stiffness_std),
+        inside=one.inside & other.inside,
+        sensor=plus(one.sensor, other.sensor),
+        residual=plus(one.residual, other.residual),
+        lagged=plus(one.lagged, other.lagged),
+        nominal=nominal,
     )
 
 
-def _report(
-    part: _Part, s: ref.Smoothed, setpoint: Array | None, signals: JointSignals, trusted: bool
-) -> TransmissionReport:
+def _whole(total: _Part, device: Device, s: ref.Smoothed, signals: JointSignals, truth: Truth) -> _Part:
+    """The joint as a whole, with a sensor of its own where it has one."""
+    sensor = felt(device, device.transmissions, "torque_sensor", s, signals)
+    return replace(
+        total,
+        name="total",
+        sensor=total.sensor if sensor is None else sensor,
+        sensor_role=None if sensor is None else "torque_sensor",
+        truth=ref.true_stiffness(truth, signals.joint, "_total", s),
+    )
+
+
+def _report(part: _Part, prepared: Prepared, setpoint: Array | None) -> TransmissionReport:
+    trusted = prepared.not_independent is None
     comparisons: list[Comparison] = []
     judged_on: Reference | None = None
     dependence: tuple[Dependence, ...] = ()
@@ -159,9 +207,11 @@ def _report(
     ):
         if measured is not None and predicted is not None and judged_on is None and bool(part.inside.any()):
             judged_on = reference  # type: ignore[assignment]
-            raw = signals.roles.get(part.sensor_role or "") if reference == "sensor" else None
-            dependence = _dependence(part, predicted, measured, s, setpoint, signals.period, raw)
-            gain = gain_of((predicted - measured)[part.inside], predicted[part.inside])
+            raw = prepared.sensors.get(part.sensor_role or "") if reference == "sensor" else None
+            period = prepared.signals.period
+            dependence = _dependence(part, predicted, measured, prepared.smoothed, setpoint, period, raw)
+            few = thinned(part.inside)[0]
+            gain = gain_of(predicted[few] - measured[few], predicted[few])
     comparisons.sort(key=lambda c: (c.reference != judged_on, c.quantity != "flexibility_torque"))
     known = np.isfinite(part.torque)
     share = float(part.inside[known].mean()) if known.any() else 0.0
@@ -181,7 +231,7 @@ def _compare(
     least = LEAST_TORQUE if quantity is TORQUE else 0.0
 
     def of(which: Flags) -> Score | None:
-        return score(predicted[which], measured[which], least)
+        return score(predicted, measured, least, which) if which.any() else None
 
     return Comparison(
         quantity=quantity[0], unit=quantity[1], reference=reference, inside=of(inside), outside=of(~inside)
@@ -197,25 +247,8 @@ def _dependence(
     period: float,
     raw: Array | None,
 ) -> tuple[Dependence, ...]:
-    one_run = bool(np.all(np.diff(s.stamps) > 0))
-    use = part.inside & np.isfinite(predicted) & np.isfinite(measured)
-    rate = ref.rate_of(part.phi, s, period)
-    variables: dict[str, Array] = {
-        "deflection": part.phi,
-        "velocity": rate,
-        "loading": np.sign(rate * part.phi),
-        "stiffness": part.stiffness,
-        **loops(part.phi),
-    }
-    for name in s.roles:
-        if name.startswith(POSITIONS):
-            variables[name] = s.roles[name]
-            variables[f"velocity of {name}"] = ref.rate_of(s.roles[name], s, period)
-    if one_run:
-        variables["time"] = s.time  # of several runs each has its own
-    if setpoint is not None:
-        variables["setpoint"] = setpoint
     error, told = predicted - measured, []
+    use = part.inside & np.isfinite(error)
     step = None if raw is None else step_of(raw)
     if raw is not None:
         still = stuck(raw, predicted, step or 0.0) & use
@@ -223,10 +256,34 @@ def _dependence(
         if share >= LEAST_SHARE:
             told.append(_said_of_stuck(share, still, s.time))
             use &= ~still
-    chosen: Mapping[str, Array] = {name: x[use] for name, x in variables.items()}
-    rest = dependences(error[use], predicted[use], chosen, ref.noise_correlation(), step)
+    rows, thin = thinned(use)
+    variables = _variables(part, s, setpoint, period, rows)
+    rest = dependences(error[rows], predicted[rows], variables, ref.noise_correlation(), step, thin)
     left = 1.0 - sum(d.share for d in told)
-    return (*told, *(replace(d, share=left * d.share) for d in rest))
+    return (*told, *(structs.replace(d, share=left * d.share) for d in rest))
+
+
+def _variables(
+    part: _Part, s: ref.Smoothed, setpoint: Array | None, period: float, rows: NDArray[np.int64]
+) -> dict[str, Array]:
+    """Return what an error may depend on, at some of the samples."""
+    rate = ref.rate_at(part.phi, rows, s, period)
+    variables = {
+        "deflection": part.phi[rows],
+        "velocity": rate,
+        "loading": np.sign(rate * part.phi[rows]),
+        "stiffness": part.stiffness[rows],
+        **loops(part.phi, rows),
+    }
+    for name, values in s.roles.items():
+        if name.startswith(POSITIONS):
+            variables[name] = values[rows]
+            variables[f"velocity of {name}"] = ref.rate_at(values, rows, s, period)
+    if bool(np.all(np.diff(s.stamps) > 0)):
+        variables["time"] = s.time[rows]  # of several runs each has its own
+    if setpoint is not None:
+        variables["setpoint"] = setpoint[rows]
+    return variables
 
 
 def _said_of_stuck(share: float, still: Flags, time: Array) -> Dependence:

@@ -46,7 +46,7 @@ def _score(
     fit = columns.get("residual_fit", columns["flexibility_torque_fit"])[settled]
     suffix = "_total" if transmission == "total" else f"_{transmission}" if isinstance(joint, AntagonisticJoint) else ""
     stamps = Smoothed(trace.time, trace.stamps, np.zeros(trace.time.size, dtype=np.bool_), {})
-    truth = true_stiffness(recording, name, suffix, stamps)
+    truth = true_stiffness(recording.channels, name, suffix, stamps)
     return ModalityScore(
         modality=modality,
         stiffness_low=float(np.quantile(sigma, 0.01)) if sigma.size else None,

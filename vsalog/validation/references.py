@@ -20,12 +20,14 @@ from vsalog.filters.direction import direction_start, loading_block
 from vsalog.filters.savitzky_golay import savgol_weights
 from vsalog.mechanics.transmissions import flexibility_torque, stiffness
 from vsalog.model import JointModel
-from vsalog.recording import Recording
+from vsalog.recording import Channel
 from vsalog.rig.schema import UnknownTransmission
 from vsalog.signals import JointSignals
 
 Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]
+# Nobody needs more than seven digits of a standard deviation.
+Deviations = NDArray[np.float32]
 
 # The filter of every signal, forwards and backwards alike: what `estimate` learns with.
 WINDOW, DEGREE = 51, 5
@@ -79,8 +81,11 @@ def smoothed(device: Device, signals: JointSignals, roles: tuple[str, ...]) -> S
     def keep(blocks: list[Conditioned], at: int) -> int:
         for block in blocks:
             for name, values in block.fit.items():
-                if not name.startswith("acceleration:"):
-                    out.setdefault(name, np.full(len(signals), np.nan))[at : at + values.size] = values
+                if name.startswith("acceleration:"):
+                    continue
+                if name not in out:
+                    out[name] = np.full(len(signals), np.nan)
+                out[name][at : at + values.size] = values
             at += len(block.rows)
         return at
 
@@ -98,13 +103,14 @@ def noise_correlation() -> float:
 
 def prediction(
     model: JointModel, view: TransmissionView, s: Smoothed, setpoint: Array | None
-) -> tuple[Array, Array, Array, Array]:
+) -> tuple[Array, Deviations, Array, Deviations]:
     """Return the frozen model's flexibility torque and stiffness with their standard deviations, shape (N,) each."""
     phi, loading = deflection_of(s.roles, view), None
     if model.basis.branches:
         loading = loading_block(direction_start(), phi, BAND * model.basis.deflection_scale)[1]
     c = setpoint if model.basis.setpoint_order > 1 else None
-    torque, std, sigma, sigma_std = (np.empty(phi.size) for _ in range(4))
+    torque, sigma = np.empty(phi.size), np.empty(phi.size)
+    std, sigma_std = np.empty(phi.size, dtype=np.float32), np.empty(phi.size, dtype=np.float32)
     for begin in range(0, phi.size, BLOCK):
         part = slice(begin, begin + BLOCK)
         at, on = (None if c is None else c[part]), (None if loading is None else loading[part])
@@ -124,16 +130,19 @@ def nominal(view: TransmissionView, s: Smoothed, setpoint: Array | None) -> tupl
     if isinstance(view.nominal, UnknownTransmission):
         return None
     phi = deflection_of(s.roles, view)
-    return (
-        flexibility_torque(view.nominal, phi, setpoint, s.time),
-        stiffness(view.nominal, phi, setpoint, s.time),
-    )
+    torque, sigma = np.empty(phi.size), np.empty(phi.size)
+    for begin in range(0, phi.size, BLOCK):
+        part = slice(begin, begin + BLOCK)
+        at = None if setpoint is None else setpoint[part]
+        torque[part] = flexibility_torque(view.nominal, phi[part], at, s.time[part])
+        sigma[part] = stiffness(view.nominal, phi[part], at, s.time[part])
+    return torque, sigma
 
 
-def true_stiffness(recording: Recording, joint: str, suffix: str, s: Smoothed) -> Array | None:
+def true_stiffness(channels: Mapping[str, Channel], joint: str, suffix: str, s: Smoothed) -> Array | None:
     """Return a simulator's true stiffness where the log has one, at the signals' stamps."""
     for name in (f"/truth/{joint}/stiffness{suffix}.data", f"/truth/stiffness{suffix}.data"):
-        channel = recording.channels.get(name)
+        channel = channels.get(name)
         if channel is not None and channel.values.size > 1:
             seconds = (channel.stamps - channel.stamps[0]) * 1e-9
             at = (s.stamps - channel.stamps[0]) * 1e-9
@@ -147,16 +156,15 @@ def truth_channels(joint: str) -> tuple[str, ...]:
     return tuple(f"/truth/{where}stiffness{suffix}.data" for where in ("", f"{joint}/") for suffix in suffixes)
 
 
+def rate_at(values: Array, rows: NDArray[np.int64], s: Smoothed, period: float) -> Array:
+    """Return the derivative of a smoothed signal at some samples; NaN at the ends of runs."""
+    rows = np.asarray(rows)
+    before, after = np.maximum(rows - 1, 0), np.minimum(rows + 1, values.size - 1)
+    amid = (after - before == 2) & ~s.starts[rows] & ~s.starts[after]
+    return np.where(amid, (values[after] - values[before]) / (2.0 * period), np.nan)
+
+
 def runs_of(s: Smoothed) -> list[slice]:
     """Return where each run lies."""
     edges = [0, *(int(i) for i in np.flatnonzero(s.starts) if i > 0), s.starts.size]
     return [slice(begin, end) for begin, end in pairwise(edges)]
-
-
-def rate_of(values: Array, s: Smoothed, period: float) -> Array:
-    """Return the derivative of a smoothed signal, run by run."""
-    out = np.full_like(values, np.nan)
-    for run in runs_of(s):
-        if run.stop - run.start > 2:
-            out[run] = np.gradient(values[run], period)
-    return out

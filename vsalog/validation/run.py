@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 from vsalog._version import __version__
@@ -22,7 +22,7 @@ from vsalog.rig.schema import Joint
 from vsalog.validation.document import VERSION, JointReport, LogReport, Report
 from vsalog.validation.evidence import JointEvidence
 from vsalog.validation.frozen import frozen
-from vsalog.validation.joint import judge
+from vsalog.validation.joint import judge, prepare
 from vsalog.validation.modalities import side_by_side
 from vsalog.validation.references import truth_channels
 from vsalog.validation.verdict import joint_report, thresholds
@@ -129,8 +129,13 @@ def _judge_log(
         _check_fit(file.joint[name], device, rig)
         roles = _roles(device, joint)
         recording = _read(log, joint, roles, name, options)
-        signals = bind([recording], name, joint, roles)
-        judged = judge(file.joint[name], joint, device, signals, recording)
+        prepared = prepare(device, bind([recording], name, joint, roles))
+        signals = prepared.signals
+        short = len(signals) <= MANY_SAMPLES if options.modalities is None else options.modalities
+        truth = {c: recording.channels[c] for c in truth_channels(name) if c in recording.channels}
+        if not short:  # what is long is not kept twice
+            recording = replace(recording, channels=truth)
+        judged = judge(file.joint[name], joint, device, prepared, truth)
         warnings = [*(f"{log.name}: {note}" for note in recording.notes), *signals.notes]
         if digest in file.log.values() and not _other_runs(file, name, joint):
             warnings.insert(0, f"{log.name} is what the model was learnt from: this is no second experiment")
@@ -139,7 +144,6 @@ def _judge_log(
                 f"joint '{name}': the model tells loading from unloading; the loop between them is that of whole cycles, and what"
                 " happens inside it, where a cycle turns early, was not learnt"
             )
-        short = len(signals) <= MANY_SAMPLES if options.modalities is None else options.modalities
         modalities = {}
         if short:
             progress(f"estimating {log.name} by each modality")

@@ -5,8 +5,9 @@ from __future__ import annotations
 from collections.abc import Callable
 
 import numpy as np
+from numba import njit
 from numpy.typing import NDArray
-from scipy import stats
+from scipy import special
 
 from vsalog.validation.document import Bin, Figure, Score
 
@@ -19,28 +20,27 @@ DRAWS, SEED = 1000, 0
 # A relative error of a torque means something where the torque is not nearly zero.
 LEAST_TORQUE = 0.05
 BINS = 12
-# Autocorrelations are taken of so many samples at most, spread over the log.
+# Autocorrelations and quantiles are taken of so many samples or a few more, spread over the log.
 LONGEST = 1 << 17
 
 
-def score(prediction: Array, reference: Array, least: float = 0.0) -> Score | None:
+def score(prediction: Array, reference: Array, least: float = 0.0, where: Flags | None = None) -> Score | None:
     """Judge a prediction; None where fewer than 20 samples are there.
 
     Parameters
     ----------
     prediction, reference : shape (N,), in the same unit; NaN is left out
     least : relative errors are taken where |reference| is at least this part of its largest
+    where : shape (N,), which samples count; all when absent
     """
-    both = np.isfinite(prediction) & np.isfinite(reference)
-    y, e = reference[both], (prediction - reference)[both]
-    if e.size < 20:
+    use = np.ones(reference.size, np.bool_) if where is None else where
+    count, low, high, worst = _seen(prediction, reference, use)
+    if count < 20:
         return None
-    span, independent = float(np.ptp(y)), effective_samples(e)
-    relative = np.abs(y) > max(least * float(np.abs(y).max()), 0.0)
-    ratio = np.divide(e, y, out=np.zeros_like(e), where=relative) ** 2
-    edges = _blocks(e.size, independent)
-    columns = (np.ones_like(e), e, e**2, y, y**2, ratio, relative.astype(np.float64))
-    sums = np.array([np.add.reduceat(column, edges) for column in columns])
+    step = max(1, count // LONGEST)
+    span, independent = high - low, effective_samples(_errors(prediction, reference, use, count, step))
+    above = least * max(abs(low), abs(high))
+    sums = _sums(prediction, reference, use, _blocks(count, independent), above)
     draws = _draws(sums)
     whole = sums.sum(axis=1)
 
@@ -55,7 +55,7 @@ def score(prediction: Array, reference: Array, least: float = 0.0) -> Score | No
 
     with np.errstate(divide="ignore", invalid="ignore"):
         return Score(
-            samples=int(e.size),
+            samples=count,
             effective_samples=independent,
             span=span,
             mse=figure(mse),
@@ -64,7 +64,7 @@ def score(prediction: Array, reference: Array, least: float = 0.0) -> Score | No
             msrep=figure(lambda s: 100.0 * s[5] / s[6]),
             r2=figure(lambda s: 1.0 - mse(s) / spread(s), positive=False),
             bias=figure(lambda s: np.asarray(s[1] / s[0]), positive=False),
-            largest=float(np.abs(e).max()),
+            largest=worst,
         )
 
 
@@ -95,6 +95,56 @@ def _correlation_time(x: Array) -> float:
     return max(1.0, 2.0 * float(pairs[:last].sum()) - 1.0)
 
 
+@njit(cache=True)
+def _seen(prediction: Array, reference: Array, where: Flags) -> tuple[int, float, float, float]:
+    """Return how many samples count and are numbers, the least and the largest reference among them, and the largest error."""
+    n, low, high, worst = 0, np.inf, -np.inf, 0.0
+    for k in range(reference.size):
+        e = prediction[k] - reference[k]
+        if where[k] and np.isfinite(e):
+            n += 1
+            low, high, worst = min(low, reference[k]), max(high, reference[k]), max(worst, abs(e))
+    return n, low, high, worst
+
+
+@njit(cache=True)
+def _errors(prediction: Array, reference: Array, where: Flags, count: int, step: int) -> Array:
+    """Return the error of every step-th of the samples that count."""
+    out = np.empty((count + step - 1) // step)
+    n = 0
+    for k in range(reference.size):
+        e = prediction[k] - reference[k]
+        if where[k] and np.isfinite(e):
+            if n % step == 0:
+                out[n // step] = e
+            n += 1
+    return out
+
+
+@njit(cache=True)
+def _sums(prediction: Array, reference: Array, where: Flags, edges: NDArray[np.int64], above: float) -> Array:
+    """Sum up, block by block: 1, e, e², y, y², (e/y)² where |y| is above a limit, and how often it is; shape (7, blocks)."""
+    out = np.zeros((7, edges.size))
+    n, block = 0, 0
+    for k in range(reference.size):
+        y = reference[k]
+        e = prediction[k] - y
+        if not (where[k] and np.isfinite(e)):
+            continue
+        if block + 1 < edges.size and n >= edges[block + 1]:
+            block += 1
+        n += 1
+        out[0, block] += 1.0
+        out[1, block] += e
+        out[2, block] += e**2
+        out[3, block] += y
+        out[4, block] += y**2
+        if abs(y) > above:
+            out[5, block] += (e / y) ** 2
+            out[6, block] += 1.0
+    return out
+
+
 def _blocks(count: int, independent: float) -> NDArray[np.int64]:
     """Return where blocks begin that are long against the correlation."""
     wanted = independent / CORRELATION_TIMES
@@ -117,7 +167,7 @@ def _figure(value: float, draws: Array, blocks: int, positive: bool) -> Figure:
         return Figure(value=None)
     if draws.size < DRAWS // 2:
         return Figure(value=value)
-    wider = float(stats.t.ppf(0.975, blocks - 1) / stats.norm.ppf(0.975) * np.sqrt(blocks / (blocks - 1.0)))
+    wider = float(special.stdtrit(blocks - 1, 0.975) / special.ndtri(0.975) * np.sqrt(blocks / (blocks - 1.0)))
     if positive and value > 0.0 and bool(np.all(draws > 0.0)):
         # Errors are positive and skewed: on a logarithmic scale the interval is nearly symmetric.
         low, high = np.quantile(np.log(draws / value), [0.025, 0.975]) * wider
@@ -147,7 +197,10 @@ def bins_of(e: Array, x: Array) -> tuple[Bin, ...]:
 
 def binned(x: Array, count: int = BINS) -> tuple[Array, NDArray[np.int64]]:
     """Return the edges of up to `count` intervals that hold equally many samples, and each sample's interval."""
-    edges = np.unique(np.quantile(x, np.linspace(0.0, 1.0, count + 1)))
+    few = x[:: max(1, x.size // LONGEST)]
+    edges = np.quantile(few, np.linspace(0.0, 1.0, count + 1))
+    edges[0], edges[-1] = x.min(), x.max()
+    edges = np.unique(edges)
     if edges.size < 2:
         return np.array([x[0], x[0]]), np.zeros(x.size, dtype=np.int64)
     return edges, np.clip(np.searchsorted(edges, x, side="right") - 1, 0, edges.size - 2).astype(np.int64)

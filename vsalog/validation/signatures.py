@@ -163,16 +163,17 @@ def _hats(x: Array, count: int) -> Array:
     return out
 
 
-def loops(phi: Array) -> dict[str, Array]:
+def loops(phi: Array, rows: NDArray[np.int64]) -> dict[str, Array]:
     """Return the states of springs that slip, −1 to 1, driven by a deflection: what hysteresis of some width leaves.
 
     Parameters
     ----------
     phi : shape (N,), of the whole log in its order; NaN stands still
+    rows : shape (M,), the samples at which the states are wanted
 
     Returns
     -------
-    Names → states, shape (N,)
+    Names → states, shape (M,)
     """
     known = np.flatnonzero(np.isfinite(phi))
     if known.size < 2 or np.ptp(phi[known]) == 0.0:
@@ -185,5 +186,5 @@ def loops(phi: Array) -> dict[str, Array]:
         for step in (steps / (share * span)).tolist():
             state = min(1.0, max(-1.0, state + step))
             states.append(state)
-        out[f"loop {share:g}"] = np.interp(np.arange(phi.size), at, np.array(states))
+        out[f"loop {share:g}"] = np.interp(rows, at, np.array(states))
     return out
