@@ -9,6 +9,7 @@ from random_messages import STORES, make, numbers, same_number
 from vsalog.readers.definitions import DefinitionError, parse_definition
 from vsalog.readers.layout import DamagedMessageError, learn
 from vsalog.readers.messages import MAX_LAYOUTS, RosDecoder
+from vsalog.readers.packets import Messages
 
 UNSUPPORTED = ("wstring", "float128")
 
@@ -34,7 +35,7 @@ def test_every_type_decodes_as_rosbags_does(ros1):
         root = parse_definition(name, definition(store, name, ros1), "msg", ros1)
         messages = [make(rng, store, name) for _ in range(3)]
         raws = [serialise(store, message, name, ros1, little) for message in messages for little in (True, False)]
-        decoded = RosDecoder(root, not ros1, "t", None).decode(raws)
+        decoded = RosDecoder(root, not ros1, "t", None).decode(Messages.of(raws))
         assert decoded.good.all(), name
         for i, message in enumerate(m for m in messages for _ in range(2)):
             expected = numbers(store, message, name)
@@ -55,7 +56,7 @@ def test_built_in_types_are_used_where_the_log_has_no_definition():
     message = make(rng, store, "sensor_msgs/msg/Imu")
     root = parse_definition("sensor_msgs/Imu", "", "", False)
     raw = serialise(store, message, "sensor_msgs/msg/Imu", False)
-    decoded = RosDecoder(root, True, "/imu", None).decode([raw])
+    decoded = RosDecoder(root, True, "/imu", None).decode(Messages.of([raw]))
     assert decoded.columns["/imu.angular_velocity.y"][0] == message.angular_velocity.y
     assert decoded.units["/imu.angular_velocity.y"] == "rad/s"
     assert decoded.units["/imu.linear_acceleration.x"] == "m/s^2"
@@ -69,13 +70,13 @@ def test_idl_definitions():
     root = parse_definition("a/msg/Q", idl, "idl", False)
     raw = b"\0\1\0\0" + np.array([7], "<i4").tobytes() + bytes(4) + np.array([1.5], "<f8").tobytes()
     raw += np.array([2.5], "<f4").tobytes()
-    decoded = RosDecoder(root, True, "q", None).decode([raw])
+    decoded = RosDecoder(root, True, "q", None).decode(Messages.of([raw]))
     assert {k: v[0] for k, v in decoded.columns.items()} == {"q.n": 7, "q.p.x": 1.5, "q.p.y": 2.5}
 
 
 def test_windows_line_ends_in_a_definition():
     root = parse_definition("a/B", "float32 x\r\nfloat32 y # remark\r\n", "msg", True)
-    decoded = RosDecoder(root, False, "b", None).decode([np.array([1, 2], "<f4").tobytes()])
+    decoded = RosDecoder(root, False, "b", None).decode(Messages.of([np.array([1, 2], "<f4").tobytes()]))
     assert decoded.columns["b.y"][0] == 2
 
 
@@ -102,7 +103,7 @@ def test_damaged_messages_are_left_out():
     huge = bytearray(message)
     huge[12:16] = b"\xff\xff\xff\x7f"  # length of the frame's name
     bad = [message[:-9], b"", message + bytes(8), bytes(huge), b"\0\7\0\0" + message[4:]]
-    decoded = RosDecoder(root, True, "j", None).decode([*bad, message])
+    decoded = RosDecoder(root, True, "j", None).decode(Messages.of([*bad, message]))
     assert decoded.good.tolist() == [False] * 5 + [True]
     for raw in bad:
         with pytest.raises(DamagedMessageError):
@@ -120,7 +121,7 @@ def test_more_shapes_than_are_remembered():
             bytes([count]) + np.array([count], "<u4").tobytes() + values.tobytes()
             + np.array([tail], "<u4").tobytes() + b"x" * tail
         )  # fmt: skip
-    decoded = RosDecoder(root, False, "b", None).decode(raws)
+    decoded = RosDecoder(root, False, "b", None).decode(Messages.of(raws))
     assert decoded.good.all()
     assert decoded.columns["b.n"].tolist() == [count for count, _ in shapes]
     for i in range(30):
@@ -134,5 +135,5 @@ def test_only_wanted_fields_are_kept():
     name = "sensor_msgs/msg/Imu"
     raw = serialise(store, make(np.random.default_rng(5), store, name), name, False)
     root = parse_definition(name, "", "", False)
-    decoded = RosDecoder(root, True, "/imu", {"/imu.orientation.w"}).decode([raw])
+    decoded = RosDecoder(root, True, "/imu", {"/imu.orientation.w"}).decode(Messages.of([raw]))
     assert list(decoded.columns) == ["/imu.orientation.w"]

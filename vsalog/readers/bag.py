@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Collection, Iterator, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Protocol
 
 import numpy as np
@@ -14,14 +14,12 @@ from vsalog.readers.definitions import DefinitionError, normal_type, parse_defin
 from vsalog.readers.json_messages import JsonDecoder
 from vsalog.readers.layout import printable
 from vsalog.readers.messages import Decoder, RosDecoder
+from vsalog.readers.packets import Integers, Messages, Packet
 from vsalog.recording import Stamps, Values
 
 BLOCK_BYTES = 16 * 2**20
 CATALOGUE_MESSAGES = 20
 ZSTD_MAGIC = b"\x28\xb5\x2f\xfd"
-
-RawMessage = tuple[int, int, int, bytes]
-"""Connection, log time [ns], publish time [ns], the serialised message."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -70,7 +68,11 @@ class Container(Protocol):
         """Return all connections."""
         ...
 
-    def messages(self, ids: Collection[int]) -> Iterator[RawMessage]:
+    def counts(self) -> Mapping[int, int]:
+        """Return how many messages connections have, where the container says so at once."""
+        ...
+
+    def packets(self, ids: Collection[int]) -> Iterator[Packet]:
         """Yield the messages of some connections in the order of the file."""
         ...
 
@@ -83,22 +85,24 @@ class _Batch:
     type: str
     decoder: Decoder
     metadata: Mapping[str, str]
-    log: list[int] = field(default_factory=list)
-    publish: list[int] = field(default_factory=list)
-    messages: list[bytes] = field(default_factory=list)
+    log: list[Stamps] = field(default_factory=list)
+    publish: list[Stamps] = field(default_factory=list)
+    messages: list[Messages] = field(default_factory=list)
+    count: int = 0
     size: int = 0
 
-    def add(self, log: int, publish: int, message: bytes) -> None:
-        self.log.append(log)
-        self.publish.append(publish)
-        self.messages.append(message)
-        self.size += len(message)
+    def add(self, packet: Packet, rows: Integers) -> None:
+        self.log.append(packet.log[rows])
+        self.publish.append(packet.publish[rows])
+        self.messages.append(packet.messages.take(rows))
+        self.count += rows.size
+        self.size += self.messages[-1].data.size
 
     def full(self) -> bool:
-        return len(self.messages) >= BLOCK_ROWS or self.size >= BLOCK_BYTES
+        return self.count >= BLOCK_ROWS or self.size >= BLOCK_BYTES
 
     def clear(self) -> None:
-        self.log, self.publish, self.messages, self.size = [], [], [], 0
+        self.log, self.publish, self.messages, self.count, self.size = [], [], [], 0, 0
 
 
 class BagReader:
@@ -135,21 +139,43 @@ class BagReader:
 
     def _blocks(self, wanted: frozenset[str] | None, first_only: bool) -> Iterator[Block]:
         batches = self._batches(wanted)
-        seen: Counter[int] = Counter()
         damaged: Counter[str] = Counter()
         total: Counter[str] = Counter()
-        for connection, log, publish, message in self._container.messages(batches.keys()):
-            seen[connection] += 1
-            if first_only and seen[connection] > CATALOGUE_MESSAGES:
-                continue
-            batch = batches[connection]
-            batch.add(log, publish, _plain(message) if message.startswith(ZSTD_MAGIC) else message)
-            if batch.full():
-                yield self._flush(batch, total, damaged)
+        packets = self._container.packets(batches.keys())
+        for packet in self._first_of(packets, batches.keys()) if first_only else packets:
+            plain = _plain(packet)
+            for batch, rows in _shared_out(plain, batches):
+                while rows.size:
+                    few = _fitting(plain.messages.length[rows], batch)
+                    batch.add(plain, rows[:few])
+                    rows = rows[few:]
+                    if batch.full():
+                        yield self._flush(batch, total, damaged)
         for batch in {id(batch): batch for batch in batches.values()}.values():
             if batch.messages:
                 yield self._flush(batch, total, damaged)
         self._report(batches, total, damaged)
+
+    def _first_of(self, packets: Iterator[Packet], ids: Collection[int]) -> Iterator[Packet]:
+        """Yield the first messages of each connection; ends where the container says that no more come."""
+        counts = self._container.counts()
+        missing = {number: min(CATALOGUE_MESSAGES, counts.get(number, CATALOGUE_MESSAGES)) for number in ids}
+        missing = {number: count for number, count in missing.items() if count}
+        while missing:
+            packet = next(packets, None)
+            if packet is None:
+                return
+            taken = []
+            for number in list(missing):
+                rows = np.flatnonzero(packet.connection == number)[: missing[number]]
+                taken.append(rows)
+                missing[number] -= rows.size
+                if not missing[number]:
+                    del missing[number]
+            rows = np.sort(np.concatenate(taken))
+            if rows.size:
+                few = packet.messages.take(rows)
+                yield Packet(packet.connection[rows], packet.log[rows], packet.publish[rows], few)
 
     def _batches(self, wanted: frozenset[str] | None) -> dict[int, _Batch]:
         """Return a batch per connection that may hold wanted channels; publishers of one type share it."""
@@ -186,12 +212,12 @@ class BagReader:
 
     def _flush(self, batch: _Batch, total: Counter[str], damaged: Counter[str]) -> Block:
         """Decode a batch into a block and empty it."""
-        decoded = batch.decoder.decode(batch.messages)
-        total[batch.stream] += len(batch.messages)
+        decoded = batch.decoder.decode(Messages.joined(batch.messages))
+        total[batch.stream] += batch.count
         damaged[batch.stream] += int(len(decoded.good) - decoded.good.sum())
-        clocks: dict[str, Stamps] = {"log": _stamps(batch.log)}
+        clocks: dict[str, Stamps] = {"log": np.concatenate(batch.log)}
         if self._container.has_publish:
-            clocks["publish"] = _stamps(batch.publish)
+            clocks["publish"] = np.concatenate(batch.publish)
         if decoded.stamps is not None:
             clocks["header"] = decoded.stamps
         columns: dict[str, Values] = decoded.columns
@@ -219,19 +245,42 @@ class BagReader:
                     self.notes.append(note)
 
 
-def _plain(message: bytes) -> bytes:
-    """Decompress a message of a ROS 2 bag that compresses them one by one."""
+def _shared_out(packet: Packet, batches: Mapping[int, _Batch]) -> Iterator[tuple[_Batch, Integers]]:
+    """Yield each batch with the rows of a packet that belong to it."""
+    numbers = np.unique(packet.connection)
+    if numbers.size == 1:
+        yield batches[int(numbers[0])], np.arange(packet.connection.size)
+        return
+    shared: dict[int, list[int]] = {}
+    for number in numbers.tolist():
+        shared.setdefault(id(batches[number]), []).append(number)
+    for group in shared.values():
+        own = packet.connection == group[0] if len(group) == 1 else np.isin(packet.connection, group)
+        yield batches[group[0]], np.flatnonzero(own)
+
+
+def _fitting(length: Integers, batch: _Batch) -> int:
+    """Return how many of the next messages go into a batch before it is full; at least one."""
+    by_size = int(np.searchsorted(np.cumsum(length), BLOCK_BYTES - batch.size)) + 1
+    return max(1, min(BLOCK_ROWS - batch.count, by_size))
+
+
+def _plain(packet: Packet) -> Packet:
+    """Decompress the messages of a ROS 2 bag that compresses them one by one."""
+    compressed = packet.messages.beginning_with(ZSTD_MAGIC)
+    if not compressed.any():
+        return packet
+    content = [_decompressed(m) if c else m for m, c in zip(packet.messages, compressed.tolist(), strict=True)]
+    return replace(packet, messages=Messages.of(content))
+
+
+def _decompressed(message: bytes) -> bytes:
     import zstandard
 
     try:
         return zstandard.ZstdDecompressor().decompressobj().decompress(message)
     except zstandard.ZstdError:
         return message  # not compressed after all: the decoder knows
-
-
-def _stamps(times: list[int]) -> Stamps:
-    """Pack times [ns]; the formats count them unsigned, nonsense beyond int64 becomes negative."""
-    return np.array(times, dtype=np.uint64).view(np.int64)
 
 
 def _stated_units(batch: _Batch, columns: Collection[str]) -> dict[str, str]:

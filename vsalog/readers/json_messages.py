@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Sequence
+from collections.abc import Collection
 from typing import Any
 
 import numpy as np
@@ -10,6 +10,7 @@ import numpy as np
 from vsalog.readers.base import MAX_ARRAY
 from vsalog.readers.layout import MAX_FIELDS, best_label_field, printable
 from vsalog.readers.messages import Decoded
+from vsalog.readers.packets import Messages
 
 MAX_DEPTH = 32
 
@@ -32,7 +33,7 @@ class JsonDecoder:
         self.wanted = wanted
         self.unread: dict[str, str] = {}
 
-    def decode(self, messages: Sequence[bytes]) -> Decoded:
+    def decode(self, messages: Messages) -> Decoded:
         """Decode a batch of messages; what is no JSON object counts as damaged."""
         import msgspec
 

@@ -8,20 +8,24 @@ from __future__ import annotations
 
 import struct
 import zlib
-from collections.abc import Callable, Collection, Iterator
+from collections.abc import Callable, Collection, Iterator, Mapping
 from io import BytesIO
 from pathlib import Path
 from typing import IO, Any
 
+import numpy as np
+
 from vsalog.errors import ReadError
-from vsalog.readers.bag import Connection, RawMessage
+from vsalog.readers.bag import Connection
 from vsalog.readers.base import plural
+from vsalog.readers.mcap_scan import MESSAGE, ends_whole, messages_in, others_in
+from vsalog.readers.packets import PACKED, Packet, RawMessage, packet_of
 
 MAGIC = b"\x89MCAP0\r\n"
 RIG_METADATA = "vsalog.rig"
 RIG_KEY = "toml"
 
-_FOOTER, _SCHEMA, _CHANNEL, _MESSAGE, _CHUNK, _METADATA, _DATA_END = 2, 3, 4, 5, 6, 12, 15
+_FOOTER, _SCHEMA, _CHANNEL, _CHUNK, _METADATA, _DATA_END = 2, 3, 4, 6, 12, 15
 _LANGUAGES = {"ros1msg": "msg", "ros2msg": "msg", "ros2idl": "idl", "omgidl": "idl"}
 _HEAD = struct.Struct("<BQ")
 _MESSAGE_HEAD = struct.Struct("<HIQQ")
@@ -44,6 +48,7 @@ class McapContainer:
         self.notes: list[str] = []
         self._schemas: dict[int, Any] = {}
         self._channels: dict[int, Any] = {}
+        self._counts: dict[int, int] = {}
         self._rig_text: str | None = None
         self._scanned = False
 
@@ -58,14 +63,30 @@ class McapContainer:
         self._scan()
         return [self._connection(channel) for channel in self._channels.values()]
 
-    def messages(self, ids: Collection[int]) -> Iterator[RawMessage]:
+    def counts(self) -> Mapping[int, int]:
+        """Return how many messages channels have, as the summary at the end says."""
+        self._scan()
+        return self._counts
+
+    def packets(self, ids: Collection[int]) -> Iterator[Packet]:
         """Yield the messages of some channels in the order of the file; what is damaged is skipped and noted."""
-        wanted = frozenset(ids)
+        wanted = np.zeros(2**16, dtype=np.bool_)
+        wanted[list(ids)] = True
+        loose: list[RawMessage] = []  # outside of chunks
         for record, content in self._records():
-            if record == _MESSAGE and len(content) >= _MESSAGE_HEAD.size:
+            if loose and (record == _CHUNK or len(loose) >= PACKED):
+                yield packet_of(loose)
+                loose = []
+            if record == _CHUNK:
+                packet = messages_in(np.frombuffer(content, np.uint8), wanted)
+                if len(packet.messages):
+                    yield packet
+            elif record == MESSAGE and len(content) >= _MESSAGE_HEAD.size:
                 channel, _, log, publish = _MESSAGE_HEAD.unpack_from(content)
-                if channel in wanted:
-                    yield channel, log, publish, content[_MESSAGE_HEAD.size :]
+                if wanted[channel]:
+                    loose.append((channel, log, publish, content[_MESSAGE_HEAD.size :]))
+        if loose:
+            yield packet_of(loose)
 
     def _connection(self, channel: Any) -> Connection:
         schema = self._schemas.get(channel.schema_id)
@@ -87,7 +108,11 @@ class McapContainer:
         if self._summary():
             return
         for record, content in self._records():
-            self._keep(record, content)
+            if record == _CHUNK:
+                for inner, own in others_in(np.frombuffer(content, np.uint8)):
+                    self._keep(inner, own)
+            else:
+                self._keep(record, content)
 
     def _summary(self) -> bool:
         """Read the summary at the end of the file; False where it is missing, damaged or incomplete."""
@@ -110,6 +135,7 @@ class McapContainer:
         except Exception:  # damage anywhere in the summary: the walk will find what there is
             return False
         self._channels, self._schemas = dict(summary.channels), dict(summary.schemas)
+        self._counts = {number: counts.channel_message_counts.get(number, 0) for number in summary.channels}
         return True
 
     def _keep(self, record: int, content: bytes) -> None:
@@ -133,7 +159,7 @@ class McapContainer:
             self._note("a damaged channel, schema or metadata record was skipped")
 
     def _records(self) -> Iterator[tuple[int, bytes]]:
-        """Yield the records of the data section, those in chunks too; notes what was skipped."""
+        """Yield the records of the data section, a chunk as its own records, decompressed; notes what was skipped."""
         chunks = 0
         damage: list[str] = []
         with _open(self.path) as file:
@@ -147,10 +173,9 @@ class McapContainer:
                 except Exception as error:  # compression libraries have their own exceptions
                     damage.append(f"at byte {position}: {_words(error)}")
                     continue
-                try:
-                    yield from _inner_records(data)
-                except EOFError:
+                if not ends_whole(np.frombuffer(data, np.uint8)):
                     damage.append(f"at byte {position}: its last record is cut off")
+                yield record, data
         if damage:
             self._note(
                 f"{len(damage)} of {plural(chunks, 'chunk')} damaged, the rest was read ({'; '.join(damage[:3])})"
@@ -213,26 +238,6 @@ def _chunk_data(content: bytes) -> bytes:
         raise ValueError(f"compression '{chunk.compression[:20]}' is not supported")
     stream, length = get_chunk_data_stream(chunk, validate_crc=True)
     return bytes(stream.read(length))
-
-
-def _inner_records(data: bytes) -> Iterator[tuple[int, bytes]]:
-    """Yield the records in a chunk.
-
-    Raises
-    ------
-    EOFError
-        The last one is cut off.
-    """
-    position, end = 0, len(data)
-    while position < end:
-        if position + _HEAD.size > end:
-            raise EOFError
-        record, length = _HEAD.unpack_from(data, position)
-        position += _HEAD.size
-        if position + length > end:
-            raise EOFError
-        yield record, data[position : position + length]
-        position += length
 
 
 def _words(error: Exception) -> str:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterator, Sequence
+from collections.abc import Collection
 from dataclasses import dataclass, field
 from typing import Protocol
 
@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from vsalog.readers.definitions import Struct
 from vsalog.readers.layout import Bytes, DamagedMessageError, Layout, column, learn, nanoseconds
+from vsalog.readers.packets import Messages
 from vsalog.recording import Stamps, Values
 
 MAX_LAYOUTS = 64
@@ -47,7 +48,7 @@ class Decoder(Protocol):
 
     unread: dict[str, str]
 
-    def decode(self, messages: Sequence[bytes]) -> Decoded:
+    def decode(self, messages: Messages) -> Decoded:
         """Decode a batch of messages."""
         ...
 
@@ -76,15 +77,11 @@ class RosDecoder:
         self._layouts: dict[int, list[Layout]] = {}
         self._learnt = 0
 
-    def decode(self, messages: Sequence[bytes]) -> Decoded:
+    def decode(self, messages: Messages) -> Decoded:
         """Decode a batch of messages."""
-        count = len(messages)
-        result = Decoded(good=np.zeros(count, dtype=bool))
-        for rows in _by_length(messages):
-            length = len(messages[rows[0]])
-            joined = b"".join([messages[i] for i in rows])
-            table = np.frombuffer(joined, np.uint8).reshape(len(rows), length)
-            self._decode_table(table, rows, result)
+        result = Decoded(good=np.zeros(len(messages), dtype=bool))
+        for rows in messages.by_length():
+            self._decode_table(messages.table(rows), rows, result)
         return result
 
     def _decode_table(self, table: Bytes, rows: NDArray[np.intp], result: Decoded) -> None:
@@ -141,11 +138,3 @@ class RosDecoder:
                 if one.unit is not None:
                     result.units[name] = one.unit
             result.columns[name][rows] = column(table, one)
-
-
-def _by_length(messages: Sequence[bytes]) -> Iterator[NDArray[np.intp]]:
-    """Yield the indices of the messages of each length, in order."""
-    lengths = np.fromiter(map(len, messages), dtype=np.int64, count=len(messages))
-    order = np.argsort(lengths, kind="stable")
-    ends = np.flatnonzero(np.diff(lengths[order])) + 1
-    yield from np.split(order, ends)

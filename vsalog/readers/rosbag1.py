@@ -4,13 +4,17 @@ from __future__ import annotations
 
 import bz2
 import struct
-from collections.abc import Callable, Collection, Iterator
+from collections.abc import Callable, Collection, Iterator, Mapping
 from pathlib import Path
 from typing import IO
 
+import numpy as np
+
 from vsalog.errors import ReadError
-from vsalog.readers.bag import Connection, RawMessage
+from vsalog.readers.bag import Connection
 from vsalog.readers.base import plural
+from vsalog.readers.packets import PACKED, Packet, RawMessage, packet_of
+from vsalog.readers.rosbag1_scan import ends_whole, messages_in
 
 MAGIC = b"#ROSBAG V"
 _SUPPORTED = b"#ROSBAG V2.0\n"
@@ -47,22 +51,39 @@ class Rosbag1Container:
             if not found:
                 found = {}
                 for header, data in self._records():
-                    if _op(header) == _CONNECTION:
-                        _keep(found, header, data)
+                    inner = _chunk_records(data) if _op(header) == _CHUNK else [(header, data)]
+                    for own, detail in inner:
+                        if _op(own) == _CONNECTION:
+                            _keep(found, own, detail)
             self._connections = found
         return list(self._connections.values())
 
-    def messages(self, ids: Collection[int]) -> Iterator[RawMessage]:
+    def counts(self) -> Mapping[int, int]:
+        """Return nothing: the index would have to be walked for it."""
+        return {}
+
+    def packets(self, ids: Collection[int]) -> Iterator[Packet]:
         """Yield the messages of some connections in the order of the file; what is damaged is skipped and noted."""
-        wanted = frozenset(ids)
+        wanted = np.array(sorted(ids), dtype=np.int64)
+        loose: list[RawMessage] = []  # outside of chunks
         for header, data in self._records():
+            if loose and (_op(header) == _CHUNK or len(loose) >= PACKED):
+                yield packet_of(loose)
+                loose = []
+            if _op(header) == _CHUNK:
+                packet = messages_in(np.frombuffer(data, np.uint8), wanted)
+                if len(packet.messages):
+                    yield packet
+                continue
             connection, time = header.get(b"conn", b""), header.get(b"time", b"")
             if _op(header) != _MESSAGE or len(connection) != 4 or len(time) != 8:
                 continue
             number = _LENGTH.unpack(connection)[0]
             if number in wanted:
                 seconds, fraction = struct.unpack("<II", time)
-                yield number, seconds * 1_000_000_000 + fraction, 0, data
+                loose.append((number, seconds * 1_000_000_000 + fraction, 0, data))
+        if loose:
+            yield packet_of(loose)
 
     def _open(self) -> IO[bytes]:
         try:
@@ -98,7 +119,7 @@ class Rosbag1Container:
         return found
 
     def _records(self) -> Iterator[tuple[Header, bytes]]:
-        """Yield header and data of every connection and message, those in chunks too."""
+        """Yield header and data of the records, those of a chunk decompressed; notes what was skipped."""
         chunks = 0
         damage: list[str] = []
         with self._open() as file:
@@ -115,7 +136,9 @@ class Rosbag1Container:
                 except Exception as error:  # compression libraries have their own exceptions
                     damage.append(str(error) or type(error).__name__)
                     continue
-                yield from _chunk_records(content, damage)
+                if not ends_whole(np.frombuffer(content, np.uint8)):
+                    damage.append("a record in a chunk is damaged")
+                yield header, content
         if damage:
             self._note(f"{len(damage)} of {plural(chunks, 'chunk')} damaged, the rest was read ({damage[0]})")
 
@@ -161,8 +184,8 @@ def _read_record(file: IO[bytes], size: int) -> tuple[Header, bytes] | None:
     return header, file.read(count)
 
 
-def _chunk_records(content: bytes, damage: list[str]) -> Iterator[tuple[Header, bytes]]:
-    """Yield header and data of the records in a chunk; what is wrong goes to `damage`."""
+def _chunk_records(content: bytes) -> Iterator[tuple[Header, bytes]]:
+    """Yield header and data of the sound records in a chunk."""
     position, end = 0, len(content)
     while position + 8 <= end:
         start = position + 4
@@ -174,8 +197,6 @@ def _chunk_records(content: bytes, damage: list[str]) -> Iterator[tuple[Header, 
         if position > end:
             break
         yield header, content[stop + 4 : position]
-    if position != end:
-        damage.append("a record in a chunk is damaged")
 
 
 def _header(raw: bytes) -> Header | None:

@@ -6,16 +6,18 @@ import re
 import shutil
 import sqlite3
 import tempfile
-from collections.abc import Collection, Iterator
+from collections.abc import Collection, Iterator, Mapping
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 from urllib.parse import quote
 
 from vsalog.errors import ReadError
-from vsalog.readers.bag import ZSTD_MAGIC, Connection, Container, RawMessage
+from vsalog.readers.bag import ZSTD_MAGIC, Connection, Container
 from vsalog.readers.base import plural
 from vsalog.readers.mcap_file import MAGIC as MCAP_MAGIC
 from vsalog.readers.mcap_file import McapContainer
+from vsalog.readers.packets import Packet, RawMessage, packed
 
 SQLITE_MAGIC = b"SQLite format 3\0"
 METADATA = "metadata.yaml"
@@ -54,10 +56,16 @@ class SqliteContainer:
             found.append(Connection(int(number), str(topic), str(kind), str(encoding), language, text))
         return found
 
-    def messages(self, ids: Collection[int]) -> Iterator[RawMessage]:
+    def counts(self) -> Mapping[int, int]:
+        """Return nothing: the rows would have to be counted."""
+        return {}
+
+    def packets(self, ids: Collection[int]) -> Iterator[Packet]:
+        """Yield the messages of some topics in the order of the file."""
+        return packed(self._messages(ids)) if ids else iter(())
+
+    def _messages(self, ids: Collection[int]) -> Iterator[RawMessage]:
         """Yield the messages of some topics in the order of the file; rows that cannot be read are skipped and noted."""
-        if not ids:
-            return
         topics = ",".join(str(int(number)) for number in ids)
         query = (
             "SELECT rowid, topic_id, timestamp, data FROM messages"
@@ -161,9 +169,13 @@ class CompressedContainer:
         """Return the bag's connections."""
         return self._inner.connections()
 
-    def messages(self, ids: Collection[int]) -> Iterator[RawMessage]:
+    def counts(self) -> Mapping[int, int]:
+        """Return how many messages connections have, where the file says so."""
+        return self._inner.counts()
+
+    def packets(self, ids: Collection[int]) -> Iterator[Packet]:
         """Yield the messages of some connections."""
-        return self._inner.messages(ids)
+        return self._inner.packets(ids)
 
 
 class FolderContainer:
@@ -210,13 +222,21 @@ class FolderContainer:
             for one in container.connections()
         ]
 
-    def messages(self, ids: Collection[int]) -> Iterator[RawMessage]:
+    def counts(self) -> Mapping[int, int]:
+        """Return how many messages connections have, where their file says so."""
+        return {
+            part * _IDS_PER_FILE + number: count
+            for part, container in enumerate(self._parts)
+            for number, count in container.counts().items()
+        }
+
+    def packets(self, ids: Collection[int]) -> Iterator[Packet]:
         """Yield the messages of some connections, file by file."""
         for part, container in enumerate(self._parts):
             first = part * _IDS_PER_FILE
             own = [number - first for number in ids if first <= number < first + _IDS_PER_FILE]
-            for number, log, publish, message in container.messages(own):
-                yield first + number, log, publish, message
+            for packet in container.packets(own):
+                yield replace(packet, connection=packet.connection + first)
             self.notes.extend(note for note in container.notes if note not in self.notes)
 
 

@@ -1,0 +1,141 @@
+"""Serialised messages by the thousand: where they lie in a buffer, instead of one object each."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+Bytes = NDArray[np.uint8]
+Integers = NDArray[np.int64]
+
+RawMessage = tuple[int, int, int, bytes]
+"""Connection, log time [ns], publish time [ns], the serialised message."""
+
+PACKED, PACKED_BYTES = 8192, 16 * 2**20
+"""So many messages, or bytes, that come one by one make a packet."""
+
+
+@dataclass(frozen=True, slots=True)
+class Messages:
+    """Serialised messages in a buffer.
+
+    Attributes
+    ----------
+    data : uint8 array
+        The buffer.
+    start, length : int64 arrays, shape (n,)
+        Where each message lies.
+    """
+
+    data: Bytes
+    start: Integers
+    length: Integers
+
+    @classmethod
+    def of(cls, messages: Sequence[bytes]) -> Messages:
+        """Put messages behind one another."""
+        length = np.fromiter(map(len, messages), dtype=np.int64, count=len(messages))
+        return cls(np.frombuffer(b"".join(messages), np.uint8), _behind_one_another(length), length)
+
+    @classmethod
+    def joined(cls, parts: Sequence[Messages]) -> Messages:
+        """Put the messages of several compact buffers behind one another."""
+        if len(parts) == 1:
+            return parts[0]
+        length = np.concatenate([part.length for part in parts])
+        return cls(np.concatenate([part.data for part in parts]), _behind_one_another(length), length)
+
+    def __len__(self) -> int:
+        return int(self.start.size)
+
+    def __iter__(self) -> Iterator[bytes]:
+        for start, length in zip(self.start.tolist(), self.length.tolist(), strict=True):
+            yield self.data[start : start + length].tobytes()
+
+    def take(self, rows: Integers) -> Messages:
+        """Return some of the messages in a buffer of their own, behind one another."""
+        start, length = self.start[rows], self.length[rows]
+        at = _behind_one_another(length)
+        out = np.empty(int(length.sum()), dtype=np.uint8)
+        _gather(self.data, start, length, at, out)
+        return Messages(out, at, length)
+
+    def table(self, rows: Integers) -> Bytes:
+        """Return messages of equal length as the rows of a table, shape (n, length)."""
+        length = int(self.length[rows[0]])
+        return self.take(rows).data.reshape(rows.size, length)
+
+    def by_length(self) -> Iterator[Integers]:
+        """Yield the indices of the messages of each length, in order."""
+        if self.length.size and np.all(self.length == self.length[0]):
+            yield np.arange(self.length.size)
+            return
+        order = np.argsort(self.length, kind="stable")
+        ends = np.flatnonzero(np.diff(self.length[order])) + 1
+        yield from np.split(order, ends)
+
+    def beginning_with(self, magic: bytes) -> NDArray[np.bool_]:
+        """Tell which messages begin with some bytes."""
+        found = self.length >= len(magic)
+        for i, byte in enumerate(magic):
+            found[found] = self.data[self.start[found] + i] == byte
+        return found
+
+
+@dataclass(frozen=True, slots=True)
+class Packet:
+    """Messages as they follow one another in a file.
+
+    Attributes
+    ----------
+    connection : int64 array, shape (n,)
+        The container's own numbers.
+    log, publish : int64 arrays, shape (n,)
+        Times [ns]; the formats count them unsigned, nonsense beyond int64 is negative.
+    messages : of these
+    """
+
+    connection: Integers
+    log: Integers
+    publish: Integers
+    messages: Messages
+
+
+def packed(messages: Iterable[RawMessage]) -> Iterator[Packet]:
+    """Yield packets of messages that come one by one."""
+    waiting: list[RawMessage] = []
+    size = 0
+    for message in messages:
+        waiting.append(message)
+        size += len(message[3])
+        if len(waiting) >= PACKED or size >= PACKED_BYTES:
+            yield packet_of(waiting)
+            waiting, size = [], 0
+    if waiting:
+        yield packet_of(waiting)
+
+
+def packet_of(messages: Sequence[RawMessage]) -> Packet:
+    """Make one packet of messages; there is at least one."""
+    connection, log, publish, content = zip(*messages, strict=True)
+    return Packet(np.array(connection, dtype=np.int64), _stamps(log), _stamps(publish), Messages.of(content))
+
+
+def _stamps(times: Sequence[int]) -> Integers:
+    return np.array(times, dtype=np.uint64).view(np.int64)
+
+
+def _behind_one_another(length: Integers) -> Integers:
+    return np.cumsum(length) - length
+
+
+@njit(cache=True, nogil=True)
+def _gather(data: Bytes, start: Integers, length: Integers, at: Integers, out: Bytes) -> None:
+    for k in range(start.size):
+        source, target = start[k], at[k]
+        for i in range(length[k]):
+            out[target + i] = data[source + i]

@@ -1,0 +1,103 @@
+"""The messages in a chunk of a ROS 1 bag, found by compiled loops."""
+
+from __future__ import annotations
+
+import numpy as np
+from numba import njit
+
+from vsalog.readers.packets import Bytes, Integers, Messages, Packet
+
+_MESSAGE = 2
+_OP, _CONN, _TIME = (np.frombuffer(name, np.uint8) for name in (b"op=", b"conn=", b"time="))
+
+
+def messages_in(data: Bytes, wanted: Integers) -> Packet:
+    """Return the messages in a chunk's records.
+
+    Parameters
+    ----------
+    data : uint8 array
+        The records, decompressed.
+    wanted : int64 array, sorted
+        Connections.
+    """
+    nothing = np.empty(0, dtype=np.int64)
+    count, _ = _walk(data, wanted, False, nothing, nothing, nothing, nothing)
+    connection, log, start, length = (np.empty(count, dtype=np.int64) for _ in range(4))
+    _walk(data, wanted, True, connection, log, start, length)
+    return Packet(connection, log, np.zeros(count, dtype=np.int64), Messages(data, start, length))
+
+
+def ends_whole(data: Bytes) -> bool:
+    """Tell whether all records are sound and the last ends where the chunk does."""
+    nothing = np.empty(0, dtype=np.int64)
+    return bool(_walk(data, nothing, False, nothing, nothing, nothing, nothing)[1])
+
+
+@njit(cache=True, nogil=True)
+def _word(data: Bytes, at: int) -> int:
+    """Read an unsigned number of four bytes, least byte first."""
+    value = 0
+    for i in range(3, -1, -1):
+        value = value * 256 + int(data[at + i])
+    return value
+
+
+@njit(cache=True, nogil=True)
+def _begins(data: Bytes, at: int, name: Bytes) -> bool:
+    return bool(np.all(data[at : at + name.size] == name))
+
+
+@njit(cache=True, nogil=True)
+def _fields(data: Bytes, at: int, end: int) -> tuple[bool, int, int, int]:
+    """Read a record's header: whether it is sound, its op, its connection, its time [ns]; -1 for what it has not."""
+    op, connection, time = -1, -1, -1
+    while at < end:
+        if at + 4 > end:
+            return False, op, connection, time
+        length = _word(data, at)
+        at += 4
+        if at + length > end:
+            return False, op, connection, time
+        named = False
+        for i in range(length):
+            if data[at + i] == 61:  # an equals sign
+                named = True
+                break
+        if not named:
+            return False, op, connection, time
+        if length == 4 and _begins(data, at, _OP):
+            op = int(data[at + 3])
+        elif length == 9 and _begins(data, at, _CONN):
+            connection = _word(data, at + 5)
+        elif length == 13 and _begins(data, at, _TIME):
+            time = _word(data, at + 5) * 1_000_000_000 + _word(data, at + 9)
+        at += length
+    return True, op, connection, time
+
+
+@njit(cache=True, nogil=True)
+def _walk(
+    data: Bytes, wanted: Integers, fill: bool, connection: Integers, log: Integers, start: Integers, length: Integers
+) -> tuple[int, bool]:
+    """Count the wanted messages, or write down where they are; returns their number and whether all records are sound."""
+    at, count, size = 0, 0, data.size
+    while at + 8 <= size:
+        stop = at + 4 + _word(data, at)
+        if stop + 4 > size:
+            break
+        sound, op, number, time = _fields(data, at + 4, stop)
+        if not sound:
+            break
+        end = stop + 4 + _word(data, stop)
+        if end > size:
+            break
+        if op == _MESSAGE and number >= 0 and time >= 0:
+            k = np.searchsorted(wanted, number)
+            if k < wanted.size and wanted[k] == number:
+                if fill:
+                    connection[count], log[count] = number, time
+                    start[count], length[count] = stop + 4, end - stop - 4
+                count += 1
+        at = end
+    return count, at == size
