@@ -54,12 +54,7 @@ def _run(
         du = u - last
         now = z
         if height != 0.0:
-            parts = min(1 + int(abs(du) / (PART * width)), 1000)
-            h = du / parts / width
-            for _ in range(parts):
-                # The normalised Bouc–Wen loop over the deflection (Ikhouane and Rodellar 2007), by the midpoint rule.
-                middle = now + 0.5 * _slope(now, h, exponent, shape)
-                now += _slope(middle, h, exponent, shape)
+            now = loop_after(z, du, width, exponent, shape)
         torque = height * now
         moved = abs(du) > slack
         for e in range(elements.shape[0]):
@@ -71,6 +66,21 @@ def _run(
         if moved:
             z, last = now, u
         out[k] = torque
+
+
+@njit(cache=True, error_model="numpy")
+def loop_after(z: float, du: float, width: float, exponent: float, shape: float) -> float:
+    """Return what a change of the deflection makes of a loop's state z, by the midpoint rule.
+
+    The normalised Bouc–Wen loop over the deflection (Ikhouane and Rodellar 2007).
+    """
+    parts = min(1 + int(abs(du) / (PART * width)), 1000)
+    h = du / parts / width
+    now = z
+    for _ in range(parts):
+        middle = now + 0.5 * _slope(now, h, exponent, shape)
+        now += _slope(middle, h, exponent, shape)
+    return now
 
 
 @njit(error_model="numpy", forceinline=True)

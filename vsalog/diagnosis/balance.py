@@ -20,9 +20,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vsalog.binding import offered_roles
+from vsalog.diagnosis._inverse import deflection_under
 from vsalog.diagnosis._loops import bristle_torque, loop_torque
 from vsalog.diagnosis.sensing import known
-from vsalog.mechanics import flexibility_torque, reaction_torque, stiffness
+from vsalog.mechanics import flexibility_torque, reaction_torque
 from vsalog.mechanics.transmissions import coded
 from vsalog.rig.schema import (
     AntagonisticJoint,
@@ -42,11 +43,8 @@ Mechanical = ElasticJoint | SerialJoint | AntagonisticJoint
 Side = Literal["motor", "transmission", "link", "sensor", "pneumatic"]
 
 GRAVITY = 9.81
-# Rounds of finding the deflection under a torque, and the share of the stiffness at rest below which a step is not trusted.
-ROUNDS, LEAST = 8, 0.05
 # Torques are found to this part of the largest.
 NEAR = 1e-9
-TABLE = 1001
 # Changes of the deflection below so many deviations of its noise do not move a loop.
 SLACK = 4.0
 
@@ -170,7 +168,8 @@ def motion_of(joint: Mechanical, roles: Mapping[str, Array], time: Array, spread
         felt = _felt(joint, s, roles, motors)
         if felt is None or s not in motors:
             continue
-        deflections[s] = _deflected(transmission, felt, lever, time)
+        slack = SLACK * spread.get(f"torque_sensor{s}", spread.get(f"motor_torque{s}", 0.0))
+        deflections[s] = _deflected(transmission, felt, lever, time, slack)
         torques[s] = felt
         measured.add(s)
         if f"torque_sensor{s}" not in roles:
@@ -211,49 +210,39 @@ def _felt(joint: Mechanical, suffix: str, roles: Mapping[str, Array], motors: Ma
     return None
 
 
-def _deflected(transmission: KnownTransmission, torque: Array, arm: Array | None, time: Array) -> Array:
-    """Return φ and its derivatives under a torque, shape (3, N); the inverse of `transmitted`."""
-    spring = torque
-    phi = np.zeros((3, torque.size))
-    dynamic = transmission.damping > 0.0 or transmission.bouc_wen is not None or bool(transmission.slip)
-    for _ in range(3 if dynamic else 1):
-        phi[0] = _under(transmission, spring, arm, time)
-        phi[1] = np.gradient(phi[0], time)
-        if dynamic:
-            rest = transmitted(transmission, phi, arm, time) - flexibility_torque(transmission, phi[0], arm, time)
-            spring = torque - rest
-    phi[2] = np.gradient(phi[1], time)
-    return phi
+def _deflected(transmission: KnownTransmission, torque: Array, arm: Array | None, time: Array, slack: float) -> Array:
+    """Return φ and its derivatives under a torque, shape (3, N); the inverse of `transmitted`.
+
+    What damps and what is wound up in loops has its part in the torque that is felt: all of it is undone together.
+    """
+    largest = float(np.fmax.reduce(np.abs(torque)))
+    elements = np.array([(e.stiffness, e.limit) for e in transmission.slip]).reshape(-1, 2)
+    lever = np.zeros_like(torque) if arm is None else arm
+    phi = deflection_under(
+        coded(transmission), elements, torque, lever, time, _limit(transmission), slack, NEAR * largest
+    )
+    rate = slope_of(phi, time)
+    return np.stack([phi, rate, slope_of(rate, time)])
 
 
-def _under(transmission: KnownTransmission, torque: Array, arm: Array | None, time: Array) -> Array:
-    """Return the deflection at which the spring has that torque: off a table where there is one, then by Newton's method."""
-    start = np.sign(torque) * (0.5 * transmission.backlash + 1e-9)
-    soft, largest = np.abs(stiffness(transmission, start, arm, time)), np.fmax.reduce(np.abs(torque))
-    scale = np.maximum(soft, 1e-9)
-    # A four-bar mechanism ends at its singularity, and hardens long before it.
-    limit = 1.98 * np.arcsin(1.0 / transmission.geometry) if isinstance(transmission, Vsa2Transmission) else np.inf
-    if arm is None:
-        phi = _off_table(transmission, torque / (1.0 + transmission.drift * time), limit)
-    else:
-        phi = np.clip(start + torque / scale, -limit, limit)
-    for _ in range(ROUNDS):
-        off = flexibility_torque(transmission, phi, arm, time) - torque
-        if not np.fmax.reduce(np.abs(off)) > NEAR * largest:
-            break
-        slope = np.maximum(stiffness(transmission, phi, arm, time), LEAST * scale)
-        phi = np.clip(phi - off / slope, -limit, limit)
-    return np.asarray(phi)
+def _limit(transmission: KnownTransmission) -> float:
+    """Return the largest deflection up to which a spring's torque rises [rad]."""
+    if isinstance(transmission, Vsa2Transmission):
+        # A four-bar mechanism ends at its singularity, and hardens long before it.
+        return 1.98 * float(np.arcsin(1.0 / transmission.geometry))
+    return 0.25 * np.pi if isinstance(transmission, AwasTransmission) else 10.0
 
 
-def _off_table(transmission: KnownTransmission, torque: Array, limit: float) -> Array:
-    """Return the deflection under a torque, at the log's beginning, to a part in a thousand."""
-    largest, reach = float(np.fmax.reduce(np.abs(torque))), min(limit, 0.05)
-    while reach < min(limit, 10.0) and float(flexibility_torque(transmission, reach)) < largest:
-        reach = min(1.5 * reach, limit)
-    phi = np.linspace(-reach, reach, TABLE)
-    rising = np.maximum.accumulate(flexibility_torque(transmission, phi))
-    return np.interp(torque, rising, phi)
+def slope_of(values: Array, time: Array) -> Array:
+    """Return the derivative of evenly spaced samples, shape (N,): central differences of fourth order.
+
+    It is NaN beside what is not known. Those of second order would take a part in a hundred off what swings ten times a second.
+    """
+    out = np.full_like(values, np.nan)
+    if values.size > 4:
+        period = time[1] - time[0]
+        out[2:-2] = (8.0 * (values[3:-1] - values[1:-3]) - (values[4:] - values[:-4])) / (12.0 * period)
+    return out
 
 
 def _moved(motor: Motor, theta: Array) -> Array:
