@@ -98,6 +98,30 @@ class PolynomialBasis:
         return np.concatenate((np.where(on, plain, 0.0), np.where(on, 0.0, plain)), axis=2)
 
 
+@njit(cache=True, nogil=True)
+def linear(rows: Array, coefficients: Array, covariance: Array) -> tuple[Array, Array]:
+    """Return functions × coefficients and the standard deviation of that, shape (N,) each.
+
+    Parameters
+    ----------
+    rows : shape (N, n)
+    coefficients : shape (n,)
+    covariance : of the coefficients, shape (n, n)
+    """
+    count, n = rows.shape
+    value, deviation = np.empty(count), np.empty(count)
+    for k in range(count):
+        total, variance = 0.0, 0.0
+        for i in range(n):
+            total += rows[k, i] * coefficients[i]
+            row = 0.0
+            for j in range(n):
+                row += covariance[i, j] * rows[k, j]
+            variance += rows[k, i] * row
+        value[k], deviation[k] = total, np.sqrt(variance)
+    return value, deviation
+
+
 @njit(cache=True)
 def _power(x: float, n: int) -> float:
     y = 1.0

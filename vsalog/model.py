@@ -12,7 +12,7 @@ import msgspec
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from vsalog.basis import PolynomialBasis
+from vsalog.basis import PolynomialBasis, linear
 from vsalog.errors import EstimatorError, ReadError
 
 Array = NDArray[np.float64]
@@ -122,8 +122,7 @@ class JointModel(_Base, frozen=True):
         if at.ndim != 1:
             raise EstimatorError(f"the deflection must be one number or a list of them, not of shape {at.shape}")
         rows = self.basis.basis().rows(at, None if setpoint is None else c, derivative, on)[:, derivative]
-        variance = np.einsum("ki,ki->k", rows @ np.array(part.covariance), rows)
-        return rows @ np.array(part.coefficients), np.sqrt(variance)
+        return linear(np.ascontiguousarray(rows), np.array(part.coefficients), np.array(part.covariance))
 
 
 class ModelFile(_Base, frozen=True):

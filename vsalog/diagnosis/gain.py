@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from vsalog.diagnosis.windows import Shot, Windows, begun, by_states, in_windows, player_of, shoot
+from vsalog.diagnosis.windows import Shot, Windows, begun, begun_as, by_states, floor_of, in_windows, player_of, shoot
 from vsalog.errors import SimulationError
 
 Array = NDArray[np.float64]
@@ -101,6 +101,7 @@ def standing(joint: Any, windows: Windows, known: Compared | None = None) -> Sta
     SimulationError
         The rig cannot be simulated there.
     """
+    windows = weighed(joint, windows) if known is None else known.windows
     shot = begun(joint, windows) if known is None else known.before
     floor = floors(joint, windows, shot) if known is None else known.floor
     first = int(windows.spans[0, 0])
@@ -115,18 +116,57 @@ def standing(joint: Any, windows: Windows, known: Compared | None = None) -> Sta
     return Standing(windows, shot, floor, {r: e for r, e in through.items() if np.isfinite(e)})
 
 
-def compared(before: Any, after: Any, windows: Windows) -> Compared:
+def compared(
+    before: Any,
+    after: Any,
+    windows: Windows,
+    *,
+    first: Shot | None = None,
+    second: Shot | None = None,
+    noise: bool = True,
+) -> Compared:
     """Simulate windows with two rigs, each from the states that fit it best.
+
+    Parameters
+    ----------
+    before, after : the rig as it stands, and extended
+    windows : of the log
+    first, second : simulations of just these windows with each, where they are known from another comparison
+    noise : whether to measure what noise alone makes, which takes as long as a search for the states; what the errors are
+        weighed by stands for it otherwise
 
     Raises
     ------
     SimulationError
         The rig as it stands cannot be simulated there.
     """
-    windows = _affordable(after, windows)
-    first = begun(before, windows)
-    second = first if after is before else begun(after, windows)
-    return Compared(windows, first, second, floors(after, windows, second))
+    if first is None and second is None:
+        windows = weighed(after, _affordable(after, windows))
+    one = begun(before, windows) if first is None else first
+    two = one
+    if after is not before:
+        two = begun(after, windows) if second is None else second
+        one, two = begun_as(before, windows, one, two), begun_as(after, windows, two, one)
+    known = None if noise else windows.scale
+    return Compared(windows, one, two, floors(after, windows, two) if known is None else known)
+
+
+def weighed(joint: Any, windows: Windows) -> Windows:
+    """Return windows whose errors are weighed by what noise makes of them, told from a few of them.
+
+    A fine encoder on a motor whose recorded torque is coarse is followed no better than that torque allows; weighed by the
+    encoder's noise alone, everything else would be bent to follow it.
+    """
+    if windows.scale is not None:
+        return windows
+    count = len(windows.spans)
+    few = windows.part(np.unique(np.linspace(0, count - 1, min(count, FEWEST)).round().astype(np.int64)))
+    states = player_of(joint, windows.channels).measured_states()[few.spans[:, 0]]
+    try:
+        found = floors(joint, few, shoot(joint, few, states), np.median)
+    except SimulationError:
+        return windows
+    return replace(windows, scale=found) if all(v > 0.0 for v in found.values()) else windows
 
 
 def _affordable(joint: Any, windows: Windows) -> Windows:
@@ -141,11 +181,18 @@ def _affordable(joint: Any, windows: Windows) -> Windows:
     return windows if kept == count else windows.part(np.linspace(0, count - 1, kept).round().astype(np.int64))
 
 
-def floors(joint: Any, windows: Windows, shot: Shot) -> dict[str, float]:
+def floors(joint: Any, windows: Windows, shot: Shot, typical: Callable[..., Any] = np.mean) -> dict[str, float]:
     """Return the error of each role that noise alone makes: its sensor's, and what noise in the recorded torques moves.
 
     The second is measured: the windows are simulated with torques, or voltages, that carry noise of the same kind once more, and
     what the states at the beginnings can make up for is taken off.
+
+    Parameters
+    ----------
+    joint : of the rig
+    windows : of the log
+    shot : their simulation
+    typical : of the windows' mean squares
     """
     channels, rng = windows.channels, np.random.default_rng(SEED)
     raw = dict(channels.raw)
@@ -157,10 +204,11 @@ def floors(joint: Any, windows: Windows, shot: Shot) -> dict[str, float]:
         moved = shoot(joint, replace(windows, channels=replace(channels, raw=raw)), shot.states)
     except SimulationError:
         return own
-    scale = np.repeat([own[r] or 1.0 for r in windows.roles], 1)
+    scale = np.array([floor_of(windows, r) for r in windows.roles])
     off = in_windows(moved, windows) - in_windows(shot, windows)
     S = by_states(joint, windows, shot)
     left = np.stack([d - s @ np.linalg.lstsq(s, d, rcond=1e-8)[0] for d, s in zip(off, S, strict=True)])
     length = left.shape[1] // len(windows.roles)
-    rms = np.sqrt(np.mean(left.reshape(len(left), len(windows.roles), length) ** 2, axis=(0, 2))) * scale
+    squares = np.mean(left.reshape(len(left), len(windows.roles), length) ** 2, axis=2)
+    rms = np.sqrt(typical(squares, axis=0)) * scale
     return {role: float(np.hypot(own[role], rms[i])) for i, role in enumerate(windows.roles)}

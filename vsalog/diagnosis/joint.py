@@ -13,7 +13,7 @@ from vsalog.diagnosis.causes import catalogue
 from vsalog.diagnosis.causes.base import Site
 from vsalog.diagnosis.channels import channels_of
 from vsalog.diagnosis.fit import Fit, applied, covariance_of, fitted
-from vsalog.diagnosis.gain import Compared, Standing, compared, standing
+from vsalog.diagnosis.gain import Compared, Standing, compared, floors, standing
 from vsalog.diagnosis.independent import not_independent
 from vsalog.diagnosis.kinds import balance_for, motion_for
 from vsalog.diagnosis.remainder import depends_on, variables_of
@@ -207,7 +207,7 @@ def _kept(
 ) -> tuple[Fit, Compared, list[str]]:
     """Drop causes that do not make the simulation of the held-out windows better."""
     fit, dropped = selection.fit, list[str]()
-    gain = compared(joint, fit.joint(joint), windows)
+    gain = compared(joint, fit.joint(joint) if fit.sites else joint, windows, noise=False)
     for choice in sorted(selection.choices, key=lambda c: float((c.before - c.after).sum())):
         site = choice.site
         rest = tuple(s for s in fit.sites if s.key != site.key)
@@ -215,17 +215,17 @@ def _kept(
             helps = gain.helps
         else:
             start = np.concatenate([fit.own(s) for s in rest])
-            less = compared(applied(joint, rest, start), fit.joint(joint), windows)
+            less = compared(applied(joint, rest, start), fit.joint(joint), gain.windows, second=gain.after, noise=False)
             helps = less.helps
         if not helps:
             start = np.concatenate([fit.own(s) for s in rest]) if rest else np.zeros(0)
             fit = fitted(system, joint, rest, start, selection.blocks)
-            gain = compared(joint, fit.joint(joint), windows)
+            gain = compared(joint, fit.joint(joint) if rest else joint, gain.windows, first=gain.before, noise=False)
             dropped.append(
                 f"{site.cause} would explain part of the equations, but does not make the simulation of held-out data better:"
                 " it is not kept"
             )
-    return fit, gain, dropped
+    return fit, replace(gain, floor=floors(fit.joint(joint), gain.windows, gain.after)), dropped
 
 
 def _found(system: System, joint: Any, selection: Selection, fit: Fit) -> list[Found]:

@@ -27,15 +27,22 @@ Flags = NDArray[np.bool_]
 Integers = NDArray[np.int64]
 
 # Length of a window [s], its fewest samples, and how many of a long log are simulated.
-WINDOW, FEWEST, MOST = 0.5, 20, 60
+WINDOW, FEWEST, MOST = 0.5, 20, 40
 # A window is there when its mean square is no more than so many times a Newton step promises; above the second it is begun anew,
 # so often. Shares of a step, and the part of the usual effect below which a state is not moved.
 CLOSE, FAR, AGAIN = 1.01, 1.5, 3
-SHARES, WEAK = (1.0, 0.3), 0.02
+DAMPINGS, WEAK = (0.0, 1e-3, 0.03, 1.0), 0.02
 
 
 class Player(Protocol):
-    """What plays a joint of some kind in windows."""
+    """What plays a joint of some kind in windows.
+
+    Attributes
+    ----------
+    played : the joint without what is left out
+    """
+
+    played: Any
 
     def driving(self) -> list[str]:
         """Return the roles that drive the joint where they are recorded."""
@@ -82,12 +89,15 @@ class Windows:
     spans : first and last sample of each window, shape (W, 2)
     roles : that the simulation answers to
     hold : whether recorded torques act from sample to sample
+    scale : role → error that noise makes, the sensors' and that of the recorded torques, by which errors are weighed; the
+        sensors' alone where absent
     """
 
     channels: Channels
     spans: NDArray[np.int64]
     roles: tuple[str, ...]
     hold: bool
+    scale: Mapping[str, float] | None = None
 
     @property
     def window(self) -> NDArray[np.int64]:
@@ -118,7 +128,7 @@ class Shot:
     def whitened(self, windows: Windows) -> Array:
         """Return the errors in the windows over their noise, all roles, shape (W·L·roles,) in the order of `blocks`."""
         return np.concatenate(
-            [self.errors[r][a:b] / _floor(windows, r) for a, b in windows.spans for r in windows.roles]
+            [self.errors[r][a:b] / floor_of(windows, r) for a, b in windows.spans for r in windows.roles]
         )
 
 
@@ -194,7 +204,7 @@ def begun(joint: Any, windows: Windows, states: Array | None = None, rounds: int
     for _ in range(AGAIN):
         if not far.size:
             break
-        some = np.arange(len(windows.spans)) if _remembers(joint) else far
+        some = np.arange(len(windows.spans)) if _remembers(joint, windows) else far
         near, still = _nearer(joint, windows.part(some), Shot(shot.states[some], shot.errors), 1)
         if np.array_equal(near.states, shot.states[some]):
             break
@@ -202,15 +212,33 @@ def begun(joint: Any, windows: Windows, states: Array | None = None, rounds: int
     return shot
 
 
-def _remembers(joint: Any) -> bool:
-    """Tell whether a joint has loops or bristles: those go on from one window to the next, so that none can be played alone."""
-    parts = [getattr(joint, name) for name in joint.__struct_fields__]
+def begun_as(joint: Any, windows: Windows, shot: Shot, other: Shot) -> Shot:
+    """Try another rig's beginnings in the windows where those led that rig nearer, and go on from there.
+
+    Of two rigs none must look worse only because the search for its states ended early.
+    """
+    worse = np.flatnonzero(_squares(shot, windows) > _squares(other, windows))
+    if not worse.size:
+        return shot
+    shot, left = _better(joint, windows, shot, worse, other.states[worse])
+    moved = np.setdiff1d(worse, left)
+    if not moved.size:
+        return shot
+    some = np.arange(len(windows.spans)) if _remembers(joint, windows) else moved
+    near, _ = _nearer(joint, windows.part(some), Shot(shot.states[some], shot.errors), 1)
+    return _merged(windows, shot, some, near)
+
+
+def _remembers(joint: Any, windows: Windows) -> bool:
+    """Tell whether what is played has loops or bristles: they go on from one window to the next, so none is played alone."""
+    played = player_of(joint, windows.channels).played
+    parts = [getattr(played, name) for name in played.__struct_fields__]
     bristles = any(getattr(getattr(p, "friction", None), "presliding_stiffness", None) is not None for p in parts)
     return bristles or any(getattr(p, "bouc_wen", None) is not None or getattr(p, "slip", ()) for p in parts)
 
 
 def _nearer(joint: Any, windows: Windows, shot: Shot, rounds: int) -> tuple[Shot, Integers]:
-    """Take Newton steps with one set of derivatives; in each window the longest of some shares that is better.
+    """Take Newton steps with one set of derivatives; in each window the least damped one that is better.
 
     Returns
     -------
@@ -226,17 +254,20 @@ def _nearer(joint: Any, windows: Windows, shot: Shot, rounds: int) -> tuple[Shot
         step = np.stack([_least(J[w], r[w]) for w in range(len(r))])
         promised = np.mean((r - np.einsum("wln,wn->wl", J, step)) ** 2, axis=1)
         left = np.flatnonzero(_squares(shot, windows) > CLOSE * promised)
-        for share in SHARES:
+        for damping in DAMPINGS:
             if not left.size:
                 break
-            shot, left = _better(joint, windows, shot, left, shot.states[left] - share * step[left])
+            # What a window hardly tells, as the velocity of a link without an encoder, must not lead far from what is straight.
+            if damping:
+                step[left] = np.stack([_least(J[w], r[w], damping) for w in left])
+            shot, left = _better(joint, windows, shot, left, shot.states[left] - step[left])
     return shot, np.flatnonzero(_squares(shot, windows) > FAR * promised)
 
 
 def _better(joint: Any, windows: Windows, shot: Shot, some: Integers, states: Array) -> tuple[Shot, Integers]:
     """Take new states in each of some windows where they are better; return the windows where they are not, too."""
     part, played, begin = windows.part(some), windows.part(some), states
-    if _remembers(joint):
+    if _remembers(joint, windows):
         played, begin = windows, shot.states.copy()
         begin[some] = states
     try:
@@ -281,12 +312,19 @@ def by_states(joint: Any, windows: Windows, shot: Shot) -> Array:
     return out
 
 
-def _least(J: Array, r: Array) -> Array:
+def _least(J: Array, r: Array, damping: float = 0.0) -> Array:
+    """Return the step, in states of equal effect, that makes r − J step + damping · step least, in squares (Levenberg)."""
     scale = np.linalg.norm(J, axis=0)
     scale = np.where(scale > 0.0, scale, 1.0)
-    return np.asarray(np.linalg.lstsq(J / scale, r, rcond=1e-8)[0] / scale)
+    A = J / scale
+    if damping:
+        return np.asarray(np.linalg.solve(A.T @ A + damping * np.eye(scale.size), A.T @ r) / scale)
+    return np.asarray(np.linalg.lstsq(A, r, rcond=1e-8)[0] / scale)
 
 
-def _floor(windows: Windows, role: str) -> float:
+def floor_of(windows: Windows, role: str) -> float:
+    """Return what the error of a role is weighed by."""
+    if windows.scale is not None:
+        return windows.scale[role]
     noise = windows.channels.noise[role].floor
     return noise or 1e-6 * float(np.std(windows.channels.raw[role])) or 1.0

@@ -42,12 +42,13 @@ class MechanicalPlayer:
     """
 
     def __init__(self, joint: Any, channels: Channels) -> None:
-        self.joint, self.channels = joint, channels
+        self.joint, self.channels, self.played = joint, channels, joint
         self.machine = build({NAME: joint})
         if self.machine.steps(channels.period)[1]:
             plain = build({NAME: without_bristles(joint)})
             # Bristles so stiff that they ask for an implicit integrator differ from ideal friction by less than encoders see.
-            self.machine = self.machine if plain.steps(channels.period)[1] else plain
+            if not plain.steps(channels.period)[1]:
+                self.machine, self.played = plain, without_bristles(joint)
 
     def driving(self) -> list[str]:
         """Return the roles of the motors' torques."""

@@ -46,7 +46,7 @@ class PneumaticPlayer:
         for role in VALVES:
             if role not in channels.raw:
                 raise SimulationError(f"the voltage of {role} is not recorded, so that nothing drives its muscle")
-        self.joint, self.channels = joint, channels
+        self.joint, self.channels, self.played = joint, channels, joint
         self.roles = true_roles(joint, channels, 0.0)
 
     def driving(self) -> list[str]:

@@ -12,6 +12,7 @@ import struct
 from dataclasses import dataclass
 
 import numpy as np
+from numba import njit
 from numpy.typing import NDArray
 
 from vsalog.readers.base import MAX_ARRAY
@@ -72,10 +73,23 @@ class Layout:
 
     def matches(self, table: Bytes) -> NDArray[np.bool_]:
         """Tell which rows of `table`, shape (n, length), this layout holds for."""
-        match = np.ones(len(table), dtype=bool)
-        for start, stop in self.guards:
-            match &= (table[:, start:stop] == self.sample[start:stop]).all(axis=1)
-        return match
+        guards = np.array(self.guards, dtype=np.int64).reshape(-1, 2)
+        return _equal(table, guards, self.sample)
+
+
+@njit(cache=True, nogil=True)
+def _equal(table: Bytes, guards: NDArray[np.int64], sample: Bytes) -> NDArray[np.bool_]:
+    """Tell which rows have the sample's bytes in all guarded ranges."""
+    out = np.ones(table.shape[0], dtype=np.bool_)
+    for k in range(table.shape[0]):
+        for g in range(guards.shape[0]):
+            for i in range(guards[g, 0], guards[g, 1]):
+                if table[k, i] != sample[i]:
+                    out[k] = False
+                    break
+            if not out[k]:
+                break
+    return out
 
 
 def column(table: Bytes, field: Field) -> NDArray[np.float64]:

@@ -19,7 +19,7 @@ from vsalog.errors import ReadError
 from vsalog.readers.bag import Connection
 from vsalog.readers.base import plural
 from vsalog.readers.mcap_scan import MESSAGE, ends_whole, messages_in, others_in
-from vsalog.readers.packets import PACKED, Packet, RawMessage, packet_of
+from vsalog.readers.packets import PACKED, Packet, RawMessage, ahead, packet_of
 
 MAGIC = b"\x89MCAP0\r\n"
 RIG_METADATA = "vsalog.rig"
@@ -73,7 +73,7 @@ class McapContainer:
         wanted = np.zeros(2**16, dtype=np.bool_)
         wanted[list(ids)] = True
         loose: list[RawMessage] = []  # outside of chunks
-        for record, content in self._records():
+        for record, content in ahead(self._records()):
             if loose and (record == _CHUNK or len(loose) >= PACKED):
                 yield packet_of(loose)
                 loose = []

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
+from typing import TypeVar
 
 import numpy as np
 from numba import njit
@@ -11,6 +13,8 @@ from numpy.typing import NDArray
 
 Bytes = NDArray[np.uint8]
 Integers = NDArray[np.int64]
+
+Item = TypeVar("Item")
 
 RawMessage = tuple[int, int, int, bytes]
 """Connection, log time [ns], publish time [ns], the serialised message."""
@@ -67,7 +71,8 @@ class Messages:
     def table(self, rows: Integers) -> Bytes:
         """Return messages of equal length as the rows of a table, shape (n, length)."""
         length = int(self.length[rows[0]])
-        return self.take(rows).data.reshape(rows.size, length)
+        compact = rows.size == self.start.size and self.data.size == rows.size * length
+        return (self if compact else self.take(rows)).data.reshape(rows.size, length)
 
     def by_length(self) -> Iterator[Integers]:
         """Yield the indices of the messages of each length, in order."""
@@ -105,6 +110,16 @@ class Packet:
     messages: Messages
 
 
+def ahead(items: Iterator[Item]) -> Iterator[Item]:
+    """Yield items while the next one is already made in a thread of its own: decompression and checksums leave Python free."""
+    end = object()
+    with ThreadPoolExecutor(1) as pool:
+        waiting = pool.submit(next, items, end)
+        while (item := waiting.result()) is not end:
+            waiting = pool.submit(next, items, end)
+            yield item  # type: ignore[misc]
+
+
 def packed(messages: Iterable[RawMessage]) -> Iterator[Packet]:
     """Yield packets of messages that come one by one."""
     waiting: list[RawMessage] = []
@@ -136,6 +151,4 @@ def _behind_one_another(length: Integers) -> Integers:
 @njit(cache=True, nogil=True)
 def _gather(data: Bytes, start: Integers, length: Integers, at: Integers, out: Bytes) -> None:
     for k in range(start.size):
-        source, target = start[k], at[k]
-        for i in range(length[k]):
-            out[target + i] = data[source + i]
+        out[at[k] : at[k] + length[k]] = data[start[k] : start[k] + length[k]]

@@ -13,7 +13,7 @@ import numpy as np
 from vsalog.errors import ReadError
 from vsalog.readers.bag import Connection
 from vsalog.readers.base import plural
-from vsalog.readers.packets import PACKED, Packet, RawMessage, packet_of
+from vsalog.readers.packets import PACKED, Packet, RawMessage, ahead, packet_of
 from vsalog.readers.rosbag1_scan import ends_whole, messages_in
 
 MAGIC = b"#ROSBAG V"
@@ -66,7 +66,7 @@ class Rosbag1Container:
         """Yield the messages of some connections in the order of the file; what is damaged is skipped and noted."""
         wanted = np.array(sorted(ids), dtype=np.int64)
         loose: list[RawMessage] = []  # outside of chunks
-        for header, data in self._records():
+        for header, data in ahead(self._records()):
             if loose and (_op(header) == _CHUNK or len(loose) >= PACKED):
                 yield packet_of(loose)
                 loose = []
