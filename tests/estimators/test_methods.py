@@ -75,6 +75,8 @@ CASES = [
     ("qr-rls", {"filter": "kinematic", "forgetting": 0.99}),
     ("qr-rls", {"filter": "savitzky-golay", "window": 0.2, "degree": 6}),
     ("batch-ls", {"window": 0.2, "degree": 6}),
+    ("algebraic", {}),
+    ("algebraic", {"filter": "kinematic", "span": 0.05}),
     ("direct", {}),
     ("direct", {"solver": "qr", "filter": "kinematic", "forgetting": 0.999}),
 ]

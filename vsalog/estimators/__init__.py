@@ -22,6 +22,7 @@ BUILT_IN = {
     "qr-rls": "vsalog.estimators.qr_rls",
     "batch-ls": "vsalog.estimators.batch_ls",
     "direct": "vsalog.estimators.direct",
+    "algebraic": "vsalog.estimators.algebraic",
 }
 
 

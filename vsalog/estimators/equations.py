@@ -20,7 +20,8 @@ Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]
 
 
-def _regressors(basis: PolynomialBasis, block: Conditioned, view: TransmissionView) -> Array:
+def regressors(basis: PolynomialBasis, block: Conditioned, view: TransmissionView) -> Array:
+    """Return the functions of the basis at each sample of a block, shape (N, n)."""
     c = block.fit.get("setpoint") if basis.setpoint_order > 1 else None
     return basis.rows(deflection_of(block.fit, view), c, 0, block.loading_fit.get(view.name))[:, 0]
 
@@ -61,7 +62,7 @@ class TorqueEquation:
             doubted = doubt > 1.0 if doubted is None else doubted | (doubt > 1.0)
         if doubted is not None:
             y = np.where(doubted, np.nan, y)
-        F = np.hstack([_regressors(self.basis, block, t) for t in self.transmissions])
+        F = np.hstack([regressors(self.basis, block, t) for t in self.transmissions])
         use = block.use & np.isfinite(y) & np.isfinite(F).all(axis=1)
         # One sensor for several transmissions says nothing of each alone.
         alone = len(self.transmissions) == 1
@@ -109,7 +110,7 @@ class ResidualEquation:
 
     def rows(self, state: tuple[Any, ...], block: Conditioned) -> tuple[tuple[Any, ...], EquationRows]:
         """Form the equation for a block."""
-        F = _regressors(self.basis, block, self.view)
+        F = regressors(self.basis, block, self.view)
         use = block.use & np.isfinite(F).all(axis=1)
         residual, r_e, after, lagged_doubt = self._residual(state, block, use)
         lag, lagged = lag_block(state[1], F, use, self.bandwidth, self.period)
@@ -191,7 +192,7 @@ class IntegratedMotorEquation:
     def rows(self, state: tuple[Array, Array | None], block: Conditioned) -> tuple[Any, EquationRows]:
         """Form the equation for a block."""
         view, fit, known = self.view, block.fit, self.known
-        f = _regressors(self.basis, block, view)
+        f = regressors(self.basis, block, view)
         theta, velocity = fit[view.motor_position], fit[f"velocity:{view.motor_position}"]
         tau, fed, after, doubted, factor = fit[view.motor_torque], None, None, None, None
         use = block.use & np.isfinite(f).all(axis=1)
