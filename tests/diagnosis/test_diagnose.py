@@ -232,6 +232,13 @@ def test_an_input_is_never_written_over(tmp_path, call, name):
     assert name in said
 
 
+def test_the_rig_beside_a_log_is_never_written_over(tmp_path, call):
+    """A log called `extended` has its rig where the extended rig would go."""
+    lay(tmp_path, WRONG, name="extended")
+    assert "extended.rig.toml" in refusal(call, tmp_path, "extended.csv")
+    assert (tmp_path / "extended.rig.toml").read_text(encoding="utf-8") == ELASTIC
+
+
 @pytest.mark.parametrize("held", [False, True])
 def test_a_log_is_never_written_over(tmp_path, call, held):
     lay(tmp_path)

@@ -61,12 +61,14 @@ def diagnose(
     from vsalog.diagnosis.run import diagnose as run
     from vsalog.reports.diagnose import print_json, print_report
     from vsalog.reports.estimate import Progress
+    from vsalog.rig.find import rig_beside
     from vsalog.writers.diagnosis import Outputs, write_diagnosis
     from vsalog.writers.reports import keep_inputs
 
     options = Options(rig, joints, settings, rate, time, suggest)
     outputs = Outputs.within(output, suggest)
-    inputs = [log, *([holdout] if holdout is not None else []), *([Path(rig)] if rig is not None else [])]
+    rigs = Path(rig) if rig is not None else rig_beside(log)
+    inputs = [log, *([holdout] if holdout is not None else []), *([rigs] if rigs is not None else [])]
     written = [
         outputs.document,
         outputs.page,

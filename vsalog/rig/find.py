@@ -29,7 +29,11 @@ def find_rig(log: Path, rig_text: str | None, given: str | Path | None = None) -
         return Rig.load(given)
     if rig_text is not None:
         return Rig.from_toml(rig_text, f"rig in {log.name}")
-    for path in (log.with_name(f"{log.stem}.rig.toml"), log.with_name("rig.toml")):
-        if path.is_file():
-            return Rig.load(path)
-    return None
+    beside = rig_beside(log)
+    return None if beside is None else Rig.load(beside)
+
+
+def rig_beside(log: Path) -> Path | None:
+    """Return the rig file that lies beside a log; None where there is none."""
+    paths = (log.with_name(f"{log.stem}.rig.toml"), log.with_name("rig.toml"))
+    return next((path for path in paths if path.is_file()), None)
