@@ -29,8 +29,9 @@ Integers = NDArray[np.int64]
 # Length of a window [s], its fewest samples, and how many of a long log are simulated.
 WINDOW, FEWEST, MOST = 0.5, 20, 40
 # A window is there when its mean square is no more than so many times a Newton step promises; above the second it is begun anew,
-# so often. Shares of a step, and the part of the usual effect below which a state is not moved.
-CLOSE, FAR, AGAIN = 1.01, 1.5, 3
+# so often, and so much of each window is looked at first.
+# Dampings of a step that are tried one after another, and the part of the usual effect below which a state is not moved.
+CLOSE, FAR, AGAIN, PARTS = 1.01, 1.5, 2, (0.1, 0.3)
 DAMPINGS, WEAK = (0.0, 1e-3, 0.03, 1.0), 0.02
 
 
@@ -110,6 +111,12 @@ class Windows:
     def part(self, chosen: Sequence[int] | Integers) -> Windows:
         """Return some of the windows."""
         return replace(self, spans=self.spans[np.asarray(chosen, dtype=np.int64)])
+
+    def first(self, share: float) -> Windows:
+        """Return the first part of each window."""
+        length = max(FEWEST, int(share * (self.spans[0, 1] - self.spans[0, 0])))
+        ends = np.minimum(self.spans[:, 0] + length, self.spans[:, 1])
+        return replace(self, spans=np.stack([self.spans[:, 0], ends], axis=-1))
 
 
 @dataclass(frozen=True, slots=True)
@@ -195,12 +202,17 @@ def begun(joint: Any, windows: Windows, states: Array | None = None, rounds: int
     joint : of the rig
     windows : of the log
     states : to start the search with; the measured ones when absent
-    rounds : Newton steps with one set of derivatives; windows that are still far off get more
+    rounds : Newton steps with one set of derivatives; windows that are still far off are begun anew
     """
     if states is None:
         states = player_of(joint, windows.channels).measured_states()[windows.spans[:, 0]]
+    # What is unstable bends the way from a beginning to what follows, the more the later it follows: the first part of a window
+    # tells its beginning well enough for the rest to be straight.
+    for share in PARTS if not _remembers(joint, windows) else ():
+        first = windows.first(share)
+        states = _nearer(joint, first, shoot(joint, first, states), 1)[0].states
     shot, far = _nearer(joint, windows, shoot(joint, windows, states), rounds)
-    # Friction that sticks bends the way from a beginning to what follows: such windows are looked at again where they are now.
+    # Friction that sticks bends it too: such windows are looked at again where they are now.
     for _ in range(AGAIN):
         if not far.size:
             break
@@ -274,7 +286,8 @@ def _better(joint: Any, windows: Windows, shot: Shot, some: Integers, states: Ar
         errors = shoot(joint, played, begin).errors
     except SimulationError:
         return shot, some
-    better = _squares(Shot(states, errors), part) < _squares(Shot(shot.states[some], shot.errors), part)
+    old = _squares(Shot(shot.states[some], shot.errors), part)
+    better = _squares(Shot(states, errors), part) < old
     if not better.any():
         return shot, some
     return _merged(windows, shot, some[better], Shot(states[better], errors)), some[~better]
