@@ -1,0 +1,346 @@
+"""Square-root unscented Kalman filter: the factor of a covariance is carried, never the covariance.
+
+The unscented filter of Julier and Uhlmann with the scaled points of Wan and van der Merwe (The unscented Kalman filter, in
+Haykin, ed., Kalman Filtering and Neural Networks, 2001, §7.3); Shin, Ibayashi, Kogiso (2021) eq. 13–24 are its case α = 1,
+β = 0, κ = 0. Wan and van der Merwe's own square-root form (§7.4) takes the measurement's share off by one downdate per output,
+which loses digits where a measurement is much better than the prediction. Here, as in Arasaratnam and Haykin's cubature filter
+(IEEE TAC 54, 2009), outputs and states are triangularised side by side, so that a filter whose weights are not negative
+subtracts nothing at all:
+
+    ( √w ΔY   √w ΔX )         ( Ryy  Ryx )
+    (  S_Rᵀ      0  )  = Q ·  (  0   Rxx ),   x ← x + Ryxᵀ e,  Ryyᵀ e = z − ŷ,   S ← Rxxᵀ.
+
+Points are drawn anew between prediction and correction, as Shin's algorithm does: the correction then knows of the process
+noise. Print of Shin 2021: eq. 24 takes K Pyy Kᵀ off with a Pyy that already holds R (eq. 21), which is right, but K below it
+adds R again; K is Pxy Pyy⁻¹ here. Their points' index of eq. 13–15 begins at 1.
+
+A column of the factor may be zero: a state that is known exactly stays so.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from vsalog.errors import FilterError
+
+Array = NDArray[np.float64]
+
+# Positions in the array of weights that the compiled functions take.
+_SPREAD, _MEAN, _COVARIANCE, _OTHER = range(4)
+
+
+@dataclass(frozen=True, slots=True)
+class UnscentedWeights:
+    """Where sigma points lie and what they count.
+
+    Attributes
+    ----------
+    size : n, number of states
+    spread : √(n + λ), in standard deviations
+    mean : W₀ of the mean, of the point in the middle
+    covariance : W₀ of the covariance; where it is negative a covariance is a difference, and may fail to be one
+    other : W_i of each of the 2 n points around it, of both
+    """
+
+    size: int
+    spread: float
+    mean: float
+    covariance: float
+    other: float
+
+    @classmethod
+    def scaled(cls, size: int, alpha: float = 1.0, beta: float = 0.0, kappa: float = 0.0) -> UnscentedWeights:
+        """Return Wan and van der Merwe's weights, λ = α² (n + κ) − n, W₀ = λ/(n + λ), + 1 − α² + β for the covariance.
+
+        With α = 1, β = 0 they are Shin 2021's, W₀ = κ/(n + κ) and W_i = 1/(2 (n + κ)). (Their eq. 17–22 leave it open whether
+        1/2(n + κ) is that; only so do they sum to one.)
+
+        Raises
+        ------
+        FilterError
+            There are no states, or n + λ is not a positive number.
+        """
+        total = alpha * alpha * (size + kappa)
+        if size < 1 or not (np.isfinite(total) and total > 0.0 and np.isfinite(beta)):
+            raise FilterError(
+                f"unscented filter: alpha² (n + kappa) has to be positive, not {total:g} with n = {size}, alpha = {alpha:g},"
+                f" kappa = {kappa:g}"
+            )
+        mean = (total - size) / total
+        return cls(size, float(np.sqrt(total)), mean, mean + 1.0 - alpha * alpha + beta, 0.5 / total)
+
+    def packed(self) -> Array:
+        """Return what the compiled functions take, shape (4,)."""
+        return np.array([self.spread, self.mean, self.covariance, self.other])
+
+
+def workspace(size: int, outputs: int) -> tuple[Array, Array, Array]:
+    """Return the work arrays of `unscented_filter`'s functions, for n states and m outputs; they hold nothing between calls."""
+    rows = 2 * size + 1 + max(size, outputs)
+    return np.zeros((2 * size + 3, max(size, outputs))), np.zeros((size + outputs, rows)), np.zeros(size + outputs)
+
+
+def covariance_factor(covariance: Array) -> Array:
+    """Return the lower S with S Sᵀ = P, shape (n, n), of a covariance that may have zero rows.
+
+    Raises
+    ------
+    FilterError
+        It is not symmetric and positive semidefinite.
+    """
+    P = np.asarray(covariance, dtype=np.float64)
+    if (
+        P.ndim != 2
+        or P.shape[0] != P.shape[1]
+        or not np.isfinite(P).all()
+        or not np.allclose(P, P.T, rtol=1e-9, atol=0.0)
+    ):
+        raise FilterError("unscented filter: a covariance has to be a symmetric matrix of finite numbers")
+    S, used = np.zeros_like(P), np.flatnonzero(np.diag(P) != 0.0)
+    rest = np.setdiff1d(np.arange(P.shape[0]), used)
+    try:
+        S[np.ix_(used, used)] = np.linalg.cholesky(P[np.ix_(used, used)])
+    except np.linalg.LinAlgError:
+        raise FilterError("unscented filter: a covariance has to be positive definite, but for rows of zeros") from None
+    if np.any(P[rest]):
+        raise FilterError("unscented filter: a state without variance cannot have a covariance with another")
+    return S
+
+
+@njit(cache=True, error_model="numpy")
+def triangularise(A: Array, columns: int, rows: int) -> None:
+    """Bring a tall matrix to triangular form by Householder reflections, in place.
+
+    Its j-th *column* is A[j, :rows], so that columns lie in one piece. On return A[j, k], k ≤ j < columns, is the lower factor L
+    with L Lᵀ = (matrix)ᵀ (matrix), its diagonal not negative; what is beyond the diagonal is left over. A column's scale does not
+    touch the accuracy of the others. Missing rows (rows < columns) count as zeros.
+    """
+    for k in range(min(columns, rows)):
+        square = 0.0
+        for i in range(k + 1, rows):
+            square += A[k, i] * A[k, i]
+        if square > 0.0:
+            # Away from zero, so that nothing cancels.
+            head = A[k, k]
+            length = np.sqrt(square + head * head)
+            end = -length if head > 0.0 else length
+            first = head - end
+            scale = 1.0 / (end * first)
+            for j in range(k + 1, columns):
+                s = A[j, k] * first
+                for i in range(k + 1, rows):
+                    s += A[j, i] * A[k, i]
+                s *= scale
+                A[j, k] += s * first
+                for i in range(k + 1, rows):
+                    A[j, i] += s * A[k, i]
+            A[k, k] = end
+        if A[k, k] < 0.0:
+            for j in range(k, columns):
+                A[j, k] = -A[j, k]
+    for k in range(rows, columns):
+        for j in range(k, columns):
+            A[j, k] = 0.0
+
+
+@njit(cache=True, error_model="numpy")
+def downdate(A: Array, columns: int, d: Array) -> bool:
+    """Take d dᵀ off L Lᵀ, in place; L is A[j, k], k ≤ j < columns. Returns False, L unchanged, where no factor would be left.
+
+    By rotations as LINPACK's dchdd does (Stewart 1979); `d` is overwritten.
+    """
+    square = 0.0
+    for i in range(columns):
+        s = d[i]
+        for k in range(i):
+            s -= A[i, k] * d[k]
+        if A[i, i] == 0.0:
+            # A row without variance can only lose nothing.
+            if s != 0.0:
+                return False
+            d[i] = 0.0
+        else:
+            d[i] = s / A[i, i]
+        square += d[i] * d[i]
+    if not square < 1.0:
+        return False
+    rest = np.sqrt(1.0 - square)
+    # One column after the other, from the last, is rotated with a column that is zero at first and d at the end.
+    for k in range(columns - 1, -1, -1):
+        length = np.sqrt(rest * rest + d[k] * d[k])
+        c, s = rest / length, d[k] / length
+        d[k] = 0.0
+        for i in range(k, columns):
+            other = d[i]
+            d[i] = c * other + s * A[i, k]
+            A[i, k] = c * A[i, k] - s * other
+        rest = length
+    return True
+
+
+@njit(cache=True, error_model="numpy", forceinline=True)
+def _point(x: Array, S: Array, spread: float, i: int, out: Array) -> None:
+    """Write sigma point i into `out`: 0 is the middle, 2 j + 1 and 2 j + 2 lie to both sides along column j of S."""
+    for k in range(x.shape[0]):
+        out[k] = x[k]
+    if i > 0:
+        j = (i - 1) // 2
+        step = spread if i % 2 == 1 else -spread
+        # The factor is lower: the states before the j-th stay where they are, to the last bit.
+        for k in range(j, x.shape[0]):
+            out[k] += step * S[k, j]
+
+
+@njit(cache=True, error_model="numpy", forceinline=True)
+def _average(Y: Array, first: int, points: int, columns: int, weight: float, mean: int) -> None:
+    """Write the weighted mean of Y[first:points] into Y[mean].
+
+    The weights sum to one: only differences to the first point are weighted, and a large negative W₀ cancels nothing.
+    """
+    for k in range(columns):
+        s, middle = 0.0, Y[first, k]
+        for i in range(first + 1, points):
+            s += Y[i, k] - middle
+        Y[mean, k] = middle + weight * s
+
+
+def unscented_filter(
+    transition: Callable[..., None], observation: Callable[..., None]
+) -> tuple[Callable[..., bool], Callable[..., tuple[float, int, bool]]]:
+    """Compile the two halves of a filter's step for a model; they allocate nothing and call no LAPACK.
+
+    Parameters
+    ----------
+    transition : compiled function (x, u, p, out) → None that writes the next state, shape (n,), into `out`; `u` and `p` are
+        whatever the model needs
+    observation : likewise for the outputs, shape (m,)
+
+    Returns
+    -------
+    predict : compiled function (x, S, u, p, weights, SQ, room) → whole
+    correct : compiled function (x, S, z, u, p, weights, SR, room) → nis, used, whole
+
+    Both change x, shape (n,), and S, shape (n, n), lower, S Sᵀ = P, in place. SQ and SR are lower factors of the process and
+    the measurement noise, (n, n) and (m, m); `weights` is of `UnscentedWeights.packed`, `room` of `workspace`. z, shape (m,), may
+    hold NaN: a missing output corrects nothing, and with none of them x and S stay as they are. `nis` is the innovation's
+    square normalised by what the filter expects, νᵀ Pyy⁻¹ ν, which is χ² of `used` degrees of freedom where the model holds.
+    `whole` is False where the negative W₀ would have left no covariance; the middle point's share is then left out, which is
+    the larger covariance.
+
+    Nothing is raised: a model that returns NaN makes the state NaN. The functions are made per model and are not cached by
+    themselves; a compiled function that calls them and is cached should close over a stamp of the files.
+    """
+
+    @njit(error_model="numpy")
+    def predict(
+        x: Array, S: Array, u: Any, p: Any, weights: Array, SQ: Array, room: tuple[Array, Array, Array]
+    ) -> bool:
+        Y, A, d = room
+        n = x.shape[0]
+        points, mean, drawn = 2 * n + 1, 2 * n + 1, 2 * n + 2
+        first = 1 if weights[_MEAN] == 0.0 and weights[_COVARIANCE] == 0.0 else 0
+        for i in range(first, points):
+            _point(x, S, weights[_SPREAD], i, Y[drawn])
+            transition(Y[drawn], u, p, Y[i])
+        _average(Y, first, points, n, weights[_OTHER], mean)
+        root, rows = np.sqrt(weights[_OTHER]), 3 * n
+        for k in range(n):
+            middle = Y[mean, k]
+            x[k] = middle
+            for i in range(1, points):
+                A[k, i - 1] = root * (Y[i, k] - middle)
+            for i in range(n):
+                A[k, 2 * n + i] = SQ[k, i]
+        if weights[_COVARIANCE] > 0.0:
+            rows += 1
+            share = np.sqrt(weights[_COVARIANCE])
+            for k in range(n):
+                A[k, 3 * n] = share * (Y[0, k] - Y[mean, k])
+        triangularise(A, n, rows)
+        whole = True
+        if weights[_COVARIANCE] < 0.0:
+            share = np.sqrt(-weights[_COVARIANCE])
+            for k in range(n):
+                d[k] = share * (Y[0, k] - Y[mean, k])
+            whole = downdate(A, n, d)
+        for j in range(n):
+            for k in range(j + 1):
+                S[j, k] = A[j, k]
+        return whole
+
+    @njit(error_model="numpy")
+    def correct(
+        x: Array, S: Array, z: Array, u: Any, p: Any, weights: Array, SR: Array, room: tuple[Array, Array, Array]
+    ) -> tuple[float, int, bool]:
+        Y, A, d = room
+        n, m = x.shape[0], z.shape[0]
+        points, mean, drawn = 2 * n + 1, 2 * n + 1, 2 * n + 2
+        used = 0
+        for k in range(m):
+            if not np.isnan(z[k]):
+                used += 1
+        if used == 0:
+            return 0.0, 0, True
+        first = 1 if weights[_MEAN] == 0.0 and weights[_COVARIANCE] == 0.0 else 0
+        for i in range(first, points):
+            _point(x, S, weights[_SPREAD], i, Y[drawn])
+            observation(Y[drawn], u, p, Y[i])
+        _average(Y, first, points, m, weights[_OTHER], mean)
+        root, columns, rows, c = np.sqrt(weights[_OTHER]), used + n, 2 * n + m, 0
+        for k in range(m):
+            if np.isnan(z[k]):
+                continue
+            for i in range(1, points):
+                A[c, i - 1] = root * (Y[i, k] - Y[mean, k])
+            for i in range(m):
+                A[c, 2 * n + i] = SR[k, i]
+            c += 1
+        # The states' own points are symmetrical about x: √w spread = 1/√2.
+        root = root * weights[_SPREAD]
+        for k in range(n):
+            for j in range(n):
+                A[used + k, 2 * j] = root * S[k, j]
+                A[used + k, 2 * j + 1] = -root * S[k, j]
+            for i in range(m):
+                A[used + k, 2 * n + i] = 0.0
+        if weights[_COVARIANCE] != 0.0:
+            share, c = np.sqrt(abs(weights[_COVARIANCE])), 0
+            for k in range(m):
+                if not np.isnan(z[k]):
+                    d[c] = share * (Y[0, k] - Y[mean, k])
+                    c += 1
+            for k in range(n):
+                d[used + k] = 0.0
+            if weights[_COVARIANCE] > 0.0:
+                for k in range(columns):
+                    A[k, rows] = d[k]
+                rows += 1
+        triangularise(A, columns, rows)
+        whole = True
+        if weights[_COVARIANCE] < 0.0:
+            whole = downdate(A, columns, d)
+        nis, c = 0.0, 0
+        for k in range(m):
+            if np.isnan(z[k]):
+                continue
+            s = z[k] - Y[mean, k]
+            for i in range(c):
+                s -= A[c, i] * d[i]
+            # An output without any variance, neither of its own nor of the state's, has nothing to correct.
+            d[c] = s / A[c, c] if A[c, c] > 0.0 else 0.0
+            nis += d[c] * d[c]
+            c += 1
+        for k in range(n):
+            for i in range(used):
+                x[k] += A[used + k, i] * d[i]
+            for j in range(k + 1):
+                S[k, j] = A[used + k, used + j]
+        return nis, used, whole
+
+    return predict, correct
