@@ -14,7 +14,7 @@ from vsalog.errors import ReadError
 from vsalog.readers.bag import Connection
 from vsalog.readers.base import plural
 from vsalog.readers.packets import PACKED, Packet, RawMessage, ahead, packet_of
-from vsalog.readers.rosbag1_scan import ends_whole, messages_in
+from vsalog.readers.rosbag1_scan import messages_in
 
 MAGIC = b"#ROSBAG V"
 _SUPPORTED = b"#ROSBAG V2.0\n"
@@ -41,6 +41,7 @@ class Rosbag1Container:
     def __init__(self, path: Path) -> None:
         self.path = path
         self.notes: list[str] = []
+        self._damage: list[str] = []
         self._connections: dict[int, Connection] | None = None
 
     def connections(self) -> list[Connection]:
@@ -64,14 +65,19 @@ class Rosbag1Container:
 
     def packets(self, ids: Collection[int]) -> Iterator[Packet]:
         """Yield the messages of some connections in the order of the file; what is damaged is skipped and noted."""
+        return ahead(self._packets(ids))
+
+    def _packets(self, ids: Collection[int]) -> Iterator[Packet]:
         wanted = np.array(sorted(ids), dtype=np.int64)
         loose: list[RawMessage] = []  # outside of chunks
-        for header, data in ahead(self._records()):
+        for header, data in self._records():
             if loose and (_op(header) == _CHUNK or len(loose) >= PACKED):
                 yield packet_of(loose)
                 loose = []
             if _op(header) == _CHUNK:
-                packet = messages_in(np.frombuffer(data, np.uint8), wanted)
+                packet, whole = messages_in(np.frombuffer(data, np.uint8), wanted)
+                if not whole:
+                    self._damage.append("a record in a chunk is damaged")
                 if len(packet.messages):
                     yield packet
                 continue
@@ -121,7 +127,7 @@ class Rosbag1Container:
     def _records(self) -> Iterator[tuple[Header, bytes]]:
         """Yield header and data of the records, those of a chunk decompressed; notes what was skipped."""
         chunks = 0
-        damage: list[str] = []
+        self._damage.clear()
         with self._open() as file:
             for header, data in _walk(file, file.tell(), self._note):
                 op = _op(header)
@@ -134,13 +140,12 @@ class Rosbag1Container:
                 try:
                     content = _decompressed(header, data)
                 except Exception as error:  # compression libraries have their own exceptions
-                    damage.append(str(error) or type(error).__name__)
+                    self._damage.append(str(error) or type(error).__name__)
                     continue
-                if not ends_whole(np.frombuffer(content, np.uint8)):
-                    damage.append("a record in a chunk is damaged")
                 yield header, content
-        if damage:
-            self._note(f"{len(damage)} of {plural(chunks, 'chunk')} damaged, the rest was read ({damage[0]})")
+        if self._damage:
+            count = f"{len(self._damage)} of {plural(chunks, 'chunk')}"
+            self._note(f"{count} damaged, the rest was read ({self._damage[0]})")
 
     def _note(self, text: str) -> None:
         if text not in self.notes:

@@ -8,11 +8,13 @@ from numba import njit
 from vsalog.readers.packets import Bytes, Integers, Messages, Packet
 
 _MESSAGE = 2
+# Bytes that a message takes at least: lengths of header and data, and the fields op, conn and time.
+_LEAST = 4 + 4 + (4 + 4) + (4 + 9) + (4 + 13)
 _OP, _CONN, _TIME = (np.frombuffer(name, np.uint8) for name in (b"op=", b"conn=", b"time="))
 
 
-def messages_in(data: Bytes, wanted: Integers) -> Packet:
-    """Return the messages in a chunk's records.
+def messages_in(data: Bytes, wanted: Integers) -> tuple[Packet, bool]:
+    """Return the messages in a chunk's records, and whether all records are sound and the last ends where the chunk does.
 
     Parameters
     ----------
@@ -21,17 +23,13 @@ def messages_in(data: Bytes, wanted: Integers) -> Packet:
     wanted : int64 array, sorted
         Connections.
     """
-    nothing = np.empty(0, dtype=np.int64)
-    count, _ = _walk(data, wanted, False, nothing, nothing, nothing, nothing)
-    connection, log, start, length = (np.empty(count, dtype=np.int64) for _ in range(4))
-    _walk(data, wanted, True, connection, log, start, length)
-    return Packet(connection, log, np.zeros(count, dtype=np.int64), Messages(data, start, length))
-
-
-def ends_whole(data: Bytes) -> bool:
-    """Tell whether all records are sound and the last ends where the chunk does."""
-    nothing = np.empty(0, dtype=np.int64)
-    return bool(_walk(data, nothing, False, nothing, nothing, nothing, nothing)[1])
+    most = data.size // _LEAST + 1
+    connection, log, start, length = (np.empty(most, dtype=np.int64) for _ in range(4))
+    count, whole = _walk(data, wanted, connection, log, start, length)
+    found = Packet(
+        connection[:count], log[:count], np.zeros(count, dtype=np.int64), Messages(data, start[:count], length[:count])
+    )
+    return found, bool(whole)
 
 
 @njit(cache=True, nogil=True)
@@ -78,9 +76,9 @@ def _fields(data: Bytes, at: int, end: int) -> tuple[bool, int, int, int]:
 
 @njit(cache=True, nogil=True)
 def _walk(
-    data: Bytes, wanted: Integers, fill: bool, connection: Integers, log: Integers, start: Integers, length: Integers
+    data: Bytes, wanted: Integers, connection: Integers, log: Integers, start: Integers, length: Integers
 ) -> tuple[int, bool]:
-    """Count the wanted messages, or write down where they are; returns their number and whether all records are sound."""
+    """Write down where the wanted messages are; returns their number and whether all records are sound."""
     at, count, size = 0, 0, data.size
     while at + 8 <= size:
         stop = at + 4 + _word(data, at)
@@ -95,9 +93,8 @@ def _walk(
         if op == _MESSAGE and number >= 0 and time >= 0:
             k = np.searchsorted(wanted, number)
             if k < wanted.size and wanted[k] == number:
-                if fill:
-                    connection[count], log[count] = number, time
-                    start[count], length[count] = stop + 4, end - stop - 4
+                connection[count], log[count] = number, time
+                start[count], length[count] = stop + 4, end - stop - 4
                 count += 1
         at = end
     return count, at == size

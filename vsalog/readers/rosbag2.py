@@ -26,6 +26,7 @@ _LANGUAGES = {"ros2msg": "msg", "ros2idl": "idl"}
 _LOG_ENDINGS = (".bag", ".csv", ".tsv", ".parquet", ".mat", ".mcap", ".db3")
 _IDS_PER_FILE = 2**32
 _MAX_BAD_ROWS = 100_000
+_ROWS = 4096
 
 
 class SqliteContainer:
@@ -72,12 +73,19 @@ class SqliteContainer:
             f" WHERE rowid > ? AND topic_id IN ({topics}) ORDER BY rowid"
         )
         last, bad = -1, 0
+        try:
+            found = self._database.execute(query, (last,))
+            while rows := found.fetchmany(_ROWS):
+                yield from _sound(rows)
+                last = rows[-1][0]
+            return
+        except sqlite3.DatabaseError:
+            pass  # somewhere behind the last of these rows: from there one by one
         while bad <= _MAX_BAD_ROWS:
             try:
-                for row, topic, time, data in self._database.execute(query, (last,)):
-                    last = row
-                    if isinstance(data, bytes) and isinstance(time, int):
-                        yield topic, time & (2**64 - 1), 0, data
+                for row in self._database.execute(query, (last,)):
+                    last = row[0]
+                    yield from _sound([row])
                 break
             except sqlite3.DatabaseError:
                 bad += 1
@@ -136,6 +144,13 @@ class SqliteContainer:
     def _note(self, text: str) -> None:
         if text not in self.notes:
             self.notes.append(text)
+
+
+def _sound(rows: list[Any]) -> Iterator[RawMessage]:
+    """Yield the messages of rows that hold a time and bytes."""
+    for _, topic, time, data in rows:
+        if isinstance(data, bytes) and isinstance(time, int):
+            yield topic, time & (2**64 - 1), 0, data
 
 
 class CompressedContainer:
