@@ -47,10 +47,17 @@ class Fit:
 
     def own(self, site: Site) -> Array:
         """Return the values of one cause."""
+        return self.values[self._part(site)]
+
+    def columns(self, site: Site) -> Array:
+        """Return the change of the whitened equations with the values of one cause, shape (n, own p)."""
+        return self.jacobian[:, self._part(site)]
+
+    def _part(self, site: Site) -> slice:
         first = 0
         for other in self.sites:
             if other.key == site.key:
-                return self.values[first : first + len(other.parameters)]
+                return slice(first, first + len(other.parameters))
             first += len(other.parameters)
         raise KeyError(site.key)
 

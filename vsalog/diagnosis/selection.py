@@ -27,9 +27,10 @@ Integers = NDArray[np.int64]
 
 # A block is at least so long [s]; a log has between so many.
 BLOCK, FEWEST, MOST = 1.0, 8, 24
-# A cause must take this much off the mean square of the whitened equations (the noise's is 1), and this part of what is left;
-# without the block that gains most it must still be worth that part of it.
-WORTH, SHARE, SURE = 0.1, 0.08, 0.5
+# A cause must take this much off the mean square of the whitened equations that it acts in (the noise's is 1), and this part of
+# what is left in them; without the block that gains most it must still be worth that part of it. It acts in an equation where
+# its effect is at least this part, in squares, of that in the equation where it is largest.
+WORTH, SHARE, SURE, ACTS = 0.1, 0.08, 0.5, 0.01
 # Two causes explain equally much when they differ by no more than so many spreads of their difference over the blocks, and the
 # one leaves no more over than this part more.
 ALIKE, NEAR = 2.0, 0.3
@@ -159,20 +160,21 @@ def considered(
     floor = float(current.residual @ current.residual)
     bar = trials[0][0] + 0.1 * (floor - trials[0][0])
     # What cannot become worth it is not fitted; the first step of what is not straight is given some credit.
-    least = max(WORTH * system.count, SHARE * current.loss)
-    hopeful = [t for t in trials if floor - t[0] > (0.3 if t[2].starts is not None else 0.9) * least]
+    hopeful = [t for t in trials if floor - t[0] > (0.3 if t[3].starts is not None else 0.9) * t[2]]
     promising = [t for i, t in enumerate(hopeful) if i < FITTED or t[0] < bar][: 2 * FITTED]
     # One step tells little of what is far from straight: whoever is of the family of a promising one is fitted too.
     taken = {id(t) for t in promising}
-    family = [t for t in trials if id(t) not in taken and any(related(t[2], p[2]) for p in promising[:FAMILIES])]
+    family = [t for t in trials if id(t) not in taken and any(related(t[3], p[3]) for p in promising[:FAMILIES])]
     return [
         Rival(site, fitted(system, joint, (*current.sites, site), start, blocks))
-        for _, start, site in (*promising, *family)
+        for _, start, _, site in (*promising, *family)
     ]
 
 
-def _first_step(system: System, joint: Any, current: Fit, site: Site, start: Sequence[float]) -> tuple[float, Array]:
-    """Return what one Newton step with a cause beside the current ones leaves over, and where it leads."""
+def _first_step(
+    system: System, joint: Any, current: Fit, site: Site, start: Sequence[float]
+) -> tuple[float, Array, float]:
+    """Return what one Newton step with a cause beside the current ones leaves over, where it leads, and what it must be worth."""
     sites = (*current.sites, site)
     values = np.concatenate([current.values, start])
     old = current.values.size
@@ -185,7 +187,7 @@ def _first_step(system: System, joint: Any, current: Fit, site: Site, start: Seq
     step = np.clip(newton_step(J, residual, values, low, high, 0.0), -reach, reach)
     predicted = residual + J @ step
     moved = np.clip(values + step, low, high)
-    return float(predicted @ predicted), moved
+    return float(predicted @ predicted), moved, least_worth(system, current, own)
 
 
 def chosen(system: System, current: Fit, rivals: Sequence[Rival]) -> tuple[Choice, Fit] | None:
@@ -225,12 +227,29 @@ def _left(rival: Rival) -> float:
     return rival.fit.loss
 
 
+def least_worth(system: System, current: Fit, own: Array) -> float:
+    """Return what a cause must take away to be believed, from its columns of the Jacobian, shape (n, p).
+
+    It is asked for by the equations that the cause acts in: what is wrong with one small motor is not to be outweighed by the
+    noise of all the other equations, which say nothing of it.
+    """
+    m = len(system.names)
+    scale = np.maximum(np.linalg.norm(own, axis=0), 1e-300)
+    effect = np.sum((own / scale).reshape(-1, m, own.shape[1]) ** 2, axis=(0, 2))
+    acts = effect >= ACTS * effect.max() if effect.max() > 0.0 else np.ones(m, dtype=np.bool_)
+    count = int(np.count_nonzero(system.weights[:, acts]))
+    left = np.sum(current.residual.reshape(-1, m) ** 2, axis=0)
+    part = float(left[acts].sum() / max(left.sum(), 1e-300))
+    return max(WORTH * count, SHARE * part * current.loss)
+
+
 def _worthy(system: System, current: Fit, rival: Rival) -> bool:
     gain = current.loss - _left(rival)
     if rival.site.transient:
         return gain > SEARCHED * max(WORTH * system.count, SHARE * current.loss)
     gains = current.losses - rival.fit.losses
-    return gain > max(WORTH * system.count, SHARE * current.loss) and gain - gains.max() > SURE * WORTH * system.count
+    least = least_worth(system, current, rival.fit.columns(rival.site))
+    return gain > least and gain - gains.max() > SURE * min(least, WORTH * system.count)
 
 
 def _alike(system: System, rival: Rival, best: Rival, gained: float) -> bool:
