@@ -80,10 +80,11 @@ class UnscentedWeights:
         return np.array([self.spread, self.mean, self.covariance, self.other])
 
 
-def workspace(size: int, outputs: int) -> tuple[Array, Array, Array]:
+def workspace(size: int, outputs: int) -> tuple[Array, Array, Array, Array]:
     """Return the work arrays of `unscented_filter`'s functions, for n states and m outputs; they hold nothing between calls."""
-    rows = 2 * size + 1 + max(size, outputs)
-    return np.zeros((2 * size + 3, max(size, outputs))), np.zeros((size + outputs, rows)), np.zeros(size + outputs)
+    points, rows = 2 * size + 1, 2 * size + 1 + max(size, outputs)
+    wide = np.zeros((max(size, outputs), points))
+    return np.zeros((size, points)), wide, np.zeros((size + outputs, rows)), np.zeros(size + outputs)
 
 
 def covariance_factor(covariance: Array) -> Array:
@@ -185,29 +186,27 @@ def downdate(A: Array, columns: int, d: Array) -> bool:
 
 
 @njit(cache=True, error_model="numpy", forceinline=True)
-def _point(x: Array, S: Array, spread: float, i: int, out: Array) -> None:
-    """Write sigma point i into `out`: 0 is the middle, 2 j + 1 and 2 j + 2 lie to both sides along column j of S."""
-    for k in range(x.shape[0]):
-        out[k] = x[k]
-    if i > 0:
-        j = (i - 1) // 2
-        step = spread if i % 2 == 1 else -spread
-        # The factor is lower: the states before the j-th stay where they are, to the last bit.
-        for k in range(j, x.shape[0]):
-            out[k] += step * S[k, j]
+def _draw(x: Array, S: Array, spread: float, X: Array) -> None:
+    """Write the sigma points into the columns of X: the middle, then for each column of S one to either side along it."""
+    n = x.shape[0]
+    for k in range(n):
+        X[k, 0] = x[k]
+        for j in range(n):
+            # The factor is lower: the states before the j-th stay where they are, to the last bit.
+            step = spread * S[k, j] if j <= k else 0.0
+            X[k, 2 * j + 1], X[k, 2 * j + 2] = x[k] + step, x[k] - step
 
 
 @njit(cache=True, error_model="numpy", forceinline=True)
-def _average(Y: Array, first: int, points: int, columns: int, weight: float, mean: int) -> None:
-    """Write the weighted mean of Y[first:points] into Y[mean].
+def _average(Y: Array, k: int, first: int, weight: float) -> float:
+    """Return the weighted mean of Y[k, first:].
 
     The weights sum to one: only differences to the first point are weighted, and a large negative W₀ cancels nothing.
     """
-    for k in range(columns):
-        s, middle = 0.0, Y[first, k]
-        for i in range(first + 1, points):
-            s += Y[i, k] - middle
-        Y[mean, k] = middle + weight * s
+    s, begin = 0.0, Y[k, first]
+    for i in range(first + 1, Y.shape[1]):
+        s += Y[k, i] - begin
+    return float(begin + weight * s)
 
 
 def unscented_filter(
@@ -217,9 +216,10 @@ def unscented_filter(
 
     Parameters
     ----------
-    transition : compiled function (x, u, p, out) → None that writes the next state, shape (n,), into `out`; `u` and `p` are
-        whatever the model needs
-    observation : likewise for the outputs, shape (m,)
+    transition : compiled function (X, first, u, p, Y) → None that writes the next state of each column X[:, i], i ≥ first, into
+        Y[:n, i]; X has shape (n, 2 n + 1), `u` and `p` are whatever the model needs. All points at once, so that what they
+        share is worked out once; with a lower factor, points along a later state share the earlier ones, to the last bit
+    observation : likewise for the outputs, into Y[:m, i]
 
     Returns
     -------
@@ -239,36 +239,25 @@ def unscented_filter(
 
     @njit(error_model="numpy")
     def predict(
-        x: Array, S: Array, u: Any, p: Any, weights: Array, SQ: Array, room: tuple[Array, Array, Array]
+        x: Array, S: Array, u: Any, p: Any, weights: Array, SQ: Array, room: tuple[Array, Array, Array, Array]
     ) -> bool:
-        Y, A, d = room
-        n = x.shape[0]
-        points, mean, drawn = 2 * n + 1, 2 * n + 1, 2 * n + 2
-        first = 1 if weights[_MEAN] == 0.0 and weights[_COVARIANCE] == 0.0 else 0
-        for i in range(first, points):
-            _point(x, S, weights[_SPREAD], i, Y[drawn])
-            transition(Y[drawn], u, p, Y[i])
-        _average(Y, first, points, n, weights[_OTHER], mean)
-        root, rows = np.sqrt(weights[_OTHER]), 3 * n
+        X, Y, A, d = room
+        n, spread, root, middle = x.shape[0], weights[_SPREAD], np.sqrt(weights[_OTHER]), weights[_COVARIANCE]
+        first = 1 if weights[_MEAN] == 0.0 and middle == 0.0 else 0
+        _draw(x, S, spread, X)
+        transition(X, first, u, p, Y)
+        share, rows = np.sqrt(abs(middle)), 3 * n
         for k in range(n):
-            middle = Y[mean, k]
-            x[k] = middle
-            for i in range(1, points):
-                A[k, i - 1] = root * (Y[i, k] - middle)
+            x[k] = _average(Y, k, first, weights[_OTHER])
+            for i in range(2 * n):
+                A[k, i] = root * (Y[k, i + 1] - x[k])
             for i in range(n):
                 A[k, 2 * n + i] = SQ[k, i]
-        if weights[_COVARIANCE] > 0.0:
-            rows += 1
-            share = np.sqrt(weights[_COVARIANCE])
-            for k in range(n):
-                A[k, 3 * n] = share * (Y[0, k] - Y[mean, k])
-        triangularise(A, n, rows)
-        whole = True
-        if weights[_COVARIANCE] < 0.0:
-            share = np.sqrt(-weights[_COVARIANCE])
-            for k in range(n):
-                d[k] = share * (Y[0, k] - Y[mean, k])
-            whole = downdate(A, n, d)
+            if middle != 0.0:
+                d[k] = share * (Y[k, 0] - x[k])
+                A[k, rows] = d[k]
+        triangularise(A, n, rows + 1 if middle > 0.0 else rows)
+        whole = downdate(A, n, d) if middle < 0.0 else True
         for j in range(n):
             for k in range(j + 1):
                 S[j, k] = A[j, k]
@@ -276,60 +265,64 @@ def unscented_filter(
 
     @njit(error_model="numpy")
     def correct(
-        x: Array, S: Array, z: Array, u: Any, p: Any, weights: Array, SR: Array, room: tuple[Array, Array, Array]
+        x: Array, S: Array, z: Array, u: Any, p: Any, weights: Array, SR: Array, room: tuple[Array, Array, Array, Array]
     ) -> tuple[float, int, bool]:
-        Y, A, d = room
-        n, m = x.shape[0], z.shape[0]
-        points, mean, drawn = 2 * n + 1, 2 * n + 1, 2 * n + 2
+        X, Y, A, d = room
+        n, m, spread, root, middle = (
+            x.shape[0], z.shape[0], weights[_SPREAD], np.sqrt(weights[_OTHER]), weights[_COVARIANCE],
+        )  # fmt: skip
         used = 0
         for k in range(m):
             if not np.isnan(z[k]):
                 used += 1
         if used == 0:
             return 0.0, 0, True
-        first = 1 if weights[_MEAN] == 0.0 and weights[_COVARIANCE] == 0.0 else 0
-        for i in range(first, points):
-            _point(x, S, weights[_SPREAD], i, Y[drawn])
-            observation(Y[drawn], u, p, Y[i])
-        _average(Y, first, points, m, weights[_OTHER], mean)
-        root, columns, rows, c = np.sqrt(weights[_OTHER]), used + n, 2 * n + m, 0
+        first = 1 if weights[_MEAN] == 0.0 and middle == 0.0 else 0
+        _draw(x, S, spread, X)
+        observation(X, first, u, p, Y)
+        share, columns, rows, c = np.sqrt(abs(middle)), used + n, n + m, 0
+        # Two opposite points as their difference and their sum: the states' own lie symmetrically, and their sums are nothing. So
+        # what of the outputs is even, and their noise, is brought to a triangle by itself first.
+        half = root / np.sqrt(2.0)
         for k in range(m):
             if np.isnan(z[k]):
                 continue
-            for i in range(1, points):
-                A[c, i - 1] = root * (Y[i, k] - Y[mean, k])
+            mean = _average(Y, k, first, weights[_OTHER])
+            for j in range(n):
+                up, down = Y[k, 2 * j + 1] - mean, Y[k, 2 * j + 2] - mean
+                Y[k, 2 * j + 1] = half * (up - down)
+                A[c, j] = half * (up + down)
             for i in range(m):
-                A[c, 2 * n + i] = SR[k, i]
+                A[c, n + i] = SR[k, i]
+            if middle != 0.0:
+                d[c] = share * (Y[k, 0] - mean)
+                A[c, rows] = d[c]
+            Y[k, 0] = z[k] - mean
             c += 1
-        # The states' own points are symmetrical about x: √w spread = 1/√2.
-        root = root * weights[_SPREAD]
+        triangularise(A, used, rows + 1 if middle > 0.0 else rows)
+        c = 0
+        for k in range(m):
+            if np.isnan(z[k]):
+                continue
+            for i in range(used):
+                A[c, n + i] = A[c, i] if i <= c else 0.0
+            for j in range(n):
+                A[c, j] = Y[k, 2 * j + 1]
+            c += 1
         for k in range(n):
             for j in range(n):
-                A[used + k, 2 * j] = root * S[k, j]
-                A[used + k, 2 * j + 1] = -root * S[k, j]
-            for i in range(m):
-                A[used + k, 2 * n + i] = 0.0
-        if weights[_COVARIANCE] != 0.0:
-            share, c = np.sqrt(abs(weights[_COVARIANCE])), 0
-            for k in range(m):
-                if not np.isnan(z[k]):
-                    d[c] = share * (Y[0, k] - Y[mean, k])
-                    c += 1
-            for k in range(n):
-                d[used + k] = 0.0
-            if weights[_COVARIANCE] > 0.0:
-                for k in range(columns):
-                    A[k, rows] = d[k]
-                rows += 1
-        triangularise(A, columns, rows)
-        whole = True
-        if weights[_COVARIANCE] < 0.0:
-            whole = downdate(A, columns, d)
+                # √(w/2) · 2 · spread · S = S
+                A[used + k, j] = S[k, j]
+            for i in range(used):
+                A[used + k, n + i] = 0.0
+            d[used + k] = 0.0
+        triangularise(A, columns, columns)
+        whole = downdate(A, columns, d) if middle < 0.0 else True
         nis, c = 0.0, 0
         for k in range(m):
             if np.isnan(z[k]):
                 continue
-            s = z[k] - Y[mean, k]
+            s = Y[k, 0]
             for i in range(c):
                 s -= A[c, i] * d[i]
             # An output without any variance, neither of its own nor of the state's, has nothing to correct.
