@@ -26,10 +26,15 @@ from typing import Any
 import numpy as np
 from numba import njit
 from numpy.typing import NDArray
+from scipy.stats import chi2
 
 from vsalog.errors import FilterError
 
 Array = NDArray[np.float64]
+
+# A normal innovation's square lies beyond what is believed once in so many samples. The share of samples that do is watched over
+# `WATCHED` of them; the filter is taken for lost where it is more than `LOST`: single outliers are not enough.
+BEYOND, WATCHED, LOST = 1000, 100, 0.5
 
 # Positions in the array of weights that the compiled functions take.
 _SPREAD, _MEAN, _COVARIANCE, _OTHER = range(4)
@@ -233,8 +238,9 @@ def unscented_filter(
     `whole` is False where the negative W₀ would have left no covariance; the middle point's share is then left out, which is
     the larger covariance.
 
-    Nothing is raised: a model that returns NaN makes the state NaN. The functions are made per model and are not cached by
-    themselves; a compiled function that calls them and is cached should close over a stamp of the files.
+    Nothing is raised: a model that returns NaN makes the state NaN. The functions are made per model and not cached: a cached
+    function that calls them has to find them among its module's globals (numba takes what a function closes over into the
+    cache's key, and a compiled function has another each time), and to close over a stamp of the files.
     """
 
     @njit(error_model="numpy")
@@ -337,3 +343,29 @@ def unscented_filter(
         return nis, used, whole
 
     return predict, correct
+
+
+def surprise_limits(outputs: int) -> Array:
+    """Return the χ² of 0, 1, … m outputs that lies beyond what a filter believes, shape (m + 1,)."""
+    return np.array([0.0, *(float(chi2.isf(1.0 / BEYOND, k)) for k in range(1, outputs + 1))])
+
+
+@njit(cache=True, error_model="numpy")
+def keep(
+    k: int, x: Array, S: Array, nis: float, used: int, limits: Array, surprise: Array, xs: Array, Ss: Array, squares: Array,
+    diverged: NDArray[np.bool_],
+) -> None:  # fmt: skip
+    """Write what the filter made of sample k into row k of `xs`, `Ss`, `squares` (left alone with no output used), `diverged`.
+
+    surprise[0] is the share of samples beyond the `limits`, and changes; a state that is not finite has diverged, too.
+    """
+    if used > 0:
+        squares[k] = nis
+        surprise[0] += ((1.0 if nis > limits[used] else 0.0) - surprise[0]) / WATCHED
+    lost = surprise[0] > LOST
+    for i in range(x.shape[0]):
+        lost = lost or not np.isfinite(x[i])
+        xs[k, i] = x[i]
+        for j in range(x.shape[0]):
+            Ss[k, i, j] = S[i, j]
+    diverged[k] = lost

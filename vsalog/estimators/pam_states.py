@@ -1,0 +1,418 @@
+"""States of a pneumatic joint from its two pressures: angle, velocity, torque and stiffness by an unscented Kalman filter.
+
+Shin, Ibayashi, Kogiso (2021): the model eq. 2–11, the filter eq. 13–24 with g(x) = (P₁, P₂). Only the pressures and the valves'
+commands are read.
+
+A step of the model is half a drift, a kick, half a drift. A drift turns the seesaw at constant velocity with the air locked in,
+P V^k₂ constant (eq. 4 without flow). The kick, at the angle in the middle, lets air flow and adds torque and friction to the
+velocity in eq. 10's implicit form, so that a joint that sticks stands still to the last bit, whichever sigma point it is. (The
+paper integrates by Runge–Kutta, whose middle stages creep.) Of second order, but of first where friction begins or ends.
+
+Print of Shin 2021: eq. 10's Z is J/T; the units ask for T/J. The last line of eq. 11a lacks RT/V₂ and V₂'s index. The printed
+Q, R and P(0) have no units and are constant whatever the sample time; `pam_noise` derives them instead. The state is
+(P₁, P₂, ψ, ψ̇) here, (ψ, ψ̇, P₁, P₂) there: with a lower factor, sigma points along ψ and ψ̇ then leave the pressures alone, and
+the flows, which cost most, are not computed again.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any, NamedTuple
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from vsalog.errors import EstimatorError, SimulationError
+from vsalog.filters import square_root_ukf
+from vsalog.filters.square_root_ukf import UnscentedWeights, keep, surprise_limits, unscented_filter, workspace
+from vsalog.mechanics import pneumatics as pneu
+from vsalog.mechanics.pneumatic_friction import friction_level
+from vsalog.rig.schema import PneumaticJoint
+from vsalog.simulation import _pam
+from vsalog.simulation._integrate import source_stamp
+from vsalog.simulation.pneumatic import _air, _friction, _muscle, _seesaw
+
+Array = NDArray[np.float64]
+Flags = NDArray[np.bool_]
+
+PRESSURE_1, PRESSURE_2, ANGLE, VELOCITY = range(4)  # columns of the state
+
+# A step may turn the fastest swing by this angle [rad] and let a muscle fill by this share. The drift and kick's frequency is
+# off by (ω h)²/24, 0.4 %, far below what a rig's stiffness is known to.
+ANGLE_PER_STEP, FILL_PER_STEP, MOST_STEPS = 0.3, 0.1, 1000
+# Beyond the fitted range D₁ l² + D₂ l + D₃ falls to zero; a sigma point out there has this share of the volume at rest.
+LEAST_VOLUME = 0.02
+
+
+class PamState(NamedTuple):
+    """Where the fold stands.
+
+    Attributes
+    ----------
+    x : shape (4,), P₁, P₂ [Pa], ψ [rad], ψ̇ [rad/s]; meaningless before the start
+    S : shape (4, 4), lower factor of their covariance
+    u : shape (3,), openings α₁, α₂ and external torque [N·m] of the sample before, which act until the next
+    surprise : share of the latest samples that lie beyond what the filter believes, 0 to 1
+    started : whether a sample with both pressures has been seen
+    """
+
+    x: Array
+    S: Array
+    u: Array
+    surprise: float
+    started: bool
+
+
+class PamTrace(NamedTuple):
+    """What the filter makes of a block of N samples; NaN before the first sample with both pressures.
+
+    Attributes
+    ----------
+    x : shape (N, 4), P₁, P₂ [Pa], ψ [rad], ψ̇ [rad/s], given the samples so far
+    S : shape (N, 4, 4), lower factors of their covariances
+    nis : shape (N,), innovation squared, normalised; NaN where no pressure corrected
+    diverged : shape (N,), whether most of the latest samples lie beyond what the filter believes, or the state is not finite
+    """
+
+    x: Array
+    S: Array
+    nis: Array
+    diverged: Flags
+
+
+@dataclass(frozen=True, slots=True)
+class PamNoise:
+    """Noise the filter assumes, standard deviations; raises EstimatorError where `pressure` is not above 0, another below.
+
+    Attributes
+    ----------
+    pressure : of each pressure sensor [Pa], above 0
+    process : shape (4,), what a sample adds to P₁, P₂, ψ, ψ̇ [Pa, Pa, rad, rad/s]
+    unknown_flow : likewise to a pressure whose valve's command is missing [Pa]
+    start : of the first angle and velocity [rad, rad/s]
+    """
+
+    pressure: tuple[float, float]
+    process: tuple[float, float, float, float]
+    unknown_flow: tuple[float, float]
+    start: tuple[float, float]
+
+    def __post_init__(self) -> None:
+        numbers = np.array([*self.pressure, *self.process, *self.unknown_flow, *self.start])
+        if not (np.isfinite(numbers).all() and (numbers >= 0.0).all() and min(self.pressure) > 0.0):
+            raise EstimatorError("pam-ukf: the noise of pressure sensors has to be above 0, all other noise 0 or more")
+
+
+def pam_noise(
+    joint: PneumaticJoint, period: float, pressure: tuple[float, float], sensor: tuple[float, float], *,
+    flow: float = 0.05, force: float = 0.04, friction: float = 0.2,
+) -> PamNoise:  # fmt: skip
+    """Derive the noise from the log's sample time, its sensors and what is doubted of the rig.
+
+    A model that is wrong is wrong for long: its state runs away at a rate b, and not at random. With white process noise of
+    standard deviation q per sample and a sensor's of r ≫ q, the gain is K ≈ q/r, and the filter lags behind such an error by
+    b T/K; with q = b T that is r, the sensor's own noise. A smaller q would lag more, a larger one let more noise through. So
+
+        P :  q = b T, b = flow · the rate at which a choked supply fills a muscle, k₁ R T_air m / V
+        ψ :  q = b T, b = δ/t, the angle δ that the doubted torque turns the joint by over the time t that filling it takes
+        ψ̇ :  ω times that of ψ, ω the seesaw's frequency: as much energy as that of ψ
+
+    with the doubted torque √(force² r² (F₁² + F₂²) + friction² level²), and δ = torque/K, K the stiffness with the air locked
+    in, all at ψ = 0. The first angle may lie anywhere in friction's band as well, ± level/K, uniform. A valve whose command
+    is missing may be open to any side: b is then the whole rate.
+
+    Parameters
+    ----------
+    joint : of the rig
+    period : T [s]
+    pressure : about which the joint works, P₁ and P₂ [Pa]; the log's medians, say
+    sensor : standard deviation of what the sensors add [Pa]: the larger of `noise_of` and `resolution_of`/√12 of the log
+    flow, force, friction : how far the rig is believed, as one standard deviation: share of the largest flow by which valves and
+        volumes are off, share of each muscle's pull, share of the friction's level
+
+    Raises
+    ------
+    EstimatorError
+        A sensor's is not above 0, a number is not finite, or the muscles do not hold the joint at these pressures.
+    """
+    (p1, p2), seesaw = pressure, joint.seesaw
+    f1, f2 = (float(f) for f in pneu.muscle_pulls(joint, 0.0, p1, p2))
+    level = float(friction_level(joint, p1, p2, f1, f2, 0.0))
+    stiffness = float(pneu.trapped_stiffness(joint, 0.0, p1, p2)) + seesaw.return_stiffness
+    if not (np.isfinite(stiffness) and stiffness > 0.0):
+        raise EstimatorError(f"pam-ukf: muscles at {p1:.4g} and {p2:.4g} Pa do not hold the joint; are these absolute?")
+    turn = float(np.hypot(force * seesaw.radius * np.hypot(f1, f2), friction * level)) / stiffness
+    fill = _filling_rates(joint)
+    wander, swing = turn * max(fill) / joint.air.supply_pressure * period, float(np.sqrt(stiffness / seesaw.inertia))
+    free = 1.0 if seesaw.held_at is None else 0.0
+    return PamNoise(
+        pressure=sensor,
+        process=(flow * fill[0] * period, flow * fill[1] * period, free * wander, free * swing * wander),
+        unknown_flow=(fill[0] * period, fill[1] * period),
+        start=(free * float(np.hypot(level / stiffness / 3.0**0.5, turn)), free * swing * turn),
+    )
+
+
+def _filling_rates(joint: PneumaticJoint) -> tuple[float, float]:
+    """Return the rates at which the larger orifice, choked, at supply pressure, changes the pressures at ψ = 0 [Pa/s]."""
+    air, rates = joint.air, []
+    for muscle, valve in ((joint.muscle_1, joint.valve_1), (joint.muscle_2, joint.valve_2)):
+        area = valve.area_scale * max(valve.inflow_area, valve.outflow_area) + muscle.leak_area
+        flow = area * float(_air(joint)[7]) * air.supply_pressure
+        heat = air.inflow_index * air.gas_constant * air.temperature
+        rates.append(heat * flow / float(pneu.muscle_volume(muscle, muscle.length)))
+    return rates[0], rates[1]
+
+
+class PamFold:
+    """The filter as a fold over blocks of samples: any cut into blocks gives the same numbers, bit for bit."""
+
+    def __init__(self, joint: PneumaticJoint, period: float, noise: PamNoise, *, correct: bool = True) -> None:
+        """Prepare for a joint; the sigma points are Shin's, κ = 0.
+
+        Parameters
+        ----------
+        joint : of the rig; one that is held stays where it is held
+        period : T [s]
+        noise : of `pam_noise`
+        correct : whether the pressures correct the state; else they only begin it, and the model goes on alone, without noise
+
+        Raises
+        ------
+        EstimatorError
+            The period is not positive, or so long that the model would need very many steps in it.
+        """
+        self.joint, self.period, self.noise, self.correct = joint, period, noise, correct
+        self.steps = _steps(joint, period)
+        least = [LEAST_VOLUME * float(pneu.muscle_volume(m, m.length)) for m in (joint.muscle_1, joint.muscle_2)]
+        muscles = np.array([_muscle(joint.muscle_1, joint.valve_1), _muscle(joint.muscle_2, joint.valve_2)])
+        # The last two are room: of the transition's passes, and for a state in the order of the plant.
+        self._model = (
+            _air(joint), muscles, _seesaw(joint), _friction(joint), np.array(least), period / self.steps,
+            joint.seesaw.held_at is not None, np.zeros((8, 9)), np.zeros(4),
+        )  # fmt: skip
+        # One process noise for each of the four cases of valves known and unknown.
+        known = [np.where([i & 1, i & 2, 0, 0], [*noise.unknown_flow, 0.0, 0.0], noise.process) for i in range(4)]
+        noises = (self.steps**-0.5 if correct else 0.0) * np.array([np.diag(q) for q in known])
+        self._numbers = (
+            UnscentedWeights.scaled(4).packed(),
+            noises,
+            np.diag(np.array(noise.pressure)),
+            surprise_limits(2),
+        )
+        self._spread = np.diag([*noise.pressure, *noise.start]) * float(correct)
+        self._room = workspace(4, 2)
+
+    def start(self) -> PamState:
+        """Return the state before the first sample."""
+        return PamState(np.full(4, np.nan), np.zeros((4, 4)), np.zeros(3), 0.0, False)
+
+    def block(
+        self, state: PamState, pressure_1: Array, pressure_2: Array, valve_1: Array | None = None,
+        valve_2: Array | None = None, external_torque: Array | None = None,
+    ) -> tuple[PamState, PamTrace]:  # fmt: skip
+        """Estimate a block of samples.
+
+        Parameters
+        ----------
+        state : of `start` or of the block before
+        pressure_1, pressure_2 : shape (N,), measured, absolute [Pa]; NaN where missing (the other alone then corrects)
+        valve_1, valve_2 : shape (N,), commands [V], each held until the next sample; NaN, or None, where they are not known:
+            the pressure then stays as it is but for what the joint's motion does, and may change as fast as the valve can
+        external_torque : shape (N,), push on the joint [N·m]; none where absent or NaN
+
+        Returns
+        -------
+        state, trace; the state given is left as it is
+
+        Raises
+        ------
+        EstimatorError
+            The signals' lengths differ, or the muscles hold the joint nowhere at the first pressures.
+        """
+        count = np.shape(pressure_1)[0]
+        nothing = np.full(count, np.nan)
+        z = _columns(count, pressure_1, pressure_2)
+        u = _columns(count, *(nothing if c is None else c for c in (valve_1, valve_2, external_torque)))
+        for i, valve in enumerate((self.joint.valve_1, self.joint.valve_2)):
+            u[:, i] = pneu.valve_opening(valve, u[:, i])
+        u[:, 2] = np.nan_to_num(u[:, 2], nan=0.0)
+        trace = PamTrace(np.empty((count, 4)), np.empty((count, 4, 4)), nothing.copy(), np.zeros(count, np.bool_))
+        first, x, S, held = 0, state.x.copy(), state.S.copy(), state.u.copy()
+        if not state.started:
+            both = np.flatnonzero(np.isfinite(z).all(axis=1))
+            first = int(both[0]) + 1 if both.size else count
+            trace.x[:first], trace.S[:first] = np.nan, np.nan
+            if not both.size:
+                return state, trace
+            held = u[first - 1]
+            x, S = np.array([*z[first - 1], self._rest(z[first - 1], held[2]), 0.0]), self._spread.copy()
+            trace.x[first - 1], trace.S[first - 1] = x, S
+        surprise = np.array([state.surprise])
+        acting = np.vstack([held, u[first:]])
+        unknown = np.isnan(acting[:-1, 0]) + 2 * np.isnan(acting[:-1, 1])
+        _run(
+            z[first:], acting[:-1], unknown, x, S, surprise, self._model, self.steps, self.correct, self._numbers, self._room,
+            trace.x[first:], trace.S[first:], trace.nis[first:], trace.diverged[first:],
+        )  # fmt: skip
+        return PamState(x, S, acting[-1], float(surprise[0]), True), trace
+
+    def estimates(self, trace: PamTrace) -> dict[str, Array]:
+        """Return what the states imply, each shape (N,), and each NAME_std, one standard deviation.
+
+        ``torque`` τ of eq. 9 [N·m]; ``stiffness`` −dτ/dψ with the air locked in and ``stiffness_isobaric`` −∂τ/∂ψ at constant
+        pressures [N·m/rad]. The deviation is the states' by the filter's covariance, without doubts of the muscles' numbers.
+        """
+        functions = {
+            "torque": pneu.joint_torque, "stiffness": pneu.trapped_stiffness, "stiffness_isobaric": pneu.isobaric_stiffness,
+        }  # fmt: skip
+        # The state itself, and one deviation to both sides along the factors' columns; no function looks at the velocity.
+        at = [trace.x, *(trace.x + side * trace.S[:, :, j] for j in range(3) for side in (1.0, -1.0))]
+        found: dict[str, Array] = {}
+        for name, function in functions.items():
+            value, *ends = (function(self.joint, x[:, ANGLE], x[:, PRESSURE_1], x[:, PRESSURE_2]) for x in at)
+            pairs = zip(ends[::2], ends[1::2], strict=True)
+            found[name], found[f"{name}_std"] = value, np.sqrt(sum(((up - down) / 2.0) ** 2 for up, down in pairs))
+        return found
+
+    def _rest(self, pressures: Array, external: float) -> float:
+        try:
+            return pneu.resting_angle(self.joint, float(pressures[0]), float(pressures[1]), float(external))
+        except SimulationError as error:
+            raise EstimatorError(f"pam-ukf: {error}") from error
+
+
+def _columns(count: int, *columns: Array) -> Array:
+    if any(np.shape(c) != (count,) for c in columns):
+        raise EstimatorError(f"pam-ukf: all signals need {count} samples, not {[np.shape(c) for c in columns]}")
+    out = np.column_stack([np.asarray(c, dtype=np.float64) for c in columns])
+    out[~np.isfinite(out)] = np.nan
+    return out
+
+
+def _steps(joint: PneumaticJoint, period: float) -> int:
+    if not (np.isfinite(period) and period > 0.0):
+        raise EstimatorError(f"pam-ukf: the sample period has to be positive, not {period}")
+    supply = joint.air.supply_pressure
+    # Away from the middle the spring may be twice as stiff.
+    stiffest = 2.0 * abs(float(pneu.trapped_stiffness(joint, 0.0, supply, supply))) + abs(joint.seesaw.return_stiffness)
+    swing = np.sqrt(stiffest / joint.seesaw.inertia) if joint.seesaw.held_at is None else 0.0
+    fill = max(_filling_rates(joint)) / supply
+    needed = max(swing / ANGLE_PER_STEP, fill / FILL_PER_STEP) * period
+    if not needed <= MOST_STEPS:
+        raise EstimatorError(
+            f"pam-ukf: {needed:.3g} steps per sample are needed; are inertia, areas and volumes right?"
+        )
+    return max(1, int(np.ceil(needed)))
+
+
+@njit(error_model="numpy", forceinline=True)
+def _volume(i: int, length: float, muscles: Array, least: Array) -> float:
+    """Return the volume of eq. 3, not less than a small part of that at rest; see `muscle_volume`."""
+    volume = (muscles[i, 1] * length + muscles[i, 2]) * length + muscles[i, 3]
+    return float(volume if volume > least[i] else least[i])
+
+
+@njit(error_model="numpy", forceinline=True)
+def _squeezed(before: float, after: float, index: float) -> float:
+    """Return (before/after)^index for volumes that differ little; off by some (difference/volume)³."""
+    both, share = before + after, index * (before - after)
+    return (both + share) / (both - share)
+
+
+@njit(error_model="numpy")
+def _fill(X: Array, first: int, u: Array, air: Array, muscles: Array, W: Array) -> None:
+    """Write what flows into the muscles but for their volume, k₁ R T (m − leak) [Pa m³/s]; see `valve_flow`, `pressure_rate`."""
+    for i in range(2):
+        known, rate, opening = np.nan, 0.0, u[i]
+        for j in range(first, X.shape[1]):
+            pressure = X[i, j]
+            if pressure != known and not np.isnan(opening):
+                known = pressure
+                outflow = _pam._flow(pressure, air[1], air)
+                flow = opening * _pam._flow(air[0], pressure, air) - (1.0 - opening) * outflow
+                flow *= muscles[i, 6] if flow > 0.0 else muscles[i, 7]
+                rate = air[5] * air[2] * (flow - muscles[i, 5] * outflow)
+            W[i, j] = rate
+
+
+@njit(error_model="numpy")
+def pam_transition(X: Array, first: int, u: Array, p: Any, Y: Array) -> None:
+    """One step of the model for the columns X[:, first:], (P₁, P₂, ψ, ψ̇); u = (α₁, α₂, τ_ext).
+
+    In passes over all points, since what each pass computes then overlaps.
+    """
+    air, muscles, seesaw, friction, least, h, held, W, plant = p
+    half_step, index, radius, z = 0.0 if held else 0.5 * h, air[6], seesaw[0], h / seesaw[1]
+    l0, l1, points = muscles[0, 0], muscles[1, 0], X.shape[1]
+    _fill(X, first, u, air, muscles, W)
+    for j in range(first, points):
+        middle = X[2, j] + half_step * X[3, j]
+        W[2, j], W[3, j] = np.sin(middle), np.cos(middle)
+    for j in range(first, points):
+        # sin ψ before the drift, from that after it: the drift is a small part of a radian.
+        half, sine, cosine = half_step * X[3, j], W[2, j], W[3, j]
+        travel = radius * sine
+        began = travel - radius * half * (cosine + 0.5 * half * (sine - half * cosine * (1.0 / 3.0)))
+        v0, v1 = _volume(0, l0 - travel, muscles, least), _volume(1, l1 + travel, muscles, least)
+        p0 = X[0, j] * _squeezed(_volume(0, l0 - began, muscles, least), v0, index)
+        p1 = X[1, j] * _squeezed(_volume(1, l1 + began, muscles, least), v1, index)
+        in_0, in_1 = h * W[0, j] / v0, h * W[1, j] / v1
+        W[0, j], W[1, j], W[4, j], W[5, j] = p0 + in_0, p1 + in_1, v0, v1
+        W[6, j], W[7, j] = p0 + 0.5 * in_0, p1 + 0.5 * in_1
+    for j in range(first, points):
+        plant[0], plant[1], plant[2], plant[3] = X[2, j], X[3, j], W[6, j], W[7, j]
+        travel = radius * W[2, j]
+        f1 = _pam._force(muscles[0], W[6, j], l0 - travel, air[1])
+        f2 = _pam._force(muscles[1], W[7, j], l1 + travel, air[1])
+        W[6, j], W[7, j] = f1 - f2, z * _pam._level(plant, f1, f2, air, seesaw, friction)
+    damping = 1.0 / (1.0 + z * friction[1])
+    for j in range(first, points):
+        middle, sine, cosine = X[2, j] + half_step * X[3, j], W[2, j], W[3, j]
+        free = X[3, j] + z * (radius * cosine * W[6, j] - seesaw[2] * middle + u[2])
+        # Eq. 10, as in `kikuuwe_friction`: the end of the kick obeys the friction.
+        slip = abs(free) - W[7, j]
+        slip = slip * damping if slip > 0.0 and not held else 0.0
+        speed = slip if free > 0.0 else -slip
+        half = half_step * speed
+        travel = radius * sine
+        ended = travel + radius * half * (cosine - 0.5 * half * (sine + half * cosine * (1.0 / 3.0)))
+        Y[0, j] = W[0, j] * _squeezed(W[4, j], _volume(0, l0 - ended, muscles, least), index)
+        Y[1, j] = W[1, j] * _squeezed(W[5, j], _volume(1, l1 + ended, muscles, least), index)
+        Y[2, j], Y[3, j] = middle + half, speed
+
+
+@njit(error_model="numpy")
+def pam_observation(X: Array, first: int, u: Array, p: Any, Y: Array) -> None:
+    """What is measured, (P₁, P₂)."""
+    for i in range(2):
+        for j in range(first, X.shape[1]):
+            Y[i, j] = X[i, j]
+
+
+_predict, _correct = unscented_filter(pam_transition, pam_observation)
+
+
+def _compiled(stamp: str) -> Callable[..., None]:
+    @njit(cache=True, error_model="numpy")
+    def run(
+        z: Array, u: Array, choice: Any, x: Array, S: Array, surprise: Array, p: Any, steps: int, correct: bool,
+        numbers: Any, room: Any, xs: Array, Ss: Array, nis: Array, diverged: Flags,
+    ) -> None:  # fmt: skip
+        stamp  # noqa: B018  numba's cache tells functions apart by what they close over
+        weights, SQ, SR, limits = numbers
+        for k in range(z.shape[0]):
+            for _ in range(steps):
+                _predict(x, S, u[k], p, weights, SQ[choice[k]], room)
+            square, used = 0.0, 0
+            if correct:
+                square, used, _ = _correct(x, S, z[k], u[k], p, weights, SR, room)
+            keep(k, x, S, square, used, limits, surprise, xs, Ss, nis, diverged)
+
+    function: Callable[..., None] = run
+    return function
+
+
+_run = _compiled(source_stamp(square_root_ukf, _pam))
