@@ -2,11 +2,11 @@
 
     python -m benchmarks.ukf
 
-Both run Shin's filter (four states, two pressures measured, eight or nine sigma points, α = 1, β = κ = 0) over the same samples of
-a simulated joint at 1 kHz, one after the other in the same run, and have to end at the same state. Ours is `PamFold.block` as
-`vsalog` uses it, with everything it writes. filterpy's calls the model once per sigma point, two ways: *compiled*, our own
-compiled transition, so that what is left is filterpy's own work; and *in Python*, the same equations in plain Python, as a user of
-filterpy would write them (the one the target is about). Exits with 1 where a target is missed.
+Both run Shin's filter (four states, two pressures measured, α = 1, β = κ = 0, points drawn anew between prediction and
+correction) over the same samples of a simulated joint at 1 kHz, in turn in the same run, and have to arrive at the same state.
+Ours is `PamFold.block` as an estimator uses it, with everything it writes. filterpy's calls the model for one sigma point at a
+time, two ways: *compiled*, our own compiled transition, so that what is left is filterpy's own work; and *in Python*, the same
+equations in plain Python, as a user of filterpy would write them, which the target is about. Exits with 1 where a target is missed.
 """
 
 from __future__ import annotations
@@ -124,7 +124,6 @@ def main() -> int:
             ukf.Q, ukf.R = np.diag(noise.process) ** 2, np.diag(noise.pressure) ** 2
             for k in range(1, OTHER_SAMPLES + 1):
                 ukf.predict(u=u[k - 1])
-                ukf.sigmas_f = points.sigma_points(ukf.x, ukf.P)
                 ukf.update(both[k])
             ended[name] = ukf.x
 

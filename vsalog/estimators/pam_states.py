@@ -26,7 +26,14 @@ from numpy.typing import NDArray
 
 from vsalog.errors import EstimatorError, SimulationError
 from vsalog.filters import square_root_ukf
-from vsalog.filters.square_root_ukf import UnscentedWeights, keep, surprise_limits, unscented_filter, workspace
+from vsalog.filters.square_root_ukf import (
+    UnscentedTrace,
+    UnscentedWeights,
+    keep,
+    surprise_limits,
+    unscented_filter,
+    workspace,
+)
 from vsalog.mechanics import pneumatics as pneu
 from vsalog.mechanics.pneumatic_friction import friction_level
 from vsalog.rig.schema import PneumaticJoint
@@ -63,23 +70,6 @@ class PamState(NamedTuple):
     u: Array
     surprise: float
     started: bool
-
-
-class PamTrace(NamedTuple):
-    """What the filter makes of a block of N samples; NaN before the first sample with both pressures.
-
-    Attributes
-    ----------
-    x : shape (N, 4), P₁, P₂ [Pa], ψ [rad], ψ̇ [rad/s], given the samples so far
-    S : shape (N, 4, 4), lower factors of their covariances
-    nis : shape (N,), innovation squared, normalised; NaN where no pressure corrected
-    diverged : shape (N,), whether most of the latest samples lie beyond what the filter believes, or the state is not finite
-    """
-
-    x: Array
-    S: Array
-    nis: Array
-    diverged: Flags
 
 
 @dataclass(frozen=True, slots=True)
@@ -157,13 +147,16 @@ def pam_noise(
 
 def _filling_rates(joint: PneumaticJoint) -> tuple[float, float]:
     """Return the rates at which the larger orifice, choked, at supply pressure, changes the pressures at ψ = 0 [Pa/s]."""
-    air, rates = joint.air, []
-    for muscle, valve in ((joint.muscle_1, joint.valve_1), (joint.muscle_2, joint.valve_2)):
-        area = valve.area_scale * max(valve.inflow_area, valve.outflow_area) + muscle.leak_area
-        flow = area * float(_air(joint)[7]) * air.supply_pressure
-        heat = air.inflow_index * air.gas_constant * air.temperature
-        rates.append(heat * flow / float(pneu.muscle_volume(muscle, muscle.length)))
-    return rates[0], rates[1]
+    air = joint.air
+    choked = air.inflow_index * air.gas_constant * air.temperature * float(_air(joint)[7]) * air.supply_pressure
+    sides = ((joint.muscle_1, joint.valve_1), (joint.muscle_2, joint.valve_2))
+    areas = [
+        valve.area_scale * max(valve.inflow_area, valve.outflow_area) + muscle.leak_area for muscle, valve in sides
+    ]
+    first, second = (
+        choked * a / float(pneu.muscle_volume(m, m.length)) for a, (m, _) in zip(areas, sides, strict=True)
+    )
+    return first, second
 
 
 class PamFold:
@@ -212,7 +205,7 @@ class PamFold:
     def block(
         self, state: PamState, pressure_1: Array, pressure_2: Array, valve_1: Array | None = None,
         valve_2: Array | None = None, external_torque: Array | None = None,
-    ) -> tuple[PamState, PamTrace]:  # fmt: skip
+    ) -> tuple[PamState, UnscentedTrace]:  # fmt: skip
         """Estimate a block of samples.
 
         Parameters
@@ -225,7 +218,7 @@ class PamFold:
 
         Returns
         -------
-        state, trace; the state given is left as it is
+        state, trace of (P₁, P₂, ψ, ψ̇), NaN before the first sample with both pressures; the state given is left as it is
 
         Raises
         ------
@@ -239,7 +232,7 @@ class PamFold:
         for i, valve in enumerate((self.joint.valve_1, self.joint.valve_2)):
             u[:, i] = pneu.valve_opening(valve, u[:, i])
         u[:, 2] = np.nan_to_num(u[:, 2], nan=0.0)
-        trace = PamTrace(np.empty((count, 4)), np.empty((count, 4, 4)), nothing.copy(), np.zeros(count, np.bool_))
+        trace = UnscentedTrace(np.empty((count, 4)), np.empty((count, 4, 4)), nothing.copy(), np.zeros(count, np.bool_))
         first, x, S, held = 0, state.x.copy(), state.S.copy(), state.u.copy()
         if not state.started:
             both = np.flatnonzero(np.isfinite(z).all(axis=1))
@@ -259,7 +252,7 @@ class PamFold:
         )  # fmt: skip
         return PamState(x, S, acting[-1], float(surprise[0]), True), trace
 
-    def estimates(self, trace: PamTrace) -> dict[str, Array]:
+    def estimates(self, trace: UnscentedTrace) -> dict[str, Array]:
         """Return what the states imply, each shape (N,), and each NAME_std, one standard deviation.
 
         ``torque`` τ of eq. 9 [N·m]; ``stiffness`` −dτ/dψ with the air locked in and ``stiffness_isobaric`` −∂τ/∂ψ at constant
@@ -293,17 +286,15 @@ def _columns(count: int, *columns: Array) -> Array:
 
 
 def _steps(joint: PneumaticJoint, period: float) -> int:
-    if not (np.isfinite(period) and period > 0.0):
-        raise EstimatorError(f"pam-ukf: the sample period has to be positive, not {period}")
     supply = joint.air.supply_pressure
     # Away from the middle the spring may be twice as stiff.
     stiffest = 2.0 * abs(float(pneu.trapped_stiffness(joint, 0.0, supply, supply))) + abs(joint.seesaw.return_stiffness)
     swing = np.sqrt(stiffest / joint.seesaw.inertia) if joint.seesaw.held_at is None else 0.0
     fill = max(_filling_rates(joint)) / supply
     needed = max(swing / ANGLE_PER_STEP, fill / FILL_PER_STEP) * period
-    if not needed <= MOST_STEPS:
+    if not 0.0 < needed <= MOST_STEPS:
         raise EstimatorError(
-            f"pam-ukf: {needed:.3g} steps per sample are needed; are inertia, areas and volumes right?"
+            f"pam-ukf: a sample period of {period:g} s takes {needed:.3g} steps; are the rig's units right?"
         )
     return max(1, int(np.ceil(needed)))
 
@@ -387,9 +378,8 @@ def pam_transition(X: Array, first: int, u: Array, p: Any, Y: Array) -> None:
 @njit(error_model="numpy")
 def pam_observation(X: Array, first: int, u: Array, p: Any, Y: Array) -> None:
     """What is measured, (P₁, P₂)."""
-    for i in range(2):
-        for j in range(first, X.shape[1]):
-            Y[i, j] = X[i, j]
+    for j in range(first, X.shape[1]):
+        Y[0, j], Y[1, j] = X[0, j], X[1, j]
 
 
 _predict, _correct = unscented_filter(pam_transition, pam_observation)

@@ -21,7 +21,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numba import njit
@@ -83,6 +83,23 @@ class UnscentedWeights:
     def packed(self) -> Array:
         """Return what the compiled functions take, shape (4,)."""
         return np.array([self.spread, self.mean, self.covariance, self.other])
+
+
+class UnscentedTrace(NamedTuple):
+    """What a filter makes of N samples.
+
+    Attributes
+    ----------
+    x : shape (N, n), states given the samples so far
+    S : shape (N, n, n), lower factors of their covariances
+    nis : shape (N,), innovation squared, normalised; NaN where nothing corrected
+    diverged : shape (N,), whether most of the latest samples lie beyond what the filter believes, or the state is not finite
+    """
+
+    x: Array
+    S: Array
+    nis: Array
+    diverged: NDArray[np.bool_]
 
 
 def workspace(size: int, outputs: int) -> tuple[Array, Array, Array, Array]:
