@@ -6,7 +6,9 @@ Both run Shin's filter (four states, two pressures measured, α = 1, β = κ = 0
 correction) over the same samples of a simulated joint at 1 kHz, in turn in the same run, and have to arrive at the same state.
 Ours is `PamFold.block` as an estimator uses it, with everything it writes. filterpy's calls the model for one sigma point at a
 time, two ways: *compiled*, our own compiled transition, so that what is left is filterpy's own work; and *in Python*, the same
-equations in plain Python, as a user of filterpy would write them, which the target is about. Exits with 1 where a target is missed.
+equations in plain Python, as a user of filterpy would write them, which the target is about.
+
+Exits with 1 where a target is missed.
 """
 
 from __future__ import annotations

@@ -4,14 +4,13 @@ Shin, Ibayashi, Kogiso (2021): the model eq. 2–11, the filter eq. 13–24 with
 commands are read.
 
 A step of the model is half a drift, a kick, half a drift. A drift turns the seesaw at constant velocity with the air locked in,
-P V^k₂ constant (eq. 4 without flow). The kick, at the angle in the middle, lets air flow and adds torque and friction to the
-velocity in eq. 10's implicit form, so that a joint that sticks stands still to the last bit, whichever sigma point it is. (The
-paper integrates by Runge–Kutta, whose middle stages creep.) Of second order, but of first where friction begins or ends.
+P V^k₂ constant (eq. 4 without flow). The kick, at the angle in the middle, lets in what flows at the pressures before, and adds
+torque and friction to the velocity in eq. 10's implicit form, so that a joint that sticks stands still to the last bit (the
+paper's Runge–Kutta would creep). Second order in swinging, first in filling and in where friction begins and ends.
 
-Print of Shin 2021: eq. 10's Z is J/T; the units ask for T/J. The last line of eq. 11a lacks RT/V₂ and V₂'s index. The printed
-Q, R and P(0) have no units and are constant whatever the sample time; `pam_noise` derives them instead. The state is
-(P₁, P₂, ψ, ψ̇) here, (ψ, ψ̇, P₁, P₂) there: with a lower factor, sigma points along ψ and ψ̇ then leave the pressures alone, and
-the flows, which cost most, are not computed again.
+Print of Shin 2021: eq. 10's Z is J/T; the units ask for T/J. Q, R and P(0) are printed without units or reasons, and κ twice,
+for the valve's map and the points'; `pam_noise` derives the noise instead. The state is (P₁, P₂, ψ, ψ̇) here: with a lower
+factor, sigma points along ψ and ψ̇ then leave the pressures alone, and the flows, which cost most, are not computed again.
 """
 
 from __future__ import annotations
@@ -25,15 +24,7 @@ from numba import njit
 from numpy.typing import NDArray
 
 from vsalog.errors import EstimatorError, SimulationError
-from vsalog.filters import square_root_ukf
-from vsalog.filters.square_root_ukf import (
-    UnscentedTrace,
-    UnscentedWeights,
-    keep,
-    surprise_limits,
-    unscented_filter,
-    workspace,
-)
+from vsalog.filters import square_root_ukf as ukf
 from vsalog.mechanics import pneumatics as pneu
 from vsalog.mechanics.pneumatic_friction import friction_level
 from vsalog.rig.schema import PneumaticJoint
@@ -42,7 +33,6 @@ from vsalog.simulation._integrate import source_stamp
 from vsalog.simulation.pneumatic import _air, _friction, _muscle, _seesaw
 
 Array = NDArray[np.float64]
-Flags = NDArray[np.bool_]
 
 PRESSURE_1, PRESSURE_2, ANGLE, VELOCITY = range(4)  # columns of the state
 
@@ -190,13 +180,13 @@ class PamFold:
         known = [np.where([i & 1, i & 2, 0, 0], [*noise.unknown_flow, 0.0, 0.0], noise.process) for i in range(4)]
         noises = (self.steps**-0.5 if correct else 0.0) * np.array([np.diag(q) for q in known])
         self._numbers = (
-            UnscentedWeights.scaled(4).packed(),
+            ukf.UnscentedWeights.scaled(4).packed(),
             noises,
             np.diag(np.array(noise.pressure)),
-            surprise_limits(2),
+            ukf.surprise_limits(2),
         )
         self._spread = np.diag([*noise.pressure, *noise.start]) * float(correct)
-        self._room = workspace(4, 2)
+        self._room = ukf.workspace(4, 2)
 
     def start(self) -> PamState:
         """Return the state before the first sample."""
@@ -205,7 +195,7 @@ class PamFold:
     def block(
         self, state: PamState, pressure_1: Array, pressure_2: Array, valve_1: Array | None = None,
         valve_2: Array | None = None, external_torque: Array | None = None,
-    ) -> tuple[PamState, UnscentedTrace]:  # fmt: skip
+    ) -> tuple[PamState, ukf.UnscentedTrace]:  # fmt: skip
         """Estimate a block of samples.
 
         Parameters
@@ -232,7 +222,9 @@ class PamFold:
         for i, valve in enumerate((self.joint.valve_1, self.joint.valve_2)):
             u[:, i] = pneu.valve_opening(valve, u[:, i])
         u[:, 2] = np.nan_to_num(u[:, 2], nan=0.0)
-        trace = UnscentedTrace(np.empty((count, 4)), np.empty((count, 4, 4)), nothing.copy(), np.zeros(count, np.bool_))
+        trace = ukf.UnscentedTrace(
+            np.empty((count, 4)), np.empty((count, 4, 4)), nothing.copy(), np.zeros(count, np.bool_)
+        )
         first, x, S, held = 0, state.x.copy(), state.S.copy(), state.u.copy()
         if not state.started:
             both = np.flatnonzero(np.isfinite(z).all(axis=1))
@@ -252,7 +244,7 @@ class PamFold:
         )  # fmt: skip
         return PamState(x, S, acting[-1], float(surprise[0]), True), trace
 
-    def estimates(self, trace: UnscentedTrace) -> dict[str, Array]:
+    def estimates(self, trace: ukf.UnscentedTrace) -> dict[str, Array]:
         """Return what the states imply, each shape (N,), and each NAME_std, one standard deviation.
 
         ``torque`` τ of eq. 9 [N·m]; ``stiffness`` −dτ/dψ with the air locked in and ``stiffness_isobaric`` −∂τ/∂ψ at constant
@@ -382,14 +374,14 @@ def pam_observation(X: Array, first: int, u: Array, p: Any, Y: Array) -> None:
         Y[0, j], Y[1, j] = X[0, j], X[1, j]
 
 
-_predict, _correct = unscented_filter(pam_transition, pam_observation)
+_predict, _correct = ukf.unscented_filter(pam_transition, pam_observation)
 
 
 def _compiled(stamp: str) -> Callable[..., None]:
     @njit(cache=True, error_model="numpy")
     def run(
         z: Array, u: Array, choice: Any, x: Array, S: Array, surprise: Array, p: Any, steps: int, correct: bool,
-        numbers: Any, room: Any, xs: Array, Ss: Array, nis: Array, diverged: Flags,
+        numbers: Any, room: Any, xs: Array, Ss: Array, nis: Array, diverged: Any,
     ) -> None:  # fmt: skip
         stamp  # noqa: B018  numba's cache tells functions apart by what they close over
         weights, SQ, SR, limits = numbers
@@ -399,10 +391,9 @@ def _compiled(stamp: str) -> Callable[..., None]:
             square, used = 0.0, 0
             if correct:
                 square, used, _ = _correct(x, S, z[k], u[k], p, weights, SR, room)
-            keep(k, x, S, square, used, limits, surprise, xs, Ss, nis, diverged)
+            ukf.keep(k, x, S, square, used, limits, surprise, xs, Ss, nis, diverged)
 
-    function: Callable[..., None] = run
-    return function
+    return run
 
 
-_run = _compiled(source_stamp(square_root_ukf, _pam))
+_run = _compiled(source_stamp(ukf, _pam))
