@@ -79,7 +79,6 @@ def test_the_model_alone_is_the_simulation(joint):
         columns = np.column_stack([truth[n] for n in ("pressure_1", "pressure_2", "link_position")])
         errors.append(np.abs(trace.x[:, :3] - columns).max(axis=0))
         assert np.isnan(trace.nis).all()
-        assert not trace.diverged.any()
         np.testing.assert_array_equal(trace.S, 0.0)
     # A thousandth of the supply and 0.06°: far below what the filter doubts of rate and torque by default.
     assert (errors[0][:2] < 1e-3 * joint.air.supply_pressure).all()
@@ -95,8 +94,8 @@ def test_the_model_alone_is_the_simulation(joint):
 
 def move(joint, x, u, h=PERIOD):
     fold = PamFold(joint, h, noise_for(joint))
-    assert fold.steps == 1
-    X, Y = np.asarray(x, dtype=float).reshape(4, -1), np.empty_like(np.asarray(x, dtype=float).reshape(4, -1))
+    X = np.asarray(x, dtype=float).reshape(4, -1)
+    Y = np.empty_like(X)
     pam_transition(X, 0, np.asarray(u, dtype=float), fold._model, Y)
     return Y
 
@@ -219,7 +218,6 @@ def test_blocks_give_the_same_bits_with_gaps_and_unknown_valves():
     # What is not measured is believed less and less.
     spread = np.sqrt(np.sum(whole.S[:, 0] ** 2, axis=1))
     assert spread[799] > spread[699] > spread[599] > spread[499]
-    # A valve whose command is missing may do what it likes.
     assert spread[999] > 2.0 * spread[899]
 
 
@@ -302,7 +300,7 @@ def scenario_log(signs, clamped=False):
 
 
 def shares(found, truth):
-    """Largest error and its root mean square by the signal's range."""
+    """Largest and root mean square error by the signal's range."""
     e = (found - truth) / np.ptp(truth)
     return np.abs(e).max(), np.sqrt(np.mean(e**2))
 
