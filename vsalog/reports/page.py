@@ -24,6 +24,7 @@ from vsalog.reports.page_tables import (
     facts,
     joint_box,
     modalities_table,
+    overview_table,
     scores_table,
     warnings_box,
 )
@@ -191,7 +192,8 @@ def _verdicts(report: Report) -> str:
         f" {escaped(t.name.upper())} ≤ {t.limit:g} %</p>"
         for t in report.thresholds
     )
-    return f'<section aria-label="Verdict">{boxes}{limits}</section>'
+    overall = overview_table(report) if len(report.logs) > 1 else ""
+    return f'<section aria-label="Verdict">{overall}{boxes}{limits}</section>'
 
 
 def _length(joint: JointReport) -> str:

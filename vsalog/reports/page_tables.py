@@ -8,7 +8,8 @@ from collections.abc import Mapping, Sequence
 from vsalog.reports.page_figures import number
 from vsalog.reports.page_text import escaped, name, table
 from vsalog.summary import TransmissionSummary
-from vsalog.validation.document import Comparison, Figure, JointReport, Score, TransmissionReport
+from vsalog.validation.document import Comparison, Figure, JointReport, Report, Score, TransmissionReport
+from vsalog.validation.verdict import overview
 
 QUANTITIES = {"flexibility_torque": "torque", "stiffness": "stiffness"}
 REFERENCES = {
@@ -179,6 +180,20 @@ def motor_table(found: Mapping[str, float]) -> str:
             [escaped(key.replace("_", " ")), number(found[key], 5), number(found.get(f"{key}_std", math.nan), 2), unit]
         )
     return table("Motor, as estimated", ("parameter", "value", "± (1 std)", "unit"), rows)
+
+
+def overview_table(report: Report) -> str:
+    """Several logs in one table: what came of each, by what it was judged."""
+    rows = []
+    for line in overview(report):
+        judged_on = "–" if line.judged_on is None else REFERENCES[line.judged_on]
+        scores = ("–", "–")
+        if line.score is not None:
+            scores = (_figure(line.score.nrmse, most=MOST_NRMSE), _figure(line.score.msrep, most=MOST_MSREP))
+        where = f"{name(line.joint)} in {name(line.log)}"
+        rows.append((where, escaped(line.verdict), judged_on, *scores, f"{100.0 * line.inside:.3g}"))
+    heads = ("log", "verdict", "judged by", "NRMSE [%], 95 %", "MSREP [%]", "inside the region [%]")
+    return table("All logs", heads, rows, texts=3)
 
 
 def joint_box(joint: JointReport, log: str) -> str:

@@ -13,6 +13,7 @@ from rich.table import Table
 from vsalog.reports.estimate import _plain as plain
 from vsalog.reports.page_tables import LEAST_R2, MOST_MSREP, MOST_NRMSE
 from vsalog.validation.document import Comparison, Figure, JointReport, Report, Score
+from vsalog.validation.verdict import overview
 from vsalog.writers.reports import Outputs
 
 # Columns of a terminal that the table of scores needs.
@@ -25,6 +26,8 @@ def print_report(report: Report, outputs: Outputs) -> None:
     console, errors = Console(), Console(stderr=True)
     if not console.is_terminal:
         console = Console(width=170)
+    if len(report.logs) > 1:
+        console.print(_overview(report))
     for log in report.logs:
         for joint in log.joints:
             for warning in joint.warnings:
@@ -42,6 +45,25 @@ def print_report(report: Report, outputs: Outputs) -> None:
     console.print(
         f"report: {escape(plain(str(outputs.page)))}   data: {escape(plain(str(outputs.document)))}", soft_wrap=True
     )
+
+
+def _overview(report: Report) -> Table:
+    """Several logs in one table: what came of each, by what it was judged."""
+    table = Table(box=None, pad_edge=False, padding=(0, 2))
+    for heading in ("log", "joint", "verdict", "judged by"):
+        table.add_column(heading)
+    for heading in ("NRMSE [%], 95 %", "MSREP [%]", "inside [%]"):
+        table.add_column(heading.replace("[", "\\["), justify="right")
+    for row in overview(report):
+        style = _STYLE[row.verdict]
+        told = (
+            (_interval(row.score.nrmse), _number(row.score.msrep.value, most=MOST_MSREP)) if row.score else ("–", "–")
+        )
+        name, joint = escape(plain(row.log)), escape(plain(row.joint))
+        table.add_row(
+            name, joint, f"[{style}]{row.verdict}[/]", row.judged_on or "–", *told, f"{100.0 * row.inside:.3g}"
+        )
+    return table
 
 
 def print_json(report: Report, outputs: Outputs) -> None:

@@ -13,6 +13,16 @@ COMPUTED = 1e-5
 FUNCTION = 1e-5
 ENOUGH = 200
 LONGEST = 1 << 18
+# A torque that was computed and then delayed, averaged or held follows from so many samples before and after, in powers up to
+# this one, and from its own last value; what is left is less than this share of its spread. Looked at in so many samples.
+BEFORE, AFTER, POWERS, FOLLOWED, ROWS = 12, 2, 5, 1e-5, 4000
+# Values are fresh, neither held nor interpolated, where at least this part of them is.
+FRESH = 0.7
+# Single values may be wild; so many rounds leave out what is off by so many times the median.
+ROUNDS, WILD = 4, 10.0
+MOST, HOPELESS = 0.9, 0.1
+# So many samples in a row.
+STRETCH = 10_000
 # So many values of x that come up so often each.
 LEVELS, REPEATS = 30, 3
 
@@ -60,7 +70,7 @@ def computed_from(torque: Array, name: str, x: Array, what: str) -> str | None:
     what : in words, such as "the deflection"
     """
     both = np.isfinite(torque) & np.isfinite(x)
-    y, x = torque[both], x[both]
+    x_whole, y, x = x, torque[both], x[both]
     if y.size < 3 or np.ptp(x) == 0.0 or np.ptp(y) == 0.0:
         return None
     a, b = x - x.mean(), y - y.mean()
@@ -69,6 +79,11 @@ def computed_from(torque: Array, name: str, x: Array, what: str) -> str | None:
         return f"{name} is exactly {factor:.6g} times {what}: it was computed from it, not measured"
     if _is_function(y, x):
         return f"{name} is a function of {what}, without any noise of its own: it was computed from it, not measured"
+    if _follows(torque, x_whole):
+        return (
+            f"{name} follows from {what} and its neighbours in time, late, averaged or held, without any noise of its own: it was"
+            " computed from it, not measured"
+        )
     return None
 
 
@@ -93,3 +108,53 @@ def _is_function(y: Array, x: Array) -> bool:
     middle = ys[:-2] + (ys[2:] - ys[:-2]) * (xs[1:-1] - xs[:-2]) / (xs[2:] - xs[:-2])
     # Most values, not all: where samples are sparse a straight line between neighbours is off.
     return float(np.quantile(np.abs(ys[1:-1] - middle), 0.9)) <= FUNCTION * spread
+
+
+def _follows(torque: Array, x: Array) -> bool:
+    """Tell whether a torque is a smooth function of another signal's samples around it, and of its own value before."""
+    rows = np.flatnonzero(np.isfinite(torque))
+    if rows.size < 2:
+        return False
+    changed = np.append(True, np.diff(torque[rows]) != 0.0)
+    if changed.mean() < FRESH:
+        rows = rows[changed]  # held in between: only fresh values tell
+    elif rows.size == torque.size:
+        bends = np.abs(np.diff(torque, 2)) > 1e-9 * float(np.ptp(torque))
+        if bends.mean() < FRESH:
+            rows = np.flatnonzero(bends) + 1  # of a slower topic, and interpolated: only where the lines meet
+    rows = rows[(rows >= BEFORE) & (rows < torque.size - AFTER)]
+    F, y, _ = _columns(torque, x, rows[:: max(1, rows.size // ROWS)])
+    if _is_told(F, y, MOST):
+        return True
+    # Behind a lag its own last value counts too. That tells a loop as well, except where it jumps: no value may be off.
+    first = max(0, (rows.size - STRETCH) // 2)
+    F, y, last = _columns(torque, x, rows[first : first + STRETCH])
+    return bool(np.isfinite(last).all()) and _is_told(np.column_stack((F, last)), y, 1.0)
+
+
+def _columns(torque: Array, x: Array, rows: NDArray[np.int64]) -> tuple[Array, Array, Array]:
+    """Return powers of the samples around each row, shape (n, m), the torque there, and its value one sample before."""
+    around = np.stack([x[rows - lag] for lag in range(-AFTER, BEFORE + 1)], axis=1)
+    good = np.isfinite(around).all(axis=1)
+    rows, around = rows[good], around[good]
+    scale = float(np.abs(around).max()) if around.size else 0.0
+    powers = [(around / (scale or 1.0)) ** p for p in range(1, POWERS + 1)]
+    return np.concatenate([np.ones((rows.size, 1)), *powers], axis=1), torque[rows], torque[rows - 1]
+
+
+def _is_told(F: Array, y: Array, share: float) -> bool:
+    """Tell whether columns tell that share of a signal's values to next to nothing; one half judges what the other has learnt."""
+    learn = np.arange(y.size) % 2 == 0
+    if np.count_nonzero(learn) < 4 * F.shape[1] or np.ptp(y) == 0.0:
+        return False
+    size = np.abs(F).max(axis=0)
+    F = F / np.where(size > 0.0, size, 1.0)
+    use = learn
+    for _ in range(ROUNDS):
+        solution = np.linalg.lstsq(F[use], y[use], rcond=1e-12)[0]
+        off = np.abs(y - F @ solution)
+        middle = float(np.median(off[learn]))
+        if middle > (HOPELESS if share < 1.0 else HOPELESS**3) * float(np.std(y)):
+            return False
+        use = learn & (off <= max(WILD * middle, 1e-12 * float(np.ptp(y))))
+    return float(np.quantile(off[~learn], share)) <= FOLLOWED * float(np.std(y))

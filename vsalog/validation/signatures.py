@@ -32,14 +32,15 @@ WORDS = {
     "gap": "the error has the sign of the deflection, and its size does not grow with it: backlash",
     "deflection": "the error depends on the deflection: the spring's shape is not the model's (nonlinearity, asymmetry,"
     " backlash)",
-    "position": "the error follows the position of link or motor: a gear ratio or an encoder's scale is off,"
+    "position": "the error follows the position of link or motor: a gear ratio or an encoder's scale or sign is off,"
     " or its disc is eccentric",
     "setpoint": "the error depends on the set-point: its zero or scale is off (lever arm, secondary motor's encoder), or the"
     " model has too few powers of it",
     "velocity": "the error grows with the velocity of the deflection: damping in the transmission, or a sensor that is late",
     "late": "the error grows with a position's velocity: one encoder is late against the other",
     "direction": "the error has the sign of the velocity: friction or hysteresis is missing",
-    "loading": "the error differs between loading and unloading: the transmission has hysteresis (a loop)",
+    "loading": "the error differs between loading and unloading: the transmission has hysteresis, or a loop of its mechanism"
+    " (a cam that switches)",
     "time": "the error changes over time: the torque sensor drifts",
     "zero over time": "the error changes over time: an encoder drifts",
     "gain over time": "the error grows with the torque, and changes over time: the stiffness drifts, or the torque sensor's gain",
@@ -52,7 +53,7 @@ SHORT = {
     "side": "an asymmetric spring",
     "gap": "backlash",
     "deflection": "another shape of the spring",
-    "position": "a gear ratio, or an encoder's scale or eccentricity",
+    "position": "a gear ratio, or an encoder's scale, sign or eccentricity",
     "setpoint": "a wrong set-point",
     "velocity": "damping, or a late torque sensor",
     "late": "a late encoder",

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 
 from msgspec.structs import replace
 
@@ -13,6 +14,7 @@ from vsalog.validation.document import (
     JointReport,
     LogReport,
     ModalityScore,
+    Report,
     Score,
     Threshold,
     TransmissionReport,
@@ -33,6 +35,8 @@ WORTH_SAYING = 0.15
 LEAST_SAMPLES = FEWEST_BLOCKS * WINDOW
 # Words name what an error depends on; which parameter of the rig makes it, a simulation of the rig tells.
 DIAGNOSE = "'vsalog diagnose LOG' looks for the cause and extends the rig by it"
+# What else a residual feels.
+MOTOR = "the residual rests on the rig's motor: a wrong inertia, damping, torque constant or sign of it shows here too"
 
 _REFERENCE = {
     "sensor": "the torque sensor",
@@ -51,7 +55,7 @@ def joint_report(
         verdict = _verdict(_main(worst))
         if verdict == "fails" and _is_noise(worst):
             verdict = "undecided"  # what hides the model's error is no error of the model
-        if verdict == "holds" and any(_gain_is_off(part) for part in _counted(parts)):
+        if verdict in ("holds", "undecided") and any(_gain_is_off(part) for part in _counted(parts)):
             verdict = "fails"
         if verdict != "fails" and _unjudged(parts):
             verdict = "cannot be judged"  # a part of the joint of which nothing is known may be as bad as can be
@@ -59,7 +63,8 @@ def joint_report(
     if worst is not None and worst.judged_on == "residual":
         told.insert(
             0,
-            "there is no torque sensor: the model is judged by the residual, which the rig's own motor parameters make",
+            f"{_no_sensor(judged.not_independent)}: the model is judged by the residual, which the rig's own motor parameters"
+            " make",
         )
     return JointReport(
         joint=signals.joint,
@@ -73,6 +78,10 @@ def joint_report(
     )
 
 
+def _no_sensor(why: str | None) -> str:
+    return "there is no torque sensor" if why is None else "there is no torque sensor that measures for itself"
+
+
 def thresholds(logs: Sequence[LogReport], max_nrmse: float | None, max_msrep: float | None) -> tuple[Threshold, ...]:
     """Hold every joint of every log against the thresholds asked for; what cannot be judged does not meet them."""
     out = []
@@ -81,6 +90,30 @@ def thresholds(logs: Sequence[LogReport], max_nrmse: float | None, max_msrep: fl
             met = all(_meets(joint, name, limit) for log in logs for joint in log.joints)
             out.append(Threshold(name=name, limit=limit, met=met))
     return tuple(out)
+
+
+@dataclass(frozen=True, slots=True)
+class Line:
+    """One joint of one log in a table of several: its verdict and the score that this rests on; none where nothing is judged."""
+
+    log: str
+    joint: str
+    verdict: Verdict
+    judged_on: str | None
+    score: Score | None
+    inside: float
+
+
+def overview(report: Report) -> list[Line]:
+    """Return a line per log and joint, in the order of the logs."""
+    lines = []
+    for log in report.logs:
+        for joint in log.joints:
+            worst = _worst(joint.transmissions)
+            judged_on, score = (None, None) if worst is None else (worst.judged_on, _main(worst))
+            inside = min((t.inside_share for t in joint.transmissions), default=0.0)
+            lines.append(Line(log.log, joint.joint, joint.verdict, judged_on, score, inside))
+    return lines
 
 
 def _meets(joint: JointReport, name: str, limit: float) -> bool:
@@ -166,10 +199,14 @@ def _sentences(
     verdict: Verdict, parts: Sequence[TransmissionReport], worst: TransmissionReport | None, not_independent: str | None
 ) -> tuple[str, ...]:
     if not_independent is not None:
+        score = None if worst is None or worst.judged_on != "residual" else _main(worst)
         return (
             f"Nothing is validated: {not_independent}.",
             "A model that agrees with such a channel agrees with whoever computed it.",
-            "Record a torque sensor, or motor positions and torques, to judge the model by.",
+            "Record a torque sensor, or motor positions and torques, to judge the model by."
+            if score is None
+            else f"Against the residual of the motor equation the model is off by {_of_span(score.nrmse.value)}, which is told"
+            " for comparison; record a torque sensor to judge the model by.",
         )
     if worst is None:
         on = next((t for t in _counted(parts) if t.judged_on is not None), None)
@@ -188,7 +225,8 @@ def _sentences(
             return (
                 "Nothing is judged: no sample of this log lies in the region that the model was fitted in.",
                 "Everything it says here is extrapolation; the table of samples outside shows how far it is off.",
-                "Fit the model on an experiment that covers these deflections and set-points.",
+                "Fit the model on an experiment that covers these deflections and set-points; if it should, a position's sign,"
+                " unit, zero or gear ratio is wrong in the rig.",
             )
         return (
             "Nothing is judged: the log has neither a torque sensor nor motor positions and torques with a known inertia.",
@@ -276,7 +314,8 @@ def _why(part: TransmissionReport, verdict: Verdict) -> str:
     if not told:
         return f"What the error depends on does not show in the signals there are; {DIAGNOSE}."
     said = [f"{_share(d.share)} says: {d.words}" for d in told[:2] if d is told[0] or d.share >= WORTH_SAYING]
-    return f"Of the error's mean square {'; and '.join(said)}; {DIAGNOSE}."
+    also = f"; {MOTOR}" if part.judged_on == "residual" and verdict != "holds" else ""
+    return f"Of the error's mean square {'; and '.join(said)}{also}; {DIAGNOSE}."
 
 
 def _figure(value: float | None) -> str:
