@@ -32,6 +32,9 @@ USUAL = (
     "qr-rls",
     "batch-ls",
     "direct",
+    "algebraic",
+    "pam-ukf",
+    "pam-model",
 )
 # Two estimates agree where they differ by less than so many standard deviations of their difference.
 AGREE = 2.0

@@ -215,5 +215,6 @@ def test_a_log_of_pressures_and_voltages_is_bound_in_si_but_not_estimated(tmp_pa
     assert bound["pressure_2"] == pytest.approx(250e3)
     assert bound["valve_2"] == pytest.approx(5.0 + 1e-3 * np.arange(20))
     assert bound["link_position"] == pytest.approx(np.deg2rad(0.1 * np.arange(20)))
-    with pytest.raises(EstimatorError, match="no estimator for pneumatic muscles"):
-        choose("pam", joint, "auto", {})
+    assert choose("pam", joint, "auto", {}).name == "pam-ukf"
+    with pytest.raises(EstimatorError, match="for muscles there are pam-ukf and pam-model"):
+        choose("pam", joint, "direct", {})

@@ -23,6 +23,8 @@ BUILT_IN = {
     "batch-ls": "vsalog.estimators.batch_ls",
     "direct": "vsalog.estimators.direct",
     "algebraic": "vsalog.estimators.algebraic",
+    "pam-ukf": "vsalog.estimators.pam_ukf",
+    "pam-model": "vsalog.estimators.pam_model",
 }
 
 

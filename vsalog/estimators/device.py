@@ -52,12 +52,14 @@ class Device:
     transmissions : one, or two for an antagonistic joint
     basis : what each transmission's flexibility torque is fitted with
     has_setpoint : whether the flexibility torque depends on a set-point
+    pneumatic : the joint itself where it has muscles instead of transmissions
     """
 
     joint: str
     transmissions: tuple[TransmissionView, ...]
     basis: PolynomialBasis
     has_setpoint: bool
+    pneumatic: PneumaticJoint | None = None
 
 
 def device_of(name: str, joint: Joint, roles: Mapping[str, Array] | None = None) -> Device:
@@ -71,7 +73,7 @@ def device_of(name: str, joint: Joint, roles: Mapping[str, Array] | None = None)
     Raises
     ------
     EstimatorError
-        The joint is rigid or pneumatic: it has no transmission whose stiffness could be estimated.
+        The joint is rigid: it has no transmission whose stiffness could be estimated.
     """
     if isinstance(joint, RigidJoint):
         raise EstimatorError(
@@ -81,10 +83,7 @@ def device_of(name: str, joint: Joint, roles: Mapping[str, Array] | None = None)
             ' so in the rig (kind = "elastic", "serial" or "antagonistic") and name their channels'
         )
     if isinstance(joint, PneumaticJoint):
-        raise EstimatorError(
-            f"joint '{name}' is of kind 'pneumatic': there is no estimator for pneumatic muscles; its stiffness is known from"
-            " its model, which 'vsalog simulate' plays"
-        )
+        return Device(name, (), PolynomialBasis.make(1, odd=True), False, joint)
     serial = isinstance(joint, SerialJoint)
     views: tuple[TransmissionView, ...]
     if isinstance(joint, AntagonisticJoint):

@@ -14,6 +14,8 @@ MEANING = {
     "link_position": "the link's position q",
     "deflection": "the transmission's deflection φ = q − θ",
     "torque_sensor": "a joint torque sensor",
+    "pressure": "the absolute pressure of a muscle",
+    "valve": "the voltage commanded to a muscle's valve",
     "setpoint": "the set-point: the secondary motor's position θ_c, or the lever arm r",
 }
 

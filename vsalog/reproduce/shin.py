@@ -23,7 +23,7 @@ PAPER = "Shin 2021"
 MODEL_ALONE = {"angle": (1.053, 3.50, 8.87), "torque": (0.162, 0.494, 10.23)}
 UKF = {"angle": (0.838, 2.42, 6.13), "torque": (0.108, 0.238, 4.94)}
 UNITS = {"angle": ("°", "°", "%"), "torque": ("N·m", "N·m", "%")}
-COLUMNS = {"angle": "link_position", "torque": "torque"}
+COLUMNS = {"angle": "link_position", "torque": "flexibility_torque"}
 QUANTITIES = ("RMSE", "largest error", "largest error by the signal's range")
 
 FILTER = Planned("the UKF", ("ukf", "pam-ukf", "pneumatic-ukf", "shin"))

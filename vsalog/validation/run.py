@@ -126,6 +126,11 @@ def _judge_log(
             )
         joint = pick_joints(rig.joints, [name])[name]
         device = device_of(name, joint)
+        if device.pneumatic is not None:
+            raise EstimatorError(
+                f"joint '{name}' is of kind 'pneumatic': its model is the rig, and no fitted one; 'vsalog diagnose LOG' holds"
+                " the rig against a log"
+            )
         _check_fit(file.joint[name], device, rig)
         roles = _roles(device, joint)
         recording = _read(log, joint, roles, name, options)

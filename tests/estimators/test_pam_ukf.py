@@ -1,0 +1,155 @@
+"""pam-ukf and pam-model as a user runs them: on another machine than the rig says, with gaps, and where it cannot be."""
+
+import json
+import subprocess
+import sys
+from dataclasses import replace as with_fields
+from pathlib import Path
+
+import numpy as np
+import pyarrow.parquet as pq
+import pytest
+from msgspec.structs import replace
+
+from vsalog.errors import EstimatorError
+from vsalog.estimation import choose, estimate_joint
+from vsalog.readers import read
+from vsalog.rig import Rig
+
+
+def vsalog(*args, cwd):
+    command = [str(Path(sys.executable).with_name("vsalog")), *args]
+    done = subprocess.run(command, cwd=cwd, capture_output=True, text=True, timeout=300)
+    return done.returncode, done.stdout, done.stderr
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory):
+    """A log of a machine whose pressures are noisy, with the truth beside."""
+    folder = tmp_path_factory.mktemp("pam")
+    code, _, err = vsalog("simulate", "pam", "--truth", "--duration", "12 s", "-o", "pam.mcap", cwd=folder)
+    assert code == 0, err
+    return folder
+
+
+@pytest.fixture(scope="module")
+def truth(folder):
+    channels = read(folder / "pam.mcap").channels
+    return {
+        name: next(c for n, c in channels.items() if n.endswith(f"{name}.data")).values
+        for name in ("link_position", "torque", "stiffness")
+        if any(n.endswith(f"{name}.data") for n in channels)
+    }
+
+
+def test_the_command_writes_states_with_their_deviations(folder, truth):
+    code, out, err = vsalog("estimate", "pam.mcap", "--json", cwd=folder)
+    assert code == 0, err
+    document = json.loads(out)
+    (joint,) = document["joints"]
+    assert joint["estimator"] == "pam-ukf"
+    assert joint["settings"]["noise_pressure_1"] > 0.0
+    table = pq.read_table(folder / "pam.stiffness.parquet").to_pandas()
+    for name in ("link_position", "link_velocity", "pressure_1", "pressure_2"):
+        assert np.isfinite(table[name]).mean() > 0.99
+        assert (table[f"{name}_std"].dropna() >= 0.0).all()
+    count = min(len(table), truth["link_position"].size)
+    off = table["link_position"].to_numpy()[:count] - truth["link_position"][:count]
+    assert np.nanmax(np.abs(off)) < 0.01 * np.ptp(truth["link_position"])
+    assert np.ptp(table["stiffness"].dropna()) > 0.0
+    assert (table["stiffness"].dropna() > 0.0).all()
+
+
+def test_constant_pressures_are_softer_than_trapped_air(folder):
+    found = {}
+    for air in ("trapped", "constant"):
+        code, _, err = vsalog("estimate", "pam.mcap", "--tune", f"air={air}", "-o", f"{air}.parquet", cwd=folder)
+        assert code == 0, err
+        found[air] = pq.read_table(folder / f"{air}.parquet").to_pandas()["stiffness"].to_numpy()
+    both = np.isfinite(found["trapped"]) & np.isfinite(found["constant"])
+    assert (found["trapped"][both] > found["constant"][both]).all()
+
+
+def joint_and_recording(folder):
+    rig = Rig.from_toml(read(folder / "pam.mcap").rig_text, "here")
+    return rig.joints["pam"], read(folder / "pam.mcap")
+
+
+def changed(recording, name, change):
+    (full,) = [n for n in recording.channels if n.endswith(name)]
+    channel = recording.channels[full]
+    channels = dict(recording.channels) | {full: with_fields(channel, values=change(channel.values.copy()))}
+    return with_fields(recording, channels=channels)
+
+
+def estimated(joint, recording, estimator="pam-ukf", **tune):
+    return estimate_joint(
+        [recording], "pam", joint, choose("pam", joint, estimator, {k: str(v) for k, v in tune.items()})
+    )
+
+
+def channel_of(joint, role):
+    signal = getattr(joint.signals, role)
+    return signal if isinstance(signal, str) else signal.channel
+
+
+def test_missing_pressures_are_bridged_and_said_by_the_deviation(folder):
+    joint, recording = joint_and_recording(folder)
+
+    def lose(values):
+        values[4000:4300] = np.nan
+        return values
+
+    with_all = estimated(joint, recording).trace["total"]
+    lossy = changed(changed(recording, channel_of(joint, "pressure_1"), lose), channel_of(joint, "pressure_2"), lose)
+    without = estimated(joint, lossy).trace["total"]
+    middle = slice(4100, 4290)
+    assert np.isfinite(without["stiffness"][middle]).all()
+    at_the_end = slice(4250, 4290)
+    assert without["link_position_std"][at_the_end].mean() > 2.0 * with_all["link_position_std"][at_the_end].mean()
+
+
+def test_swapped_pressures_are_no_numbers_but_a_warning(folder):
+    joint, recording = joint_and_recording(folder)
+    signals = joint.signals
+    crossed = replace(joint, signals=replace(signals, valve_1=signals.valve_2, valve_2=signals.valve_1))
+    found = estimated(crossed, recording)
+    assert any("valves may be swapped" in w for w in found.warnings)
+    assert np.isnan(found.trace["total"]["stiffness"]).mean() > 0.5
+    assert not found.trace["total"]["excited"][np.isnan(found.trace["total"]["stiffness"])].any()
+
+
+def test_blocks_of_any_size_give_the_same_bits(folder):
+    joint, recording = joint_and_recording(folder)
+    choice = choose("pam", joint, "auto", {})
+    whole = estimate_joint([recording], "pam", joint, choice).trace
+    cut = estimate_joint([recording], "pam", joint, choice, block=997).trace
+    for column, values in whole["total"].items():
+        np.testing.assert_array_equal(cut["total"][column], values, err_msg=column)
+
+
+def test_the_model_alone_runs_on_the_valves(folder, truth):
+    joint, recording = joint_and_recording(folder)
+    found = estimated(joint, recording, "pam-model").trace["total"]
+    count = min(found["link_position"].size, truth["link_position"].size)
+    off = found["link_position"][:count] - truth["link_position"][:count]
+    assert np.nanmax(np.abs(off)) < 0.02 * np.ptp(truth["link_position"])
+
+
+def test_what_cannot_be_is_refused(folder):
+    joint, _ = joint_and_recording(folder)
+
+    with pytest.raises(EstimatorError, match="for muscles there are pam-ukf and pam-model"):
+        choose("pam", joint, "residual-rls", {})
+    lacking = replace(joint, signals=replace(joint.signals, pressure_2=None))
+    with pytest.raises(EstimatorError, match="pressure_2"):
+        choose("pam", lacking, "auto", {})
+    blind = replace(joint, signals=replace(joint.signals, valve_1=None))
+    with pytest.raises(EstimatorError, match="valve_1"):
+        choose("pam", blind, "pam-model", {})
+    sea = Rig.preset("sea").joints["sea"]
+    with pytest.raises(EstimatorError, match="kind 'pneumatic'"):
+        choose("sea", sea, "pam-ukf", {})
+    code, _, err = vsalog("validate", "pam.model.toml", "pam.mcap", cwd=folder)
+    assert code == 2
+    assert "pneumatic" in err

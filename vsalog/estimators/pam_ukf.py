@@ -1,0 +1,210 @@
+"""pam-ukf: a joint of two pneumatic muscles from its pressures alone, by an unscented Kalman filter.
+
+Shin, Ibayashi, Kogiso (2021): the hybrid model eq. 2–11, the filter eq. 13–24. Angle, velocity, torque and stiffness come from
+the two pressures and the valves' commands; no encoder and no torque sensor is read.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Mapping
+from dataclasses import dataclass
+from typing import Annotated, Any, Literal
+
+import numpy as np
+from msgspec import Meta
+from numpy.typing import NDArray
+
+from vsalog.errors import EstimatorError
+from vsalog.estimators.device import Device
+from vsalog.estimators.needs import require
+from vsalog.estimators.pam_states import ANGLE, PRESSURE_1, PRESSURE_2, VELOCITY, PamFold, PamNoise, PamState, pam_noise
+from vsalog.estimators.regression import SUPPORTED_SHARE
+from vsalog.estimators.tuning import Tuning
+from vsalog.filters.square_root_ukf import UnscentedTrace
+from vsalog.model import JointModel, basis_spec
+from vsalog.resolution import noise_of
+from vsalog.signals import JointSignals
+from vsalog.trace import Trace
+
+Array = NDArray[np.float64]
+
+NAME = "pam-ukf"
+SUMMARY = "angle, torque and stiffness of pneumatic muscles from their pressures alone (Shin 2021)"
+PRESSURES = ("pressure_1", "pressure_2")
+OTHERS = ("valve_1", "valve_2", "external_torque")
+# A sensor without any noise has some: this part of its largest value.
+LEAST_NOISE = 1e-6
+
+OWN = ("air", "flow", "force", "friction")
+
+Share = Annotated[float, Meta(ge=0.0, le=1.0)]
+
+
+class PamTuning(Tuning, frozen=True, forbid_unknown_fields=True, kw_only=True):
+    """Tuning of pam-ukf and pam-model; what the other estimators' filters have is refused, for nothing is filtered before.
+
+    Attributes
+    ----------
+    air : what the stiffness is told for: ``trapped`` (the valves are closed) or ``constant`` (the pressures are held)
+    flow, force, friction : how far the rig is believed, one standard deviation as a share: of the valves' largest flow, of a
+        muscle's pull, of the friction's level
+    """
+
+    air: Literal["trapped", "constant"] = "trapped"
+    flow: Share = 0.05
+    force: Share = 0.04
+    friction: Share = 0.2
+
+    def __post_init__(self) -> None:
+        for name, default in zip(Tuning.__struct_fields__, Tuning.__struct_defaults__, strict=True):
+            if getattr(self, name) != default:
+                raise ValueError(
+                    f"'{name}' is of a filter before the estimator, and here is none; there are {', '.join(OWN)}"
+                )
+
+
+TUNING = PamTuning
+
+
+def roles(device: Device, offered: Collection[str], tuning: PamTuning, name: str = NAME) -> tuple[str, ...]:
+    """Return the roles the method reads of what the rig offers; raises EstimatorError for a missing one."""
+    if device.pneumatic is None:
+        raise EstimatorError(
+            f"joint '{device.joint}': {name} is for joints of kind 'pneumatic', two muscles and their pressures; 'vsalog estimate"
+            " --help' lists the estimators for others"
+        )
+    require(name, device, PRESSURES, offered)
+    return (*PRESSURES, *(role for role in OTHERS if role in offered))
+
+
+def build(device: Device, signals: JointSignals, tuning: PamTuning) -> PamEstimate:
+    """Assemble the estimator for a joint's signals.
+
+    Raises
+    ------
+    EstimatorError
+        A pressure has no value, or the muscles do not hold the joint at these pressures.
+    """
+    return estimate_of(NAME, device, signals, tuning, correct=True)
+
+
+def estimate_of(name: str, device: Device, signals: JointSignals, tuning: PamTuning, *, correct: bool) -> PamEstimate:
+    """Assemble the filter, or with `correct` false the model alone."""
+    assert device.pneumatic is not None
+    middle, sensors = [], []
+    for role in PRESSURES:
+        finite = signals.roles[role][np.isfinite(signals.roles[role])]
+        if finite.size == 0:
+            raise EstimatorError(f"joint '{device.joint}': {role} has no value in this log")
+        step = signals.resolution.get(role, 0.0) / 12.0**0.5
+        middle.append(float(np.median(finite)))
+        sensors.append(max(noise_of(finite) or 0.0, step, LEAST_NOISE * float(np.abs(finite).max())))
+    noise = pam_noise(
+        device.pneumatic, signals.period, (middle[0], middle[1]), (sensors[0], sensors[1]), flow=tuning.flow, force=tuning.force,
+        friction=tuning.friction,
+    )  # fmt: skip
+    fold = PamFold(device.pneumatic, signals.period, noise, correct=correct)
+    return PamEstimate(name, device, fold, noise, tuning.air, signals.period)
+
+
+@dataclass(frozen=True, slots=True)
+class _NoFilter:
+    """Nothing is filtered before: every sample counts."""
+
+    def check_length(self, longest: int) -> None:
+        """Any stretch is long enough."""
+
+
+@dataclass(frozen=True, slots=True)
+class PamFoldState:
+    """Where the fold stands: the filter's state, samples seen, and those at which it had lost the joint."""
+
+    filter: PamState
+    seen: int = 0
+    diverged: int = 0
+
+
+class PamEstimate:
+    """The filter as an estimator: a fold over blocks of signals that gives a trace."""
+
+    passes = 1
+    conditioner = _NoFilter()
+
+    def __init__(self, name: str, device: Device, fold: PamFold, noise: PamNoise, air: str, period: float) -> None:
+        self.name, self.device, self.fold, self.noise, self.air, self.period = name, device, fold, noise, air, period
+
+    @property
+    def derived(self) -> dict[str, float]:
+        """The noise that was derived from the log and the rig."""
+        names = ("noise_pressure_1", "noise_pressure_2")
+        process = ("process_pressure_1", "process_pressure_2", "process_angle", "process_velocity")
+        return dict(zip((*names, *process), (*self.noise.pressure, *self.noise.process), strict=True))
+
+    def start(self) -> PamFoldState:
+        """Return the state before the first sample."""
+        return PamFoldState(self.fold.start())
+
+    def freeze(self, state: PamFoldState) -> PamFoldState:
+        """Go back to the first sample."""
+        return self.start()
+
+    def step(self, state: PamFoldState, block: JointSignals) -> tuple[PamFoldState, list[Trace]]:
+        """Take a block of samples; give the new state and their trace."""
+        filtered, seen, diverged, traces = state.filter, state.seen, state.diverged, []
+        for piece in block.between_gaps():
+            if piece.starts[0]:
+                filtered = self.fold.start()
+            given = [piece.roles.get(role) for role in OTHERS]
+            filtered, found = self.fold.block(filtered, *(piece.roles[role] for role in PRESSURES), *given)
+            seen, diverged = seen + len(piece), diverged + int(np.count_nonzero(found.diverged))
+            traces.append(Trace.of_rows(piece, {"total": self._columns(found)}))
+        return PamFoldState(filtered, seen, diverged), traces
+
+    def finish(self, state: PamFoldState) -> tuple[PamFoldState, list[Trace]]:
+        """Nothing is held back."""
+        return state, []
+
+    def _columns(self, found: UnscentedTrace) -> Mapping[str, Any]:
+        told = self.fold.estimates(found)
+        deviation = np.sqrt(np.einsum("nij,nij->ni", found.S, found.S))
+        nothing = np.full(found.x.shape[0], np.nan)
+        kind = "stiffness" if self.air == "trapped" else "stiffness_isobaric"
+        sigma, std = told[kind], told[f"{kind}_std"]
+        lost = found.diverged
+        with np.errstate(invalid="ignore"):
+            excited = np.isfinite(sigma) & ~lost & (std < SUPPORTED_SHARE * np.abs(sigma))
+        states = (
+            ("link_position", ANGLE),
+            ("link_velocity", VELOCITY),
+            *zip(PRESSURES, (PRESSURE_1, PRESSURE_2), strict=True),
+        )
+        extra = {name: found.x[:, i] for name, i in states} | {f"{name}_std": deviation[:, i] for name, i in states}
+        # Where the filter has lost the joint nothing is told: a number would look like one.
+        columns = {
+            "deflection": nothing,
+            "flexibility_torque": told["torque"],
+            "flexibility_torque_fit": nothing,
+            "stiffness": sigma,
+            "stiffness_std": std,
+            "stiffness_derivative": nothing,
+            "stiffness_second_derivative": nothing,
+            "flexibility_torque_std": told["torque_std"],
+            **extra,
+        }
+        return {name: np.where(lost, np.nan, values) for name, values in columns.items()} | {"excited": excited}
+
+    def warnings(self, state: PamFoldState) -> tuple[str, ...]:
+        """Say where the pressures are not what the model makes of the valves."""
+        if not state.diverged:
+            return ()
+        return (
+            f"joint '{self.device.joint}': for {state.diverged / state.seen:.1%} of the time the pressures are not those that the"
+            " rig's valves and muscles would make, and nothing is told there: the valves may be swapped, a pressure may not be"
+            " absolute, or the rig is another machine's",
+        )
+
+    def model(self, state: PamFoldState) -> JointModel:
+        """Return a model without transmissions: what is estimated are states, and the model is the rig."""
+        return JointModel(
+            estimator=self.name, modality="STATES", basis=basis_spec(self.device.basis), transmission=(), motor={}
+        )
