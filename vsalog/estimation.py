@@ -11,7 +11,7 @@ import numpy as np
 from vsalog.binding import bind, offered_roles
 from vsalog.checks import signal_warnings
 from vsalog.errors import EstimatorError, VsalogError, did_you_mean
-from vsalog.estimators import BUILT_IN, Method, method
+from vsalog.estimators import Method, method
 from vsalog.estimators.device import Device, device_of
 from vsalog.estimators.needs import meaning
 from vsalog.estimators.regression import BLOCK, RegressionFold
@@ -24,9 +24,6 @@ from vsalog.summary import JointSummary, Summarizer
 from vsalog.trace import Trace
 
 Sink = Callable[[Trace], None]
-
-# What is for muscles is for nothing else, and nothing else is for muscles.
-PNEUMATIC = ("pam-ukf", "pam-model")
 
 
 @dataclass(frozen=True, slots=True)
@@ -78,11 +75,6 @@ def choose(name: str, joint: Joint, estimator: str, tuning: Mapping[str, str]) -
     if estimator != "auto":
         found = method(estimator)
         values = read_tuning(found.TUNING, estimator, tuning)
-        if device.pneumatic is not None and estimator in BUILT_IN and estimator not in PNEUMATIC:
-            raise EstimatorError(
-                f"joint '{name}' is of kind 'pneumatic', and {estimator} is for springs between a motor and a link; for muscles"
-                f" there are {' and '.join(PNEUMATIC)}"
-            )
         return Choice(estimator, found, values, found.roles(device, offered, values), "asked for")
     estimator, reason = _automatic(device, offered)
     found = method(estimator)

@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy import special
 
 from vsalog.diagnosis.causes.base import Parameter, Site
 from vsalog.diagnosis.system import System
@@ -195,7 +196,9 @@ def block_losses(J: Array, r: Array, blocks: Integers) -> Array:
 def covariance_of(fit: Fit, blocks: Integers) -> Array:
     """Return the covariance of fitted values, from how much the blocks pull apart.
 
-    The blocks, not the samples, are what is independent: (JᵀJ)⁻¹ (Σ g_b g_bᵀ) (JᵀJ)⁻¹ with the blocks' gradients g_b.
+    The blocks, not the samples, are what is independent: (JᵀJ)⁻¹ (Σ g_b g_bᵀ) (JᵀJ)⁻¹ with the blocks' gradients g_b. Blocks are
+    few, and each has pulled the fit its own way: where leaving them out one by one (the jackknife) moves a value by more, that
+    counts; and the whole is as wide as Student's t makes the 95 % interval of so many blocks (Cameron and Miller 2015, §VI).
     """
     J, r = fit.jacobian, fit.residual
     count = int(blocks[-1]) + 1
@@ -205,5 +208,14 @@ def covariance_of(fit: Fit, blocks: Integers) -> Array:
     A = J.T @ J
     meat = g.T @ g * count / max(count - 1, 1)
     inverse = np.stack([solved(A, e) for e in np.eye(A.shape[0])], axis=-1) if A.size else A
-    # The noise alone gives at least this much.
-    return np.asarray(inverse @ meat @ inverse)
+    plain = np.asarray(inverse @ meat @ inverse)
+    if not A.size or count < 3:
+        return plain
+    moved = np.stack([solved(A - J[a:b].T @ J[a:b], own) for (a, b), own in zip(pairwise(edges), g, strict=True)])
+    jackknife = (count - 1) / count * np.sum(moved**2, axis=0)
+    variance = np.diag(plain)
+    wider = np.sqrt(np.divide(jackknife, variance, out=np.ones_like(variance), where=variance > 0.0))
+    # What happens within one block cannot be told without it: there the jackknife says nothing.
+    wider = np.where(np.isfinite(wider), np.maximum(wider, 1.0), 1.0)
+    student = float(special.stdtrit(count - 1, 0.975) / special.ndtri(0.975))
+    return np.asarray(plain * np.outer(wider, wider) * student**2)

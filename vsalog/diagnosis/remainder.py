@@ -83,7 +83,8 @@ def predicted_share(rows: Array, blocks: Integers, x: Array) -> float:
         count = np.bincount(index[~out], minlength=edges.size)
         mean = np.bincount(index[~out], e[~out], minlength=edges.size) / np.maximum(count, 1)
         left += float(np.sum((e[out] - mean[index[out]]) ** 2))
-    return 1.0 - left / float(np.sum(e**2))
+    whole = float(np.sum(e**2))
+    return 1.0 - left / whole if whole > 0.0 else 0.0
 
 
 def curve_of(rows: Array, x: Array) -> list[tuple[float, float, float, float]]:

@@ -31,8 +31,13 @@ def require(name: str, device: Device, needed: Collection[str], offered: Collect
     Raises
     ------
     EstimatorError
-        Names every missing role and what it means.
+        Names every missing role and what it means; or a method for springs is asked of a joint that has none.
     """
+    if device.pneumatic is not None and not needed:
+        raise EstimatorError(
+            f"joint '{device.joint}' is of kind 'pneumatic', and {name} is for springs between a motor and a link; for muscles"
+            " there are pam-ukf and pam-model"
+        )
     missing = [role for role in dict.fromkeys(needed) if role not in offered]
     if missing:
         listed = "; ".join(f"{role} ({meaning(role)})" for role in missing)

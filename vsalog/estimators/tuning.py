@@ -98,6 +98,8 @@ def largest_regressor(device: Device, signals: JointSignals) -> float:
     EstimatorError
         The functions leave the range in which squares and their sums can be formed: a scale of the basis is far off.
     """
+    if not device.transmissions:
+        raise EstimatorError(f"joint '{device.joint}' is of kind 'pneumatic': there is no spring to fit anything to")
     corner = np.array([largest(signals.roles["setpoint"])]) if device.has_setpoint else None
     greatest = max(
         float(device.basis.rows(np.array([largest(deflection_of(signals.roles, view))]), corner, 0).max())

@@ -26,7 +26,7 @@ UNITS = {"angle": ("°", "°", "%"), "torque": ("N·m", "N·m", "%")}
 COLUMNS = {"angle": "link_position", "torque": "flexibility_torque"}
 QUANTITIES = ("RMSE", "largest error", "largest error by the signal's range")
 
-FILTER = Planned("the UKF", ("ukf", "pam-ukf", "pneumatic-ukf", "shin"))
+FILTER = Planned("the UKF", ("pam-ukf",))
 CONDITIONS = "two pneumatic muscles, pressures of 200 to 700 kPa, offline"
 RECORDINGS = (
     "needs the authors' recordings: the model's error is what the real muscles do and the model does not. In a simulation"
