@@ -87,7 +87,7 @@ def scored(found):
     return replace(found, logs=(replace(found.logs[0], joints=(joint,)),))
 
 
-@pytest.mark.parametrize("width", [500, 900, 1280])
+@pytest.mark.parametrize("width", [500, 1280])
 def test_figures_answer_and_colours_follow(tmp_path, width):
     page = tmp_path / "page.html"
     write_page(page, HOSTILE, scored(report(HOSTILE)), [[lever_arm_joint(), evidence(5000, HOSTILE)]])

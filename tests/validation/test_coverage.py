@@ -18,7 +18,7 @@ ROLES = ("motor_position", "link_position", "torque_sensor")
 
 @pytest.mark.parametrize(
     ("spring", "count"),
-    [(None, 200), (CubicTransmission(stiffness=24.0, cubic=1500.0), 60)],
+    [(None, 200), (CubicTransmission(stiffness=24.0, cubic=1500.0), 30)],
     ids=["right model", "another spring"],
 )
 def test_two_hundred_second_experiments(spring, count, models):

@@ -50,7 +50,7 @@ def test_effective_samples_of_a_first_order_process(time):
 def test_intervals_cover_the_true_value(time):
     """400 experiments with noise that stays alike for a while: the 95 % interval holds the true value as often as it says."""
     rng = np.random.default_rng(7 * time)
-    y = np.sin(np.arange(10_000) * 2 * np.pi / 1000)
+    y = np.sin(np.arange(5_000) * 2 * np.pi / 1000)
     hits = 0
     for _ in range(400):
         s = score(y + 0.1 * correlated(rng, y.size, time), y)

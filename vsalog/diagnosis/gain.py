@@ -56,8 +56,10 @@ class Compared:
 
     @property
     def helps(self) -> bool:
-        """Whether the extended rig is better on these windows, all roles together."""
-        return self.whole(self.after) < self.whole(self.before)
+        """Whether the extended rig is better on these windows: beside the noise of all roles together, and on their average."""
+        pairs = [(self.rmse(self.before, role), self.rmse(self.after, role)) for role in self.floor]
+        changes = [np.log(after / before) for before, after in pairs if before > 0.0 and after > 0.0]
+        return self.whole(self.after) < self.whole(self.before) and float(np.sum(changes)) <= 0.0
 
     def whole(self, shot: Shot) -> float:
         """Return the Σ of squares of all roles over their noise."""
