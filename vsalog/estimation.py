@@ -11,10 +11,10 @@ import numpy as np
 from vsalog.binding import bind, offered_roles
 from vsalog.checks import signal_warnings
 from vsalog.errors import EstimatorError, VsalogError, did_you_mean
-from vsalog.estimators import Method, method
+from vsalog.estimators import Fold, Method, method
 from vsalog.estimators.device import Device, device_of
 from vsalog.estimators.needs import meaning
-from vsalog.estimators.regression import BLOCK, RegressionFold
+from vsalog.estimators.regression import BLOCK
 from vsalog.estimators.tuning import Tuning, read_tuning
 from vsalog.model import JointModel
 from vsalog.recording import Recording
@@ -156,7 +156,7 @@ def estimate_joint(
     # Where numbers run out of range the estimate is infinite or none, and the trace says so; numpy need not.
     with np.errstate(over="ignore", invalid="ignore", divide="ignore"):
         state = _fold(fold, signals, block, (kept.append if sink is None else sink), summarizer)
-    summary = summarizer.result(fold.conditioner, signals)
+    summary = summarizer.result(signals)
     return JointEstimate(
         name,
         choice.name,
@@ -169,7 +169,7 @@ def estimate_joint(
     )
 
 
-def _fold(fold: RegressionFold, signals: JointSignals, block: int, sink: Sink, summarizer: Summarizer):  # type: ignore[no-untyped-def]
+def _fold(fold: Fold, signals: JointSignals, block: int, sink: Sink, summarizer: Summarizer):  # type: ignore[no-untyped-def]
     state = fold.start()
     for last in range(fold.passes - 1, -1, -1):
 
@@ -189,7 +189,7 @@ def _fold(fold: RegressionFold, signals: JointSignals, block: int, sink: Sink, s
     return state
 
 
-def _settings(tuning: Tuning, fold: RegressionFold) -> dict[str, str | float | int | bool]:
+def _settings(tuning: Tuning, fold: Fold) -> dict[str, str | float | int | bool]:
     """Return the tuning with what was derived from the log filled in."""
     given = {k: v for k, v in msgspec.structs.asdict(tuning).items() if v is not None}
     return {**given, **fold.derived}

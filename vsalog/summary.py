@@ -13,7 +13,6 @@ from vsalog.estimators.device import Device
 from vsalog.trace import Trace
 
 if TYPE_CHECKING:
-    from vsalog.filters.conditioning import Conditioner
     from vsalog.signals import JointSignals
 
 Array = NDArray[np.float64]
@@ -118,7 +117,7 @@ class Summarizer:
             s.torque_sum += float(np.sum(fed[both]))
             s.torque_square += float(np.sum(fed[both] ** 2))
 
-    def result(self, conditioner: Conditioner, signals: JointSignals) -> JointSummary:
+    def result(self, signals: JointSignals) -> JointSummary:
         """Return the figures."""
         parts = tuple(_figures(name, s) for name, s in self.sums.items())
         return JointSummary(

@@ -130,7 +130,7 @@ def test_the_lag_of_the_residual_is_not_called_a_misfit(kind):
     trace, _ = trace_of(fold, signals)
     summarizer = Summarizer(fold.device)
     summarizer.add(trace)
-    (part, total) = summarizer.result(fold.conditioner, signals).transmissions
+    (part, total) = summarizer.result(signals).transmissions
     late = trace.time > 5.0
     lag = np.nanstd((trace["1"]["flexibility_torque_fit"] - trace["1"]["residual"])[late])
     assert lag > 0.03 * np.nanstd(trace["1"]["residual"][late])

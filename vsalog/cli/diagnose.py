@@ -67,15 +67,9 @@ def diagnose(
 
     options = Options(rig, joints, settings, rate, time, suggest)
     outputs = Outputs.within(output, suggest)
-    rigs = Path(rig) if rig is not None else rig_beside(log)
-    inputs = [log, *([holdout] if holdout is not None else []), *([rigs] if rigs is not None else [])]
-    written = [
-        outputs.document,
-        outputs.page,
-        outputs.rig,
-        *([outputs.scenario] if outputs.scenario is not None else []),
-    ]
-    keep_inputs(written, inputs)
+    inputs = (log, holdout, Path(rig) if rig is not None else rig_beside(log))
+    written = (outputs.document, outputs.page, outputs.rig, outputs.scenario)
+    keep_inputs([path for path in written if path is not None], [path for path in inputs if path is not None])
     with Progress() as progress:
         with progress.saying_when_compiling():
             outcome = run(log, holdout, options, progress.say)

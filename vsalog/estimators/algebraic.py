@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 from vsalog.basis import PolynomialBasis
 from vsalog.errors import EstimatorError, FilterError
 from vsalog.estimators.device import Device, TransmissionView, deflection_of
-from vsalog.estimators.equations import regressors
+from vsalog.estimators.equations import OfOneTransmission, regressors
 from vsalog.estimators.known import Known, conditioner_of, known_of
 from vsalog.estimators.needs import deflection_roles, require
 from vsalog.estimators.regression import EquationRows, RegressionFold
@@ -134,7 +134,7 @@ def _equation(
 
 
 @dataclass(frozen=True, slots=True)
-class AlgebraicEquation:
+class AlgebraicEquation(OfOneTransmission):
     """Σ α_i ∫ w f_i(φ) = ∫ (B ẅ − D ẇ) θ − ∫ w τ over a window that ends at each sample.
 
     What the rig has beside the motor equation, `known`, is taken off; where it is in doubt the window is not learnt from.
@@ -149,16 +149,6 @@ class AlgebraicEquation:
 
     leading: ClassVar[int] = 0
     parameters: ClassVar[tuple[str, ...]] = ()
-
-    @property
-    def transmissions(self) -> tuple[TransmissionView, ...]:
-        """The one transmission."""
-        return (self.view,)
-
-    @property
-    def size(self) -> int:
-        """Number of unknowns."""
-        return self.basis.size
 
     def start(self) -> tuple[Array, float, Any]:
         """Return what the filters hold before the first sample, the angle a run begins at, and the state of the hysteresis."""

@@ -26,6 +26,25 @@ def regressors(basis: PolynomialBasis, block: Conditioned, view: TransmissionVie
     return basis.rows(deflection_of(block.fit, view), c, 0, block.loading_fit.get(view.name))[:, 0]
 
 
+class OfOneTransmission:
+    """What equations of a single transmission share: the coefficients of its basis are all that is unknown."""
+
+    __slots__ = ()
+
+    view: TransmissionView
+    basis: PolynomialBasis
+
+    @property
+    def transmissions(self) -> tuple[TransmissionView, ...]:
+        """The one transmission."""
+        return (self.view,)
+
+    @property
+    def size(self) -> int:
+        """Number of unknowns."""
+        return self.basis.size
+
+
 @dataclass(frozen=True, slots=True)
 class TorqueEquation:
     """F(φ, c) α = τ_e (Flacco 2012 eq. 21) with a torque that is measured or computed at every sample.
@@ -73,7 +92,7 @@ class TorqueEquation:
 
 
 @dataclass(frozen=True, slots=True)
-class ResidualEquation:
+class ResidualEquation(OfOneTransmission):
     """F(φ, c) α = r_e, the residual of the motor equation (Flacco 2012 eq. 15–17, 21).
 
     The residual is τ_e behind a first-order lag of bandwidth K_I. With `matched` the regressors pass through the same lag, so
@@ -92,16 +111,6 @@ class ResidualEquation:
 
     leading: ClassVar[int] = 0
     parameters: ClassVar[tuple[str, ...]] = ()
-
-    @property
-    def transmissions(self) -> tuple[TransmissionView, ...]:
-        """The one transmission."""
-        return (self.view,)
-
-    @property
-    def size(self) -> int:
-        """Number of unknowns."""
-        return self.basis.size
 
     def start(self) -> tuple[Any, ...]:
         """Return the states of residual, regressors' lag, hysteresis and doubt's lag before the first sample."""
@@ -156,7 +165,7 @@ class ResidualEquation:
 
 
 @dataclass(frozen=True, slots=True)
-class IntegratedMotorEquation:
+class IntegratedMotorEquation(OfOneTransmission):
     """B θ̇ + D θ − Σ α_i ∫ f_i(φ) ds = ∫ τ ds + const (Flacco 2014 eq. 11), no motor parameter needed.
 
     The unknowns are the constant, B, D and α. The paper begins at rest in the origin, where the constant is zero; a log
@@ -174,11 +183,6 @@ class IntegratedMotorEquation:
 
     leading: ClassVar[int] = 3
     parameters: ClassVar[tuple[str, ...]] = ("motor_inertia", "motor_damping")
-
-    @property
-    def transmissions(self) -> tuple[TransmissionView, ...]:
-        """The one transmission."""
-        return (self.view,)
 
     @property
     def size(self) -> int:

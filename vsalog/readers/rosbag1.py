@@ -51,7 +51,7 @@ class Rosbag1Container:
                 found = self._indexed(file)
             if not found:
                 found = {}
-                for header, data in self._records():
+                for header, data in self._records(noting=False):
                     inner = _chunk_records(data) if _op(header) == _CHUNK else [(header, data)]
                     for own, detail in inner:
                         if _op(own) == _CONNECTION:
@@ -124,8 +124,8 @@ class Rosbag1Container:
             return found if len(count) == 4 and len(found) == _LENGTH.unpack(count)[0] else {}
         return found
 
-    def _records(self) -> Iterator[tuple[Header, bytes]]:
-        """Yield header and data of the records, those of a chunk decompressed; notes what was skipped."""
+    def _records(self, noting: bool = True) -> Iterator[tuple[Header, bytes]]:
+        """Yield header and data of the records, those of a chunk decompressed; with `noting`, notes what was damaged."""
         chunks = 0
         self._damage.clear()
         with self._open() as file:
@@ -143,7 +143,7 @@ class Rosbag1Container:
                     self._damage.append(str(error) or type(error).__name__)
                     continue
                 yield header, content
-        if self._damage:
+        if self._damage and noting:
             count = f"{len(self._damage)} of {plural(chunks, 'chunk')}"
             self._note(f"{count} damaged, the rest was read ({self._damage[0]})")
 

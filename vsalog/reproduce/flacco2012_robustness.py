@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vsalog.estimators.device import deflection_of
+from vsalog.estimators.regression import RegressionFold
 from vsalog.reproduce.flacco2012 import (
     AWAS_CHOSEN,
     AWAS_CONDITIONS,
@@ -153,6 +154,7 @@ def _factor(a: float | None) -> str:
 def _regression(experiment: Experiment, setting: Setting) -> tuple[Array, Array, Array, NDArray[np.bool_]]:
     """Return what the RESIDUAL modality learns from: regressors F, residuals y, ∂F/∂φ, and which samples count."""
     fold, signals = assemble(experiment, setting.with_tune(modality="RESIDUAL"))
+    assert isinstance(fold, RegressionFold)
     (equation,), (view,) = fold.equations, fold.device.transmissions
     _, (block,) = fold.conditioner.step(fold.conditioner.start(), signals)
     _, rows = equation.rows(equation.start(), block)

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vsalog.binding import bind, offered_roles
-from vsalog.estimators import method
+from vsalog.estimators import Fold, method
 from vsalog.estimators.device import device_of
 from vsalog.estimators.regression import BLOCK, RegressionFold
 from vsalog.estimators.tuning import read_tuning
@@ -106,7 +106,7 @@ def estimate(experiment: Experiment, setting: Setting, joint: str | None = None)
     return Trace.concatenate(kept)
 
 
-def assemble(experiment: Experiment, setting: Setting, joint: str | None = None) -> tuple[RegressionFold, JointSignals]:
+def assemble(experiment: Experiment, setting: Setting, joint: str | None = None) -> tuple[Fold, JointSignals]:
     """Return an estimator for what an experiment recorded, and the signals bound; arguments as for `estimate`."""
     name = experiment.joint if joint is None else joint
     spec = experiment.rig.joint[name]
@@ -118,6 +118,7 @@ def assemble(experiment: Experiment, setting: Setting, joint: str | None = None)
     tuning = read_tuning(found.TUNING, setting.estimator, {k: _text(v) for k, v in setting.tune.items()})
     fold = found.build(device, signals, tuning)
     if setting.kalman is not None:
+        assert isinstance(fold, RegressionFold)
         _retune(fold, setting.kalman)
     return fold, signals
 

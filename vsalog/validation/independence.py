@@ -18,10 +18,11 @@ LONGEST = 1 << 18
 BEFORE, AFTER, POWERS, FOLLOWED, ROWS = 12, 2, 5, 1e-5, 4000
 # Values are fresh, neither held nor interpolated, where at least this part of them is.
 FRESH = 0.7
-# Single values may be wild; so many rounds leave out what is off by so many times the median.
-ROUNDS, WILD = 4, 10.0
-MOST, HOPELESS = 0.9, 0.1
-# So many samples in a row.
+# Single values may be wild; so many rounds leave out what is off by so many times the median, and this part of all must be told.
+ROUNDS, WILD, MOST = 4, 10.0, 0.9
+# A median error of this part of the spread is that of a sensor: where values may be wild, and where none may be.
+HOPELESS, NOISY = 0.1, 1e-3
+# So many samples in a row, none of which may be off.
 STRETCH = 10_000
 # So many values of x that come up so often each.
 LEVELS, REPEATS = 30, 3
@@ -70,16 +71,16 @@ def computed_from(torque: Array, name: str, x: Array, what: str) -> str | None:
     what : in words, such as "the deflection"
     """
     both = np.isfinite(torque) & np.isfinite(x)
-    x_whole, y, x = x, torque[both], x[both]
-    if y.size < 3 or np.ptp(x) == 0.0 or np.ptp(y) == 0.0:
+    y, known = torque[both], x[both]
+    if y.size < 3 or np.ptp(known) == 0.0 or np.ptp(y) == 0.0:
         return None
-    a, b = x - x.mean(), y - y.mean()
+    a, b = known - known.mean(), y - y.mean()
     factor = float(a @ b / (a @ a))
     if float(np.sqrt(np.mean((b - factor * a) ** 2) / np.mean(b**2))) <= COMPUTED:
         return f"{name} is exactly {factor:.6g} times {what}: it was computed from it, not measured"
-    if _is_function(y, x):
+    if _is_function(y, known):
         return f"{name} is a function of {what}, without any noise of its own: it was computed from it, not measured"
-    if _follows(torque, x_whole):
+    if _follows(torque, x):
         return (
             f"{name} follows from {what} and its neighbours in time, late, averaged or held, without any noise of its own: it was"
             " computed from it, not measured"
@@ -154,7 +155,7 @@ def _is_told(F: Array, y: Array, share: float) -> bool:
         solution = np.linalg.lstsq(F[use], y[use], rcond=1e-12)[0]
         off = np.abs(y - F @ solution)
         middle = float(np.median(off[learn]))
-        if middle > (HOPELESS if share < 1.0 else HOPELESS**3) * float(np.std(y)):
+        if middle > (HOPELESS if share < 1.0 else NOISY) * float(np.std(y)):
             return False
         use = learn & (off <= max(WILD * middle, 1e-12 * float(np.ptp(y))))
     return float(np.quantile(off[~learn], share)) <= FOLLOWED * float(np.std(y))
