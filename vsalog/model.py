@@ -94,17 +94,18 @@ class JointModel(_Base, frozen=True):
         EstimatorError
             There is no such transmission, the set-point is missing, or the shapes do not fit together.
         """
-        return self._evaluate(name, phi, setpoint, loading, 0)
+        return self.torque_and_stiffness(name, phi, setpoint, loading)[0]
 
     def stiffness(
         self, name: str, phi: ArrayLike, setpoint: ArrayLike | None = None, loading: ArrayLike | None = None
     ) -> tuple[Array, Array]:
         """Evaluate σ = ∂τ_e/∂φ of a transmission and its standard deviation [N·m/rad], as `flexibility_torque` does."""
-        return self._evaluate(name, phi, setpoint, loading, 1)
+        return self.torque_and_stiffness(name, phi, setpoint, loading)[1]
 
-    def _evaluate(
-        self, name: str, phi: ArrayLike, setpoint: ArrayLike | None, loading: ArrayLike | None, derivative: int
-    ) -> tuple[Array, Array]:
+    def torque_and_stiffness(
+        self, name: str, phi: ArrayLike, setpoint: ArrayLike | None = None, loading: ArrayLike | None = None
+    ) -> tuple[tuple[Array, Array], tuple[Array, Array]]:
+        """Evaluate both in one go, each with its standard deviation, as `flexibility_torque` does."""
         part = next((t for t in self.transmission if t.name == name), None)
         if part is None:
             known = ", ".join(f"'{t.name}'" for t in self.transmission)
@@ -121,8 +122,10 @@ class JointModel(_Base, frozen=True):
             raise EstimatorError(f"deflection, set-point and loading do not fit together: {error}") from error
         if at.ndim != 1:
             raise EstimatorError(f"the deflection must be one number or a list of them, not of shape {at.shape}")
-        rows = self.basis.basis().rows(at, None if setpoint is None else c, derivative, on)[:, derivative]
-        return linear(np.ascontiguousarray(rows), np.array(part.coefficients), np.array(part.covariance))
+        rows = self.basis.basis().rows(at, None if setpoint is None else c, 1, on)
+        coefficients, covariance = np.array(part.coefficients), np.array(part.covariance)
+        torque, stiffness = (linear(np.ascontiguousarray(rows[:, d]), coefficients, covariance) for d in (0, 1))
+        return torque, stiffness
 
 
 class ModelFile(_Base, frozen=True):

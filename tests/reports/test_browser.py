@@ -8,7 +8,7 @@ import subprocess
 
 import pytest
 from msgspec.structs import replace
-from reports_evidence import HOSTILE, evidence, lever_arm_joint, report
+from reports_evidence import HOSTILE, drawn, evidence, lever_arm_joint, report
 
 from vsalog.reports.page import write_page
 from vsalog.validation.document import Comparison, Figure, Score, TransmissionReport
@@ -90,7 +90,7 @@ def scored(found):
 @pytest.mark.parametrize("width", [500, 1280])
 def test_figures_answer_and_colours_follow(tmp_path, width):
     page = tmp_path / "page.html"
-    write_page(page, HOSTILE, scored(report(HOSTILE)), [[lever_arm_joint(), evidence(5000, HOSTILE)]])
+    write_page(page, HOSTILE, scored(report(HOSTILE)), drawn([[lever_arm_joint(), evidence(5000, HOSTILE)]]))
     told, console = probed(page, tmp_path / "profile", f"--window-size={width},20000")
     assert console == []
     assert told["plots"] == told["drawn"] > 12
@@ -112,7 +112,7 @@ def test_figures_answer_and_colours_follow(tmp_path, width):
 
 def test_a_dark_desktop_gets_a_dark_page(tmp_path):
     page = tmp_path / "page.html"
-    write_page(page, "dark", None, [[evidence(2000)]])
+    write_page(page, "dark", None, drawn([[evidence(2000)]]))
     told, _ = probed(page, tmp_path / "profile", "--blink-settings=preferredColorScheme=0")
     assert told["paper"] == "rgb(20, 24, 29)"
     assert told["otherPaper"] == "rgb(255, 255, 255)"

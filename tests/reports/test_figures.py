@@ -7,7 +7,7 @@ from html.parser import HTMLParser
 
 import numpy as np
 import pytest
-from reports_evidence import HOSTILE, evidence, lever_arm_joint, report
+from reports_evidence import HOSTILE, drawn, evidence, lever_arm_joint, report
 
 from vsalog.reports.page import charts_of, write_page
 from vsalog.reports.page_charts import NAMES
@@ -78,7 +78,7 @@ class Tags(HTMLParser):
 
 def test_a_keyboard_and_a_screen_reader_find_every_figure(tmp_path):
     path = tmp_path / "page.html"
-    write_page(path, "title", None, [[lever_arm_joint(), evidence(20_000)]])
+    write_page(path, "title", None, drawn([[lever_arm_joint(), evidence(20_000)]]))
     page = Tags()
     page.feed(path.read_text(encoding="utf-8"))
     plots = [attrs for _, attrs in page.found if attrs.get("class") == "plot"]
@@ -110,7 +110,7 @@ def test_figures_for_papers_are_named_after_nothing_in_a_log(tmp_path):
     pytest.importorskip("matplotlib")
     folder = tmp_path / "figures"
     hostile = evidence(3000, "../../" + HOSTILE + "$x$")
-    files = write_figures(folder, [[hostile, lever_arm_joint()]], report(HOSTILE), ("svg", "png"))
+    files = write_figures(folder, drawn([[hostile, lever_arm_joint()]]), report(HOSTILE), ("svg", "png"))
     assert {p.name for p in files} | {"figures.txt"} == {p.name for p in folder.iterdir()}
     assert all(re.fullmatch(r"log1_joint[12]_part1_[a-z_]+\.(svg|png)", p.name) for p in files)
     assert {p.name.split("part1_")[1].split(".")[0] for p in files} == set(NAMES) - {"convergence"}
@@ -123,6 +123,6 @@ def test_figures_for_papers_are_named_after_nothing_in_a_log(tmp_path):
 def test_equal_results_make_equal_figures(tmp_path):
     pytest.importorskip("matplotlib")
     for name in "ab":
-        write_figures(tmp_path / name, [[evidence(3000)]], None, ("svg",))
+        write_figures(tmp_path / name, drawn([[evidence(3000)]]), None, ("svg",))
     for path in (tmp_path / "a").iterdir():
         assert path.read_bytes() == (tmp_path / "b" / path.name).read_bytes(), path.name

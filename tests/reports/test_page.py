@@ -9,7 +9,7 @@ import pytest
 from click.testing import CliRunner
 
 from vsalog.cli import cli
-from vsalog.reports.page import write_page
+from vsalog.reports.page import joint_charts, write_page
 from vsalog.validation.document import VERSION, JointReport, LogReport, Report
 from vsalog.validation.evidence import JointEvidence, TransmissionEvidence
 
@@ -29,6 +29,10 @@ def evidence(count, joint="elbow"):
     return JointEvidence(joint, t, None, "rad", {"1": part}, None)
 
 
+def drawn(logs, columns=1200):
+    return [[joint_charts(joint, columns) for joint in joints] for joints in logs]
+
+
 def report(name):
     joint = JointReport(
         joint=name, verdict="holds", sentences=(f"About {name}.", "Two.", "Three."), not_independent=None, duration=1.0,
@@ -42,7 +46,7 @@ def report(name):
 
 def test_an_hour_makes_a_small_page_that_needs_nothing_else(tmp_path):
     path = tmp_path / "page.html"
-    write_page(path, "an hour", None, [[evidence(3_600_000)]])
+    write_page(path, "an hour", None, drawn([[evidence(3_600_000)]]))
     text = path.read_text(encoding="utf-8")
     assert path.stat().st_size < 6_000_000
     for loads in (r'<script[^>]+src\s*=\s*["\']', r"<link[^>]+href", r"@import", r"url\(\s*['\"]?https?:"):
@@ -53,14 +57,14 @@ def test_an_hour_makes_a_small_page_that_needs_nothing_else(tmp_path):
 
 def test_hostile_names_stay_text(tmp_path):
     path = tmp_path / "page.html"
-    write_page(path, HOSTILE, report(HOSTILE), [[evidence(2000, HOSTILE)]])
+    write_page(path, HOSTILE, report(HOSTILE), drawn([[evidence(2000, HOSTILE)]]))
     text = path.read_text(encoding="utf-8")
     assert "<script>alert" not in text
     assert "<img src=x" not in text
     assert "&lt;script&gt;alert(1)" in text
 
 
-def drawn(page, folder):
+def browsed(page, folder):
     """Return a page's document as a browser leaves it, and what it complained of."""
     command = [
         CHROMIUM, "--headless=new", "--no-sandbox", "--disable-gpu", "--disable-background-networking", "--no-first-run",
@@ -77,12 +81,12 @@ def test_a_browser_draws_it_without_complaint_and_without_a_network(tmp_path, sa
     page = tmp_path / "page.html"
     arguments = ["estimate", str(samples / "awas_exp1.mcap"), "-o", str(tmp_path), "--report", str(page)]
     assert CliRunner().invoke(cli, arguments).exit_code == 0
-    document, said = drawn(page, tmp_path / "profile")
+    document, said = browsed(page, tmp_path / "profile")
     assert said == []
     assert document.count("main-svg") > 4
     hostile = tmp_path / "hostile.html"
-    write_page(hostile, HOSTILE, report(HOSTILE), [[evidence(2000, HOSTILE)]])
-    document, said = drawn(hostile, tmp_path / "profile")
+    write_page(hostile, HOSTILE, report(HOSTILE), drawn([[evidence(2000, HOSTILE)]]))
+    document, said = browsed(hostile, tmp_path / "profile")
     assert said == []
     assert "main-svg" in document
     assert "<img src=" not in document.replace('<img src="data:', "")

@@ -79,8 +79,10 @@ def validate(
     The model is frozen. Its flexibility torque is held against the torque sensor; where there is none, against the residual of
     the motor equation. What lies outside the region the model was fitted in is judged apart. Writes report.json and report.html.
     """
+    from vsalog.reports.drawings import Drawings
     from vsalog.reports.estimate import Progress
     from vsalog.reports.validate import print_json, print_report
+    from vsalog.validation.frozen import frozen
     from vsalog.validation.run import Options
     from vsalog.validation.run import validate as run
     from vsalog.writers.reports import Outputs, keep_inputs, write_report
@@ -88,11 +90,12 @@ def validate(
     options = Options(rig, joints, settings, rate, time, modalities, max_nrmse, max_msrep)
     outputs = Outputs.within(output, figures)
     keep_inputs([outputs.document, outputs.page], [model, *logs])
+    drawings = Drawings(frozen(model), joints, len(logs), figures is not None)
     with Progress() as progress:
         with progress.saying_when_compiling():
-            report, evidence = run(model, logs, options, progress.say)
+            report = run(model, logs, options, progress.say, drawings)
         progress.say("writing the report")
-        write_report(report, evidence, outputs)
+        write_report(report, drawings, outputs)
     (print_json if as_json else print_report)(report, outputs)
     if any(not threshold.met for threshold in report.thresholds):
         context.exit(3)

@@ -140,16 +140,16 @@ def conditioner_of(
     roles: tuple[str, ...],
     *,
     motor: bool,
-    transmission: bool = True,
+    present: bool = True,
 ) -> Conditioner:
     """Return the filters for a method that reads `roles`, with what the rig knows of motors and transmissions in mind.
 
-    A motor whose position or torque is not among the roles has nothing to take friction off.
+    A motor whose position or torque is not among the roles has nothing to take friction off. `present` as for a `Conditioner`.
     """
     driven = (v for v in device.transmissions if {v.motor_position, v.motor_torque} <= set(roles))
     views = tuple(v for v in driven if motor and extended(v.motor))
     before = NetTorque(views, signals, tuning.filter, tuning.shape) if views else None
-    return tuning.conditioner(roles, signals, _rates(device, roles), before)
+    return tuning.conditioner(roles, signals, _rates(device, roles), before, present)
 
 
 def _rates(device: Device, roles: Collection[str]) -> tuple[str, ...]:

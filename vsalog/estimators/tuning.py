@@ -51,8 +51,9 @@ class Tuning(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=Tr
         signals: JointSignals,
         rates: tuple[str, ...] = (),
         before: Preparation | None = None,
+        present: bool = True,
     ) -> Conditioner:
-        """Return the filters these values describe; `rates` and `before` as a `Conditioner` takes them."""
+        """Return the filters these values describe; `rates`, `before` and `present` as a `Conditioner` takes them."""
         return Conditioner(
             roles,
             signals,
@@ -63,6 +64,7 @@ class Tuning(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=Tr
             settle=self.settle,
             rates=rates,
             before=before,
+            present=present,
         )
 
     def memory_samples(self, signals: JointSignals) -> float:

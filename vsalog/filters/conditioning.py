@@ -94,6 +94,7 @@ class Conditioner:
     settle : time the MKKF is given after a start before its output is learnt from [s]
     rates : other positions and deflections whose velocity is wanted
     before : what the signals go through first; the roles it adds are filtered like torques
+    present : whether values to evaluate at are wanted too; without them `now` is empty, and only ``savitzky-golay`` can do
 
     Raises
     ------
@@ -113,6 +114,7 @@ class Conditioner:
         settle: float | None = None,
         rates: tuple[str, ...] = (),
         before: Preparation | None = None,
+        present: bool = True,
     ) -> None:
         self.kind = kind
         self.roles = roles if before is None else (*roles, *before.roles)
@@ -120,7 +122,7 @@ class Conditioner:
         self.period = signals.period
         self.motor_roles = tuple(r for r in roles if r.startswith("motor_position"))
         self.rated = {*self.motor_roles, *rates}
-        self.moving = tuple(r for r in roles if "torque" not in r)
+        self.moving = tuple(r for r in roles if "torque" not in r and present)
         self.settings = {
             role: KinematicSettings.for_resolution(signals.resolution.get(role) or FINEST, self.period, shape)
             for role in self.moving

@@ -62,6 +62,16 @@ def stiffness(
     return _evaluated(transmission, phi, setpoint, time, "stiffness")[2].copy()
 
 
+def torque_and_stiffness(
+    transmission: Transmission, phi: ArrayLike, setpoint: ArrayLike | None = None, time: ArrayLike = 0.0
+) -> tuple[Array, Array]:
+    """Return both in one go, [N·m] and [N·m/rad].
+
+    Parameters and errors are those of `flexibility_torque`.
+    """
+    return _evaluated(transmission, phi, setpoint, time, "torque and stiffness")[1:]
+
+
 def elastic_energy(
     transmission: Transmission, phi: ArrayLike, setpoint: ArrayLike | None = None, time: ArrayLike = 0.0
 ) -> Array:

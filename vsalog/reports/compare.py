@@ -71,7 +71,7 @@ def write_comparison_page(path: Path, found: Comparison, runs: Sequence[Run]) ->
     WriteError
         The file cannot be written.
     """
-    from vsalog.reports.page import Part, Section, assembled, charts_of, columns_for
+    from vsalog.reports.page import Part, Section, assembled, columns_for, joint_charts
     from vsalog.reports.page_tables import summary_table, warnings_box
 
     log = ", ".join(found.logs)
@@ -80,7 +80,7 @@ def write_comparison_page(path: Path, found: Comparison, runs: Sequence[Run]) ->
     for run in runs:
         for estimate in run.estimates:
             joint = _evidence(estimate, setpoint_unit(run.job.rig.joints[estimate.joint]))
-            parts = [Part(n, "", charts_of(joint, n, columns)) for n in joint.transmissions]
+            parts = [Part(n, "", charts) for n, charts in joint_charts(joint, columns).parts.items()]
             about = summary_table(estimate.summary.transmissions)
             sections.append(Section(f"{estimate.joint} by {run.contender.label}", log, about, parts))
     write_text(path, assembled(f"Estimators on {log}", "Comparison", warnings_box(found.warnings), sections, ""))

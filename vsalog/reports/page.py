@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import base64
 import gzip
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cache
 from importlib import resources
@@ -44,6 +44,14 @@ FOOTER = (
 
 
 @dataclass(frozen=True, slots=True)
+class JointCharts:
+    """A joint's figures, by transmission."""
+
+    joint: str
+    parts: Mapping[str, Sequence[Chart]]
+
+
+@dataclass(frozen=True, slots=True)
 class Part:
     """A transmission on the page, or a part with a heading (HTML) of its own: HTML before the figures, and the figures."""
 
@@ -64,7 +72,7 @@ class Section:
     heading: str = ""
 
 
-def write_page(path: Path, title: str, report: Report | None, evidence: Sequence[Sequence[JointEvidence]]) -> None:
+def write_page(path: Path, title: str, report: Report | None, drawn: Sequence[Sequence[JointCharts]]) -> None:
     """Write a validation's report as one page.
 
     Parameters
@@ -72,26 +80,24 @@ def write_page(path: Path, title: str, report: Report | None, evidence: Sequence
     path : of the page
     title : of it
     report : what was found; without one, only the figures are shown
-    evidence : per log, its joints: what the figures draw
+    drawn : per log, its joints' figures
 
     Raises
     ------
     WriteError
         The file cannot be written.
     """
-    columns = columns_for(sum(len(joint.transmissions) for joints in evidence for joint in joints))
     sections, top, bottom = [], "", ""
     if report is not None:
         top, bottom = _verdicts(report), _provenance(report)
-    for i, joints in enumerate(evidence):
+    for i, joints in enumerate(drawn):
         log = report.logs[i] if report is not None else None
         found = {} if log is None else {j.joint: j for j in log.joints}
         for joint in joints:
             about = found.get(joint.joint)
             html = "" if about is None else warnings_box(about.warnings) + _length(about)
             parts = [
-                Part(part, "" if about is None else _about(about, part), charts_of(joint, part, columns))
-                for part in joint.transmissions
+                Part(part, "" if about is None else _about(about, part), charts) for part, charts in joint.parts.items()
             ]
             sections.append(Section(joint.joint, f"log {i + 1}" if log is None else log.log, html, parts))
     write_text(path, assembled(title, "Validation of a stiffness model", top, sections, bottom))
@@ -100,6 +106,11 @@ def write_page(path: Path, title: str, report: Report | None, evidence: Sequence
 def columns_for(transmissions: int) -> int:
     """Return the pixel columns per figure that so many transmissions leave to each."""
     return max(LEAST_COLUMNS, min(MOST_COLUMNS, ALL_COLUMNS // max(transmissions, 1)))
+
+
+def joint_charts(joint: JointEvidence, columns: int) -> JointCharts:
+    """Return the figures of all transmissions of a joint."""
+    return JointCharts(joint.joint, {name: charts_of(joint, name, columns) for name in joint.transmissions})
 
 
 def charts_of(joint: JointEvidence, name: str, columns: int) -> list[Chart]:
@@ -239,4 +250,4 @@ def _asset(file: str) -> str:
 def _library() -> str:
     """Plotly's script, compressed, as base64."""
     script = resources.files("plotly").joinpath("package_data", "plotly.min.js").read_bytes()
-    return base64.b64encode(gzip.compress(script, 9, mtime=0)).decode("ascii")
+    return base64.b64encode(gzip.compress(script, 6, mtime=0)).decode("ascii")

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from vsalog.model import JointModel, TransmissionModel
 from vsalog.reports.page_charts import Axes, Chart, Curve, Surface
-from vsalog.reports.page_decimate import scattered
+from vsalog.reports.page_decimate import extent, scattered
 from vsalog.reports.page_figures import DEFLECTION, TORQUE, measured_name, number, span_words
 from vsalog.validation.evidence import JointEvidence, TransmissionEvidence
 
@@ -96,7 +96,7 @@ def _surface(joint: JointEvidence, part: TransmissionEvidence, model: JointModel
     data = np.column_stack([part.deflection[at], joint.setpoint[at], torque[at]])
     words = (
         f"The model's torque over deflection ({span_words(region[:, 0], 'rad')}) and set-point"
-        f" ({span_words(region[:, 1], joint.setpoint_unit)}), {span_words(z, 'N·m')}, inside the region it was fitted in;"
+        f" ({span_words(region[:, 1], joint.setpoint_unit)}), {span_words(z.ravel(), 'N·m')}, inside the region it was fitted in;"
         f" points are the log's data ({label})."
     )
     surface = Surface(P, setpoint, z, data, DEFLECTION, setpoint_label(joint), TORQUE)
@@ -153,5 +153,5 @@ def _reach(region: Array, c: float) -> tuple[float, float]:
 
 
 def _span(values: Array) -> float:
-    known = values[np.isfinite(values)]
-    return float(np.ptp(known)) if known.size else 0.0
+    low, high, _ = extent(values)
+    return max(high - low, 0.0)

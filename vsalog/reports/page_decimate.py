@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-from itertools import pairwise
-
 import numpy as np
+from numba import njit
 from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
@@ -13,8 +12,18 @@ Indices = NDArray[np.int64]
 
 # A step of time this many times the usual one is a gap that no line crosses.
 GAP_PERIODS = 5.0
-# Points are chosen among so many samples or a few more, spread over the log.
-LOOKED_AT = 400_000
+# Points are chosen among so many samples or a few more, spread over the log; a usual step is found among as many.
+LOOKED_AT = 100_000
+
+
+@njit(cache=True, nogil=True)
+def extent(values: Array) -> tuple[float, float, float]:
+    """Return the least, the greatest and the root mean square of what is finite; inf, −inf and NaN where nothing is."""
+    low, high, power, count = np.inf, -np.inf, 0.0, 0
+    for v in values:
+        if np.isfinite(v):
+            low, high, power, count = min(low, v), max(high, v), power + v * v, count + 1
+    return low, high, np.sqrt(power / count) if count else np.nan
 
 
 def gaps_of(time: Array) -> Indices:
@@ -27,7 +36,8 @@ def gaps_of(time: Array) -> Indices:
     steps = np.diff(time)
     if steps.size == 0:
         return np.zeros(0, np.int64)
-    return np.flatnonzero(steps > GAP_PERIODS * max(float(np.median(steps)), 1e-12))
+    usual = float(np.median(steps[:: max(1, steps.size // LOOKED_AT)]))
+    return np.flatnonzero(steps > GAP_PERIODS * max(usual, 1e-12))
 
 
 def one_after_the_other(time: Array) -> Array:
@@ -65,26 +75,69 @@ def decimated(x: Array, y: Array, columns: int, gaps: Indices | None = None) -> 
     -------
     x, y : shape (M,) with M ≤ 4·columns + 4
     """
-    known = np.flatnonzero(np.isfinite(y))
-    if known.size == 0:
+    first, last, count = _known(y)
+    if count == 0:
         return np.zeros(0), np.zeros(0)
-    kept = known
-    if known.size > 2 * columns:
-        xs, ys = x[known], y[known]
-        inner = np.linspace(xs[0], xs[-1], columns + 1)[1:-1]
-        edges = np.concatenate([[0], np.searchsorted(xs, inner, side="left"), [xs.size]])
-        chosen = [0, xs.size - 1]
-        for a, b in pairwise(edges):
-            if b > a:
-                part = ys[a:b]
-                chosen += [a + int(part.argmin()), a + int(part.argmax())]
-        kept = known[np.unique(chosen)]
-    broken = np.diff(kept) > np.diff(np.searchsorted(known, kept))
+    inner = np.linspace(x[first], x[last], columns + 1)[1:-1] if count > 2 * columns else np.zeros(0)
+    kept, rank = _kept(x, y, first, last, inner, count <= 2 * columns)
+    broken = np.diff(kept) > np.diff(rank)
     if gaps is not None and gaps.size:
         broken |= np.diff(np.searchsorted(gaps, kept, side="left")) > 0
     after = np.flatnonzero(broken)
     middle = 0.5 * (x[kept[after]] + x[kept[after + 1]])
     return np.insert(x[kept], after + 1, middle), np.insert(y[kept], after + 1, np.nan)
+
+
+@njit(cache=True, nogil=True)
+def _known(y: Array) -> tuple[int, int, int]:
+    """Return the first and the last number, and how many there are."""
+    first, last, count = -1, -1, 0
+    for k in range(y.size):
+        if np.isfinite(y[k]):
+            first, last, count = (k if count == 0 else first), k, count + 1
+    return first, last, count
+
+
+@njit(cache=True, nogil=True)
+def _kept(x: Array, y: Array, first: int, last: int, inner: Array, every: bool) -> tuple[Indices, Indices]:
+    """Return the samples that are kept, and which of the numbers each is: the ends, and the extremes between edges `inner`.
+
+    With `every`, all numbers are kept.
+    """
+    most = last - first + 1 if every else 2 * inner.size + 4
+    kept, rank = np.empty(most, np.int64), np.empty(most, np.int64)
+    kept[0], rank[0], n = first, 0, 1
+    # Where the least and the greatest of the column so far lie, and which of the numbers they are.
+    low, high, low_rank, high_rank = first, first, 0, 0
+    number, column = 0, 0
+    for k in range(first + 1, last + 1):
+        if not np.isfinite(y[k]):
+            continue
+        number += 1
+        begins = every
+        while column < inner.size and x[k] >= inner[column]:
+            column, begins = column + 1, True
+        if begins:
+            n = _both(kept, rank, n, low, low_rank, high, high_rank)
+            low, high, low_rank, high_rank = k, k, number, number
+        elif y[k] < y[low]:
+            low, low_rank = k, number
+        elif y[k] > y[high]:
+            high, high_rank = k, number
+    n = _both(kept, rank, n, low, low_rank, high, high_rank)
+    n = _both(kept, rank, n, last, number, last, number)
+    return kept[:n], rank[:n]
+
+
+@njit(cache=True, nogil=True)
+def _both(kept: Indices, rank: Indices, n: int, low: int, low_rank: int, high: int, high_rank: int) -> int:
+    """Keep two samples in their order, if they are later than the last; return how many are kept now."""
+    if high < low:
+        low, low_rank, high, high_rank = high, high_rank, low, low_rank
+    for at, of in ((low, low_rank), (high, high_rank)):
+        if at > kept[n - 1]:
+            kept[n], rank[n], n = at, of, n + 1
+    return n
 
 
 def band(x: Array, low: Array, high: Array, columns: int, gaps: Indices | None = None) -> tuple[Array, Array]:
@@ -99,31 +152,61 @@ def band(x: Array, low: Array, high: Array, columns: int, gaps: Indices | None =
     -------
     x, y : shape (M,), M ≤ 6·columns + 2 or so
     """
-    known = np.flatnonzero(np.isfinite(low) & np.isfinite(high))
-    if known.size == 0:
+    first, last = _stretches(low, high, np.zeros(0, np.int64) if gaps is None else gaps)
+    if first.size == 0:
         return np.zeros(0), np.zeros(0)
-    # Neighbours belong to different stretches where a sample is missing between them, or time makes a jump.
-    breaks = np.flatnonzero(np.diff(known) > 1)
-    if gaps is not None and gaps.size:
-        breaks = np.union1d(breaks, np.flatnonzero(np.diff(np.searchsorted(gaps, known, side="left")) > 0))
-    if breaks.size > columns:
+    span = max(float(x[last[-1]] - x[first[0]]), 1e-300)
+    if first.size > columns:
         # More stretches than pixels: neighbours within a pixel run together.
-        width = (x[known[-1]] - x[known[0]]) / columns
-        breaks = breaks[x[known[breaks + 1]] - x[known[breaks]] > width]
+        apart = x[first[1:]] - x[last[:-1]] > span / columns
+        first, last = first[np.append(True, apart)], last[np.append(apart, True)]
     out_x: list[Array] = []
     out_y: list[Array] = []
     hole = np.array([np.nan])
-    span = max(float(x[known[-1]] - x[known[0]]), 1e-300)
-    for stretch in np.split(known, breaks + 1):
-        t = x[stretch]
-        count = int(np.clip(np.ceil(columns * (t[-1] - t[0]) / span), 1, stretch.size))
+    for a, b in zip(first, last, strict=True):
+        t = x[a : b + 1]
+        count = int(np.clip(np.ceil(columns * (t[-1] - t[0]) / span), 1, t.size))
         edges = np.unique(np.searchsorted(t, np.linspace(t[0], t[-1], count + 1)[:-1], side="left"))
-        lower, upper = np.minimum.reduceat(low[stretch], edges), np.maximum.reduceat(high[stretch], edges)
+        lower, upper = _outline(low[a : b + 1], high[a : b + 1], edges)
+        some = lower <= upper
+        lower, upper, edges = lower[some], upper[some], edges[some]
         at = np.append(t[edges], t[-1])
         lower, upper = np.append(lower, lower[-1]), np.append(upper, upper[-1])
         out_x += [at, at[::-1], hole]
         out_y += [upper, lower[::-1], hole]
     return np.concatenate(out_x)[:-1], np.concatenate(out_y)[:-1]
+
+
+@njit(cache=True, nogil=True)
+def _stretches(low: Array, high: Array, gaps: Indices) -> tuple[Indices, Indices]:
+    """Return the first and the last index of each stretch of numbers; a gap of time ends a stretch."""
+    first, last = np.empty(low.size // 2 + gaps.size + 1, np.int64), np.empty(low.size // 2 + gaps.size + 1, np.int64)
+    n, inside, g = 0, False, 0
+    for k in range(low.size):
+        known = np.isfinite(low[k]) and np.isfinite(high[k])
+        if known and not inside:
+            first[n] = k
+        elif inside and not known:
+            last[n], n = k - 1, n + 1
+        inside = known
+        while g < gaps.size and gaps[g] < k:
+            g += 1
+        if inside and g < gaps.size and gaps[g] == k:
+            last[n], n, inside = k, n + 1, False
+    if inside:
+        last[n], n = low.size - 1, n + 1
+    return first[:n], last[:n]
+
+
+@njit(cache=True, nogil=True)
+def _outline(low: Array, high: Array, edges: Indices) -> tuple[Array, Array]:
+    """Return the least of `low` and the greatest of `high` from each edge to the next; what is no number does not count."""
+    lower, upper = np.full(edges.size, np.inf), np.full(edges.size, -np.inf)
+    for i in range(edges.size):
+        for k in range(edges[i], edges[i + 1] if i + 1 < edges.size else low.size):
+            if np.isfinite(low[k]) and np.isfinite(high[k]):
+                lower[i], upper[i] = min(lower[i], low[k]), max(upper[i], high[k])
+    return lower, upper
 
 
 def spans(time: Array, flags: Flags, columns: int) -> list[tuple[float, float]]:

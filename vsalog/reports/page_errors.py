@@ -17,7 +17,7 @@ Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]
 
 BARS, QUANTILES, LEAST_SAMPLES = 60, 200, 20
-# Quantiles are taken of so many samples or a few more, spread over the log.
+# Densities and quantiles are taken of so many samples or a few more, spread over the log.
 ENOUGH = 200_000
 ERROR = "error [N·m]"
 
@@ -45,8 +45,8 @@ def _distribution(error: Array, of: str) -> Chart:
     low, high = np.quantile(few, [0.001, 0.999])
     if high <= low:
         low, high = mean - 1e-12, mean + 1e-12
-    counts, edges = np.histogram(error, bins=BARS, range=(float(low), float(high)))
-    density = counts / (error.size * (edges[1] - edges[0]))
+    counts, edges = np.histogram(few, bins=BARS, range=(float(low), float(high)))
+    density = counts / (few.size * (edges[1] - edges[0]))
     x = np.linspace(float(low), float(high), 200)
     shares = (np.arange(QUANTILES) + 0.5) / QUANTILES
     normal = special.ndtri(shares)

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from vsalog.estimation import JointEstimate
 from vsalog.job import Job
-from vsalog.reports.page import Part, Section, assembled, charts_of, columns_for, provenance
+from vsalog.reports.page import Part, Section, assembled, columns_for, joint_charts, provenance
 from vsalog.reports.page_tables import motor_table, summary_table, warnings_box
 from vsalog.reports.page_text import escaped, name
 from vsalog.summary import TransmissionSummary
@@ -150,7 +150,7 @@ def write_estimate_page(
             sections.append(Section(estimate.joint, log, _about(estimate), []))
             continue
         joint = evidence_of(trace, estimate, setpoint_unit(job.rig.joints[estimate.joint]))
-        parts = [Part(n, "", charts_of(joint, n, columns)) for n in joint.transmissions]
+        parts = [Part(n, "", charts) for n, charts in joint_charts(joint, columns).parts.items()]
         sections.append(Section(estimate.joint, log, _about(estimate), parts))
     pairs = [("log", f"{name(n)} <code>SHA-256 {escaped(digest)}</code>") for n, digest in inputs.items()]
     for estimate in estimates:

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vsalog.reports.page_charts import Axes, Chart, Curve
-from vsalog.reports.page_decimate import band, decimated, gaps_of, spans
+from vsalog.reports.page_decimate import band, decimated, extent, gaps_of, spans
 from vsalog.validation.evidence import JointEvidence, TransmissionEvidence
 
 Array = NDArray[np.float64]
@@ -48,10 +48,10 @@ def number(value: float, digits: int = 3) -> str:
 
 def span_words(values: Array, unit: str) -> str:
     """Return the range of values in words; where there is none, that."""
-    known = values[np.isfinite(values)]
-    if known.size == 0:
+    low, high, _ = extent(values)
+    if low > high:
         return "nothing that is known"
-    return f"{number(float(known.min()))} to {number(float(known.max()))} {unit}".rstrip()
+    return f"{number(low)} to {number(high)} {unit}".rstrip()
 
 
 def torque_chart(joint: JointEvidence, part: TransmissionEvidence, columns: int) -> Chart:
@@ -111,13 +111,15 @@ def stiffness_chart(joint: JointEvidence, part: TransmissionEvidence, columns: i
     known = _supported(part)
     sigma = part.stiffness[known]
     shown = _within(part.stiffness, sigma, 0.4)
-    low, high = shown - 2.0 * part.stiffness_std, shown + 2.0 * part.stiffness_std
+    within = 2.0 * part.stiffness_std
+    x, y = band(joint.time, shown - within, shown + within, columns, gaps)
     if sigma.size:
         # Before anything is known the band is as wide as the prior: it must not squeeze the rest.
-        room = 0.4 * max(float(np.ptp(sigma)), 0.5 * float(np.abs(sigma).max()))
-        low, high = np.maximum(low, sigma.min() - room), np.minimum(high, sigma.max() + room)
+        least, most = float(sigma.min()), float(sigma.max())
+        room = 0.4 * max(most - least, 0.5 * max(abs(least), abs(most)))
+        y = np.clip(y, least - room, most + room)
     curves = [
-        Curve("± 2 standard deviations", *band(joint.time, low, high, columns, gaps), "model", "area"),
+        Curve("± 2 standard deviations", x, y, "model", "area"),
         Curve("stiffness", *decimated(joint.time, shown, columns, gaps), "model"),
     ]
     where = (
@@ -180,10 +182,9 @@ def _split(name: str) -> tuple[str, str]:
 
 def _within(values: Array, known: Array, share: float = 1.0) -> Array:
     """Leave out what lies far off the range of what is known: the first guesses of a recursion."""
-    known = known[np.isfinite(known)]
-    if known.size == 0:
+    low, high, _ = extent(known)
+    if low > high:
         return values
-    low, high = float(known.min()), float(known.max())
     room = share * max(high - low, 0.5 * max(abs(low), abs(high)))
     return np.where((values >= low - room) & (values <= high + room), values, np.nan)
 
@@ -223,10 +224,9 @@ def _share_words(joint: JointEvidence, part: TransmissionEvidence) -> str:
 
 
 def _rms(values: Array) -> float:
-    known = values[np.isfinite(values)]
-    return float(np.sqrt(np.mean(known**2))) if known.size else float("nan")
+    return extent(values)[2]
 
 
 def _largest(values: Array) -> float:
-    known = values[np.isfinite(values)]
-    return float(np.abs(known).max()) if known.size else float("nan")
+    low, high, _ = extent(values)
+    return max(abs(low), abs(high)) if low <= high else float("nan")

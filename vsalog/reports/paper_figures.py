@@ -11,11 +11,11 @@ import numpy as np
 from vsalog.errors import VsalogError, WriteError
 from vsalog.estimation import JointEstimate
 from vsalog.job import Job
-from vsalog.reports.page import charts_of
+from vsalog.reports.page import JointCharts, joint_charts
 from vsalog.reports.page_charts import Axes, Chart, Curve, Surface
 from vsalog.reports.page_text import plain
 from vsalog.validation.document import Report
-from vsalog.validation.evidence import JointEvidence, setpoint_unit
+from vsalog.validation.evidence import setpoint_unit
 from vsalog.writers.atomic import write_text
 
 FORMATS = ("svg", "png", "pdf")
@@ -63,7 +63,7 @@ def check_matplotlib() -> None:
 
 def write_figures(
     folder: Path,
-    evidence: Sequence[Sequence[JointEvidence]],
+    drawn: Sequence[Sequence[JointCharts]],
     report: Report | None = None,
     formats: Sequence[str] = FORMATS,
 ) -> list[Path]:
@@ -74,7 +74,7 @@ def write_figures(
     Parameters
     ----------
     folder : where to
-    evidence : per log, its joints
+    drawn : per log, its joints' figures
     report : for the logs' names in `figures.txt`
     formats : out of svg, png, pdf
 
@@ -97,7 +97,7 @@ def write_figures(
     try:
         folder.mkdir(parents=True, exist_ok=True)
         with rc_context(STYLE):
-            for name, heading, chart in _named(evidence, report):
+            for name, heading, chart in _named(drawn, report):
                 canvas = _drawn(chart)
                 for kind in formats:
                     path = folder / f"{name}.{kind}"
@@ -117,17 +117,17 @@ def write_estimate_figures(folder: Path, job: Job, trace: Path, estimates: Seque
     evidence = [
         evidence_of(trace, e, setpoint_unit(job.rig.joints[e.joint])) for e in estimates if e.summary.transmissions
     ]
-    return write_figures(folder, [evidence])
+    return write_figures(folder, [[joint_charts(joint, COLUMNS) for joint in evidence]])
 
 
-def _named(evidence: Sequence[Sequence[JointEvidence]], report: Report | None) -> Iterator[tuple[str, str, Chart]]:
+def _named(drawn: Sequence[Sequence[JointCharts]], report: Report | None) -> Iterator[tuple[str, str, Chart]]:
     """Give each chart its file's name and a heading in words."""
-    for i, joints in enumerate(evidence):
+    for i, joints in enumerate(drawn):
         log = "" if report is None else f", log {report.logs[i].log}"
         for j, joint in enumerate(joints):
-            for k, part in enumerate(joint.transmissions):
+            for k, (part, charts) in enumerate(joint.parts.items()):
                 heading = plain(f"joint {joint.joint}, transmission {part}{log}")
-                for chart in charts_of(joint, part, COLUMNS):
+                for chart in charts:
                     yield f"log{i + 1}_joint{j + 1}_part{k + 1}_{chart.name}", heading, chart
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -65,6 +65,10 @@ class JointEvidence:
     model: JointModel | None
     convergence: Mapping[str, Array] = field(default_factory=dict)
     excited: Flags | None = None
+
+
+# Given the number of a log and one of its joints, or one transmission of it, as soon as there is something to draw.
+Draw = Callable[[int, JointEvidence], None]
 
 
 def setpoint_unit(joint: Joint) -> str:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
+from numba import njit
 from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
@@ -12,7 +13,8 @@ COMPUTED = 1e-5
 # A torque whose every value follows from another one's neighbours this closely is a function of it.
 FUNCTION = 1e-5
 ENOUGH = 200
-LONGEST = 1 << 18
+# Looked at in so many samples or a few more, spread over the log.
+LONGEST = 1 << 16
 # A torque that was computed and then delayed, averaged or held follows from so many samples before and after, in powers up to
 # this one, and from its own last value; what is left is less than this share of its spread. Looked at in so many samples.
 BEFORE, AFTER, POWERS, FOLLOWED, ROWS = 12, 2, 5, 1e-5, 4000
@@ -47,17 +49,30 @@ def stuck(torque: Array, predicted: Array, step: float) -> NDArray[np.bool_]:
     Shape (N,)
     """
     out = np.zeros(torque.size, dtype=np.bool_)
-    known = predicted[np.isfinite(predicted)]
-    if known.size == 0:
-        return out
-    least = max(STUCK_SHARE * float(np.ptp(known)), STUCK_STEPS * step)
-    edges = np.flatnonzero(np.diff(torque) != 0.0) + 1
-    begins, ends = np.append(0, edges), np.append(edges, torque.size)
-    for i in np.flatnonzero(ends - begins >= STUCK_SAMPLES):
-        part = slice(int(begins[i]), int(ends[i]))
-        moved = predicted[part][np.isfinite(predicted[part])]
-        out[part] = moved.size > 0 and float(np.ptp(moved)) > least
+    low, high = _range(predicted)
+    _mark(torque, predicted, max(STUCK_SHARE * (high - low), STUCK_STEPS * step), out)
     return out
+
+
+@njit(cache=True, nogil=True)
+def _range(values: Array) -> tuple[float, float]:
+    low, high = np.inf, -np.inf
+    for v in values:
+        if np.isfinite(v):
+            low, high = min(low, v), max(high, v)
+    return low, high
+
+
+@njit(cache=True, nogil=True)
+def _mark(torque: Array, predicted: Array, least: float, out: NDArray[np.bool_]) -> None:
+    begin = 0
+    for k in range(1, torque.size + 1):
+        if k < torque.size and torque[k] == torque[begin]:
+            continue
+        if k - begin >= STUCK_SAMPLES:
+            low, high = _range(predicted[begin:k])
+            out[begin:k] = high - low > least
+        begin = k
 
 
 def computed_from(torque: Array, name: str, x: Array, what: str) -> str | None:
@@ -70,7 +85,8 @@ def computed_from(torque: Array, name: str, x: Array, what: str) -> str | None:
     x : shape (N,), the other signal as recorded
     what : in words, such as "the deflection"
     """
-    both = np.isfinite(torque) & np.isfinite(x)
+    both = np.flatnonzero(np.isfinite(torque) & np.isfinite(x))
+    both = both[:: max(1, both.size // LONGEST)]
     y, known = torque[both], x[both]
     if y.size < 3 or np.ptp(known) == 0.0 or np.ptp(y) == 0.0:
         return None
@@ -90,9 +106,8 @@ def computed_from(torque: Array, name: str, x: Array, what: str) -> str | None:
 
 def _is_function(y: Array, x: Array) -> bool:
     """Tell whether equal x always have equal y, or each value follows from the neighbours in order of x."""
-    step = max(1, y.size // LONGEST)
-    order = np.argsort(x[::step], kind="stable")
-    xs, ys = x[::step][order], y[::step][order]
+    order = np.argsort(x, kind="stable")
+    xs, ys = x[order], y[order]
     # Equal x must have equal y; one of each is kept for what follows.
     first = np.append(True, np.diff(xs) > 0.0)
     groups = np.cumsum(first) - 1
@@ -139,7 +154,9 @@ def _columns(torque: Array, x: Array, rows: NDArray[np.int64]) -> tuple[Array, A
     good = np.isfinite(around).all(axis=1)
     rows, around = rows[good], around[good]
     scale = float(np.abs(around).max()) if around.size else 0.0
-    powers = [(around / (scale or 1.0)) ** p for p in range(1, POWERS + 1)]
+    powers = [around / (scale or 1.0)]
+    while len(powers) < POWERS:
+        powers.append(powers[-1] * powers[0])
     return np.concatenate([np.ones((rows.size, 1)), *powers], axis=1), torque[rows], torque[rows - 1]
 
 

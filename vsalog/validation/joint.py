@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -35,10 +36,9 @@ TORQUE, STIFFNESS = ("flexibility_torque", "N*m"), ("stiffness", "N*m/rad")
 
 @dataclass(frozen=True, slots=True)
 class Judged:
-    """What was found about a joint: the report's parts and what a figure draws."""
+    """What was found about a joint: the report's parts."""
 
     transmissions: tuple[TransmissionReport, ...]
-    evidence: JointEvidence
     not_independent: str | None
 
 
@@ -92,14 +92,22 @@ def prepare(device: Device, signals: JointSignals) -> Prepared:
     FilterError
         No run is long enough.
     """
-    not_independent = _not_independent(device, signals)
-    s = ref.smoothed(device, signals, tuple(signals.roles))
+    with ThreadPoolExecutor(1) as beside:  # both take their time with an hour, and neither holds the other up
+        not_independent = beside.submit(_not_independent, device, signals)
+        s = ref.smoothed(device, signals, tuple(signals.roles))
     sensors = {role: values for role, values in signals.roles.items() if role.startswith("torque_sensor")}
     kept = {role: s.roles.get(role, values) for role, values in signals.roles.items()}
-    return Prepared(replace(signals, roles=kept), s, sensors, not_independent)
+    return Prepared(replace(signals, roles=kept), s, sensors, not_independent.result())
 
 
-def judge(model: JointModel, joint: Joint, device: Device, prepared: Prepared, truth: Truth) -> Judged:
+def judge(
+    model: JointModel,
+    joint: Joint,
+    device: Device,
+    prepared: Prepared,
+    truth: Truth,
+    draw: Callable[[JointEvidence], None] = lambda _: None,
+) -> Judged:
     """Hold a joint's frozen model against a log.
 
     Parameters
@@ -108,30 +116,29 @@ def judge(model: JointModel, joint: Joint, device: Device, prepared: Prepared, t
     joint, device : of the rig
     prepared : the log's signals
     truth : what a simulator left of its truth in the log, by channel
+    draw : given each transmission, as soon as it is judged
     """
     signals, s = prepared.signals, prepared.smoothed
     setpoint = s.roles.get("setpoint")
-    reports, drawn = list[TransmissionReport](), dict[str, TransmissionEvidence]()
+    reports = list[TransmissionReport]()
 
-    def report(part: _Part) -> None:
+    def report(part: _Part) -> JointEvidence:
         reports.append(_report(part, prepared, setpoint))
-        drawn[part.name] = _evidence(part, reports[-1])
+        evidence = {part.name: _evidence(part, reports[-1])}
+        return JointEvidence(signals.joint, s.time, setpoint, setpoint_unit(joint), evidence, model)
 
     total: _Part | None = None
     for view in device.transmissions:
-        # A part is long: no more than one is kept beside their sum.
+        # A part is long: beside the sum there is no more than one, and of that only what is drawn once it is judged.
         part = _part(model, joint, device, view, s, setpoint, signals, truth)
-        report(part)
+        evidence = report(part)
         if len(device.transmissions) > 1:
             total = part if total is None else _added(total, part)
         del part
+        draw(evidence)
     if total is not None:
-        report(_whole(total, device, s, signals, truth))
-    return Judged(
-        tuple(reports),
-        JointEvidence(signals.joint, s.time, setpoint, setpoint_unit(joint), drawn, model),
-        prepared.not_independent,
-    )
+        draw(report(_whole(total, device, s, signals, truth)))
+    return Judged(tuple(reports), prepared.not_independent)
 
 
 def _part(
@@ -152,26 +159,30 @@ def _part(
 
 
 def _added(one: _Part, other: _Part) -> _Part:
-    """Both transmissions' torques and stiffnesses add up (Flacco 2012 eq. 9–10); the standard deviations in squares."""
+    """Both transmissions' torques and stiffnesses add up (Flacco 2012 eq. 9–10); the standard deviations in squares.
 
-    def plus(a: Array | None, b: Array | None) -> Array | None:
-        return None if a is None or b is None else a + b
-
+    The sums take the place of what `one` holds, which is judged and drawn already: an hour's are long.
+    """
     nominal = None
     if one.nominal is not None and other.nominal is not None:
-        nominal = (one.nominal[0] + other.nominal[0], one.nominal[1] + other.nominal[1])
+        nominal = (_sum(one.nominal[0], other.nominal[0]), _sum(one.nominal[1], other.nominal[1]))
     return replace(
         one,
-        torque=one.torque + other.torque,
-        torque_std=np.hypot(one.torque_std, other.torque_std),
-        stiffness=one.stiffness + other.stiffness,
-        stiffness_std=np.hypot(one.stiffness_std, other.stiffness_std),
+        torque=_sum(one.torque, other.torque),
+        torque_std=np.hypot(one.torque_std, other.torque_std, out=one.torque_std),
+        stiffness=_sum(one.stiffness, other.stiffness),
+        stiffness_std=np.hypot(one.stiffness_std, other.stiffness_std, out=one.stiffness_std),
         inside=one.inside & other.inside,
-        sensor=plus(one.sensor, other.sensor),
-        residual=plus(one.residual, other.residual),
-        lagged=plus(one.lagged, other.lagged),
+        sensor=None if one.sensor is None or other.sensor is None else one.sensor + other.sensor,  # the log's own
+        residual=None if one.residual is None or other.residual is None else _sum(one.residual, other.residual),
+        lagged=None if one.lagged is None or other.lagged is None else _sum(one.lagged, other.lagged),
         nominal=nominal,
     )
+
+
+def _sum(a: Array, b: Array) -> Array:
+    """Add to `a` in place."""
+    return np.add(a, b, out=a)
 
 
 def _whole(total: _Part, device: Device, s: ref.Smoothed, signals: JointSignals, truth: Truth) -> _Part:

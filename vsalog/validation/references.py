@@ -18,7 +18,7 @@ from vsalog.estimators.tuning import Tuning
 from vsalog.filters.conditioning import Conditioned
 from vsalog.filters.direction import direction_start, loading_block
 from vsalog.filters.savitzky_golay import savgol_weights
-from vsalog.mechanics.transmissions import flexibility_torque, stiffness
+from vsalog.mechanics.transmissions import torque_and_stiffness
 from vsalog.model import JointModel
 from vsalog.recording import Channel
 from vsalog.rig.schema import UnknownTransmission
@@ -68,7 +68,7 @@ def smoothed(device: Device, signals: JointSignals, roles: tuple[str, ...]) -> S
     FilterError
         No run of the log is as long as the filter's window.
     """
-    conditioner = conditioner_of(device, signals, tuning_of(signals), roles, motor=True)
+    conditioner = conditioner_of(device, signals, tuning_of(signals), roles, motor=True, present=False)
     runs = np.diff(np.append(np.flatnonzero(signals.starts), len(signals)))
     if int(runs.max()) < WINDOW:
         raise FilterError(
@@ -114,8 +114,8 @@ def prediction(
     for begin in range(0, phi.size, BLOCK):
         part = slice(begin, begin + BLOCK)
         at, on = (None if c is None else c[part]), (None if loading is None else loading[part])
-        torque[part], std[part] = model.flexibility_torque(view.name, phi[part], at, on)
-        sigma[part], sigma_std[part] = model.stiffness(view.name, phi[part], at, on)
+        found = model.torque_and_stiffness(view.name, phi[part], at, on)
+        (torque[part], std[part]), (sigma[part], sigma_std[part]) = found
     return torque, std, sigma, sigma_std
 
 
@@ -134,8 +134,7 @@ def nominal(view: TransmissionView, s: Smoothed, setpoint: Array | None) -> tupl
     for begin in range(0, phi.size, BLOCK):
         part = slice(begin, begin + BLOCK)
         at = None if setpoint is None else setpoint[part]
-        torque[part] = flexibility_torque(view.nominal, phi[part], at, s.time[part])
-        sigma[part] = stiffness(view.nominal, phi[part], at, s.time[part])
+        torque[part], sigma[part] = torque_and_stiffness(view.nominal, phi[part], at, s.time[part])
     return torque, sigma
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from functools import partial
 from pathlib import Path
 
 from vsalog._version import __version__
@@ -20,7 +21,7 @@ from vsalog.rig import Rig
 from vsalog.rig.find import find_rig
 from vsalog.rig.schema import Joint
 from vsalog.validation.document import VERSION, JointReport, LogReport, Report
-from vsalog.validation.evidence import JointEvidence
+from vsalog.validation.evidence import Draw, JointEvidence
 from vsalog.validation.frozen import frozen
 from vsalog.validation.joint import judge, prepare
 from vsalog.validation.modalities import side_by_side
@@ -58,8 +59,12 @@ class Options:
 
 
 def validate(
-    model: Path, logs: Sequence[Path], options: Options, progress: Progress = lambda _: None
-) -> tuple[Report, list[list[JointEvidence]]]:
+    model: Path,
+    logs: Sequence[Path],
+    options: Options,
+    progress: Progress = lambda _: None,
+    draw: Draw = lambda _, __: None,
+) -> Report:
     """Hold a frozen model against logs.
 
     Parameters
@@ -68,10 +73,7 @@ def validate(
     logs : other experiments
     options : what is asked for
     progress : told what is being done
-
-    Returns
-    -------
-    The report, and per log what its figures draw
+    draw : given what figures draw, one transmission at a time
 
     Raises
     ------
@@ -79,17 +81,15 @@ def validate(
         A file cannot be read, the rig does not fit, or a role is missing.
     """
     file = frozen(model)
-    reports, drawn = [], []
-    rig = None
-    for name, log in zip(names_of(logs), logs, strict=True):
+    reports, rig = [], None
+    for i, (name, log) in enumerate(zip(names_of(logs), logs, strict=True)):
         digest = sha256(log) if log.exists() else ""
         rig = _rig(file, log, options)
         progress(f"validating against {log.name}")
-        joints, evidence = _judge_log(file, rig, log, digest, options, progress)
+        joints = _judge_log(file, rig, log, digest, options, progress, partial(draw, i))
         reports.append(LogReport(log=name, sha256=digest, joints=tuple(joints)))
-        drawn.append(evidence)
     assert rig is not None
-    report = Report(
+    return Report(
         version=VERSION,
         vsalog=__version__,
         model=model.name,
@@ -100,7 +100,6 @@ def validate(
         logs=tuple(reports),
         thresholds=thresholds(reports, options.max_nrmse, options.max_msrep),
     )
-    return report, drawn
 
 
 def _rig(file: ModelFile, log: Path, options: Options) -> Rig:
@@ -114,10 +113,11 @@ def _rig(file: ModelFile, log: Path, options: Options) -> Rig:
 
 
 def _judge_log(
-    file: ModelFile, rig: Rig, log: Path, digest: str, options: Options, progress: Progress
-) -> tuple[list[JointReport], list[JointEvidence]]:
+    file: ModelFile, rig: Rig, log: Path, digest: str, options: Options, progress: Progress,
+    draw: Callable[[JointEvidence], None],
+) -> list[JointReport]:  # fmt: skip
     wanted = list(options.joints) or list(file.joint)
-    reports, evidence = [], []
+    reports = []
     for name in wanted:
         if name not in file.joint:
             known = ", ".join(file.joint)
@@ -140,7 +140,7 @@ def _judge_log(
         truth = {c: recording.channels[c] for c in truth_channels(name) if c in recording.channels}
         if not short:  # what is long is not kept twice
             recording = replace(recording, channels=truth)
-        judged = judge(file.joint[name], joint, device, prepared, truth)
+        judged = judge(file.joint[name], joint, device, prepared, truth, draw)
         warnings = [*(f"{log.name}: {note}" for note in recording.notes), *signals.notes]
         if digest in file.log.values() and not _other_runs(file, name, joint):
             warnings.insert(0, f"{log.name} is what the model was learnt from: this is no second experiment")
@@ -156,8 +156,7 @@ def _judge_log(
         elif options.modalities is None:
             warnings.append("the log is long: its modalities are not compared; --modalities asks for it")
         reports.append(joint_report(judged, signals, modalities, warnings))
-        evidence.append(judged.evidence)
-    return reports, evidence
+    return reports
 
 
 def _other_runs(file: ModelFile, name: str, joint: Joint) -> bool:

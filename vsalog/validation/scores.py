@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from functools import cache
 
 import numpy as np
 from numba import njit
 from numpy.typing import NDArray
-from scipy import special
+from scipy import fft, special
 
 from vsalog.validation.document import Bin, Figure, Score
 
@@ -86,9 +87,9 @@ def _correlation_time(x: Array) -> float:
     power = float(x @ x)
     if power <= 0.0:
         return 1.0
-    size = 1 << int(np.ceil(np.log2(2 * x.size)))
-    spectrum = np.abs(np.fft.rfft(x, size)) ** 2
-    rho = np.fft.irfft(spectrum, size)[: x.size // 2] / power
+    size = fft.next_fast_len(x.size + x.size // 2, real=True)  # wide enough for lags up to half the length
+    spectrum = np.abs(fft.rfft(x, size)) ** 2
+    rho = fft.irfft(spectrum, size)[: x.size // 2] / power
     pairs = rho[: rho.size // 2 * 2].reshape(-1, 2).sum(axis=1)
     ends = np.flatnonzero(pairs <= 0.0)
     last = int(ends[0]) if ends.size else pairs.size
@@ -154,10 +155,14 @@ def _blocks(count: int, independent: float) -> NDArray[np.int64]:
 
 def _draws(sums: Array) -> Array:
     """Draw blocks with replacement and add them up: shape (c, draws)."""
+    return np.asarray(sums @ _drawn(sums.shape[1]))
+
+
+@cache
+def _drawn(blocks: int) -> Array:
+    """Return how often each block is drawn, shape (blocks, draws)."""
     random = np.random.default_rng(SEED)
-    blocks = sums.shape[1]
-    counts = random.multinomial(blocks, np.full(blocks, 1.0 / blocks), size=DRAWS)
-    return np.asarray(sums @ counts.T)
+    return random.multinomial(blocks, np.full(blocks, 1.0 / blocks), size=DRAWS).T.astype(np.float64)
 
 
 def _figure(value: float, draws: Array, blocks: int, positive: bool) -> Figure:

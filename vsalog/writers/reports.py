@@ -9,10 +9,10 @@ from pathlib import Path
 import msgspec
 
 from vsalog.errors import WriteError
+from vsalog.reports.drawings import Drawings
 from vsalog.reports.page import write_page
 from vsalog.reports.paper_figures import check_matplotlib, write_figures
 from vsalog.validation.document import Report
-from vsalog.validation.evidence import JointEvidence
 from vsalog.writers.atomic import write_text
 
 
@@ -55,7 +55,7 @@ def keep_inputs(outputs: Sequence[Path], inputs: Sequence[Path]) -> None:
             raise WriteError(f"{output}: is a folder; name a file")
 
 
-def write_report(report: Report, evidence: Sequence[Sequence[JointEvidence]], outputs: Outputs) -> None:
+def write_report(report: Report, drawings: Drawings, outputs: Outputs) -> None:
     """Write all of it.
 
     Raises
@@ -69,6 +69,6 @@ def write_report(report: Report, evidence: Sequence[Sequence[JointEvidence]], ou
         raise WriteError(f"{outputs.document.parent}: cannot be made a folder: {error.strerror}") from error
     title = f"{report.model} against {', '.join(log.log for log in report.logs)}"
     if outputs.figures is not None:
-        write_figures(outputs.figures, evidence, report)
-    write_page(outputs.page, title, report, evidence)
+        write_figures(outputs.figures, drawings.paper(), report)
+    write_page(outputs.page, title, report, drawings.page())
     write_text(outputs.document, msgspec.json.format(msgspec.json.encode(report), indent=2).decode() + "\n")
