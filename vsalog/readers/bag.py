@@ -18,6 +18,10 @@ from vsalog.readers.packets import Integers, Messages, Packet
 from vsalog.recording import Stamps, Values
 
 BLOCK_BYTES = 16 * 2**20
+# So many messages of a stream that lie together in the file are decoded where they lie; fewer wait for others.
+MANY = 512
+# So many connections are looked for one by one; of more, those that are there are found first.
+FEW = 16
 CATALOGUE_MESSAGES = 20
 ZSTD_MAGIC = b"\x28\xb5\x2f\xfd"
 
@@ -145,6 +149,12 @@ class BagReader:
         for packet in self._first_of(packets, batches.keys()) if first_only else packets:
             plain = _plain(packet)
             for batch, rows in _shared_out(plain, batches):
+                if rows.size >= MANY:
+                    if batch.messages:
+                        yield self._flush(batch, total, damaged)
+                    for begin in range(0, rows.size, BLOCK_ROWS):
+                        yield self._block(batch, plain, rows[begin : begin + BLOCK_ROWS], total, damaged)
+                    continue
                 while rows.size:
                     few = _fitting(plain.messages.length[rows], batch)
                     batch.add(plain, rows[:few])
@@ -212,12 +222,25 @@ class BagReader:
 
     def _flush(self, batch: _Batch, total: Counter[str], damaged: Counter[str]) -> Block:
         """Decode a batch into a block and empty it."""
-        decoded = batch.decoder.decode(Messages.joined(batch.messages))
-        total[batch.stream] += batch.count
+        log, publish, messages = (
+            np.concatenate(batch.log),
+            np.concatenate(batch.publish),
+            Messages.joined(batch.messages),
+        )
+        batch.clear()
+        packet = Packet(np.zeros(log.size, np.int64), log, publish, messages)
+        return self._block(batch, packet, np.arange(log.size), total, damaged)
+
+    def _block(
+        self, batch: _Batch, packet: Packet, rows: Integers, total: Counter[str], damaged: Counter[str]
+    ) -> Block:
+        """Decode messages of a batch's stream."""
+        decoded = batch.decoder.decode(packet.messages.some(rows))
+        total[batch.stream] += rows.size
         damaged[batch.stream] += int(len(decoded.good) - decoded.good.sum())
-        clocks: dict[str, Stamps] = {"log": np.concatenate(batch.log)}
+        clocks: dict[str, Stamps] = {"log": packet.log[rows]}
         if self._container.has_publish:
-            clocks["publish"] = np.concatenate(batch.publish)
+            clocks["publish"] = packet.publish[rows]
         if decoded.stamps is not None:
             clocks["header"] = decoded.stamps
         columns: dict[str, Values] = decoded.columns
@@ -227,7 +250,6 @@ class BagReader:
         for name, reason in batch.decoder.unread.items():
             self.unread.setdefault(name, reason)
         units = {**decoded.units, **_stated_units(batch, columns)}
-        batch.clear()
         return Block(batch.stream, batch.type, clocks, columns, units)
 
     def _report(self, batches: Mapping[int, _Batch], total: Counter[str], damaged: Counter[str]) -> None:
@@ -247,16 +269,15 @@ class BagReader:
 
 def _shared_out(packet: Packet, batches: Mapping[int, _Batch]) -> Iterator[tuple[_Batch, Integers]]:
     """Yield each batch with the rows of a packet that belong to it."""
-    numbers = np.unique(packet.connection)
-    if numbers.size == 1:
-        yield batches[int(numbers[0])], np.arange(packet.connection.size)
-        return
+    numbers = list(batches) if len(batches) <= FEW else np.unique(packet.connection).tolist()
     shared: dict[int, list[int]] = {}
-    for number in numbers.tolist():
+    for number in numbers:
         shared.setdefault(id(batches[number]), []).append(number)
     for group in shared.values():
         own = packet.connection == group[0] if len(group) == 1 else np.isin(packet.connection, group)
-        yield batches[group[0]], np.flatnonzero(own)
+        rows = np.flatnonzero(own)
+        if rows.size:
+            yield batches[group[0]], rows
 
 
 def _fitting(length: Integers, batch: _Batch) -> int:

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import struct
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numba import njit
@@ -20,6 +21,7 @@ from vsalog.readers.definitions import Array, Node, Scalar, Struct, Text, Time, 
 from vsalog.readers.known_units import unit_of
 
 Bytes = NDArray[np.uint8]
+Integers = NDArray[np.int64]
 
 LABEL_FIELDS = ("name", "names", "joint_names", "interface_names")
 MAX_LABELS = 1024
@@ -71,43 +73,69 @@ class Layout:
     fields: tuple[Field, ...]
     unread: dict[str, str]
 
-    def matches(self, table: Bytes) -> NDArray[np.bool_]:
-        """Tell which rows of `table`, shape (n, length), this layout holds for."""
-        guards = np.array(self.guards, dtype=np.int64).reshape(-1, 2)
-        return _equal(table, guards, self.sample)
+    def matches(self, data: Bytes, start: Integers) -> NDArray[np.bool_]:
+        """Tell which messages of this length, beginning at `start`, shape (n,), in a buffer, this layout holds for."""
+        mask = np.zeros(max((stop for _, stop in self.guards), default=0), dtype=np.uint8)
+        for begin, stop in self.guards:
+            mask[begin:stop] = 255
+        return _equal(data, start, mask, self.sample)
 
 
 @njit(cache=True, nogil=True)
-def _equal(table: Bytes, guards: NDArray[np.int64], sample: Bytes) -> NDArray[np.bool_]:
-    """Tell which rows have the sample's bytes in all guarded ranges."""
-    out = np.ones(table.shape[0], dtype=np.bool_)
-    for k in range(table.shape[0]):
-        for g in range(guards.shape[0]):
-            for i in range(guards[g, 0], guards[g, 1]):
-                if table[k, i] != sample[i]:
-                    out[k] = False
-                    break
-            if not out[k]:
-                break
+def _equal(data: Bytes, start: Integers, mask: Bytes, sample: Bytes) -> NDArray[np.bool_]:
+    """Tell which messages have the sample's bytes where the mask is set.
+
+    To the mask's end, without a way out before, and with unsigned indices: the compiler compares many bytes at once.
+    """
+    out = np.empty(start.size, dtype=np.bool_)
+    for k in range(start.size):
+        at, other = np.uint64(start[k]), np.uint8(0)
+        for i in range(np.uint64(mask.size)):
+            other |= (data[at + i] ^ sample[i]) & mask[i]
+        out[k] = other == 0
     return out
 
 
-def column(table: Bytes, field: Field) -> NDArray[np.float64]:
-    """Return a field's values [as recorded, times in s], shape (n,), from messages as rows of bytes."""
+def column(data: Bytes, start: Integers, field: Field) -> NDArray[np.float64]:
+    """Return a field's values [as recorded, times in s], shape (n,), of the messages that begin at `start`, shape (n,)."""
     if field.code.startswith((">i4,", "<i4,")):
-        return np.asarray(nanoseconds(table, field) * 1e-9, dtype=np.float64)
-    width = int(field.code[2])
-    raw = np.ascontiguousarray(table[:, field.offset : field.offset + width])
-    return raw.view(field.code).reshape(-1).astype(np.float64)
+        return np.asarray(nanoseconds(data, start, field) * 1e-9, dtype=np.float64)
+    return _numbers(data, start, field.offset, field.code).astype(np.float64, copy=False)
 
 
-def nanoseconds(table: Bytes, field: Field) -> NDArray[np.int64]:
+def nanoseconds(data: Bytes, start: Integers, field: Field) -> NDArray[np.int64]:
     """Return a time field's values [ns], shape (n,), exact."""
     order = field.code[0]
-    raw = np.ascontiguousarray(table[:, field.offset : field.offset + 8])
-    seconds = raw[:, :4].copy().view(f"{order}i4").reshape(-1).astype(np.int64)
-    fraction = raw[:, 4:].copy().view(f"{order}u4").reshape(-1).astype(np.int64)
+    seconds = _numbers(data, start, field.offset, f"{order}i4").astype(np.int64)
+    fraction = _numbers(data, start, field.offset + 4, f"{order}u4").astype(np.int64)
     return seconds * 1_000_000_000 + fraction
+
+
+def _numbers(data: Bytes, start: Integers, offset: int, code: str) -> NDArray[Any]:
+    """Return the numbers at an offset in each message, of a NumPy type with byte order."""
+    width = int(code[2])
+    out = np.empty((start.size, width), dtype=np.uint8)
+    _cut(data, start, offset, out)
+    return out.view(code).reshape(-1)
+
+
+@njit(cache=True, nogil=True)
+def _cut(data: Bytes, start: Integers, offset: int, out: Bytes) -> None:
+    """Copy the bytes at an offset in each message. Loops of fixed length and unsigned indices let the compiler copy at once."""
+    if out.shape[1] == 8:
+        for k in range(start.size):
+            at = np.uint64(start[k] + offset)
+            for i in range(8):
+                out[k, i] = data[at + np.uint64(i)]
+    elif out.shape[1] == 4:
+        for k in range(start.size):
+            at = np.uint64(start[k] + offset)
+            for i in range(4):
+                out[k, i] = data[at + np.uint64(i)]
+    else:
+        for k in range(start.size):
+            for i in range(out.shape[1]):
+                out[k, i] = data[start[k] + offset + i]
 
 
 def learn(raw: bytes, root: Struct, cdr: bool) -> Layout:

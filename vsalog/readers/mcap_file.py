@@ -14,6 +14,7 @@ from pathlib import Path
 from typing import IO, Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from vsalog.errors import ReadError
 from vsalog.readers.bag import Connection
@@ -72,8 +73,11 @@ class McapContainer:
         """Yield the messages of some channels in the order of the file; what is damaged is skipped and noted."""
         wanted = np.zeros(2**16, dtype=np.bool_)
         wanted[list(ids)] = True
+        return ahead(self._packets(wanted))
+
+    def _packets(self, wanted: NDArray[np.bool_]) -> Iterator[Packet]:
         loose: list[RawMessage] = []  # outside of chunks
-        for record, content in ahead(self._records()):
+        for record, content in self._records():
             if loose and (record == _CHUNK or len(loose) >= PACKED):
                 yield packet_of(loose)
                 loose = []

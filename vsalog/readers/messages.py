@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vsalog.readers.definitions import Struct
-from vsalog.readers.layout import Bytes, DamagedMessageError, Layout, column, learn, nanoseconds
+from vsalog.readers.layout import Bytes, DamagedMessageError, Integers, Layout, column, learn, nanoseconds
 from vsalog.readers.packets import Messages
 from vsalog.recording import Stamps, Values
 
@@ -81,24 +81,25 @@ class RosDecoder:
         """Decode a batch of messages."""
         result = Decoded(good=np.zeros(len(messages), dtype=bool))
         for rows in messages.by_length():
-            self._decode_table(messages.table(rows), rows, result)
+            self._decode_alike(messages.some(rows), rows, result)
         return result
 
-    def _decode_table(self, table: Bytes, rows: NDArray[np.intp], result: Decoded) -> None:
-        """Decode messages of equal length, the rows of `table`; `rows` tells where they go in the result."""
-        for layout in self._layouts.get(table.shape[1], ()):
-            table, rows = self._take_matching(layout, table, rows, result)
+    def _decode_alike(self, messages: Messages, rows: Integers, result: Decoded) -> None:
+        """Decode messages of equal length; `rows` tells where they go in the result."""
+        length, start = int(messages.length[0]), messages.start
+        for layout in self._layouts.get(length, ()):
+            start, rows = self._take_matching(layout, messages.data, start, rows, result)
         while len(rows):
-            layout_or_none = self._learn(table[0].tobytes())
+            layout_or_none = self._learn(messages.data[start[0] : start[0] + length].tobytes())
             if layout_or_none is None:
-                table, rows = table[1:], rows[1:]
+                start, rows = start[1:], rows[1:]
             elif self._learnt < MAX_LAYOUTS:
                 self._learnt += 1
-                self._layouts.setdefault(table.shape[1], []).append(layout_or_none)
-                table, rows = self._take_matching(layout_or_none, table, rows, result)
+                self._layouts.setdefault(length, []).append(layout_or_none)
+                start, rows = self._take_matching(layout_or_none, messages.data, start, rows, result)
             else:
-                self._store(layout_or_none, table[:1], rows[:1], result)
-                table, rows = table[1:], rows[1:]
+                self._store(layout_or_none, messages.data, start[:1], rows[:1], result)
+                start, rows = start[1:], rows[1:]
 
     def _learn(self, raw: bytes) -> Layout | None:
         try:
@@ -110,31 +111,37 @@ class RosDecoder:
         return layout
 
     def _take_matching(
-        self, layout: Layout, table: Bytes, rows: NDArray[np.intp], result: Decoded
-    ) -> tuple[Bytes, NDArray[np.intp]]:
-        """Store the messages that have this layout; return the others."""
-        match = layout.matches(table)
+        self, layout: Layout, data: Bytes, start: Integers, rows: Integers, result: Decoded
+    ) -> tuple[Integers, Integers]:
+        """Store the messages that have this layout; return where the others begin and go."""
+        match = layout.matches(data, start)
         if match.all():
-            self._store(layout, table, rows, result)
-            return table[:0], rows[:0]
+            self._store(layout, data, start, rows, result)
+            return start[:0], rows[:0]
         if match.any():
-            self._store(layout, table[match], rows[match], result)
-            return table[~match], rows[~match]
-        return table, rows
+            self._store(layout, data, start[match], rows[match], result)
+            return start[~match], rows[~match]
+        return start, rows
 
-    def _store(self, layout: Layout, table: Bytes, rows: NDArray[np.intp], result: Decoded) -> None:
+    def _store(self, layout: Layout, data: Bytes, start: Integers, rows: Integers, result: Decoded) -> None:
         result.good[rows] = True
         count = len(result.good)
         if layout.stamp is not None:
-            if result.stamps is None:
-                result.stamps = np.zeros(count, dtype=np.int64)
-            result.stamps[rows] = nanoseconds(table, layout.stamp)
+            stamps = nanoseconds(data, start, layout.stamp)
+            if rows.size == count:
+                result.stamps = stamps
+            else:
+                if result.stamps is None:
+                    result.stamps = np.zeros(count, dtype=np.int64)
+                result.stamps[rows] = stamps
         for one in layout.fields:
             name = f"{self.prefix}.{one.path}"
             if self.wanted is not None and name not in self.wanted:
                 continue
-            if name not in result.columns:
-                result.columns[name] = np.full(count, np.nan)
-                if one.unit is not None:
-                    result.units[name] = one.unit
-            result.columns[name][rows] = column(table, one)
+            if name not in result.columns and one.unit is not None:
+                result.units[name] = one.unit
+            values = column(data, start, one)
+            if rows.size == count:
+                result.columns[name] = values
+            else:
+                result.columns.setdefault(name, np.full(count, np.nan))[rows] = values

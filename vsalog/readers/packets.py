@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import sys
 from collections.abc import Iterable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
@@ -18,6 +19,9 @@ Item = TypeVar("Item")
 
 RawMessage = tuple[int, int, int, bytes]
 """Connection, log time [ns], publish time [ns], the serialised message."""
+
+SWITCH = 2e-4
+"""How long a thread may keep Python to itself while another makes the next item [s]."""
 
 PACKED, PACKED_BYTES = 8192, 16 * 2**20
 """So many messages, or bytes, that come one by one make a packet."""
@@ -68,11 +72,9 @@ class Messages:
         _gather(self.data, start, length, at, out)
         return Messages(out, at, length)
 
-    def table(self, rows: Integers) -> Bytes:
-        """Return messages of equal length as the rows of a table, shape (n, length)."""
-        length = int(self.length[rows[0]])
-        compact = rows.size == self.start.size and self.data.size == rows.size * length
-        return (self if compact else self.take(rows)).data.reshape(rows.size, length)
+    def some(self, rows: Integers) -> Messages:
+        """Return some of the messages where they lie."""
+        return Messages(self.data, self.start[rows], self.length[rows])
 
     def by_length(self) -> Iterator[Integers]:
         """Yield the indices of the messages of each length, in order."""
@@ -85,10 +87,7 @@ class Messages:
 
     def beginning_with(self, magic: bytes) -> NDArray[np.bool_]:
         """Tell which messages begin with some bytes."""
-        found = self.length >= len(magic)
-        for i, byte in enumerate(magic):
-            found[found] = self.data[self.start[found] + i] == byte
-        return found
+        return _beginning(self.data, self.start, self.length, np.frombuffer(magic, np.uint8))
 
 
 @dataclass(frozen=True, slots=True)
@@ -112,12 +111,17 @@ class Packet:
 
 def ahead(items: Iterator[Item]) -> Iterator[Item]:
     """Yield items while the next one is already made in a thread of its own: decompression and checksums leave Python free."""
-    end = object()
-    with ThreadPoolExecutor(1) as pool:
-        waiting = pool.submit(next, items, end)
-        while (item := waiting.result()) is not end:
+    end, usual = object(), sys.getswitchinterval()
+    # Neither thread is at rest for long: with Python's usual 5 ms each would wait for the other most of the time.
+    sys.setswitchinterval(SWITCH)
+    try:
+        with ThreadPoolExecutor(1) as pool:
             waiting = pool.submit(next, items, end)
-            yield item  # type: ignore[misc]
+            while (item := waiting.result()) is not end:
+                waiting = pool.submit(next, items, end)
+                yield item  # type: ignore[misc]
+    finally:
+        sys.setswitchinterval(usual)
 
 
 def packed(messages: Iterable[RawMessage]) -> Iterator[Packet]:
@@ -146,6 +150,15 @@ def _stamps(times: Sequence[int]) -> Integers:
 
 def _behind_one_another(length: Integers) -> Integers:
     return np.cumsum(length) - length
+
+
+@njit(cache=True, nogil=True)
+def _beginning(data: Bytes, start: Integers, length: Integers, magic: Bytes) -> NDArray[np.bool_]:
+    out = length >= magic.size
+    for k in range(start.size):
+        for i in range(magic.size):
+            out[k] = out[k] and data[start[k] + i] == magic[i]
+    return out
 
 
 @njit(cache=True, nogil=True)

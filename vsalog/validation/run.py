@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
+from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import dataclass, field, replace
 from functools import partial
 from pathlib import Path
@@ -83,11 +84,12 @@ def validate(
     file = frozen(model)
     reports, rig = [], None
     for i, (name, log) in enumerate(zip(names_of(logs), logs, strict=True)):
-        digest = sha256(log) if log.exists() else ""
         rig = _rig(file, log, options)
         progress(f"validating against {log.name}")
-        joints = _judge_log(file, rig, log, digest, options, progress, partial(draw, i))
-        reports.append(LogReport(log=name, sha256=digest, joints=tuple(joints)))
+        with ThreadPoolExecutor(1) as beside:
+            digest = beside.submit(lambda log: sha256(log) if log.exists() else "", log)
+            joints = _judge_log(file, rig, log, digest, options, progress, partial(draw, i))
+        reports.append(LogReport(log=name, sha256=digest.result(), joints=tuple(joints)))
     assert rig is not None
     return Report(
         version=VERSION,
@@ -113,7 +115,7 @@ def _rig(file: ModelFile, log: Path, options: Options) -> Rig:
 
 
 def _judge_log(
-    file: ModelFile, rig: Rig, log: Path, digest: str, options: Options, progress: Progress,
+    file: ModelFile, rig: Rig, log: Path, digest: Future[str], options: Options, progress: Progress,
     draw: Callable[[JointEvidence], None],
 ) -> list[JointReport]:  # fmt: skip
     wanted = list(options.joints) or list(file.joint)
@@ -142,7 +144,7 @@ def _judge_log(
             recording = replace(recording, channels=truth)
         judged = judge(file.joint[name], joint, device, prepared, truth, draw)
         warnings = [*(f"{log.name}: {note}" for note in recording.notes), *signals.notes]
-        if digest in file.log.values() and not _other_runs(file, name, joint):
+        if digest.result() in file.log.values() and not _other_runs(file, name, joint):
             warnings.insert(0, f"{log.name} is what the model was learnt from: this is no second experiment")
         if file.joint[name].basis.branches:
             warnings.append(
