@@ -238,7 +238,17 @@ def test_a_computed_torque_validates_nothing(tmp_path):
 
 def test_the_log_the_model_was_learnt_from_is_no_second_experiment(models, tmp_path):
     joint = joint_of(judged(models["sea"], SAMPLES / "sea_exp1.csv", folder=tmp_path))
+    assert joint["verdict"] == "cannot be judged"
+    assert "learnt from" in joint["sentences"][0]
     assert "no second experiment" in joint["warnings"][0]
+
+
+def test_a_log_that_is_given_twice_is_said_to_be(models, tmp_path):
+    log = simulated(tmp_path, "again")
+    (tmp_path / "copy.mcap").write_bytes(log.read_bytes())
+    report = judged(models["sea"], log, tmp_path / "copy.mcap", folder=tmp_path)
+    assert not any("same log" in warning for warning in joint_of(report, 0)["warnings"])
+    assert "copy.mcap is the same log as again.mcap" in joint_of(report, 1)["warnings"][0]
 
 
 def test_thresholds_set_the_exit_code(models, tmp_path):

@@ -8,6 +8,8 @@ from dataclasses import dataclass, field, replace
 from functools import partial
 from pathlib import Path
 
+import msgspec
+
 from vsalog._version import __version__
 from vsalog.binding import bind, names_of, offered_roles, wanted_channels
 from vsalog.errors import BindingError, EstimatorError, RigError, did_you_mean
@@ -82,13 +84,19 @@ def validate(
         A file cannot be read, the rig does not fit, or a role is missing.
     """
     file = frozen(model)
-    reports, rig = [], None
+    reports, rig, hashes = [], None, dict[str, str]()
     for i, (name, log) in enumerate(zip(names_of(logs), logs, strict=True)):
         rig = _rig(file, log, options)
         progress(f"validating against {log.name}")
         with ThreadPoolExecutor(1) as beside:
             digest = beside.submit(lambda log: sha256(log) if log.exists() else "", log)
             joints = _judge_log(file, rig, log, digest, options, progress, partial(draw, i))
+        same = hashes.setdefault(digest.result() or name, name)
+        if same != name or log in logs[:i]:
+            joints = [
+                msgspec.structs.replace(j, warnings=(f"{name} is the same log as {same}, given before", *j.warnings))
+                for j in joints
+            ]
         reports.append(LogReport(log=name, sha256=digest.result(), joints=tuple(joints)))
     assert rig is not None
     return Report(
@@ -144,7 +152,8 @@ def _judge_log(
             recording = replace(recording, channels=truth)
         judged = judge(file.joint[name], joint, device, prepared, truth, draw)
         warnings = [*(f"{log.name}: {note}" for note in recording.notes), *signals.notes]
-        if digest.result() in file.log.values() and not _other_runs(file, name, joint):
+        learnt_from = digest.result() in file.log.values() and not _other_runs(file, name, joint)
+        if learnt_from:
             warnings.insert(0, f"{log.name} is what the model was learnt from: this is no second experiment")
         if file.joint[name].basis.branches:
             warnings.append(
@@ -157,7 +166,7 @@ def _judge_log(
             modalities = side_by_side(name, joint, recording)
         elif options.modalities is None:
             warnings.append("the log is long: its modalities are not compared; --modalities asks for it")
-        reports.append(joint_report(judged, signals, modalities, warnings))
+        reports.append(joint_report(judged, signals, modalities, warnings, learnt_from))
     return reports
 
 

@@ -45,9 +45,13 @@ _REFERENCE = {
 
 
 def joint_report(
-    judged: Judged, signals: JointSignals, modalities: Mapping[str, Sequence[ModalityScore]], warnings: Sequence[str]
+    judged: Judged,
+    signals: JointSignals,
+    modalities: Mapping[str, Sequence[ModalityScore]],
+    warnings: Sequence[str],
+    learnt_from: bool = False,
 ) -> JointReport:
-    """Put what was found about a joint into words."""
+    """Put what was found about a joint into words; `learnt_from` is true of the log that the model was learnt from."""
     parts = tuple(replace(t, modalities=tuple(modalities.get(t.transmission, ()))) for t in judged.transmissions)
     worst = _worst(parts)
     verdict: Verdict = "cannot be judged"
@@ -59,6 +63,9 @@ def joint_report(
             verdict = "fails"
         if verdict != "fails" and _unjudged(parts):
             verdict = "cannot be judged"  # a part of the joint of which nothing is known may be as bad as can be
+    sentences = _sentences(verdict, parts, worst, judged.not_independent)
+    if learnt_from and worst is not None and verdict in ("holds", "undecided"):
+        verdict, sentences = "cannot be judged", _of_its_own_log(worst)
     told = [*_cautions(parts, worst), *warnings]
     if worst is not None and worst.judged_on == "residual":
         told.insert(
@@ -69,7 +76,7 @@ def joint_report(
     return JointReport(
         joint=signals.joint,
         verdict=verdict,
-        sentences=_sentences(verdict, parts, worst, judged.not_independent),
+        sentences=sentences,
         not_independent=judged.not_independent,
         duration=len(signals) * signals.period,
         period=signals.period,
@@ -254,6 +261,16 @@ def _sentences(
     }[verdict]
     first = f"{words}: judged by {_REFERENCE[worst.judged_on or 'sensor']}, its flexibility torque{where} is off by {error}."
     return first, _where(worst), _why(_telling(parts, worst), verdict)
+
+
+def _of_its_own_log(worst: TransmissionReport) -> tuple[str, ...]:
+    """Say what a model's own log is worth."""
+    error = _of_span(_nrmse(_main(worst)))
+    return (
+        "Nothing is validated: this is the log that the model was learnt from, and no second experiment.",
+        f"Judged by {_REFERENCE[worst.judged_on or 'sensor']}, the model fits it with an error of {error}.",
+        "How well it predicts, only another experiment tells.",
+    )
 
 
 def _telling(parts: Sequence[TransmissionReport], worst: TransmissionReport) -> TransmissionReport:
