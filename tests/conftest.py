@@ -1,8 +1,12 @@
 """What the tests share: where the sample logs are, and a way to run the command line as a user does."""
 
+import os
 import subprocess
 import sys
 from pathlib import Path
+
+# Tests run side by side, one to a core: linear algebra with threads of its own would make them wait for one another.
+os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 import pytest
 from hypothesis import settings

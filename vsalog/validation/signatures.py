@@ -10,6 +10,7 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 
 import numpy as np
+from numba import njit
 from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
@@ -22,7 +23,7 @@ LOOPS = (0.01, 0.04, 0.16)
 # Names of positions begin like this.
 POSITIONS = ("link_position", "motor_position")
 # A loop's state is followed over so many samples, which is fine against any motion.
-FOLLOWED = 20_000
+FOLLOWED = 1_000_000
 
 WORDS = {
     "offset": "the torque sensor has an offset, or a constant torque is missing",
@@ -183,9 +184,14 @@ def loops(phi: Array, rows: NDArray[np.int64]) -> dict[str, Array]:
     span, steps = float(np.ptp(phi[at])), np.diff(phi[at])
     out = {}
     for share in LOOPS:
-        state, states = 0.0, [0.0]
-        for step in (steps / (share * span)).tolist():
-            state = min(1.0, max(-1.0, state + step))
-            states.append(state)
-        out[f"loop {share:g}"] = np.interp(rows, at, np.array(states))
+        out[f"loop {share:g}"] = np.interp(rows, at, _slipping(steps / (share * span)))
     return out
+
+
+@njit(cache=True, nogil=True)
+def _slipping(steps: Array) -> Array:
+    """Add up steps between −1 and 1, from 0; shape (n + 1,) for n steps."""
+    states = np.zeros(steps.size + 1)
+    for k in range(steps.size):
+        states[k + 1] = min(1.0, max(-1.0, states[k] + steps[k]))
+    return states
