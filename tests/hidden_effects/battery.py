@@ -128,6 +128,8 @@ def main() -> None:
         "--score", action="store_true", help="score the diagnoses that lie in --out, made with the same options"
     )
     given = parser.parse_args()
+    # Workers side by side, one to a core: linear algebra with threads of its own would make them wait for one another.
+    os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     devices, kinds = tuple(given.device or DEVICES), tuple(given.kind or KINDS)
     chosen = lay_out(given.cases or (24 if given.quick else 500), given.seed, devices, kinds)
     if not (given.again or given.score):

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections import OrderedDict
+from collections.abc import Callable, Mapping
 from typing import Any
 
 import numpy as np
@@ -19,6 +20,9 @@ Array = NDArray[np.float64]
 ROUNDS = 6
 # Voltages that are commanded, and held from one sample to the next as motors' torques are.
 VALVES = ("valve_1", "valve_2")
+# So many bytes of signals are remembered as rigs have them, the latest, each with what it was made of.
+REMEMBERED = 1 << 28
+_KEPT: OrderedDict[tuple[Any, ...], tuple[Array, tuple[Any, ...]]] = OrderedDict()
 
 
 def bare(joint: Any) -> Any:
@@ -99,22 +103,18 @@ def true_roles(joint: Joint, channels: Channels, hold: float = 0.0) -> dict[str,
     """
     offered = offered_roles(joint)
     true = {
-        role: _true(values, offered.get(role, Signal()), channels.time, channels.period)
+        role: _remembered(_true, values, _said_of(offered.get(role, Signal())), channels.time, channels.period)
         for role, values in channels.roles.items()
     }
     for name in motors_of(joint):
         role = torque_role(name)
         if role in true:
             motor: Motor = getattr(joint, name).reflected
-            acting = shifted(true[role], -(motor.torque_delay + hold) / channels.period)
-            if motor.torque_gain != 1.0:
-                acting = acting * motor.torque_gain
-            if motor.torque_offset:
-                acting = np.stack([acting[0] + motor.torque_offset, acting[1], acting[2]])
-            true[role] = acting
+            late = (motor.torque_delay + hold) / channels.period
+            true[role] = _remembered(_acting, true[role], late, motor.torque_gain, motor.torque_offset)
     for role, values in list(true.items()):
         if role in VALVES and hold:
-            true[role] = shifted(values, -hold / channels.period)
+            true[role] = _remembered(shifted, values, -hold / channels.period)
         series = offered.get(role, Signal()).series_stiffness
         sensor = role.replace("deflection", "torque_sensor")
         if series is not None and sensor in true:
@@ -122,15 +122,46 @@ def true_roles(joint: Joint, channels: Channels, hold: float = 0.0) -> dict[str,
     return true
 
 
-def _true(m: Array, signal: Signal, time: Array, period: float) -> Array:
+def _remembered(undo: Callable[..., Array], values: Array, *settings: Any) -> Array:
+    """Return undo(values, *settings), which is asked for again and again: a search changes one value of a rig at a time.
+
+    An array is known again by its identity; with what was made of it it is kept, so that no other takes its place.
+    """
+    key = (undo, id(values), *(id(s) if isinstance(s, np.ndarray) else s for s in settings))
+    if key in _KEPT:
+        _KEPT.move_to_end(key)
+        return _KEPT[key][0]
+    found = undo(values, *settings)
+    _KEPT[key] = found, (values, settings)
+    while len(_KEPT) > 1 and sum(entry[0].nbytes for entry in _KEPT.values()) > REMEMBERED:
+        _KEPT.popitem(last=False)
+    return found
+
+
+def _said_of(signal: Signal) -> tuple[float, ...]:
+    """Return what a rig says of a sensor, as numbers: offset, gain, drift, delay, and amplitude and phase of an eccentricity."""
+    e = signal.eccentricity
+    return signal.offset, signal.gain, signal.drift, signal.delay, e.amplitude if e else 0.0, e.phase if e else 0.0
+
+
+def _true(m: Array, said: tuple[float, ...], time: Array, period: float) -> Array:
     """Undo m(t) = gain · x(t − delay) + offset + drift · t + eccentricity."""
-    if signal.offset or signal.drift:
-        m = np.stack([m[0] - signal.offset - signal.drift * time, m[1] - signal.drift, m[2]])
-    if signal.eccentricity is not None:
-        m = _centred(m, signal.gain, signal.eccentricity.amplitude, signal.eccentricity.phase)
-    elif signal.gain != 1.0:
-        m = m / signal.gain
-    return shifted(m, signal.delay / period) if signal.delay else m
+    offset, gain, drift, delay, amplitude, phase = said
+    if offset or drift:
+        m = np.stack([m[0] - offset - drift * time, m[1] - drift, m[2]])
+    if amplitude:
+        m = _centred(m, gain, amplitude, phase)
+    elif gain != 1.0:
+        m = m / gain
+    return shifted(m, delay / period) if delay else m
+
+
+def _acting(commanded: Array, late: float, gain: float, offset: float) -> Array:
+    """Return the torque that acts, so many samples after it is commanded."""
+    acting = shifted(commanded, -late)
+    if gain != 1.0:
+        acting = acting * gain
+    return np.stack([acting[0] + offset, acting[1], acting[2]]) if offset else acting
 
 
 def _centred(m: Array, gain: float, amplitude: float, phase: float) -> Array:
