@@ -77,6 +77,8 @@ CASES = [
     ("batch-ls", {"window": 0.2, "degree": 6}),
     ("algebraic", {}),
     ("algebraic", {"filter": "kinematic", "span": 0.05}),
+    ("impedance", {}),
+    ("impedance", {"derivative": "difference", "alpha": 50.0}),
     ("direct", {}),
     ("direct", {"solver": "qr", "filter": "kinematic", "forgetting": 0.999}),
 ]

@@ -6,7 +6,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.signal import lfilter
 
-from vsalog.validation.scores import bins_of, effective_samples, score
+from vsalog.correlation import effective_samples
+from vsalog.validation.scores import bins_of, score
 
 
 def correlated(rng, count, time):

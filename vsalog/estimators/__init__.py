@@ -24,6 +24,7 @@ BUILT_IN = {
     "batch-ls": "vsalog.estimators.batch_ls",
     "direct": "vsalog.estimators.direct",
     "algebraic": "vsalog.estimators.algebraic",
+    "impedance": "vsalog.estimators.impedance",
     "pam-ukf": "vsalog.estimators.pam_ukf",
     "pam-model": "vsalog.estimators.pam_model",
 }

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from vsalog.basis import PolynomialBasis
 from vsalog.errors import EstimatorError
+from vsalog.rig.parts import Link
 from vsalog.rig.schema import (
     AntagonisticJoint,
     Joint,
@@ -53,6 +54,7 @@ class Device:
     basis : what each transmission's flexibility torque is fitted with
     has_setpoint : whether the flexibility torque depends on a set-point
     pneumatic : the joint itself where it has muscles instead of transmissions
+    link : what the rig knows of the link
     """
 
     joint: str
@@ -60,6 +62,7 @@ class Device:
     basis: PolynomialBasis
     has_setpoint: bool
     pneumatic: PneumaticJoint | None = None
+    link: Link | None = None
 
 
 def device_of(name: str, joint: Joint, roles: Mapping[str, Array] | None = None) -> Device:
@@ -103,7 +106,7 @@ def device_of(name: str, joint: Joint, roles: Mapping[str, Array] | None = None)
         setpoint_scale=joint.basis.setpoint_scale or largest(*setpoints),
         branches=joint.basis.branches,
     )
-    return Device(name, views, basis, serial)
+    return Device(name, views, basis, serial, link=joint.link)
 
 
 def deflection_of(values: Mapping[str, Array], view: TransmissionView) -> Array:

@@ -20,9 +20,7 @@ PAPER = "Serio 2011"
 # Fig. 4: mean relative errors [%].
 STIFFNESS, DAMPING, INERTIA = 5.1, 6.7, 9.8
 
-OBSERVER = Planned(
-    "the decoupled impedance observer", ("impedance-observer", "decoupled-observer", "stiffness-observer", "serio")
-)
+OBSERVER = Planned("the decoupled impedance observer", ("impedance",))
 CONDITIONS = "AwAS, sinusoidal torques of both motors, 20 s at 1 kHz from rest; the mean of |x̂ − x|/x over the run"
 CHOSEN = (
     "15 N·m at 2 Hz on the joint's side of the motor and 293 N·m at 0.1 Hz on that of the secondary motor, which move φ over"

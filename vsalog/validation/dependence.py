@@ -9,8 +9,9 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import special
 
+from vsalog.correlation import effective_samples
 from vsalog.validation.document import Dependence
-from vsalog.validation.scores import bins_of, effective_samples
+from vsalog.validation.scores import bins_of
 from vsalog.validation.signatures import SHORT, WORDS, Signature, signatures
 
 Array = NDArray[np.float64]

@@ -8,8 +8,9 @@ from functools import cache
 import numpy as np
 from numba import njit
 from numpy.typing import NDArray
-from scipy import fft, special
+from scipy import special
 
+from vsalog.correlation import LONGEST, effective_samples
 from vsalog.validation.document import Bin, Figure, Score
 
 Array = NDArray[np.float64]
@@ -21,8 +22,6 @@ DRAWS, SEED = 1000, 0
 # A relative error of a torque means something where the torque is not nearly zero.
 LEAST_TORQUE = 0.05
 BINS = 12
-# Autocorrelations and quantiles are taken of so many samples or a few more, spread over the log.
-LONGEST = 1 << 17
 
 
 def score(prediction: Array, reference: Array, least: float = 0.0, where: Flags | None = None) -> Score | None:
@@ -67,33 +66,6 @@ def score(prediction: Array, reference: Array, least: float = 0.0, where: Flags 
             bias=figure(lambda s: np.asarray(s[1] / s[0]), positive=False),
             largest=worst,
         )
-
-
-def effective_samples(e: Array) -> float:
-    """Return how many independent samples an error signal is worth: N over twice its correlation time.
-
-    The correlation time is summed up to the first pair of autocorrelations whose sum is not positive (Geyer 1992), of e² where
-    that is longer than of e.
-    """
-    n = e.size
-    step = max(1, n // LONGEST)
-    time = max(_correlation_time(e[::step]), _correlation_time(e[::step] ** 2))
-    return float(np.clip(n / (step * time) if step > 1 else n / time, 1.0, n))
-
-
-def _correlation_time(x: Array) -> float:
-    """Return 1 + 2 Σ ρ_k in samples."""
-    x = x - x.mean()
-    power = float(x @ x)
-    if power <= 0.0:
-        return 1.0
-    size = fft.next_fast_len(x.size + x.size // 2, real=True)  # wide enough for lags up to half the length
-    spectrum = np.abs(fft.rfft(x, size)) ** 2
-    rho = fft.irfft(spectrum, size)[: x.size // 2] / power
-    pairs = rho[: rho.size // 2 * 2].reshape(-1, 2).sum(axis=1)
-    ends = np.flatnonzero(pairs <= 0.0)
-    last = int(ends[0]) if ends.size else pairs.size
-    return max(1.0, 2.0 * float(pairs[:last].sum()) - 1.0)
 
 
 @njit(cache=True)

@@ -1,0 +1,205 @@
+"""The impedance observers: the stiffness observer against closed forms, the link's filter against a textbook one, and both
+against a joint that is integrated here."""
+
+import json
+
+import numpy as np
+import pyarrow.parquet as pq
+import pytest
+from click.testing import CliRunner
+from scipy.integrate import solve_ivp
+
+from vsalog.cli import cli
+from vsalog.filters.link_ekf import LinkNoise, anew, estimate_link, link_start
+from vsalog.filters.stiffness_observer import observe_stiffness, observer_start
+from vsalog.reproduce.measure import Study
+from vsalog.reproduce.serio2011 import simulated
+
+T = 1e-3
+
+
+def observed(torque_rate, deflection_rate, alpha, use=None):
+    use = np.ones(len(torque_rate), dtype=bool) if use is None else use
+    return observe_stiffness(observer_start(), np.array(torque_rate), np.array(deflection_rate), use, alpha, T)[:3]
+
+
+def test_a_constant_stiffness_is_known_at_once_and_without_spread():
+    rate = np.cos(np.arange(500) * 0.01)
+    stiffness, spread, learnt = observed(30.0 * rate, rate, 5.0)
+    np.testing.assert_allclose(stiffness, 30.0, rtol=1e-12)
+    np.testing.assert_allclose(spread, 0.0, atol=1e-9)
+    # Each sample fills 1 − exp(−α |φ̇| T) of what is empty.
+    np.testing.assert_allclose(learnt, 1.0 - np.exp(-5.0 * T * np.cumsum(np.abs(rate))), rtol=1e-9)
+
+
+def test_a_step_is_followed_with_the_time_constant_that_alpha_sets():
+    """dK̂/dt = α |φ̇| (K − K̂), with K̂ settled before the step."""
+    n, alpha, rate = 20_000, 20.0, 0.5
+    K = np.where(np.arange(2 * n) < n, 10.0, 40.0)
+    stiffness, _, _ = observed(K * rate, np.full(2 * n, rate), alpha)
+    after = np.arange(1, n + 1) * T
+    np.testing.assert_allclose(stiffness[n:], 40.0 - 30.0 * np.exp(-alpha * rate * after), rtol=1e-9)
+
+
+def test_what_is_not_used_teaches_nothing():
+    rate = np.ones(100)
+    use = np.arange(100) < 50
+    stiffness, _, learnt = observed(np.where(use, 3.0, 1e9), rate, 10.0, use)
+    np.testing.assert_allclose(stiffness, 3.0)
+    assert np.ptp(learnt[50:]) == 0.0
+    assert np.isnan(observed(rate, rate, 10.0, use & False)[0]).all()
+
+
+def textbook(q, u, noise):
+    """An extended Kalman filter in matrices, updates in Joseph's form (e.g. Bar-Shalom, Li, Kirubarajan 2001)."""
+    x = np.array([q[0], 0.0, 0.0, 0.0])
+    P = np.diag([noise.position, noise.velocity, noise.mobility, noise.decay]) ** 2
+    Q = np.diag([0.0, 0.0, (noise.wander * noise.mobility) ** 2 * T, (noise.wander * noise.decay) ** 2 * T])
+    H, one = np.array([[1.0, 0.0, 0.0, 0.0]]), np.eye(4)
+    out = [x]
+    for k in range(1, q.size):
+        torque = 0.5 * (u[k - 1] + u[k])
+        _, v, a, b = x
+        accelerate = np.array([[T**2 / 2], [T], [0.0], [0.0]])
+        F = one + np.array([[0.0, T, 0.0, 0.0], *np.zeros((3, 4))]) + accelerate @ np.array([[0.0, -b, torque, -v]])
+        x = x + np.array([T * v, 0.0, 0.0, 0.0]) + accelerate[:, 0] * (a * torque - b * v)
+        P = F @ P @ F.T + Q + (a * noise.torque) ** 2 * accelerate @ accelerate.T
+        K = P @ H.T / (H @ P @ H.T + noise.position**2)
+        x = x + K[:, 0] * (q[k] - x[0])
+        P = (one - K @ H) @ P @ (one - K @ H).T + K @ K.T * noise.position**2
+        out.append(x)
+    return np.array(out)
+
+
+def test_the_link_s_filter_is_the_textbook_s():
+    rng = np.random.default_rng(3)
+    t = np.arange(3000) * T
+    u = 2.0 * np.sin(9.0 * t) + np.sin(23.0 * t)
+    q = solve_ivp(
+        lambda s, y: [y[1], (np.interp(s, t, u) - 0.3 * y[1]) / 0.04], (0.0, t[-1]), [0.1, 0.0], t_eval=t, rtol=1e-9, atol=1e-12
+    ).y[0] + 1e-5 * rng.standard_normal(t.size)  # fmt: skip
+    noise = LinkNoise(1e-5, 0.01, 5.0, 100.0, 100.0, 1e-4)
+    x, P, _, _ = estimate_link(link_start(noise), q, u, T, noise, 1e4)
+    np.testing.assert_allclose(x, textbook(q, u, noise), rtol=1e-6, atol=1e-8)
+    a, b = x[-1, 2:]
+    assert 1.0 / a == pytest.approx(0.04, rel=5e-3)
+    assert b / a == pytest.approx(0.3, rel=2e-2)
+    assert np.linalg.eigvalsh(P[-1]).min() > 0.0
+
+
+def test_another_run_begins_elsewhere_with_the_same_link():
+    t = np.arange(4000) * T
+    u, noise = np.sin(12.0 * t), LinkNoise(1e-6, 1e-3, 5.0, 100.0, 100.0, 0.0)
+    q = -np.sin(12.0 * t) / (0.05 * 144.0) + t / (0.05 * 12.0)
+    _, _, _, state = estimate_link(link_start(noise), q, u, T, noise, 1e4)
+    x, _, _, _ = estimate_link(anew(state), q[:50] + 7.0, u[:50], T, noise, 1e4)
+    assert x[0, 0] == pytest.approx(q[0] + 7.0)
+    assert 1.0 / x[-1, 2] == pytest.approx(0.05, rel=1e-2)
+    missing = np.full(20, np.nan)
+    x, _, _, _ = estimate_link(state, missing, missing, T, noise, 1e4)
+    assert np.isfinite(x).all()
+
+
+def joint_log(path, inertia=0.03, damping=0.05, weight=0.4, noise=1.0):
+    """A hardening spring, 60 N·m/rad and more, between a motor that is moved and a link that hangs: 12 s at 1 kHz."""
+    rng = np.random.default_rng(0)
+    t = np.arange(12_000) * T
+
+    def theta(s):
+        return 0.25 * np.sin(7.0 * s) + 0.2 * np.sin(2.3 * s)
+
+    def spring(phi):
+        return 60.0 * phi + 4000.0 * phi**3
+
+    def motion(s, y):
+        return [y[1], (-spring(y[0] - theta(s)) - damping * y[1] - weight * np.sin(y[0])) / inertia]
+
+    q = solve_ivp(motion, (0.0, t[-1]), [0.0, 3.0], t_eval=t, rtol=1e-9, atol=1e-11).y[0]
+    phi = q - theta(t)
+    step = noise * 2 * np.pi / 2**17 + 1e-12
+    columns = {
+        "time": t,
+        "q": np.round(q / step) * step,
+        "theta": np.round(theta(t) / step) * step,
+        "torque": spring(phi) + noise * 0.005 * rng.standard_normal(t.size),
+    }
+    np.savetxt(path, np.column_stack(list(columns.values())), delimiter=",", header=",".join(columns), comments="")
+    rig = path.with_suffix(".rig.toml")
+    rig.write_text(
+        f"""[joint.arm]
+kind = "elastic"
+link = {{ inertia = {2 * inertia}, damping = 0.0, gravity_torque = {weight} }}
+[joint.arm.signals]
+link_position = "q"
+motor_position = "theta"
+torque_sensor = "torque"
+"""
+    )
+    return 60.0 + 12_000.0 * phi**2
+
+
+def estimated(log, folder, *options):
+    result = CliRunner().invoke(
+        cli, ["estimate", str(log), "--estimator", "impedance", "-o", str(folder) + "/", "--json", *options]
+    )
+    assert result.exit_code == 0, result.output
+    table = pq.read_table(folder / f"{log.stem}.stiffness.parquet").to_pydict()
+    rows = [i for i, name in enumerate(table["transmission"]) if name == "total"]
+    return {name: np.array([values[i] for i in rows], dtype=object) for name, values in table.items()}, json.loads(
+        result.stdout
+    )
+
+
+def numbers(values):
+    return np.array([np.nan if v is None else float(v) for v in values])
+
+
+@pytest.mark.parametrize(
+    ("options", "noise"),
+    [((), 1.0), (("--tune", "derivative=difference"), 1e-4)],
+    ids=["filter", "difference"],
+)
+def test_a_joint_s_impedance_is_found_without_any_motor_data(tmp_path, options, noise):
+    """The rig says twice the inertia and no damping: neither is used. Differences are for signals with next to no noise."""
+    true = joint_log(tmp_path / "arm.csv", noise=noise)
+    trace, _ = estimated(tmp_path / "arm.csv", tmp_path, *options)
+    excited = trace["excited"].astype(bool)
+    assert excited.mean() > 0.9
+    error, std = numbers(trace["stiffness"]) - true, numbers(trace["stiffness_std"])
+    assert np.median(np.abs(error / true)[excited]) < 0.01
+    assert np.mean(np.abs(error)[excited] < 2.0 * std[excited]) > 0.9
+    assert np.median((std / true)[excited]) < 0.05
+    late = slice(-1000, None)
+    for name, value in (("link_inertia", 0.03), ("link_damping", 0.05)):
+        found, deviation = numbers(trace[name])[late], numbers(trace[f"{name}_std"])[late]
+        assert np.all(np.abs(found - value) < 3.0 * deviation), name
+        assert np.all(deviation < 0.2 * value), name
+
+
+def test_a_weight_that_the_rig_does_not_know_is_told(tmp_path):
+    joint_log(tmp_path / "arm.csv", weight=3.0)
+    rig = tmp_path / "arm.rig.toml"
+    rig.write_text(rig.read_text().replace("gravity_torque = 3.0", "gravity_torque = 0.0"))
+    _, said = estimated(tmp_path / "arm.csv", tmp_path)
+    assert "weight, friction or a push may be" in json.dumps(said)
+
+
+def test_what_cannot_be_is_refused_in_words(tmp_path, run):
+    joint_log(tmp_path / "arm.csv")
+    wrong = run("estimate", "arm.csv", "--estimator", "impedance", "--tune", "filter=kinematic")
+    assert wrong.returncode == 2
+    assert "derivative=difference" in wrong.stderr
+    rig = tmp_path / "arm.rig.toml"
+    rig.write_text(rig.read_text().replace('torque_sensor = "torque"\n', ""))
+    missing = run("estimate", "arm.csv", "--estimator", "impedance")
+    assert missing.returncode == 2
+    assert "torque_sensor" in missing.stderr
+    assert not list(tmp_path.glob("*.parquet"))
+
+
+def test_serio_s_simulated_experiment_is_met():
+    """Fig. 4: 5.1 % for the stiffness, 6.7 % for the damping, 9.8 % for the inertia."""
+    rows = [row for row in simulated(Study(seeds=(0,))).rows if row.estimator == "impedance"]
+    assert len(rows) == 3
+    for row in rows:
+        assert row.ours.median <= row.printed, row.quantity

@@ -1,0 +1,39 @@
+"""How many independent samples a signal is worth: neighbouring ones are alike."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import fft
+
+Array = NDArray[np.float64]
+
+# Autocorrelations are taken of so many samples or a few more, spread over the log.
+LONGEST = 1 << 17
+
+
+def effective_samples(e: Array) -> float:
+    """Return how many independent samples an error signal is worth: N over twice its correlation time.
+
+    The correlation time is summed up to the first pair of autocorrelations whose sum is not positive (Geyer 1992), of e² where
+    that is longer than of e.
+    """
+    n = e.size
+    step = max(1, n // LONGEST)
+    time = max(_correlation_time(e[::step]), _correlation_time(e[::step] ** 2))
+    return float(np.clip(n / (step * time) if step > 1 else n / time, 1.0, n))
+
+
+def _correlation_time(x: Array) -> float:
+    """Return 1 + 2 Σ ρ_k in samples."""
+    x = x - x.mean()
+    power = float(x @ x)
+    if power <= 0.0:
+        return 1.0
+    size = fft.next_fast_len(x.size + x.size // 2, real=True)  # wide enough for lags up to half the length
+    spectrum = np.abs(fft.rfft(x, size)) ** 2
+    rho = fft.irfft(spectrum, size)[: x.size // 2] / power
+    pairs = rho[: rho.size // 2 * 2].reshape(-1, 2).sum(axis=1)
+    ends = np.flatnonzero(pairs <= 0.0)
+    last = int(ends[0]) if ends.size else pairs.size
+    return max(1.0, 2.0 * float(pairs[:last].sum()) - 1.0)
