@@ -23,7 +23,7 @@ from vsalog.cli.pairs import pairs
     default="auto",
     show_default=True,
     metavar="NAME",
-    help="residual-rls, qr-rls, batch-ls, direct, algebraic, impedance, pam-ukf, pam-model, or auto: whichever the signals allow.",
+    help="residual-rls, qr-rls, batch-ls, direct, algebraic, impedance, pam-ukf, pam-model, or auto: what the signals allow.",
 )
 @click.option(
     "--tune", multiple=True, callback=pairs, metavar="NAME=VALUE", help="Tune the estimator, e.g. forgetting=0.98."
