@@ -33,6 +33,7 @@ USUAL = (
     "batch-ls",
     "direct",
     "algebraic",
+    "impedance",
     "pam-ukf",
     "pam-model",
 )

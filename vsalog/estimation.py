@@ -25,6 +25,11 @@ from vsalog.trace import Trace
 
 Sink = Callable[[Trace], None]
 
+# What one more sensor would add.
+SENSOR_ADDS = (
+    "a joint torque sensor would need no motor data (direct) and show the link's inertia and damping too (impedance)"
+)
+
 
 @dataclass(frozen=True, slots=True)
 class Choice:
@@ -88,15 +93,22 @@ def _automatic(device: Device, offered: Collection[str]) -> tuple[str, str]:
         return "pam-ukf", "the joint has pneumatic muscles, whose pressures tell its state"
     _require_some_torque(device, offered)
     motors = all({v.motor_position, v.motor_torque} <= set(offered) for v in views)
+    sensor = "torque_sensor" in offered or all(v.torque_sensor in offered for v in views)
     if motors and all(v.motor.inertia is not None for v in views):
-        return "residual-rls", "motor position and torque are recorded and the motor's inertia is known"
-    if "torque_sensor" in offered or all(v.torque_sensor in offered for v in views):
-        lack = "no motor torque is recorded" if not motors else "the motor's inertia is not known"
-        return "direct", f"there is a torque sensor, and {lack}"
-    return (
-        "qr-rls",
-        "motor position and torque are recorded, but neither the motor's inertia nor a torque sensor is there",
-    )
+        why = "motor position and torque are recorded and the motor's inertia is known"
+        return "residual-rls", why if sensor else f"{why}; {SENSOR_ADDS}"
+    if sensor:
+        lack, more = (
+            (
+                "the motor's inertia is not known",
+                "with it in the rig the motor's torque would be a second witness (residual-rls)",
+            )
+            if motors
+            else ("no motor torque is recorded", "with motor_position it would be a second witness (residual-rls)")
+        )
+        return "direct", f"there is a torque sensor, and {lack}; {more}"
+    why = "motor position and torque are recorded, but neither the motor's inertia nor a torque sensor is there"
+    return "qr-rls", f"{why}; {SENSOR_ADDS}"
 
 
 def _require_some_torque(device: Device, offered: Collection[str]) -> None:

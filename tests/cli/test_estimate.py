@@ -24,6 +24,22 @@ def test_a_log_that_carries_its_rig_needs_no_option(run, samples, tmp_path):
     assert sorted(p.name for p in tmp_path.iterdir()) == ["vsa2_exp1.model.toml", "vsa2_exp1.stiffness.parquet"]
 
 
+def test_what_one_more_sensor_would_add_is_said(run, samples, tmp_path):
+    """The estimator is picked by what is recorded, and which other one a further sensor would allow is told."""
+    log, rig = samples / "sea_exp1.csv", (samples / "sea_exp1.rig.toml").read_text()
+    for removed, chosen, added in (
+        ("", "residual-rls", None),
+        ("torque_sensor", "residual-rls", "a joint torque sensor"),
+        ("motor_torque", "direct", "second witness"),
+    ):
+        lines = [line for line in rig.splitlines() if not (removed and line.startswith(removed))]
+        (tmp_path / "less.toml").write_text("\n".join(lines) + "\n")
+        said = " ".join(run("estimate", log, "--rig", "less.toml", "-o", tmp_path / "out.parquet").stdout.split())
+        assert f"sea: {chosen}" in said, removed
+        assert ("would" in said) == (added is not None), removed
+        assert added is None or added in said, removed
+
+
 def test_the_trace_keeps_its_contract(run, samples, tmp_path):
     run("estimate", samples / "vsa2_exp1.mcap")
     schema = pq.read_schema(tmp_path / "vsa2_exp1.stiffness.parquet")
