@@ -26,16 +26,18 @@ def test_a_log_that_carries_its_rig_needs_no_option(run, samples, tmp_path):
 
 def test_what_one_more_sensor_would_add_is_said(run, samples, tmp_path):
     """The estimator is picked by what is recorded, and which other one a further sensor would allow is told."""
-    log, rig = samples / "sea_exp1.csv", (samples / "sea_exp1.rig.toml").read_text()
+    roles = ("motor_position", "link_position", "motor_torque", "torque_sensor")
     for removed, chosen, added in (
         ("", "residual-rls", None),
         ("torque_sensor", "residual-rls", "a joint torque sensor"),
         ("motor_torque", "direct", "second witness"),
     ):
-        lines = [line for line in rig.splitlines() if not (removed and line.startswith(removed))]
-        (tmp_path / "less.toml").write_text("\n".join(lines) + "\n")
-        said = " ".join(run("estimate", log, "--rig", "less.toml", "-o", tmp_path / "out.parquet").stdout.split())
-        assert f"sea: {chosen}" in said, removed
+        signals = "".join(f'{role} = "{role.replace("_", " ")}"\n' for role in roles if role != removed)
+        rig = f'[joint.sea]\nkind = "elastic"\nmotor = {{ inertia = 0.05 }}\n[joint.sea.signals]\n{signals}'
+        (tmp_path / "less.toml").write_text(rig)
+        done = run("estimate", samples / "sea_exp1.csv", "--rig", "less.toml", "-o", tmp_path / "out.parquet")
+        said = " ".join(done.stdout.split())
+        assert f"sea: {chosen}" in said, done.stderr
         assert ("would" in said) == (added is not None), removed
         assert added is None or added in said, removed
 
