@@ -167,10 +167,10 @@ def band(x: Array, low: Array, high: Array, columns: int, gaps: Indices | None =
         t = x[a : b + 1]
         count = int(np.clip(np.ceil(columns * (t[-1] - t[0]) / span), 1, t.size))
         edges = np.unique(np.searchsorted(t, np.linspace(t[0], t[-1], count + 1)[:-1], side="left"))
-        lower, upper = _outline(low[a : b + 1], high[a : b + 1], edges)
-        some = lower <= upper
-        lower, upper, edges = lower[some], upper[some], edges[some]
-        at = np.append(t[edges], t[-1])
+        first_of, lower, upper = _outline(low[a : b + 1], high[a : b + 1], edges)
+        some = first_of >= 0
+        lower, upper, first_of = lower[some], upper[some], first_of[some]
+        at = np.append(t[first_of], t[-1])
         lower, upper = np.append(lower, lower[-1]), np.append(upper, upper[-1])
         out_x += [at, at[::-1], hole]
         out_y += [upper, lower[::-1], hole]
@@ -199,14 +199,16 @@ def _stretches(low: Array, high: Array, gaps: Indices) -> tuple[Indices, Indices
 
 
 @njit(cache=True, nogil=True)
-def _outline(low: Array, high: Array, edges: Indices) -> tuple[Array, Array]:
-    """Return the least of `low` and the greatest of `high` from each edge to the next; what is no number does not count."""
+def _outline(low: Array, high: Array, edges: Indices) -> tuple[Indices, Array, Array]:
+    """Return the first number (−1: none), the least of `low` and the greatest of `high` from each edge to the next."""
+    first = np.full(edges.size, -1)
     lower, upper = np.full(edges.size, np.inf), np.full(edges.size, -np.inf)
     for i in range(edges.size):
         for k in range(edges[i], edges[i + 1] if i + 1 < edges.size else low.size):
             if np.isfinite(low[k]) and np.isfinite(high[k]):
                 lower[i], upper[i] = min(lower[i], low[k]), max(upper[i], high[k])
-    return lower, upper
+                first[i] = k if first[i] < 0 else first[i]
+    return first, lower, upper
 
 
 def spans(time: Array, flags: Flags, columns: int) -> list[tuple[float, float]]:
