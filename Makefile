@@ -9,7 +9,7 @@ SEED ?= 1
 BIN = $(VENV)/bin
 MAKEFLAGS += --no-print-directory
 
-.PHONY: demo test lint bench battery samples schema clean
+.PHONY: demo test lint bench battery samples clean
 
 demo: $(VENV)/.demo
 	@$(BIN)/vsalog inspect sample_logs/vsa2_exp1.mcap

@@ -45,6 +45,21 @@ def step_of(values: Array) -> float | None:
     return least if repeats and float(np.mean(fitting)) >= MULTIPLES else None
 
 
+def sensor_noise(values: Array, step: float, least: float) -> float:
+    """Return what a sensor adds to a signal, one standard deviation, above 0: white noise, or its steps where these are larger.
+
+    Parameters
+    ----------
+    values : shape (N,), NaN is left out
+    step : of the sensor, 0 where it has none
+    least : part of the largest value that a sensor without either has all the same
+    """
+    finite = values[np.isfinite(values)]
+    return float(
+        max(noise_of(finite) or 0.0, step / 12.0**0.5, least * float(np.abs(finite).max(initial=0.0)) or least)
+    )
+
+
 def noise_of(values: Array) -> float | None:
     """Return the standard deviation of a signal's white noise; None where too little can be told.
 

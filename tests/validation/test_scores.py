@@ -65,5 +65,19 @@ def test_bins_hold_every_sample_once(count, seed):
     x, e = rng.normal(size=count).round(1), rng.normal(size=count)
     bins = bins_of(e, x)
     assert sum(b.samples for b in bins) == count
-    assert sum(b.samples * b.bias for b in bins) == pytest.approx(e.sum(), abs=1e-9 * count)
-    assert sum(b.samples * b.rmse**2 for b in bins) == pytest.approx(np.sum(e**2))
+    assert sum(b.samples * b.bias.value for b in bins) == pytest.approx(e.sum(), abs=1e-9 * count)
+    assert sum(b.samples * b.rmse.value**2 for b in bins) == pytest.approx(np.sum(e**2))
+
+
+def test_intervals_of_the_error_over_a_variable_hold_the_true_values():
+    """An error of 0.1 x + noise that stays alike for 20 samples, x in turn from −1 to 1: of each interval the truth is known."""
+    rng, hits, count = np.random.default_rng(5), np.zeros(2), 0
+    x = np.sin(np.arange(8_000) * 2 * np.pi / 800)
+    for _ in range(60):
+        for b in bins_of(0.1 * x + 0.05 * correlated(rng, x.size, 20), x):
+            inside = (x >= b.low) & (x <= b.high)
+            bias, power = 0.1 * x[inside].mean(), 0.01 * np.mean(x[inside] ** 2) + 0.05**2
+            hits += b.bias.low <= bias <= b.bias.high, b.rmse.low <= np.sqrt(power) <= b.rmse.high
+            count += 1
+    assert np.all(hits / count >= 0.90)
+    assert np.all(hits / count <= 0.995)

@@ -25,7 +25,7 @@ from vsalog.filters.link_ekf import DECAY, MOBILITY, VELOCITY, LinkNoise, LinkSt
 from vsalog.filters.savitzky_golay import savgol_filter
 from vsalog.filters.stiffness_observer import observe_stiffness, observer_start
 from vsalog.model import JointModel, basis_spec
-from vsalog.resolution import noise_of
+from vsalog.resolution import sensor_noise
 from vsalog.signals import JointSignals
 from vsalog.trace import Trace
 
@@ -294,8 +294,8 @@ class ImpedanceFold:
             alike = max(alike, left.size / effective_samples(left * np.sign(deflection_rate)))
             steps = [signals.resolution.get(role, 0.0) for role in view.deflection_roles(signals.roles)]
             noise = np.hypot(
-                _noise(torque, signals.resolution.get(view.torque_sensor, 0.0)),
-                float(np.nanmedian(found)) * _noise(phi, float(np.linalg.norm(steps))),
+                sensor_noise(torque, signals.resolution.get(view.torque_sensor, 0.0), LEAST_NOISE),
+                float(np.nanmedian(found)) * sensor_noise(phi, float(np.linalg.norm(steps)), LEAST_NOISE),
             )
             more = max(0.0, float(np.mean(left**2)) - gain * float(noise) ** 2)
             within = max(within, float(np.sqrt(more / np.mean(deflection_rate**2))))
@@ -307,8 +307,8 @@ class ImpedanceFold:
         _, rate, acceleration = savgol_filter(q, self.conditioner.weights)
         size = _rms(acceleration)
         return LinkNoise(
-            position=_noise(q, signals.resolution.get("link_position", 0.0)),
-            torque=_noise(u, 0.0),
+            position=sensor_noise(q, signals.resolution.get("link_position", 0.0), LEAST_NOISE),
+            torque=sensor_noise(u, 0.0, LEAST_NOISE),
             velocity=ROOM * _rms(rate),
             mobility=ROOM * size / max(_rms(u - np.nanmean(u)), 1e-300),
             decay=ROOM * size / max(_rms(rate), 1e-300),
@@ -344,10 +344,3 @@ def _added(parts: list[dict[str, NDArray[Any]]]) -> dict[str, NDArray[Any]]:
 
 def _rms(values: Array) -> float:
     return float(np.sqrt(np.nanmean(values**2))) if np.isfinite(values).any() else 0.0
-
-
-def _noise(values: Array, step: float) -> float:
-    """Return a signal's noise: what jumps from sample to sample, and its steps."""
-    finite = values[np.isfinite(values)]
-    least = LEAST_NOISE * float(np.abs(finite).max(initial=0.0)) or LEAST_NOISE
-    return float(max(noise_of(finite) or 0.0, step / 12.0**0.5, least))

@@ -22,7 +22,7 @@ from vsalog.estimators.regression import SUPPORTED_SHARE
 from vsalog.estimators.tuning import Tuning
 from vsalog.filters.square_root_ukf import UnscentedTrace
 from vsalog.model import JointModel, basis_spec
-from vsalog.resolution import noise_of
+from vsalog.resolution import sensor_noise
 from vsalog.signals import JointSignals
 from vsalog.trace import Trace
 
@@ -96,9 +96,8 @@ def estimate_of(name: str, device: Device, signals: JointSignals, tuning: PamTun
         finite = signals.roles[role][np.isfinite(signals.roles[role])]
         if finite.size == 0:
             raise EstimatorError(f"joint '{device.joint}': {role} has no value in this log")
-        step = signals.resolution.get(role, 0.0) / 12.0**0.5
         middle.append(float(np.median(finite)))
-        sensors.append(max(noise_of(finite) or 0.0, step, LEAST_NOISE * float(np.abs(finite).max())))
+        sensors.append(sensor_noise(finite, signals.resolution.get(role, 0.0), LEAST_NOISE))
     noise = pam_noise(
         device.pneumatic, signals.period, (middle[0], middle[1]), (sensors[0], sensors[1]), flow=tuning.flow, force=tuning.force,
         friction=tuning.friction,

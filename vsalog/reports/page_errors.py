@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 from numpy.typing import NDArray
 from scipy import special
@@ -10,6 +12,7 @@ from vsalog.reports.page_characteristic import setpoint_label
 from vsalog.reports.page_charts import Axes, Chart, Curve
 from vsalog.reports.page_decimate import gaps_of
 from vsalog.reports.page_figures import DEFLECTION, number
+from vsalog.validation.document import Figure
 from vsalog.validation.evidence import JointEvidence, TransmissionEvidence
 from vsalog.validation.scores import bins_of
 
@@ -100,7 +103,7 @@ def _dependence(joint: JointEvidence, part: TransmissionEvidence, error: Array, 
         bins = bins_of(error[both], x[both])
         middle = np.array([0.5 * (b.low + b.high) for b in bins])
         width = np.array([b.high - b.low for b in bins])
-        rmse, bias = np.array([b.rmse for b in bins]), np.array([b.bias for b in bins])
+        rmse, bias = np.array([b.rmse.value for b in bins]), np.array([b.bias.value for b in bins])
         first = not panels
         panels.append(
             Axes(
@@ -109,12 +112,20 @@ def _dependence(joint: JointEvidence, part: TransmissionEvidence, error: Array, 
                 (
                     Curve("root mean square" if first else "", middle, rmse, "error", "bars", width=width),
                     Curve("mean" if first else "", middle, bias, "measured", "marked"),
+                    _whiskers(middle, [b.rmse for b in bins], "their 95 % intervals" if first else ""),
+                    _whiskers(middle, [b.bias for b in bins], ""),
                 ),
             )
         )
         said.append(f"over the {name} its root mean square is {number(rmse.min())} to {number(rmse.max())} N·m")
     words = f"The error {of}, in intervals that hold equally many of them: {'; '.join(said)}."
     return Chart("error_dependence", "What the error depends on", words, tuple(panels), beside=True)
+
+
+def _whiskers(x: Array, figures: Sequence[Figure], label: str) -> Curve:
+    """Return 95 % intervals as upright lines with NaN between them."""
+    ends = np.array([(f.low, f.high, np.nan) for f in figures], dtype=np.float64)
+    return Curve(label, np.repeat(x, 3), ends.ravel(), "model")
 
 
 def _rate(time: Array, phi: Array, at: NDArray[np.int64]) -> Array:

@@ -6,7 +6,7 @@ from typing import Literal
 
 import msgspec
 
-VERSION = 1
+VERSION = 2
 
 Verdict = Literal["holds", "fails", "undecided", "cannot be judged"]
 Reference = Literal["sensor", "residual", "nominal", "truth"]
@@ -65,8 +65,21 @@ class Bin(_Part, frozen=True):
     low: float
     high: float
     samples: int
-    rmse: float
-    bias: float
+    rmse: Figure
+    bias: Figure
+
+
+class ErrorOver(_Part, frozen=True):
+    """The error over a variable, of the samples inside the region.
+
+    Attributes
+    ----------
+    on : ``deflection`` [rad], ``speed`` of the deflection [rad/s] or ``setpoint`` [rad or m]
+    bins : intervals that hold equally many samples
+    """
+
+    on: str
+    bins: tuple[Bin, ...]
 
 
 class Dependence(_Part, frozen=True):
@@ -135,6 +148,7 @@ class TransmissionReport(_Part, frozen=True):
     comparisons : all there are, that one first
     inside_share : part of the samples that lie inside the region the model was fitted in
     gain : how many times the predicted torque is measured; null where it is not clearly other than one
+    errors : over deflection, speed and set-point, of what the verdict rests on
     dependence : what the error depends on, strongest first
     modalities : of the same log, side by side
     """
@@ -146,6 +160,7 @@ class TransmissionReport(_Part, frozen=True):
     dependence: tuple[Dependence, ...]
     modalities: tuple[ModalityScore, ...] = ()
     gain: float | None = None
+    errors: tuple[ErrorOver, ...] = ()
 
 
 class JointReport(_Part, frozen=True):

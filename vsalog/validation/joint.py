@@ -18,11 +18,11 @@ from vsalog.rig.schema import AntagonisticJoint, Joint
 from vsalog.signals import JointSignals
 from vsalog.validation import references as ref
 from vsalog.validation.dependence import LEAST_SHARE, dependences, gain_of, thinned
-from vsalog.validation.document import Comparison, Dependence, Reference, Score, TransmissionReport
+from vsalog.validation.document import Comparison, Dependence, ErrorOver, Reference, Score, TransmissionReport
 from vsalog.validation.evidence import JointEvidence, TransmissionEvidence, setpoint_unit
 from vsalog.validation.independence import computed_from, stuck
 from vsalog.validation.region import inside_region
-from vsalog.validation.scores import LEAST_TORQUE, score
+from vsalog.validation.scores import LEAST_TORQUE, bins_of, score
 from vsalog.validation.signatures import POSITIONS, loops
 from vsalog.validation.torques import felt, sensor_of
 from vsalog.validation.torques import residual as residual_of
@@ -203,6 +203,7 @@ def _report(part: _Part, prepared: Prepared, setpoint: Array | None) -> Transmis
     judged_on: Reference | None = None
     dependence: tuple[Dependence, ...] = ()
     gain: float | None = None
+    errors: tuple[ErrorOver, ...] = ()
     if part.sensor is not None:
         comparisons.append(_compare(TORQUE, "sensor", part.torque, part.sensor, part.inside))
     if part.residual is not None and part.lagged is not None:
@@ -221,8 +222,9 @@ def _report(part: _Part, prepared: Prepared, setpoint: Array | None) -> Transmis
             raw = prepared.sensors.get(part.sensor_role or "") if reference == "sensor" else None
             period = prepared.signals.period
             dependence = _dependence(part, predicted, measured, prepared.smoothed, setpoint, period, raw)
-            few = thinned(part.inside)[0]
+            few = thinned(part.inside & np.isfinite(predicted - measured))[0]
             gain = gain_of(predicted[few] - measured[few], predicted[few])
+            errors = _errors_over(part, predicted - measured, prepared.smoothed, setpoint, period, few)
     comparisons.sort(key=lambda c: (c.reference != judged_on, c.quantity != "flexibility_torque"))
     known = np.isfinite(part.torque)
     share = float(part.inside[known].mean()) if known.any() else 0.0
@@ -233,7 +235,23 @@ def _report(part: _Part, prepared: Prepared, setpoint: Array | None) -> Transmis
         inside_share=share,
         dependence=dependence,
         gain=gain,
+        errors=errors,
     )
+
+
+def _errors_over(
+    part: _Part, error: Array, s: ref.Smoothed, setpoint: Array | None, period: float, rows: NDArray[np.int64]
+) -> tuple[ErrorOver, ...]:
+    """Return the error over what the joint did, at some of the samples."""
+    variables = {"deflection": part.phi[rows], "speed": ref.rate_at(part.phi, rows, s, period)}
+    if setpoint is not None:
+        variables["setpoint"] = setpoint[rows]
+    out = []
+    for name, x in variables.items():
+        known = np.isfinite(x)
+        if known.any() and np.ptp(x[known]) > 0.0:
+            out.append(ErrorOver(on=name, bins=bins_of(error[rows][known], x[known])))
+    return tuple(out)
 
 
 def _compare(

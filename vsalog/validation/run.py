@@ -89,7 +89,7 @@ def validate(
         rig = _rig(file, log, options)
         progress(f"validating against {log.name}")
         with ThreadPoolExecutor(1) as beside:
-            digest = beside.submit(lambda log: sha256(log) if log.exists() else "", log)
+            digest = beside.submit(_hash, log)
             joints = _judge_log(file, rig, log, digest, options, progress, partial(draw, i))
         same = hashes.setdefault(digest.result() or name, name)
         if same != name or log in logs[:i]:
@@ -110,6 +110,10 @@ def validate(
         logs=tuple(reports),
         thresholds=thresholds(reports, options.max_nrmse, options.max_msrep),
     )
+
+
+def _hash(log: Path) -> str:
+    return sha256(log) if log.exists() else ""
 
 
 def _rig(file: ModelFile, log: Path, options: Options) -> Rig:

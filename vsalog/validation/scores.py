@@ -154,21 +154,35 @@ def _figure(value: float, draws: Array, blocks: int, positive: bool) -> Figure:
 
 
 def bins_of(e: Array, x: Array) -> tuple[Bin, ...]:
-    """Return the error over intervals of `x` that hold equally many samples."""
+    """Return the error over intervals of `x` that hold equally many samples.
+
+    Parameters
+    ----------
+    e, x : shape (N,), in the order of time
+    """
     edges, index = binned(x)
+    count = max(len(edges) - 1, 1)
+    first = _blocks(e.size, effective_samples(e))
+    block = np.searchsorted(first, np.arange(e.size), side="right") - 1
+    # Per interval and block: how many samples, and their sums.
+    cell, shape = index * first.size + block, (count, first.size)
+    n, total, square = (np.bincount(cell, weights, count * first.size).reshape(shape) for weights in (None, e, e**2))
+    drawn = _drawn(first.size)
     out = []
-    for i in range(len(edges) - 1):
-        part = e[index == i]
-        if part.size:
-            out.append(
-                Bin(
-                    low=float(edges[i]),
-                    high=float(edges[i + 1]),
-                    samples=int(part.size),
-                    rmse=float(np.sqrt(np.mean(part**2))),
-                    bias=float(part.mean()),
-                )
+    for i in np.flatnonzero(n.sum(axis=1)):
+        with np.errstate(divide="ignore", invalid="ignore"):
+            samples, mean, power = n[i] @ drawn, total[i] @ drawn, square[i] @ drawn
+            rmse, bias = np.sqrt(power / samples), mean / samples
+        of = float(n[i].sum())
+        out.append(
+            Bin(
+                low=float(edges[i]),
+                high=float(edges[i + 1]),
+                samples=int(of),
+                rmse=_figure(float(np.sqrt(square[i].sum() / of)), rmse, first.size, positive=True),
+                bias=_figure(float(total[i].sum() / of), bias, first.size, positive=False),
             )
+        )
     return tuple(out)
 
 
