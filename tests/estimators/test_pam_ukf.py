@@ -150,6 +150,7 @@ def test_what_cannot_be_is_refused(folder):
     sea = Rig.preset("sea").joints["sea"]
     with pytest.raises(EstimatorError, match="kind 'pneumatic'"):
         choose("sea", sea, "pam-ukf", {})
-    code, _, err = vsalog("validate", "pam.model.toml", "pam.mcap", cwd=folder)
+    assert vsalog("estimate", "pam.mcap", "-o", "refused.parquet", cwd=folder)[0] == 0
+    code, _, err = vsalog("validate", "refused.model.toml", "pam.mcap", cwd=folder)
     assert code == 2
     assert "pneumatic" in err

@@ -55,7 +55,9 @@ def test_the_awas_model_holds_in_the_second_experiment(models, tmp_path):
     assert [over["on"] for over in part["errors"]] == ["deflection", "speed", "setpoint"]
     for over in part["errors"]:
         assert len(over["bins"]) == 12
-        assert all(b[name]["low"] <= b[name]["value"] <= b[name]["high"] for b in over["bins"] for name in ("rmse", "bias"))
+        assert all(
+            b[name]["low"] <= b[name]["value"] <= b[name]["high"] for b in over["bins"] for name in ("rmse", "bias")
+        )
     jsonschema.Draft202012Validator(report_schema()).validate(report)
     assert json.loads((tmp_path / "report.json").read_text()) == report
     assert (tmp_path / "report.html").stat().st_size > 10_000
