@@ -22,12 +22,14 @@ from numpy.typing import NDArray
 from vsalog.binding import offered_roles
 from vsalog.diagnosis._inverse import deflection_under
 from vsalog.diagnosis._loops import bristle_torque, loop_torque
+from vsalog.diagnosis.memory import remembered
 from vsalog.diagnosis.sensing import known
 from vsalog.mechanics import flexibility_torque, reaction_torque
 from vsalog.mechanics.transmissions import coded
 from vsalog.rig.schema import (
     AntagonisticJoint,
     AwasTransmission,
+    Contact,
     ElasticJoint,
     Friction,
     KnownTransmission,
@@ -120,17 +122,21 @@ def balance(joint: Mechanical, roles: Mapping[str, Array], time: Array, spread: 
         told = suffix in motion.torques and suffix in motion.motors and suffix not in motion.spent
         if motor.inertia is not None and role in roles and told:
             theta, torque = motion.motors[suffix], motion.torques[suffix]
-            residual = _moved(motor, theta) - torque - roles[role][0]
-            shaped = _resisted(motor, theta, torque, motion.slacks[suffix])
+            residual = remembered(_turned, motor, theta, torque, roles[role])
+            load = torque if motor.friction.load else None
+            shaped = remembered(_resisted, motor, theta, load, motion.slacks[suffix])
             equations.append(Equation(f"motor{suffix}", "motor", "N*m", residual, shaped, theta[1]))
     if isinstance(joint, SerialJoint):
         equations += _secondary(joint, motion, time)
     equations += _transmissions(joint, motion)
     if joint.link is not None and motion.link is not None and len(motion.torques) == len(_motors(joint)):
-        total = sum(motion.torques.values(), np.zeros(time.size))
-        external = roles["external_torque"][0] if "external_torque" in roles else 0.0
-        residual = _driven(joint.link, motion.link) + total - external
-        shaped = rubbing(joint.link.friction, motion.link, total, motion.slacks["link"]) - _pushed(joint.link, time)
+        first, *others = motion.torques.values()
+        total = remembered(np.add, first, *others) if others else first
+        residual = remembered(_driven, joint.link, motion.link, total, roles.get("external_torque"))
+        load = total if joint.link.friction.load else None
+        shaped = remembered(rubbing, joint.link.friction, motion.link, load, motion.slacks["link"])
+        if joint.link.contact:
+            shaped = remembered(np.subtract, shaped, remembered(_pushed, joint.link.contact, time))
         equations.append(Equation("link", "link", "N*m", residual, shaped, motion.link[1]))
         if "link_acceleration" in roles and "link_position" in roles:
             off = roles["link_acceleration"][0] - motion.link[2]
@@ -146,9 +152,9 @@ def motion_of(joint: Mechanical, roles: Mapping[str, Array], time: Array, spread
     for s in suffixes:
         phi = roles.get(f"deflection{s}")
         if phi is not None and link is None and s in motors:
-            link = motors[s] + phi
+            link = remembered(np.add, motors[s], phi)
         elif phi is not None and link is not None and s not in motors:
-            motors[s] = link - phi
+            motors[s] = remembered(np.subtract, link, phi)
     deflections, torques = {}, {}
     measured, spent = set(), set()
     for s in suffixes:
@@ -158,25 +164,25 @@ def motion_of(joint: Mechanical, roles: Mapping[str, Array], time: Array, spread
         arm = roles["setpoint"] if isinstance(transmission, AwasTransmission) and "setpoint" in roles else None
         if isinstance(transmission, AwasTransmission) and arm is None:
             continue
-        lever = None if arm is None else arm[0]
+        lever = None if arm is None else remembered(_value, arm)
         if f"deflection{s}" in roles or (link is not None and s in motors):
-            phi = roles[f"deflection{s}"] if f"deflection{s}" in roles else link - motors[s]  # type: ignore[operator]
+            phi = roles[f"deflection{s}"] if f"deflection{s}" in roles else remembered(np.subtract, link, motors[s])
             sensed = [f"deflection{s}"] if f"deflection{s}" in roles else ["link_position", f"motor_position{s}"]
             slack = SLACK * float(np.hypot.reduce([spread.get(r, 0.0) for r in sensed]))
-            deflections[s], torques[s] = phi, transmitted(transmission, phi, lever, time, slack)
+            deflections[s], torques[s] = phi, remembered(transmitted, transmission, phi, lever, time, slack)
             continue
         felt = _felt(joint, s, roles, motors)
         if felt is None or s not in motors:
             continue
         slack = SLACK * spread.get(f"torque_sensor{s}", spread.get(f"motor_torque{s}", 0.0))
-        deflections[s] = _deflected(transmission, felt, lever, time, slack)
+        deflections[s] = remembered(_deflected, transmission, felt, lever, time, slack)
         torques[s] = felt
         measured.add(s)
         if f"torque_sensor{s}" not in roles:
             spent.add(s)
     told = [s for s in deflections if s in motors]
     if link is None and told:
-        link = motors[told[0]] + deflections[told[0]]
+        link = remembered(np.add, motors[told[0]], deflections[told[0]])
     slacks = {s: SLACK * spread.get(f"motor_position{s}", 0.0) for s in suffixes}
     slacks["link"] = SLACK * spread.get("link_position", max(slacks.values()) / SLACK)
     return Motion(roles, motors, link, deflections, torques, frozenset(measured), frozenset(spent), slacks)
@@ -202,12 +208,21 @@ def transmitted(
 def _felt(joint: Mechanical, suffix: str, roles: Mapping[str, Array], motors: Mapping[str, Array]) -> Array | None:
     """Return τ_T as the torque sensor says it, else as the motor equation does."""
     if f"torque_sensor{suffix}" in roles:
-        return np.asarray(roles[f"torque_sensor{suffix}"][0])
+        return remembered(_value, roles[f"torque_sensor{suffix}"])
     motor = _motors(joint)[suffix]
     if f"motor_torque{suffix}" in roles and suffix in motors and motor.inertia is not None:
-        moved = _moved(motor, motors[suffix]) + _resisted(motor, motors[suffix], None, 0.0)
-        return np.asarray(moved - roles[f"motor_torque{suffix}"][0])
+        return remembered(_transferred, motor, motors[suffix], roles[f"motor_torque{suffix}"])
     return None
+
+
+def _transferred(motor: Motor, theta: Array, recorded: Array) -> Array:
+    """Return what a motor's torque leaves for its transmission."""
+    return np.asarray(_moved(motor, theta) + _resisted(motor, theta, None, 0.0) - recorded[0])
+
+
+def _value(x: Array) -> Array:
+    """Return the value of what comes with its derivatives."""
+    return np.asarray(x[0])
 
 
 def _deflected(transmission: KnownTransmission, torque: Array, arm: Array | None, time: Array, slack: float) -> Array:
@@ -245,6 +260,11 @@ def slope_of(values: Array, time: Array) -> Array:
     return out
 
 
+def _turned(motor: Motor, theta: Array, torque: Array, recorded: Array) -> Array:
+    """Return B θ̈ + D θ̇ − τ_T − τ."""
+    return np.asarray(_moved(motor, theta) - torque - recorded[0])
+
+
 def _moved(motor: Motor, theta: Array) -> Array:
     """Return B θ̈ + D θ̇."""
     motor = motor.reflected
@@ -275,19 +295,20 @@ def rubbing(friction: Friction, x: Array, load: Array | None, slack: float) -> A
     return np.asarray(level * np.sign(x[1]))
 
 
-def _driven(link: Link, q: Array) -> Array:
-    """Return M q̈ + D q̇ + g(q)."""
+def _driven(link: Link, q: Array, torque: Array, external: Array | None) -> Array:
+    """Return M q̈ + D q̇ + g(q) + τ_T − τ_ext."""
     inertia, weight = link.inertia, link.gravity_torque
     if link.payload is not None:
         inertia += link.payload.mass * link.payload.distance**2
         weight += link.payload.mass * GRAVITY * link.payload.distance if weight else 0.0
-    return np.asarray(inertia * q[2] + link.damping * q[1] + weight * np.sin(q[0] - link.gravity_angle))
+    carried = inertia * q[2] + link.damping * q[1] + weight * np.sin(q[0] - link.gravity_angle) + torque
+    return np.asarray(carried if external is None else carried - external[0])
 
 
-def _pushed(link: Link, time: Array) -> Array | float:
+def _pushed(contacts: tuple[Contact, ...], time: Array) -> Array:
     """Return what pushes the link from outside."""
-    torque: Array | float = 0.0
-    for push in link.contact:
+    torque = np.zeros(time.size)
+    for push in contacts:
         u = (time - push.start) / push.duration
         torque = torque + np.where((u > 0.0) & (u < 1.0), push.torque * np.sin(np.pi * u) ** 2, 0.0)
     return torque
@@ -312,13 +333,14 @@ def _transmissions(joint: Mechanical, motion: Motion) -> list[Equation]:
     roles, equations = motion.roles, []
     for s, torque in motion.torques.items():
         if f"torque_sensor{s}" in roles and s not in motion.measured:
-            off = _gain(joint, f"torque_sensor{s}") * (roles[f"torque_sensor{s}"][0] - torque)
+            off = remembered(_misread, _gain(joint, f"torque_sensor{s}"), roles[f"torque_sensor{s}"], torque)
             equations.append(Equation(f"transmission{s}", "transmission", "N*m", off))
         if known(roles, f"deflection{s}", f"motor_position{s}", "link_position"):
             off = roles[f"deflection{s}"][0] - roles["link_position"][0] + roles[f"motor_position{s}"][0]
             equations.append(Equation(f"deflection{s}", "sensor", "rad", off))
     if "torque_sensor" in roles and len(motion.torques) == 2:
-        off = _gain(joint, "torque_sensor") * (roles["torque_sensor"][0] - sum(motion.torques.values()))
+        total = remembered(np.add, *motion.torques.values())
+        off = remembered(_misread, _gain(joint, "torque_sensor"), roles["torque_sensor"], total)
         equations.append(Equation("transmission", "transmission", "N*m", off))
     if len(motion.measured) == 2 and motion.link is not None:
         # Both transmissions hang on one link: where each puts it must agree.
@@ -326,6 +348,11 @@ def _transmissions(joint: Mechanical, motion: Motion) -> list[Equation]:
         off = motion.link[0] - motion.motors[second][0] - motion.deflections[second][0]
         equations.append(Equation("agreement", "transmission", "rad", off))
     return equations
+
+
+def _misread(gain: float, sensor: Array, torque: Array) -> Array:
+    """Return what a torque sensor says beside what the rig has it say."""
+    return np.asarray(gain * (sensor[0] - torque))
 
 
 def _gain(joint: Mechanical, role: str) -> float:

@@ -22,7 +22,7 @@ from vsalog.diagnosis.joint import (
     JointDiagnosis,
     plain_rows,
     remainder_depends_on,
-    unexplained_equation,
+    unexplained_side,
     variables,
 )
 from vsalog.diagnosis.remainder import curve_of, predicted_share
@@ -148,9 +148,10 @@ def equation_errors(found: JointDiagnosis) -> list[EquationError]:
 
 def unexplained_of(found: JointDiagnosis) -> Unexplained:
     """Return what no cause explains."""
-    equation = unexplained_equation(found)
-    if found.consistent or equation is None:
+    left = unexplained_side(found)
+    if found.consistent or left is None:
         return Unexplained(fraction=found.fraction if not found.consistent else 0.0, where=None, depends_on=())
+    side, equation = left
     on, known = remainder_depends_on(found, equation), variables(found)
     rows = plain_rows(found, found.extended)[:, equation] * found.system.deviation[equation]
     curve: tuple[Bin, ...] = ()
@@ -158,7 +159,7 @@ def unexplained_of(found: JointDiagnosis) -> Unexplained:
         curve = tuple(Bin(low=a, high=b, mean=m, std=s) for a, b, m, s in curve_of(rows, known[on[0]][0]))
     return Unexplained(
         fraction=found.fraction,
-        where=found.system.sides[equation],  # type: ignore[arg-type]
+        where=side,  # type: ignore[arg-type]
         depends_on=tuple(on),
         equation=found.system.names[equation],
         curve=curve,

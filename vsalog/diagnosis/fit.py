@@ -46,6 +46,19 @@ class Fit:
         """Σ of squares over all blocks, each predicted by the others."""
         return float(self.losses.sum())
 
+    @property
+    def at_a_wall(self) -> bool:
+        """Whether a cause of one number has been driven as far as it may go: what it stands for is then something else.
+
+        Nothing at all is no wall: a friction of 0 is one that is not there.
+        """
+        return any(
+            (p.low != 0.0 and self.own(site)[0] <= p.low) or self.own(site)[0] >= p.high
+            for site in self.sites
+            for p in site.parameters
+            if len(site.parameters) == 1
+        )
+
     def own(self, site: Site) -> Array:
         """Return the values of one cause."""
         return self.values[self._part(site)]

@@ -125,6 +125,7 @@ def compared(
     *,
     first: Shot | None = None,
     second: Shot | None = None,
+    near: Shot | None = None,
     noise: bool = True,
 ) -> Compared:
     """Simulate windows with two rigs, each from the states that fit it best.
@@ -134,6 +135,7 @@ def compared(
     before, after : the rig as it stands, and extended
     windows : of the log
     first, second : simulations of just these windows with each, where they are known from another comparison
+    near : simulation of just these windows with a rig that is much like the one that is not known yet
     noise : whether to measure what noise alone makes, which takes as long as a search for the states; what the errors are
         weighed by stands for it otherwise
 
@@ -144,10 +146,10 @@ def compared(
     """
     if first is None and second is None:
         windows = weighed(after, _affordable(after, windows))
-    one = begun(before, windows) if first is None else first
+    one = begun(before, windows, near=near) if first is None else first
     two = one
     if after is not before:
-        two = begun(after, windows) if second is None else second
+        two = begun(after, windows, near=near) if second is None else second
         one, two = begun_as(before, windows, one, two), begun_as(after, windows, two, one)
     known = None if noise else windows.scale
     return Compared(windows, one, two, floors(after, windows, two) if known is None else known)

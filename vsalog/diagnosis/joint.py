@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from vsalog.diagnosis.balance import Motion
 from vsalog.diagnosis.causes import catalogue
 from vsalog.diagnosis.causes.base import Site
 from vsalog.diagnosis.channels import channels_of
@@ -20,6 +21,7 @@ from vsalog.diagnosis.remainder import depends_on, variables_of
 from vsalog.diagnosis.selection import Choice, Selection, blocks_of, select
 from vsalog.diagnosis.sensing import at_joint, true_roles
 from vsalog.diagnosis.setting import setting_of
+from vsalog.diagnosis.sides import side_of
 from vsalog.diagnosis.system import System, build_system
 from vsalog.diagnosis.unknown import TAKEN_UP, with_springs
 from vsalog.diagnosis.windows import Windows, windows_of
@@ -31,8 +33,6 @@ Progress = Callable[[str], None]
 
 # The mean square of an equation that noise explains, and the part of what was wrong that may be left of an explained log.
 NOISE, LEFT = 2.0, 0.015
-# Filters and averages tell no number better than to this part of it.
-EXACT = 5e-4
 
 
 @dataclass(frozen=True, slots=True)
@@ -64,7 +64,8 @@ class Found:
             there = self.site.reported(moved.tolist())
             slopes[:, i] = [(there[name][0] - value) / step for name, (value, _) in told.items()]
         variance = np.maximum(np.diag(slopes @ self.covariance @ slopes.T), 0.0)
-        spread = np.sqrt(variance + np.array([(EXACT * value) ** 2 for value, _ in told.values()]))
+        exact = catalogue()[self.site.cause].exact
+        spread = np.sqrt(variance + np.array([(exact * value) ** 2 for value, _ in told.values()]))
         return {name: (value, float(s), unit) for (name, (value, unit)), s in zip(told.items(), spread, strict=True)}
 
 
@@ -208,24 +209,38 @@ def _kept(
     """Drop causes that do not make the simulation of the held-out windows better."""
     fit, dropped = selection.fit, list[str]()
     gain = compared(joint, fit.joint(joint) if fit.sites else joint, windows, noise=False)
-    for choice in sorted(selection.choices, key=lambda c: float((c.before - c.after).sum())):
-        site = choice.site
-        rest = tuple(s for s in fit.sites if s.key != site.key)
-        if len(fit.sites) == 1:
-            helps = gain.helps
-        else:
-            start = np.concatenate([fit.own(s) for s in rest])
-            less = compared(applied(joint, rest, start), fit.joint(joint), gain.windows, second=gain.after, noise=False)
-            helps = less.helps
-        if not helps:
-            start = np.concatenate([fit.own(s) for s in rest]) if rest else np.zeros(0)
-            fit = fitted(system, joint, rest, start, selection.blocks)
-            gain = compared(joint, fit.joint(joint) if rest else joint, gain.windows, first=gain.before, noise=False)
-            dropped.append(
-                f"{site.cause} would explain part of the equations, but does not make the simulation of held-out data better:"
-                " it is not kept"
-            )
+    worth = {c.site.key: float((c.before - c.after).sum()) for c in selection.choices}
+    weakest_first = sorted((c.site for c in selection.choices), key=lambda s: worth[s.key])
+
+    def drop(site: Site) -> None:
+        nonlocal fit, gain
+        rest, start = _others(fit, site)
+        fit = fitted(system, joint, rest, start, selection.blocks)
+        extended = fit.joint(joint) if rest else joint
+        gain = compared(joint, extended, gain.windows, first=gain.before, near=gain.after, noise=False)
+        dropped.append(
+            f"{site.cause} would explain part of the equations, but does not make the simulation of held-out data better:"
+            " it is not kept"
+        )
+
+    for site in weakest_first:
+        less = gain
+        if len(fit.sites) > 1:
+            without_it = applied(joint, *_others(fit, site))
+            less = compared(without_it, fit.joint(joint), gain.windows, second=gain.after, near=gain.after, noise=False)
+        if not less.helps:
+            drop(site)
+    # Wrong ones may need each other: each helps beside the others, and all together do not.
+    for site in weakest_first:
+        if fit.sites and not gain.helps and site.key in {s.key for s in fit.sites}:
+            drop(site)
     return fit, replace(gain, floor=floors(fit.joint(joint), gain.windows, gain.after)), dropped
+
+
+def _others(fit: Fit, site: Site) -> tuple[tuple[Site, ...], Array]:
+    """Return the causes of a fit but one, and their values."""
+    rest = tuple(s for s in fit.sites if s.key != site.key)
+    return rest, np.concatenate([fit.own(s) for s in rest]) if rest else np.zeros(0)
 
 
 def _found(system: System, joint: Any, selection: Selection, fit: Fit) -> list[Found]:
@@ -252,12 +267,11 @@ def _removed(system: System, joint: Any, selection: Selection, fit: Fit) -> list
     wrong = max(nothing.loss - system.count, 1e-300)
     parts = []
     for site in fit.sites:
-        rest = tuple(s for s in fit.sites if s.key != site.key)
-        if not rest:
+        if len(fit.sites) == 1:
             parts.append(nothing.loss - fit.loss)
             continue
         alone = fitted(system, joint, (site,), fit.own(site), selection.blocks)
-        without_it = fitted(system, joint, rest, np.concatenate([fit.own(s) for s in rest]), selection.blocks)
+        without_it = fitted(system, joint, *_others(fit, site), selection.blocks)
         parts.append(max(nothing.loss - alone.loss, 0.0) + max(without_it.loss - fit.loss, 0.0))
     whole = float(np.clip((nothing.loss - fit.loss) / wrong, 0.0, 1.0))
     return [whole * part / max(sum(parts), 1e-300) for part in parts]
@@ -269,12 +283,14 @@ def _fraction(system: System, nothing: Fit, fit: Fit) -> float:
     return float(np.clip(left / wrong, 0.0, 1.0)) if wrong > 0.0 and left > 0.0 else 0.0
 
 
-def unexplained_equation(found: JointDiagnosis) -> int | None:
-    """Return the equation in which most is left over beyond noise; none where nothing is."""
+def unexplained_side(found: JointDiagnosis) -> tuple[str, int] | None:
+    """Return the side that most of what is left over is on, and the equation that shows it; none where nothing is left."""
     rows = plain_rows(found, found.extended)
-    squares = np.nanmean(rows**2, axis=0)
-    worst = int(np.nanargmax(squares))
-    return worst if squares[worst] > NOISE else None
+    if np.nanmax(np.nanmean(rows**2, axis=0)) <= NOISE:
+        return None
+    motion = _motion(found)
+    springs = [s for s in motion.deflections if s not in motion.measured]
+    return side_of(found.system, found.extended, found.rows(found.fit), springs)
 
 
 def plain_rows(found: JointDiagnosis, joint: Any) -> Array:
@@ -285,9 +301,13 @@ def plain_rows(found: JointDiagnosis, joint: Any) -> Array:
 
 def variables(found: JointDiagnosis) -> dict[str, tuple[Array, str]]:
     """Return what remainders of a joint may depend on."""
+    return variables_of(found.system, _motion(found))
+
+
+def _motion(found: JointDiagnosis) -> Motion:
     channels = found.system.channels
     roles = true_roles(found.extended, channels, found.system.hold)
-    return variables_of(found.system, motion_for(found.extended, roles, channels.time, channels.spread))
+    return motion_for(found.extended, roles, channels.time, channels.spread)
 
 
 def remainder_depends_on(found: JointDiagnosis, equation: int) -> list[str]:

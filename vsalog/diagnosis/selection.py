@@ -37,8 +37,9 @@ ALIKE, NEAR = 2.0, 0.3
 # What happens once has to stand out by so much more, since it was looked for everywhere.
 SEARCHED = 4.0
 MOST_CAUSES = 4
-# Torques are taken for held, as drives hold them, unless the equations close that much better with smooth ones.
-CLEARLY = 0.9
+# Torques are taken for held, as drives hold them, unless the equations close better with smooth ones by so many spreads of the
+# difference over the blocks.
+CLEARLY = 3.0
 # So many hypotheses are fitted in full after a first step with each.
 FITTED, FAMILIES = 8, 3
 
@@ -106,6 +107,7 @@ def select(system: System, joint: Any, setting: Setting, barred: frozenset[str] 
     system, current = renewed(system, joint, fitted(system, joint, (), np.zeros(0), blocks), blocks)
     nothing = current
     choices = list[Choice]()
+    met = set[frozenset[tuple[str, str]]]()
     while len(choices) < MOST_CAUSES:
         rivals = considered(system, joint, setting, sites, current, blocks)
         found = chosen(system, current, rivals)
@@ -118,6 +120,11 @@ def select(system: System, joint: Any, setting: Setting, barred: frozenset[str] 
         nothing = fitted(system, joint, (), np.zeros(0), blocks)
         current, choices = settled(system, joint, setting, sites, current, choices, blocks)
         current, choices = looked_back(system, joint, setting, sites, current, choices, blocks)
+        # Where nothing really fits, a look back may undo what was taken, and the search would go round in circles.
+        together = frozenset(choice.site.key for choice in choices)
+        if together in met:
+            break
+        met.add(together)
     return Selection(system, current, nothing, tuple(_by_worth(system, joint, current, choices, blocks)), blocks)
 
 
@@ -128,7 +135,8 @@ def renewed(system: System, joint: Any, current: Fit, blocks: Integers) -> tuple
         other = build_system(current.joint(joint), system.channels, system.balance, hold).on_rows_of(system)
         found.append((other, fitted(other, joint, current.sites, current.values, blocks)))
     held, smooth = found
-    return smooth if smooth[1].loss < CLEARLY * held[1].loss else held
+    better = held[1].losses - smooth[1].losses
+    return smooth if better.sum() > CLEARLY * _spread(better) else held
 
 
 def blocks_of(system: System) -> Integers:
@@ -244,6 +252,8 @@ def least_worth(system: System, current: Fit, own: Array) -> float:
 
 
 def _worthy(system: System, current: Fit, rival: Rival) -> bool:
+    if rival.fit.at_a_wall:
+        return False
     gain = current.loss - _left(rival)
     if rival.site.transient:
         return gain > SEARCHED * max(WORTH * system.count, SHARE * current.loss)
@@ -311,6 +321,7 @@ def looked_back(
     blocks: Integers,
 ) -> tuple[Fit, list[Choice]]:
     """Try each earlier cause again now that others are known: drop it, or put another in its place."""
+    newest = choices[-1].site.key
     for choice in list(choices) if len(choices) > 1 else []:
         rest = tuple(s for s in current.sites if s.key != choice.site.key)
         start = np.concatenate([current.own(s) for s in rest]) if rest else np.zeros(0)
@@ -318,6 +329,8 @@ def looked_back(
         if not _worthy(system, without, Rival(choice.site, current)):
             current, choices = without, [c for c in choices if c is not choice]
             continue
+        if choice.site.key == newest:
+            continue  # it has just been looked for, with the same others there
         found = chosen(system, without, considered(system, joint, setting, sites, without, blocks))
         if found is None:
             continue

@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from collections import OrderedDict
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
@@ -12,6 +11,7 @@ from numpy.typing import NDArray
 
 from vsalog.binding import offered_roles
 from vsalog.diagnosis.channels import Channels
+from vsalog.diagnosis.memory import remembered
 from vsalog.rig.schema import AntagonisticJoint, Joint, Motor, PneumaticJoint, SerialJoint, Signal
 
 Array = NDArray[np.float64]
@@ -20,9 +20,6 @@ Array = NDArray[np.float64]
 ROUNDS = 6
 # Voltages that are commanded, and held from one sample to the next as motors' torques are.
 VALVES = ("valve_1", "valve_2")
-# So many bytes of signals are remembered as rigs have them, the latest, each with what it was made of.
-REMEMBERED = 1 << 28
-_KEPT: OrderedDict[tuple[Any, ...], tuple[Array, tuple[Any, ...]]] = OrderedDict()
 
 
 def bare(joint: Any) -> Any:
@@ -103,7 +100,7 @@ def true_roles(joint: Joint, channels: Channels, hold: float = 0.0) -> dict[str,
     """
     offered = offered_roles(joint)
     true = {
-        role: _remembered(_true, values, _said_of(offered.get(role, Signal())), channels.time, channels.period)
+        role: remembered(_true, values, _said_of(offered.get(role, Signal())), channels.time, channels.period)
         for role, values in channels.roles.items()
     }
     for name in motors_of(joint):
@@ -111,31 +108,20 @@ def true_roles(joint: Joint, channels: Channels, hold: float = 0.0) -> dict[str,
         if role in true:
             motor: Motor = getattr(joint, name).reflected
             late = (motor.torque_delay + hold) / channels.period
-            true[role] = _remembered(_acting, true[role], late, motor.torque_gain, motor.torque_offset)
+            true[role] = remembered(_acting, true[role], late, motor.torque_gain, motor.torque_offset)
     for role, values in list(true.items()):
         if role in VALVES and hold:
-            true[role] = _remembered(shifted, values, -hold / channels.period)
+            true[role] = remembered(shifted, values, -hold / channels.period)
         series = offered.get(role, Signal()).series_stiffness
         sensor = role.replace("deflection", "torque_sensor")
         if series is not None and sensor in true:
-            true[role] = values - true[sensor] / series
+            true[role] = remembered(_without_series, values, true[sensor], series)
     return true
 
 
-def _remembered(undo: Callable[..., Array], values: Array, *settings: Any) -> Array:
-    """Return undo(values, *settings), which is asked for again and again: a search changes one value of a rig at a time.
-
-    An array is known again by its identity; with what was made of it it is kept, so that no other takes its place.
-    """
-    key = (undo, id(values), *(id(s) if isinstance(s, np.ndarray) else s for s in settings))
-    if key in _KEPT:
-        _KEPT.move_to_end(key)
-        return _KEPT[key][0]
-    found = undo(values, *settings)
-    _KEPT[key] = found, (values, settings)
-    while len(_KEPT) > 1 and sum(entry[0].nbytes for entry in _KEPT.values()) > REMEMBERED:
-        _KEPT.popitem(last=False)
-    return found
+def _without_series(deflection: Array, torque: Array, stiffness: float) -> Array:
+    """Take off a deflection what a spring in series with it gives way under a torque."""
+    return deflection - torque / stiffness
 
 
 def _said_of(signal: Signal) -> tuple[float, ...]:

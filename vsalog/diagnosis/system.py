@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 
 from vsalog.diagnosis.balance import Equation
 from vsalog.diagnosis.channels import Channels
+from vsalog.diagnosis.memory import remembered
 from vsalog.diagnosis.sensing import true_roles
 
 Array = NDArray[np.float64]
@@ -121,15 +122,14 @@ class System:
     def rows(self, equations: list[Equation]) -> Array:
         """Average equations, shape (R, m); 0 where they are not used."""
         out = np.zeros((self.centres.size, len(self.names)))
-        column, more = np.empty(self.centres.size), np.empty(self.centres.size)
         for equation in equations:
             if equation.name not in self.names:
                 continue
             i = self.names.index(equation.name)
-            _average(np.ascontiguousarray(equation.residual), self.usable[i], self.bell, self.centres, column)
+            column = remembered(_averages, equation.residual, self.usable, i, self.bell, self.centres)
             if np.ndim(equation.shaped):
-                _average(np.ascontiguousarray(equation.shaped), self.usable[i], self.wide, self.centres, more)
-                column += np.nan_to_num(more)
+                more = remembered(_averages, equation.shaped, self.usable, i, self.wide, self.centres)
+                column = column + np.nan_to_num(more)
             out[:, i] = np.where(self.weights[:, i] > 0.0, column, 0.0)
         # What a rig that is far off makes of a row must not stop the search.
         return np.nan_to_num(out, nan=1e6, posinf=1e6, neginf=-1e6)
@@ -236,6 +236,12 @@ def _whitener(covariance: Array, pattern: int) -> Array:
     # Equations that share all their noise are told apart no better than to a part in a thousand.
     lower = np.linalg.cholesky(correlation + 1e-6 * np.eye(len(own)))
     out[np.ix_(own, own)] = np.linalg.solve(lower, np.diag(1.0 / scale))
+    return out
+
+
+def _averages(values: Array, usable: Flags, row: int, bell: Array, centres: Integers) -> Array:
+    out = np.empty(centres.size)
+    _average(np.ascontiguousarray(values), usable[row], bell, centres, out)
     return out
 
 

@@ -7,7 +7,9 @@ what is left over is what the rig cannot explain within a window, whatever it be
 
 from __future__ import annotations
 
+import os
 from collections.abc import Iterator, Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
 from itertools import pairwise
 from typing import Any, Protocol
@@ -194,7 +196,9 @@ def shoot(joint: Any, windows: Windows, states: Array) -> Shot:
     return Shot(states, errors)
 
 
-def begun(joint: Any, windows: Windows, states: Array | None = None, rounds: int = 2) -> Shot:
+def begun(
+    joint: Any, windows: Windows, states: Array | None = None, rounds: int = 2, *, near: Shot | None = None
+) -> Shot:
     """Simulate the windows from the states that fit them best.
 
     Parameters
@@ -203,12 +207,15 @@ def begun(joint: Any, windows: Windows, states: Array | None = None, rounds: int
     windows : of the log
     states : to start the search with; the measured ones when absent
     rounds : Newton steps with one set of derivatives; windows that are still far off are begun anew
+    near : simulation with a rig that is much like this one, to go on from instead
     """
-    if states is None:
+    if near is not None:
+        states = near.states
+    elif states is None:
         states = player_of(joint, windows.channels).measured_states()[windows.spans[:, 0]]
     # What is unstable bends the way from a beginning to what follows, the more the later it follows: the first part of a window
     # tells its beginning well enough for the rest to be straight.
-    for share in PARTS if not _remembers(joint, windows) else ():
+    for share in PARTS if near is None and not _remembers(joint, windows) else ():
         first = windows.first(share)
         states = _nearer(joint, first, shoot(joint, first, states), 1)[0].states
     shot, far = _nearer(joint, windows, shoot(joint, windows, states), rounds)
@@ -317,11 +324,18 @@ def by_states(joint: Any, windows: Windows, shot: Shot) -> Array:
     """Return the change of each window's errors with its state, shape (W, L · roles, n)."""
     base = in_windows(shot, windows)
     out = np.zeros((*base.shape, shot.states.shape[1]))
-    for i, (nudge, where) in player_of(joint, windows.channels).free(shot.states).items():
+    free = player_of(joint, windows.channels).free(shot.states)
+
+    def moved(i: int) -> None:
+        nudge, where = free[i]
         states = shot.states.copy()
         states[where, i] += nudge
         change = (in_windows(shoot(joint, windows, states), windows) - base) / nudge
         out[where, :, i] = change[where]
+
+    # Compiled simulations leave the interpreter to one another.
+    with ThreadPoolExecutor(max(1, min(len(free), os.cpu_count() or 1))) as beside:
+        list(beside.map(moved, free))
     return out
 
 

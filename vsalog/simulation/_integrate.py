@@ -288,7 +288,7 @@ def source_stamp(*modules: ModuleType) -> str:
 
 
 def _compiled(stamp: str) -> Callable[..., Any]:
-    @njit(cache=True, error_model="numpy")
+    @njit(cache=True, error_model="numpy", nogil=True)
     def integrate(
         p: Array, at: Integers, stiff: bool, fresh: bool, step: float, start_time: float, inputs: Array, prescribed: Array,
         servos: Array, reference: Array, commands: Array, past: int, x: Array, modes: Integers, w: Array, room: Array,

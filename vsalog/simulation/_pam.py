@@ -196,7 +196,7 @@ def _way_from_rest(x: Array, external: float, air: Array, muscles: Array, seesaw
     return FORWARD if drive > 0.0 else BACKWARD
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def integrate_pam(
     start: Array, inputs: Array, step: float, air: Array, muscles: Array, seesaw: Array, friction: Array, held: bool
 ) -> Array:

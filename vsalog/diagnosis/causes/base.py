@@ -137,10 +137,16 @@ class Setting:
         return (size(values[1]) if values is not None else 0.0) or 1.0
 
 
+# Filters and averages tell no number better than to this part of it; one of a short wave not that well, and one of what has
+# corners, as dry friction, loops and gaps have, which are also rounder in a machine than in any rig, still less.
+SMOOTH, WAVY, CORNERED = 5e-4, 2e-3, 1e-2
+
+
 class Cause:
     """A physical or sensing effect that a rig's simulation may lack or have wrong.
 
-    A subclass states what it is, and yields its sites. The texts speak of `{part}`, in words.
+    A subclass states what it is, and yields its sites. The texts speak of `{part}`, in words. `exact` is the part of a value to
+    which the equations tell it at best.
     """
 
     name: ClassVar[str]
@@ -150,6 +156,7 @@ class Cause:
     reference: ClassVar[str]
     signature: ClassVar[str]
     order: ClassVar[int] = 0
+    exact: ClassVar[float] = SMOOTH
 
     def sites(self, setting: Setting) -> Iterator[Site]:
         """Yield where in the joint the cause may sit, given its roles."""

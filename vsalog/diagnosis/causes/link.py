@@ -9,7 +9,7 @@ import numpy as np
 from msgspec.structs import replace
 
 from vsalog.diagnosis.balance import GRAVITY
-from vsalog.diagnosis.causes.base import Cause, Parameter, Remainder, Setting, Site, with_part
+from vsalog.diagnosis.causes.base import CORNERED, WAVY, Cause, Parameter, Remainder, Setting, Site, with_part
 from vsalog.diagnosis.causes.motor_friction import with_bristles
 from vsalog.rig.schema import Contact, Payload
 
@@ -138,6 +138,7 @@ class LinkCoulombFriction(_OfLink):
     """Dry friction at the link's bearing."""
 
     name = "link.coulomb_friction"
+    exact = CORNERED
     title = "Dry friction of the link is missing in the rig, or has another level"
     says = "the link's equation is off by a level that has the sign of its velocity"
     confirm = (
@@ -163,6 +164,7 @@ class LinkContact(_OfLink):
     """A push from outside, once."""
 
     name = "link.contact"
+    exact = WAVY
     title = "Something pushed the link for a moment"
     says = "the link's equation is off for a short time only"
     confirm = "Look at what happened at {start}; record again without touching the link."

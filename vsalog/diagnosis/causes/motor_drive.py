@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from vsalog.diagnosis.causes.base import Cause, Parameter, Remainder, Setting, Site, with_part
+from vsalog.diagnosis.causes.base import WAVY, Cause, Parameter, Remainder, Setting, Site, with_part
 from vsalog.diagnosis.causes.motor_friction import moved_motors, scale_of
 from vsalog.diagnosis.sensing import position_role
 from vsalog.diagnosis.system import LATEST
@@ -111,6 +111,7 @@ class MotorCogging(Cause):
     """A torque that repeats over the rotor's turn."""
 
     name = "motor.cogging"
+    exact = WAVY
     title = "A torque repeats over the turn of the {part}'s rotor (cogging, or a gear's teeth), and the rig does not have it"
     says = "its motor equation is off by a wave over the motor's position"
     confirm = "Let the motor turn slowly, at constant speed and without load: its torque repeats with the angle, not with time."

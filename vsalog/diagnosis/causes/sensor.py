@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from vsalog.binding import signal_of
-from vsalog.diagnosis.causes.base import Cause, Parameter, Setting, Site, with_signal
+from vsalog.diagnosis.causes.base import WAVY, Cause, Parameter, Setting, Site, with_signal
 from vsalog.diagnosis.system import LATEST
 from vsalog.rig.schema import Eccentricity
 
@@ -162,6 +162,7 @@ class EncoderEccentricity(Cause):
     """An encoder's disc off its axis."""
 
     name = "sensor.encoder_eccentricity"
+    exact = WAVY
     title = "The disc of the {part} encoder is off its axis"
     says = "the deflection is off by a sine of the position, once per turn"
     confirm = "Turn the joint slowly through a whole turn, unloaded: motor and link encoder differ by a sine."

@@ -8,6 +8,7 @@ from typing import Any
 from msgspec.structs import replace
 
 from vsalog.diagnosis.causes.base import (
+    CORNERED,
     Cause,
     Parameter,
     Remainder,
@@ -142,6 +143,7 @@ class TransmissionHysteresis(_OfTransmission):
     """A loop between loading and unloading."""
 
     name = "transmission.hysteresis"
+    exact = CORNERED
     title = (
         "The {part} transmits more torque as it is loaded than as it is unloaded (hysteresis): the rig does not have it"
     )
@@ -175,6 +177,7 @@ class TransmissionBacklash(_OfTransmission):
     """A gap in which nothing is transmitted."""
 
     name = "transmission.backlash"
+    exact = CORNERED
     title = "The {part} has a gap in which it transmits nothing (backlash), and the rig does not have it"
     says = "it transmits nothing at small deflections, and less than the rig says at all others"
     confirm = "Hold the motor and move the link to and fro by hand: between the two stops it goes freely."

@@ -1,0 +1,63 @@
+"""Which side of a joint something is wrong on: whose torque, were it free at every moment, would explain most of what is left.
+
+A torque that is missing at a motor or at the link shows in that one equation. One that is missing in a transmission acts on both
+and on the torque sensor, too, and a torque sensor that errs shows in its own equation alone.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Iterator
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vsalog.binding import offered_roles
+from vsalog.diagnosis.system import System
+
+Array = NDArray[np.float64]
+
+# A torque sensor is blamed only where that explains this part more of what is left than the transmission does: where motors and
+# link are hardly told, the two are the same.
+CLEARLY = 0.1
+
+
+def side_of(system: System, joint: Any, left: Array, springs: Collection[str]) -> tuple[str, int]:
+    """Return the side that explains most of what is left, and the equation of that side in which most is left.
+
+    Parameters
+    ----------
+    system : of the log
+    joint : of the rig, on the joint's side
+    left : shape (R, m), whitened equations
+    springs : suffixes of the transmissions whose deflections positions tell; what one does to a deflection that its own torque
+        tells is not told apart
+    """
+    whole = float(np.sum(left**2))
+    scores: dict[str, float] = {}
+    for side, direction in _suspects(system, joint, springs):
+        push = system.white(np.where(system.weights > 0.0, direction, 0.0))
+        size = np.sum(push**2, axis=1)
+        known = size > 0.0
+        explained = float(np.sum(np.sum(left[known] * push[known], axis=1) ** 2 / size[known]))
+        scores[side] = max(scores.get(side, 0.0), explained)
+    side = max(scores, key=lambda s: scores[s])
+    if side == "sensor" and scores[side] < scores.get("transmission", 0.0) + CLEARLY * whole:
+        side = "transmission"
+    squares = np.sum(left**2, axis=0)
+    own = [i for i, s in enumerate(system.sides) if s == side] or list(range(len(system.sides)))
+    return side, max(own, key=lambda i: float(squares[i]))
+
+
+def _suspects(system: System, joint: Any, springs: Collection[str]) -> Iterator[tuple[str, Array]]:
+    """Yield sides with the change of the equations, shape (m,), that a torque there makes."""
+    names = system.names
+    for i, side in enumerate(system.sides):
+        yield ("sensor" if springs and side == "transmission" else side), np.eye(len(names))[i]
+    for suffix in springs:
+        # τ_T more than the rig has it: see the equations of `balance`.
+        signs = {f"motor{suffix}": -1.0, "link": 1.0}
+        for name in (f"transmission{suffix}", "transmission"):
+            if name in names:
+                signs[name] = -offered_roles(joint)[name.replace("transmission", "torque_sensor")].gain
+        yield "transmission", np.array([signs.get(name, 0.0) for name in names])
