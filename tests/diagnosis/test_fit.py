@@ -187,3 +187,19 @@ def test_directions_without_information_stay_at_zero():
 def test_a_step_that_would_leave_all_bounds_is_none():
     J = np.ones((5, 1))
     np.testing.assert_array_equal(newton_step(J, np.ones(5), np.zeros(1), np.zeros(1), np.ones(1), 0.0), [0.0])
+
+
+def test_a_wall_is_a_bound_that_one_number_was_driven_to_but_not_zero():
+    A = columns(count=1)
+
+    def end(low, high, count=1):
+        data = -3.0 * A[:, 0]
+        system = Curve(lambda *x: A[:, 0] * sum(x), data)
+        free = site("a", 0, 0.5, low, high, count=count)
+        return fitted(system, (0.0,) * count, (free,), np.array([0.5] * count), BLOCK).at_a_wall
+
+    assert end(0.1, 2.0)
+    assert end(-9.0, -3.5) or end(0.4, 0.6)
+    assert not end(0.0, 2.0)
+    assert not end(-9.0, 2.0)
+    assert not end(0.1, 2.0, count=2)

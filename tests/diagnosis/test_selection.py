@@ -2,8 +2,10 @@
 
 import numpy as np
 import pytest
-from written_out import ROLES, Truth, channels, joint_of
+from written_out import ELASTIC, ROLES, Truth, channels, drive, elastic, joint_of, sensed, signals
 
+from vsalog.diagnosis import selection as searching
+from vsalog.diagnosis.channels import channels_of
 from vsalog.diagnosis.fit import fitted
 from vsalog.diagnosis.kinds import balance_for
 from vsalog.diagnosis.selection import blocks_of, select
@@ -118,3 +120,44 @@ def test_losses_of_the_blocks_add_up_to_the_squares_where_nothing_is_fitted():
     system = build_system(joint_of(), found, balance_for(joint_of()))
     fit = fitted(system, joint_of(), (), np.zeros(0), blocks_of(system))
     assert fit.losses.sum() == pytest.approx(np.sum(system.whitened(joint_of()) ** 2))
+
+
+@pytest.mark.parametrize("late", [0.0, 0.5])
+@pytest.mark.parametrize("seed", range(3))
+def test_torques_that_are_held_and_such_that_are_not_are_told_apart_where_that_is_little(late, seed):
+    """A motor that is damped much takes a torque of half a sample's delay for inertia: D θ̇ changes by D T/2 θ̈, here 15 % of B.
+
+    What is held acts half a sample later, so the log's drive does.
+    """
+    heavy, period, drawn = Truth(damping=3.0), 2e-3, drive(seed)
+    time = np.arange(4000) * period
+    moved = elastic(time, heavy, lambda t: 3.0 * drawn(t - late * period))
+    moved["motor_torque"][0] = 3.0 * drawn(time)
+    found = channels_of(signals(sensed(moved, time, heavy, seed, loud=8.0), period))
+    joint, thin = joint_of(ELASTIC.replace("damping = 0.05", "damping = 3.0")), found.thinned()
+    system = build_system(joint, thin, balance_for(joint), 0.5 * found.period)
+    selection = select(system, joint, setting_of(joint, system))
+    assert named(selection) == []
+    assert (selection.system.hold > 0.0) == (late > 0.0)
+
+
+def test_a_search_that_goes_in_circles_ends(monkeypatch):
+    """A look back that takes away whatever was found."""
+    looks = []
+
+    def nothing_stands(system, joint, setting, sites, current, choices, blocks):
+        looks.append(named_of(choices))
+        return fitted(system, joint, (), np.zeros(0), blocks), []
+
+    def named_of(choices):
+        return [c.site.cause for c in choices]
+
+    monkeypatch.setattr(searching, "looked_back", nothing_stands)
+    selection = selected(channels(Truth(damping=0.08), duration=8.0, seed=4))
+    assert named(selection) == []
+    assert looks == [["motor.viscous_friction"]] * 2
+
+
+def test_a_cause_that_is_driven_as_far_as_it_may_go_is_not_taken(monkeypatch):
+    """A torque sensor that shows a thousandth of the torque is no matter of its gain."""
+    assert named(selected(channels(Truth(gain=0.001), duration=8.0, seed=4))) != ["sensor.torque_gain"]

@@ -52,7 +52,7 @@ def drive(seed=0):
     return torque
 
 
-def nothing(t, theta, phi):
+def nothing(*_):
     """Is not there."""
     return 0.0
 
@@ -74,12 +74,15 @@ class Truth:
     delay: float = 0.0
     push: tuple = (0.0, 0.1, 0.0)
     extra: Callable = nothing
+    at_motor: Callable = nothing
+    at_link: Callable = nothing
 
 
 def elastic(time, truth, torque=None):
     """Move the joint: role → value and two derivatives, shape (3, N), exact to the integrator's tolerance.
 
-    B θ̈ + D θ̇ + F tanh(θ̇/v₀) − τ_e = τ,  M q̈ + D_q q̇ + G sin q + τ_e = τ_ext,  τ_e = k φ + k₃ φ³ + extra,  φ = q − θ
+    B θ̈ + D θ̇ + F tanh(θ̇/v₀) − τ_e = τ + at_motor(θ, θ̇),  M q̈ + D_q q̇ + G sin q + τ_e = τ_ext + at_link(q, q̇),
+    τ_e = k φ + k₃ φ³ + extra(t, θ, φ),  φ = q − θ
     """
     torque = torque or drive()
     start, length, height = truth.push
@@ -91,8 +94,9 @@ def elastic(time, truth, torque=None):
         e, u = spring(t, a, q - a), (t - start) / length
         pushed = height * m.sin(math.pi * u) ** 2 * ((u > 0) & (u < 1)) if height else 0.0
         rubbed = truth.coulomb * m.tanh(da / 1e-4)
+        pushed = pushed + truth.at_link(q, dq)
         ddq = (pushed - e - truth.link_damping * dq - truth.gravity * m.sin(q)) / truth.link_inertia
-        return ddq, (torque(t) + e - truth.damping * da - rubbed) / truth.inertia
+        return ddq, (torque(t) + truth.at_motor(a, da) + e - truth.damping * da - rubbed) / truth.inertia
 
     def equations(t, x):
         q, dq, a, da = x.tolist()

@@ -17,9 +17,9 @@ from vsalog.diagnosis.system import System
 
 Array = NDArray[np.float64]
 
-# A torque sensor is blamed only where that explains this part more of what is left than the transmission does: where motors and
-# link are hardly told, the two are the same.
-CLEARLY = 0.1
+# A torque sensor is blamed only where that leaves no more than this part of what blaming the transmission leaves: where motors
+# and link are hardly told, the two are the same.
+CLEARLY = 0.5
 
 
 def side_of(system: System, joint: Any, left: Array, springs: Collection[str]) -> tuple[str, int]:
@@ -34,15 +34,16 @@ def side_of(system: System, joint: Any, left: Array, springs: Collection[str]) -
         tells is not told apart
     """
     whole = float(np.sum(left**2))
-    scores: dict[str, float] = {}
+    remains: dict[str, float] = {}
     for side, direction in _suspects(system, joint, springs):
         push = system.white(np.where(system.weights > 0.0, direction, 0.0))
         size = np.sum(push**2, axis=1)
         known = size > 0.0
         explained = float(np.sum(np.sum(left[known] * push[known], axis=1) ** 2 / size[known]))
-        scores[side] = max(scores.get(side, 0.0), explained)
-    side = max(scores, key=lambda s: scores[s])
-    if side == "sensor" and scores[side] < scores.get("transmission", 0.0) + CLEARLY * whole:
+        remains[side] = min(remains.get(side, whole), whole - explained)
+    side = min(remains, key=lambda s: remains[s])
+    noise = system.count
+    if side == "sensor" and remains[side] + noise > CLEARLY * (remains.get("transmission", np.inf) + noise):
         side = "transmission"
     squares = np.sum(left**2, axis=0)
     own = [i for i, s in enumerate(system.sides) if s == side] or list(range(len(system.sides)))
