@@ -133,7 +133,7 @@ def test_torques_that_are_held_and_such_that_are_not_are_told_apart_where_that_i
     time = np.arange(4000) * period
     moved = elastic(time, heavy, lambda t: 3.0 * drawn(t - late * period))
     moved["motor_torque"][0] = 3.0 * drawn(time)
-    found = channels_of(signals(sensed(moved, time, heavy, seed, loud=8.0), period))
+    found = channels_of(signals(sensed(moved, time, heavy, seed, loud=16.0), period))
     joint, thin = joint_of(ELASTIC.replace("damping = 0.05", "damping = 3.0")), found.thinned()
     system = build_system(joint, thin, balance_for(joint), 0.5 * found.period)
     selection = select(system, joint, setting_of(joint, system))

@@ -39,7 +39,7 @@ SEARCHED = 4.0
 MOST_CAUSES = 4
 # Torques are taken for held, as drives hold them, unless the equations close better with smooth ones by so many spreads of the
 # difference over the blocks.
-CLEARLY = 3.0
+CLEARLY = 2.0
 # So many hypotheses are fitted in full after a first step with each.
 FITTED, FAMILIES = 8, 3
 
