@@ -38,8 +38,8 @@ ALIKE, NEAR = 2.0, 0.3
 SEARCHED = 4.0
 MOST_CAUSES = 4
 # Torques are taken for held, as drives hold them, unless the equations close better with smooth ones by so many spreads of the
-# difference over the blocks.
-CLEARLY = 2.0
+# difference over the blocks, and by this part of what a cause must be worth: beside a delay that is looked for the two are one.
+CLEARLY, TOLD = 2.0, 0.3
 # So many hypotheses are fitted in full after a first step with each.
 FITTED, FAMILIES = 8, 3
 
@@ -136,7 +136,8 @@ def renewed(system: System, joint: Any, current: Fit, blocks: Integers) -> tuple
         found.append((other, fitted(other, joint, current.sites, current.values, blocks)))
     held, smooth = found
     better = held[1].losses - smooth[1].losses
-    return smooth if better.sum() > CLEARLY * _spread(better) else held
+    least = max(CLEARLY * _spread(better), TOLD * WORTH * system.centres.size)
+    return smooth if better.sum() > least else held
 
 
 def blocks_of(system: System) -> Integers:

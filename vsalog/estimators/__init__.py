@@ -25,6 +25,7 @@ BUILT_IN = {
     "direct": "vsalog.estimators.direct",
     "algebraic": "vsalog.estimators.algebraic",
     "impedance": "vsalog.estimators.impedance",
+    "grioli-parametric": "vsalog.estimators.grioli_parametric",
     "pam-ukf": "vsalog.estimators.pam_ukf",
     "pam-model": "vsalog.estimators.pam_model",
 }
