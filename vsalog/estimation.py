@@ -25,6 +25,8 @@ from vsalog.trace import Trace
 
 Sink = Callable[[Trace], None]
 
+# What asks for the values that a method's paper prints, among the values of its tuning.
+PRESET = "preset"
 # What one more sensor would add.
 SENSOR_ADDS = (
     "a joint torque sensor would need no motor data (direct) and show the link's inertia and damping too (impedance)"
@@ -70,6 +72,12 @@ class JointEstimate:
 def choose(name: str, joint: Joint, estimator: str, tuning: Mapping[str, str]) -> Choice:
     """Choose the estimator for a joint by the roles its rig offers, or take the one asked for.
 
+    Parameters
+    ----------
+    name, joint : of the rig
+    estimator : a method's name or ``auto``
+    tuning : NAME → VALUE of the method's tuning; ``preset=paper`` puts what its paper prints beneath the others
+
     Raises
     ------
     EstimatorError
@@ -77,14 +85,32 @@ def choose(name: str, joint: Joint, estimator: str, tuning: Mapping[str, str]) -
     """
     offered = offered_roles(joint)
     device = device_of(name, joint)
-    if estimator != "auto":
-        found = method(estimator)
-        values = read_tuning(found.TUNING, estimator, tuning)
-        return Choice(estimator, found, values, found.roles(device, offered, values), "asked for")
-    estimator, reason = _automatic(device, offered)
+    estimator, reason = _automatic(device, offered) if estimator == "auto" else (estimator, "asked for")
     found = method(estimator)
-    values = read_tuning(found.TUNING, estimator, tuning)
+    values = read_tuning(found.TUNING, estimator, with_printed(found, device, tuning))
     return Choice(estimator, found, values, found.roles(device, offered, values), reason)
+
+
+def with_printed(found: Method, device: Device, tuning: Mapping[str, str]) -> dict[str, str]:
+    """Put what a method's paper prints beneath what is tuned, where ``preset=paper`` asks for it.
+
+    Raises
+    ------
+    EstimatorError
+        There is no such preset, or the paper prints no values.
+    """
+    own = {name: value for name, value in tuning.items() if name != PRESET}
+    preset = tuning.get(PRESET)
+    if preset is None:
+        return own
+    if preset != "paper":
+        raise EstimatorError(
+            f"there is no preset tuning '{preset}': 'paper' takes the values that a method's paper prints"
+        )
+    printed: Callable[[Device], Mapping[str, str]] | None = getattr(found, "printed", None)
+    if printed is None:
+        raise EstimatorError(f"{found.NAME}: no paper prints values of its tuning; leave the preset tuning out")
+    return {**printed(device), **own}
 
 
 def _automatic(device: Device, offered: Collection[str]) -> tuple[str, str]:

@@ -16,8 +16,8 @@ from vsalog.cli.options import reading_options, rig_options
     "--estimators",
     multiple=True,
     metavar="NAME,NAME…",
-    help="Which; each may be tuned, e.g. residual-rls:modality=SENSOR,qr-rls:forgetting=0.98. All that the log allows when"
-    " absent.",
+    help="Which; each may be tuned, e.g. residual-rls:modality=SENSOR,qr-rls:forgetting=0.98, or qr-rls:preset=paper for the"
+    " values that its paper prints. All that the log allows when absent.",
 )
 @rig_options("Compare")
 @reading_options

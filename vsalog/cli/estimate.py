@@ -26,6 +26,11 @@ from vsalog.cli.pairs import pairs
     help="residual-rls, qr-rls, batch-ls, direct, algebraic, impedance, pam-ukf, pam-model, or auto: what the signals allow.",
 )
 @click.option(
+    "--preset-tuning",
+    type=click.Choice(["paper"]),
+    help="Begin with the values that the estimator's paper prints instead of such derived from the log; --tune goes on top.",
+)
+@click.option(
     "--tune", multiple=True, callback=pairs, metavar="NAME=VALUE", help="Tune the estimator, e.g. forgetting=0.98."
 )
 @click.option(
@@ -67,6 +72,7 @@ def estimate(
     rig: str | None,
     joints: tuple[str, ...],
     estimator: str,
+    preset_tuning: str | None,
     tune: dict[str, str],
     settings: dict[str, str],
     output: str | None,
@@ -87,7 +93,8 @@ def estimate(
     from vsalog.reports.estimate import Progress, print_json, print_summary
     from vsalog.writers.results import Outputs, write_results
 
-    options = Options(rig, joints, estimator, tune, settings, rate, time)
+    preset = {} if preset_tuning is None else {"preset": preset_tuning}
+    options = Options(rig, joints, estimator, preset | tune, settings, rate, time)
     if source is not None:
         from vsalog.repeat import repeated
 

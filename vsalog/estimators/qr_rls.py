@@ -41,6 +41,11 @@ class QrRlsTuning(Tuning, frozen=True, forbid_unknown_fields=True, kw_only=True)
 TUNING = QrRlsTuning
 
 
+def printed(device: Device) -> dict[str, str]:
+    """Return the tuning that Flacco 2014 prints for noisy signals, §VII."""
+    return {"filter": "pair", "window": "1.0", "degree": "20", "forgetting": "1.0", "p0": "inf"}
+
+
 def roles(device: Device, offered: Collection[str], tuning: Tuning, name: str = NAME) -> tuple[str, ...]:
     """Return the roles the method reads of what the rig offers; raises EstimatorError for a missing one."""
     needed: list[str] = []

@@ -1,0 +1,71 @@
+"""`--preset-tuning paper`: the values that a method's paper prints, and what is tuned on top of them."""
+
+import json
+
+import numpy as np
+import pyarrow.parquet as pq
+import pytest
+
+from vsalog.cli import _run
+
+# Flacco 2012 §6.1 and §6.2.
+CAUSAL = ("filter=kinematic", "shape=6", "settle=0", "bandwidth=300", "matched=false")
+PRINTED = {"vsa2": (*CAUSAL, "p0=1e6", "c=1e-5"), "awas": (*CAUSAL, "p0=1e20", "c=1e-20")}
+
+
+@pytest.fixture
+def vsalog(monkeypatch, capsys, tmp_path):
+    monkeypatch.chdir(tmp_path)
+
+    def vsalog(*args):
+        monkeypatch.setattr("sys.argv", ["vsalog", *args])
+        code = _run()
+        return code, *capsys.readouterr()
+
+    return vsalog
+
+
+def stiffness(path):
+    return np.asarray(pq.read_table(path, columns=["stiffness"])["stiffness"])
+
+
+@pytest.mark.parametrize("preset", PRINTED)
+def test_it_is_what_the_paper_prints(vsalog, preset):
+    assert vsalog("simulate", preset, "--duration", "3 s", "-o", "log.parquet")[0] == 0
+    assert (
+        vsalog("estimate", "log.parquet", "-e", "residual-rls", "--preset-tuning", "paper", "-o", "a.parquet")[0] == 0
+    )
+    tuned = [text for value in PRINTED[preset] for text in ("--tune", value)]
+    assert vsalog("estimate", "log.parquet", "-e", "residual-rls", *tuned, "-o", "b.parquet")[0] == 0
+    np.testing.assert_array_equal(stiffness("a.parquet"), stiffness("b.parquet"))
+    assert vsalog("estimate", "log.parquet", "-e", "residual-rls", "-o", "c.parquet")[0] == 0
+    assert not np.array_equal(stiffness("a.parquet"), stiffness("c.parquet"), equal_nan=True)
+
+
+def test_what_is_tuned_goes_on_top_and_a_run_repeats_itself(vsalog):
+    assert vsalog("simulate", "vsa2", "--duration", "3 s", "-o", "log.parquet")[0] == 0
+    asked = ("estimate", "log.parquet", "-e", "residual-rls", "--preset-tuning", "paper", "--tune", "bandwidth=100")
+    code, out, _ = vsalog(*asked, "-o", "a.parquet", "--json")
+    assert code == 0
+    (joint,) = json.loads(out)["joints"]
+    assert joint["settings"]["bandwidth"] == 100.0
+    assert joint["settings"]["matched"] is False
+    assert vsalog("estimate", "--from", "a.parquet", "-o", "b.parquet")[0] == 0
+    np.testing.assert_array_equal(stiffness("a.parquet"), stiffness("b.parquet"))
+
+
+def test_a_method_without_printed_values_refuses_it_and_compare_knows_it(vsalog):
+    assert vsalog("simulate", "vsa2", "--duration", "3 s", "-o", "log.parquet")[0] == 0
+    code, _, err = vsalog("estimate", "log.parquet", "-e", "direct", "--preset-tuning", "paper")
+    assert code == 2
+    assert "direct: no paper prints values of its tuning" in err
+    code, out, err = vsalog("compare", "log.parquet", "-e", "residual-rls:preset=paper,residual-rls", "--json")
+    assert code == 0, err
+    rows = json.loads(out)["rows"]
+    first, second = (
+        next(r for r in rows if r["estimator"] == e) for e in ("residual-rls:preset=paper", "residual-rls")
+    )
+    assert first["relative_std"] != second["relative_std"]
+    code, _, err = vsalog("compare", "log.parquet", "-e", "residual-rls:preset=mine")
+    assert code == 2
+    assert "'mine'" in err
