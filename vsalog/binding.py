@@ -10,6 +10,7 @@ from collections.abc import Collection, Mapping, Sequence
 from dataclasses import replace
 from fnmatch import fnmatchcase
 from pathlib import Path
+from types import MappingProxyType
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,9 +19,11 @@ from vsalog.acting import acting_notes, acting_torque, is_motor_torque
 from vsalog.encoders import TURN, on_the_same_turn, unwrapped
 from vsalog.errors import BindingError, UnitError
 from vsalog.grid import EVEN, Bound, after_long_silence, common_segments, grid_of, on_grid
+from vsalog.neighbours import Neighbours
 from vsalog.recording import Channel, Recording
 from vsalog.resolution import resolution_of
 from vsalog.rig.schema import Joint, Motor, PneumaticJoint, RigidJoint, Run, SerialJoint, Signal, role_units
+from vsalog.sensors import seen_by
 from vsalog.signals import JointSignals
 from vsalog.units import si_factor
 
@@ -28,9 +31,6 @@ Array = NDArray[np.float64]
 
 # No position or torque is larger, in SI.
 HUGEST = 1e30
-
-# Rounds of taking an eccentricity out, each of which leaves amplitude / gain of the error, and what may be left [rad].
-ROUNDS, LEFT = 500, 1e-14
 
 
 def signal_of(spec: str | float | Signal) -> Signal:
@@ -109,6 +109,7 @@ def bind(
     setpoints: Sequence[float | None] = (),
     *,
     acting: bool = True,
+    neighbours: Neighbours = MappingProxyType({}),
 ) -> JointSignals:
     """Bind the roles of a joint to one or more recordings.
 
@@ -122,6 +123,7 @@ def bind(
     roles : the roles to bind, each offered by the rig
     setpoints : a fixed set-point per recording that goes before what the rig says, SI; None for none
     acting : False binds motor torques as they were recorded, for a simulation that plays gain, offset, delay and step itself
+    neighbours : other joints and their roles, bound on the same grid as ``JOINT/ROLE``
 
     Raises
     ------
@@ -135,19 +137,28 @@ def bind(
     for i, recording in enumerate(recordings):
         fixed = setpoints[i] if i < len(setpoints) else None
         for run in runs_of(joint, recording):
-            bound = {
-                role: _bind_role(recording, run, role, offered.get(role, Signal()), joint, fixed)
-                for role in (*roles, *_beside(offered, roles))
+            others = {
+                f"{other}/{role}": b
+                for other, (its, of_it) in neighbours.items()
+                for role, b in _bind_roles(recording, run, of_it, its, None, acting).items()
             }
-            if acting:
-                bound |= {
-                    role: acting_torque(b, _motor(joint, role)) for role, b in bound.items() if is_motor_torque(role)
-                }
+            bound = _bind_roles(recording, run, (*roles, *_beside(offered, roles)), joint, fixed, acting) | others
             names.append("/".join(p for p in ((labels[i] if len(recordings) > 1 else ""), run.name) if p))
-            piece = _less_series(recording, _on_one_grid(recording, name, bound, len(names) - 1), offered, roles)
+            signals = _on_one_grid(recording, name, bound, len(names) - 1)
+            piece = _less_series(recording, signals, offered, (*roles, *others))
             motors = {role: _motor(joint, role) for role in bound if acting and is_motor_torque(role)}
             pieces.append(replace(piece, notes=(*piece.notes, *acting_notes(name, motors))))
     return _concatenate(name, pieces, tuple(names))
+
+
+def _bind_roles(
+    recording: Recording, run: Run, roles: Collection[str], joint: Joint, fixed: float | None, acting: bool
+) -> dict[str, Bound]:
+    offered = offered_roles(joint)
+    bound = {role: _bind_role(recording, run, role, offered.get(role, Signal()), joint, fixed) for role in roles}
+    if acting:
+        bound |= {role: acting_torque(b, _motor(joint, role)) for role, b in bound.items() if is_motor_torque(role)}
+    return bound
 
 
 def _bind_role(recording: Recording, run: Run, role: str, signal: Signal, joint: Joint, fixed: float | None) -> Bound:
@@ -170,7 +181,7 @@ def _bind_role(recording: Recording, run: Run, role: str, signal: Signal, joint:
     values = recorded if factor == 1.0 else recorded * factor
     if not np.isfinite(values).all():
         values = np.where(np.isfinite(values), values, np.nan)
-    values, resolution = _true(values, signal, _seconds(recording, channel) if signal.drift else None)
+    values, resolution = seen_by(values, signal, _seconds(recording, channel) if signal.drift else None)
     if role == "setpoint" and isinstance(joint, SerialJoint) and joint.lever is not None and _is_angle(channel, signal):
         values = joint.lever.start - joint.lever.travel * values
         resolution = None if resolution is None else resolution * abs(joint.lever.travel)
@@ -185,25 +196,6 @@ def _bind_role(recording: Recording, run: Run, role: str, signal: Signal, joint:
     wrapped = wrapped and (signal.side == "joint" or role == "link_position" or _motor(joint, role).gear_ratio == 1.0)
     stamps = channel.stamps - round(signal.delay * 1e9) if signal.delay else channel.stamps
     return Bound(stamps, values, period, resolution, wrapped=wrapped)
-
-
-def _true(m: Array, signal: Signal, time: Array | None) -> tuple[Array, float | None]:
-    """Return x of what a sensor says, m = gain · x + offset + drift · time + eccentricity, and its least step if it is known."""
-    disc, resolution = signal.eccentricity, signal.resolution
-    if resolution is None and (time is not None or disc is not None):
-        # What is taken out here hides the steps.
-        resolution = resolution_of(m)
-    if signal.offset:
-        m = m - signal.offset
-    if time is not None:
-        m = m - signal.drift * time
-    x = m / signal.gain if signal.gain != 1.0 else m
-    if disc is not None:
-        for _ in range(ROUNDS):
-            last, x = x, (m - disc.amplitude * np.sin(x + disc.phase)) / signal.gain
-            if not np.fmax.reduce(np.abs(x - last)) > LEFT * max(1.0, float(np.fmax.reduce(np.abs(x)))):
-                break
-    return x, None if resolution is None else resolution / signal.gain
 
 
 def _seconds(recording: Recording, channel: Channel) -> Array:
