@@ -1,0 +1,178 @@
+"""grioli-parametric: a model of the flexibility torque learnt from the rate of a torque sensor. No motor data, no sensor offset.
+
+Grioli, Bicchi, "A real-time parametric stiffness observer for VSA devices", ICRA 2011: the flexibility torque as a sum of known
+functions with unknown parameters, which follow from what they leave of the measured torque's rate.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Collection
+from dataclasses import dataclass
+from typing import Annotated, Any, ClassVar
+
+import numpy as np
+from msgspec import Meta
+from numpy.typing import NDArray
+
+from vsalog.basis import PolynomialBasis
+from vsalog.errors import EstimatorError
+from vsalog.estimators.borne_torque import effects_left_in
+from vsalog.estimators.device import Device, TransmissionView, deflection_of
+from vsalog.estimators.needs import deflection_roles, require
+from vsalog.estimators.regression import EquationRows, FoldState, RegressionFold
+from vsalog.estimators.residual_rls import sensor_role
+from vsalog.estimators.solvers import QrSolver
+from vsalog.estimators.tuning import Positive, Tuning, largest_regressor
+from vsalog.estimators.windows import suitable_windows, with_window
+from vsalog.filters.conditioning import Conditioned
+from vsalog.signals import JointSignals
+
+Array = NDArray[np.float64]
+
+NAME = "grioli-parametric"
+SUMMARY = "rate of a torque sensor and recursive least squares (Grioli and Bicchi 2011); blind to the sensor's offset"
+
+
+class GrioliParametricTuning(Tuning, frozen=True, forbid_unknown_fields=True, kw_only=True):
+    """Tuning of grioli-parametric.
+
+    Attributes
+    ----------
+    forgetting : λ of the least squares, a squared error is discounted by λ² a step; 1 forgets nothing
+    p0 : the parameters begin at zero with covariance p0 I; when absent, weak, from the log's largest deflection and set-point
+    """
+
+    forgetting: Annotated[float, Meta(gt=0.0, le=1.0)] = 1.0
+    p0: Positive | None = None
+
+    def __post_init__(self) -> None:
+        if self.filter == "kinematic":
+            raise ValueError("the torque's rate comes from a Savitzky–Golay filter; filter=pair is causal")
+
+
+TUNING = GrioliParametricTuning
+
+
+def roles(device: Device, offered: Collection[str], tuning: GrioliParametricTuning) -> tuple[str, ...]:
+    """Return the roles the method reads of what the rig offers; raises EstimatorError for a missing one."""
+    needed: list[str] = []
+    for view in device.transmissions:
+        needed += [*deflection_roles(device, view, offered), sensor_role(view, offered)]
+    require(NAME, device, needed, offered)
+    return tuple(dict.fromkeys(needed))
+
+
+def build(device: Device, signals: JointSignals, tuning: GrioliParametricTuning) -> RateFold:
+    """Assemble the estimator for a joint's signals.
+
+    Raises
+    ------
+    EstimatorError
+        The basis has different branches for loading and unloading, between which the torque jumps.
+    """
+    if device.basis.branches:
+        raise EstimatorError(
+            f"joint '{device.joint}': a basis with branches jumps from one to the other, and {NAME} learns from rates; leave"
+            f" branches out of [joint.{device.joint}.basis], or use --estimator direct"
+        )
+    tuning = with_window(tuning, signals, suitable_windows(device, signals, tuning)[0])
+    needed = roles(device, signals.roles, tuning)
+    p0 = tuning.p0 if tuning.p0 is not None else 1e4 / largest_regressor(device, signals) ** 2
+    solver = QrSolver(tuning.forgetting, tuning.memory_samples(signals), 0, p0)
+    conditioner = tuning.conditioner(needed, signals, rates=needed)
+    return RateFold(NAME, "SENSOR", device, conditioner, rate_equations(device, signals), solver)
+
+
+class RateFold(RegressionFold):
+    """The least-squares fold, with what is to be said of rates."""
+
+    @property
+    def derived(self) -> dict[str, float]:
+        """The prior and the window that were derived from the log."""
+        window = (self.conditioner.window - 1) * self.conditioner.period
+        return {**super().derived, "window": window}
+
+    def warnings(self, state: FoldState) -> tuple[str, ...]:
+        """Say what goes into the stiffness beside the spring."""
+        return (*super().warnings(state), *effects_left_in(NAME, self.device))
+
+
+def rate_equations(device: Device, signals: JointSignals) -> tuple[RateEquation, ...]:
+    """One equation per sensor: one for each transmission, or one that sees the sum of both."""
+    views = device.transmissions
+    sensors = [sensor_role(view, signals.roles) for view in views]
+    if len(views) > 1 and len(set(sensors)) == 1:
+        return (RateEquation(views, device.basis, sensors[0]),)
+    return tuple(RateEquation((v,), device.basis, s) for v, s in zip(views, sensors, strict=True))
+
+
+@dataclass(frozen=True, slots=True)
+class RateEquation:
+    """Σ p_i df_i/dt = Σ̇, the torque equation (Flacco 2012 eq. 21) differentiated; df/dt = ∂f/∂φ φ̇ + ∂f/∂c ċ.
+
+    Several transmissions under one sensor add up. A function that is constant has no rate, and its parameter stays at zero.
+    """
+
+    transmissions: tuple[TransmissionView, ...]
+    basis: PolynomialBasis
+    sensor: str
+
+    leading: ClassVar[int] = 0
+    parameters: ClassVar[tuple[str, ...]] = ()
+
+    @property
+    def size(self) -> int:
+        """Number of unknowns."""
+        return self.basis.size * len(self.transmissions)
+
+    def start(self) -> None:
+        """Return the state before the first sample: there is none."""
+
+    def rows(self, state: None, block: Conditioned) -> tuple[None, EquationRows]:
+        """Form the equation for a block."""
+        rates = {r.removeprefix("velocity:"): v for r, v in block.fit.items() if r.startswith("velocity:")}
+        F = np.hstack(
+            [total_rate(self.basis, deflection_of(block.fit, v), deflection_of(rates, v), *_setpoint(self, block, rates))
+             for v in self.transmissions]
+        )  # fmt: skip
+        y = rates[self.sensor]
+        use = block.use & np.isfinite(y) & np.isfinite(F).all(axis=1)
+        torque = block.fit[self.sensor]
+        # One sensor for several transmissions says nothing of each alone.
+        alone = len(self.transmissions) == 1
+        fed = {v.name: torque if alone else np.full_like(torque, np.nan) for v in self.transmissions}
+        if not alone:
+            fed["total"] = torque
+        return None, EquationRows(F, y, use, np.zeros_like(use), fed, {})
+
+
+def total_rate(
+    basis: PolynomialBasis, phi: Array, phi_dot: Array, c: Array | None = None, c_dot: Array | None = None
+) -> Array:
+    """Return df/dt of the functions of a basis without branches along a motion.
+
+    Parameters
+    ----------
+    basis : f(φ, c)
+    phi, phi_dot : shape (N,), φ [rad] and φ̇ [rad/s]
+    c, c_dot : shape (N,), set-point [SI] and its rate; None where the basis has none
+
+    Returns
+    -------
+    shape (N, n·m), ∂f/∂φ φ̇ + ∂f/∂c ċ [1/s]
+    """
+    rows = basis.rows(phi, c, 1)
+    along = rows[:, 1] * phi_dot[:, None]
+    if c is None or c_dot is None:
+        return along
+    # f_hj = φ^h c^j: its derivative in c is j times the function before it.
+    by_power = rows[:, 0].reshape(phi.size, -1, basis.setpoint_order)
+    across = np.zeros_like(by_power)
+    across[:, :, 1:] = np.arange(1, basis.setpoint_order) * by_power[:, :, :-1] / basis.setpoint_scale
+    return along + across.reshape(along.shape) * c_dot[:, None]
+
+
+def _setpoint(equation: RateEquation, block: Conditioned, rates: dict[str, Any]) -> tuple[Array | None, Array | None]:
+    if equation.basis.setpoint_order == 1:
+        return None, None
+    return block.fit["setpoint"], rates["setpoint"]

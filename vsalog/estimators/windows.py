@@ -1,0 +1,69 @@
+"""How long a Savitzky–Golay window must be for rates: long enough that an encoder's steps do not drown them, no longer than the
+motion.
+"""
+
+from __future__ import annotations
+
+from typing import TypeVar
+
+import msgspec
+import numpy as np
+from numpy.typing import NDArray
+
+from vsalog.estimators.device import Device, deflection_of
+from vsalog.estimators.tuning import Tuning
+from vsalog.filters.savitzky_golay import savgol_filter, savgol_weights
+from vsalog.resolution import sensor_noise
+from vsalog.signals import JointSignals
+
+Array = NDArray[np.float64]
+T = TypeVar("T", bound=Tuning)
+
+# Windows that are tried, in samples.
+WINDOWS = (51, 101, 201, 401, 801, 1601)
+# A rate is quiet when its noise is this part of it or less: a stiffness then loses its square, 0.25 %.
+QUIET = 0.05
+# A window is short enough for a motion when the rate keeps this part of its power.
+KEPT = 0.9
+# A run loses half a window at either end: no window is longer than this part of the longest run.
+PART_OF_RUN = 0.1
+# So many samples of a log tell which windows suit it.
+ENOUGH = 1 << 16
+# A signal without noise and steps has some: this part of its largest value.
+LEAST_NOISE = 1e-9
+
+
+def suitable_windows(device: Device, signals: JointSignals, tuning: Tuning) -> list[int]:
+    """Return the windows, in samples, that leave φ̇ of every transmission quiet and keep the motion, shortest first.
+
+    Where none is quiet, the longest; where a window is given, that one.
+    """
+    if tuning.window is not None:
+        return [2 * round(0.5 * tuning.window / signals.period) + 1]
+    longest = int(np.diff(np.append(np.flatnonzero(signals.starts), len(signals))).max())
+    fitting = [w for w in WINDOWS if w > tuning.degree and w <= PART_OF_RUN * longest] or [WINDOWS[0]]
+    quiet: list[int] = []
+    powers = np.zeros(len(device.transmissions))
+    for window in fitting:
+        rates, noises = _rates(device, signals[:ENOUGH], savgol_weights(window, tuning.degree, 1, signals.period)[1:])
+        if np.all(noises <= QUIET * rates) and np.all(rates**2 >= KEPT * powers):
+            quiet.append(window)
+            powers = np.maximum(powers, rates**2)
+    return quiet or fitting[-1:]
+
+
+def with_window(tuning: T, signals: JointSignals, window: int) -> T:
+    """Return the tuning with a window of so many samples."""
+    return msgspec.structs.replace(tuning, window=(window - 1) * signals.period)
+
+
+def _rates(device: Device, signals: JointSignals, weights: Array) -> tuple[Array, Array]:
+    """Return φ̇ of each transmission and what noise makes of it, root mean squares [rad/s]; zero where nothing is known."""
+    rates, noises = [], []
+    for view in device.transmissions:
+        phi = deflection_of(signals.roles, view)
+        steps = [signals.resolution.get(role, 0.0) for role in view.deflection_roles(signals.roles)]
+        found = savgol_filter(phi, weights)[0]
+        rates.append(np.sqrt(np.nanmean(found**2)) if np.isfinite(found).any() else 0.0)
+        noises.append(sensor_noise(phi, float(np.linalg.norm(steps)), LEAST_NOISE) * np.linalg.norm(weights))
+    return np.array(rates), np.array(noises)
