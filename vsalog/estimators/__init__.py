@@ -25,7 +25,9 @@ BUILT_IN = {
     "direct": "vsalog.estimators.direct",
     "algebraic": "vsalog.estimators.algebraic",
     "impedance": "vsalog.estimators.impedance",
+    "grioli-bicchi": "vsalog.estimators.grioli_bicchi",
     "grioli-parametric": "vsalog.estimators.grioli_parametric",
+    "acceleration-observer": "vsalog.estimators.acceleration_observer",
     "pam-ukf": "vsalog.estimators.pam_ukf",
     "pam-model": "vsalog.estimators.pam_model",
 }

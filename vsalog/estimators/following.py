@@ -1,0 +1,316 @@
+"""The fold of the methods that follow a stiffness by the observer of Grioli and Bicchi, wherever they have the torque from.
+
+Serio, Grioli, Sardellitti, Tsagarakis, Bicchi (2011) §II-A, eq. 4–7 and 13: the observer's gain by how well it predicts, its
+uncertainty by what its predictions leave over, its columns in the trace.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Any, Literal, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vsalog.correlation import effective_samples
+from vsalog.errors import EstimatorError
+from vsalog.estimators.borne_torque import BorneTorque
+from vsalog.estimators.device import Device, deflection_of
+from vsalog.estimators.regression import SUPPORTED_SHARE
+from vsalog.estimators.tuning import Positive, Tuning
+from vsalog.filters.derivatives import Derivatives, DerivativesState, Differentiated
+from vsalog.filters.stiffness_observer import observe_stiffness, observer_start
+from vsalog.model import JointModel, basis_spec
+from vsalog.resolution import sensor_noise
+from vsalog.signals import JointSignals
+from vsalog.trace import Trace
+
+Array = NDArray[np.float64]
+Flags = NDArray[np.bool_]
+Columns = dict[str, NDArray[Any]]
+
+# Memories of the observer that are tried where no gain is asked for [s].
+MEMORIES = tuple(np.geomspace(0.003, 3.0, 13).tolist())
+# What has been learnt counts when so much of the memory is filled.
+FILLED = 0.95
+# A signal without noise and steps has some: this part of its largest value.
+LEAST_NOISE = 1e-9
+
+
+class ObserverTuning(Tuning, frozen=True, forbid_unknown_fields=True, kw_only=True):
+    """Tuning of the methods that follow a stiffness.
+
+    Attributes
+    ----------
+    alpha : gain α of the stiffness observer [1/rad]; when absent the one with which what was learnt up to a filter's window
+        before tells the present torque's rate best
+    derivative : ``filter`` takes rates from the Savitzky–Golay filter, ``difference`` from one sample to the next (Serio 2011
+        eq. 15), which is noisy
+    """
+
+    alpha: Positive | None = None
+    derivative: Literal["filter", "difference"] = "filter"
+
+    def __post_init__(self) -> None:
+        if self.filter != "savitzky-golay":
+            raise ValueError("rates come from the Savitzky–Golay filter; derivative=difference is causal")
+
+    def window_for(self, signals: JointSignals) -> float:
+        """Return the filter's window [s]."""
+        return self.window if self.window is not None else (self.default_window - 1) * signals.period
+
+
+class Rates(NamedTuple):
+    """Σ̇ [N·m/s] and φ̇ [rad/s] of one transmission, shape (N,) each."""
+
+    torque: Array
+    deflection: Array
+
+    @property
+    def use(self) -> Flags:
+        """Where both are known, shape (N,)."""
+        return np.isfinite(self.torque) & np.isfinite(self.deflection)
+
+
+@dataclass(slots=True)
+class ObserverState:
+    """Where the fold stands: of the filters, of each transmission's observer and one twice as fast, the last sample's torque and
+    deflection, and what a method has beside.
+    """
+
+    filters: DerivativesState
+    observers: dict[str, tuple[Array, Array]]
+    last: dict[str, tuple[float, float]] = field(default_factory=dict)
+    beside: Any = None
+
+
+class ObserverFold:
+    """The observer of each transmission as an estimator: a fold over blocks of signals that gives a trace.
+
+    Parameters
+    ----------
+    name, modality : of the method
+    device : of the joint
+    signals : the whole log, from which the gain is derived
+    tuning : of the method
+    torques : what each transmission bears
+    conditioner : gives the derivatives these need
+
+    Raises
+    ------
+    EstimatorError
+        The deflection never changes.
+    """
+
+    passes = 1
+
+    def __init__(
+        self, name: str, modality: str, device: Device, signals: JointSignals, tuning: ObserverTuning,
+        torques: Sequence[BorneTorque], conditioner: Derivatives,
+    ) -> None:  # fmt: skip
+        self.name, self.modality, self.device, self.period, self.tuning = name, modality, device, signals.period, tuning
+        self.torques, self.conditioner = torques, conditioner
+        self.difference = signals.period if tuning.derivative == "difference" else None
+        whole = conditioner.whole(signals)
+        filtered = [Rates(t.rate(whole.of), t.deflection(whole.of, 1)) for t in torques]
+        speed = typical_speed(device, filtered)
+        self.alpha = tuning.alpha if tuning.alpha is not None else self._best_alpha(filtered, speed)
+        self.alike, self.within = self._left_over(signals, whole)
+
+    @property
+    def derived(self) -> dict[str, float]:
+        """The gain and the uncertainty's parts that were derived from the log."""
+        return {"alpha": self.alpha, "alike": self.alike, "within": self.within}
+
+    def start(self) -> ObserverState:
+        """Return the state before the first sample."""
+        observers = {t.view.name: (observer_start(), observer_start()) for t in self.torques}
+        return ObserverState(self.conditioner.start(), observers, beside=self.start_beside())
+
+    def freeze(self, state: ObserverState) -> ObserverState:
+        """Go back to the first sample."""
+        return self.start()
+
+    def step(self, state: ObserverState, block: JointSignals) -> tuple[ObserverState, list[Trace]]:
+        """Take a block of samples; give the new state and the trace of the rows that are ready."""
+        return self._follow(state, *self.conditioner.step(state.filters, block))
+
+    def finish(self, state: ObserverState) -> tuple[ObserverState, list[Trace]]:
+        """Give out the rows that are still held back."""
+        return self._follow(state, *self.conditioner.finish(state.filters))
+
+    def warnings(self, state: ObserverState) -> tuple[str, ...]:
+        """Say what a person should know of what was learnt."""
+        return ()
+
+    def model(self, state: ObserverState) -> JointModel:
+        """Return a model without transmissions: the stiffness is followed, not modelled."""
+        return JointModel(
+            estimator=self.name, modality=self.modality, basis=basis_spec(self.device.basis), transmission=(), motor={}
+        )
+
+    def start_beside(self) -> Any:
+        """Return the state, before the first sample, of what a method estimates beside the stiffness."""
+        return None
+
+    def block_beside(self, beside: Any, rows: JointSignals, begins: bool) -> tuple[Any, Columns]:
+        """Estimate what a method does beside the stiffness; give its new state and the columns it adds to the total.
+
+        Parameters
+        ----------
+        beside : of `start_beside` or the block before
+        rows : as they went into the filters, never across a gap
+        begins : whether a run begins with them
+        """
+        return beside, {}
+
+    def _follow(
+        self, state: ObserverState, filters: DerivativesState, ready: list[Differentiated]
+    ) -> tuple[ObserverState, list[Trace]]:
+        new = ObserverState(filters, dict(state.observers), dict(state.last), state.beside)
+        return new, [self._trace(new, part) for part in ready]
+
+    def _trace(self, state: ObserverState, part: Differentiated) -> Trace:
+        begins = len(part.rows) > 0 and bool(part.rows.starts[0])
+        if begins:
+            state.last = {}
+        parts = {t.view.name: self._observed(state, part, t) for t in self.torques}
+        state.beside, more = self.block_beside(state.beside, part.rows, begins)
+        parts["total"] = {**total_columns(list(parts.values())), **more}
+        return Trace.of_rows(part.rows, parts)
+
+    def _observed(self, state: ObserverState, part: Differentiated, borne: BorneTorque) -> Columns:
+        name, rates = borne.view.name, self._rates(state, part, borne)
+        slow, fast = state.observers[name]
+        stiffness, deviation, learnt, slow = observe_stiffness(slow, *rates, rates.use, self.alpha, self.period)
+        quick, _, _, fast = observe_stiffness(fast, *rates, rates.use, 2.0 * self.alpha, self.period)
+        state.observers[name] = slow, fast
+        # An observer is late; one that is half as late lies between it and the truth. And it averages over whole swings.
+        std = np.sqrt(deviation**2 * self.alike + (quick - stiffness) ** 2 + self.within**2)
+        return columns(
+            borne.deflection(part.of, 0), borne.torque(part.of), stiffness, std, rates.use & (learnt >= FILLED)
+        )
+
+    def _rates(self, state: ObserverState, part: Differentiated, borne: BorneTorque) -> Rates:
+        if self.difference is None:
+            return Rates(borne.rate(part.of), borne.deflection(part.of, 1))
+        samples = borne.samples(part)
+        before = state.last.get(borne.view.name, (np.nan, np.nan))
+        if len(part.rows):
+            state.last[borne.view.name] = float(samples[0][-1]), float(samples[1][-1])
+        return Rates(*(np.diff(v, prepend=b) / self.period for v, b in zip(samples, before, strict=True)))
+
+    def _best_alpha(self, rates: Iterable[Rates], speed: float) -> float:
+        """Return the gain of the observer that predicts best: a long memory averages noise, a short one follows the stiffness."""
+        off = np.zeros(len(MEMORIES))
+        for known in rates:
+            for i, memory in enumerate(MEMORIES):
+                found = observe_stiffness(observer_start(), *known, known.use, 1.0 / (memory * speed), self.period)[0]
+                off[i] += prediction_error(known, found, self.conditioner.window)
+        return float(1.0 / (MEMORIES[int(np.argmin(off))] * speed))
+
+    def _left_over(self, signals: JointSignals, whole: Differentiated) -> tuple[float, float]:
+        """Return `left_over` of the transmission for which it is most."""
+        alike, within = 1.0, 0.0
+        for borne in self.torques:
+            known = Rates(borne.rate(whole.of), borne.deflection(whole.of, 1))
+            if self.difference is not None:
+                known = Rates(*(np.diff(v, prepend=np.nan) / self.period for v in borne.samples(whole)))
+            known = Rates(*(v[known.use] for v in known))
+            found = observe_stiffness(observer_start(), *known, known.use, self.alpha, self.period)[0]
+            noise = signal_noise(signals, borne.terms)
+            torque_noise, gain = borne.rate_noise(self.conditioner.weights, noise, self.difference)
+            steps = [signals.resolution.get(role, 0.0) for role in borne.view.deflection_roles(signals.roles)]
+            phi_noise = sensor_noise(
+                deflection_of(signals.roles, borne.view), float(np.linalg.norm(steps)), LEAST_NOISE
+            )
+            share, spread = left_over(known, found, np.hypot(torque_noise, np.nanmedian(found) * gain * phi_noise))
+            alike, within = max(alike, share), max(within, spread)
+        return alike, within
+
+
+def typical_speed(device: Device, rates: Iterable[Rates]) -> float:
+    """Return the root mean square of φ̇ of all transmissions [rad/s].
+
+    Raises
+    ------
+    EstimatorError
+        The deflection never changes.
+    """
+    all_of_them = np.concatenate([r.deflection for r in rates])
+    speed = float(np.sqrt(np.nanmean(all_of_them**2))) if np.isfinite(all_of_them).any() else 0.0
+    if not speed > 0.0:
+        raise EstimatorError(
+            f"joint '{device.joint}': the deflection never changes, and so nothing tells the stiffness"
+        )
+    return speed
+
+
+def signal_noise(signals: JointSignals, roles: Iterable[str]) -> dict[str, float]:
+    """Return what each sensor adds to its signal, one standard deviation, by role."""
+    return {r: sensor_noise(signals.roles[r], signals.resolution.get(r, 0.0), LEAST_NOISE) for r in roles}
+
+
+def prediction_error(known: Rates, found: Array, ahead: int) -> float:
+    """Return how far a stiffness that was known `ahead` samples before misses Σ̇, mean square, as a share of Σ̇'s variance.
+
+    By a whole filter's window ahead, for within one the filter makes noise alike.
+    """
+    error = known.torque[ahead:] - found[:-ahead] * known.deflection[ahead:]
+    return float(np.nanmean(error**2) / np.nanvar(known.torque))
+
+
+def left_over(known: Rates, found: Array, noise: float) -> tuple[float, float]:
+    """Look at what an observer's predictions leave of the torque's rate.
+
+    Parameters
+    ----------
+    known : rates that are all finite
+    found : shape (N,), the stiffness observed [N·m/rad]
+    noise : what the sensors' noise makes of Σ̇ − K φ̇, one standard deviation [N·m/s]
+
+    Returns
+    -------
+    alike : for how many samples what moves the observer stays alike, at least 1
+    within : how much the stiffness differs from the observer's average of it [N·m/rad], root mean square: what is left over but
+        for noise, over the deflection's rate
+    """
+    left = np.nan_to_num(known.torque - found * known.deflection)
+    alike = left.size / effective_samples(left * np.sign(known.deflection))
+    more = max(0.0, float(np.mean(left**2)) - float(noise) ** 2)
+    return max(1.0, alike), float(np.sqrt(more / np.mean(known.deflection**2)))
+
+
+def columns(phi: Array, torque: Array, stiffness: Array, std: Array, excited: Flags) -> Columns:
+    """Return the columns of a stiffness that was followed, shape (N,) each: nothing is fitted over φ.
+
+    Parameters
+    ----------
+    phi, torque : φ [rad] and Σ [N·m]
+    stiffness, std : and its standard deviation [N·m/rad]
+    excited : where the observer has learnt enough; where the deviation is too large the estimate is not supported either
+    """
+    nothing = np.full(phi.shape, np.nan)
+    with np.errstate(invalid="ignore"):
+        excited = excited & (std < SUPPORTED_SHARE * np.abs(stiffness))
+    return {
+        "deflection": phi,
+        "flexibility_torque": torque,
+        "flexibility_torque_fit": nothing,
+        "stiffness": stiffness,
+        "stiffness_std": std,
+        "excited": excited,
+        "stiffness_derivative": nothing,
+        "stiffness_second_derivative": nothing,
+    }
+
+
+def total_columns(parts: Sequence[Mapping[str, NDArray[Any]]]) -> Columns:
+    """The device's: torques and stiffnesses add up (Flacco 2012 eq. 9–10), standard deviations in squares."""
+    if len(parts) == 1:
+        return dict(parts[0])
+    torque, stiffness = (np.sum([p[name] for p in parts], axis=0) for name in ("flexibility_torque", "stiffness"))
+    std = np.sqrt(np.sum([p["stiffness_std"] ** 2 for p in parts], axis=0))
+    excited = np.logical_and.reduce([p["excited"] for p in parts])
+    return columns(parts[0]["deflection"], torque, stiffness, std, excited)

@@ -1,0 +1,184 @@
+"""grioli-bicchi: the stiffness followed without a torque sensor, from a body whose inertia and damping are known.
+
+Grioli, Bicchi, "A non-invasive, real-time method for measuring variable stiffness", RSS 2010, as Serio, Grioli, Sardellitti,
+Tsagarakis, Bicchi (ICRA 2011) §II-A have it: eq. 4–7 on the link's equation of motion, or by §III-B on the motor's.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Collection
+from typing import Annotated, Literal
+
+import numpy as np
+from msgspec import Meta
+
+from vsalog.errors import EstimatorError
+from vsalog.estimators.borne_torque import BorneTorque, LoadFriction, carried_by, effects_left_in
+from vsalog.estimators.device import Device, TransmissionView
+from vsalog.estimators.following import ObserverFold, ObserverState, ObserverTuning
+from vsalog.estimators.known import known_of
+from vsalog.estimators.needs import require
+from vsalog.estimators.net_torque import NetTorque, doubt_role, extended, way_role
+from vsalog.estimators.windows import ENOUGH, suitable_windows, with_window
+from vsalog.filters.derivatives import Derivatives
+from vsalog.mechanics.friction import rubs
+from vsalog.signals import JointSignals
+from vsalog.trace import Trace
+
+NAME = "grioli-bicchi"
+SUMMARY = "stiffness observer without torque sensor or basis (Grioli and Bicchi 2010); needs the motor's inertia, or the link's"
+
+
+class GrioliBicchiTuning(ObserverTuning, frozen=True, forbid_unknown_fields=True, kw_only=True):
+    """Tuning of grioli-bicchi.
+
+    Attributes
+    ----------
+    side : ``motor`` or ``link``, whose equation of motion tells the torque; when absent the motor's where it is known
+    """
+
+    degree: Annotated[int, Meta(ge=3, le=30)] = 5
+    side: Literal["motor", "link"] | None = None
+
+
+TUNING = GrioliBicchiTuning
+
+
+def side_of(device: Device, offered: Collection[str], tuning: GrioliBicchiTuning) -> str:
+    """Return the side whose equation of motion is used, as asked for or the motor's where it is known."""
+    if tuning.side is not None:
+        return tuning.side
+    motors = all(
+        {v.motor_position, v.motor_torque} <= set(offered) and v.motor.inertia is not None for v in device.transmissions
+    )
+    return "motor" if motors or device.link is None or len(device.transmissions) != 1 else "link"
+
+
+def roles(device: Device, offered: Collection[str], tuning: GrioliBicchiTuning) -> tuple[str, ...]:
+    """Return the roles the method reads of what the rig offers; raises EstimatorError for a missing one."""
+    side = side_of(device, offered, tuning)
+    needed: list[str] = []
+    for view in device.transmissions:
+        needed += view.deflection_roles(offered)
+        needed += [view.motor_position, view.motor_torque] if side == "motor" else ["link_position"]
+    require(NAME, device, needed, offered)
+    pushed = side == "link" and "external_torque" in offered
+    return tuple(dict.fromkeys([*needed, *(["external_torque"] if pushed else [])]))
+
+
+def build(device: Device, signals: JointSignals, tuning: GrioliBicchiTuning) -> GrioliBicchiFold:
+    """Assemble the estimator for a joint's signals.
+
+    Raises
+    ------
+    EstimatorError
+        The rig does not give the inertia that is needed, the joint has two transmissions and the link is asked for, or the
+        deflection never changes.
+    """
+    side = side_of(device, signals.roles, tuning)
+    if side == "motor":
+        torques = [motor_torque(device, view, signals, tuning) for view in device.transmissions]
+        extra = tuple(v for v in device.transmissions if extended(v.motor))
+        before = NetTorque(extra, signals, tuning.filter, tuning.shape) if extra else None
+    else:
+        torques, before = [link_torque(device, signals)], None
+    orders = {role: order for t in torques for role, order in t.orders(signals.roles).items()}
+
+    def fold(window: int, part: JointSignals) -> GrioliBicchiFold:
+        own = with_window(tuning, part, window)
+        conditioner = Derivatives(orders, part.period, own.window_for(part), own.degree, before)
+        return GrioliBicchiFold(side, device, part, own, torques, conditioner)
+
+    windows = suitable_windows(device, signals, tuning)
+    if len(windows) > 1:
+        part = signals[:ENOUGH]
+        windows.sort(key=lambda window: claimed_share(fold(window, part), part))
+    return fold(windows[0], signals)
+
+
+class GrioliBicchiFold(ObserverFold):
+    """The observers of all transmissions, and what is to be said of where their torque comes from."""
+
+    def __init__(
+        self, side: str, device: Device, signals: JointSignals, tuning: GrioliBicchiTuning, torques: list[BorneTorque],
+        conditioner: Derivatives,
+    ) -> None:  # fmt: skip
+        super().__init__(NAME, "RESIDUAL", device, signals, tuning, torques, conditioner)
+        self.side, self.pushed = side, "external_torque" in signals.roles
+
+    @property
+    def derived(self) -> dict[str, float]:
+        """The gain, its uncertainty's parts and the window that were derived from the log."""
+        return {**super().derived, "window": (self.conditioner.window - 1) * self.period}
+
+    def warnings(self, state: ObserverState) -> tuple[str, ...]:
+        """Say what the torque leaves out."""
+        said, joint, link = [], self.device.joint, self.device.link
+        if self.side == "link" and not self.pushed:
+            said.append(
+                f"joint '{joint}': there is no external_torque, and the link is taken to be driven by its transmission alone;"
+                " whoever pushes it bends the stiffness"
+            )
+        if self.side == "link" and link is not None and rubs(link.friction):
+            said.append(f"joint '{joint}': the link's dry friction is not taken off, and goes into the stiffness")
+        said += effects_left_in(NAME, self.device)
+        return tuple(said)
+
+
+def claimed_share(fold: ObserverFold, signals: JointSignals) -> float:
+    """Return the median of stiffness_std / stiffness that a fold claims on a log; infinite where it claims nothing."""
+    _, traces = fold.step(fold.start(), signals)
+    total = Trace.concatenate(traces)["total"]
+    share = np.asarray(total["stiffness_std"]) / np.abs(np.asarray(total["stiffness"]))
+    return float(np.median(share[np.isfinite(share)])) if np.isfinite(share).any() else np.inf
+
+
+def motor_torque(
+    device: Device, view: TransmissionView, signals: JointSignals, tuning: GrioliBicchiTuning
+) -> BorneTorque:
+    """Return Σ = B θ̈ + D θ̇ − τ, dry friction and cogging taken off τ beforehand (Serio 2011 eq. 1, §III-B).
+
+    Raises
+    ------
+    EstimatorError
+        The rig does not give the motor's inertia.
+    """
+    motor = view.motor.reflected
+    if motor.inertia is None:
+        key = "motor" if len(device.transmissions) == 1 else f"motor_{view.name}"
+        raise EstimatorError(
+            f"joint '{device.joint}': {NAME} needs the motor's inertia: set [joint.{device.joint}.{key}] inertia in the rig, or"
+            " give the link's (--tune side=link), or use --estimator qr-rls, which estimates the motor's"
+        )
+    friction = None
+    if rubs(motor.friction):
+        known = known_of(device, view, signals, tuning, view.motor_torque, motor=True)
+        assert known is not None
+        friction = LoadFriction(way_role(view), doubt_role(view), motor.friction.load, known.friction_limit)
+    terms = {view.motor_position: (0.0, motor.damping, motor.inertia), view.motor_torque: (-1.0,)}
+    return BorneTorque(view, terms, friction=friction)
+
+
+def link_torque(device: Device, signals: JointSignals) -> BorneTorque:
+    """Return Σ = τ_ext − I q̈ − N q̇ − g(q) of the one transmission (Serio 2011 eq. 1), τ_ext = 0 where it is not recorded.
+
+    Raises
+    ------
+    EstimatorError
+        The rig does not give the link, or two transmissions drive it.
+    """
+    if len(device.transmissions) != 1:
+        raise EstimatorError(
+            f"joint '{device.joint}': two transmissions drive the link, and its motion tells only what both bear together;"
+            f" {NAME} needs the motors' torques and inertias here"
+        )
+    if device.link is None:
+        raise EstimatorError(
+            f"joint '{device.joint}': {NAME} needs the link's inertia: set [joint.{device.joint}.link] inertia in the rig, or use"
+            " --estimator impedance-coupled, which estimates it"
+        )
+    inertia, weight = carried_by(device.link)
+    terms: dict[str, tuple[float, ...]] = {"link_position": (0.0, -device.link.damping, -inertia)}
+    if "external_torque" in signals.roles:
+        terms["external_torque"] = (1.0,)
+    return BorneTorque(device.transmissions[0], terms, weight=weight)
