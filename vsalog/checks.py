@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from vsalog.estimators.device import Device, deflection_of
+from vsalog.estimators.device import Device, deflection_of, has_deflection
 from vsalog.signals import JointSignals
 
 Array = NDArray[np.float64]
@@ -24,9 +24,11 @@ def signal_warnings(device: Device, signals: JointSignals) -> tuple[str, ...]:
         for role in (view.deflection, view.motor_torque):
             if role in signals.roles:
                 warnings += _computed_from(signals, sensor, role)
-        if view.deflection not in signals.roles and view.motor_position in signals.roles:
+        if view.deflection not in signals.roles and has_deflection(signals.roles, view):
             warnings += _computed(signals, sensor, "deflection q − θ", deflection_of(signals.roles, view))
     for view in device.transmissions:
+        if not has_deflection(signals.roles, view):
+            continue
         phi = deflection_of(signals.roles, view)
         finite = phi[np.isfinite(phi)]
         if finite.size and np.ptp(finite) == 0.0:

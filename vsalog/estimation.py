@@ -12,13 +12,15 @@ from vsalog.binding import bind, offered_roles
 from vsalog.checks import signal_warnings
 from vsalog.errors import EstimatorError, VsalogError, did_you_mean
 from vsalog.estimators import Fold, Method, method
+from vsalog.estimators.acceleration_group import senses_acceleration
 from vsalog.estimators.device import Device, device_of
 from vsalog.estimators.needs import meaning
 from vsalog.estimators.regression import BLOCK
 from vsalog.estimators.tuning import Tuning, read_tuning
 from vsalog.model import JointModel
+from vsalog.neighbours import own_and_others
 from vsalog.recording import Recording
-from vsalog.rig.schema import Joint
+from vsalog.rig.schema import Joint, RigFile
 from vsalog.signals import JointSignals
 from vsalog.summary import JointSummary, Summarizer
 from vsalog.trace import Trace
@@ -69,7 +71,7 @@ class JointEstimate:
     trace: Trace | None
 
 
-def choose(name: str, joint: Joint, estimator: str, tuning: Mapping[str, str]) -> Choice:
+def choose(name: str, joint: Joint, estimator: str, tuning: Mapping[str, str], rig: RigFile | None = None) -> Choice:
     """Choose the estimator for a joint by the roles its rig offers, or take the one asked for.
 
     Parameters
@@ -77,6 +79,7 @@ def choose(name: str, joint: Joint, estimator: str, tuning: Mapping[str, str]) -
     name, joint : of the rig
     estimator : a method's name or ``auto``
     tuning : NAME → VALUE of the method's tuning; ``preset=paper`` puts what its paper prints beneath the others
+    rig : the whole rig, for methods that look at the joint's neighbours in an arm
 
     Raises
     ------
@@ -84,7 +87,7 @@ def choose(name: str, joint: Joint, estimator: str, tuning: Mapping[str, str]) -
         The joint has no transmission, or a role is missing; the message says which.
     """
     offered = offered_roles(joint)
-    device = device_of(name, joint)
+    device = device_of(name, joint, rig=rig)
     estimator, reason = _automatic(device, offered) if estimator == "auto" else (estimator, "asked for")
     found = method(estimator)
     values = read_tuning(found.TUNING, estimator, with_printed(found, device, tuning))
@@ -117,7 +120,13 @@ def _automatic(device: Device, offered: Collection[str]) -> tuple[str, str]:
     views = device.transmissions
     if device.pneumatic is not None:
         return "pam-ukf", "the joint has pneumatic muscles, whose pressures tell its state"
-    _require_some_torque(device, offered)
+    missing = _missing(device, offered)
+    if missing and senses_acceleration(device, offered):
+        return "acceleration-observer", (
+            "the link's acceleration is measured, and no deflection from which a stiffness could be estimated: the joint's state"
+            " is observed with the rig's stiffness"
+        )
+    _refuse(device, missing)
     motors = all({v.motor_position, v.motor_torque} <= set(offered) for v in views)
     sensor = "torque_sensor" in offered or all(v.torque_sensor in offered for v in views)
     if motors and all(v.motor.inertia is not None for v in views):
@@ -137,8 +146,8 @@ def _automatic(device: Device, offered: Collection[str]) -> tuple[str, str]:
     return "qr-rls", f"{why}; {SENSOR_ADDS}"
 
 
-def _require_some_torque(device: Device, offered: Collection[str]) -> None:
-    """Refuse a joint that no method can do anything with, naming each missing role."""
+def _missing(device: Device, offered: Collection[str]) -> list[str]:
+    """Return the roles without which no stiffness can be estimated."""
     missing: list[str] = []
     for view in device.transmissions:
         if view.deflection not in offered:
@@ -147,6 +156,11 @@ def _require_some_torque(device: Device, offered: Collection[str]) -> None:
             missing += [r for r in (view.motor_torque, view.motor_position) if r not in offered]
     if device.has_setpoint and "setpoint" not in offered:
         missing.append("setpoint")
+    return missing
+
+
+def _refuse(device: Device, missing: Collection[str]) -> None:
+    """Refuse a joint that no method can do anything with, naming each missing role."""
     if not missing:
         return
     listed = "; ".join(f"{role}: {meaning(role)}" for role in dict.fromkeys(missing))
@@ -166,6 +180,7 @@ def estimate_joint(
     setpoints: Sequence[float | None] = (),
     sink: Sink | None = None,
     block: int = BLOCK,
+    rig: RigFile | None = None,
 ) -> JointEstimate:
     """Run an estimator over recordings, several of which make one model.
 
@@ -177,14 +192,16 @@ def estimate_joint(
     setpoints : a fixed set-point per recording [SI], None for none
     sink : where blocks of the trace go; they are kept in memory when absent
     block : rows at a time
+    rig : as for `choose`
 
     Raises
     ------
     VsalogError
         The recordings do not fit the rig, or the signals do not fit the estimator.
     """
-    signals = bind(recordings, name, joint, choice.roles, setpoints)
-    device = device_of(name, joint, signals.roles)
+    own, neighbours = own_and_others(choice.roles, {} if rig is None else rig.joint)
+    signals = bind(recordings, name, joint, own, setpoints, neighbours=neighbours)
+    device = device_of(name, joint, signals.roles, rig)
     fold = choice.method.build(device, signals, choice.tuning)
     runs = np.diff(np.append(np.flatnonzero(signals.starts), len(signals)))
     fold.conditioner.check_length(int(runs.max()))
@@ -252,7 +269,7 @@ def pick_joints(joints: Mapping[str, Joint], wanted: Sequence[str]) -> dict[str,
 
 
 def choose_all(
-    joints: Mapping[str, Joint], estimator: str, tuning: Mapping[str, str]
+    joints: Mapping[str, Joint], estimator: str, tuning: Mapping[str, str], rig: RigFile | None = None
 ) -> tuple[dict[str, Choice], dict[str, str]]:
     """Choose an estimator for every joint; joints that offer too little are left out, with the reason.
 
@@ -266,7 +283,7 @@ def choose_all(
     first: VsalogError | None = None
     for name, joint in joints.items():
         try:
-            choices[name] = choose(name, joint, estimator, tuning)
+            choices[name] = choose(name, joint, estimator, tuning, rig)
         except EstimatorError as error:
             left_out[name] = str(error)
             first = first or error

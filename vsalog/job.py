@@ -22,6 +22,7 @@ from vsalog.estimation import (
     pick_joints,
 )
 from vsalog.model import UNITS, ModelFile
+from vsalog.neighbours import own_and_others
 from vsalog.readers import open_reader, read
 from vsalog.recording import Recording
 from vsalog.rig import Rig
@@ -89,7 +90,13 @@ class Job:
             progress(f"estimating joint {name}")
             out.append(
                 estimate_joint(
-                    self.recordings, name, self.rig.joints[name], choice, setpoints=self.setpoints, sink=sink
+                    self.recordings,
+                    name,
+                    self.rig.joints[name],
+                    choice,
+                    setpoints=self.setpoints,
+                    sink=sink,
+                    rig=self.rig.file,
                 )
             )
         return out
@@ -158,7 +165,7 @@ def prepare(logs: Sequence[Path | Recording], options: Options, progress: Progre
     rig, setpoints = _setpoints(rig, options.set.get("setpoint"), len(logs))
     joints = pick_joints(rig.joints, options.joints)
     try:
-        choices, left_out = choose_all(joints, options.estimator, options.tune)
+        choices, left_out = choose_all(joints, options.estimator, options.tune, rig.file)
     except EstimatorError as error:
         if not guessed:
             raise
@@ -171,11 +178,18 @@ def prepare(logs: Sequence[Path | Recording], options: Options, progress: Progre
         read_all = []
         for log in logs:
             name = _path(log).name
-            wanted = set().union(*(wanted_channels(joints[n], name, c.roles) for n, c in choices.items()))
+            wanted = set().union(*(_channels(rig, n, name, c.roles) for n, c in choices.items()))
             read_all.append(_read(log, wanted, options, progress))
     warnings += [f"{r.path.name}: {note}" for r in read_all for note in r.notes]
     paths = tuple(_path(log) for log in logs)
     return Job(paths, tuple(read_all), rig, guessed, choices, setpoints, tuple(warnings), options)
+
+
+def _channels(rig: Rig, joint: str, log: str, roles: Sequence[str]) -> set[str]:
+    """Return the names of the channels that an estimator's roles for a joint are found in, those of its neighbours included."""
+    own, neighbours = own_and_others(roles, rig.joints)
+    found = wanted_channels(rig.joints[joint], log, own)
+    return found.union(*(wanted_channels(other, log, its) for other, its in neighbours.values()))
 
 
 def _path(log: Path | Recording) -> Path:

@@ -16,6 +16,7 @@ from vsalog.rig.schema import (
     Joint,
     Motor,
     PneumaticJoint,
+    RigFile,
     RigidJoint,
     SerialJoint,
     Transmission,
@@ -55,6 +56,7 @@ class Device:
     has_setpoint : whether the flexibility torque depends on a set-point
     pneumatic : the joint itself where it has muscles instead of transmissions
     link : what the rig knows of the link
+    rig : the whole rig, for a method that looks at the other joints of an arm; None where it is not known
     """
 
     joint: str
@@ -63,15 +65,17 @@ class Device:
     has_setpoint: bool
     pneumatic: PneumaticJoint | None = None
     link: Link | None = None
+    rig: RigFile | None = None
 
 
-def device_of(name: str, joint: Joint, roles: Mapping[str, Array] | None = None) -> Device:
+def device_of(name: str, joint: Joint, roles: Mapping[str, Array] | None = None, rig: RigFile | None = None) -> Device:
     """See a joint of a rig as a device.
 
     Parameters
     ----------
     name, joint : of the rig
     roles : the joint's signals, from which the scales are taken that the rig's basis leaves open; these are 1 without
+    rig : the whole rig, where it is known
 
     Raises
     ------
@@ -86,7 +90,7 @@ def device_of(name: str, joint: Joint, roles: Mapping[str, Array] | None = None)
             ' so in the rig (kind = "elastic", "serial" or "antagonistic") and name their channels'
         )
     if isinstance(joint, PneumaticJoint):
-        return Device(name, (), PolynomialBasis.make(1, odd=True), False, joint)
+        return Device(name, (), PolynomialBasis.make(1, odd=True), False, joint, rig=rig)
     serial = isinstance(joint, SerialJoint)
     views: tuple[TransmissionView, ...]
     if isinstance(joint, AntagonisticJoint):
@@ -96,8 +100,8 @@ def device_of(name: str, joint: Joint, roles: Mapping[str, Array] | None = None)
         )
     else:
         views = (_view("1", joint.motor, joint.transmission, ""),)
-    deflections = [deflection_of(roles, v) for v in views] if roles is not None else []
-    setpoints = [roles["setpoint"]] if roles is not None and serial else []
+    deflections = [deflection_of(roles, v) for v in views if has_deflection(roles, v)] if roles is not None else []
+    setpoints = [roles["setpoint"]] if roles is not None and serial and "setpoint" in roles else []
     basis = PolynomialBasis.make(
         joint.basis.order,
         odd=joint.basis.odd,
@@ -106,7 +110,12 @@ def device_of(name: str, joint: Joint, roles: Mapping[str, Array] | None = None)
         setpoint_scale=joint.basis.setpoint_scale or largest(*setpoints),
         branches=joint.basis.branches,
     )
-    return Device(name, views, basis, serial, link=joint.link)
+    return Device(name, views, basis, serial, link=joint.link, rig=rig)
+
+
+def has_deflection(values: Collection[str], view: TransmissionView) -> bool:
+    """Tell whether the signals have what φ comes from."""
+    return set(view.deflection_roles(values)) <= set(values)
 
 
 def deflection_of(values: Mapping[str, Array], view: TransmissionView) -> Array:

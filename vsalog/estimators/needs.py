@@ -12,6 +12,7 @@ MEANING = {
     "motor_position": "the motor's position θ",
     "motor_torque": "the motor's torque τ (or its current, with a torque constant in the rig)",
     "link_position": "the link's position q",
+    "link_acceleration": "the link's acceleration q̈",
     "deflection": "the transmission's deflection φ = q − θ",
     "torque_sensor": "a joint torque sensor",
     "pressure": "the absolute pressure of a muscle",

@@ -14,6 +14,7 @@ from vsalog.estimators.device import device_of
 from vsalog.estimators.regression import BLOCK, RegressionFold
 from vsalog.estimators.tuning import read_tuning
 from vsalog.filters.kinematic import KinematicSettings
+from vsalog.neighbours import own_and_others
 from vsalog.reproduce.rows import Spread
 from vsalog.signals import JointSignals
 from vsalog.simulation.experiment import Experiment
@@ -110,12 +111,15 @@ def assemble(experiment: Experiment, setting: Setting, joint: str | None = None)
     """Return an estimator for what an experiment recorded, and the signals bound; arguments as for `estimate`."""
     name = experiment.joint if joint is None else joint
     spec = experiment.rig.joint[name]
-    signals = bind([experiment.recording()], name, spec, tuple(offered_roles(spec)))
     found = method(setting.estimator)
-    device = device_of(name, spec, signals.roles)
+    tuning = read_tuning(found.TUNING, setting.estimator, {k: _text(v) for k, v in setting.tune.items()})
+    offered = offered_roles(spec)
+    read = found.roles(device_of(name, spec, rig=experiment.rig), offered, tuning)
+    _, neighbours = own_and_others(read, experiment.rig.joint)
+    signals = bind([experiment.recording()], name, spec, tuple(offered), neighbours=neighbours)
+    device = device_of(name, spec, signals.roles, experiment.rig)
     if setting.powers is not None:
         device = replace(device, basis=replace(device.basis, powers=setting.powers))
-    tuning = read_tuning(found.TUNING, setting.estimator, {k: _text(v) for k, v in setting.tune.items()})
     fold = found.build(device, signals, tuning)
     if setting.kalman is not None:
         assert isinstance(fold, RegressionFold)

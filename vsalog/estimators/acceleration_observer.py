@@ -1,0 +1,348 @@
+"""acceleration-observer: the whole state of an elastic joint from motor position, motor torque and accelerations of the links.
+
+De Luca, Schröder, Thümmel (ICRA 2007): eq. 6 with the link acceleration measured, eq. 7 with inertial coupling between motors and
+links, eq. 12 from accelerometers on the links of an arm. No link encoder, and nothing of the links' masses is needed.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Mapping
+from dataclasses import dataclass
+from typing import Annotated, Any, Literal
+
+import numpy as np
+from msgspec import Meta
+from numpy.typing import NDArray
+
+from vsalog.errors import EstimatorError
+from vsalog.estimators.acceleration_group import NAME, Group, group_of
+from vsalog.estimators.device import Device
+from vsalog.estimators.net_torque import NetTorque, NetTorqueState, extended
+from vsalog.estimators.tuning import Positive, Tuning
+from vsalog.filters.acceleration_arm import Arm, ArmState, arm_start, axis_rows, observe_arm
+from vsalog.filters.acceleration_observer import (
+    LINK_POSITION,
+    LINK_VELOCITY,
+    MOTOR_POSITION,
+    MOTOR_VELOCITY,
+    ElasticMotor,
+    SampledObserver,
+    characteristic,
+    error_variances,
+    observer_gains,
+    sampled_observer,
+)
+from vsalog.model import JointModel, basis_spec
+from vsalog.resolution import sensor_noise
+from vsalog.signals import JointSignals
+from vsalog.trace import Trace
+
+Array = NDArray[np.float64]
+Integers = NDArray[np.int64]
+
+SUMMARY = "positions, velocities and torque from motor position and link accelerations, no link encoder (De Luca 2007)"
+OWN = ("frequency", "damping", "torque", "reach")
+# The paper's bandwidth [rad/s], and the most that an observer may turn in a sample.
+PAPER_FREQUENCY, TURN_PER_SAMPLE = 250.0, 0.5
+# As fast as the paper's, unless a slower observer has so many times less noise in the deflection.
+NOISE_WORTH = 1.5
+# A sensor without any noise has some: this part of its largest value.
+LEAST_NOISE = 1e-9
+# Positions along the log at which the accelerometers' arms are looked at.
+POSITIONS = 50
+# What is left of the start when so many times 1/(ζ ω) have passed is nothing; and the most samples that are told apart.
+SETTLED, MOST_UNSETTLED = 30.0, 20_000
+# A warning says so when for more than this share of the time there is nothing to tell.
+MASKED = 0.01
+
+
+class AccelerationTuning(Tuning, frozen=True, forbid_unknown_fields=True, kw_only=True):
+    """Tuning of acceleration-observer; what the other estimators' filters have is refused, for the observer filters itself.
+
+    Attributes
+    ----------
+    frequency : ω of all four eigenvalues [rad/s]; when absent the paper's 250, or less where the sample time or noise ask for it
+    damping : ζ of the eigenvalues, at most 1
+    torque : ``held`` where a sample of the motor's torque holds until the next, as a digital drive's does; else ``linear``
+    reach : least arm between a joint's axis and the accelerometers at which the joint's acceleration is believed [m]
+    """
+
+    frequency: Positive | None = None
+    damping: Annotated[float, Meta(gt=0.0, le=1.0)] = 1.0
+    torque: Literal["held", "linear"] = "held"
+    reach: Positive = 0.05
+
+    def __post_init__(self) -> None:
+        for name, default in zip(Tuning.__struct_fields__, Tuning.__struct_defaults__, strict=True):
+            if getattr(self, name) != default:
+                raise ValueError(
+                    f"'{name}' is of a filter before the estimator, and here is none; there are {', '.join(OWN)}"
+                )
+
+
+TUNING = AccelerationTuning
+
+
+def printed(device: Device) -> Mapping[str, str]:
+    """Return the tuning that the paper prints: "well damped eigenvalues with angular frequencies around 250 rad/s" (§V)."""
+    return {"frequency": f"{PAPER_FREQUENCY:g}"}
+
+
+def roles(device: Device, offered: Collection[str], tuning: AccelerationTuning) -> tuple[str, ...]:
+    """Return the roles the method reads, those of other joints as ``JOINT/ROLE``; raises EstimatorError for a missing one."""
+    return group_of(device, offered).roles
+
+
+def build(device: Device, signals: JointSignals, tuning: AccelerationTuning) -> AccelerationFold:
+    """Assemble the estimator for a joint's signals.
+
+    Raises
+    ------
+    EstimatorError
+        A signal has no value, or the frequency is too high for the sample time.
+    """
+    return AccelerationFold(device, group_of(device, signals.roles), signals, tuning)
+
+
+@dataclass(frozen=True, slots=True)
+class _NoFilter:
+    """Nothing is filtered before: every sample counts."""
+
+    def check_length(self, longest: int) -> None:
+        """Any stretch is long enough."""
+
+
+@dataclass(frozen=True, slots=True)
+class AccelerationState:
+    """Where the fold stands: the observers, the motors' friction, samples seen, and those without an acceleration."""
+
+    observers: ArmState
+    friction: NetTorqueState | None
+    seen: int = 0
+    masked: int = 0
+
+
+class AccelerationFold:
+    """The observers of a joint and of those it has to be looked at with, as a fold that gives the joint's trace."""
+
+    passes = 1
+    conditioner = _NoFilter()
+
+    def __init__(self, device: Device, group: Group, signals: JointSignals, tuning: AccelerationTuning) -> None:
+        self.device, self.group, self.tuning, self.period = device, group, tuning, signals.period
+        self.noise = {role: _noise(device, signals, role) for role in group.roles}
+        rubbing = tuple(m.view for m in group.members if extended(m.view.motor))
+        self.friction = NetTorque(rubbing, signals, "kinematic", tuning.shape) if rubbing else None
+        plain = self._plain_arm()
+        usual = self._usual_deviation(plain, signals)
+        self.frequencies = [self._frequency(i, float(usual[i])) for i in range(len(group.members))]
+        self.arm = self._with_observers(plain)
+        self.variances = self._variances(signals)
+
+    @property
+    def derived(self) -> dict[str, float]:
+        """The observer's frequency, and the noise that was told from the log."""
+        own = self.group.members[self.group.place]
+        return {
+            "frequency": self.frequencies[self.group.place],
+            "noise_motor_position": self.noise[own.view.motor_position],
+            "noise_motor_torque": self.noise[own.view.motor_torque],
+            "noise_acceleration": self.arm.unit_noise,
+        }
+
+    def start(self) -> AccelerationState:
+        """Return the state before the first sample."""
+        return AccelerationState(
+            arm_start(len(self.group.members)), None if self.friction is None else self.friction.start()
+        )
+
+    def freeze(self, state: AccelerationState) -> AccelerationState:
+        """Go back to the first sample."""
+        return self.start()
+
+    def step(self, state: AccelerationState, block: JointSignals) -> tuple[AccelerationState, list[Trace]]:
+        """Take a block of samples; give the new state and their trace."""
+        friction, blocks = state.friction, [block]
+        if self.friction is not None:
+            friction, blocks = self.friction.step(friction or self.friction.start(), block)
+        observers, seen, masked, traces = state.observers, state.seen, state.masked, []
+        for piece in (piece for part in blocks for piece in part.between_gaps()):
+            if piece.starts[0]:
+                observers = arm_start(len(self.group.members))
+            x, acceleration, deviation, since, observers = observe_arm(self.arm, observers, *self._inputs(piece))
+            told = self._told(x[:, self.group.place], acceleration, deviation, since[:, self.group.place])
+            traces.append(Trace.of_rows(piece, {"total": told}))
+            seen += len(piece)
+            masked += int(np.count_nonzero(since[:, self.group.place] < 0))
+        return AccelerationState(observers, friction, seen, masked), traces
+
+    def finish(self, state: AccelerationState) -> tuple[AccelerationState, list[Trace]]:
+        """Nothing is held back."""
+        return state, []
+
+    def warnings(self, state: AccelerationState) -> tuple[str, ...]:
+        """Say where the accelerations do not tell this joint's."""
+        if state.masked <= MASKED * state.seen:
+            return ()
+        return (
+            f"joint '{self.device.joint}': for {state.masked / state.seen:.1%} of the time nothing is told: samples are missing,"
+            f" or the accelerometers lie within {self.tuning.reach:g} m of the joint's axis, or in line with those of others, and"
+            " see next to nothing of its acceleration (--tune reach=METRES)",
+        )
+
+    def model(self, state: AccelerationState) -> JointModel:
+        """Return a model without transmissions: what is estimated are states, by the rig's stiffness."""
+        return JointModel(
+            estimator=NAME, modality="STATES", basis=basis_spec(self.device.basis), transmission=(), motor={}
+        )
+
+    def _told(self, x: Array, acceleration: Array, deviation: Array, since: Integers) -> Mapping[str, Any]:
+        """Return the columns of the trace; nothing is told where an input of the observer is missing."""
+        place, known = self.group.place, since >= 0
+        std = self._deviations(deviation, since)
+        K, nothing = self.group.members[place].motor.K, np.full(len(x), np.nan)
+        phi = x[:, LINK_POSITION] - x[:, MOTOR_POSITION]
+        columns = {
+            "deflection": phi,
+            "flexibility_torque": K * phi,
+            "flexibility_torque_fit": nothing,
+            # The rig's: told for who needs the model beside the state, but nothing in the log says how good it is.
+            "stiffness": np.full(len(x), K),
+            "stiffness_std": nothing,
+            "stiffness_derivative": nothing,
+            "stiffness_second_derivative": nothing,
+            "deflection_std": std[:, 4],
+            "flexibility_torque_std": K * std[:, 4],
+        }
+        states = (
+            ("link_position", LINK_POSITION),
+            ("link_velocity", LINK_VELOCITY),
+            ("motor_position", MOTOR_POSITION),
+            ("motor_velocity", MOTOR_VELOCITY),
+        )
+        for name, i in states:
+            columns |= {name: x[:, i], f"{name}_std": std[:, i]}
+        shown = {name: np.where(known, values, np.nan) for name, values in columns.items()}
+        # How little is known of the acceleration is told even where the rest is not.
+        shown |= {"link_acceleration": np.where(known, acceleration[:, place], np.nan)}
+        shown |= {"link_acceleration_std": deviation[:, place]}
+        return shown | {"excited": np.zeros(len(x), dtype=np.bool_)}
+
+    def _deviations(self, deviation: Array, since: Integers) -> Array:
+        """Return the standard deviations of θ, q, θ̇, q̇ and q − θ, shape (n, 5): noise through the observer, and its start.
+
+        The arms change slowly beside the observer, so its stationary error goes with the present noise of q̈.
+        """
+        place, own = self.group.place, self.group.members[self.group.place].view
+        table = self.variances[np.clip(since, 0, len(self.variances) - 1)]
+        accelerations = deviation**2
+        carried = accelerations @ self.group.coupling[:, place] ** 2
+        encoder, torque, once = (
+            np.full(len(since), variance)
+            for variance in (self.noise[own.motor_position] ** 2, self.noise[own.motor_torque] ** 2, 1.0)
+        )
+        weights = np.stack((encoder, torque, accelerations[:, place], carried, once), axis=-1)
+        return np.asarray(np.sqrt(np.einsum("ns,nsi->ni", weights, table)))
+
+    def _plain_arm(self) -> Arm:
+        """Return the arm as the compiled functions read it, still without observers."""
+        group, axes = self.group, self.group.axes
+        noise = np.array([self.noise[axis.role] for axis in axes])
+        return Arm(
+            links=np.array([(k.length, k.offset, np.cos(k.twist), np.sin(k.twist), k.angle) for k in group.links]),
+            gravity=group.gravity,
+            row_link=np.array([axis.place for axis in axes], dtype=np.int64),
+            row_direct=np.array([axis.direct for axis in axes], dtype=np.int64),
+            row_point=np.array([axis.point for axis in axes]),
+            row_axis=np.array([axis.direction for axis in axes]),
+            row_noise=noise,
+            Phi=np.empty(0),
+            before=np.empty(0),
+            after=np.empty(0),
+            K=np.array([m.motor.K for m in group.members]),
+            coupling=group.coupling,
+            reach=self.tuning.reach,
+            unit_noise=float(noise.max()),
+            period=self.period,
+        )
+
+    def _with_observers(self, plain: Arm) -> Arm:
+        """Return the arm with an observer for each joint."""
+        found = [self._observer(m.motor, f) for m, f in zip(self.group.members, self.frequencies, strict=True)]
+        Phi, before, after = (np.array(part) for part in zip(*found, strict=True))
+        return plain._replace(Phi=Phi, before=before, after=after)
+
+    def _observer(self, motor: ElasticMotor, frequency: float) -> SampledObserver:
+        gains = observer_gains(motor, characteristic(frequency, self.tuning.damping))
+        return sampled_observer(motor, gains, self.period, held=self.tuning.torque == "held")
+
+    def _inputs(self, piece: JointSignals) -> tuple[Array, Array, Array]:
+        """Return motor positions and torques, shape (n, N), and measured accelerations, shape (n, M)."""
+        views = [m.view for m in self.group.members]
+        return (
+            _columns(piece, [view.motor_position for view in views]),
+            _columns(piece, [view.motor_torque for view in views]),
+            _columns(piece, [axis.role for axis in self.group.axes]),
+        )
+
+    def _usual_deviation(self, arm: Arm, signals: JointSignals) -> Array:
+        """Return the median standard deviation of each joint's q̈ along the log, at the motors' positions, shape (N,) [rad/s²]."""
+        theta = _columns(signals, [m.view.motor_position for m in self.group.members])
+        theta = theta[np.isfinite(theta).all(axis=1)]
+        worst = arm.unit_noise / self.tuning.reach
+        if not len(theta):
+            raise EstimatorError(f"joint '{self.device.joint}': the motors' positions are never known all at once")
+        found = []
+        for q in theta[np.linspace(0, len(theta) - 1, POSITIONS).astype(np.int64)]:
+            seen = axis_rows(arm, q, np.zeros_like(q))[0] / arm.row_noise[:, None]
+            found.append(np.sqrt(np.diag(np.linalg.inv(seen.T @ seen + np.eye(q.size) / worst**2))))
+        return np.asarray(np.median(found, axis=0))
+
+    def _frequency(self, i: int, deviation: float) -> float:
+        """Return ω of a joint's observer [rad/s]: as asked for, or the fastest that is worth its noise in the deflection."""
+        most, member = TURN_PER_SAMPLE / self.period, self.group.members[i]
+        if self.tuning.frequency is not None:
+            if self.tuning.frequency > 4.0 * most:
+                raise EstimatorError(
+                    f"joint '{self.device.joint}': at {1.0 / self.period:.4g} Hz an observer of {self.tuning.frequency:.4g} rad/s"
+                    f" would be faster than the samples; ask for at most {4.0 * most:.4g}"
+                )
+            return self.tuning.frequency
+        inputs = np.array([self.noise[member.view.motor_position], self.noise[member.view.motor_torque], deviation])
+        choices = min(PAPER_FREQUENCY, most) * 0.9 ** np.arange(40)
+        noise = np.empty(choices.size)
+        for k, frequency in enumerate(choices):
+            observer = self._observer(member.motor, float(frequency))
+            noise[k] = error_variances(observer, np.zeros(4), 1)[-1, :3, 4] @ inputs**2
+        return float(choices[np.flatnonzero(noise <= NOISE_WORTH**2 * noise.min())[0]])
+
+    def _variances(self, signals: JointSignals) -> Array:
+        """Return the variances of this joint's observer since its start, see `error_variances`."""
+        own, frequency = self.group.members[self.group.place], self.frequencies[self.group.place]
+        theta, tau = signals.roles[own.view.motor_position], signals.roles[own.view.motor_torque]
+        # The joint may have been moving as the log has it, and its spring deflected by any of the log's torques.
+        few = max(1, min(round(1.0 / (frequency * self.period)), len(theta) - 1))
+        speed = _root_mean_square((theta[few:] - theta[:-few]) / (few * self.period))
+        start = np.array(
+            [self.noise[own.view.motor_position], _root_mean_square(tau) / own.motor.K, speed, speed], dtype=np.float64
+        )
+        count = int(np.ceil(SETTLED / (self.tuning.damping * frequency * self.period))) + 1
+        index = self.group.place
+        observer = SampledObserver(self.arm.Phi[index], self.arm.before[index], self.arm.after[index])
+        return error_variances(observer, start, min(count, MOST_UNSETTLED))
+
+
+def _noise(device: Device, signals: JointSignals, role: str) -> float:
+    finite = signals.roles[role][np.isfinite(signals.roles[role])]
+    if finite.size == 0:
+        raise EstimatorError(f"joint '{device.joint}': {role} has no value in this log")
+    return sensor_noise(finite, signals.resolution.get(role, 0.0), LEAST_NOISE)
+
+
+def _columns(signals: JointSignals, roles: Collection[str]) -> Array:
+    return np.stack([signals.roles[role] for role in roles], axis=-1)
+
+
+def _root_mean_square(values: Array) -> float:
+    finite = values[np.isfinite(values)]
+    return float(np.sqrt(np.mean(finite**2))) if finite.size else 0.0
