@@ -69,3 +69,17 @@ def test_a_method_without_printed_values_refuses_it_and_compare_knows_it(vsalog)
     code, _, err = vsalog("compare", "log.parquet", "-e", "residual-rls:preset=mine")
     assert code == 2
     assert "'mine'" in err
+
+
+def test_the_ukf_takes_the_printed_covariances(vsalog):
+    """Shin §V prints sensors of 10 kPa and an angle that wanders by √1e-5 rad a sample: what is told of it is that uncertain."""
+    assert vsalog("simulate", "pam", "--duration", "6 s", "-o", "log.parquet")[0] == 0
+    assert vsalog("estimate", "log.parquet", "--preset-tuning", "paper", "-o", "a.parquet")[0] == 0
+    assert vsalog("estimate", "log.parquet", "-o", "b.parquet")[0] == 0
+    told = [pq.read_table(f"{name}.parquet").to_pandas() for name in "ab"]
+    # Pressures of Q = (1 kPa)² a sample and R = (10 kPa)² leave what a scalar Kalman filter in the steady state does.
+    q, r = 1e3**2, 1e4**2
+    steady = np.sqrt(0.5 * (-q + np.sqrt(q * q + 4 * q * r)))
+    assert np.median(told[0]["pressure_1_std"]) == pytest.approx(steady, rel=0.2)
+    assert np.median(told[1]["pressure_1_std"]) < 0.1 * steady
+    assert np.median(told[0]["link_position_std"]) > np.median(told[1]["link_position_std"])

@@ -7,7 +7,7 @@ the two pressures and the valves' commands; no encoder and no torque sensor is r
 from __future__ import annotations
 
 from collections.abc import Collection, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Annotated, Any, Literal
 
 import numpy as np
@@ -35,9 +35,14 @@ OTHERS = ("valve_1", "valve_2", "external_torque")
 # A sensor without any noise has some: this part of its largest value.
 LEAST_NOISE = 1e-6
 
-OWN = ("air", "flow", "force", "friction")
+OWN = ("air", "flow", "force", "friction", "covariances")
 
 Share = Annotated[float, Meta(ge=0.0, le=1.0)]
+
+
+# Shin §V: R = diag(1e8, 1e8) and, of ψ, ψ̇, P₁, P₂, P(0) = Q = diag(1e-5, 1e-4, 1e6, 1e6), in Pa, rad and s.
+# As deviations of P₁, P₂ and of P₁, P₂, ψ, ψ̇:
+PRINTED_SENSOR, PRINTED_STATE = (1e4, 1e4), (1e3, 1e3, 1e-5**0.5, 1e-2)
 
 
 class PamTuning(Tuning, frozen=True, forbid_unknown_fields=True, kw_only=True):
@@ -48,12 +53,15 @@ class PamTuning(Tuning, frozen=True, forbid_unknown_fields=True, kw_only=True):
     air : what the stiffness is told for: ``trapped`` (the valves are closed) or ``constant`` (the pressures are held)
     flow, force, friction : how far the rig is believed, one standard deviation as a share: of the valves' largest flow, of a
         muscle's pull, of the friction's level
+    covariances : ``derived`` from the log's sensors and how far the rig is believed, or ``printed``: those of Shin §V, whatever
+        the log
     """
 
     air: Literal["trapped", "constant"] = "trapped"
     flow: Share = 0.05
     force: Share = 0.04
     friction: Share = 0.2
+    covariances: Literal["derived", "printed"] = "derived"
 
     def __post_init__(self) -> None:
         for name, default in zip(Tuning.__struct_fields__, Tuning.__struct_defaults__, strict=True):
@@ -64,6 +72,11 @@ class PamTuning(Tuning, frozen=True, forbid_unknown_fields=True, kw_only=True):
 
 
 TUNING = PamTuning
+
+
+def printed(device: Device) -> dict[str, str]:
+    """Return the tuning that Shin prints, §V."""
+    return {"covariances": "printed"}
 
 
 def roles(device: Device, offered: Collection[str], tuning: PamTuning, name: str = NAME) -> tuple[str, ...]:
@@ -102,6 +115,8 @@ def estimate_of(name: str, device: Device, signals: JointSignals, tuning: PamTun
         device.pneumatic, signals.period, (middle[0], middle[1]), (sensors[0], sensors[1]), flow=tuning.flow, force=tuning.force,
         friction=tuning.friction,
     )  # fmt: skip
+    if tuning.covariances == "printed":
+        noise = replace(noise, pressure=PRINTED_SENSOR, process=PRINTED_STATE, start=PRINTED_STATE[2:])
     fold = PamFold(device.pneumatic, signals.period, noise, correct=correct)
     return PamEstimate(name, device, fold, noise, tuning.air, signals.period)
 
