@@ -25,6 +25,7 @@ BUILT_IN = {
     "direct": "vsalog.estimators.direct",
     "algebraic": "vsalog.estimators.algebraic",
     "impedance": "vsalog.estimators.impedance",
+    "impedance-coupled": "vsalog.estimators.impedance_coupled",
     "grioli-bicchi": "vsalog.estimators.grioli_bicchi",
     "grioli-parametric": "vsalog.estimators.grioli_parametric",
     "acceleration-observer": "vsalog.estimators.acceleration_observer",

@@ -1,0 +1,303 @@
+"""impedance-coupled: stiffness, and inertia and damping of the link, from the torque that is put on the link from outside.
+
+Serio, Grioli, Sardellitti, Tsagarakis, Bicchi (2011) §III-A, eq. 8–9: a Kalman filter of the link and a stiffness observer, each
+fed with what the other finds. The paper gives it to show what its decoupled observer (`impedance`) avoids; it is for comparison.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Collection
+from dataclasses import dataclass
+from typing import Annotated, NamedTuple
+
+import numpy as np
+from msgspec import Meta
+from numpy.typing import NDArray
+
+from vsalog.errors import EstimatorError
+from vsalog.estimators.borne_torque import Weight, carried_by, effects_left_in
+from vsalog.estimators.device import Device, deflection_of
+from vsalog.estimators.following import (
+    FILLED,
+    MEMORIES,
+    Columns,
+    ObserverTuning,
+    Rates,
+    columns,
+    left_over,
+    signal_noise,
+    typical_speed,
+)
+from vsalog.estimators.needs import require
+from vsalog.estimators.windows import suitable_windows, with_window
+from vsalog.filters.coupled_observer import CoupledNoise, CoupledState, coupled_start, observe_coupled
+from vsalog.filters.derivatives import Derivatives, DerivativesState, Differentiated
+from vsalog.model import JointModel, basis_spec
+from vsalog.signals import JointSignals
+from vsalog.trace import Trace
+
+Array = NDArray[np.float64]
+Flags = NDArray[np.bool_]
+
+NAME = "impedance-coupled"
+SUMMARY = "stiffness, link inertia and damping in one loop, from a measured push (Serio 2011, §III-A); for comparison"
+# Another loop begins with so many times the guessed inertia, and without damping: where both do not meet, neither is right.
+ANOTHER_GUESS = 2.0
+# They have met when their inertias differ by less than this share.
+MET = 0.1
+# No noise and no guess is smaller.
+LEAST = 1e-12
+# Values before the first sample of a run.
+UNKNOWN = (np.nan,) * 4
+
+
+class ImpedanceCoupledTuning(ObserverTuning, frozen=True, forbid_unknown_fields=True, kw_only=True):
+    """Tuning of impedance-coupled.
+
+    Attributes
+    ----------
+    inertia, damping : initial guesses of I [kg·m²] and N [N·m·s/rad]; the rig's link when absent
+    wander : share of the initial guess by which I and N may change within a second
+    """
+
+    degree: Annotated[int, Meta(ge=3, le=30)] = 5
+    inertia: Annotated[float, Meta(ge=0.0)] | None = None
+    damping: Annotated[float, Meta(ge=0.0)] | None = None
+    wander: Annotated[float, Meta(ge=0.0)] = 0.1
+
+
+TUNING = ImpedanceCoupledTuning
+
+
+def roles(device: Device, offered: Collection[str], tuning: ImpedanceCoupledTuning) -> tuple[str, ...]:
+    """Return the roles the method reads of what the rig offers; raises EstimatorError for a missing one."""
+    needed = [role for view in device.transmissions for role in view.deflection_roles(offered)]
+    needed += ["link_position", "external_torque"] if device.transmissions else []
+    require(NAME, device, needed, offered)
+    return tuple(dict.fromkeys(needed))
+
+
+def build(device: Device, signals: JointSignals, tuning: ImpedanceCoupledTuning) -> ImpedanceCoupledFold:
+    """Assemble the estimator for a joint's signals.
+
+    Raises
+    ------
+    EstimatorError
+        Two transmissions drive the link, there is no initial guess of its inertia, nothing pushes it, or the deflection never
+        changes.
+    """
+    return ImpedanceCoupledFold(device, signals, tuning)
+
+
+class Motion(NamedTuple):
+    """What the loop reads, shape (N,) each: f = τ̇_ext − ġ [N·m/s], q⃛ [rad/s³], q̈ [rad/s²], φ̇ [rad/s]."""
+
+    f: Array
+    jerk: Array
+    acceleration: Array
+    deflection: Array
+
+    @property
+    def use(self) -> Flags:
+        """Where all is known, shape (N,)."""
+        return np.asarray(np.isfinite(np.stack(self)).all(axis=0))
+
+
+@dataclass(slots=True)
+class ImpedanceCoupledState:
+    """Where the fold stands: of the filters, of the loop, of one twice as fast and of one that began elsewhere, and what is
+    differenced of the last sample.
+    """
+
+    filters: DerivativesState
+    loops: tuple[CoupledState, ...]
+    last: tuple[float, ...] = UNKNOWN
+
+
+class ImpedanceCoupledFold:
+    """The loop as an estimator: a fold over blocks of signals that gives a trace."""
+
+    passes = 1
+
+    def __init__(self, device: Device, signals: JointSignals, tuning: ImpedanceCoupledTuning) -> None:
+        self.device, self.period = device, signals.period
+        if len(device.transmissions) != 1:
+            raise EstimatorError(
+                f"joint '{device.joint}': two transmissions drive the link, and its motion tells only what both bear together"
+            )
+        (self.view,) = device.transmissions
+        self.guess, self.weight = self._guess(tuning)
+        push = signals.roles["external_torque"]
+        if not np.isfinite(push).any() or np.nanmax(push) == np.nanmin(push):
+            raise EstimatorError(
+                f"joint '{device.joint}': external_torque never changes, and without a push whose size is known nothing tells"
+                f" inertia, damping and stiffness apart from any multiple of all three; {NAME} cannot begin"
+            )
+        tuning = with_window(tuning, signals, suitable_windows(device, signals, tuning)[0])
+        orders = dict.fromkeys((*self.view.deflection_roles(signals.roles), "external_torque"), 1) | {
+            "link_position": 3
+        }
+        self.conditioner = Derivatives(orders, signals.period, tuning.window_for(signals), tuning.degree)
+        self.difference = tuning.derivative == "difference"
+        motion, _ = self._motion(self.conditioner.whole(signals), UNKNOWN)
+        known = Motion(*(v[motion.use] for v in motion))
+        speed = typical_speed(device, [Rates(known.f, known.deflection)])
+        # A filter's window makes so many neighbouring samples one.
+        rate = unexplained(known) * self.conditioner.window**0.5
+        inertia, damping = (max(g, LEAST) for g in self.guess)
+        self.noise = CoupledNoise(max(rate, LEAST), inertia, damping, tuning.wander, FILLED)
+        self.alpha = tuning.alpha if tuning.alpha is not None else self._best_alpha(known, speed)
+        self.alike, self.within = self._left_over(signals, known)
+        # What the spring is beside its average goes into the link, as far as φ̇ looks like q⃛ or q̈: it may altogether.
+        sizes = [float(np.sqrt(np.mean(v**2))) for v in (known.jerk, known.acceleration, known.deflection)]
+        self.mistaken = self.within * sizes[2] / np.array(sizes[:2])
+
+    @property
+    def derived(self) -> dict[str, float]:
+        """What was derived from the log."""
+        window = (self.conditioner.window - 1) * self.period
+        return {
+            "alpha": self.alpha, "alike": self.alike, "within": self.within, "window": window,
+            "inertia": self.guess[0], "damping": self.guess[1], "noise_rate": self.noise.rate,
+        }  # fmt: skip
+
+    def start(self) -> ImpedanceCoupledState:
+        """Return the state before the first sample."""
+        return ImpedanceCoupledState(self.conditioner.start(), self._loops())
+
+    def freeze(self, state: ImpedanceCoupledState) -> ImpedanceCoupledState:
+        """Go back to the first sample."""
+        return self.start()
+
+    def step(self, state: ImpedanceCoupledState, block: JointSignals) -> tuple[ImpedanceCoupledState, list[Trace]]:
+        """Take a block of samples; give the new state and the trace of the rows that are ready."""
+        return self._follow(state, *self.conditioner.step(state.filters, block))
+
+    def finish(self, state: ImpedanceCoupledState) -> tuple[ImpedanceCoupledState, list[Trace]]:
+        """Give out the rows that are still held back."""
+        return self._follow(state, *self.conditioner.finish(state.filters))
+
+    def warnings(self, state: ImpedanceCoupledState) -> tuple[str, ...]:
+        """Say whether the loop depends on what it began with."""
+        said = effects_left_in(NAME, self.device)
+        inertia, other = float(state.loops[0].link[0]), float(state.loops[2].link[0])
+        if inertia <= 0.0 or abs(inertia - other) > MET * inertia:
+            said.append(
+                f"joint '{self.device.joint}': stiffness and link did not settle: from an initial guess of"
+                f" {self.guess[0]:.3g} kg·m² the inertia came to {inertia:.3g}, from {ANOTHER_GUESS:g} times that to {other:.3g}"
+                " kg·m². Stiffness, inertia and damping depend on the guess (Serio 2011 §III-A); push the link harder and at more"
+                " frequencies, or measure the joint's torque (--estimator impedance)"
+            )
+        return tuple(said)
+
+    def model(self, state: ImpedanceCoupledState) -> JointModel:
+        """Return a model without transmissions: the stiffness is followed, not modelled."""
+        return JointModel(
+            estimator=NAME, modality="EXTERNAL", basis=basis_spec(self.device.basis), transmission=(), motor={}
+        )
+
+    def _guess(self, tuning: ImpedanceCoupledTuning) -> tuple[tuple[float, float], Weight | None]:
+        """Return the initial guess of I and N, and the link's weight."""
+        link = self.device.link
+        inertia, weight = carried_by(link) if link is not None else (None, None)
+        inertia = tuning.inertia if tuning.inertia is not None else inertia
+        if inertia is None:
+            raise EstimatorError(
+                f"joint '{self.device.joint}': {NAME} begins with a guess of the link's inertia: set"
+                f" [joint.{self.device.joint}.link] inertia in the rig, or give --tune inertia=KG_M2"
+            )
+        damping = tuning.damping if tuning.damping is not None else link.damping if link is not None else 0.0
+        return (inertia, damping), weight
+
+    def _loops(self) -> tuple[CoupledState, ...]:
+        first = coupled_start(*self.guess, self.noise)
+        return first, first, coupled_start(ANOTHER_GUESS * self.guess[0], 0.0, self.noise)
+
+    def _follow(
+        self, state: ImpedanceCoupledState, filters: DerivativesState, ready: list[Differentiated]
+    ) -> tuple[ImpedanceCoupledState, list[Trace]]:
+        loops, last, traces = state.loops, state.last, []
+        for part in ready:
+            if len(part.rows) and part.rows.starts[0]:
+                last = UNKNOWN
+            motion, last = self._motion(part, last)
+            loops, own = self._columns(loops, motion, part)
+            name = self.view.name
+            traces.append(Trace.of_rows(part.rows, {name: {c: own[c] for c in own if "link" not in c}, "total": own}))
+        return ImpedanceCoupledState(filters, loops, last), traces
+
+    def _columns(
+        self, loops: tuple[CoupledState, ...], motion: Motion, part: Differentiated
+    ) -> tuple[tuple[CoupledState, ...], Columns]:
+        gains = (self.alpha, 2.0 * self.alpha, self.alpha)
+        (here, link, slow), (quick, _, fast), (elsewhere, other, far) = (
+            observe_coupled(loop, *motion, motion.use, gain, self.period, self.noise)
+            for loop, gain in zip(loops, gains, strict=True)
+        )
+        K, deviation, learnt = here.T
+        late, apart = quick[:, 0] - K, elsewhere[:, 0] - K
+        # An observer is late and averages over whole swings; and what depends on the guess is as doubtful as the guess.
+        std = np.sqrt(deviation**2 * self.alike + late**2 + apart**2 + self.within**2)
+        taken = link[:, 0] * part.of["link_position"][2] + link[:, 1] * part.of["link_position"][1]
+        torque = part.of["external_torque"][0] - self._weighs(part) - taken
+        supported = motion.use & (learnt >= FILLED) & (link[:, 0] > 0.0)
+        spread = np.sqrt(link[:, 2:] ** 2 + (other[:, :2] - link[:, :2]) ** 2 + self.mistaken**2)
+        phi = deflection_of({r: v[0] for r, v in part.of.items()}, self.view)
+        own = columns(phi, torque, K, std, supported)
+        # Neither is known without the other.
+        known = np.where(own["excited"], 1.0, np.nan)
+        return (slow, fast, far), {
+            **own,
+            "link_inertia": known * link[:, 0],
+            "link_inertia_std": known * spread[:, 0],
+            "link_damping": known * link[:, 1],
+            "link_damping_std": known * spread[:, 1],
+        }
+
+    def _motion(self, part: Differentiated, last: tuple[float, ...]) -> tuple[Motion, tuple[float, ...]]:
+        """Return what the loop reads of a block, from the last sample before it, and its own last sample."""
+        q, push = part.of["link_position"], part.of["external_torque"]
+        phi, phi_dot = (deflection_of({r: v[n] for r, v in part.of.items()}, self.view) for n in (0, 1))
+        if self.difference:
+            values = (push[0] - self._weighs(part), q[2], q[1], phi)
+            rates = (np.diff(v, prepend=before) / self.period for v, before in zip(values, last, strict=True))
+            return Motion(*rates), tuple(float(v[-1]) for v in values) if len(part.rows) else last
+        pulled = 0.0 if self.weight is None else self.weight.rate(q[0], q[1])
+        return Motion(push[1] - pulled, q[3], q[2], phi_dot), last
+
+    def _weighs(self, part: Differentiated) -> Array | float:
+        return 0.0 if self.weight is None else self.weight.of(part.of["link_position"][0])
+
+    def _best_alpha(self, known: Motion, speed: float) -> float:
+        """Return the gain with which the loops, from whichever guess, predict f best."""
+        off = []
+        for memory in MEMORIES:
+            alpha, error = 1.0 / (memory * speed), 0.0
+            for loop in (self._loops()[0], self._loops()[2]):
+                stiffness, link, _ = observe_coupled(loop, *known, known.use, alpha, self.period, self.noise)
+                ahead = self.conditioner.window
+                spring = (
+                    known.f[ahead:]
+                    - link[:-ahead, 0] * known.jerk[ahead:]
+                    - link[:-ahead, 1] * known.acceleration[ahead:]
+                )
+                left = spring - stiffness[:-ahead, 0] * known.deflection[ahead:]
+                error += float(np.nanmean(left**2))
+            off.append(error)
+        return float(1.0 / (MEMORIES[int(np.argmin(off))] * speed))
+
+    def _left_over(self, signals: JointSignals, known: Motion) -> tuple[float, float]:
+        """Return `following.left_over` of what the loop takes for the spring's."""
+        stiffness, link, _ = observe_coupled(self._loops()[0], *known, known.use, self.alpha, self.period, self.noise)
+        spring = known.f - link[:, 0] * known.jerk - link[:, 1] * known.acceleration
+        gains = np.linalg.norm(self.conditioner.weights, axis=1)
+        noise = signal_noise(signals, ("external_torque", "link_position"))
+        rate = np.hypot(gains[1] * noise["external_torque"], self.guess[0] * gains[3] * noise["link_position"])
+        return left_over(Rates(spring, known.deflection), stiffness[:, 0], float(rate))
+
+
+def unexplained(known: Motion) -> float:
+    """Return what constant I, N and K leave of f, root mean square [N·m/s]: least squares over a whole log."""
+    regressors = np.column_stack((known.jerk, known.acceleration, known.deflection))
+    left = known.f - regressors @ np.linalg.lstsq(regressors, known.f, rcond=None)[0]
+    return float(np.sqrt(np.mean(left**2)))
