@@ -19,7 +19,7 @@ from vsalog.estimators.following import ObserverFold, ObserverState, ObserverTun
 from vsalog.estimators.known import known_of
 from vsalog.estimators.needs import require
 from vsalog.estimators.net_torque import NetTorque, doubt_role, extended, way_role
-from vsalog.estimators.windows import ENOUGH, suitable_windows, with_window
+from vsalog.estimators.windows import ENOUGH, noisy_rates, suitable_windows, with_window
 from vsalog.filters.derivatives import Derivatives
 from vsalog.mechanics.friction import rubs
 from vsalog.signals import JointSignals
@@ -27,6 +27,8 @@ from vsalog.trace import Trace
 
 NAME = "grioli-bicchi"
 SUMMARY = "stiffness observer without torque sensor or basis (Grioli and Bicchi 2010); needs the motor's inertia, or the link's"
+# The shortest window with which the stiffness is known to this share is taken.
+GOOD = 0.1
 
 
 class GrioliBicchiTuning(ObserverTuning, frozen=True, forbid_unknown_fields=True, kw_only=True):
@@ -89,11 +91,15 @@ def build(device: Device, signals: JointSignals, tuning: GrioliBicchiTuning) -> 
         conditioner = Derivatives(orders, part.period, own.window_for(part), own.degree, before)
         return GrioliBicchiFold(side, device, part, own, torques, conditioner)
 
-    windows = suitable_windows(device, signals, tuning)
-    if len(windows) > 1:
-        part = signals[:ENOUGH]
-        windows.sort(key=lambda window: claimed_share(fold(window, part), part))
-    return fold(windows[0], signals)
+    windows, part, least = suitable_windows(device, signals, tuning), signals[:ENOUGH], np.inf
+    best = windows[0]
+    for window in windows if len(windows) > 1 else ():
+        share = claimed_share(fold(window, part), part)
+        if share < least:
+            best, least = window, share
+        if share <= GOOD:
+            break
+    return fold(best, signals)
 
 
 class GrioliBicchiFold(ObserverFold):
@@ -105,6 +111,7 @@ class GrioliBicchiFold(ObserverFold):
     ) -> None:  # fmt: skip
         super().__init__(NAME, "RESIDUAL", device, signals, tuning, torques, conditioner)
         self.side, self.pushed = side, "external_torque" in signals.roles
+        self.noisy = noisy_rates(device, signals, tuning, conditioner.window)
 
     @property
     def derived(self) -> dict[str, float]:
@@ -121,7 +128,7 @@ class GrioliBicchiFold(ObserverFold):
             )
         if self.side == "link" and link is not None and rubs(link.friction):
             said.append(f"joint '{joint}': the link's dry friction is not taken off, and goes into the stiffness")
-        said += effects_left_in(NAME, self.device)
+        said += self.noisy + effects_left_in(NAME, self.device)
         return tuple(said)
 
 

@@ -6,7 +6,7 @@ functions with unknown parameters, which follow from what they leave of the meas
 
 from __future__ import annotations
 
-from collections.abc import Collection
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass
 from typing import Annotated, Any, ClassVar
 
@@ -23,7 +23,7 @@ from vsalog.estimators.regression import EquationRows, FoldState, RegressionFold
 from vsalog.estimators.residual_rls import sensor_role
 from vsalog.estimators.solvers import QrSolver
 from vsalog.estimators.tuning import Positive, Tuning, largest_regressor
-from vsalog.estimators.windows import suitable_windows, with_window
+from vsalog.estimators.windows import noisy_rates, suitable_windows, with_window
 from vsalog.filters.conditioning import Conditioned
 from vsalog.signals import JointSignals
 
@@ -80,11 +80,15 @@ def build(device: Device, signals: JointSignals, tuning: GrioliParametricTuning)
     p0 = tuning.p0 if tuning.p0 is not None else 1e4 / largest_regressor(device, signals) ** 2
     solver = QrSolver(tuning.forgetting, tuning.memory_samples(signals), 0, p0)
     conditioner = tuning.conditioner(needed, signals, rates=needed)
-    return RateFold(NAME, "SENSOR", device, conditioner, rate_equations(device, signals), solver)
+    fold = RateFold(NAME, "SENSOR", device, conditioner, rate_equations(device, signals), solver)
+    fold.noisy = noisy_rates(device, signals, tuning, conditioner.window)
+    return fold
 
 
 class RateFold(RegressionFold):
     """The least-squares fold, with what is to be said of rates."""
+
+    noisy: Sequence[str] = ()
 
     @property
     def derived(self) -> dict[str, float]:
@@ -94,7 +98,7 @@ class RateFold(RegressionFold):
 
     def warnings(self, state: FoldState) -> tuple[str, ...]:
         """Say what goes into the stiffness beside the spring."""
-        return (*super().warnings(state), *effects_left_in(NAME, self.device))
+        return (*super().warnings(state), *self.noisy, *effects_left_in(NAME, self.device))
 
 
 def rate_equations(device: Device, signals: JointSignals) -> tuple[RateEquation, ...]:

@@ -24,7 +24,7 @@ WINDOWS = (51, 101, 201, 401, 801, 1601)
 # A rate is quiet when its noise is this part of it or less: a stiffness then loses its square, 0.25 %.
 QUIET = 0.05
 # A window is short enough for a motion when the rate keeps this part of its power.
-KEPT = 0.9
+KEPT = 0.98
 # A run loses half a window at either end: no window is longer than this part of the longest run.
 PART_OF_RUN = 0.1
 # So many samples of a log tell which windows suit it.
@@ -50,6 +50,18 @@ def suitable_windows(device: Device, signals: JointSignals, tuning: Tuning) -> l
             quiet.append(window)
             powers = np.maximum(powers, rates**2)
     return quiet or fitting[-1:]
+
+
+def noisy_rates(device: Device, signals: JointSignals, tuning: Tuning, window: int) -> list[str]:
+    """Say where a window of so many samples leaves φ̇ noisy, and what that costs."""
+    rates, noises = _rates(device, signals[:ENOUGH], savgol_weights(window, tuning.degree, 1, signals.period)[1:])
+    return [
+        f"joint '{device.joint}', transmission {view.name}: {noise / rate:.0%} of the deflection's rate is the encoders' noise,"
+        " which bends the stiffness more than its standard deviation says; move the joint faster, or filter longer (--tune"
+        " window=SECONDS)"
+        for view, rate, noise in zip(device.transmissions, rates, noises, strict=True)
+        if noise > QUIET * rate > 0.0
+    ]
 
 
 def with_window(tuning: T, signals: JointSignals, window: int) -> T:
