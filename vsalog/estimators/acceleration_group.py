@@ -96,6 +96,8 @@ def group_of(device: Device, offered: Collection[str]) -> Group:
         A role, the place of an accelerometer or a parameter of a motor or transmission is missing, or the transmission is not
         linear.
     """
+    if device.pneumatic is not None:
+        require(NAME, device, (), ())
     names = _direct_group(device, offered) or _cartesian_group(device, offered)
     chain = None if device.rig is None else device.rig.chain
     by_name = {} if chain is None else {link.joint: link for link in chain.link}
