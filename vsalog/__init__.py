@@ -62,7 +62,8 @@ def estimate(
     rig : a rig, its file or a preset's name; what the log carries, or lies beside it, when absent
     joints : names of the joints wanted; all when empty
     estimator : ``residual-rls``, ``qr-rls``, ``batch-ls``, ``direct``, ``algebraic``, ``impedance``,
-        ``acceleration-observer``, ``pam-ukf``, ``pam-model``, one of a third party's, or ``auto``
+        ``impedance-coupled``, ``grioli-bicchi``, ``grioli-parametric``, ``acceleration-observer``, ``pam-ukf``,
+        ``pam-model``, one of a third party's, or ``auto``
     tune : what to tune, e.g. ``{"forgetting": 0.98}``; docs/estimators.md lists it
     set : changes to the rig, e.g. ``{"joint.elbow.motor.damping": "1 N*mm*s/rad"}``; ``setpoint`` fixes the set-point
     rate : samples per second of a table without a time column [Hz]

@@ -34,6 +34,9 @@ USUAL = (
     "direct",
     "algebraic",
     "impedance",
+    "impedance-coupled",
+    "grioli-bicchi",
+    "grioli-parametric",
     "pam-ukf",
     "pam-model",
 )

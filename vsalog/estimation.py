@@ -14,6 +14,7 @@ from vsalog.errors import EstimatorError, VsalogError, did_you_mean
 from vsalog.estimators import Fold, Method, method
 from vsalog.estimators.acceleration_group import senses_acceleration
 from vsalog.estimators.device import Device, device_of
+from vsalog.estimators.grioli_bicchi import told_by_the_link
 from vsalog.estimators.needs import meaning
 from vsalog.estimators.regression import BLOCK
 from vsalog.estimators.tuning import Tuning, read_tuning
@@ -125,6 +126,11 @@ def _automatic(device: Device, offered: Collection[str]) -> tuple[str, str]:
         return "acceleration-observer", (
             "the link's acceleration is measured, and no deflection from which a stiffness could be estimated: the joint's state"
             " is observed with the rig's stiffness"
+        )
+    if missing and told_by_the_link(device, offered):
+        return "grioli-bicchi", (
+            "neither the motor's torque nor the joint's is recorded, but what pushes the link is, and the rig has the link's"
+            " inertia"
         )
     _refuse(device, missing)
     motors = all({v.motor_position, v.motor_torque} <= set(offered) for v in views)

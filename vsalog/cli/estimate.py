@@ -23,8 +23,8 @@ from vsalog.cli.pairs import pairs
     default="auto",
     show_default=True,
     metavar="NAME",
-    help="residual-rls, qr-rls, batch-ls, direct, algebraic, impedance, acceleration-observer, pam-ukf, pam-model, or auto:"
-    " what the signals allow.",
+    help="residual-rls, qr-rls, batch-ls, direct, algebraic, impedance, impedance-coupled, grioli-bicchi, grioli-parametric,"
+    " acceleration-observer, pam-ukf, pam-model, or auto: what the signals allow.",
 )
 @click.option(
     "--preset-tuning",

@@ -27,6 +27,7 @@ from vsalog.trace import Trace
 
 NAME = "grioli-bicchi"
 SUMMARY = "stiffness observer without torque sensor or basis (Grioli and Bicchi 2010); needs the motor's inertia, or the link's"
+
 # The shortest window with which the stiffness is known to this share is taken.
 GOOD = 0.1
 
@@ -54,6 +55,13 @@ def side_of(device: Device, offered: Collection[str], tuning: GrioliBicchiTuning
         {v.motor_position, v.motor_torque} <= set(offered) and v.motor.inertia is not None for v in device.transmissions
     )
     return "motor" if motors or device.link is None or len(device.transmissions) != 1 else "link"
+
+
+def told_by_the_link(device: Device, offered: Collection[str]) -> bool:
+    """Tell whether the link's equation of motion has all it needs, with what pushes the link recorded."""
+    if device.link is None or len(device.transmissions) != 1:
+        return False
+    return {"link_position", "external_torque", *device.transmissions[0].deflection_roles(offered)} <= set(offered)
 
 
 def roles(device: Device, offered: Collection[str], tuning: GrioliBicchiTuning) -> tuple[str, ...]:

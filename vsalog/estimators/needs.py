@@ -15,6 +15,7 @@ MEANING = {
     "link_acceleration": "the link's acceleration q̈",
     "deflection": "the transmission's deflection φ = q − θ",
     "torque_sensor": "a joint torque sensor",
+    "external_torque": "the torque that pushes the link from outside",
     "pressure": "the absolute pressure of a muscle",
     "valve": "the voltage commanded to a muscle's valve",
     "setpoint": "the set-point: the secondary motor's position θ_c, or the lever arm r",
