@@ -169,7 +169,7 @@ class AccelerationFold:
         for piece in (piece for part in blocks for piece in part.between_gaps()):
             if piece.starts[0]:
                 observers = arm_start(len(self.group.members))
-            x, acceleration, deviation, since, observers = observe_arm(self.arm, observers, *self._inputs(piece))
+            x, acceleration, deviation, since, observers = observe_arm(self.arm, observers, *self.inputs(piece))
             told = self._told(x[:, self.group.place], acceleration, deviation, since[:, self.group.place])
             traces.append(Trace.of_rows(piece, {"total": told}))
             seen += len(piece)
@@ -276,7 +276,7 @@ class AccelerationFold:
         gains = observer_gains(motor, characteristic(frequency, self.tuning.damping))
         return sampled_observer(motor, gains, self.period, held=self.tuning.torque == "held")
 
-    def _inputs(self, piece: JointSignals) -> tuple[Array, Array, Array]:
+    def inputs(self, piece: JointSignals) -> tuple[Array, Array, Array]:
         """Return motor positions and torques, shape (n, N), and measured accelerations, shape (n, M)."""
         views = [m.view for m in self.group.members]
         return (
