@@ -7,12 +7,11 @@ functions with unknown parameters, which follow from what they leave of the meas
 from __future__ import annotations
 
 from collections.abc import Collection, Sequence
-from dataclasses import dataclass
-from typing import Annotated, Any, ClassVar
+from dataclasses import dataclass, replace
+from typing import Annotated, ClassVar
 
 import numpy as np
 from msgspec import Meta
-from numpy.typing import NDArray
 
 from vsalog.basis import PolynomialBasis
 from vsalog.errors import EstimatorError
@@ -26,8 +25,6 @@ from vsalog.estimators.tuning import Positive, Tuning, largest_regressor
 from vsalog.estimators.windows import noisy_rates, suitable_windows, with_window
 from vsalog.filters.conditioning import Conditioned
 from vsalog.signals import JointSignals
-
-Array = NDArray[np.float64]
 
 NAME = "grioli-parametric"
 SUMMARY = "rate of a torque sensor and recursive least squares (Grioli and Bicchi 2011); blind to the sensor's offset"
@@ -79,7 +76,8 @@ def build(device: Device, signals: JointSignals, tuning: GrioliParametricTuning)
     needed = roles(device, signals.roles, tuning)
     p0 = tuning.p0 if tuning.p0 is not None else 1e4 / largest_regressor(device, signals) ** 2
     solver = QrSolver(tuning.forgetting, tuning.memory_samples(signals), 0, p0)
-    conditioner = tuning.conditioner(needed, signals, rates=needed)
+    functions, sensors = BasisFunctions(device), [sensor_role(v, signals.roles) for v in device.transmissions]
+    conditioner = tuning.conditioner(needed, signals, rates=(*sensors, *functions.roles), before=functions)
     fold = RateFold(NAME, "SENSOR", device, conditioner, rate_equations(device, signals), solver)
     fold.noisy = noisy_rates(device, signals, tuning, conditioner.window)
     return fold
@@ -110,9 +108,39 @@ def rate_equations(device: Device, signals: JointSignals) -> tuple[RateEquation,
     return tuple(RateEquation((v,), device.basis, s) for v, s in zip(views, sensors, strict=True))
 
 
+class BasisFunctions:
+    """Put the functions f_i(φ, c) beside the signals, before the filter: a preparation without a state.
+
+    Filtered like the torque, they belong to it however long the window is; f of a filtered φ would not.
+    """
+
+    def __init__(self, device: Device) -> None:
+        self.device = device
+        self.roles = tuple(role for v in device.transmissions for role in function_roles(device.basis, v))
+
+    def start(self) -> None:
+        """Return the state before the first sample: there is none."""
+
+    def step(self, state: None, block: JointSignals) -> tuple[None, list[JointSignals]]:
+        """Take a block; give it with the functions beside it."""
+        c = block.roles["setpoint"] if self.device.basis.setpoint_order > 1 else None
+        columns = [self.device.basis.rows(deflection_of(block.roles, v), c, 0)[:, 0] for v in self.device.transmissions]
+        values = dict(zip(self.roles, np.hstack(columns).T, strict=True))
+        return None, [replace(block, roles={**block.roles, **values})]
+
+    def finish(self, state: None) -> tuple[None, list[JointSignals]]:
+        """Give out what is held back: nothing."""
+        return None, []
+
+
+def function_roles(basis: PolynomialBasis, view: TransmissionView) -> list[str]:
+    """Return the names of the functions of a transmission among the signals."""
+    return [f"function:{view.name}:{i}" for i in range(basis.size)]
+
+
 @dataclass(frozen=True, slots=True)
 class RateEquation:
-    """Σ p_i df_i/dt = Σ̇, the torque equation (Flacco 2012 eq. 21) differentiated; df/dt = ∂f/∂φ φ̇ + ∂f/∂c ċ.
+    """Σ p_i df_i/dt = Σ̇: the torque equation (Flacco 2012 eq. 21) differentiated, along φ and the set-point.
 
     Several transmissions under one sensor add up. A function that is constant has no rate, and its parameter stays at zero.
     """
@@ -134,49 +162,13 @@ class RateEquation:
 
     def rows(self, state: None, block: Conditioned) -> tuple[None, EquationRows]:
         """Form the equation for a block."""
-        rates = {r.removeprefix("velocity:"): v for r, v in block.fit.items() if r.startswith("velocity:")}
-        F = np.hstack(
-            [total_rate(self.basis, deflection_of(block.fit, v), deflection_of(rates, v), *_setpoint(self, block, rates))
-             for v in self.transmissions]
-        )  # fmt: skip
-        y = rates[self.sensor]
+        names = [role for v in self.transmissions for role in function_roles(self.basis, v)]
+        F = np.column_stack([block.fit[f"velocity:{name}"] for name in names])
+        y, torque = block.fit[f"velocity:{self.sensor}"], block.fit[self.sensor]
         use = block.use & np.isfinite(y) & np.isfinite(F).all(axis=1)
-        torque = block.fit[self.sensor]
         # One sensor for several transmissions says nothing of each alone.
         alone = len(self.transmissions) == 1
         fed = {v.name: torque if alone else np.full_like(torque, np.nan) for v in self.transmissions}
         if not alone:
             fed["total"] = torque
         return None, EquationRows(F, y, use, np.zeros_like(use), fed, {})
-
-
-def total_rate(
-    basis: PolynomialBasis, phi: Array, phi_dot: Array, c: Array | None = None, c_dot: Array | None = None
-) -> Array:
-    """Return df/dt of the functions of a basis without branches along a motion.
-
-    Parameters
-    ----------
-    basis : f(φ, c)
-    phi, phi_dot : shape (N,), φ [rad] and φ̇ [rad/s]
-    c, c_dot : shape (N,), set-point [SI] and its rate; None where the basis has none
-
-    Returns
-    -------
-    shape (N, n·m), ∂f/∂φ φ̇ + ∂f/∂c ċ [1/s]
-    """
-    rows = basis.rows(phi, c, 1)
-    along = rows[:, 1] * phi_dot[:, None]
-    if c is None or c_dot is None:
-        return along
-    # f_hj = φ^h c^j: its derivative in c is j times the function before it.
-    by_power = rows[:, 0].reshape(phi.size, -1, basis.setpoint_order)
-    across = np.zeros_like(by_power)
-    across[:, :, 1:] = np.arange(1, basis.setpoint_order) * by_power[:, :, :-1] / basis.setpoint_scale
-    return along + across.reshape(along.shape) * c_dot[:, None]
-
-
-def _setpoint(equation: RateEquation, block: Conditioned, rates: dict[str, Any]) -> tuple[Array | None, Array | None]:
-    if equation.basis.setpoint_order == 1:
-        return None, None
-    return block.fit["setpoint"], rates["setpoint"]

@@ -144,13 +144,15 @@ class ImpedanceCoupledFold:
         speed = typical_speed(device, [Rates(known.f, known.deflection)])
         # A filter's window makes so many neighbouring samples one.
         rate = unexplained(known) * self.conditioner.window**0.5
-        inertia, damping = (max(g, LEAST) for g in self.guess)
+        sizes = [float(np.sqrt(np.mean(v**2))) for v in (known.jerk, known.acceleration, known.deflection)]
+        inertia = max(self.guess[0], LEAST)
+        # A damping may be guessed to be none: it is then as doubtful as that which would move the link as its inertia does.
+        damping = self.guess[1] or inertia * sizes[0] / sizes[1]
         self.noise = CoupledNoise(max(rate, LEAST), inertia, damping, tuning.wander, FILLED)
         self.alpha = tuning.alpha if tuning.alpha is not None else self._best_alpha(known, speed)
         self.alike, self.within = self._left_over(signals, known)
         # What the spring is beside its average goes into the link, as far as φ̇ looks like q⃛ or q̈: it may altogether.
-        sizes = [float(np.sqrt(np.mean(v**2))) for v in (known.jerk, known.acceleration, known.deflection)]
-        self.mistaken = self.within * sizes[2] / np.array(sizes[:2])
+        self.shares = sizes[2] / np.array(sizes[:2])
 
     @property
     def derived(self) -> dict[str, float]:
@@ -236,12 +238,14 @@ class ImpedanceCoupledFold:
         )
         K, deviation, learnt = here.T
         late, apart = quick[:, 0] - K, elsewhere[:, 0] - K
-        # An observer is late and averages over whole swings; and what depends on the guess is as doubtful as the guess.
-        std = np.sqrt(deviation**2 * self.alike + late**2 + apart**2 + self.within**2)
+        # An observer is late and averages over whole swings; what depends on the guess is as doubtful as the guess, and what the
+        # link's inertia is in doubt of may be the spring's.
+        doubt = link[:, 2] / self.shares[0]
+        std = np.sqrt(deviation**2 * self.alike + late**2 + apart**2 + doubt**2 + self.within**2)
         taken = link[:, 0] * part.of["link_position"][2] + link[:, 1] * part.of["link_position"][1]
         torque = part.of["external_torque"][0] - self._weighs(part) - taken
         supported = motion.use & (learnt >= FILLED) & (link[:, 0] > 0.0)
-        spread = np.sqrt(link[:, 2:] ** 2 + (other[:, :2] - link[:, :2]) ** 2 + self.mistaken**2)
+        spread = np.sqrt(link[:, 2:] ** 2 + (other[:, :2] - link[:, :2]) ** 2 + (self.within * self.shares) ** 2)
         phi = deflection_of({r: v[0] for r, v in part.of.items()}, self.view)
         own = columns(phi, torque, K, std, supported)
         # Neither is known without the other.
