@@ -3,6 +3,7 @@
 import json
 import subprocess
 import sys
+from dataclasses import replace as with_fields
 from pathlib import Path
 
 import numpy as np
@@ -64,7 +65,7 @@ some_links = st.lists(
 )
 
 
-@settings(max_examples=60)
+@settings(max_examples=30)
 @given(some_links, threes, st.integers(0, 2**32 - 1))
 def test_rows_are_what_the_kinematics_say(links, gravity, seed):
     """T q̈ + W is the specific force by recursion over the whole motion, on any chain."""
@@ -268,6 +269,29 @@ def test_near_a_singular_configuration_nothing_is_told(played, rig):
     if again.size:  # told again, at first with the deviation of a start
         assert columns["link_velocity_std"][again[0]] > 10.0 * np.nanmin(columns["link_velocity_std"])
     assert any("of the time nothing is told" in w for w in found.warnings)
+
+
+def test_after_a_gap_it_begins_anew_and_says_how_little_it_knows(played, rig):
+    """A gap in the signals of a neighbour: the joint moves when the observer begins again, within what is said of it."""
+    recording = played.recording()
+    (name,) = [n for n in recording.channels if "axis2/x" in n]
+    channel, kept = recording.channels[name], np.r_[0:1000, 1200:3001]
+    cut = with_fields(channel, stamps=channel.stamps[kept], values=channel.values[kept])
+    lossy = with_fields(recording, channels={**recording.channels, name: cut})
+    found = estimated(played, rig, "axis1", lossy)
+    assert any("1 gaps" in w for w in found.warnings)
+    columns, at = found.trace["total"], np.round(found.trace.time * 1000).astype(int)
+    assert len(at) == kept.size
+    for state in STATES[:4]:
+        off = np.abs(columns[state] - played.joints["axis1"].truth[state][at])
+        assert (off / columns[f"{state}_std"]).max() < 6.0, state
+    assert columns["link_velocity_std"][1000] > 100.0 * columns["link_velocity_std"][999]
+    assert columns["link_velocity_std"][1200] < 1.1 * columns["link_velocity_std"][999]
+
+
+def test_an_observer_cannot_be_faster_than_the_samples(played, rig):
+    with pytest.raises(EstimatorError, match="at most 2000"):
+        estimated(played, rig, "axis1", frequency=2500)
 
 
 def test_what_cannot_be_is_refused(rig):

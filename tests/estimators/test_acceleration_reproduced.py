@@ -10,7 +10,7 @@ from vsalog.reproduce.measure import Setting, Study, estimate, with_noise
 @pytest.fixture(scope="module")
 def result():
     with pytest.MonkeyPatch.context() as patched:
-        patched.setattr(deluca2007, "DURATION", 2.0)
+        patched.setattr(deluca2007, "DURATION", 1.0)
         yield deluca2007.observer(Study((101,)))
 
 
@@ -25,7 +25,7 @@ def test_every_statement_holds(result):
 def test_a_row_s_tuning_gives_its_number(result, monkeypatch):
     row = next(r for r in result.rows if "torsion" in r.quantity)
     assert row.tune == {"frequency": 250.0}
-    monkeypatch.setattr(deluca2007, "DURATION", 2.0)
+    monkeypatch.setattr(deluca2007, "DURATION", 1.0)
     (experiment,) = with_noise(deluca2007._motion(deluca2007.Rig.preset("kuka-kr15").file), [101])
     found = estimate(experiment, Setting("", row.estimator, row.tune), "axis1")["total"]["deflection"]
     off = found - experiment.joints["axis1"].truth["deflection"]

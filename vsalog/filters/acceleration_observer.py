@@ -22,7 +22,7 @@ from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.linalg import expm, solve_discrete_lyapunov
+from scipy.linalg import expm
 
 Array = NDArray[np.float64]
 
@@ -147,8 +147,19 @@ def error_variances(observer: SampledObserver, start: Array, count: int) -> Arra
     told = np.vstack((np.eye(4), [-1.0, 1.0, 0.0, 0.0]))
     for source in range(4):
         driven = (Phi @ after + before)[:, source]
-        Z = solve_discrete_lyapunov(Phi, np.outer(driven, driven))
+        Z = _settled(Phi, np.outer(driven, driven))
         covariance = Z - powers @ Z @ powers.transpose(0, 2, 1) + np.outer(after[:, source], after[:, source])
         out[:, source] = np.einsum("ri,nij,rj->nr", told, covariance, told)
     out[:, 4] = np.sum((told @ powers * start) ** 2, axis=2)
     return np.maximum(out, 0.0)
+
+
+def _settled(Phi: Array, Q: Array) -> Array:
+    """Return Z = Phi Z Phiᵀ + Q, that is Q + Phi Q Phiᵀ + …, by doubling the number of terms (Smith 1968).
+
+    A solver of linear equations finds them ill-conditioned where the eigenvalues of a slow observer all lie near 1.
+    """
+    Z, power = Q, Phi
+    while np.abs(power).max() > 1e-20:
+        Z, power = Z + power @ Z @ power.T, power @ power
+    return Z
