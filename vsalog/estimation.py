@@ -122,15 +122,15 @@ def _automatic(device: Device, offered: Collection[str]) -> tuple[str, str]:
     if device.pneumatic is not None:
         return "pam-ukf", "the joint has pneumatic muscles, whose pressures tell its state"
     missing = _missing(device, offered)
-    if missing and senses_acceleration(device, offered):
-        return "acceleration-observer", (
-            "the link's acceleration is measured, and no deflection from which a stiffness could be estimated: the joint's state"
-            " is observed with the rig's stiffness"
-        )
     if missing and told_by_the_link(device, offered):
         return "grioli-bicchi", (
             "neither the motor's torque nor the joint's is recorded, but what pushes the link is, and the rig has the link's"
             " inertia"
+        )
+    if missing and senses_acceleration(device, offered):
+        return "acceleration-observer", (
+            "the link's acceleration is measured, and no deflection from which a stiffness could be estimated: the joint's state"
+            " is observed with the rig's stiffness"
         )
     _refuse(device, missing)
     motors = all({v.motor_position, v.motor_torque} <= set(offered) for v in views)
