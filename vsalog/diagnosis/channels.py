@@ -113,6 +113,12 @@ class Channels:
         return replace(self, roles=_filtered(raw, self.starts, self.period, self.window), raw=raw)
 
 
+def span_of(values: Array) -> float:
+    """Return the greatest less the least of what is a number, 0 where nothing is."""
+    finite = values[np.isfinite(values)]
+    return float(np.ptp(finite)) if finite.size else 0.0
+
+
 def channels_of(signals: JointSignals) -> Channels:
     """Filter the bound roles of a joint.
 

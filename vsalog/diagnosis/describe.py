@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+import re
+
 import numpy as np
 from numpy.typing import NDArray
 
 from vsalog.diagnosis.causes import catalogue
+from vsalog.diagnosis.channels import span_of
 from vsalog.diagnosis.document import (
     Bin,
     EquationError,
@@ -63,7 +66,7 @@ def causes_of(found: JointDiagnosis) -> list[FoundCause]:
                 error_removed=cause.removed,
                 why=f"{part_in_words(cause.site.part).capitalize()}: {kind.says}.",
                 how_to_confirm=_filled(kind.confirm, numbers),
-                tell_apart=_filled(apart, numbers),
+                tell_apart=_unfilled(apart),
                 reference=kind.reference,
             )
         )
@@ -86,12 +89,17 @@ def _filled(text: str, numbers: dict[str, Number]) -> str:
     return text
 
 
+def _unfilled(text: str) -> str:
+    """Put names where the words of causes that were not fitted ask for their numbers."""
+    return re.sub(r"\{(\w+)\}", lambda m: f"its {m[1].replace('_', ' ')}", text)
+
+
 def signal_errors(found: JointDiagnosis) -> list[SignalError]:
     """Return the simulation errors of the rig as it stands, on the log that is diagnosed."""
     stands, out = found.standing, []
     for role in stands.windows.roles if stands is not None else ():
         assert stands is not None
-        rmse, span = stands.rmse(role), float(np.ptp(stands.windows.channels.raw[role]))
+        rmse, span = stands.rmse(role), span_of(stands.windows.channels.raw[role])
         out.append(
             SignalError(
                 joint=found.name,

@@ -27,13 +27,15 @@ def not_independent(signals: JointSignals, joint: Any) -> dict[str, str]:
         known = {what: roles[name] for name, what in others.items() if name in roles}
         position = f"motor_position{suffix}"
         if "link_position" in roles and position in roles:
-            known["the deflection"] = roles["link_position"] - roles[position]
+            # Two encoders and a sensor of their difference may all be there; a torque was computed from one of them.
+            name = "the deflection" if "the deflection" not in known else "the difference of the positions"
+            known[name] = roles["link_position"] - roles[position]
         torque = np.asarray(roles[role])
         if isinstance(getattr(joint, f"transmission{suffix}", None), AwasTransmission) and "setpoint" in roles:
             # A formula has the lever arm squared in it (Flacco 2012 eq. 49).
             torque = torque / np.asarray(roles["setpoint"]) ** 2
         for what, x in known.items():
-            own = torque if what == "the deflection" else np.asarray(roles[role])
+            own = np.asarray(roles[role]) if what == "the motor's torque" else torque
             why = computed_from(own, role, np.asarray(x), what)
             if why is not None:
                 found[role] = why

@@ -12,17 +12,18 @@ from numpy.typing import NDArray
 from vsalog.diagnosis.balance import Motion
 from vsalog.diagnosis.causes import catalogue
 from vsalog.diagnosis.causes.base import Site
-from vsalog.diagnosis.channels import channels_of
+from vsalog.diagnosis.channels import Channels, channels_of, span_of
 from vsalog.diagnosis.fit import Fit, applied, covariance_of, fitted
 from vsalog.diagnosis.gain import Compared, Standing, compared, floors, standing
+from vsalog.diagnosis.hints import hint_of
 from vsalog.diagnosis.independent import not_independent
 from vsalog.diagnosis.kinds import balance_for, motion_for
 from vsalog.diagnosis.remainder import depends_on, variables_of
-from vsalog.diagnosis.selection import Choice, Selection, blocks_of, select
+from vsalog.diagnosis.selection import Choice, Selection, blocks_of, renewed, select
 from vsalog.diagnosis.sensing import at_joint, true_roles
 from vsalog.diagnosis.setting import setting_of
 from vsalog.diagnosis.sides import side_of
-from vsalog.diagnosis.system import System, build_system
+from vsalog.diagnosis.system import BELL, System, build_system
 from vsalog.diagnosis.unknown import TAKEN_UP, with_springs
 from vsalog.diagnosis.windows import Windows, windows_of
 from vsalog.errors import DiagnosisError, SimulationError
@@ -31,8 +32,13 @@ from vsalog.signals import JointSignals
 Array = NDArray[np.float64]
 Progress = Callable[[str], None]
 
+# A simulation that is off by so many times its noise is doubted though the equations close.
+DOUBTED = 3.0
+# A log has so many times the samples that filter and bell take.
+LEAST = 3
 # The mean square of an equation that noise explains, and the part of what was wrong that may be left of an explained log.
-NOISE, LEFT = 2.0, 0.015
+# Of gross ones that may be a good deal more than noise, but not more than this mean square.
+NOISE, LEFT, FAR = 2.0, 0.015, 25.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -112,7 +118,7 @@ class JointDiagnosis:
     @property
     def whole(self) -> bool:
         """Whether all that was wrong is explained, but for what noise and a small part of a gross effect make."""
-        return self.consistent or self.fraction <= LEFT
+        return self.consistent or (self.fraction <= LEFT and self.fit.loss <= FAR * self.system.count)
 
     @property
     def trust(self) -> float:
@@ -146,6 +152,7 @@ def diagnose_joint(
     joint, said = with_springs(at_joint(joint), signals)
     warnings = list(said)
     channels = channels_of(without(signals, computed))
+    _require_motion(name, channels)
     system = build_system(joint, channels.thinned(), balance_for(joint), 0.5 * signals.period)
     if not system.count and computed:
         return _only_computed(name, joint, signals, computed, warnings)
@@ -164,16 +171,55 @@ def diagnose_joint(
     try:
         own = windows_of(joint, channels, system.hold > 0.0)
         windows, held_out = _held_out(joint, own, holdout)
-        kept, gain, dropped = _kept(system, joint, selection, windows, progress)
+        kept, gain, dropped = _kept(name, system, joint, selection, windows)
+        if dropped:  # and with them what they made of the noise
+            system, kept = renewed(system, joint, kept, selection.blocks)
+            nothing = fitted(system, joint, (), np.zeros(0), selection.blocks)
+            selection = replace(selection, system=system, nothing=nothing)
         stands = standing(joint, own, gain if holdout is None else None)
         warnings += dropped
     except SimulationError as error:
-        warnings.append(f"joint '{name}' could not be simulated, so nothing was measured of the gain: {error}")
+        why = str(error).replace("joint 'joint'", "it")  # in a simulation of its own it has no name
+        warnings.append(f"joint '{name}' could not be simulated, so nothing was measured of the gain: {why}")
     found = _found(system, joint, selection, kept)
-    return JointDiagnosis(
+    done = JointDiagnosis(
         name, joint, kept.joint(joint), system, selection, kept, tuple(found), computed, stands, gain, held_out,
         _fraction(system, selection.nothing, kept), tuple(warnings),
     )  # fmt: skip
+    return replace(done, warnings=(*warnings, *_doubts(done)))
+
+
+def _doubts(found: JointDiagnosis) -> list[str]:
+    """Return what speaks against what was found."""
+    if not found.whole:
+        hint = hint_of(found.name, found.joint, found.system)
+        return [] if hint is None else [hint]
+    stands = found.standing
+    if found.found or stands is None:
+        return []
+    off = {role: stands.rmse(role) / stands.floor[role] for role in stands.floor if stands.floor[role] > 0.0}
+    worst = max(off, key=lambda role: off[role], default="")
+    if not worst or off[worst] <= DOUBTED:
+        return []
+    return [
+        f"joint '{found.name}': though the equations close, the simulation of {worst} is off by {off[worst]:.3g} times its noise:"
+        " something moves the joint that the rig does not have, or its inputs are not the whole of what drives it"
+    ]
+
+
+def _require_motion(name: str, channels: Channels) -> None:
+    """Refuse a log of a joint that rests, or one that is over before a filter has seen it."""
+    least = LEAST * (channels.window + round(BELL / channels.period))
+    if len(channels) < least:
+        raise DiagnosisError(
+            f"joint '{name}': {len(channels)} samples, {len(channels) * channels.period:.3g} s, are too few: the filters alone"
+            f" need {least}, and some seconds of motion tell more"
+        )
+    moving = [v for r, v in channels.raw.items() if any(word in r for word in ("position", "deflection", "pressure"))]
+    if not any(span_of(values) > 0.0 for values in moving):
+        raise DiagnosisError(
+            f"joint '{name}': no position changes in this log; at rest nothing can be told from anything"
+        )
 
 
 def _only_computed(
@@ -204,7 +250,7 @@ def _held_out(joint: Any, own: Windows, holdout: JointSignals | None) -> tuple[W
 
 
 def _kept(
-    system: System, joint: Any, selection: Selection, windows: Windows, progress: Progress
+    name: str, system: System, joint: Any, selection: Selection, windows: Windows
 ) -> tuple[Fit, Compared, list[str]]:
     """Drop causes that do not make the simulation of the held-out windows better."""
     fit, dropped = selection.fit, list[str]()
@@ -219,8 +265,8 @@ def _kept(
         extended = fit.joint(joint) if rest else joint
         gain = compared(joint, extended, gain.windows, first=gain.before, near=gain.after, noise=False)
         dropped.append(
-            f"{site.cause} would explain part of the equations, but does not make the simulation of held-out data better:"
-            " it is not kept"
+            f"joint '{name}': {site.cause} would explain part of the equations, but does not make the simulation of held-out data"
+            " better: it is not kept"
         )
 
     for site in weakest_first:

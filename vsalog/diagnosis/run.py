@@ -22,7 +22,7 @@ from vsalog.diagnosis.stiffness_gain import stiffness_gains
 from vsalog.diagnosis.suggest import Suggestion, suggest
 from vsalog.diagnosis.unknown import unknown_in
 from vsalog.diagnosis.words import sentences
-from vsalog.errors import BindingError, DiagnosisError, RigError, VsalogError
+from vsalog.errors import BindingError, DiagnosisError, RigError, VsalogError, did_you_mean
 from vsalog.estimation import pick_joints
 from vsalog.job import sha256
 from vsalog.readers import open_reader, read
@@ -96,32 +96,71 @@ def diagnose(log: Path, holdout: Path | None, options: Options, progress: Progre
     """
     rig = _rig(log, options)
     wanted = pick_joints(rig.joints, options.joints)
-    usable = {name: joint for name, joint in wanted.items() if not isinstance(joint, RigidJoint)}
+    usable = {name: _alone(rig, name, joint) for name, joint in wanted.items() if not isinstance(joint, RigidJoint)}
     if not usable:
         raise DiagnosisError(f"{rig.where}: has no joint with a transmission or muscles; there is nothing to diagnose")
+    if holdout is not None and sha256(holdout) == sha256(log):
+        raise DiagnosisError(
+            f"{holdout.name}: is the log itself, and so holds nothing out; leave --holdout away, or name another"
+        )
     progress(f"reading {log.name}")
     recording = _read(log, usable, options)
     second = None if holdout is None else _read(holdout, usable, options)
     found, warnings = list[JointDiagnosis](), [f"{log.name}: {note}" for note in recording.notes]
+    warnings += [
+        f"joint '{name}' is one of a chain: what its link does depends on the others, so only its motor and its transmission were"
+        " looked at, and nothing was simulated"
+        for name in usable
+        if name in _chained(rig)
+    ]
     for name, joint in usable.items():
         try:
+            lacking = _lacking(recording, name, joint)
+            warnings += lacking
             signals = _bound(recording, name, joint)
             other = None if second is None else _bound(second, name, joint, set(signals.roles))
             warnings += signals.notes
             found += [diagnose_joint(label, joint, part, other, progress) for label, part in _runs(name, signals)]
-        except VsalogError as error:
+        except (BindingError, DiagnosisError) as error:
             if len(usable) == 1:
-                raise
+                raise type(error)("; ".join([str(error), *lacking[:2]])) from error
             warnings.append(f"left out: {error}")
     if not found:
         raise DiagnosisError(f"{log.name}: no joint of the rig can be diagnosed: {'; '.join(warnings)}")
     proposed = _proposed(rig, found, warnings, progress) if options.suggest else None
-    extended = _extended(rig, found)
+    causes = [c for f in found for c in causes_of(f)]
+    left = max((unexplained_of(f) for f in found), key=lambda u: u.fraction)
+    verdict = _verdict(found, causes)
+    # What is not believed is no rig to go on with.
+    extended = None if verdict == "unexplained" else _extended(rig, found)
     measured = recording if second is None else second
     stiffness = (
         [] if extended is None else [g for n in usable for g in _stiffness(n, rig, extended, measured, progress)]
     )
-    return _outcome(log, holdout, options, rig, extended, found, stiffness, warnings, proposed)
+    return _outcome(log, holdout, options, rig, extended, found, causes, left, verdict, stiffness, warnings, proposed)
+
+
+def _chained(rig: Rig) -> frozenset[str]:
+    """Return the joints that form the rig's arm."""
+    return frozenset() if rig.file.chain is None else frozenset(link.joint for link in rig.file.chain.link)
+
+
+def _alone(rig: Rig, name: str, joint: Any) -> Any:
+    """Return a joint as it is looked at: the link of one in a chain is moved by the others, too."""
+    return replace(joint, link=None) if name in _chained(rig) else joint
+
+
+def _lacking(recording: Recording, name: str, joint: Any) -> list[str]:
+    """Say which channels the rig names that the log does not have."""
+    said = []
+    for role in offered_roles(joint):
+        for channel in sorted(wanted_channels(joint, recording.path.name, [role]) - set(recording.channels)):
+            near = did_you_mean(channel, list(recording.channels))
+            said.append(
+                f"{recording.path.name}: there is no channel '{channel}', which the rig names for {role} of joint '{name}'{near}"
+                f"{'' if near else ';'} it was looked at without"
+            )
+    return said
 
 
 def _proposed(rig: Rig, found: Sequence[JointDiagnosis], warnings: list[str], progress: Progress) -> Suggestion | None:
@@ -140,13 +179,13 @@ def _outcome(
     rig: Rig,
     extended: Rig | None,
     found: Sequence[JointDiagnosis],
+    causes: Sequence[FoundCause],
+    left: Unexplained,
+    verdict: Verdict,
     stiffness: Sequence[Gain],
     warnings: list[str],
     proposed: Suggestion | None,
 ) -> Outcome:
-    causes = [c for f in found for c in causes_of(f)]
-    left = max((unexplained_of(f) for f in found), key=lambda u: u.fraction)
-    verdict = _verdict(found, causes, left)
     gains = [g for f in found for g in gains_of(f)]
     where = next((f.held_out for f in found if f.gain is not None), "")
     document = Diagnosis(
@@ -174,7 +213,7 @@ def _outcome(
     return Outcome(document, evidence, rig, extended, scenario)
 
 
-def _verdict(found: Sequence[JointDiagnosis], causes: Sequence[FoundCause], left: Unexplained) -> Verdict:
+def _verdict(found: Sequence[JointDiagnosis], causes: Sequence[FoundCause]) -> Verdict:
     whole = all(f.whole for f in found)
     if not causes:
         return "consistent" if whole else "unexplained"
@@ -190,6 +229,8 @@ def _next(causes: Sequence[FoundCause], left: Unexplained) -> str:
             return cause.tell_apart
     if left.fraction > LEFT and left.depends_on:
         variable = left.depends_on[0].replace("_", " ")
+        if variable == "time":
+            return "Record the same motion again, cold and warm: what is left over changes with time."
         return f"Record a slow sweep of {variable} with everything else at rest: what is left over shows as a curve over it."
     return causes[0].how_to_confirm if causes else ""
 
@@ -215,6 +256,8 @@ def _extended(rig: Rig, found: Sequence[JointDiagnosis]) -> Rig | None:
             if getattr(one.extended, name) == getattr(plain, name)
         }
         motors = {m: as_written(getattr(one.extended, m), getattr(original, m)) for m in motors_of(original)}
+        if one.name in _chained(rig):
+            kept["link"] = getattr(original, "link", None)  # it was looked at without
         joints[one.name] = replace(one.extended, **(motors | kept))
     return Rig(replace(rig.file, joint=joints), f"{rig.where}, extended") if changed else None
 

@@ -31,6 +31,9 @@ BLOCK, FEWEST, MOST = 1.0, 8, 24
 # what is left in them; without the block that gains most it must still be worth that part of it. It acts in an equation where
 # its effect is at least this part, in squares, of that in the equation where it is largest.
 WORTH, SHARE, SURE, ACTS = 0.1, 0.08, 0.5, 0.01
+# Of that it must be worth this part where what is left with it is weighed by the noise it leaves, which it gains by where that is
+# less than this part of what it was; then so many are looked at beside their own noise.
+OWN, QUIETER, BESIDE = 0.5, 0.9, 6
 # Two causes explain equally much when they differ by no more than so many spreads of their difference over the blocks, and the
 # one leaves no more over than this part more.
 ALIKE, NEAR = 2.0, 0.3
@@ -109,14 +112,11 @@ def select(system: System, joint: Any, setting: Setting, barred: frozenset[str] 
     choices = list[Choice]()
     met = set[frozenset[tuple[str, str]]]()
     while len(choices) < MOST_CAUSES:
-        rivals = considered(system, joint, setting, sites, current, blocks)
-        found = chosen(system, current, rivals)
+        found = added(system, joint, current, considered(system, joint, setting, sites, current, blocks), blocks)
         if found is None:
             break
-        choice, current = found
+        choice, system, current = found
         choices.append(choice)
-        # What noise makes of the equations depends on what is in them, and so does how long torques seem to be held.
-        system, current = renewed(system, joint, current, blocks)
         nothing = fitted(system, joint, (), np.zeros(0), blocks)
         current, choices = settled(system, joint, setting, sites, current, choices, blocks)
         current, choices = looked_back(system, joint, setting, sites, current, choices, blocks)
@@ -126,6 +126,31 @@ def select(system: System, joint: Any, setting: Setting, barred: frozenset[str] 
             break
         met.add(together)
     return Selection(system, current, nothing, tuple(_by_worth(system, joint, current, choices, blocks)), blocks)
+
+
+def added(
+    system: System, joint: Any, current: Fit, rivals: Sequence[Rival], blocks: Integers
+) -> tuple[Choice, System, Fit] | None:
+    """Return the best cause that is worth it also beside its own noise, with the noise as it is then, and the fit.
+
+    What noise makes of the equations depends on what is in them, and so does how long torques seem to be held. Where a torque
+    tells the deflection, a stiffer spring makes its noise small: such a fit leaves less, and explains nothing. So the next
+    best are looked at too, each beside its own noise, until there is one that does not gain by that.
+    """
+    best, loss = None, np.inf
+    for _ in range(BESIDE):
+        found = chosen(system, current, rivals)
+        if found is None:
+            break
+        choice, fit = found
+        own, there = renewed(system, joint, fit, blocks)
+        worth = OWN * least_worth(system, current, fit.columns(choice.site))
+        if current.loss - there.loss > worth and there.loss < loss:
+            best, loss = (choice, own, there), there.loss
+        if not np.any(own.deviation < QUIETER * system.deviation):
+            break
+        rivals = [r for r in rivals if r.site.key != choice.site.key]
+    return best
 
 
 def renewed(system: System, joint: Any, current: Fit, blocks: Integers) -> tuple[System, Fit]:

@@ -17,7 +17,7 @@ from typing import Any, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from vsalog.diagnosis.channels import Channels
+from vsalog.diagnosis.channels import Channels, span_of
 from vsalog.diagnosis.sensing import said, true_roles
 from vsalog.diagnosis.windows_mechanical import MechanicalPlayer
 from vsalog.diagnosis.windows_pneumatic import PneumaticPlayer
@@ -152,8 +152,12 @@ def windows_of(joint: Any, channels: Channels, hold: bool) -> Windows:
     player = player_of(joint, channels)
     length = max(FEWEST, round(WINDOW / channels.period))
     roles = true_roles(joint, channels, 0.0)
-    states = player.measured_states()
-    good = np.isfinite(states).all(axis=1)
+    answered = tuple(r for r in player.answered() if span_of(channels.raw[r]) > 0.0)
+    if not answered:
+        raise SimulationError("nothing is recorded that a simulation could be held against")
+    good = np.isfinite(player.measured_states()).all(axis=1)
+    for role in answered:
+        good &= np.isfinite(channels.raw[role])
     for role in player.driving():
         if role in roles:
             good &= np.isfinite(roles[role][0])
@@ -167,9 +171,6 @@ def windows_of(joint: Any, channels: Channels, hold: bool) -> Windows:
     if not spans:
         raise SimulationError(f"no run of the log is as long as {length * channels.period:g} s with all of its inputs")
     kept = np.linspace(0, len(spans) - 1, min(MOST, len(spans))).round().astype(np.int64)
-    answered = tuple(r for r in player.answered() if np.ptp(channels.raw[r]) > 0.0)
-    if not answered:
-        raise SimulationError("nothing is recorded that a simulation could be held against")
     return Windows(channels, np.array(spans)[kept], answered, hold)
 
 

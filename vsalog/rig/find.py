@@ -35,5 +35,5 @@ def find_rig(log: Path, rig_text: str | None, given: str | Path | None = None) -
 
 def rig_beside(log: Path) -> Path | None:
     """Return the rig file that lies beside a log; None where there is none."""
-    paths = (log.with_name(f"{log.stem}.rig.toml"), log.with_name("rig.toml"))
+    paths = (log.parent / f"{log.stem}.rig.toml", log.parent / "rig.toml")
     return next((path for path in paths if path.is_file()), None)

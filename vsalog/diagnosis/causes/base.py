@@ -129,7 +129,7 @@ class Setting:
     def deflection_size(self, suffix: str) -> float:
         """Return the largest deflection but for a few [rad]."""
         phi = self.deflections.get(suffix)
-        return float(np.nanquantile(np.abs(phi), 0.99)) if phi is not None and np.isfinite(phi).any() else 1.0
+        return (float(np.nanquantile(np.abs(phi), 0.99)) if phi is not None and np.isfinite(phi).any() else 0.0) or 1.0
 
     def speed(self, role: str) -> float:
         """Return the size of a role's rate."""

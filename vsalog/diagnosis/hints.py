@@ -1,0 +1,63 @@
+"""Signs and units that are wrong: no cause of the catalogue, but what a rig that was just written is most often wrong in."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import Any
+
+import numpy as np
+
+from vsalog.diagnosis.causes.base import with_part, with_signal
+from vsalog.diagnosis.sensing import motors_of, torque_role
+from vsalog.diagnosis.system import System
+
+# What a sign or a unit makes of a signal, and what a person would have meant by it.
+FACTORS = {
+    -1.0: "the sign",
+    180.0 / np.pi: "the unit (degrees for radians?)",
+    np.pi / 180.0: "the unit (radians for degrees?)",
+    1e3: "the unit (a thousand times too large)",
+    1e-3: "the unit (a thousand times too small)",
+}
+# It is said where the equations would close with so much of what they leave now, in squares.
+CLOSES = 0.05
+
+
+def hint_of(name: str, joint: Any, system: System) -> str | None:
+    """Say which one signal's sign or unit, turned round, would close most of the equations; None where none would.
+
+    Parameters
+    ----------
+    name, joint : of the rig, on the joint's side
+    system : of the log
+    """
+    now = float(np.sum(system.whitened(joint) ** 2))
+    best, said = CLOSES * now, None
+    for what, factor, changed in _turned(joint, system):
+        left = float(np.sum(system.whitened(changed) ** 2))
+        if left < best:
+            best = left
+            said = (
+                f"joint '{name}': with {FACTORS[factor]} of {what} put right the equations would close {(now / left) ** 0.5:.0f}"
+                " times better: look at its sign and unit in the rig first"
+            )
+    return said
+
+
+def _turned(joint: Any, system: System) -> Iterator[tuple[str, float, Any]]:
+    """Yield what is turned round, the factor that the log has it by, and the joint with that said."""
+    roles = system.channels.roles
+    positions = [r for r in roles if "position" in r or r.startswith("deflection")]
+    sensed = [r for r in roles if r.startswith("torque_sensor") or r in positions]
+    for factor in FACTORS:
+        for role in sensed:
+            yield role, factor, with_signal(joint, role, gain=factor)
+        if len(positions) > 1:
+            all_of_them = joint
+            for role in positions:
+                all_of_them = with_signal(all_of_them, role, gain=factor)
+            yield "all positions", factor, all_of_them
+        for motor in motors_of(joint):
+            if torque_role(motor) in roles:
+                # What acts is the recorded torque times the gain: one that is recorded too large acts with less.
+                yield torque_role(motor), factor, with_part(joint, motor, torque_gain=1.0 / factor)
