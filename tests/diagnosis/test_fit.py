@@ -189,7 +189,7 @@ def test_a_step_that_would_leave_all_bounds_is_none():
     np.testing.assert_array_equal(newton_step(J, np.ones(5), np.zeros(1), np.zeros(1), np.ones(1), 0.0), [0.0])
 
 
-def test_a_wall_is_a_bound_that_one_number_was_driven_to_but_not_zero():
+def test_a_wall_is_a_bound_that_all_numbers_were_driven_to_but_not_zero():
     A = columns(count=1)
 
     def end(low, high, count=1):
@@ -202,4 +202,6 @@ def test_a_wall_is_a_bound_that_one_number_was_driven_to_but_not_zero():
     assert end(-9.0, -3.5) or end(0.4, 0.6)
     assert not end(0.0, 2.0)
     assert not end(-9.0, 2.0)
-    assert not end(0.1, 2.0, count=2)
+    assert end(0.1, 2.0, count=2)
+    assert not end(-2.0, 2.0, count=2)
+    assert end(-1.0, 1.0, count=2)

@@ -48,16 +48,12 @@ class Fit:
 
     @property
     def at_a_wall(self) -> bool:
-        """Whether a cause of one number has been driven as far as it may go: what it stands for is then something else.
+        """Whether a cause has been driven as far as it may go: what it stands for is then something else.
 
-        Nothing at all is no wall: a friction of 0 is one that is not there.
+        Of several numbers all have to be there, but for those whose bounds are alike to both sides: these say how large such a
+        thing can be at all. Nothing is no wall: a friction of 0 is one that is not there.
         """
-        return any(
-            (p.low != 0.0 and self.own(site)[0] <= p.low) or self.own(site)[0] >= p.high
-            for site in self.sites
-            for p in site.parameters
-            if len(site.parameters) == 1
-        )
+        return any(_driven_out(site.parameters, self.own(site)) for site in self.sites)
 
     def own(self, site: Site) -> Array:
         """Return the values of one cause."""
@@ -78,6 +74,11 @@ class Fit:
     def joint(self, joint: Any) -> Any:
         """Return a joint with the causes in it."""
         return applied(joint, self.sites, self.values)
+
+
+def _driven_out(parameters: Sequence[Parameter], values: Array) -> bool:
+    out = [(p.low != 0.0 and v <= p.low) or v >= p.high for p, v in zip(parameters, values, strict=True)]
+    return all(out) or any(o and p.low == -p.high for o, p in zip(out, parameters, strict=True))
 
 
 def applied(joint: Any, sites: Sequence[Site], values: Array) -> Any:

@@ -19,8 +19,10 @@ FACTORS = {
     1e3: "the unit (a thousand times too large)",
     1e-3: "the unit (a thousand times too small)",
 }
-# It is said where the equations would close with so much of what they leave now, in squares.
-CLOSES = 0.05
+ANGLES = (-1.0, 180.0 / np.pi, np.pi / 180.0)
+# It is said where the equations would close with so much of what they leave now, in squares, and to this mean square: motions
+# made small leave less as well.
+CLOSES, NEAR = 0.05, 100.0
 
 
 def hint_of(name: str, joint: Any, system: System) -> str | None:
@@ -32,14 +34,15 @@ def hint_of(name: str, joint: Any, system: System) -> str | None:
     system : of the log
     """
     now = float(np.sum(system.whitened(joint) ** 2))
-    best, said = CLOSES * now, None
+    best, said = min(CLOSES * now, NEAR * system.count), None
     for what, factor, changed in _turned(joint, system):
         left = float(np.sum(system.whitened(changed) ** 2))
         if left < best:
             best = left
+            better = min((now / left) ** 0.5, 100.0)
             said = (
-                f"joint '{name}': with {FACTORS[factor]} of {what} put right the equations would close {(now / left) ** 0.5:.0f}"
-                " times better: look at its sign and unit in the rig first"
+                f"joint '{name}': with {FACTORS[factor]} of {what} put right the equations would close some {better:.0f} times"
+                " better: look at its sign and unit in the rig first"
             )
     return said
 
@@ -50,9 +53,9 @@ def _turned(joint: Any, system: System) -> Iterator[tuple[str, float, Any]]:
     positions = [r for r in roles if "position" in r or r.startswith("deflection")]
     sensed = [r for r in roles if r.startswith("torque_sensor") or r in positions]
     for factor in FACTORS:
-        for role in sensed:
+        for role in (r for r in sensed if r not in positions or factor in ANGLES):
             yield role, factor, with_signal(joint, role, gain=factor)
-        if len(positions) > 1:
+        if len(positions) > 1 and factor in ANGLES:
             all_of_them = joint
             for role in positions:
                 all_of_them = with_signal(all_of_them, role, gain=factor)

@@ -115,7 +115,7 @@ def diagnose(log: Path, holdout: Path | None, options: Options, progress: Progre
     ]
     for name, joint in usable.items():
         try:
-            lacking = _lacking(recording, name, joint)
+            lacking = _lacking(log, options, recording, name, joint)
             warnings += lacking
             signals = _bound(recording, name, joint)
             other = None if second is None else _bound(second, name, joint, set(signals.roles))
@@ -150,17 +150,16 @@ def _alone(rig: Rig, name: str, joint: Any) -> Any:
     return replace(joint, link=None) if name in _chained(rig) else joint
 
 
-def _lacking(recording: Recording, name: str, joint: Any) -> list[str]:
+def _lacking(log: Path, options: Options, recording: Recording, name: str, joint: Any) -> list[str]:
     """Say which channels the rig names that the log does not have."""
-    said = []
-    for role in offered_roles(joint):
-        for channel in sorted(wanted_channels(joint, recording.path.name, [role]) - set(recording.channels)):
-            near = did_you_mean(channel, list(recording.channels))
-            said.append(
-                f"{recording.path.name}: there is no channel '{channel}', which the rig names for {role} of joint '{name}'{near}"
-                f"{'' if near else ';'} it was looked at without"
-            )
-    return said
+    named = {r: wanted_channels(joint, log.name, [r]) - set(recording.channels) for r in offered_roles(joint)}
+    missing = [(role, channel) for role, channels in named.items() for channel in sorted(channels)]
+    known = list(open_reader(log, options.rate).catalogue().channels) if missing else []
+    return [
+        f"{log.name}: there is no channel '{channel}', which the rig names for {role} of joint '{name}', and it was looked at"
+        f" without{did_you_mean(channel, known)}"
+        for role, channel in missing
+    ]
 
 
 def _proposed(rig: Rig, found: Sequence[JointDiagnosis], warnings: list[str], progress: Progress) -> Suggestion | None:

@@ -1,0 +1,142 @@
+"""What a diagnosis refuses, doubts, or hints at: logs that tell nothing, signs and units, chains, channels that are not there."""
+
+import numpy as np
+import pytest
+from written_out import ELASTIC, ROLES, Truth, joint_of, log, write_csv
+
+from vsalog.cli import _run
+from vsalog.diagnosis.run import Options, diagnose
+from vsalog.errors import DiagnosisError
+
+CHAIN = """
+[chain]
+[[chain.link]]
+joint = "arm"
+length = 0.3
+mass = 1.0
+centre = [-0.15, 0.0, 0.0]
+inertia = [0.01, 0.01, 0.01]
+"""
+
+
+def lay(folder, truth=None, change=None, rig=ELASTIC, name="log", seed=0, duration=6.0, rows=slice(None)):
+    """Write a log, changed by a function of its samples, and its rig; return the log's path."""
+    time, said = log(truth or Truth(), duration=duration, seed=seed, roles=ROLES)
+    said = {role: values.copy() for role, values in said.items()}
+    if change is not None:
+        change(said)
+    path = folder / f"{name}.csv"
+    write_csv(path, time[rows], {role: values[rows] for role, values in said.items()})
+    (folder / f"{name}.rig.toml").write_text(rig, encoding="utf-8")
+    return path
+
+
+def scaled(*roles, by):
+    def change(said):
+        for role in roles:
+            said[role] *= by
+
+    return change
+
+
+TURNED = {
+    "the sign of torque_sensor": scaled("torque_sensor", by=-1.0),
+    "the sign of motor_torque": scaled("motor_torque", by=-1.0),
+    "degrees for radians?) of all positions": scaled("motor_position", "link_position", by=180.0 / np.pi),
+    "a thousand times too large) of torque_sensor": scaled("torque_sensor", by=1e3),
+}
+
+
+@pytest.mark.parametrize("words", TURNED)
+def test_a_sign_or_a_unit_that_is_wrong_is_hinted_at(tmp_path, words):
+    outcome = diagnose(lay(tmp_path, change=TURNED[words], duration=3.0), None, Options())
+    (hint,) = (w for w in outcome.diagnosis.warnings if "put right" in w)
+    assert words in hint
+    assert outcome.diagnosis.verdict in ("unexplained", "partly explained")
+
+
+def test_what_is_unexplained_otherwise_brings_no_hint_and_no_rig(tmp_path):
+    """A detent of the motor at one angle."""
+    detent = Truth(at_motor=lambda a, da: 0.3 * np.exp(-(((a - 0.3) / 0.1) ** 2)))
+    outcome = diagnose(lay(tmp_path, detent), None, Options())
+    assert outcome.diagnosis.verdict == "unexplained"
+    assert outcome.diagnosis.unexplained.where == "motor"
+    assert outcome.extended is None
+    assert not [w for w in outcome.diagnosis.warnings if "put right" in w]
+
+
+def rest(said):
+    for role in ("motor_position", "link_position"):
+        said[role][:] = 0.25
+
+
+@pytest.mark.parametrize(
+    ("change", "rows", "words"),
+    [(rest, slice(None), "no position changes"), (None, slice(0, 10), "10 samples, 0.02 s, are too few")],
+)
+def test_logs_that_tell_nothing_are_refused(tmp_path, change, rows, words):
+    with pytest.raises(DiagnosisError, match=words):
+        diagnose(lay(tmp_path, change=change, rows=rows), None, Options())
+
+
+def test_a_log_is_not_held_out_from_itself(tmp_path):
+    path = lay(tmp_path)
+    (tmp_path / "again.csv").write_bytes(path.read_bytes())
+    with pytest.raises(DiagnosisError, match="is the log itself"):
+        diagnose(path, tmp_path / "again.csv", Options())
+
+
+def test_a_gap_in_every_channel_leaves_the_rest_to_be_simulated(tmp_path):
+    def change(said):
+        for values in said.values():
+            values[1000:1100] = np.nan
+
+    outcome = diagnose(lay(tmp_path, Truth(damping=0.08), change), None, Options())
+    assert [c.cause for c in outcome.diagnosis.causes] == ["motor.viscous_friction"]
+    assert outcome.diagnosis.gain.signals
+    assert all(np.isfinite(e.nrmse) for e in outcome.diagnosis.simulation_error)
+
+
+def test_a_joint_of_a_chain_is_looked_at_without_its_link(tmp_path):
+    outcome = diagnose(lay(tmp_path, Truth(damping=0.08), rig=ELASTIC + CHAIN), None, Options())
+    assert {e.equation for e in outcome.diagnosis.equations} == {"motor", "transmission"}
+    assert [c.cause for c in outcome.diagnosis.causes] == ["motor.viscous_friction"]
+    assert any("one of a chain" in w for w in outcome.diagnosis.warnings)
+    assert outcome.extended.joints["arm"].link == joint_of().link
+    assert outcome.extended.joints["arm"].motor.damping == pytest.approx(0.08, rel=0.02)
+
+
+def test_a_channel_that_is_not_there_is_said(tmp_path):
+    path = lay(tmp_path, rig=ELASTIC.replace('"torque sensor"', '"torque sensr"'))
+    outcome = diagnose(path, None, Options())
+    (said,) = (w for w in outcome.diagnosis.warnings if "there is no channel" in w)
+    assert "'torque sensr', which the rig names for torque_sensor of joint 'arm'" in said
+    assert "did you mean 'torque sensor'" in said
+
+
+def test_equations_that_close_while_the_simulation_does_not_are_doubted(tmp_path):
+    """The torque that drives the motor is recorded too small by what the equations, averaged, can hardly tell."""
+    outcome = diagnose(lay(tmp_path, Truth(link_damping=0.0245, damping=0.0507), duration=4.0), None, Options())
+    doubts = [w for w in outcome.diagnosis.warnings if "though the equations close" in w]
+    worst = max(e.rmse / e.noise_floor for e in outcome.diagnosis.simulation_error)
+    assert bool(doubts) == (worst > 3.0 and not outcome.diagnosis.causes)
+
+
+WITHOUT = {"nothing": ((), []), "gravity": (("--actual", "joint.sea.link.gravity_torque=3.1"), ["link.gravity"])}
+
+
+@pytest.mark.parametrize("what", WITHOUT)
+def test_without_a_link_encoder_a_stiffer_spring_is_no_cause(what, tmp_path, monkeypatch):
+    """The torque sensor tells the deflection: a spring that is taken for stiffer makes its noise small, and explains nothing."""
+    hidden, expected = WITHOUT[what]
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(
+        "sys.argv", ["vsalog", "simulate", "sea", *hidden, "--duration", "20 s", "--seed", "7", "-o", "log.csv"]
+    )
+    assert _run() == 0
+    text = (tmp_path / "log.rig.toml").read_text(encoding="utf-8")
+    rig = "\n".join(line for line in text.splitlines() if not line.startswith("link_position"))
+    (tmp_path / "log.rig.toml").write_text(rig, encoding="utf-8")
+    found = diagnose(tmp_path / "log.csv", None, Options()).diagnosis
+    assert found.verdict == ("explained" if expected else "consistent")
+    assert [c.cause for c in found.causes] == expected
