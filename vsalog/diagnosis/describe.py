@@ -23,6 +23,7 @@ from vsalog.diagnosis.fit import applied
 from vsalog.diagnosis.joint import (
     Found,
     JointDiagnosis,
+    mean_squares,
     plain_rows,
     remainder_depends_on,
     unexplained_side,
@@ -138,7 +139,7 @@ def gains_of(found: JointDiagnosis) -> list[Gain]:
 
 def equation_errors(found: JointDiagnosis) -> list[EquationError]:
     """Return what is left over in each equation, before and after."""
-    before, after = (np.sqrt(np.nanmean(plain_rows(found, j) ** 2, axis=0)) for j in (found.joint, found.extended))
+    before, after = (np.sqrt(mean_squares(plain_rows(found, j))) for j in (found.joint, found.extended))
     system = found.system
     return [
         EquationError(
@@ -213,7 +214,7 @@ def _view(found: JointDiagnosis, cause: Found, known: dict[str, tuple[Array, str
     values = np.concatenate([found.fit.own(s) for s in rest]) if rest else np.zeros(0)
     without, with_it = plain_rows(found, applied(found.joint, rest, values)), plain_rows(found, found.extended)
     shape = without - with_it
-    i = int(np.nanargmax(np.nanmean(shape**2, axis=0)))
+    i = int(np.nanargmax(mean_squares(shape)))
     blocks = found.selection.blocks.reshape(-1, len(found.system.names))[:, 0]
     shares = {name: predicted_share(shape[:, i], blocks, x) for name, (x, _) in known.items()}
     best = max(shares.values())

@@ -191,19 +191,26 @@ def diagnose_joint(
 
 def _doubts(found: JointDiagnosis) -> list[str]:
     """Return what speaks against what was found."""
+    system = found.system
+    said = [
+        f"joint '{found.name}': the equation '{equation}' can be formed nowhere in this log, and was not checked"
+        for equation, used in zip(system.names, np.any(system.weights, axis=0).tolist(), strict=True)
+        if not used
+    ]
     if not found.whole:
-        hint = hint_of(found.name, found.joint, found.system)
-        return [] if hint is None else [hint]
+        hint = hint_of(found.name, found.joint, system)
+        return said if hint is None else [*said, hint]
     stands = found.standing
     if found.found or stands is None:
-        return []
+        return said
     off = {role: stands.rmse(role) / stands.floor[role] for role in stands.floor if stands.floor[role] > 0.0}
     worst = max(off, key=lambda role: off[role], default="")
     if not worst or off[worst] <= DOUBTED:
-        return []
+        return said
     return [
+        *said,
         f"joint '{found.name}': though the equations close, the simulation of {worst} is off by {off[worst]:.3g} times its noise:"
-        " something moves the joint that the rig does not have, or its inputs are not the whole of what drives it"
+        " something moves the joint that the rig does not have, or its inputs are not the whole of what drives it",
     ]
 
 
@@ -332,11 +339,18 @@ def _fraction(system: System, nothing: Fit, fit: Fit) -> float:
 def unexplained_side(found: JointDiagnosis) -> tuple[str, int] | None:
     """Return the side that most of what is left over is on, and the equation that shows it; none where nothing is left."""
     rows = plain_rows(found, found.extended)
-    if np.nanmax(np.nanmean(rows**2, axis=0)) <= NOISE:
+    squares = mean_squares(rows)
+    if not np.any(squares[np.isfinite(squares)] > NOISE):
         return None
     motion = _motion(found)
     springs = [s for s in motion.deflections if s not in motion.measured]
     return side_of(found.system, found.extended, found.rows(found.fit), springs)
+
+
+def mean_squares(rows: Array) -> Array:
+    """Return the mean square of each equation's rows, shape (m,), over those that count; NaN where none does."""
+    counts = np.count_nonzero(np.isfinite(rows), axis=0)
+    return np.asarray(np.where(counts > 0, np.nansum(rows**2, axis=0) / np.maximum(counts, 1), np.nan))
 
 
 def plain_rows(found: JointDiagnosis, joint: Any) -> Array:
