@@ -179,7 +179,8 @@ def diagnose_joint(
         stands = standing(joint, own, gain if holdout is None else None)
         warnings += dropped
     except SimulationError as error:
-        why = str(error).replace("joint 'joint'", "it")  # in a simulation of its own it has no name
+        # In a simulation of its own it has no name.
+        why = str(error).replace("joint 'joint': ", "").replace("joint 'joint'", "it")
         warnings.append(f"joint '{name}' could not be simulated, so nothing was measured of the gain: {why}")
     found = _found(system, joint, selection, kept)
     done = JointDiagnosis(

@@ -62,12 +62,13 @@ def _found(verdict: Verdict, causes: Sequence[FoundCause], joints: int) -> str:
     if not causes:
         return "The rig's simulation is wrong, and no cause of the catalogue explains it."
     told = [f"{_lower(c.title)} ({numbers(c)})" if c.parameters else _lower(c.title) for c in causes[:3]]
-    where = f"in joint {causes[0].joint}, " if joints > 1 else ""
+    if joints > 1:
+        told = [f"in {c.joint}, {said}" for c, said in zip(causes, told, strict=False)]
     whole = "; ".join(told)
     if verdict == "unexplained":
         return f"The rig's simulation is wrong, and no cause of the catalogue explains it; the nearest is: {whole}."
     start = "What the simulation gets wrong is explained: " if verdict == "explained" else "Part of it is explained: "
-    return f"{start}{where}{whole}."
+    return f"{start}{whole}."
 
 
 def _lower(title: str) -> str:
