@@ -1,5 +1,6 @@
 """What is remembered: the same question is worked out once, another one is never given its answer."""
 
+import weakref
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 
@@ -56,11 +57,22 @@ def test_an_array_that_is_gone_is_not_taken_for_a_new_one_at_its_place():
 
 @given(st.lists(st.integers(0, 20), max_size=60), st.integers(0, 10))
 def test_what_is_forgotten_is_worked_out_again(asked, room):
-    memory, (make, _) = Memory(limit=room * 80), counted()
+    memory, (make, _) = Memory(limit=room * 160), counted()
     arrays = [np.full(10, float(k)) for k in range(21)]
     for k in asked:
         np.testing.assert_array_equal(memory(make, arrays[k], Part(3.0)), 3.0 * arrays[k])
-    assert memory._bytes <= max(room * 80, 80)
+    assert memory._bytes <= max(room * 160, 160)
+
+
+def test_what_is_held_is_bounded_with_what_it_was_made_of():
+    """Small results of large arrays that never come again: the arrays must not pile up behind them."""
+    memory, held = Memory(limit=1_000_000), []
+    for k in range(100):
+        x = np.full(10_000, float(k))
+        held.append(weakref.ref(x))
+        assert memory(np.sum, x) == 10_000.0 * k
+        del x
+    assert sum(ref() is not None for ref in held) <= 1_000_000 // 80_000 + 1
 
 
 def test_threads_share_it():

@@ -54,7 +54,7 @@ def diagnose(
 ) -> None:
     """Hold the rig's simulation against LOG, name the causes of what it gets wrong, extend the rig, and measure the gain.
 
-    Writes diagnosis.json, diagnosis.html and, where a cause was found, extended.rig.toml: an ordinary rig to simulate, estimate
+    Writes diagnosis.json, diagnosis.html and, where causes are believed, extended.rig.toml: an ordinary rig to simulate, estimate
     and validate with. With --suggest also next.scenario.toml, which 'vsalog simulate RIG --scenario' plays.
     """
     from vsalog.diagnosis.run import Options

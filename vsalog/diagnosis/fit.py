@@ -50,8 +50,8 @@ class Fit:
     def at_a_wall(self) -> bool:
         """Whether a cause has been driven as far as it may go: what it stands for is then something else.
 
-        Of several numbers all have to be there, but for those whose bounds are alike to both sides: these say how large such a
-        thing can be at all. Nothing is no wall: a friction of 0 is one that is not there.
+        Of several numbers all have to be there, but for those with hard bounds. Nothing is no wall: a friction of 0 is one
+        that is not there.
         """
         return any(_driven_out(site.parameters, self.own(site)) for site in self.sites)
 
@@ -78,7 +78,7 @@ class Fit:
 
 def _driven_out(parameters: Sequence[Parameter], values: Array) -> bool:
     out = [(p.low != 0.0 and v <= p.low) or v >= p.high for p, v in zip(parameters, values, strict=True)]
-    return all(out) or any(o and p.low == -p.high for o, p in zip(out, parameters, strict=True))
+    return all(out) or any(o and p.hard for o, p in zip(out, parameters, strict=True))
 
 
 def applied(joint: Any, sites: Sequence[Site], values: Array) -> Any:

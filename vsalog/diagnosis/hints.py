@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 
+from vsalog.binding import offered_roles
 from vsalog.diagnosis.causes.base import with_part, with_signal
 from vsalog.diagnosis.sensing import motors_of, torque_role
 from vsalog.diagnosis.system import System
@@ -52,15 +53,20 @@ def _turned(joint: Any, system: System) -> Iterator[tuple[str, float, Any]]:
     roles = system.channels.roles
     positions = [r for r in roles if "position" in r or r.startswith("deflection")]
     sensed = [r for r in roles if r.startswith("torque_sensor") or r in positions]
+    gains = {role: signal.gain for role, signal in offered_roles(joint).items()}
     for factor in FACTORS:
         for role in (r for r in sensed if r not in positions or factor in ANGLES):
-            yield role, factor, with_signal(joint, role, gain=factor)
+            yield role, factor, with_signal(joint, role, gain=factor * gains[role])
         if len(positions) > 1 and factor in ANGLES:
             all_of_them = joint
             for role in positions:
-                all_of_them = with_signal(all_of_them, role, gain=factor)
+                all_of_them = with_signal(all_of_them, role, gain=factor * gains[role])
             yield "all positions", factor, all_of_them
         for motor in motors_of(joint):
             if torque_role(motor) in roles:
                 # What acts is the recorded torque times the gain: one that is recorded too large acts with less.
-                yield torque_role(motor), factor, with_part(joint, motor, torque_gain=1.0 / factor)
+                yield (
+                    torque_role(motor),
+                    factor,
+                    with_part(joint, motor, torque_gain=getattr(joint, motor).torque_gain / factor),
+                )

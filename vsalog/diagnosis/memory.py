@@ -11,7 +11,7 @@ import numpy as np
 
 T = TypeVar("T")
 
-# So many bytes of results are remembered, the latest, each with what it was made of.
+# So many bytes are remembered, the latest: results, each with what it was made of, even where others are made of it too.
 LIMIT = 1 << 28
 
 
@@ -37,7 +37,7 @@ class Memory:
                 self._kept.move_to_end(key)
                 return kept[0]  # type: ignore[no-any-return]
         found = make(*inputs)
-        size = sum(part.nbytes for part in (found if isinstance(found, tuple) else (found,)) if hasattr(part, "nbytes"))
+        size = sum(part.nbytes for part in (found, *inputs) if isinstance(part, np.ndarray))
         with self._lock:
             if key not in self._kept:
                 self._kept[key] = found, size, inputs

@@ -114,16 +114,16 @@ def diagnose(log: Path, holdout: Path | None, options: Options, progress: Progre
         if name in _chained(rig)
     ]
     for name, joint in usable.items():
+        lacking = _lacking(log, options, recording, name, joint)
+        warnings += lacking
         try:
-            lacking = _lacking(log, options, recording, name, joint)
-            warnings += lacking
             signals = _bound(recording, name, joint)
             other = None if second is None else _bound(second, name, joint, set(signals.roles))
             warnings += signals.notes
             found += [diagnose_joint(label, joint, part, other, progress) for label, part in _runs(name, signals)]
-        except (BindingError, DiagnosisError) as error:
+        except VsalogError as error:
             if len(usable) == 1:
-                raise type(error)("; ".join([str(error), *lacking[:2]])) from error
+                raise DiagnosisError("; ".join([str(error), *lacking[:2]])) from error
             warnings.append(f"left out: {error}")
     if not found:
         raise DiagnosisError(f"{log.name}: no joint of the rig can be diagnosed: {'; '.join(warnings)}")

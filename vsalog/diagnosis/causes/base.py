@@ -24,6 +24,7 @@ class Parameter:
     step : small enough for the equations to be straight over it
     low, high : bounds
     reach : as far as one step of a fit may go, where the equations bend
+    hard : whether its bounds say how large such a thing can be at all, whatever the cause's other numbers
     """
 
     name: str
@@ -33,6 +34,7 @@ class Parameter:
     low: float = -np.inf
     high: float = np.inf
     reach: float = np.inf
+    hard: bool = False
 
 
 @dataclass(frozen=True, slots=True)

@@ -179,8 +179,8 @@ class EncoderEccentricity(Cause):
             step = 1e-3 * setting.deflection_size("")
             # amplitude · sin(x + phase) = (amplitude cos phase) sin x + (amplitude sin phase) cos x
             parameters = (
-                Parameter("sine", "rad", float(cosine), step, -0.3, 0.3),
-                Parameter("cosine", "rad", float(sine), step, -0.3, 0.3),
+                Parameter("sine", "rad", float(cosine), step, -0.3, 0.3, hard=True),
+                Parameter("cosine", "rad", float(sine), step, -0.3, 0.3, hard=True),
             )
             yield Site(self.name, role, parameters, _eccentric(role), report=_disc)
 
