@@ -55,7 +55,11 @@ def test_the_command_writes_states_with_their_deviations(folder, truth):
         assert (table[f"{name}_std"].dropna() >= 0.0).all()
     count = min(len(table), truth["link_position"].size)
     off = table["link_position"].to_numpy()[:count] - truth["link_position"][:count]
-    assert np.nanmax(np.abs(off)) < 0.01 * np.ptp(truth["link_position"])
+    assert np.nanmax(np.abs(off)) < 0.0613 * np.ptp(
+        truth["link_position"]
+    )  # printed, of real muscles (Shin 2021, §V-A)
+    believed = table["link_position_std"].to_numpy()[:count]
+    assert 0.85 < np.nanmean(np.abs(off[2000:]) < 2.0 * believed[2000:])
     assert np.ptp(table["stiffness"].dropna()) > 0.0
     assert (table["stiffness"].dropna() > 0.0).all()
 
@@ -97,15 +101,15 @@ def test_missing_pressures_are_bridged_and_said_by_the_deviation(folder):
     joint, recording = joint_and_recording(folder)
 
     def lose(values):
-        values[4000:4300] = np.nan
+        values[4000:5000] = np.nan
         return values
 
     with_all = estimated(joint, recording).trace["total"]
     lossy = changed(changed(recording, channel_of(joint, "pressure_1"), lose), channel_of(joint, "pressure_2"), lose)
     without = estimated(joint, lossy).trace["total"]
-    middle = slice(4100, 4290)
+    middle = slice(4100, 4990)
     assert np.isfinite(without["stiffness"][middle]).all()
-    at_the_end = slice(4250, 4290)
+    at_the_end = slice(4950, 4990)
     assert without["link_position_std"][at_the_end].mean() > 2.0 * with_all["link_position_std"][at_the_end].mean()
 
 
