@@ -59,7 +59,7 @@ def test_the_command_writes_states_with_their_deviations(folder, truth):
         truth["link_position"]
     )  # printed, of real muscles (Shin 2021, §V-A)
     believed = table["link_position_std"].to_numpy()[:count]
-    assert 0.85 < np.nanmean(np.abs(off[2000:]) < 2.0 * believed[2000:])
+    assert np.nanmean(np.abs(off[2000:]) < 2.0 * believed[2000:]) > 0.85
     assert np.ptp(table["stiffness"].dropna()) > 0.0
     assert (table["stiffness"].dropna() > 0.0).all()
 

@@ -253,6 +253,17 @@ def test_held_samples_act_from_their_sample_on():
     assert TIME[first] == pytest.approx(0.75, abs=1.1e-3)
 
 
+def test_held_samples_may_be_late_by_less_than_a_step():
+    held = np.random.default_rng(4).normal(size=51).repeat(100)[: TIME.size]
+    delay = 0.01237
+    ours = run(torque=held, motor={"torque_delay": delay})
+
+    def motor(t, th, dth):
+        return held[max(int(np.floor((t - delay) / 1e-3 + 1e-9)), 0)] - D * dth
+
+    assert_near(ours, solved(joint_rate(motor=motor), np.zeros(4)), part=1e-5)
+
+
 def test_a_push_from_outside():
     pushes = (Contact(start=1.0, duration=0.4, torque=0.8),)
     ours = run(link={"contact": pushes})

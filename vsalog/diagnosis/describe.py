@@ -52,7 +52,8 @@ def causes_of(found: JointDiagnosis) -> list[FoundCause]:
     out = [_computed(found, role, why) for role, why in found.computed.items()]
     for cause in found.found:
         kind = catalogue()[cause.site.cause]
-        others = tuple(dict.fromkeys(r.site.cause for r in cause.choice.rivals if r.site.cause != cause.site.cause))
+        rivals = (r.site.cause for r in cause.choice.rivals if r.site.cause != cause.site.cause)
+        others = tuple(dict.fromkeys((*rivals, *cause.site.doubles)))
         numbers = {n: Number(value=v, std=s, unit=u) for n, (v, s, u) in cause.numbers().items()}
         apart = " ".join(f"To tell it from {name}: {catalogue()[name].confirm}" for name in others)
         out.append(

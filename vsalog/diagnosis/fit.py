@@ -53,7 +53,7 @@ class Fit:
         Of several numbers all have to be there, but for those with hard bounds. Nothing is no wall: a friction of 0 is one
         that is not there.
         """
-        return any(_driven_out(site.parameters, self.own(site)) for site in self.sites)
+        return any(driven_out(site.parameters, self.own(site)) for site in self.sites)
 
     def own(self, site: Site) -> Array:
         """Return the values of one cause."""
@@ -76,7 +76,8 @@ class Fit:
         return applied(joint, self.sites, self.values)
 
 
-def _driven_out(parameters: Sequence[Parameter], values: Array) -> bool:
+def driven_out(parameters: Sequence[Parameter], values: Array) -> bool:
+    """Tell whether all numbers of a cause, or one with hard bounds, have been driven as far as they may go."""
     out = [(p.low != 0.0 and v <= p.low) or v >= p.high for p, v in zip(parameters, values, strict=True)]
     return all(out) or any(o and p.hard for o, p in zip(out, parameters, strict=True))
 
@@ -155,6 +156,16 @@ def fitted(system: System, joint: Any, sites: Sequence[Site], start: Array, bloc
             damping = max(10.0 * damping, 1e-3)
         if before - loss <= ENOUGH * before:
             break
+    return _as_fit(sites, values, residual, jacobian, blocks)
+
+
+def fit_at(system: System, joint: Any, sites: Sequence[Site], values: Array, blocks: Integers) -> Fit:
+    """Return the fit that given values are."""
+    residual = residual_of(system, joint, sites, values)
+    return _as_fit(sites, values, residual, jacobian_of(system, joint, sites, values, residual), blocks)
+
+
+def _as_fit(sites: Sequence[Site], values: Array, residual: Array, jacobian: Array, blocks: Integers) -> Fit:
     # What happens once says nothing of other blocks, nor they of it: it stays as it is when one is left out.
     lasting = np.array([not site.transient for site in sites for _ in site.parameters], dtype=np.bool_)
     losses = block_losses(jacobian[:, lasting], residual, blocks)

@@ -88,6 +88,11 @@ class Standing:
         """Return the root mean square error of a role in the windows."""
         return float(np.sqrt(np.nanmean(self.shot.errors[role] ** 2)))
 
+    @property
+    def whole(self) -> float:
+        """Return the Σ of squares of all roles over their noise."""
+        return float(np.sum(in_windows(self.shot, self.windows) ** 2))
+
 
 def standing(joint: Any, windows: Windows, known: Compared | None = None) -> Standing:
     """Simulate a log with the rig as it stands, in windows and as a whole.

@@ -11,21 +11,23 @@ from numpy.typing import NDArray
 
 from vsalog.diagnosis.balance import Motion
 from vsalog.diagnosis.causes import catalogue
-from vsalog.diagnosis.causes.base import Site
+from vsalog.diagnosis.causes.base import Setting, Site
 from vsalog.diagnosis.channels import Channels, channels_of, span_of
-from vsalog.diagnosis.fit import Fit, applied, covariance_of, fitted
-from vsalog.diagnosis.gain import Compared, Standing, compared, floors, standing
+from vsalog.diagnosis.fit import Fit, applied, covariance_of, fit_at, fitted
+from vsalog.diagnosis.gain import Compared, Standing, compared, standing
+from vsalog.diagnosis.held_out import held_out_windows, kept_by, others_of
 from vsalog.diagnosis.hints import hint_of
 from vsalog.diagnosis.independent import not_independent
 from vsalog.diagnosis.kinds import balance_for, motion_for
 from vsalog.diagnosis.remainder import depends_on, variables_of
-from vsalog.diagnosis.selection import Choice, Selection, blocks_of, renewed, select
+from vsalog.diagnosis.selection import Choice, Selection, blocks_of, remainder, renewed, select, sites_of
 from vsalog.diagnosis.sensing import at_joint, true_roles
 from vsalog.diagnosis.setting import setting_of
 from vsalog.diagnosis.sides import side_of
 from vsalog.diagnosis.system import BELL, System, build_system
 from vsalog.diagnosis.unknown import TAKEN_UP, with_springs
-from vsalog.diagnosis.windows import Windows, windows_of
+from vsalog.diagnosis.windows import windows_of
+from vsalog.diagnosis.windows_search import sought
 from vsalog.errors import DiagnosisError, SimulationError
 from vsalog.signals import JointSignals
 
@@ -111,9 +113,24 @@ class JointDiagnosis:
     warnings: tuple[str, ...] = field(default=())
 
     @property
+    def closed(self) -> bool:
+        """Whether nothing but noise is left over in the equations."""
+        return self.fit.loss <= NOISE * self.system.count
+
+    @property
+    def adds_up(self) -> bool:
+        """Whether something is wrong that only the simulation shows: the equations close, as noisy as a torque sensor makes them.
+
+        That is where the deflection is not recorded.
+        """
+        if not self.closed or self.found or self.standing is None or not _motion(self).measured:
+            return False
+        return far_off(self.standing) is not None
+
+    @property
     def consistent(self) -> bool:
         """Whether nothing is left over but noise."""
-        return self.fit.loss <= NOISE * self.system.count
+        return self.closed and not self.adds_up
 
     @property
     def whole(self) -> bool:
@@ -164,14 +181,15 @@ def diagnose_joint(
             " with muscles needs their pressures with the angle, or with the torque meter"
         )
     progress(f"joint {name}: looking for causes")
-    selection = select(system, joint, setting_of(joint, system), TAKEN_UP if said else frozenset())
+    setting, barred = setting_of(joint, system), TAKEN_UP if said else frozenset[str]()
+    selection = select(system, joint, setting, barred)
     system, fit = selection.system, selection.fit
     progress(f"joint {name}: simulating")
     stands, gain, held_out, kept = None, None, "", fit
     try:
         own = windows_of(joint, channels, system.hold > 0.0)
-        windows, held_out = _held_out(joint, own, holdout)
-        kept, gain, dropped = _kept(name, system, joint, selection, windows)
+        windows, held_out = held_out_windows(joint, own, holdout)
+        kept, gain, dropped = kept_by(name, system, joint, selection, windows)
         if dropped:  # and with them what they made of the noise
             system, kept = renewed(system, joint, kept, selection.blocks)
             nothing = fitted(system, joint, (), np.zeros(0), selection.blocks)
@@ -187,7 +205,49 @@ def diagnose_joint(
         name, joint, kept.joint(joint), system, selection, kept, tuple(found), computed, stands, gain, held_out,
         _fraction(system, selection.nothing, kept), tuple(warnings),
     )  # fmt: skip
-    return replace(done, warnings=(*warnings, *_doubts(done)))
+    done = _looked_at_longer(done, setting, barred)
+    return replace(done, warnings=(*done.warnings, *_doubts(done)))
+
+
+def _looked_at_longer(done: JointDiagnosis, setting: Setting, barred: frozenset[str]) -> JointDiagnosis:
+    """Look for what only the simulation shows."""
+    system, stands, gain = done.system, done.standing, done.gain
+    if not done.adds_up or stands is None or gain is None:
+        return done
+    # Where equations are that noisy, they cannot tell held torques from smooth ones either.
+    otherwise = standing(done.joint, replace(stands.windows, hold=not stands.windows.hold))
+    if otherwise.whole < stands.whole:
+        windows = replace(gain.windows, hold=otherwise.windows.hold)
+        stands, gain = otherwise, compared(done.joint, done.joint, windows)
+        done = replace(done, standing=stands, gain=gain)
+    if far_off(stands) is None:
+        return done
+    done = replace(done, fraction=1.0)
+    left = remainder(system, done.joint, setting)
+    seen = sought(done.joint, sites_of(setting, barred), left, stands.windows, stands.shot)
+    if seen is None:
+        return done
+    site, blocks = seen.choice.site, done.selection.blocks
+    extended = applied(done.joint, (site,), seen.values)
+    gain = compared(done.joint, extended, replace(gain.windows, hold=seen.hold, scale=None))
+    if not gain.helps:
+        return done
+    return replace(
+        done,
+        extended=extended,
+        fit=fit_at(system, done.joint, (site,), seen.values, blocks),
+        selection=replace(done.selection, choices=(seen.choice,)),
+        found=(Found(site, seen.values, seen.covariance, seen.choice, seen.removed),),
+        gain=gain,
+        fraction=0.0,
+    )
+
+
+def far_off(stands: Standing) -> tuple[str, float] | None:
+    """Return the signal whose simulation is farthest off, and by how many times its noise, if it is doubtful."""
+    off = {role: stands.rmse(role) / stands.floor[role] for role in stands.floor if stands.floor[role] > 0.0}
+    worst = max(off, key=lambda role: off[role], default="")
+    return (worst, off[worst]) if worst and off[worst] > DOUBTED else None
 
 
 def _doubts(found: JointDiagnosis) -> list[str]:
@@ -198,19 +258,18 @@ def _doubts(found: JointDiagnosis) -> list[str]:
         for equation, used in zip(system.names, np.any(system.weights, axis=0).tolist(), strict=True)
         if not used
     ]
-    if not found.whole:
+    if not found.whole and not found.adds_up:
         hint = hint_of(found.name, found.joint, system)
         return said if hint is None else [*said, hint]
     stands = found.standing
     if found.found or stands is None:
         return said
-    off = {role: stands.rmse(role) / stands.floor[role] for role in stands.floor if stands.floor[role] > 0.0}
-    worst = max(off, key=lambda role: off[role], default="")
-    if not worst or off[worst] <= DOUBTED:
+    far = far_off(stands)
+    if far is None:
         return said
     return [
         *said,
-        f"joint '{found.name}': though the equations close, the simulation of {worst} is off by {off[worst]:.3g} times its noise:"
+        f"joint '{found.name}': though the equations close, the simulation of {far[0]} is off by {far[1]:.3g} times its noise:"
         " something moves the joint that the rig does not have, or its inputs are not the whole of what drives it",
     ]
 
@@ -250,53 +309,6 @@ def without(signals: JointSignals, roles: Mapping[str, str]) -> JointSignals:
     return replace(signals, roles={r: v for r, v in signals.roles.items() if r not in roles})
 
 
-def _held_out(joint: Any, own: Windows, holdout: JointSignals | None) -> tuple[Windows, str]:
-    """Return the windows to measure the gain on, and what they are called."""
-    if holdout is None:
-        return own, "windows of the log itself"
-    return windows_of(joint, channels_of(holdout), own.hold), "the held-out log"
-
-
-def _kept(
-    name: str, system: System, joint: Any, selection: Selection, windows: Windows
-) -> tuple[Fit, Compared, list[str]]:
-    """Drop causes that do not make the simulation of the held-out windows better."""
-    fit, dropped = selection.fit, list[str]()
-    gain = compared(joint, fit.joint(joint) if fit.sites else joint, windows, noise=False)
-    worth = {c.site.key: float((c.before - c.after).sum()) for c in selection.choices}
-    weakest_first = sorted((c.site for c in selection.choices), key=lambda s: worth[s.key])
-
-    def drop(site: Site) -> None:
-        nonlocal fit, gain
-        rest, start = _others(fit, site)
-        fit = fitted(system, joint, rest, start, selection.blocks)
-        extended = fit.joint(joint) if rest else joint
-        gain = compared(joint, extended, gain.windows, first=gain.before, near=gain.after, noise=False)
-        dropped.append(
-            f"joint '{name}': {site.cause} would explain part of the equations, but does not make the simulation of held-out data"
-            " better: it is not kept"
-        )
-
-    for site in weakest_first:
-        less = gain
-        if len(fit.sites) > 1:
-            without_it = applied(joint, *_others(fit, site))
-            less = compared(without_it, fit.joint(joint), gain.windows, second=gain.after, near=gain.after, noise=False)
-        if not less.helps:
-            drop(site)
-    # Wrong ones may need each other: each helps beside the others, and all together do not.
-    for site in weakest_first:
-        if fit.sites and not gain.helps and site.key in {s.key for s in fit.sites}:
-            drop(site)
-    return fit, replace(gain, floor=floors(fit.joint(joint), gain.windows, gain.after)), dropped
-
-
-def _others(fit: Fit, site: Site) -> tuple[tuple[Site, ...], Array]:
-    """Return the causes of a fit but one, and their values."""
-    rest = tuple(s for s in fit.sites if s.key != site.key)
-    return rest, np.concatenate([fit.own(s) for s in rest]) if rest else np.zeros(0)
-
-
 def _found(system: System, joint: Any, selection: Selection, fit: Fit) -> list[Found]:
     """Return the causes of a fit with what each takes away."""
     if not fit.sites:
@@ -325,7 +337,7 @@ def _removed(system: System, joint: Any, selection: Selection, fit: Fit) -> list
             parts.append(nothing.loss - fit.loss)
             continue
         alone = fitted(system, joint, (site,), fit.own(site), selection.blocks)
-        without_it = fitted(system, joint, *_others(fit, site), selection.blocks)
+        without_it = fitted(system, joint, *others_of(fit, site), selection.blocks)
         parts.append(max(nothing.loss - alone.loss, 0.0) + max(without_it.loss - fit.loss, 0.0))
     whole = float(np.clip((nothing.loss - fit.loss) / wrong, 0.0, 1.0))
     return [whole * part / max(sum(parts), 1e-300) for part in parts]

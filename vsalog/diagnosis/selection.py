@@ -104,7 +104,7 @@ def select(system: System, joint: Any, setting: Setting, barred: frozenset[str] 
     setting : what causes may know
     barred : causes that cannot be told here
     """
-    sites = [site for cause in catalogue().values() if cause.name not in barred for site in cause.sites(setting)]
+    sites = sites_of(setting, barred)
     blocks = blocks_of(system)
     # Torques that only seem to be held would look like a delay.
     system, current = renewed(system, joint, fitted(system, joint, (), np.zeros(0), blocks), blocks)
@@ -126,6 +126,11 @@ def select(system: System, joint: Any, setting: Setting, barred: frozenset[str] 
             break
         met.add(together)
     return Selection(system, current, nothing, tuple(_by_worth(system, joint, current, choices, blocks)), blocks)
+
+
+def sites_of(setting: Setting, barred: frozenset[str]) -> list[Site]:
+    """Return all causes of the catalogue, wherever they may sit, but for those that are barred."""
+    return [site for cause in catalogue().values() if cause.name not in barred for site in cause.sites(setting)]
 
 
 def added(
@@ -161,7 +166,7 @@ def renewed(system: System, joint: Any, current: Fit, blocks: Integers) -> tuple
         found.append((other, fitted(other, joint, current.sites, current.values, blocks)))
     held, smooth = found
     better = held[1].losses - smooth[1].losses
-    least = max(CLEARLY * _spread(better), TOLD * WORTH * system.centres.size)
+    least = max(CLEARLY * spread_of(better), TOLD * WORTH * system.centres.size)
     return smooth if better.sum() > least else held
 
 
@@ -240,7 +245,7 @@ def chosen(system: System, current: Fit, rivals: Sequence[Rival]) -> tuple[Choic
     # Among equals the one with the fewest numbers, then the one that explains most.
     simplest = min(alike, key=lambda r: (len(r.site.parameters), catalogue()[r.site.cause].order, _left(r)))
     others = tuple(r for r in alike if r is not simplest and not related(r.site, simplest.site))
-    choice = Choice(simplest.site, current.losses, simplest.fit.losses, others, _sureness(simplest, worthy))
+    choice = Choice(simplest.site, current.losses, simplest.fit.losses, others, sureness_of(simplest, worthy))
     return choice, simplest.fit
 
 
@@ -292,15 +297,15 @@ def _alike(system: System, rival: Rival, best: Rival, gained: float) -> bool:
     off, near = _left(rival) - _left(best), NEAR * _left(best) + WORTH * system.count
     if rival.site.transient or best.site.transient:
         return off < min(near, WORTH * gained)
-    return off < min(near, max(ALIKE * _spread(rival.fit.losses - best.fit.losses), 0.2 * WORTH * system.count))
+    return off < min(near, max(ALIKE * spread_of(rival.fit.losses - best.fit.losses), 0.2 * WORTH * system.count))
 
 
-def _spread(differences: Array) -> float:
+def spread_of(differences: Array) -> float:
     """Return the standard deviation of a sum over blocks."""
     return float(np.std(differences) * np.sqrt(differences.size))
 
 
-def _sureness(simplest: Rival, worthy: Sequence[Rival]) -> float:
+def sureness_of(simplest: Rival, worthy: Sequence[Rival]) -> float:
     """Draw the blocks anew and count how often the cause explains most; causes that cannot be told apart share the rest."""
     others = [r for r in worthy if r.site.cause != simplest.site.cause and not related(r.site, simplest.site)]
     losses = np.stack([r.fit.losses for r in (simplest, *others)])

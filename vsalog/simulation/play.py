@@ -191,15 +191,21 @@ def _with_contacts(torque: TorqueInput, contacts: tuple[Contact, ...]) -> Torque
 
 
 def _over(torque: TorqueInput, grid: Array, time: Array, delay: float) -> Array:
-    """Return a torque at the steps' stages; samples are held, also within a step, and what was before the first is the first."""
+    """Return a torque at the steps' stages; samples are held, and what was before the first is the first.
+
+    In a step within which the sample changes its mean acts, so that a delay need not be a number of steps.
+    """
     if callable(torque):
         return at_samples(torque, np.maximum(grid.ravel() - delay, time[0])).reshape(grid.shape)
     if np.ndim(torque) == 0:
         return np.full(grid.shape, float(cast("float", torque)))
     held = at_samples(torque, time)
     period = time[1] - time[0]
-    index = np.floor((grid[..., 1] - delay - time[0]) / period).astype(np.int64)
-    return np.repeat(held[np.clip(index, 0, held.size - 1)][..., None], 3, axis=-1)
+    begin, end = ((grid[..., k] - delay - time[0]) / period for k in (0, 2))
+    index = np.floor(begin).astype(np.int64)
+    share = np.clip((end - index - 1.0) / (end - begin), 0.0, 1.0)  # of the step, with the next sample
+    this, following = (held[np.clip(k, 0, held.size - 1)] for k in (index, index + 1))
+    return np.repeat((this + share * (following - this))[..., None], 3, axis=-1)
 
 
 def _stepped(values: Array, step: float) -> Array:

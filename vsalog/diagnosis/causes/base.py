@@ -72,6 +72,7 @@ class Site:
     report : fitted values → name → (value, unit), where people are told other numbers than are fitted
     excludes : causes that cannot stand beside this one at the same part
     transient : happens once; its share of the log cannot be told from the rest
+    doubles : names of causes that would look the same with the roles there are, and have no numbers to be fitted
     """
 
     cause: str
@@ -82,6 +83,7 @@ class Site:
     report: Report | None = None
     excludes: frozenset[str] = frozenset()
     transient: bool = False
+    doubles: tuple[str, ...] = ()
 
     @property
     def key(self) -> tuple[str, str]:

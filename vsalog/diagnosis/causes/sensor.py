@@ -8,7 +8,16 @@ from typing import Any
 import numpy as np
 
 from vsalog.binding import signal_of
-from vsalog.diagnosis.causes.base import WAVY, Cause, Parameter, Setting, Site, with_signal
+from vsalog.diagnosis.causes.base import (
+    WAVY,
+    Cause,
+    Parameter,
+    Setting,
+    Site,
+    suffix_of,
+    transmissions_of,
+    with_signal,
+)
 from vsalog.diagnosis.system import LATEST
 from vsalog.rig.schema import Eccentricity
 
@@ -52,7 +61,13 @@ class _OfTorqueSensor(Cause):
         """Yield one per torque sensor."""
         for role, signal in _recorded(setting, TORQUES):
             parameter = self.number(setting, role, getattr(signal, self.field))
-            yield Site(self.name, role, (parameter,), _changing(role, self.field))
+            yield Site(
+                self.name, role, (parameter,), _changing(role, self.field), doubles=tuple(self.doubles(setting, role))
+            )
+
+    def doubles(self, setting: Setting, role: str) -> Iterator[str]:
+        """Yield the names of causes that would look the same."""
+        return iter(())
 
     def number(self, setting: Setting, role: str, start: float) -> Parameter:
         """Return what is fitted."""
@@ -73,6 +88,13 @@ class TorqueGain(_OfTorqueSensor):
     def number(self, setting: Setting, role: str, start: float) -> Parameter:
         """Return what is fitted."""
         return Parameter("gain", "1", start, 0.01, 0.05, 20.0)
+
+    def doubles(self, setting: Setting, role: str) -> Iterator[str]:
+        """Yield a computed torque where the deflection that it may have been computed from is not in the log."""
+        suffix = suffix_of(role)
+        seen = {f"deflection{suffix}", "link_position"} & set(setting.roles)
+        if not seen and f"transmission{suffix}" in transmissions_of(setting.joint):
+            yield TorqueNotIndependent.name
 
 
 class TorqueOffset(_OfTorqueSensor):
