@@ -304,3 +304,18 @@ def test_what_is_outside_the_catalogue_is_said_to_be_unexplained(tmp_path, call)
     assert "motor_position" in document["unexplained"]["depends_on"]
     assert document["unexplained"]["curve"]
     assert all(c["confidence"] < 0.9 for c in document["causes"])
+
+
+def test_the_prosthetic_foot_has_a_loop(tmp_path, call, samples):
+    """Recorded: nine settings of a slider, each loaded and unloaded once; its authors: the loop is that of two cams, intended."""
+    code, out, err = call(samples / "desr_foot" / "desr_foot.mat", "-o", tmp_path / "foot", "--json", cwd=tmp_path)
+    assert code == 0, err
+    document = json.loads(out)
+    left = document["unexplained"]
+    assert document["verdict"] == "unexplained"
+    assert left["where"] == "transmission"
+    assert left["depends_on"][:2] == ["deflection", "deflection_rate"]
+    up, back = ([np.mean([b["mean"] for b in left[key]])] for key in ("curve", "curve_back"))
+    assert np.abs(np.subtract(up, back)) > 0.2
+    assert sum("could not be simulated" in w for w in document["warnings"]) == 1
+    assert "deflection falling" in (tmp_path / "foot" / "diagnosis.html").read_text(encoding="utf-8")

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy.stats import binned_statistic
 
-from vsalog.diagnosis.remainder import curve_of, depends_on, predicted_share
+from vsalog.diagnosis.remainder import curve_of, depends_on, loop_over, predicted_share
 
 R = 1200
 TIME = np.arange(R) * 0.025
@@ -44,6 +44,31 @@ def test_the_variable_is_found_whatever_the_shape(name):
 def test_a_drift_depends_on_time():
     rows = 2 * TIME / TIME[-1] + 0.3 * np.random.default_rng(2).standard_normal(R)
     assert depends_on(rows, BLOCKS, variables())[0].name == "time"
+
+
+def cycles(count):
+    """Deflection and rate of so many triangles, which end in a rest, and of what loads and unloads along different ways."""
+    phase = np.clip(TIME / TIME[-1] * (count + 0.1), 0.0, count)
+    x = 0.2 * np.abs(2.0 * (phase % 1.0) - 1.0) - 0.1
+    known = {"time": (TIME, "s"), "deflection": (x, "rad"), "deflection_rate": (np.gradient(x, TIME), "rad/s")}
+    loop = np.where(known["deflection_rate"][0] < 0.0, 1.0, -1.0) * (1.0 - (x / 0.1) ** 2) + np.sin(60.0 * x)
+    return known, loop
+
+
+def test_what_is_loaded_and_unloaded_once_along_different_ways_is_a_loop():
+    known, loop = cycles(1)
+    rows = 3.0 * loop + 0.3 * np.random.default_rng(6).standard_normal(R)
+    told = depends_on(rows, BLOCKS, known)
+    assert told[0].name == "time"
+    assert loop_over(rows, BLOCKS, known, told) == "deflection"
+
+
+def test_a_drift_over_several_cycles_is_no_loop():
+    known, _ = cycles(6)
+    rows = 3.0 * np.sin(5.0 * TIME / TIME[-1]) + 0.3 * np.random.default_rng(7).standard_normal(R)
+    told = depends_on(rows, BLOCKS, known)
+    assert told[0].name == "time"
+    assert loop_over(rows, BLOCKS, known, told) is None
 
 
 def test_noise_depends_on_nothing():

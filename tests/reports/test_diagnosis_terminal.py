@@ -160,5 +160,7 @@ def test_the_remainder_in_words():
     assert unexplained_words(remainder(depends_on=("time", "motor_velocity", "deflection"))).endswith(
         "on the motor side and depends on time, motor velocity and deflection."
     )
+    loop = remainder(depends_on=("deflection", "deflection_rate", "time"), curve_back=remainder().curve)
+    assert "a loop over deflection: one way up, another way down" in unexplained_words(loop)
     assert unexplained_words(remainder(depends_on=())).endswith("depends on no signal that was looked at.")
     assert unexplained_words(remainder(where=None, depends_on=())) == "12 % of what was wrong is left unexplained."

@@ -29,7 +29,7 @@ from vsalog.diagnosis.joint import (
     unexplained_side,
     variables,
 )
-from vsalog.diagnosis.remainder import curve_of, predicted_share
+from vsalog.diagnosis.remainder import curve_of, predicted_share, rate_of
 from vsalog.diagnosis.windows import Shot
 from vsalog.diagnosis.words import part_in_words, title_of
 from vsalog.rig.schema import role_units
@@ -162,19 +162,27 @@ def unexplained_of(found: JointDiagnosis) -> Unexplained:
     if found.consistent or left is None:
         return Unexplained(fraction=found.fraction if not found.consistent else 0.0, where=None, depends_on=())
     side, equation = left
-    on, known = remainder_depends_on(found, equation), variables(found)
+    (on, loop), known = remainder_depends_on(found, equation), variables(found)
     rows = plain_rows(found, found.extended)[:, equation] * found.system.deviation[equation]
-    curve: tuple[Bin, ...] = ()
-    if on:
-        curve = tuple(Bin(low=a, high=b, mean=m, std=s) for a, b, m, s in curve_of(rows, known[on[0]][0]))
+    curve, back = tuple[Bin, ...](), tuple[Bin, ...]()
+    if loop is not None:
+        x, falls = known[loop][0], known[rate_of(loop)][0] < 0.0
+        curve, back = (_bins(np.where(falls == way, rows, np.nan), x) for way in (False, True))
+    elif on:
+        curve = _bins(rows, known[on[0]][0])
     return Unexplained(
         fraction=found.fraction,
         where=side,  # type: ignore[arg-type]
         depends_on=tuple(on),
         equation=found.system.names[equation],
         curve=curve,
+        curve_back=back,
         unit=known[on[0]][1] if on else "",
     )
+
+
+def _bins(rows: Array, x: Array) -> tuple[Bin, ...]:
+    return tuple(Bin(low=a, high=b, mean=m, std=s) for a, b, m, s in curve_of(rows, x))
 
 
 def evidence_of(found: JointDiagnosis, log: str) -> JointEvidence:

@@ -153,6 +153,7 @@ class Unexplained(_Part, frozen=True):
     depends_on : signals it depends on, strongest first
     equation : in which it was looked at
     curve : over the first of these signals
+    curve_back : where that signal falls, if what is left is a loop over it; `curve` is then where it rises
     unit : of that signal
     """
 
@@ -161,6 +162,7 @@ class Unexplained(_Part, frozen=True):
     depends_on: tuple[str, ...]
     equation: str | None = None
     curve: tuple[Bin, ...] = ()
+    curve_back: tuple[Bin, ...] = ()
     unit: str = ""
 
 

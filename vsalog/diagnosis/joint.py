@@ -19,7 +19,7 @@ from vsalog.diagnosis.held_out import held_out_windows, kept_by, others_of
 from vsalog.diagnosis.hints import hint_of
 from vsalog.diagnosis.independent import not_independent
 from vsalog.diagnosis.kinds import balance_for, motion_for
-from vsalog.diagnosis.remainder import depends_on, variables_of
+from vsalog.diagnosis.remainder import depends_on, loop_over, rate_of, variables_of
 from vsalog.diagnosis.selection import Choice, Selection, blocks_of, remainder, renewed, select, sites_of
 from vsalog.diagnosis.sensing import at_joint, true_roles
 from vsalog.diagnosis.setting import setting_of
@@ -383,11 +383,14 @@ def _motion(found: JointDiagnosis) -> Motion:
     return motion_for(found.extended, roles, channels.time, channels.spread)
 
 
-def remainder_depends_on(found: JointDiagnosis, equation: int) -> list[str]:
-    """Return the variables that an equation's remainder depends on, strongest first."""
+def remainder_depends_on(found: JointDiagnosis, equation: int) -> tuple[list[str], str | None]:
+    """Return the variables that an equation's remainder depends on, strongest first, and the one over which it is a loop."""
     rows = plain_rows(found, found.extended)[:, equation]
     blocks = found.selection.blocks.reshape(-1, len(found.system.names))[:, 0]
-    return [d.name for d in depends_on(rows, blocks, variables(found))]
+    known = variables(found)
+    told = depends_on(rows, blocks, known)
+    loop, names = loop_over(rows, blocks, known, told), [d.name for d in told]
+    return names if loop is None else [loop, rate_of(loop), "time"], loop
 
 
 def known_cause(name: str) -> Any:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -18,6 +18,8 @@ Integers = NDArray[np.int64]
 # intervals, learnt from the other blocks, predict at least this part of its square.
 BINS, LEAST = 24, 0.05
 MOST_TOLD = 3
+# A loop is as good as time where it predicts so little less; what is slower than this part of the fastest has no direction.
+AS_GOOD, RESTING = 0.05, 0.05
 
 
 @dataclass(frozen=True, slots=True)
@@ -61,18 +63,52 @@ def depends_on(rows: Array, blocks: Integers, variables: Mapping[str, tuple[Arra
     return told[:MOST_TOLD]
 
 
-def predicted_share(rows: Array, blocks: Integers, x: Array) -> float:
+def loop_over(
+    rows: Array, blocks: Integers, variables: Mapping[str, tuple[Array, str]], told: Sequence[Dependent]
+) -> str | None:
+    """Return the deflection over which a remainder that seems to depend on time is a loop; none where there is none.
+
+    A joint that is loaded and unloaded once never comes by again: there time tells all that deflection and direction tell. Where
+    these two tell as much as time, a loop is meant, which a joint may have, and not its history.
+
+    Parameters
+    ----------
+    rows, blocks, variables : as of `depends_on`
+    told : by it
+    """
+    if not told or told[0].name != "time":
+        return None
+    for name in variables:
+        rate = rate_of(name)
+        if rate not in variables:
+            continue
+        x, speed = variables[name][0], variables[rate][0]
+        moving = np.where(np.abs(speed) > RESTING * np.nanmax(np.abs(speed)), rows, np.nan)
+        apart = np.where(speed < 0.0, x + 2.0 * (np.nanmax(x) - np.nanmin(x)), x)
+        by_time = predicted_share(moving, blocks, variables["time"][0])
+        if predicted_share(moving, blocks, apart, once=True) >= by_time - AS_GOOD:
+            return name
+    return None
+
+
+def rate_of(deflection: str) -> str:
+    """Return the name of the variable that is a deflection's rate."""
+    return deflection.replace("deflection", "deflection_rate") if deflection.startswith("deflection") else ""
+
+
+def predicted_share(rows: Array, blocks: Integers, x: Array, once: bool = False) -> float:
     """Return the part of a remainder's square that means over intervals of a variable predict, held out by blocks.
 
-    Time has no such intervals to learn from in other blocks: there, every other row of a block is held out.
+    Time has no such intervals to learn from in other blocks, nor has what a log passes `once`: there, every other row of a block
+    is held out.
     """
     good = np.isfinite(rows) & np.isfinite(x)
     if np.count_nonzero(good) < 4 * BINS:
         return 0.0
     e, v, b = rows[good], x[good], blocks[good]
-    rising = bool(np.all(np.diff(v) > 0.0))
+    once = once or bool(np.all(np.diff(v) > 0.0))
     # Neighbours share their bells: in time, pairs of rows are held out by turns.
-    fold = (np.arange(e.size) // 2) % 2 if rising else b % 4
+    fold = (np.arange(e.size) // 2) % 2 if once else b % 4
     edges = np.unique(np.quantile(v, np.linspace(0.0, 1.0, BINS + 1)))
     if edges.size < 4:
         return 0.0

@@ -21,7 +21,7 @@ from vsalog.diagnosis.sensing import as_written, at_joint, bare, motors_of
 from vsalog.diagnosis.stiffness_gain import stiffness_gains
 from vsalog.diagnosis.suggest import Suggestion, suggest
 from vsalog.diagnosis.unknown import unknown_in
-from vsalog.diagnosis.words import sentences
+from vsalog.diagnosis.words import gathered, sentences
 from vsalog.errors import BindingError, DiagnosisError, RigError, VsalogError, did_you_mean
 from vsalog.estimation import pick_joints
 from vsalog.job import sha256
@@ -204,7 +204,7 @@ def _outcome(
         gain=Gains(holdout=holdout is not None, where=where, signals=(*gains, *stiffness)),
         unexplained=left,
         next_experiment=_next(causes, left) if proposed is None else _both(_next(causes, left), proposed, left),
-        warnings=(*warnings, *(w for f in found for w in f.warnings)),
+        warnings=gathered(warnings, [(f.name, f.warnings) for f in found]),
     )
     measured = log if holdout is None else holdout
     evidence = tuple(evidence_of(f, measured.name) for f in found)
@@ -228,6 +228,8 @@ def _next(causes: Sequence[FoundCause], left: Unexplained) -> str:
             return cause.tell_apart
     if left.fraction > LEFT and left.depends_on:
         variable = left.depends_on[0].replace("_", " ")
+        if left.curve_back:
+            return f"Pass the range of {variable} several times, at two speeds: a loop comes back, what time changes does not."
         if variable == "time":
             return "Record the same motion again, cold and warm: what is left over changes with time."
         return f"Record a slow sweep of {variable} with everything else at rest: what is left over shows as a curve over it."

@@ -90,6 +90,11 @@ def unexplained_words(left: Unexplained) -> str:
     words = f"{share_text(left.fraction)} of what was wrong is left unexplained"
     if left.where is None:
         return f"{words}."
+    if left.curve_back:
+        return (
+            f"{words}; it is on the {left.where} side, and a loop over {signal_name(left.depends_on[0])}: one way up, another way"
+            " down, as far as a log can tell that passes it once."
+        )
     words += f"; it is on the {left.where} side and depends on"
     names = [signal_name(n) for n in left.depends_on]
     if not names:

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
-from vsalog.diagnosis.document import Unexplained
+from vsalog.diagnosis.document import Bin, Unexplained
 from vsalog.diagnosis.evidence import CauseEvidence, JointEvidence
 from vsalog.reports.diagnosis_words import share_text, signal_name, unit_of
 from vsalog.reports.page_charts import Axes, Chart, Curve
@@ -175,10 +176,6 @@ def remainder_chart(left: Unexplained, equation_unit: str) -> Chart | None:
     if not left.curve or not left.depends_on:
         return None
     # Each interval is a step as wide as it is: nothing is claimed between means.
-    x = np.array([end for b in left.curve for end in (b.low, b.high)])
-    y = np.array([b.mean for b in left.curve for _ in range(2)])
-    half = 2.0 * np.array([b.std for b in left.curve for _ in range(2)])
-    band = (np.r_[x, x[::-1]], np.r_[y + half, (y - half)[::-1]])
     unit = unit_of(equation_unit)
     on = signal_name(left.depends_on[0])
     top, low = max(left.curve, key=lambda b: b.mean), min(left.curve, key=lambda b: b.mean)
@@ -188,12 +185,23 @@ def remainder_chart(left: Unexplained, equation_unit: str) -> Chart | None:
         f"{unit_of(left.unit)}; least, {number(low.mean)} ± {number(2.0 * low.std, 2)}{unit}, between {number(low.low)} and"
         f" {number(low.high)}{unit_of(left.unit)}."
     )
-    curves = (
-        Curve("± 2 standard deviations of the mean", *band, "error", "area"),
-        Curve("mean of what is left over", x, y, "error"),
-    )
-    axes = Axes(_axis(on, left.unit), _axis("left over", equation_unit), curves)
+    curves = _steps(left.curve, "mean of what is left over" + (f", {on} rising" if left.curve_back else ""))
+    if left.curve_back:
+        curves += _steps(left.curve_back, f"{on} falling", dashed=True)
+    axes = Axes(_axis(on, left.unit), _axis("left over", equation_unit), tuple(curves))
     return Chart("unexplained", f"What is left, over {on}", words, (axes,))
+
+
+def _steps(bins: Sequence[Bin], label: str, dashed: bool = False) -> list[Curve]:
+    """Return means over intervals, with a band of two standard deviations."""
+    x = np.array([end for b in bins for end in (b.low, b.high)])
+    y = np.array([b.mean for b in bins for _ in range(2)])
+    half = 2.0 * np.array([b.std for b in bins for _ in range(2)])
+    band = (np.r_[x, x[::-1]], np.r_[y + half, (y - half)[::-1]])
+    return [
+        Curve(f"± 2 standard deviations of the {label}" if not dashed else "", *band, "error", "area"),
+        Curve(label, x, y, "error", dashed=dashed),
+    ]
 
 
 def _axis(name: str, unit: str) -> str:
