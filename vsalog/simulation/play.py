@@ -294,6 +294,6 @@ def _require_finite(states: Array, time: Array) -> None:
     if bool(bad.any()):
         at = time[int(np.argmax(bad))]
         raise SimulationError(
-            f"the motion leaves what the model describes at t = {at:.3f} s (a VSA-II's four-bar mechanism at its"
-            " singularity, or an integration that diverges): take smaller torques or a higher rate"
+            f"the motion leaves what the model describes at t = {at:.3f} s (the integration diverges, or a mechanism such as a"
+            " VSA-II's is at its singularity): take smaller torques or a higher rate"
         )
