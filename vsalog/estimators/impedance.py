@@ -49,6 +49,15 @@ class ImpedanceTuning(ObserverTuning, frozen=True, forbid_unknown_fields=True, k
 TUNING = ImpedanceTuning
 
 
+def printed(device: Device) -> dict[str, str]:
+    """Return what Serio 2011 prints of the stiffness observer: eq. 15's differences, and the gain α of its experiment, §IV-C.
+
+    §IV-B simulates with α = 2000 1/rad. A log is a recording, and so the gain is the one that suited the machine's encoders. The
+    covariances Q, R and P(0) of §IV are of the link's filter, which takes its own from the log and has no tuning for them.
+    """
+    return {"derivative": "difference", "alpha": "8"}
+
+
 def roles(device: Device, offered: Collection[str], tuning: ImpedanceTuning) -> tuple[str, ...]:
     """Return the roles the method reads of what the rig offers; raises EstimatorError for a missing one."""
     needed: list[str] = []
