@@ -1,6 +1,6 @@
 """pam-model: the model of pneumatic muscles alone, from the first pressures and the valves' commands; nothing corrects it.
 
-Shin, Ibayashi, Kogiso (2021) §V-A compare their filter with it.
+Shin, Ibayashi, Kogiso (2021) §IV-A compare their filter with it.
 """
 
 from __future__ import annotations

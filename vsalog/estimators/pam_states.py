@@ -172,7 +172,7 @@ class PamFold:
         least = [LEAST_VOLUME * float(pneu.muscle_volume(m, m.length)) for m in (joint.muscle_1, joint.muscle_2)]
         muscles = np.array([_muscle(joint.muscle_1, joint.valve_1), _muscle(joint.muscle_2, joint.valve_2)])
         # The last two are room: of the transition's passes, and for a state in the order of the plant.
-        self._model = (
+        self._model: Any = (
             _air(joint), muscles, _seesaw(joint), _friction(joint), np.array(least), period / self.steps,
             joint.seesaw.held_at is not None, np.zeros((8, 9)), np.zeros(4),
         )  # fmt: skip
@@ -186,7 +186,7 @@ class PamFold:
             ukf.surprise_limits(2),
         )
         self._spread = np.diag([*noise.pressure, *noise.start]) * float(correct)
-        self._room = ukf.workspace(4, 2)
+        self._room, self._run = ukf.workspace(4, 2), _run
 
     def start(self) -> PamState:
         """Return the state before the first sample."""
@@ -238,7 +238,7 @@ class PamFold:
         surprise = np.array([state.surprise])
         acting = np.vstack([held, u[first:]])
         unknown = np.isnan(acting[:-1, 0]) + 2 * np.isnan(acting[:-1, 1])
-        _run(
+        self._run(
             z[first:], acting[:-1], unknown, x, S, surprise, self._model, self.steps, self.correct, self._numbers, self._room,
             trace.x[first:], trace.S[first:], trace.nis[first:], trace.diverged[first:],
         )  # fmt: skip

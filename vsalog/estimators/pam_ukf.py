@@ -17,6 +17,8 @@ from numpy.typing import NDArray
 from vsalog.errors import EstimatorError
 from vsalog.estimators.device import Device
 from vsalog.estimators.needs import require
+from vsalog.estimators.pam_linear import LinearPamFold
+from vsalog.estimators.pam_models import ModelName, as_if
 from vsalog.estimators.pam_states import ANGLE, PRESSURE_1, PRESSURE_2, VELOCITY, PamFold, PamNoise, PamState, pam_noise
 from vsalog.estimators.regression import SUPPORTED_SHARE
 from vsalog.estimators.tuning import Tuning
@@ -35,12 +37,16 @@ OTHERS = ("valve_1", "valve_2", "external_torque")
 # A sensor without any noise has some: this part of its largest value.
 LEAST_NOISE = 1e-6
 
-OWN = ("air", "flow", "force", "friction", "covariances")
+OWN = ("air", "model", "flow", "force", "friction", "covariances")
 
 Share = Annotated[float, Meta(ge=0.0, le=1.0)]
 
 
-# Shin §V: R = diag(1e8, 1e8) and, of ψ, ψ̇, P₁, P₂, P(0) = Q = diag(1e-5, 1e-4, 1e6, 1e6), in Pa, rad and s.
+# A linear flow has one slope where the orifice into the muscle and that out of it have one each; and it never chokes. How far
+# its flow is believed, at most.
+LINEAR_FLOW = 0.25
+
+# Shin §IV: R = diag(1e8, 1e8) and, of ψ, ψ̇, P₁, P₂, P(0) = Q = diag(1e-5, 1e-4, 1e6, 1e6), in Pa, rad and s.
 # As deviations of P₁, P₂ and of P₁, P₂, ψ, ψ̇:
 PRINTED_SENSOR, PRINTED_STATE = (1e4, 1e4), (1e3, 1e3, 1e-5**0.5, 1e-2)
 
@@ -51,13 +57,15 @@ class PamTuning(Tuning, frozen=True, forbid_unknown_fields=True, kw_only=True):
     Attributes
     ----------
     air : what the stiffness is told for: ``trapped`` (the valves are closed) or ``constant`` (the pressures are held)
+    model : ``hybrid``, that of the rig, or a simpler one to compare with, as if the rig's were that (Shin §IV-B): see `as_if`
     flow, force, friction : how far the rig is believed, one standard deviation as a share: of the valves' largest flow, of a
         muscle's pull, of the friction's level
-    covariances : ``derived`` from the log's sensors and how far the rig is believed, or ``printed``: those of Shin §V, whatever
+    covariances : ``derived`` from the log's sensors and how far the rig is believed, or ``printed``: those of Shin §IV, whatever
         the log
     """
 
     air: Literal["trapped", "constant"] = "trapped"
+    model: ModelName = "hybrid"
     flow: Share = 0.05
     force: Share = 0.04
     friction: Share = 0.2
@@ -75,7 +83,7 @@ TUNING = PamTuning
 
 
 def printed(device: Device) -> dict[str, str]:
-    """Return the tuning that Shin prints, §V."""
+    """Return the tuning that Shin prints, §IV."""
     return {"covariances": "printed"}
 
 
@@ -96,7 +104,8 @@ def build(device: Device, signals: JointSignals, tuning: PamTuning) -> PamEstima
     Raises
     ------
     EstimatorError
-        A pressure has no value, or the muscles do not hold the joint at these pressures.
+        A pressure has no value, the muscles do not hold the joint at these pressures, or a muscle's pull cannot take the form
+        that the model asked for has.
     """
     return estimate_of(NAME, device, signals, tuning, correct=True)
 
@@ -111,13 +120,20 @@ def estimate_of(name: str, device: Device, signals: JointSignals, tuning: PamTun
             raise EstimatorError(f"joint '{device.joint}': {role} has no value in this log")
         middle.append(float(np.median(finite)))
         sensors.append(sensor_noise(finite, signals.resolution.get(role, 0.0), LEAST_NOISE))
+    pressures = middle[0], middle[1]
+    joint = as_if(device.pneumatic, tuning.model, pressures)
+    flow = max(tuning.flow, LINEAR_FLOW) if tuning.model == "linear" else tuning.flow
     noise = pam_noise(
-        device.pneumatic, signals.period, (middle[0], middle[1]), (sensors[0], sensors[1]), flow=tuning.flow, force=tuning.force,
+        joint, signals.period, pressures, (sensors[0], sensors[1]), flow=flow, force=tuning.force,
         friction=tuning.friction,
     )  # fmt: skip
     if tuning.covariances == "printed":
         noise = replace(noise, pressure=PRINTED_SENSOR, process=PRINTED_STATE, start=PRINTED_STATE[2:])
-    fold = PamFold(device.pneumatic, signals.period, noise, correct=correct)
+    fold: PamFold
+    if tuning.model == "linear":
+        fold = LinearPamFold(joint, signals.period, noise, pressures, correct=correct)
+    else:
+        fold = PamFold(joint, signals.period, noise, correct=correct)
     return PamEstimate(name, device, fold, noise, tuning.air, signals.period)
 
 
