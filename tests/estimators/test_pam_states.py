@@ -39,7 +39,7 @@ def held(joint):
 
 
 def noise_for(joint, period=PERIOD, pressure=(4.5e5, 4.5e5)):
-    return pam_noise(joint, period, pressure, (SENSOR, SENSOR))
+    return pam_noise(joint, period, pressure, (SENSOR, SENSOR), flow=0.05)
 
 
 def follow(joint, log, correct=True, valves=True, period=PERIOD):

@@ -66,7 +66,7 @@ class PamTuning(Tuning, frozen=True, forbid_unknown_fields=True, kw_only=True):
 
     air: Literal["trapped", "constant"] = "trapped"
     model: ModelName = "hybrid"
-    flow: Share = 0.05
+    flow: Share = 0.1
     force: Share = 0.04
     friction: Share = 0.2
     covariances: Literal["derived", "printed"] = "derived"
@@ -128,7 +128,12 @@ def estimate_of(name: str, device: Device, signals: JointSignals, tuning: PamTun
         friction=tuning.friction,
     )  # fmt: skip
     if tuning.covariances == "printed":
-        noise = replace(noise, pressure=PRINTED_SENSOR, process=PRINTED_STATE, start=PRINTED_STATE[2:])
+        # A joint that is held stays there, whatever noise a free one is given.
+        free = 1.0 if joint.seesaw.held_at is None else 0.0
+        angle, velocity = free * PRINTED_STATE[2], free * PRINTED_STATE[3]
+        noise = replace(
+            noise, pressure=PRINTED_SENSOR, process=(*PRINTED_STATE[:2], angle, velocity), start=(angle, velocity)
+        )
     fold: PamFold
     if tuning.model == "linear":
         fold = LinearPamFold(joint, signals.period, noise, pressures, correct=correct)
