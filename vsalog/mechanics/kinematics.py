@@ -64,7 +64,7 @@ def point_position(motion: LinkMotion, point: ArrayLike) -> Array:
 def point_velocity(motion: LinkMotion, point: ArrayLike) -> Array:
     """Return the velocity of a point of a link [m/s], shape (…, 3); `point` as for `point_position`."""
     arm = motion.rotation @ np.asarray(point, dtype=np.float64)
-    return motion.velocity + np.cross(motion.angular_velocity, arm)
+    return motion.velocity + _cross(motion.angular_velocity, arm)
 
 
 def point_acceleration(motion: LinkMotion, point: ArrayLike) -> Array:
@@ -118,17 +118,26 @@ def _next(before: LinkMotion, link: ChainLink, q: Array, dq: Array, ddq: Array) 
     arm = np.einsum("...ij,...j->...i", before.rotation, along)
     axis, rate = before.rotation[..., :, 2], dq[..., None]
     omega = before.angular_velocity + rate * axis
-    alpha = before.angular_acceleration + ddq[..., None] * axis + rate * np.cross(before.angular_velocity, axis)
+    alpha = before.angular_acceleration + ddq[..., None] * axis + rate * _cross(before.angular_velocity, axis)
     return LinkMotion(
         before.rotation @ turn,
         before.position + arm,
         omega,
         alpha,
-        before.velocity + np.cross(omega, arm),
+        before.velocity + _cross(omega, arm),
         before.acceleration + _turning(omega, alpha, arm),
     )
 
 
 def _turning(omega: Array, alpha: Array, arm: Array) -> Array:
     """Return ω̇ × r + ω × (ω × r): the tangential and the centripetal acceleration."""
-    return np.asarray(np.cross(alpha, arm) + np.cross(omega, np.cross(omega, arm)))
+    return np.asarray(_cross(alpha, arm) + _cross(omega, _cross(omega, arm)))
+
+
+def _cross(a: Array, b: Array) -> Array:
+    """Return a × b along the last axis: numpy's own takes ten times as long over a single sample."""
+    x, y = np.broadcast_arrays(a, b)
+    out = np.empty(x.shape)
+    for i, j, k in ((0, 1, 2), (1, 2, 0), (2, 0, 1)):
+        out[..., i] = x[..., j] * y[..., k] - x[..., k] * y[..., j]
+    return out

@@ -207,6 +207,19 @@ def trapezoid(
     return signal
 
 
+def rest_to_rest(amplitude: float, rise: float, start: float = 0.0) -> Signal:
+    """Return zero until `start`, then amplitude · (126 u⁵ − 420 u⁶ + 540 u⁷ − 315 u⁸ + 70 u⁹) with u = (t − start) / rise to 1.
+
+    It is the polynomial of least degree whose first four derivatives vanish at both ends.
+    """
+
+    def signal(t: Array) -> Array:
+        u = np.clip((t - start) / rise, 0.0, 1.0)
+        return np.asarray(amplitude * u**5 * (126.0 + u * (-420.0 + u * (540.0 + u * (-315.0 + 70.0 * u)))))
+
+    return signal
+
+
 def table(times: Array, values: Array, held: bool = False) -> Signal:
     """Return a signal given at some times; its ends hold before the first and after the last of them.
 

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vsalog.errors import SimulationError
+from vsalog.mechanics.links import link_inertia, link_weight
 from vsalog.mechanics.rigid_body import bodies, mass_matrix
 from vsalog.mechanics.transmissions import coded, stiffness
 from vsalog.rig.schema import (
@@ -228,7 +229,9 @@ def _coded(
         (float(m.index), c.torque, c.order * m.motor.gear_ratio, c.phase) for m in motors for c in m.motor.cogging
     ]
     tables: list[Array] = [  # in the order of `_dynamics`
-        np.array([*(_inertia(k) if chain is None else 0.0 for k in links), *(m.motor.inertia or 0.0 for m in motors)]),
+        np.array(
+            [*(link_inertia(k) if chain is None else 0.0 for k in links), *(m.motor.inertia or 0.0 for m in motors)]
+        ),
         np.array([_friction(c, f) for c, f in zip(damping, frictions, strict=True)]),
         np.array([_gravity(k) if chain is None else (0.0, 0.0) for k in links]),
         np.array(cogging),
@@ -301,13 +304,8 @@ def _link(name: str, link: Link | None) -> Link:
     return link
 
 
-def _inertia(link: Link) -> float:
-    return link.inertia + (link.payload.mass * link.payload.distance**2 if link.payload else 0.0)
-
-
 def _gravity(link: Link) -> tuple[float, float]:
-    weight = link.payload.mass * 9.81 * link.payload.distance if link.payload and link.gravity_torque else 0.0
-    return link.gravity_torque + weight, link.gravity_angle
+    return link_weight(link), link.gravity_angle
 
 
 def _least_inertia(chain: Chain) -> Array:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from itertools import pairwise
 from typing import cast
 
@@ -19,6 +19,9 @@ from vsalog.simulation.machine import Machine, MotorSlot, TransmissionSlot
 
 Array = NDArray[np.float64]
 
+# Told sample and joint → name → truth of it.
+Control = Callable[[int, Mapping[str, Mapping[str, Array]]], None]
+
 # Inputs are prepared for so many sample periods at a time, so that memory does not grow with steps and inputs.
 CHUNK = 4096
 
@@ -31,6 +34,7 @@ def play(
     steps: int | None = None,
     start: Mapping[str, Array] | None = None,
     restarts: Mapping[int, Mapping[str, Array]] | None = None,
+    control: Control | None = None,
 ) -> dict[str, dict[str, Array]]:
     """Move a machine and return joint → name → truth, shape (N,); see `Experiment` for the names.
 
@@ -43,6 +47,8 @@ def play(
     start : joint → (q, q̇, θ₁, θ̇₁, …); rest when absent: the link hanging, or where its servo or its motion begins
     restarts : sample → joint → (q, q̇, θ₁, θ̇₁, …), what positions and velocities are set to there; bristles, loops and slip
         elements, which nobody measures, stay as they are
+    control : told sample and joint → name → truth, shape (1,), of each sample when it is over, so that it can write what is
+        held in the next one into an input that is an array
 
     Raises
     ------
@@ -58,9 +64,12 @@ def play(
     x, modes = _first_state(machine, drives, start or {}), np.zeros(machine.modes, dtype=np.int64)
     work, room = machine.work()
     states, accelerations = np.empty((time.size, x.size)), np.empty((time.size, machine.freedom))
-    edges = sorted({*range(0, time.size, CHUNK), *(restarts or {}), time.size})
+    edges = sorted({*range(0, time.size, CHUNK if control is None else 1), *(restarts or {}), time.size})
     for first, last in pairwise(edges):
         part = slice(first, last)
+        if control is not None and first > 0:
+            over = slice(first - 1, first)
+            control(first - 1, _truth(machine, drives, states[over], accelerations[over], over))
         restarted = restarts is not None and first in restarts
         if restarts is not None and restarted:
             _put(machine, restarts[first], x)
@@ -70,14 +79,22 @@ def play(
             x, modes, work, room, states[part], accelerations[part],
         )  # fmt: skip
     _require_finite(states, time)
+    return _truth(machine, drives, states, accelerations, slice(None))
+
+
+def _truth(
+    machine: Machine, drives: _Drives, states: Array, accelerations: Array, part: slice
+) -> dict[str, dict[str, Array]]:
+    """Return joint → name → truth in a part of the samples, from their states and accelerations."""
+    time = drives.time[part]
     truth: dict[str, dict[str, Array]] = {name: {} for name in machine.joints}
     for j, name in enumerate(machine.joints):
         truth[name] |= _moved("link", j, states, accelerations, machine.freedom)
-        truth[name]["external_torque"] = at_samples(drives.external[j], time)
+        truth[name]["external_torque"] = at_samples(drives.external[j], drives.time)[part]
     for slot in machine.motors:
         truth[slot.joint] |= _moved(_motor_name(slot), slot.index, states, accelerations, machine.freedom)
         if slot.role not in drives.unknown[slot.joint]:
-            truth[slot.joint][slot.role] = drives.commanded(slot)
+            truth[slot.joint][slot.role] = drives.commanded(slot)[part]
     for transmission in machine.transmissions:
         truth[transmission.joint] |= _transmitted(machine, transmission, truth[transmission.joint], states, time)
     for name, joint in machine.joints.items():

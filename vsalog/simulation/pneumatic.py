@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 
 import numpy as np
 from numpy.typing import NDArray
@@ -68,6 +68,7 @@ def simulate_pneumatic(
     time: Array,
     steps: int | None = None,
     start: Array | None = None,
+    control: Callable[[int, Mapping[str, Array]], None] | None = None,
 ) -> dict[str, Array]:
     """Play a pneumatic joint (Shin, Ibayashi, Kogiso 2021 eq. 11).
 
@@ -80,6 +81,8 @@ def simulate_pneumatic(
     steps : integration steps per sample; as many as the seesaw's swinging needs when absent
     start : (ψ, ψ̇, P₁, P₂) [rad, rad/s, Pa, Pa]; when absent, rest under the first valve voltages and external torque: the
         pressures at which no air flows and the angle at which the torques cancel, friction aside
+    control : told sample and name → truth, shape (1,), of each sample when it is over, so that it can write what is held in the
+        next one into an input that is an array
 
     Returns
     -------
@@ -114,20 +117,35 @@ def simulate_pneumatic(
         steps = max(FEWEST_STEPS, int(np.ceil(_needed(joint, state, period))))
     if steps < 1:
         raise SimulationError("a simulation needs at least one step per sample")
-    driven = [
-        valve_opening(valve, at_steps(inputs[name], time, steps))
-        for valve, name in ((joint.valve_1, "valve_1"), (joint.valve_2, "valve_2"))
-    ]
-    states = integrate_pam(
-        state,
-        np.stack([*driven, at_steps(external, time, steps)]),
-        period / steps,
-        _air(joint),
-        np.array([_muscle(joint.muscle_1, joint.valve_1), _muscle(joint.muscle_2, joint.valve_2)]),
-        _seesaw(joint),
-        _friction(joint),
-        joint.seesaw.held_at is not None,
-    )
+    plant = (
+        period / steps, _air(joint), np.array([_muscle(joint.muscle_1, joint.valve_1), _muscle(joint.muscle_2, joint.valve_2)]),
+        _seesaw(joint), _friction(joint), joint.seesaw.held_at is not None,
+    )  # fmt: skip
+
+    all_inputs = {**inputs, "external_torque": external}
+
+    def moved(state: Array, part: slice) -> Array:
+        given = {
+            role: values if callable(values) else at_samples(values, time)[part] for role, values in all_inputs.items()
+        }
+        driven = [
+            valve_opening(valve, at_steps(given[name], time[part], steps))
+            for valve, name in ((joint.valve_1, "valve_1"), (joint.valve_2, "valve_2"))
+        ]
+        push = at_steps(given["external_torque"], time[part], steps)
+        return np.asarray(integrate_pam(state, np.stack([*driven, push]), *plant))
+
+    if control is None:
+        states = moved(state, slice(None))
+    else:
+        states = np.empty((time.size, state.size))
+        states[0] = state
+        for k in range(time.size - 1):
+            states[k + 1] = moved(states[k], slice(k, k + 2))[1]
+            over = slice(k, k + 1)
+            sample = _truth(joint, states[over], push[over])
+            control(k, sample | {name: at_samples(inputs[name], time)[over] for name in INPUTS[:2]})
+        voltages = [at_samples(inputs[name], time) for name in INPUTS[:2]]
     _require_finite(joint, states, time)
     return {**_truth(joint, states, push), "valve_1": voltages[0], "valve_2": voltages[1]}
 

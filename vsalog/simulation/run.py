@@ -16,8 +16,9 @@ from vsalog.errors import SimulationError, WriteError
 from vsalog.recording import Recording
 from vsalog.rig import Rig
 from vsalog.rig.load import preset_text, presets
-from vsalog.rig.schema import Joint, Signal
+from vsalog.rig.schema import Joint, RigFile, Signal
 from vsalog.simulation.channels import named_signals
+from vsalog.simulation.control import Controller
 from vsalog.simulation.inputs import Input
 from vsalog.simulation.scenario import Scenario
 from vsalog.writers.recording_files import MESSAGE_FORMATS, LogFiles, write_log
@@ -69,6 +70,8 @@ class Job:
     rig : the machine that is played
     rig_text : the rig that the log carries
     inputs : joint → role → what drives it
+    controllers : joint → what drives it from what its sensors say
+    believed : the rig as controllers know it, which is that of the log
     samples : of each channel, before any is dropped
     """
 
@@ -76,6 +79,8 @@ class Job:
     rig_text: str
     scenario: Scenario
     inputs: Mapping[str, Mapping[str, Input]]
+    controllers: Mapping[str, Controller]
+    believed: RigFile
     files: LogFiles
     samples: int
     options: Options
@@ -98,6 +103,8 @@ class Job:
             period=file.period,
             seed=self.options.seed,
             ideal=self.options.ideal,
+            controllers=self.controllers,
+            believed=self.believed,
             name=self.files.log.stem,
         )
         return experiment.recording(truth=self.options.truth)
@@ -140,7 +147,8 @@ def prepare(source: str, options: Options) -> Job:
     actual = named.with_settings(options.actual, "--actual")
     check_inputs([Path(source), Path(options.scenario or ""), *scenario.files()], files)
     samples = _samples(scenario, len(rig.joints))
-    return Job(actual, text, scenario, scenario.inputs(actual.file), files, samples, options)
+    controllers = scenario.controllers(named.file)
+    return Job(actual, text, scenario, scenario.inputs(actual.file), controllers, named.file, files, samples, options)
 
 
 def _period(rate: float) -> float:

@@ -16,6 +16,7 @@ from vsalog.rig.decode import Path as KeyPath
 from vsalog.rig.decode import decode, key_path, refuse
 from vsalog.rig.load import Rig, presets
 from vsalog.rig.schema import AntagonisticJoint, Joint, RigFile, RigidJoint, SerialJoint
+from vsalog.simulation.control import Controller, controller_of
 from vsalog.simulation.inputs import Input, Motion, Servo
 from vsalog.simulation.scenario_generic import GENERIC, generic
 from vsalog.simulation.scenario_parts import sum_of_parts
@@ -25,8 +26,10 @@ from vsalog.simulation.scenario_schema import (
     Multisine,
     Part,
     Parts,
+    PiControlDrive,
     ScenarioFile,
     ServoDrive,
+    StateFeedbackDrive,
     Steps,
     Trapezoid,
 )
@@ -40,6 +43,8 @@ TORQUE, ANGLE, VOLTAGE = "N*m", "rad", "V"
 # Keys of a part that are in the role's unit.
 _ROLE_KEYS = ("value", "amplitude", "offset", "rms")
 _FREQUENCY_KEYS = ("frequency", "start_frequency", "end_frequency", "spacing", "lowest_frequency", "highest_frequency")
+# What a controller drives.
+COMMANDED = {"state_feedback": ("motor_torque",), "pi_control": ("valve_1", "valve_2")}
 _ANGULAR = 7  # the angle's place among the exponents of a unit's dimension
 
 
@@ -158,12 +163,39 @@ class Scenario:
                 raise SimulationError(f"{self.where}: {error}") from error
         return inputs
 
+    def controllers(self, rig: RigFile) -> dict[str, Controller]:
+        """Return joint → controller, as `simulate` takes them.
+
+        Raises
+        ------
+        SimulationError
+            The joint is of a kind that the controller is not for.
+        """
+        found: dict[str, Controller] = {}
+        for name, drives in self.file.joint.items():
+            for key in COMMANDED:
+                drive = getattr(drives, key)
+                if drive is None or name not in rig.joint:
+                    continue
+                path = ("joint", name, key)
+                lacking = [role for role in COMMANDED[key] if role not in driven_roles(rig.joint[name])]
+                try:
+                    if lacking:
+                        refuse(path, f"it drives {' and '.join(COMMANDED[key])}, and this joint has no {lacking[0]}")
+                    at = (*path, "reference")
+                    unit = _reference_unit(key, drive.of if isinstance(drive, PiControlDrive) else "")
+                    reference = sum_of_parts(drive.reference, unit, self.file.duration, self.folder, at)
+                except VsalogError as error:
+                    raise SimulationError(f"{self.where}: {error}") from error
+                found[name] = controller_of(drive, reference)
+        return found
+
     def _joint(self, name: str, drives: Drives, joint: Joint) -> dict[str, Input]:
         known = driven_roles(joint)
         inputs: dict[str, Input] = {}
         for key in Drives.__struct_fields__:
             drive = getattr(drives, key)
-            if not drive:
+            if not drive or key in COMMANDED:
                 continue
             path, role = ("joint", name, key), role_of(key)
             if role not in known:
@@ -230,7 +262,7 @@ def unit_of(key: str) -> str:
 def _all(drives: Drives, key: str) -> Parts:
     """Return the parts of a key, those of a servo's reference included."""
     drive = getattr(drives, key)
-    if isinstance(drive, ServoDrive):
+    if isinstance(drive, ServoDrive | StateFeedbackDrive | PiControlDrive):
         return drive.reference
     parts: Parts = drive or ()
     return parts
@@ -272,11 +304,17 @@ def _in_si(tables: Mapping[str, Any]) -> dict[str, Any]:
 def _drive(value: Any, key: str, path: KeyPath) -> Any:
     if key not in Drives.__struct_fields__:
         return value
-    if "servo" not in key:
+    if "servo" not in key and key not in COMMANDED:
         return _parts(value, unit_of(key), path)
     if isinstance(value, dict) and "reference" in value:
-        return {**value, "reference": _parts(value["reference"], ANGLE, (*path, "reference"))}
+        unit = _reference_unit(key, str(value.get("of", "")))
+        return {**value, "reference": _parts(value["reference"], unit, (*path, "reference"))}
     return value
+
+
+def _reference_unit(key: str, of: str) -> str:
+    """Return the SI unit of a servo's or a controller's reference."""
+    return TORQUE if key == "pi_control" and of == "torque_sensor" else ANGLE
 
 
 def _parts(value: Any, unit: str, path: KeyPath) -> list[Any]:
@@ -330,9 +368,11 @@ def _check(file: ScenarioFile) -> None:
             if not drive:
                 continue
             path = ("joint", name, key)
-            if role_of(key) in taken:
-                refuse(path, f"'{taken[role_of(key)]}' drives the same motor; keep one of them")
-            taken[role_of(key)] = key
+            for role in COMMANDED.get(key, (role_of(key),)):
+                if role in taken:
+                    what = "valve" if role.startswith("valve") else "motor"
+                    refuse(path, f"'{taken[role]}' drives the same {what}; keep one of them")
+                taken[role] = key
             at = path if isinstance(drive, tuple) else (*path, "reference")
             for i, part in enumerate(_all(drives, key)):
                 _check_part(part, (*at, f"[{i}]"))

@@ -19,6 +19,7 @@ from vsalog.simulation.scenario_schema import (
     Multisine,
     Part,
     Parts,
+    RestToRest,
     Sawtooth,
     Sine,
     SoftSquare,
@@ -71,6 +72,8 @@ def _signal(part: Part, unit: str, duration: float, folder: Path, path: KeyPath)
             return inputs.multisine(part.rms, _lines(part), part.seed if part.phases == "random" else None)
         case Trapezoid(amplitude=a, rise=rise, hold=hold, fall=fall, start=start, period=period):
             return inputs.trapezoid(a, rise, hold, fall, start, period)
+        case RestToRest(amplitude=a, rise=rise, start=start):
+            return inputs.rest_to_rest(a, rise, start)
         case Csv():
             return _column(part, unit, folder, path)
 

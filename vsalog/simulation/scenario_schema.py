@@ -6,9 +6,24 @@ from typing import Annotated, Literal
 
 from msgspec import Meta, field
 
-from vsalog.rig.quantities import Angle, Base, Damping, Duration, Fraction, RoleSpread, RoleValue, Stiffness, TimeSpan
+from vsalog.rig.quantities import (
+    Angle,
+    Base,
+    Damping,
+    Duration,
+    Fraction,
+    Ratio,
+    RoleSpread,
+    RoleValue,
+    Stiffness,
+    TimeSpan,
+)
 
 Frequency = Annotated[float, Meta(description="frequency [Hz]", gt=0.0, extra={"unit": "1/s", "units": ("1/s",)})]
+AngularFrequency = Annotated[
+    float, Meta(description="angular frequency [rad/s]", gt=0.0, extra={"unit": "rad/s", "units": ("rad/s",)})
+]
+Voltage = Annotated[float, Meta(description="voltage [V]", extra={"unit": "V", "units": ("V",)})]
 TorqueLimit = Annotated[float, Meta(description="torque [N·m]", gt=0.0, extra={"unit": "N*m", "units": ("N*m",)})]
 
 
@@ -119,6 +134,23 @@ class Trapezoid(Base, frozen=True, tag="trapezoid", tag_field="type"):
     period: Duration | None = None
 
 
+class RestToRest(Base, frozen=True, tag="rest_to_rest", tag_field="type"):
+    """Zero until `start`, then along a polynomial of degree 9 to `amplitude`, which it reaches after `rise`: from rest to rest.
+
+    Its first four derivatives are continuous, so that a joint with an elastic transmission can follow it.
+
+    Attributes
+    ----------
+    amplitude : where it goes
+    rise : how long it takes [s]
+    start : when it begins [s]
+    """
+
+    amplitude: RoleValue
+    rise: Duration
+    start: TimeSpan = 0.0
+
+
 class Csv(Base, frozen=True, tag="csv", tag_field="type"):
     """A column of a file: a CSV table, or any other log that vsalog reads. Its time counts from the log's first stamp.
 
@@ -138,7 +170,7 @@ class Csv(Base, frozen=True, tag="csv", tag_field="type"):
     rate: Frequency | None = None
 
 
-Part = Constant | Sine | Square | SoftSquare | Sawtooth | Steps | Chirp | Multisine | Trapezoid | Csv
+Part = Constant | Sine | Square | SoftSquare | Sawtooth | Steps | Chirp | Multisine | Trapezoid | RestToRest | Csv
 Parts = tuple[Part, ...]
 
 
@@ -159,10 +191,53 @@ class ServoDrive(Base, frozen=True):
     reference: Parts = ()
 
 
+class StateFeedbackDrive(Base, frozen=True):
+    """A state controller of an elastic joint: τ = K_P (x_d − ξ) + τ_d (De Luca 2007 eq. 13), see `control.StateFeedback`.
+
+    Attributes
+    ----------
+    frequency, damping : of the slowest eigenvalues of the controlled joint [rad/s]
+    feedback : where the state ξ comes from
+    limit : largest torque; none when absent [N·m]
+    tune : of the observer, NAME = "VALUE"
+    reference : q_d, the planned position of the link, the sum of parts, [[….reference]]
+    """
+
+    frequency: AngularFrequency
+    damping: Ratio = 1.0
+    feedback: Literal["acceleration-observer", "motor", "truth"] = "acceleration-observer"
+    limit: TorqueLimit | None = None
+    tune: dict[str, str] = field(default_factory=dict)
+    reference: Parts = ()
+
+
+class PiControlDrive(Base, frozen=True):
+    """A proportional and integral controller of a joint's two valves (Shin 2021 §V-C), see `control.PiControl`.
+
+    Attributes
+    ----------
+    of : what is controlled
+    feedback : where it comes from
+    proportional, integral : gains, of SI: V/rad and V/(rad·s), or of N·m
+    bias : voltage of both valves without an error [V]
+    tune : of the estimator, NAME = "VALUE"
+    reference : the sum of parts, [[….reference]]
+    """
+
+    proportional: float
+    integral: float
+    bias: Voltage
+    of: Literal["link_position", "torque_sensor"] = "link_position"
+    feedback: Literal["pam-ukf", "pam-model", "sensor"] = "pam-ukf"
+    tune: dict[str, str] = field(default_factory=dict)
+    reference: Parts = ()
+
+
 class Drives(Base, frozen=True):
     """What drives one joint; several parts of a role are summed, what is not named is zero.
 
-    A motor gets a torque, a servo or a prescribed position, on the joint's side of the gear.
+    A motor gets a torque, a servo or a prescribed position, on the joint's side of the gear. A controller is told what the
+    joint's sensors say, and drives its motor or its valves.
     """
 
     motor_torque: Parts = ()
@@ -180,6 +255,8 @@ class Drives(Base, frozen=True):
     motor_position_1: Parts = ()
     motor_position_2: Parts = ()
     secondary_position: Parts = ()
+    state_feedback: StateFeedbackDrive | None = None
+    pi_control: PiControlDrive | None = None
 
 
 class ScenarioFile(Base, frozen=True):

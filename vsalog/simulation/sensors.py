@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline
 
 from vsalog.errors import SimulationError
-from vsalog.mechanics.kinematics import chain_motion, specific_force
+from vsalog.mechanics.kinematics import LinkMotion, chain_motion, specific_force
 from vsalog.rig.schema import Chain, Joint, RigFile, Signal
 from vsalog.simulation.channels import is_lever_arm, named_signals
 from vsalog.simulation.experiment import JointRecord
@@ -69,8 +69,10 @@ def sense(joints: Truth, rig: RigFile, time: Array, seed: int, ideal: bool) -> d
     }
     topics = {} if ideal else _topics(signals, time.size, seed)
     records = {}
+    sensed = rig.chain is not None and any(role in ACCELEROMETER for own in signals.values() for role in own)
+    motion = _chain_motion(joints, rig.chain) if sensed and rig.chain is not None else None
     for name, truth in joints.items():
-        accelerations = _accelerations(name, joints, rig.chain, signals[name])
+        accelerations = _accelerations(name, motion, rig.chain, signals[name])
         measured, resolution, late, kept = {}, {}, {}, {}
         for role, signal in signals[name].items():
             x, step = _seen(rig.joint[name], role, signal, {**truth, **accelerations}, time, ideal)
@@ -88,6 +90,60 @@ def sense(joints: Truth, rig: RigFile, time: Array, seed: int, ideal: bool) -> d
                 kept[role] = topic.kept
         records[name] = JointRecord(measured, truth, resolution, late, kept)
     return records
+
+
+class LiveSensors:
+    """Sensors that are read sample by sample, as a controller does; what they say is what `sense` says of the whole.
+
+    Parameters
+    ----------
+    rig : with the signals of its joints
+    wanted : joint → roles that are read
+    time, seed, ideal : as of `sense`
+
+    Raises
+    ------
+    SimulationError
+        A signal that is wanted is not recorded, or is late: what it says of a sample would be known later only.
+    """
+
+    def __init__(
+        self, rig: RigFile, wanted: Mapping[str, Collection[str]], time: Array, seed: int, ideal: bool
+    ) -> None:
+        self.rig, self.time, self.ideal = rig, time, ideal
+        self.signals: dict[str, dict[str, Signal]] = {}
+        self.random = {}
+        for name, roles in wanted.items():
+            named = named_signals(rig.joint[name])
+            for role in roles:
+                signal = named.get(role)
+                if signal is None or signal.channel is None:
+                    raise SimulationError(
+                        f"joint '{name}': the controller reads {role}, for which the rig names no channel"
+                    )
+                if signal.delay:
+                    raise SimulationError(
+                        f"joint '{name}': the controller reads {role}, which is late; set its delay to 0"
+                    )
+                self.signals.setdefault(name, {})[role] = signal
+                self.random[name, role] = _generator(seed, "joint", name, role)
+
+    def read(self, k: int, truth: Truth) -> dict[str, dict[str, float]]:
+        """Return joint → role → what the sensor says of sample `k`, whose truth has shape (1,); call it once for each in turn."""
+        time, said = self.time[k : k + 1], dict[str, dict[str, float]]()
+        chain, motion = self.rig.chain, None
+        for name in truth.keys() & self.signals.keys():
+            signals = self.signals[name]
+            if chain is not None and motion is None and any(role in ACCELEROMETER for role in signals):
+                motion = _chain_motion(truth, chain)
+            own = {**truth[name], **_accelerations(name, motion, chain, signals)}
+            said[name] = {}
+            for role, signal in signals.items():
+                x, _ = _seen(self.rig.joint[name], role, signal, own, time, self.ideal)
+                if x is not None:
+                    reading = _reading(signal, x, time, self.random[name, role], self.ideal)
+                    said[name][role] = float(reading[0])
+        return said
 
 
 def _seen(
@@ -163,23 +219,30 @@ def _topics(signals: Mapping[str, Mapping[str, Signal]], count: int, seed: int) 
     return topics
 
 
-def _accelerations(name: str, joints: Truth, chain: Chain | None, signals: Mapping[str, Signal]) -> dict[str, Array]:
-    """Return what the accelerometer on a joint's link reads."""
+def _chain_motion(joints: Truth, chain: Chain) -> list[LinkMotion]:
+    """Return how the links of a chain move."""
+    q, dq, ddq = (
+        np.stack([joints[link.joint][f"link_{what}"] for link in chain.link], axis=-1)
+        for what in ("position", "velocity", "acceleration")
+    )
+    return chain_motion(chain, q, dq, ddq)
+
+
+def _accelerations(
+    name: str, motion: Sequence[LinkMotion] | None, chain: Chain | None, signals: Mapping[str, Signal]
+) -> dict[str, Array]:
+    """Return what the accelerometer on a joint's link reads, from how the chain's links move."""
     if not any(role in ACCELEROMETER for role in signals):
         return {}
     links = [] if chain is None else list(chain.link)
     place = next((i for i, link in enumerate(links) if link.joint == name), None)
     mounting = None if place is None else links[place].accelerometer
-    if chain is None or place is None or mounting is None:
+    if chain is None or motion is None or place is None or mounting is None:
         raise SimulationError(
             f"joint '{name}' has an accelerometer, but where it sits is not said: give the joint's [[chain.link]] an"
             " accelerometer = { position = […], orientation = […] }, or leave the roles accelerometer_… out"
         )
-    q, dq, ddq = (
-        np.stack([joints[link.joint][f"link_{what}"] for link in links], axis=-1)
-        for what in ("position", "velocity", "acceleration")
-    )
-    reading = specific_force(chain_motion(chain, q, dq, ddq)[place], mounting, chain.gravity)
+    reading = specific_force(motion[place], mounting, chain.gravity)
     return {role: np.ascontiguousarray(reading[..., axis]) for role, axis in ACCELEROMETER.items()}
 
 

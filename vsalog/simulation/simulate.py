@@ -2,19 +2,25 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
+from functools import partial
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
 from vsalog.errors import SimulationError
 from vsalog.rig.schema import PneumaticJoint, RigFile, RigidJoint
+from vsalog.simulation.control import Controller
 from vsalog.simulation.experiment import Experiment, sample_stamps
 from vsalog.simulation.inputs import Input, Motion, Servo, TorqueInput
 from vsalog.simulation.machine import Movable, build
 from vsalog.simulation.play import play
 from vsalog.simulation.pneumatic import simulate_pneumatic
 from vsalog.simulation.sensors import sense
+
+if TYPE_CHECKING:  # they bring all estimators along
+    from vsalog.simulation.control_loop import Controlled, Loop
 
 Array = NDArray[np.float64]
 
@@ -29,6 +35,8 @@ def simulate(
     seed: int = 0,
     ideal: bool = False,
     start: Mapping[str, Array] | None = None,
+    controllers: Mapping[str, Controller] | None = None,
+    believed: RigFile | None = None,
     name: str = "simulated",
 ) -> Experiment:
     """Move the joints of a rig and record them.
@@ -47,6 +55,8 @@ def simulate(
     seed : of all noise; equal seeds give equal recordings, bit for bit
     ideal : sensors without noise, steps, jitter and dropped samples; what they have wrong stays
     start : joint → initial state, (q, q̇, θ₁, θ̇₁, …) [rad, rad/s]; rest when absent
+    controllers : joint → the controller that drives it, beside or instead of inputs
+    believed : the rig that controllers know; the machine itself when absent
     name : of the experiment
 
     Raises
@@ -63,10 +73,40 @@ def simulate(
     if unknown:
         raise SimulationError(f"rig '{rig.name}' has no joint '{unknown[0]}'; it has {', '.join(rig.joint) or 'none'}")
     time = np.arange(count, dtype=np.float64) * period
-    truths = _truths(rig, inputs, time, steps, start or {})
+    control = None
+    if controllers:
+        from vsalog.simulation.control_loop import Controlled
+        from vsalog.simulation.controllers import loops_of
+
+        known = rig if believed is None else believed
+        loops = loops_of(known, controllers, inputs, time)
+        inputs = _with_commands(inputs, loops)
+        without = {n: {role: _copied(given) for role, given in own.items()} for n, own in inputs.items()}
+        dry = simulate(known, without, duration, period=period, steps=steps, seed=seed, ideal=ideal, start=start)
+        for loop in loops.values():
+            loop.prepare(dry.recording())
+        control = Controlled(loops, rig, time, seed, ideal)
+    truths = _truths(rig, inputs, time, steps, start or {}, control)
     if not truths:
         raise SimulationError(f"rig '{rig.name}' has no joint to simulate: rigid joints have no transmission")
     return Experiment(name, rig, period, sample_stamps(count, period), time, sense(truths, rig, time, seed, ideal))
+
+
+def _with_commands(
+    inputs: Mapping[str, Mapping[str, Input]], loops: Mapping[str, Loop]
+) -> dict[str, Mapping[str, Input]]:
+    """Put what controllers command among the inputs, as the arrays that they write into."""
+    for name, loop in loops.items():
+        twice = sorted(set(inputs.get(name, {})) & set(loop.commands))
+        if twice:
+            raise SimulationError(
+                f"joint '{name}': {twice[0]} is given, and its controller commands it; keep one of them"
+            )
+    return {**inputs, **{name: {**inputs.get(name, {}), **loop.commands} for name, loop in loops.items()}}
+
+
+def _copied(given: Input) -> Input:
+    return np.copy(given) if isinstance(given, np.ndarray) else given
 
 
 def _truths(
@@ -75,18 +115,32 @@ def _truths(
     time: Array,
     steps: int | None,
     start: Mapping[str, Array],
+    control: Controlled | None,
 ) -> dict[str, dict[str, Array]]:
     chained = [] if rig.chain is None else [link.joint for link in rig.chain.link]
     found: dict[str, dict[str, Array]] = {}
     if chained:
-        found |= play(build({n: _movable(rig, n) for n in chained}, rig.chain), inputs, time, steps=steps, start=start)
+        machine = build({n: _movable(rig, n) for n in chained}, rig.chain)
+        found |= play(machine, inputs, time, steps=steps, start=start, control=_told(control, chained))
     for name, joint in rig.joint.items():
         if isinstance(joint, PneumaticJoint):
             own = {role: _plain(name, role, given) for role, given in inputs.get(name, {}).items()}
-            found[name] = simulate_pneumatic(joint, own, time, steps, start.get(name))
+            told = _told(control, [name])
+            one = None if told is None else partial(_as_one, told, name)
+            found[name] = simulate_pneumatic(joint, own, time, steps, start.get(name), one)
         elif name not in chained and not isinstance(joint, RigidJoint):
-            found |= play(build({name: joint}), inputs, time, steps=steps, start=start)
+            machine = build({name: joint})
+            found |= play(machine, inputs, time, steps=steps, start=start, control=_told(control, [name]))
     return {name: found[name] for name in rig.joint if name in found}
+
+
+def _told(control: Controlled | None, joints: Sequence[str]) -> Controlled | None:
+    """Return the controllers if one of these joints has one."""
+    return control if control is not None and any(name in control.loops for name in joints) else None
+
+
+def _as_one(control: Controlled, name: str, k: int, truth: Mapping[str, Array]) -> None:
+    control(k, {name: truth})
 
 
 def _movable(rig: RigFile, name: str) -> Movable:

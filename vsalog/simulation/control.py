@@ -1,0 +1,71 @@
+"""Controllers: what drives a joint from what its sensors say, or from what an estimator makes of that; run by `control_loop`."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Literal
+
+from vsalog.simulation.inputs import Signal, TorqueInput
+from vsalog.simulation.scenario_schema import PiControlDrive, StateFeedbackDrive
+
+
+@dataclass(frozen=True, slots=True)
+class StateFeedback:
+    """A motor that is driven by the joint's whole state, beside the torque that the planned motion takes (De Luca 2007 eq. 13).
+
+    Attributes
+    ----------
+    reference : planned position of the link, a smooth function of an array of times [s] → [rad]
+    frequency : of the slowest eigenvalues of the controlled joint [rad/s]
+    damping : of these eigenvalues
+    feedback : where the state comes from: ``acceleration-observer``; ``motor``, of which the link is taken to follow as planned;
+        or ``truth``
+    limit : the largest torque [N·m]
+    tune : of the observer, NAME → VALUE
+    """
+
+    reference: TorqueInput
+    frequency: float
+    damping: float = 1.0
+    feedback: Literal["acceleration-observer", "motor", "truth"] = "acceleration-observer"
+    limit: float = float("inf")
+    tune: Mapping[str, str] = field(default_factory=dict)
+
+
+@dataclass(frozen=True, slots=True)
+class PiControl:
+    """Two valves that are driven by a proportional and integral controller, apart from a bias (Shin 2021 §V-C).
+
+    Attributes
+    ----------
+    reference : of what is controlled, a function of an array of times [s] → [rad] or [N·m]
+    of : what is controlled
+    feedback : where it comes from: ``pam-ukf`` or ``pam-model``, from the pressures; or the ``sensor``
+    proportional, integral : gains [V/rad, V/(rad·s), or of N·m]
+    bias : of both valves [V]
+    limits : of a valve's voltage [V]
+    tune : of the estimator, NAME → VALUE
+    """
+
+    reference: TorqueInput
+    proportional: float
+    integral: float
+    bias: float
+    of: Literal["link_position", "torque_sensor"] = "link_position"
+    feedback: Literal["pam-ukf", "pam-model", "sensor"] = "pam-ukf"
+    limits: tuple[float, float] = (0.0, 10.0)
+    tune: Mapping[str, str] = field(default_factory=dict)
+
+
+Controller = StateFeedback | PiControl
+
+
+def controller_of(drive: StateFeedbackDrive | PiControlDrive, reference: Signal) -> Controller:
+    """Return a scenario's controller, with its reference as a function of time."""
+    if isinstance(drive, PiControlDrive):
+        return PiControl(
+            reference, drive.proportional, drive.integral, drive.bias, drive.of, drive.feedback, tune=drive.tune
+        )
+    limit = float("inf") if drive.limit is None else drive.limit
+    return StateFeedback(reference, drive.frequency, drive.damping, drive.feedback, limit, drive.tune)

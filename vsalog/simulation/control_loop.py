@@ -1,0 +1,117 @@
+"""Controllers in the loop: told sample by sample what the sensors say, and what an estimator makes of that.
+
+A controller is told each sample when it is over, and what it commands then is held in the next one: it is late by one sample, as
+a digital controller is that computes for as long. It knows the joint as the rig has it, not as the machine is.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Mapping
+from typing import Any, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vsalog.binding import bind, offered_roles
+from vsalog.errors import SimulationError
+from vsalog.estimation import choose
+from vsalog.estimators.device import device_of
+from vsalog.neighbours import own_and_others
+from vsalog.recording import Recording
+from vsalog.rig.schema import RigFile
+from vsalog.signals import JointSignals
+from vsalog.simulation.sensors import LiveSensors
+
+Array = NDArray[np.float64]
+Truth = Mapping[str, Mapping[str, Array]]
+Said = Mapping[str, Mapping[str, float]]
+
+
+class Loop(Protocol):
+    """A controller that runs.
+
+    Attributes
+    ----------
+    commands : role → shape (N,), what it commands, filled as time goes on; all of it is what it would do without feedback first
+    reads : joint → roles of the sensors that it needs
+    """
+
+    commands: dict[str, Array]
+    reads: Mapping[str, Collection[str]]
+
+    def prepare(self, dry: Recording) -> None:
+        """Look at a run without feedback, from which the estimator learns how noisy its sensors are."""
+        ...
+
+    def act(self, k: int, said: Said, truth: Truth) -> None:
+        """Take what the sensors say of sample `k`, and command sample k + 1."""
+        ...
+
+
+class Watcher:
+    """An estimator that is given samples one by one.
+
+    Parameters
+    ----------
+    rig : as it is believed to be
+    joint : in it
+    estimator : name
+    tune : NAME → VALUE
+    """
+
+    def __init__(self, rig: RigFile, joint: str, estimator: str, tune: Mapping[str, str]) -> None:
+        self.rig, self.joint = rig, joint
+        self.choice = choose(joint, rig.joint[joint], estimator, tune, rig)
+        own, others = own_and_others(self.choice.roles, rig.joint)
+        self.neighbours = others
+        self.reads: dict[str, Collection[str]] = {joint: own, **{name: roles for name, (_, roles) in others.items()}}
+        self.fold: Any = None
+        self.state: Any = None
+
+    def prepare(self, dry: Recording) -> None:
+        """Build the estimator for signals like those of a run without feedback."""
+        joint = self.rig.joint[self.joint]
+        signals = bind([dry], self.joint, joint, self.reads[self.joint], neighbours=self.neighbours)
+        device = device_of(self.joint, joint, signals.roles, self.rig)
+        self.fold = self.choice.method.build(device, signals, self.choice.tuning)
+        if self.fold.passes > 1:
+            raise SimulationError(f"joint '{self.joint}': {self.choice.name} reads a log twice; it cannot be in a loop")
+        self.state, self.period = self.fold.start(), signals.period
+
+    def take(self, k: int, said: Said) -> dict[str, float]:
+        """Return what the estimator says after sample `k`; empty while it says nothing."""
+        roles = {}
+        for name, wanted in self.reads.items():
+            offered = offered_roles(self.rig.joint[name])
+            for role in wanted:
+                sensor, value = offered[role], said[name][role]
+                true = (value - sensor.offset - sensor.drift * k * self.period) / sensor.gain
+                roles[role if name == self.joint else f"{name}/{role}"] = np.array([true])
+        block = JointSignals(
+            self.joint, self.period, np.array([round(k * self.period * 1e9)], dtype=np.int64), np.array([k * self.period]), roles,
+            np.array([k == 0]), np.zeros(1, dtype=np.int32),
+        )  # fmt: skip
+        with np.errstate(over="ignore", invalid="ignore", divide="ignore"):
+            self.state, traces = self.fold.step(self.state, block)
+        if not traces:
+            return {}
+        columns = traces[-1]["total"]
+        return {name: float(values[-1]) for name, values in columns.items() if np.ndim(values) == 1 and len(values)}
+
+
+class Controlled:
+    """All controllers of a rig, told of its joints sample by sample."""
+
+    def __init__(self, loops: Mapping[str, Loop], rig: RigFile, time: Array, seed: int, ideal: bool) -> None:
+        self.loops = loops
+        wanted: dict[str, list[str]] = {}
+        for loop in loops.values():
+            for name, roles in loop.reads.items():
+                wanted[name] = list(dict.fromkeys([*wanted.get(name, []), *roles]))
+        self.sensors = LiveSensors(rig, wanted, time, seed, ideal)
+
+    def __call__(self, k: int, truth: Truth) -> None:
+        """Read the sensors of these joints at sample `k`, and have their controllers act."""
+        said = self.sensors.read(k, truth)
+        for name in truth.keys() & self.loops.keys():
+            self.loops[name].act(k, said, truth)
