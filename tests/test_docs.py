@@ -3,10 +3,7 @@
 import re
 from pathlib import Path
 
-import pytest
-
 from vsalog.cli import cli
-from vsalog.estimators import BUILT_IN, method
 from vsalog.trace import EXTRA_UNITS, UNITS
 
 ROOT = Path(__file__).parent.parent
@@ -19,14 +16,6 @@ def test_every_command_and_option_is_in_the_reference():
         section = text.split(f"## vsalog {name}\n")[1].split("\n## ")[0]
         for option in command.params:
             assert option.param_type_name == "argument" or option.opts[-1] in section, (name, option.name)
-
-
-@pytest.mark.parametrize("name", BUILT_IN)
-def test_every_estimator_and_all_its_tuning_is_documented(name):
-    text = (ROOT / "docs" / "estimators.md").read_text(encoding="utf-8")
-    assert f"## {name}\n" in text
-    for field in method(name).TUNING.__struct_fields__:
-        assert f"`{field}`" in text or f"`{field}=" in text, field
 
 
 def test_every_column_is_documented():
