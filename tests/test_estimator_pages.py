@@ -133,6 +133,11 @@ def test_a_page_s_columns_exist_and_have_their_units(name):
             assert row[1] == unit, column
 
 
+def test_every_further_column_stands_on_a_page():
+    told = {c for name in BUILT_IN for row in table(section(page(name), "Columns it adds")) for c in names(row[0])}
+    assert {column.removesuffix("_std") for column in EXTRA_UNITS} <= {column.removesuffix("_std") for column in told}
+
+
 @pytest.mark.parametrize("name", BUILT_IN)
 def test_an_example_runs_the_estimator_on_what_comes_with_vsalog(name):
     commands = re.findall(r"^    vsalog (.*)$", section(page(name), "Example"), re.M)
