@@ -19,7 +19,8 @@ import sys
 import numpy as np
 
 from benchmarks.measure import machine, side_by_side
-from vsalog.estimators.pam_states import PamFold, pam_noise, pam_transition
+from vsalog.estimators.pam_noise import pam_noise
+from vsalog.estimators.pam_states import PamFold, pam_transition
 from vsalog.mechanics.pneumatics import valve_opening
 from vsalog.rig import Rig
 from vsalog.rig.schema import LinearForce, PneumaticJoint, PressureFriction

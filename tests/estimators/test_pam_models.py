@@ -12,7 +12,7 @@ from vsalog.errors import EstimatorError
 from vsalog.estimation import choose, estimate_joint
 from vsalog.estimators.pam_linear import LinearPamFold
 from vsalog.estimators.pam_models import FORCE_MODELS, FRICTION_MODELS, as_if, fitted_force
-from vsalog.estimators.pam_states import pam_noise
+from vsalog.estimators.pam_noise import pam_noise
 from vsalog.mechanics.muscle_forces import contraction_force
 from vsalog.reproduce.measure import Setting, estimate
 from vsalog.rig import Rig

@@ -7,7 +7,8 @@ import numpy as np
 import pytest
 
 from vsalog.errors import EstimatorError
-from vsalog.estimators.pam_states import ANGLE, PRESSURE_1, VELOCITY, PamFold, pam_noise, pam_transition
+from vsalog.estimators.pam_noise import pam_noise
+from vsalog.estimators.pam_states import ANGLE, PRESSURE_1, VELOCITY, PamFold, pam_transition
 from vsalog.filters.square_root_ukf import UnscentedTrace
 from vsalog.mechanics.pneumatic_friction import friction_level, kikuuwe_friction, viscous_coefficient
 from vsalog.mechanics.pneumatics import (

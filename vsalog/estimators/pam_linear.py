@@ -19,7 +19,8 @@ from numba import njit
 from numpy.typing import NDArray
 
 from vsalog.estimators import pam_states
-from vsalog.estimators.pam_states import ANGLE, PamFold, PamNoise, pam_observation, pam_transition
+from vsalog.estimators.pam_noise import PamNoise
+from vsalog.estimators.pam_states import ANGLE, PamFold, pam_observation, pam_transition
 from vsalog.filters import square_root_ukf as ukf
 from vsalog.mechanics import pneumatics as pneu
 from vsalog.rig.schema import PneumaticJoint, PressureFriction

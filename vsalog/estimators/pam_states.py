@@ -16,7 +16,6 @@ factor, sigma points along ψ and ψ̇ then leave the pressures alone, and the f
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -24,9 +23,9 @@ from numba import njit
 from numpy.typing import NDArray
 
 from vsalog.errors import EstimatorError, SimulationError
+from vsalog.estimators.pam_noise import PamNoise, filling_rates
 from vsalog.filters import square_root_ukf as ukf
 from vsalog.mechanics import pneumatics as pneu
-from vsalog.mechanics.pneumatic_friction import friction_level
 from vsalog.rig.schema import PneumaticJoint
 from vsalog.simulation import _pam
 from vsalog.simulation._integrate import source_stamp
@@ -60,93 +59,6 @@ class PamState(NamedTuple):
     u: Array
     surprise: float
     started: bool
-
-
-@dataclass(frozen=True, slots=True)
-class PamNoise:
-    """Noise the filter assumes, standard deviations; raises EstimatorError where `pressure` is not above 0, another below.
-
-    Attributes
-    ----------
-    pressure : of each pressure sensor [Pa], above 0
-    process : shape (4,), what a sample adds to P₁, P₂, ψ, ψ̇ [Pa, Pa, rad, rad/s]
-    unknown_flow : likewise to a pressure whose valve's command is missing [Pa]
-    start : of the first angle and velocity [rad, rad/s]
-    """
-
-    pressure: tuple[float, float]
-    process: tuple[float, float, float, float]
-    unknown_flow: tuple[float, float]
-    start: tuple[float, float]
-
-    def __post_init__(self) -> None:
-        numbers = np.array([*self.pressure, *self.process, *self.unknown_flow, *self.start])
-        if not (np.isfinite(numbers).all() and (numbers >= 0.0).all() and min(self.pressure) > 0.0):
-            raise EstimatorError("pam-ukf: the noise of pressure sensors has to be above 0, all other noise 0 or more")
-
-
-def pam_noise(
-    joint: PneumaticJoint, period: float, pressure: tuple[float, float], sensor: tuple[float, float], *,
-    flow: float = 0.1, force: float = 0.04, friction: float = 0.2,
-) -> PamNoise:  # fmt: skip
-    """Derive the noise from the log's sample time, its sensors and what is doubted of the rig.
-
-    A model that is wrong is wrong for long: its state runs away at a rate b, and not at random. With white process noise of
-    standard deviation q per sample and a sensor's of r ≫ q, the gain is K ≈ q/r, and the filter lags behind such an error by
-    b T/K; with q = b T that is r, the sensor's own noise. A smaller q would lag more, a larger one let more noise through. So
-
-        P :  q = b T, b = flow · the rate at which a choked supply fills a muscle, k₁ R T_air m / V
-        ψ :  q = b T, b = δ/t, the angle δ that the doubted torque turns the joint by over the time t that filling it takes
-        ψ̇ :  ω times that of ψ, ω the seesaw's frequency: as much energy as that of ψ
-
-    with the doubted torque √(force² r² (F₁² + F₂²) + friction² level²), and δ = torque/K, K the stiffness with the air locked
-    in, all at ψ = 0. The first angle may lie anywhere in friction's band as well, ± level/K, uniform. A valve whose command
-    is missing may be open to any side: b is then the whole rate.
-
-    Parameters
-    ----------
-    joint : of the rig
-    period : T [s]
-    pressure : about which the joint works, P₁ and P₂ [Pa]; the log's medians, say
-    sensor : standard deviation of what the sensors add [Pa]: the larger of `noise_of` and `resolution_of`/√12 of the log
-    flow, force, friction : how far the rig is believed, as one standard deviation: share of the largest flow by which valves and
-        volumes are off, share of each muscle's pull, share of the friction's level
-
-    Raises
-    ------
-    EstimatorError
-        A sensor's is not above 0, a number is not finite, or the muscles do not hold the joint at these pressures.
-    """
-    (p1, p2), seesaw = pressure, joint.seesaw
-    f1, f2 = (float(f) for f in pneu.muscle_pulls(joint, 0.0, p1, p2))
-    level = float(friction_level(joint, p1, p2, f1, f2, 0.0))
-    stiffness = float(pneu.trapped_stiffness(joint, 0.0, p1, p2)) + seesaw.return_stiffness
-    if not (np.isfinite(stiffness) and stiffness > 0.0):
-        raise EstimatorError(f"pam-ukf: muscles at {p1:.4g} and {p2:.4g} Pa do not hold the joint; are these absolute?")
-    turn = float(np.hypot(force * seesaw.radius * np.hypot(f1, f2), friction * level)) / stiffness
-    fill = _filling_rates(joint)
-    wander, swing = turn * max(fill) / joint.air.supply_pressure * period, float(np.sqrt(stiffness / seesaw.inertia))
-    free = 1.0 if seesaw.held_at is None else 0.0
-    return PamNoise(
-        pressure=sensor,
-        process=(flow * fill[0] * period, flow * fill[1] * period, free * wander, free * swing * wander),
-        unknown_flow=(fill[0] * period, fill[1] * period),
-        start=(free * float(np.hypot(level / stiffness / 3.0**0.5, turn)), free * swing * turn),
-    )
-
-
-def _filling_rates(joint: PneumaticJoint) -> tuple[float, float]:
-    """Return the rates at which the larger orifice, choked, at supply pressure, changes the pressures at ψ = 0 [Pa/s]."""
-    air = joint.air
-    choked = air.inflow_index * air.gas_constant * air.temperature * float(_air(joint)[7]) * air.supply_pressure
-    sides = ((joint.muscle_1, joint.valve_1), (joint.muscle_2, joint.valve_2))
-    areas = [
-        valve.area_scale * max(valve.inflow_area, valve.outflow_area) + muscle.leak_area for muscle, valve in sides
-    ]
-    first, second = (
-        choked * a / float(pneu.muscle_volume(m, m.length)) for a, (m, _) in zip(areas, sides, strict=True)
-    )
-    return first, second
 
 
 class PamFold:
@@ -254,12 +166,12 @@ class PamFold:
             "torque": pneu.joint_torque, "stiffness": pneu.trapped_stiffness, "stiffness_isobaric": pneu.isobaric_stiffness,
         }  # fmt: skip
         # The state itself, and one deviation to both sides along the factors' columns; no function looks at the velocity.
-        at = [trace.x, *(trace.x + side * trace.S[:, :, j] for j in range(3) for side in (1.0, -1.0))]
+        at = np.stack([trace.x, *(trace.x + side * trace.S[:, :, j] for j in range(3) for side in (1.0, -1.0))])
         found: dict[str, Array] = {}
         for name, function in functions.items():
-            value, *ends = (function(self.joint, x[:, ANGLE], x[:, PRESSURE_1], x[:, PRESSURE_2]) for x in at)
-            pairs = zip(ends[::2], ends[1::2], strict=True)
-            found[name], found[f"{name}_std"] = value, np.sqrt(sum(((up - down) / 2.0) ** 2 for up, down in pairs))
+            values = function(self.joint, at[..., ANGLE], at[..., PRESSURE_1], at[..., PRESSURE_2])
+            found[name] = values[0]
+            found[f"{name}_std"] = np.sqrt(np.sum(((values[1::2] - values[2::2]) / 2.0) ** 2, axis=0))
         return found
 
     def _rest(self, pressures: Array, external: float) -> float:
@@ -282,7 +194,7 @@ def _steps(joint: PneumaticJoint, period: float) -> int:
     # Away from the middle the spring may be twice as stiff.
     stiffest = 2.0 * abs(float(pneu.trapped_stiffness(joint, 0.0, supply, supply))) + abs(joint.seesaw.return_stiffness)
     swing = np.sqrt(stiffest / joint.seesaw.inertia) if joint.seesaw.held_at is None else 0.0
-    fill = max(_filling_rates(joint)) / supply
+    fill = max(filling_rates(joint)) / supply
     needed = max(swing / ANGLE_PER_STEP, fill / FILL_PER_STEP) * period
     if not 0.0 < needed <= MOST_STEPS:
         raise EstimatorError(

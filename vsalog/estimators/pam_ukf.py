@@ -19,7 +19,8 @@ from vsalog.estimators.device import Device
 from vsalog.estimators.needs import require
 from vsalog.estimators.pam_linear import LinearPamFold
 from vsalog.estimators.pam_models import ModelName, as_if
-from vsalog.estimators.pam_states import ANGLE, PRESSURE_1, PRESSURE_2, VELOCITY, PamFold, PamNoise, PamState, pam_noise
+from vsalog.estimators.pam_noise import PamNoise, pam_noise
+from vsalog.estimators.pam_states import ANGLE, PRESSURE_1, PRESSURE_2, VELOCITY, PamFold, PamState
 from vsalog.estimators.regression import SUPPORTED_SHARE
 from vsalog.estimators.tuning import Tuning
 from vsalog.filters.square_root_ukf import UnscentedTrace
