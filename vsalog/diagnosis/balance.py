@@ -25,6 +25,7 @@ from vsalog.diagnosis._loops import bristle_torque, loop_torque
 from vsalog.diagnosis.memory import remembered
 from vsalog.diagnosis.sensing import known
 from vsalog.mechanics import flexibility_torque, reaction_torque
+from vsalog.mechanics.links import link_inertia, link_weight
 from vsalog.mechanics.transmissions import coded
 from vsalog.rig.schema import (
     AntagonisticJoint,
@@ -44,7 +45,6 @@ Array = NDArray[np.float64]
 Mechanical = ElasticJoint | SerialJoint | AntagonisticJoint
 Side = Literal["motor", "transmission", "link", "sensor", "pneumatic"]
 
-GRAVITY = 9.81
 # Torques are found to this part of the largest.
 NEAR = 1e-9
 # Changes of the deflection below so many deviations of its noise do not move a loop.
@@ -297,11 +297,9 @@ def rubbing(friction: Friction, x: Array, load: Array | None, slack: float) -> A
 
 def _driven(link: Link, q: Array, torque: Array, external: Array | None) -> Array:
     """Return M q̈ + D q̇ + g(q) + τ_T − τ_ext."""
-    inertia, weight = link.inertia, link.gravity_torque
-    if link.payload is not None:
-        inertia += link.payload.mass * link.payload.distance**2
-        weight += link.payload.mass * GRAVITY * link.payload.distance if weight else 0.0
-    carried = inertia * q[2] + link.damping * q[1] + weight * np.sin(q[0] - link.gravity_angle) + torque
+    carried = (
+        link_inertia(link) * q[2] + link.damping * q[1] + link_weight(link) * np.sin(q[0] - link.gravity_angle) + torque
+    )
     return np.asarray(carried if external is None else carried - external[0])
 
 

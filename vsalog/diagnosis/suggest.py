@@ -33,6 +33,7 @@ from vsalog.diagnosis.suggest_range import Seen, seen_in
 from vsalog.diagnosis.suggest_words import TELLS, scenario_text, words_of
 from vsalog.diagnosis.system import System, build_system
 from vsalog.errors import DiagnosisError, VsalogError
+from vsalog.mechanics.links import GRAVITY
 from vsalog.rig import Rig
 from vsalog.rig.schema import Payload, PneumaticJoint, RigFile
 from vsalog.simulation.scenario import Scenario
@@ -52,7 +53,6 @@ NEARLY = 0.6
 PAYLOAD, WORTHWHILE = 0.3, 1.5
 # A candidate that leaves what was seen becomes smaller, so as to stay a little within; so many times, and not below this share.
 TRIES, WITHIN, LEAST = 4, 0.93, 0.05
-GRAVITY = 9.81
 
 
 @dataclass(frozen=True, slots=True)

@@ -14,12 +14,12 @@ from numpy.typing import NDArray
 
 from vsalog.estimators.device import Device, TransmissionView, deflection_of
 from vsalog.filters.derivatives import Differentiated
+from vsalog.mechanics.links import link_inertia, link_weight
 from vsalog.rig.schema import Link, UnknownTransmission
 
 Array = NDArray[np.float64]
 
 # Of free fall [m/s²], as the simulation has it.
-GRAVITY = 9.81
 
 
 @dataclass(frozen=True, slots=True)
@@ -152,11 +152,8 @@ def _rate_weights(coefficients: tuple[float, ...], weights: Array, difference: f
 
 def carried_by(link: Link) -> tuple[float, Weight | None]:
     """Return the inertia of a link and its payload [kg·m²], and the weight of both; None in a horizontal plane."""
-    inertia, torque = link.inertia, link.gravity_torque
-    if link.payload is not None:
-        inertia += link.payload.mass * link.payload.distance**2
-        torque += GRAVITY * link.payload.mass * link.payload.distance if torque else 0.0
-    return inertia, Weight(torque, link.gravity_angle) if torque else None
+    torque = link_weight(link)
+    return link_inertia(link), Weight(torque, link.gravity_angle) if torque else None
 
 
 def effects_left_in(name: str, device: Device) -> list[str]:

@@ -15,6 +15,7 @@ import numpy as np
 
 from vsalog.errors import SimulationError, did_you_mean
 from vsalog.mechanics import flexibility_torque, stiffness
+from vsalog.mechanics.links import link_inertia, link_weight
 from vsalog.rig.schema import (
     AntagonisticJoint,
     CubicTransmission,
@@ -242,11 +243,7 @@ def _load(name: str, joint: Joint, rig: RigFile) -> tuple[float, float, float]:
     if rig.chain is None or name not in names:
         if link is None:
             return 0.0, damping, 0.0
-        load = link.payload
-        moment = 0.0 if load is None else load.mass * load.distance
-        extra = 0.0 if load is None else moment * load.distance
-        # As in the simulation, a payload has weight where the link has.
-        return link.inertia + extra, damping, abs(link.gravity_torque) + (9.81 * moment if link.gravity_torque else 0.0)
+        return link_inertia(link), damping, abs(link_weight(link))
     reach = inertia = moment = 0.0
     for part in rig.chain.link[names.index(name) :]:
         centre = reach + abs(part.length + part.centre[0])

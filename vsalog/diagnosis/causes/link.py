@@ -8,9 +8,9 @@ from typing import Any
 import numpy as np
 from msgspec.structs import replace
 
-from vsalog.diagnosis.balance import GRAVITY
 from vsalog.diagnosis.causes.base import CORNERED, WAVY, Cause, Parameter, Remainder, Setting, Site, with_part
 from vsalog.diagnosis.causes.motor_friction import with_bristles
+from vsalog.mechanics.links import GRAVITY
 from vsalog.rig.schema import Contact, Payload
 
 # Lengths of pushes to begin with [s]; the equation's remainder is averaged over them to find where.
