@@ -16,9 +16,9 @@ from vsalog.estimators import BUILT_IN
 from vsalog.reproduce import flacco2012, flacco2014, serio2011, shin
 from vsalog.reproduce.catalogue import ITEMS, select
 from vsalog.reproduce.measure import SEEDS, Setting, Study, estimate, mse, msrep, with_noise
-from vsalog.reproduce.planned import Planned, mean_relative
+from vsalog.reproduce.planned import Column, Planned, mean_relative, row_of
 from vsalog.reproduce.plots import PlotError, prepare_folder, write_figures
-from vsalog.reproduce.rows import Row, Spread
+from vsalog.reproduce.rows import Result, Row, Spread
 from vsalog.simulation.experiments import vsa2_experiment
 
 # Neither the report's seeds nor those the settings were chosen with.
@@ -174,18 +174,6 @@ def test_verdicts():
     assert row.with_values(ours=Spread(1.2, 1.2, 1.2, 1)).because("why").reason == "why"
 
 
-def test_what_is_missing_is_said_and_costs_nothing(results):
-    alone = chosen(results("shin-offline").rows, of="model alone")
-    for row in alone:
-        assert row.status == "not there yet"
-        assert row.ours is None
-        assert row.reason
-    assert all("recordings" in r.reason for r in alone)
-    # The filter is there, on signals that no model error disturbs: told, and not compared with the authors' recordings.
-    found = chosen(results("shin-offline").rows, of="UKF")
-    assert all(r.status == "done" and r.ours is not None and "simulated" in r.remark for r in found)
-
-
 def test_a_row_becomes_real_once_its_estimator_is_registered(monkeypatch, results):
     """Whatever estimator takes one of the names is run, and its column held against the truth."""
     monkeypatch.setitem(BUILT_IN, serio2011.OBSERVER.names[0], BUILT_IN["direct"])
@@ -197,9 +185,16 @@ def test_a_row_becomes_real_once_its_estimator_is_registered(monkeypatch, result
     for row in (damping, inertia):  # 'direct' has no such columns, and that is what is said
         assert row.status == "not there yet"
         assert "link_" in row.reason
-    monkeypatch.setitem(BUILT_IN, shin.FILTER.names[0], BUILT_IN["direct"])
-    refused = chosen(shin.offline(Study((101,))).rows, of="UKF")
-    assert all(r.status == "not there yet" and "pneumatic" in r.reason for r in refused)
+
+
+def test_a_row_whose_estimator_cannot_be_run_says_why():
+    column = Column("stiffness", lambda experiment, joint: experiment.time, mean_relative)
+    row = Row(item="", paper="", place="", quantity="")
+    refused = row_of(
+        row, Planned("x", ("pam-ukf",)), column, lambda: [vsa2_experiment(duration=0.2)], "vsa2", Study((101,))
+    )
+    assert refused.status == "not there yet"
+    assert "pneumatic" in refused.reason
 
 
 def test_names_that_are_planned_are_looked_up_each_time(monkeypatch):
@@ -215,6 +210,7 @@ def test_papers_and_items_select():
     assert [i.name for i in select(["shin", "flacco2012-fig22", "shin-offline"])] == [
         "flacco2012-fig22",
         "shin-offline",
+        "shin-models",
     ]
     with pytest.raises(VsalogError, match="did you mean 'flacco2012-table1'"):
         select(["flacco2012-tabel1"])
@@ -239,7 +235,8 @@ def test_the_command_line_refuses_an_unknown_name(monkeypatch, capsys):
 @pytest.fixture
 def two_quick_items(monkeypatch, results):
     """The command on results that are there already."""
-    ready = {name: results(name) for name in ("flacco2012-table1", "shin-offline")}
+    missing = Row(item="shin-offline", paper="", place="", quantity="", status="not there yet", reason="why")
+    ready = {"flacco2012-table1": results("flacco2012-table1"), "shin-offline": Result([missing], [])}
     for name, result in ready.items():
         monkeypatch.setitem(ITEMS, name, SimpleNamespace(**msgspec_fields(ITEMS[name]), run=lambda _, r=result: r))
     return list(ready)

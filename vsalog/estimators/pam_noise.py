@@ -41,7 +41,7 @@ class PamNoise:
 
 def pam_noise(
     joint: PneumaticJoint, period: float, pressure: tuple[float, float], sensor: tuple[float, float], *,
-    flow: float = 0.1, force: float = 0.04, friction: float = 0.2,
+    flow: float = 0.2, force: float = 0.04, friction: float = 0.2,
 ) -> PamNoise:  # fmt: skip
     """Derive the noise from the log's sample time, its sensors and what is doubted of the rig.
 

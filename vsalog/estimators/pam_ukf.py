@@ -67,7 +67,7 @@ class PamTuning(Tuning, frozen=True, forbid_unknown_fields=True, kw_only=True):
 
     air: Literal["trapped", "constant"] = "trapped"
     model: ModelName = "hybrid"
-    flow: Share = 0.1
+    flow: Share = 0.2
     force: Share = 0.04
     friction: Share = 0.2
     covariances: Literal["derived", "printed"] = "derived"

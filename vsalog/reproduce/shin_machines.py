@@ -1,0 +1,108 @@
+"""Machines that are not what the rig says, for Shin 2021 §IV: in a simulation the model would be the machine otherwise.
+
+What is off, by how much, and why so much; every amount is drawn evenly between minus and plus that much, on its own:
+
+    supply pressure     2 %      what a regulator holds
+    orifices A₁, A₂     5 %      each valve's two; the paper found them by trial and error (§II-C)
+    valve's map         0.05 V   half a per cent of 10 V, about the hysteresis of a proportional valve's spool
+    muscle's pull       3 %      each; the spread of the points about their lines in such a fit (Fig. 2), and of muscles of a kind
+    muscle's volume     3 %      each; measured with a graduated cylinder (§II-C)
+    friction            20 %     all of eq. 10 together; found by trial and error (§II-C), and it changes with wear and warmth
+    leakage             0.5 %    of the inflow orifice, each muscle, between none and that much
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace as with_fields
+
+import numpy as np
+from msgspec.structs import replace
+
+from vsalog.rig import Rig
+from vsalog.rig.schema import Muscle, PneumaticJoint, PressureFriction, RigFile, Valve
+from vsalog.simulation.experiment import Experiment
+from vsalog.simulation.scenario import Scenario
+from vsalog.simulation.simulate import simulate
+
+SUPPLY, AREA, OFFSET, PULL, VOLUME, FRICTION, LEAK = 0.02, 0.05, 0.05, 0.03, 0.03, 0.2, 0.005
+STATED = (
+    "each seed has a machine of its own, off from the rig evenly up to ± these, each on its own: supply pressure 2 % (a"
+    " regulator), orifice areas 5 % and friction 20 % (found by trial and error, §II-C), valve map 0.05 V (spool hysteresis),"
+    " each muscle's pull and volume 3 % (scatter of Fig. 2, a graduated cylinder), leakage 0 to 0.5 % of the orifice"
+)
+# Classical Runge-Kutta misses less than a Pa and 1e-6 rad with two steps per millisecond: far below the sensors.
+STEPS = 2
+
+
+def machine(joint: PneumaticJoint, seed: int) -> PneumaticJoint:
+    """Return what is really there where the rig says `joint`.
+
+    Parameters
+    ----------
+    joint : of the rig, with friction of the paper's kind
+    seed : equal seeds give equal machines
+    """
+    rng = np.random.default_rng(seed)
+
+    def off(most: float) -> float:
+        return 1.0 + most * float(rng.uniform(-1.0, 1.0))
+
+    def muscle(m: Muscle, valve: Valve) -> Muscle:
+        volume, pull, leak = off(VOLUME), off(PULL), LEAK * float(rng.uniform(0.0, 1.0))
+        return replace(
+            m,
+            force_gain=pull * m.force_gain,
+            volume_curvature=volume * m.volume_curvature,
+            volume_slope=volume * m.volume_slope,
+            volume_constant=volume * m.volume_constant,
+            leak_area=m.leak_area + leak * valve.inflow_area,
+        )
+
+    def valve(v: Valve) -> Valve:
+        into, out, offset = off(AREA), off(AREA), OFFSET * float(rng.uniform(-1.0, 1.0))
+        return replace(v, inflow_area=into * v.inflow_area, outflow_area=out * v.outflow_area, offset=v.offset + offset)
+
+    friction = joint.friction
+    if isinstance(friction, PressureFriction):
+        level = off(FRICTION)
+        friction = replace(
+            friction,
+            viscous=level * friction.viscous,
+            shaft_coefficient=level * friction.shaft_coefficient,
+            muscle=level * friction.muscle,
+        )
+    return replace(
+        joint,
+        air=replace(joint.air, supply_pressure=off(SUPPLY) * joint.air.supply_pressure),
+        muscle_1=muscle(joint.muscle_1, joint.valve_1),
+        muscle_2=muscle(joint.muscle_2, joint.valve_2),
+        valve_1=valve(joint.valve_1),
+        valve_2=valve(joint.valve_2),
+        friction=friction,
+    )
+
+
+def recorded(seed: int, *, clamped: bool, scenario: str = "pam-exp3", duration: float | None = None) -> Experiment:
+    """Return what another machine than the preset `pam` recorded, with the preset's rig as what is believed of it.
+
+    Parameters
+    ----------
+    seed : of the machine and of the sensors' noise
+    clamped : at 0°, as in the paper where the torque is measured (§IV-A2); the rig says so too
+    scenario : its voltages
+    duration : [s], the scenario's when absent
+    """
+    believed = Rig.preset("pam").file
+    joint = believed.joint["pam"]
+    assert isinstance(joint, PneumaticJoint)
+    if clamped:
+        joint = replace(joint, seesaw=replace(joint.seesaw, held_at=0.0))
+    actual, believed = _with(believed, machine(joint, seed)), _with(believed, joint)
+    inputs = Scenario.find(scenario, actual)
+    length = inputs.file.duration if duration is None else duration
+    played = simulate(actual, inputs.inputs(actual), length, seed=seed, steps=STEPS)
+    return with_fields(played, rig=believed)
+
+
+def _with(rig: RigFile, joint: PneumaticJoint) -> RigFile:
+    return replace(rig, joint={"pam": joint})
