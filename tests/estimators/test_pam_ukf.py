@@ -57,7 +57,7 @@ def test_the_command_writes_states_with_their_deviations(folder, truth):
     off = table["link_position"].to_numpy()[:count] - truth["link_position"][:count]
     assert np.nanmax(np.abs(off)) < 0.0613 * np.ptp(
         truth["link_position"]
-    )  # printed, of real muscles (Shin 2021, §V-A)
+    )  # printed, of real muscles (Shin 2021, §IV-A)
     believed = table["link_position_std"].to_numpy()[:count]
     assert np.nanmean(np.abs(off[2000:]) < 2.0 * believed[2000:]) > 0.85
     assert np.ptp(table["stiffness"].dropna()) > 0.0

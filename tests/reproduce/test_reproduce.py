@@ -57,7 +57,7 @@ def test_printed_values_of_flacco_2012():
 
 
 def test_printed_values_of_the_other_papers():
-    """Flacco 2014: Table I, §V and §VII; Serio 2011: Fig. 4; Shin 2021: §V-A."""
+    """Flacco 2014: Table I, §V and §VII; Serio 2011: Fig. 4; Shin 2021: §IV-A."""
     assert flacco2014.TABLE_1 == {"qr-rls": (0.58, 0.002), "batch-ls": (102.64, 0.224), "residual-rls": (31.6, 0.07)}
     assert [v[0] for v in flacco2014.TABLE_1_MOTOR.values()] == [7.5135, 0.9148]
     assert flacco2014.NOISY == {"qr-rls": (2.0919, 0.5162), "residual-rls": (92.2, 0.046)}
