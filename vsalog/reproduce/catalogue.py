@@ -79,8 +79,18 @@ ITEMS = {
         Item("flacco2014-cubic", "flacco2014", "§VII: cubic springs with noise", "flacco2014", "cubic"),
         Item("serio2011", "serio2011", "Fig. 4: simulated errors of the impedance observer", "serio2011", "simulated"),
         Item("deluca2007", "deluca2007", "Figs. 3–4: errors of the acceleration observer", "deluca2007", "observer"),
+        Item(
+            "deluca2007-control",
+            "deluca2007",
+            "Figs. 5–6: state controller on the observer's state",
+            "control",
+            "state_feedback",
+        ),
         Item("shin-offline", "shin", "§IV-A: model alone against UKF", "shin", "offline"),
         Item("shin-models", "shin", "Tables III, IV: the UKF with simpler models", "shin", "simpler"),
+        Item(
+            "shin-control", "shin", "§V-C: PI control without encoder and torque sensor", "control", "pressures_alone"
+        ),
     )
 }
 

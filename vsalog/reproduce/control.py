@@ -22,6 +22,7 @@ Array = NDArray[np.float64]
 
 # De Luca: the spring is so much of what the controller takes it for, and "significant" is at most this part of the other.
 SOFTER, LESS = 0.8, 0.75
+SWUNG = 2.2  # [s]
 DELUCA = {"acceleration-observer": "the observer's state", "motor": "motor states alone"}
 # Shin: how long before the next step an error counts as steady [s], and how many machines there are.
 STEADY, MACHINES = 1.0, 3
@@ -69,13 +70,13 @@ def state_feedback(study: Study) -> Result:
 def _swung(feedback: str, seed: int) -> tuple[Array, float, int]:
     """Return the link's position, how far it was to go, and the sample from which it should be there."""
     rig = Rig.preset("kuka-kr15")
-    scenario = Scenario.load("kuka-kr15-control").lasting(3.0, None)
+    scenario = Scenario.load("kuka-kr15-control").lasting(SWUNG, None)
     stiffness = rig.joints["axis1"].transmission.stiffness  # type: ignore[union-attr]
     actual = rig.with_settings({"joint.axis1.transmission.stiffness": f"{SOFTER * stiffness!r}"})
     asked = scenario.controllers(rig.file)["axis1"]
     assert isinstance(asked, StateFeedback)
     played = simulate(
-        actual.file, scenario.inputs(rig.file), 3.0, seed=seed, believed=rig.file,
+        actual.file, scenario.inputs(rig.file), SWUNG, seed=seed, believed=rig.file,
         controllers={"axis1": replace(asked, feedback=feedback)},  # type: ignore[arg-type]
     )  # fmt: skip
     reference = np.asarray(asked.reference(played.time))  # type: ignore[operator]
