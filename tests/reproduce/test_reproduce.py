@@ -211,6 +211,7 @@ def test_papers_and_items_select():
         "flacco2012-fig22",
         "shin-offline",
         "shin-models",
+        "shin-control",
     ]
     with pytest.raises(VsalogError, match="did you mean 'flacco2012-table1'"):
         select(["flacco2012-tabel1"])

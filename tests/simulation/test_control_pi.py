@@ -44,7 +44,7 @@ def test_the_valves_are_opened_as_the_sum_says():
 
 @pytest.mark.parametrize("feedback", ["sensor", "pam-ukf"])
 def test_the_angle_comes_to_its_reference(feedback):
-    """Shin 2021 §V-C: a steady error of 5.25 % of 40° at most."""
+    """Shin 2021 §IV-C: a steady error of 5.25 % of 40° at most."""
     done = played(feedback)
     angle = np.degrees(done.truth["link_position"])
     assert np.abs(angle[done.time > 7.0] - 10.0).max() < 0.0525 * 40.0

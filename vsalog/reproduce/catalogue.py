@@ -89,7 +89,7 @@ ITEMS = {
         Item("shin-offline", "shin", "§IV-A: model alone against UKF", "shin", "offline"),
         Item("shin-models", "shin", "Tables III, IV: the UKF with simpler models", "shin", "simpler"),
         Item(
-            "shin-control", "shin", "§V-C: PI control without encoder and torque sensor", "control", "pressures_alone"
+            "shin-control", "shin", "§IV-C: PI control without encoder and torque sensor", "control", "pressures_alone"
         ),
     )
 }

@@ -85,7 +85,7 @@ def _swung(feedback: str, seed: int) -> tuple[Array, float, int]:
 
 
 def pressures_alone(study: Study) -> Result:
-    """Shin 2021 §V-C: the PI controller on the filter's angle, and on its torque."""
+    """Shin 2021 §IV-C: the PI controller on the filter's angle, and on its torque."""
     rows = []
     for scenario, role, what, span, printed in SHIN:
         errors = []
@@ -94,7 +94,7 @@ def pressures_alone(study: Study) -> Result:
             errors.append(100.0 * _steady_error(*_controlled(scenario, role, seed)) / span)
         rows.append(
             Row(
-                item="shin-control", paper="Shin 2021", place="§V-C, Fig. 14", quantity="largest steady error by its range",
+                item="shin-control", paper="Shin 2021", place="§IV-C, Fig. 14", quantity="largest steady error by its range",
                 unit="%", of=what, settings="the paper's", estimator="pam-ukf", printed=printed, ours=Spread.of(errors),
                 window=f"last {STEADY:g} s of each step", compare="lower",
                 conditions="two pneumatic muscles under the paper's PI controller, which is told the pressures alone;"

@@ -42,8 +42,8 @@ SIMPLER = {
 TABLES = {"angle": "Table III", "torque": "Table IV"}
 
 CONDITIONS = {
-    "angle": "two pneumatic muscles, pam-exp3: -22 to 20° at 200 to 700 kPa; the joint is free",
-    "torque": "two pneumatic muscles, pam-exp3: -2.7 to 2.6 N·m at 200 to 700 kPa; the joint is clamped at 0° (so says the rig)",
+    "angle": "two pneumatic muscles, pam-range: -22 to 20° at 200 to 700 kPa; the joint is free",
+    "torque": "two pneumatic muscles, pam-range: -2.7 to 2.6 N·m at 200 to 700 kPa; the joint is clamped at 0° (so says the rig)",
 }
 CHOSEN = "voltages (Fig. 8 has no numbers), the valves' map, the sensors, and the machines: " + STATED
 OTHER_MACHINE = (

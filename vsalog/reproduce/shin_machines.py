@@ -82,7 +82,7 @@ def machine(joint: PneumaticJoint, seed: int) -> PneumaticJoint:
     )
 
 
-def recorded(seed: int, *, clamped: bool, scenario: str = "pam-exp3", duration: float | None = None) -> Experiment:
+def recorded(seed: int, *, clamped: bool, scenario: str = "pam-range", duration: float | None = None) -> Experiment:
     """Return what another machine than the preset `pam` recorded, with the preset's rig as what is believed of it.
 
     Parameters

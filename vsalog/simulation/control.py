@@ -35,7 +35,7 @@ class StateFeedback:
 
 @dataclass(frozen=True, slots=True)
 class PiControl:
-    """Two valves that are driven by a proportional and integral controller, apart from a bias (Shin 2021 §V-C).
+    """Two valves that are driven by a proportional and integral controller, apart from a bias (Shin 2021 §IV-C).
 
     Attributes
     ----------

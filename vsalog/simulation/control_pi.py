@@ -21,7 +21,7 @@ COLUMNS = {"link_position": "link_position", "torque_sensor": "flexibility_torqu
 
 
 class PiLoop:
-    """u = bias ± (T_P e + T_I ∫ e dt), e = reference − what is fed back (Shin 2021 §V-C).
+    """u = bias ± (T_P e + T_I ∫ e dt), e = reference − what is fed back (Shin 2021 §IV-C).
 
     The paper writes the integral as a sum of samples times T_I / T_step; as a gain per second T_I is what moves a valve by some
     volts within a step of its references, and is taken so. The integral waits while a valve is at its end.

@@ -212,7 +212,7 @@ class StateFeedbackDrive(Base, frozen=True):
 
 
 class PiControlDrive(Base, frozen=True):
-    """A proportional and integral controller of a joint's two valves (Shin 2021 §V-C), see `control.PiControl`.
+    """A proportional and integral controller of a joint's two valves (Shin 2021 §IV-C), see `control.PiControl`.
 
     Attributes
     ----------
