@@ -27,6 +27,8 @@ from .scoring import Outcome, read, score
 
 # How the cases are shared among the kinds.
 SHARES = {"clean": 0.12, "single": 0.38, "pair": 0.18, "reduced": 0.22, "outside": 0.10}
+# Cases of a whole battery, some 25 minutes of two cores, and of a quick one.
+FULL, QUICK = 130, 24
 # A diagnosis that takes longer has failed [s].
 PATIENCE = 600
 
@@ -116,8 +118,8 @@ def main() -> None:
     parser = argparse.ArgumentParser(prog="python -m tests.hidden_effects.battery", description=__doc__)
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--out", type=Path, default=Path("battery"))
-    parser.add_argument("--cases", type=int, help="how many; 500 when absent")
-    parser.add_argument("--quick", action="store_true", help="24 cases, and sets are not looked into")
+    parser.add_argument("--cases", type=int, help=f"how many; {FULL} when absent")
+    parser.add_argument("--quick", action="store_true", help=f"{QUICK} cases, and sets are not looked into")
     parser.add_argument("--device", choices=list(DEVICES), action="append", help="default: all")
     parser.add_argument("--kind", choices=KINDS, action="append", help="default: all")
     parser.add_argument("--workers", type=int, default=min(2, os.cpu_count() or 1))
@@ -131,7 +133,7 @@ def main() -> None:
     # Workers side by side, one to a core: linear algebra with threads of its own would make them wait for one another.
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     devices, kinds = tuple(given.device or DEVICES), tuple(given.kind or KINDS)
-    chosen = lay_out(given.cases or (24 if given.quick else 500), given.seed, devices, kinds)
+    chosen = lay_out(given.cases or (QUICK if given.quick else FULL), given.seed, devices, kinds)
     if not (given.again or given.score):
         for problem in generate(chosen, given.out, given.workers):
             print(f"not made: {problem}", file=sys.stderr)
