@@ -13,9 +13,10 @@ from __future__ import annotations
 
 from collections.abc import Collection
 from dataclasses import dataclass
-from typing import Any, ClassVar
+from typing import Annotated, Any, ClassVar
 
 import numpy as np
+from msgspec import Meta
 from numba import njit
 from numpy.typing import NDArray
 
@@ -52,7 +53,7 @@ class AlgebraicTuning(RlsTuning, frozen=True, forbid_unknown_fields=True, kw_onl
 
     default_window: ClassVar[int] = 11
 
-    degree: int = 3
+    degree: Annotated[int, Meta(ge=1, le=30)] = 3
     span: Positive = 0.15
 
 

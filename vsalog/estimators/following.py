@@ -313,4 +313,5 @@ def total_columns(parts: Sequence[Mapping[str, NDArray[Any]]]) -> Columns:
     torque, stiffness = (np.sum([p[name] for p in parts], axis=0) for name in ("flexibility_torque", "stiffness"))
     std = np.sqrt(np.sum([p["stiffness_std"] ** 2 for p in parts], axis=0))
     excited = np.logical_and.reduce([p["excited"] for p in parts])
-    return columns(parts[0]["deflection"], torque, stiffness, std, excited)
+    nothing = np.full(torque.shape, np.nan)  # of two deflections neither is the joint's
+    return columns(nothing, torque, stiffness, std, excited)

@@ -7,7 +7,7 @@ Tsagarakis, Bicchi (ICRA 2011) §II-A have it: eq. 4–7 on the link's equation 
 from __future__ import annotations
 
 from collections.abc import Collection
-from typing import Annotated, Literal
+from typing import Annotated, ClassVar, Literal
 
 import numpy as np
 from msgspec import Meta
@@ -39,6 +39,8 @@ class GrioliBicchiTuning(ObserverTuning, frozen=True, forbid_unknown_fields=True
     ----------
     side : ``motor`` or ``link``, whose equation of motion tells the torque; when absent the motor's where it is known
     """
+
+    unused: ClassVar[tuple[str, ...]] = ("shape", "settle", "memory")
 
     degree: Annotated[int, Meta(ge=3, le=30)] = 5
     side: Literal["motor", "link"] | None = None

@@ -39,6 +39,8 @@ class GrioliParametricTuning(Tuning, frozen=True, forbid_unknown_fields=True, kw
     p0 : the parameters begin at zero with covariance p0 I; when absent, weak, from the log's largest deflection and set-point
     """
 
+    unused: ClassVar[tuple[str, ...]] = ("settle",)
+
     forgetting: Annotated[float, Meta(gt=0.0, le=1.0)] = 1.0
     p0: Positive | None = None
 

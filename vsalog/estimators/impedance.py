@@ -7,7 +7,7 @@ beside it an extended Kalman filter on the link, which that torque drives. Neith
 from __future__ import annotations
 
 from collections.abc import Collection
-from typing import Annotated
+from typing import Annotated, ClassVar
 
 import numpy as np
 from msgspec import Meta
@@ -20,6 +20,7 @@ from vsalog.estimators.needs import require
 from vsalog.filters.derivatives import Derivatives
 from vsalog.filters.link_ekf import DECAY, MOBILITY, VELOCITY, LinkNoise, LinkState, anew, estimate_link, link_start
 from vsalog.filters.savitzky_golay import savgol_filter
+from vsalog.mechanics.links import link_weight
 from vsalog.resolution import sensor_noise
 from vsalog.signals import JointSignals
 
@@ -42,6 +43,8 @@ class ImpedanceTuning(ObserverTuning, frozen=True, forbid_unknown_fields=True, k
     ----------
     wander : share by which the link's inertia and damping may change within a second
     """
+
+    unused: ClassVar[tuple[str, ...]] = ("shape", "settle")
 
     wander: Annotated[float, Meta(ge=0.0)] = 1e-4
 
@@ -148,7 +151,7 @@ class ImpedanceFold(ObserverFold):
             u = u + rows.roles["external_torque"]
         link = self.device.link
         if link is not None and link.gravity_torque:
-            u = u - link.gravity_torque * np.sin(rows.roles["link_position"] - link.gravity_angle)
+            u = u - link_weight(link) * np.sin(rows.roles["link_position"] - link.gravity_angle)
         return np.asarray(u)
 
     def _noise(self, signals: JointSignals, tuning: ImpedanceTuning) -> LinkNoise:

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Collection
 from dataclasses import dataclass
-from typing import Annotated, NamedTuple
+from typing import Annotated, ClassVar, NamedTuple
 
 import numpy as np
 from msgspec import Meta
@@ -59,6 +59,8 @@ class ImpedanceCoupledTuning(ObserverTuning, frozen=True, forbid_unknown_fields=
     inertia, damping : initial guesses of I [kg·m²] and N [N·m·s/rad]; the rig's link when absent
     wander : share of the initial guess by which I and N may change within a second
     """
+
+    unused: ClassVar[tuple[str, ...]] = ("shape", "settle", "memory")
 
     degree: Annotated[int, Meta(ge=3, le=30)] = 5
     inertia: Annotated[float, Meta(ge=0.0)] | None = None

@@ -44,7 +44,7 @@ def require(name: str, device: Device, needed: Collection[str], offered: Collect
     if missing:
         listed = "; ".join(f"{role} ({meaning(role)})" for role in missing)
         raise EstimatorError(
-            f"joint '{device.joint}': the estimator {name} needs {', '.join(needed)}, but there is no channel for"
+            f"joint '{device.joint}': the estimator {name} needs {', '.join(dict.fromkeys(needed))}, but there is no channel for"
             f" {listed}. Name it under [joint.{device.joint}.signals] in the rig, or choose an estimator that can do"
             " without ('vsalog estimate --help' lists them)"
         )

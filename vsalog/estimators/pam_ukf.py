@@ -203,9 +203,11 @@ class PamEstimate:
     def _columns(self, found: UnscentedTrace) -> Mapping[str, Any]:
         told = self.fold.estimates(found)
         deviation = np.sqrt(np.einsum("nij,nij->ni", found.S, found.S))
+        if not self.fold.correct:  # how far a model alone is off nothing tells
+            deviation[:] = np.nan
         nothing = np.full(found.x.shape[0], np.nan)
         kind = "stiffness" if self.air == "trapped" else "stiffness_isobaric"
-        sigma, std = told[kind], told[f"{kind}_std"]
+        sigma, std = told[kind], _told(told[f"{kind}_std"])
         lost = found.diverged
         with np.errstate(invalid="ignore"):
             excited = np.isfinite(sigma) & ~lost & (std < SUPPORTED_SHARE * np.abs(sigma))
@@ -224,7 +226,7 @@ class PamEstimate:
             "stiffness_std": std,
             "stiffness_derivative": nothing,
             "stiffness_second_derivative": nothing,
-            "flexibility_torque_std": told["torque_std"],
+            "flexibility_torque_std": _told(told["torque_std"]),
             **extra,
         }
         return {name: np.where(lost, np.nan, values) for name, values in columns.items()} | {"excited": excited}
@@ -244,3 +246,8 @@ class PamEstimate:
         return JointModel(
             estimator=self.name, modality="STATES", basis=basis_spec(self.device.basis), transmission=(), motor={}
         )
+
+
+def _told(deviation: Array) -> Array:
+    """Return deviations, NaN for 0: of what nothing corrects, or a model has as a constant, nothing tells how far it is off."""
+    return np.where(deviation > 0.0, deviation, np.nan)

@@ -35,8 +35,9 @@ class Tuning(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=Tr
     memory : time over which the noise is observed [s]
     """
 
-    # Window where none is asked for, in samples.
+    # Window where none is asked for, in samples; and what this method has no use for.
     default_window: ClassVar[int] = 51
+    unused: ClassVar[tuple[str, ...]] = ()
 
     filter: FilterName = "savitzky-golay"
     window: Positive | None = None
@@ -127,7 +128,7 @@ def read_tuning(kind: type[T], estimator: str, values: Mapping[str, str]) -> T:
     EstimatorError
         A name is unknown or a value impossible; the message names it and what there is.
     """
-    known = kind.__struct_fields__
+    known = [name for name in kind.__struct_fields__ if name not in kind.unused]
     for name in values:
         if name not in known:
             raise EstimatorError(

@@ -1,0 +1,73 @@
+"""Columns and options that promise nothing: deviations that nothing tells, deflections of two springs, tuning without effect."""
+
+import json
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pyarrow.parquet as pq
+import pytest
+
+
+def vsalog(*args, cwd):
+    command = [str(Path(sys.executable).with_name("vsalog")), *map(str, args)]
+    done = subprocess.run(command, cwd=cwd, capture_output=True, text=True, timeout=300)
+    return done.returncode, done.stdout, done.stderr
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory):
+    """Short logs of muscles and of a series elastic joint."""
+    folder = tmp_path_factory.mktemp("honest")
+    weight = ("--set", "joint.sea.link.gravity_torque=2.0")
+    load = ("--set", "joint.sea.link.payload.mass=1.5", "--set", "joint.sea.link.payload.distance=0.2")
+    for args in (
+        ("pam", "--duration", "2 s", "-o", "pam.parquet"),
+        ("sea", "--duration", "6 s", *weight, *load, "-o", "loaded.parquet"),
+    ):
+        code, _, err = vsalog("simulate", *args, cwd=folder)
+        assert code == 0, err
+    return folder
+
+
+def test_a_model_alone_has_no_deviation_and_is_supported_by_nothing(folder):
+    code, out, err = vsalog("estimate", "pam.parquet", "-e", "pam-model", "-o", "model.parquet", "--json", cwd=folder)
+    assert code == 0, err
+    table = pq.read_table(folder / "model.parquet")
+    deviations = [name for name in table.column_names if name.endswith("_std")]
+    assert {"stiffness_std", "flexibility_torque_std", "link_position_std"} <= set(deviations)
+    for name in deviations:
+        assert np.isnan(table[name].to_numpy(zero_copy_only=False).astype(float)).all(), name
+    assert not any(table["excited"].to_pylist())
+    assert json.loads(out)["joints"]
+
+
+def test_two_springs_have_no_deflection_together(folder, samples):
+    code, _, err = vsalog("estimate", samples / "vsa2_exp1.mcap", "-e", "impedance", "-o", "v.parquet", cwd=folder)
+    assert code == 0, err
+    table = pq.read_table(folder / "v.parquet")
+    part = np.array(table["transmission"].to_pylist())
+    deflection = table["deflection"].to_numpy(zero_copy_only=False).astype(float)
+    assert np.isnan(deflection[part == "total"]).all()
+    assert np.isfinite(deflection[part == "1"]).mean() > 0.9
+
+
+def test_a_payload_s_weight_is_taken_off_the_link(folder):
+    """The link's inertia is that of both, 0.2² · 1.5 more than the rig's link alone; its weight does not bend it."""
+    code, _, err = vsalog("estimate", "loaded.parquet", "-e", "impedance", "-o", "i.parquet", cwd=folder)
+    assert code == 0, err
+    table = pq.read_table(folder / "i.parquet")
+    found = table["link_inertia"].to_numpy(zero_copy_only=False).astype(float)
+    truth = 0.05 + 1.5 * 0.2**2
+    assert np.nanmedian(found[-1000:]) == pytest.approx(truth, rel=0.02)
+
+
+@pytest.mark.parametrize(
+    ("method", "name"),
+    [("impedance", "settle"), ("impedance", "shape"), ("grioli-bicchi", "memory"), ("grioli-parametric", "settle")],
+)
+def test_what_has_no_effect_cannot_be_tuned(folder, samples, method, name):
+    code, _, err = vsalog("estimate", samples / "sea_exp1.csv", "-e", method, "--tune", f"{name}=1", cwd=folder)
+    assert code == 2
+    assert f"nothing to tune named '{name}'" in err
