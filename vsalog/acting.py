@@ -25,7 +25,7 @@ def acting_torque(bound: Bound, motor: Motor) -> Bound:
     motor = motor.reflected
     plain = motor.torque_gain == 1.0 and motor.torque_offset == 0.0 and motor.torque_step == 0.0
     if bound.constant is not None:
-        return replace(bound, constant=float(_made(np.array([bound.constant]), motor)[0]))
+        return replace(bound, constant=float(made_of(np.array([bound.constant]), motor)[0]))
     delay = round(motor.torque_delay * 1e9)
     stamps = bound.stamps + delay if delay else bound.stamps
     if plain:
@@ -35,12 +35,13 @@ def acting_torque(bound: Bound, motor: Motor) -> Bound:
     return replace(
         bound,
         stamps=stamps,
-        values=_made(bound.values, motor),
+        values=made_of(bound.values, motor),
         resolution=max(step, motor.torque_step) * motor.torque_gain,
     )
 
 
-def _made(recorded: Array, motor: Motor) -> Array:
+def made_of(recorded: Array, motor: Motor) -> Array:
+    """Return what a drive makes of recorded torques, on the same side of the gear as `motor`; its delay aside."""
     step, made = motor.torque_step, recorded
     if step > 0.0:
         made = np.asarray(np.round(made / step) * step)

@@ -103,6 +103,18 @@ def test_the_observers_state_damps_what_the_motors_alone_does_not():
     assert rest["motor"] > 3.0 * rest["acceleration-observer"]
 
 
+@pytest.mark.parametrize("feedback", ["truth", "acceleration-observer"])
+def test_a_drive_that_makes_less_of_its_command_is_told_more(feedback):
+    """The rig says that four fifths of what is commanded acts, and a constant beside it."""
+    rig = Rig.from_toml(RIG.replace(f"damping = {DM}\n", f"damping = {DM}\ntorque_gain = 0.8\ntorque_offset = 0.5\n"))
+    scenario = Scenario.from_toml(SCENARIO.replace("FEEDBACK", feedback))
+    done = simulate(rig.file, {}, 1.2, controllers=scenario.controllers(rig.file))
+    assert np.degrees(done.truth["link_position"][1000:]) == pytest.approx(20.0, abs=0.05)
+    # Against gravity at the end: G sin q acts.
+    asked = done.truth["motor_torque"][-1]
+    assert 0.8 * asked + 0.5 == pytest.approx(G * np.sin(np.radians(20.0)), abs=0.05)
+
+
 def test_the_controller_reads_what_the_log_records(monkeypatch):
     from vsalog.simulation.control_state import StateLoop
 

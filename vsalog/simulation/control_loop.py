@@ -12,6 +12,7 @@ from typing import Any, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
+from vsalog.acting import made_of
 from vsalog.binding import bind, offered_roles
 from vsalog.errors import SimulationError
 from vsalog.estimation import choose
@@ -85,8 +86,11 @@ class Watcher:
             offered = offered_roles(self.rig.joint[name])
             for role in wanted:
                 sensor, value = offered[role], said[name][role]
-                true = (value - sensor.offset - sensor.drift * k * self.period) / sensor.gain
-                roles[role if name == self.joint else f"{name}/{role}"] = np.array([true])
+                true = np.array([(value - sensor.offset - sensor.drift * k * self.period) / sensor.gain])
+                if role == "motor_torque":
+                    driven: Any = self.rig.joint[name]
+                    true = made_of(true, driven.motor.reflected)
+                roles[role if name == self.joint else f"{name}/{role}"] = true
         block = JointSignals(
             self.joint, self.period, np.array([round(k * self.period * 1e9)], dtype=np.int64), np.array([k * self.period]), roles,
             np.array([k == 0]), np.zeros(1, dtype=np.int32),

@@ -64,7 +64,8 @@ class StateLoop:
         torques, inertia = _link_torque(rig, name, references, time)
         self.plan = planned(joint, references[name], torques, time)
         self.gains = gains(joint, inertia, control.frequency, control.damping)
-        self.commands = {"motor_torque": np.clip(self.plan.torque, -control.limit, control.limit)}
+        self.motor = joint.motor.reflected
+        self.commands = {"motor_torque": self._command(self.plan.torque)}
         self.watcher = None
         if control.feedback != "truth":
             self.watcher = Watcher(rig, name, "acceleration-observer", control.tune)
@@ -89,8 +90,12 @@ class StateLoop:
             # The link is taken to be where the motor is, but for the torsion that was planned.
             x[[1, 3]] = x[[0, 2]] + wanted[[1, 3]] - wanted[[0, 2]]
         error = np.where(np.isfinite(x), wanted - x, 0.0)
-        limit = self.control.limit
-        self.commands["motor_torque"][k + 1] = np.clip(self.plan.torque[k + 1] + self.gains @ error, -limit, limit)
+        self.commands["motor_torque"][k + 1] = self._command(self.plan.torque[k + 1] + self.gains @ error)
+
+    def _command(self, torque: Any) -> Any:
+        """Return what the drive has to be told for a torque to act, at most the limit."""
+        told = (torque - self.motor.torque_offset) / self.motor.torque_gain
+        return np.clip(told, -self.control.limit, self.control.limit)
 
 
 def _known(rig: RigFile, name: str) -> ElasticJoint:
