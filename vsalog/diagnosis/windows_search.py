@@ -24,13 +24,13 @@ from vsalog.errors import SimulationError
 
 Array = NDArray[np.float64]
 
-# So many windows are looked at; so many causes are fitted in full after a first step with each, in so many rounds; a step that
-# makes it worse is halved so often.
-WINDOWS, FITTED, ROUNDS, HALVED = 20, 4, 8, 3
+# So many windows are looked at, and so many of them for the first step with each cause; so many causes are then fitted in full
+# in so many rounds; a step that makes it worse is halved so often.
+WINDOWS, FIRST, FITTED, ROUNDS, HALVED = 20, 8, 4, 8, 3
 # Rounds end when less than this part is gained, or than the second where more is left than so many times what noise makes. When
 # a cause leaves no more than noise, others are looked at if their first step has promised as much, but for this factor.
 ENOUGH, FAST, FAR = 0.01, 0.2, 10.0
-NOISE, AS_MUCH = 2.0, 1.5
+NOISE, AS_MUCH = 2.0, 1.1
 # A cause must take this part off what is wrong beyond noise.
 SHARE = 0.7
 
@@ -69,16 +69,15 @@ def sought(joint: Any, sites: Sequence[Site], left: Remainder, windows: Windows,
     -------
     None where no cause is worth it
     """
-    some = np.unique(np.linspace(0, len(windows.spans) - 1, min(WINDOWS, len(windows.spans))).round().astype(np.int64))
-    part = windows.part(some)
-    base = Shot(shot.states[some], shot.errors)
+    part, base = _few(windows, shot, WINDOWS)
     before = np.sum(in_windows(base, part) ** 2, axis=1)
     wrong = float(before.sum()) - in_windows(base, part).size
-    bases = _bases(joint, part, base)
+    few, begun_few = _few(part, base, FIRST)
+    bases = _bases(joint, few, begun_few)
     trials = []
     for site in sites:
         starts = site.starts(left) if site.starts is not None else [site.start]
-        steps = [s for s in (_step(joint, site, np.array(start), part, base, bases) for start in starts) if s]
+        steps = [s for s in (_step(joint, site, np.array(start), few, begun_few, bases) for start in starts) if s]
         if steps:
             trials.append((site, *min(steps, key=lambda s: s[0])))
     trials.sort(key=lambda t: t[1])
@@ -104,11 +103,20 @@ def sought(joint: Any, sites: Sequence[Site], left: Remainder, windows: Windows,
     return Seen(choice, fit.values, covariance_of(fit, _blocks(part)), hold, min(removed, 1.0))
 
 
+def _few(windows: Windows, shot: Shot, most: int) -> tuple[Windows, Shot]:
+    """Return some windows, spread evenly, and their simulation."""
+    count = len(windows.spans)
+    some = np.unique(np.linspace(0, count - 1, min(most, count)).round().astype(np.int64))
+    return windows.part(some), Shot(shot.states[some], shot.errors)
+
+
 def _held_or_not(joint: Any, found: Rival, windows: Windows, base: Shot) -> tuple[Fit, bool]:
     """Return the fit to torques that are held, or to such that are not, whichever fits better, and whether they are held.
 
     The equations told it without the cause, and half a sample is much of a delay.
     """
+    if found.fit.loss <= NOISE * found.fit.residual.size:
+        return found.fit, windows.hold
     other = replace(windows, hold=not windows.hold)
     try:
         fit = _fitted(joint, found.site, found.fit.values, other, begun(joint, other, near=base))
