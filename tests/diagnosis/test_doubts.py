@@ -114,20 +114,6 @@ def test_a_channel_that_is_not_there_is_said(tmp_path):
     assert "did you mean 'torque sensor'" in said
 
 
-def test_a_loop_that_only_the_simulation_shows_is_named(tmp_path, monkeypatch):
-    """Without a link encoder a small loop of the spring is below the equations' noise, and not below the simulation's."""
-    loop = (
-        "--actual",
-        "joint.sea.transmission.bouc_wen.torque=0.13",
-        "--actual",
-        "joint.sea.transmission.bouc_wen.width=0.02",
-    )
-    found = without_link_encoder(tmp_path, monkeypatch, *loop)
-    (cause,) = found.causes
-    assert cause.cause == "transmission.hysteresis"
-    assert abs(cause.parameters["torque"].value - 0.13) < 2.0 * cause.parameters["torque"].std
-
-
 def test_equations_that_close_while_the_simulation_does_not_are_doubted(tmp_path):
     """A pull at the link that comes and goes, which no cause makes, without a link encoder and beside a noisy torque sensor."""
 
