@@ -126,7 +126,7 @@ def test_equations_that_close_while_the_simulation_does_not_are_doubted(tmp_path
     assert found.verdict == "unexplained"
     assert not found.causes
     assert found.unexplained.where is None
-    assert "All equations close" in found.sentences[1]
+    assert "The equations close" in found.sentences[1]
     (doubt,) = (w for w in found.warnings if "though the equations close" in w)
     assert "motor_position" in doubt
 

@@ -119,13 +119,14 @@ class JointDiagnosis:
 
     @property
     def adds_up(self) -> bool:
-        """Whether something is wrong that only the simulation shows: the equations close, as noisy as a torque sensor makes them.
+        """Whether something is wrong that only the simulation shows, while the equations close or can be formed nowhere.
 
-        That is where the deflection is not recorded.
+        They close easily where a torque sensor tells the deflection: then its noise is theirs.
         """
-        if not self.closed or self.found or self.standing is None or not _motion(self).measured:
+        if not self.closed or self.found or self.standing is None:
             return False
-        return far_off(self.standing) is not None
+        everywhere = bool(np.any(self.system.weights, axis=0).all())
+        return (not everywhere or bool(_motion(self).measured)) and far_off(self.standing) is not None
 
     @property
     def consistent(self) -> bool:
@@ -214,12 +215,12 @@ def _looked_at_longer(done: JointDiagnosis, setting: Setting, barred: frozenset[
     system, stands, gain = done.system, done.standing, done.gain
     if not done.adds_up or stands is None or gain is None:
         return done
-    # Where equations are that noisy, they cannot tell held torques from smooth ones either.
+    # Such equations cannot tell held torques from smooth ones either.
+    windows = replace(gain.windows, scale=None)
     otherwise = standing(done.joint, replace(stands.windows, hold=not stands.windows.hold))
     if otherwise.whole < stands.whole:
-        windows = replace(gain.windows, hold=otherwise.windows.hold)
-        stands, gain = otherwise, compared(done.joint, done.joint, windows)
-        done = replace(done, standing=stands, gain=gain)
+        stands, windows = otherwise, replace(windows, hold=otherwise.windows.hold)
+        done = replace(done, standing=stands, gain=compared(done.joint, done.joint, windows))
     if far_off(stands) is None:
         return done
     done = replace(done, fraction=1.0)
@@ -229,7 +230,7 @@ def _looked_at_longer(done: JointDiagnosis, setting: Setting, barred: frozenset[
         return done
     site, blocks = seen.choice.site, done.selection.blocks
     extended = applied(done.joint, (site,), seen.values)
-    gain = compared(done.joint, extended, replace(gain.windows, hold=seen.hold, scale=None))
+    gain = compared(done.joint, extended, replace(windows, hold=seen.hold))
     if not gain.helps:
         return done
     return replace(

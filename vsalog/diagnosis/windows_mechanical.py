@@ -44,10 +44,11 @@ class MechanicalPlayer:
     def __init__(self, joint: Any, channels: Channels) -> None:
         self.joint, self.channels, self.played = joint, channels, joint
         self.machine = build({NAME: joint})
-        if self.machine.steps(channels.period)[1]:
+        prescribed = [m.index for m in self.machine.motors if m.role not in channels.raw]
+        if self.machine.steps(channels.period, prescribed)[1]:
             plain = build({NAME: without_bristles(joint)})
             # Bristles so stiff that they ask for an implicit integrator differ from ideal friction by less than encoders see.
-            if not plain.steps(channels.period)[1]:
+            if not plain.steps(channels.period, prescribed)[1]:
                 self.machine, self.played = plain, without_bristles(joint)
 
     def driving(self) -> list[str]:

@@ -116,8 +116,8 @@ def _believe(causes: Sequence[FoundCause], left: Unexplained) -> str:
         return f"{sure}{100 * left.fraction:.0f} % of what was wrong is left unexplained; it is on the {left.where} side{on}."
     if left.fraction > 0.02 and not causes:
         return (
-            "All equations close within their noise, which is large without the deflection: what is wrong shows only where it"
-            " adds up, in the simulation of half a second, and not on which side of the joint it is."
+            "The equations close within their noise where they can be formed: what is wrong shows only where it adds up, in the"
+            " simulation of half a second, and not on which side of the joint it is."
         )
     if left.where is not None:
         return f"{sure}Next to nothing of what was wrong is left unexplained, though it is more than noise."
