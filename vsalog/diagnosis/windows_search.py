@@ -8,7 +8,9 @@ with every window's beginning free (variable projection: what beginnings can mak
 
 from __future__ import annotations
 
+import os
 from collections.abc import Sequence
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -74,13 +76,16 @@ def sought(joint: Any, sites: Sequence[Site], left: Remainder, windows: Windows,
     wrong = float(before.sum()) - in_windows(base, part).size
     few, begun_few = _few(part, base, FIRST)
     bases = _bases(joint, few, begun_few)
-    trials = []
-    for site in sites:
-        starts = site.starts(left) if site.starts is not None else [site.start]
-        steps = [s for s in (_step(joint, site, np.array(start), few, begun_few, bases) for start in starts) if s]
-        if steps:
-            trials.append((site, *min(steps, key=lambda s: s[0])))
-    trials.sort(key=lambda t: t[1])
+    unchanged = in_windows(shoot(joint, few, begun_few.states), few)
+
+    def tried(site: Site) -> tuple[Site, float, Array] | None:
+        starts, here = ([site.start], unchanged) if site.starts is None else (site.starts(left), None)
+        steps = [s for s in (_step(joint, site, np.array(start), few, begun_few, bases, here) for start in starts) if s]
+        return (site, *min(steps, key=lambda s: s[0])) if steps else None
+
+    # Compiled simulations leave the interpreter to one another.
+    with ThreadPoolExecutor(os.cpu_count() or 1) as beside:
+        trials = sorted(filter(None, beside.map(tried, sites)), key=lambda t: t[1])
     worthy, last = list[Rival](), np.inf
     for site, promised, values in trials[:FITTED]:
         if promised > last:
@@ -152,14 +157,23 @@ def _blocks(windows: Windows) -> NDArray[np.int64]:
 
 
 def _linear(
-    joint: Any, site: Site, values: Array, windows: Windows, shot: Shot, bases: Sequence[Array]
+    joint: Any,
+    site: Site,
+    values: Array,
+    windows: Windows,
+    shot: Shot,
+    bases: Sequence[Array],
+    here: Array | None = None,
 ) -> tuple[Array, Array]:
-    """Return the windows' errors, shape (n,), and their change with a cause's values, shape (n, p), beginnings left free."""
+    """Return the windows' errors, shape (n,), and their change with a cause's values, shape (n, p), beginnings left free.
+
+    The errors as they are `here` need not be simulated again.
+    """
 
     def errors(values: Array) -> Array:
         return in_windows(shoot(applied(joint, (site,), values), windows, shot.states), windows)
 
-    here = errors(values)
+    here = errors(values) if here is None else here
     columns = []
     for i, parameter in enumerate(site.parameters):
         step = -parameter.step if values[i] + parameter.step > parameter.high else parameter.step
@@ -176,11 +190,11 @@ def _towards(site: Site, values: Array, r: Array, J: Array) -> Array:
 
 
 def _step(
-    joint: Any, site: Site, start: Array, windows: Windows, shot: Shot, bases: Sequence[Array]
+    joint: Any, site: Site, start: Array, windows: Windows, shot: Shot, bases: Sequence[Array], here: Array | None
 ) -> tuple[float, Array] | None:
     """Return what a first step promises to leave over, and where it leads; none where it cannot be simulated."""
     try:
-        r, J = _linear(joint, site, start, windows, shot, bases)
+        r, J = _linear(joint, site, start, windows, shot, bases, here)
     except SimulationError:
         return None
     if not (np.isfinite(r).all() and np.isfinite(J).all()):
