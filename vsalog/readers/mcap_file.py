@@ -8,28 +8,34 @@ from __future__ import annotations
 
 import struct
 import zlib
-from collections.abc import Callable, Collection, Iterator, Mapping
+from collections.abc import Collection, Iterator, Mapping
 from io import BytesIO
 from pathlib import Path
-from typing import IO, Any
+from typing import IO
 
 import numpy as np
+from mcap.data_stream import ReadDataStream
+from mcap.exceptions import McapError
+from mcap.records import Channel, Metadata, MetadataIndex, Schema, Statistics
 from numpy.typing import NDArray
 
 from vsalog.errors import ReadError
 from vsalog.readers.bag import Connection
 from vsalog.readers.base import plural
-from vsalog.readers.mcap_scan import MESSAGE, ends_whole, messages_in, others_in
+from vsalog.readers.compression import DamagedDataError, decompress
+from vsalog.readers.mcap_scan import ends_whole, messages_in, others_in
+from vsalog.readers.mcap_summary import states_checksum, summary_records
+from vsalog.readers.mcap_walk import CHANNEL, CHUNK, MAGIC, MESSAGE, METADATA, SCHEMA, Walk
 from vsalog.readers.packets import PACKED, Packet, RawMessage, ahead, packet_of
 
-MAGIC = b"\x89MCAP0\r\n"
 RIG_METADATA = "vsalog.rig"
 RIG_KEY = "toml"
 
-_FOOTER, _SCHEMA, _CHANNEL, _CHUNK, _METADATA, _DATA_END = 2, 3, 4, 6, 12, 15
+_STATISTICS, _METADATA_INDEX = 11, 13
 _LANGUAGES = {"ros1msg": "msg", "ros2msg": "msg", "ros2idl": "idl", "omgidl": "idl"}
 _HEAD = struct.Struct("<BQ")
 _MESSAGE_HEAD = struct.Struct("<HIQQ")
+_CHUNK_HEAD = struct.Struct("<QQQII")
 
 
 class McapContainer:
@@ -47,8 +53,8 @@ class McapContainer:
     def __init__(self, path: Path) -> None:
         self.path = path
         self.notes: list[str] = []
-        self._schemas: dict[int, Any] = {}
-        self._channels: dict[int, Any] = {}
+        self._schemas: dict[int, Schema] = {}
+        self._channels: dict[int, Channel] = {}
         self._counts: dict[int, int] = {}
         self._rig_text: str | None = None
         self._scanned = False
@@ -77,22 +83,28 @@ class McapContainer:
 
     def _packets(self, wanted: NDArray[np.bool_]) -> Iterator[Packet]:
         loose: list[RawMessage] = []  # outside of chunks
+        count = 0
         for record, content in self._records():
-            if loose and (record == _CHUNK or len(loose) >= PACKED):
+            if loose and (record == CHUNK or len(loose) >= PACKED):
                 yield packet_of(loose)
                 loose = []
-            if record == _CHUNK:
+            if record == CHUNK:
                 packet = messages_in(np.frombuffer(content, np.uint8), wanted)
+                count += len(packet.messages)
                 if len(packet.messages):
                     yield packet
-            elif record == MESSAGE and len(content) >= _MESSAGE_HEAD.size:
+            elif record == MESSAGE:
                 channel, _, log, publish = _MESSAGE_HEAD.unpack_from(content)
                 if wanted[channel]:
+                    count += 1
                     loose.append((channel, log, publish, content[_MESSAGE_HEAD.size :]))
         if loose:
             yield packet_of(loose)
+        expected = sum(self._counts.get(number, 0) for number in np.flatnonzero(wanted).tolist())
+        if count < expected:
+            self._note(f"{expected - count} of {plural(expected, 'message')} that the summary counts were not found")
 
-    def _connection(self, channel: Any) -> Connection:
+    def _connection(self, channel: Channel) -> Connection:
         schema = self._schemas.get(channel.schema_id)
         return Connection(
             id=channel.id,
@@ -109,10 +121,14 @@ class McapContainer:
         if self._scanned:
             return
         self._scanned = True
-        if self._summary():
-            return
+        try:
+            if self._summary():
+                return
+        except (ValueError, LookupError, OSError, struct.error, McapError):
+            pass  # damage anywhere in the summary: the walk will find what there is
+        self._schemas, self._channels, self._counts = {}, {}, {}
         for record, content in self._records():
-            if record == _CHUNK:
+            if record == CHUNK:
                 for inner, own in others_in(np.frombuffer(content, np.uint8)):
                     self._keep(inner, own)
             else:
@@ -120,46 +136,44 @@ class McapContainer:
 
     def _summary(self) -> bool:
         """Read the summary at the end of the file; False where it is missing, damaged or incomplete."""
-        from mcap.reader import make_reader
-
-        try:
-            with self.path.open("rb") as file:
-                summary = make_reader(file).get_summary()
-                counts = summary.statistics if summary else None
-                if summary is None or counts is None or counts.channel_count != len(summary.channels):
-                    return False
-                if any(c.schema_id and c.schema_id not in summary.schemas for c in summary.channels.values()):
-                    return False
-                if counts.metadata_count != len(summary.metadata_indexes):
-                    return False
-                for index in summary.metadata_indexes:
-                    file.seek(index.offset)
-                    record, length = _HEAD.unpack(file.read(_HEAD.size))
-                    self._keep(record, file.read(min(length, index.length)))
-        except Exception:  # damage anywhere in the summary: the walk will find what there is
-            return False
-        self._channels, self._schemas = dict(summary.channels), dict(summary.schemas)
-        self._counts = {number: counts.channel_message_counts.get(number, 0) for number in summary.channels}
+        statistics: Statistics | None = None
+        metadata: list[MetadataIndex] = []
+        with _open(self.path) as file:
+            for kind, content in summary_records(file) or ():
+                if kind == _STATISTICS:
+                    statistics = Statistics.read(ReadDataStream(BytesIO(content)))
+                elif kind == _METADATA_INDEX:
+                    metadata.append(MetadataIndex.read(ReadDataStream(BytesIO(content))))
+                else:
+                    self._keep(kind, content)
+            if statistics is None or statistics.channel_count != len(self._channels):
+                return False
+            if any(one.schema_id and one.schema_id not in self._schemas for one in self._channels.values()):
+                return False
+            if statistics.metadata_count != len(metadata):
+                return False
+            for index in metadata:
+                file.seek(index.offset)
+                kind, length = _HEAD.unpack(file.read(_HEAD.size))
+                self._keep(kind, file.read(min(length, index.length)))
+        self._counts = {number: statistics.channel_message_counts.get(number, 0) for number in self._channels}
         return True
 
     def _keep(self, record: int, content: bytes) -> None:
         """Remember a channel, a schema or the rig."""
-        from mcap.data_stream import ReadDataStream
-        from mcap.records import Channel, Metadata, Schema
-
+        stream = ReadDataStream(BytesIO(content))
         try:
-            stream = ReadDataStream(BytesIO(content))
-            if record == _SCHEMA:
+            if record == SCHEMA:
                 schema = Schema.read(stream)
                 self._schemas[schema.id] = schema
-            elif record == _CHANNEL:
+            elif record == CHANNEL:
                 channel = Channel.read(stream)
                 self._channels[channel.id] = channel
-            elif record == _METADATA:
+            elif record == METADATA:
                 metadata = Metadata.read(stream)
                 if metadata.name == RIG_METADATA:
                     self._rig_text = metadata.metadata.get(RIG_KEY)
-        except Exception:  # a damaged record; its messages will be reported as missing
+        except (ValueError, struct.error, McapError):  # its messages will be reported as missing
             self._note("a damaged channel, schema or metadata record was skipped")
 
     def _records(self) -> Iterator[tuple[int, bytes]]:
@@ -167,15 +181,16 @@ class McapContainer:
         chunks = 0
         damage: list[str] = []
         with _open(self.path) as file:
-            for record, content, position in self._top_records(file, self._note):
-                if record != _CHUNK:
+            walk = Walk(file, verify=states_checksum(file))
+            for record, content, position in walk.records():
+                if record != CHUNK:
                     yield record, content
                     continue
                 chunks += 1
                 try:
                     data = _chunk_data(content)
-                except Exception as error:  # compression libraries have their own exceptions
-                    damage.append(f"at byte {position}: {_words(error)}")
+                except DamagedDataError as error:
+                    damage.append(f"at byte {position}: {error}")
                     continue
                 if not ends_whole(np.frombuffer(data, np.uint8)):
                     damage.append(f"at byte {position}: its last record is cut off")
@@ -184,35 +199,8 @@ class McapContainer:
             self._note(
                 f"{len(damage)} of {plural(chunks, 'chunk')} damaged, the rest was read ({'; '.join(damage[:3])})"
             )
-
-    @staticmethod
-    def _top_records(file: IO[bytes], note: Callable[[str], None]) -> Iterator[tuple[int, bytes, int]]:
-        """Yield record, content and position up to the end of the data section or of what there is."""
-        checksum = zlib.crc32(file.read(len(MAGIC)))
-        size = file.seek(0, 2)
-        file.seek(len(MAGIC))
-        while True:
-            position = file.tell()
-            head = file.read(_HEAD.size)
-            if len(head) < _HEAD.size:
-                break
-            record, length = _HEAD.unpack(head)
-            if length > size - file.tell() or record == 0:
-                break
-            content = file.read(length)
-            if record == _DATA_END:
-                stated = struct.unpack_from("<I", content)[0] if length >= 4 else 0
-                if stated and stated != checksum:
-                    note("the checksum of the data section does not match: some of its bytes have changed")
-                return
-            if record == _FOOTER:
-                return
-            checksum = zlib.crc32(content, zlib.crc32(head, checksum))
-            yield record, content, position
-        note(
-            f"the file ends within its data, as when a recording is cut off: read up to byte {position}"
-            f" of {size}, the rest is left out"
-        )
+        for note in walk.notes():
+            self._note(note)
 
     def _note(self, text: str) -> None:
         if text not in self.notes:
@@ -232,18 +220,20 @@ def _open(path: Path) -> IO[bytes]:
 
 
 def _chunk_data(content: bytes) -> bytes:
-    """Return the records of a chunk, decompressed, their checksum verified."""
-    from mcap.data_stream import ReadDataStream
-    from mcap.records import Chunk
-    from mcap.stream_reader import get_chunk_data_stream
+    """Return the records of a chunk, decompressed, their checksum verified.
 
-    chunk = Chunk.read(ReadDataStream(BytesIO(content)))
-    if chunk.compression not in ("", "lz4", "zstd"):
-        raise ValueError(f"compression '{chunk.compression[:20]}' is not supported")
-    stream, length = get_chunk_data_stream(chunk, validate_crc=True)
-    return bytes(stream.read(length))
-
-
-def _words(error: Exception) -> str:
-    text = str(error).splitlines()
-    return "checksum does not match" if "crc" in str(error).lower() else (text or [type(error).__name__])[0]
+    Raises
+    ------
+    DamagedDataError
+        The chunk is damaged, or of a size or compression that is not read.
+    """
+    _, _, size, checksum, length = _CHUNK_HEAD.unpack_from(content)
+    start = _CHUNK_HEAD.size + length + 8
+    stored = int.from_bytes(content[start - 8 : start], "little")
+    if start + stored > len(content):
+        raise DamagedDataError("its lengths contradict one another")
+    kind = content[_CHUNK_HEAD.size : start - 8].decode("ascii", "replace")
+    data = decompress(kind, content[start : start + stored], size)
+    if checksum and zlib.crc32(data) != checksum:
+        raise DamagedDataError("checksum does not match")
+    return data

@@ -13,6 +13,9 @@ from vsalog.readers.packets import Bytes, Integers, Messages, Packet
 MESSAGE = 5
 # Opcode and length; channel, sequence, log time and publish time of a message (mcap.dev/spec).
 _HEAD, _MESSAGE_HEAD = 9, 22
+_CHUNK, _MESSAGE_INDEX, _DATA_END = 6, 7, 15
+# Bytes of a chunk's beginning, up to the length of its records; compressions have short names.
+_CHUNK_HEAD, _LONGEST_NAME = 9 + 28 + 4 + 16 + 8, 16
 
 
 def messages_in(data: Bytes, wanted: NDArray[np.bool_]) -> Packet:
@@ -125,3 +128,51 @@ def _next_other(data: Bytes, at: int) -> tuple[int, int, int]:
             return int(data[at]), at + _HEAD, length
         at += _HEAD + length
     return -1, 0, 0
+
+
+def next_sure_record(data: Bytes, rest: int, loose: bool) -> int:
+    """Return where the first record surely begins, -1 where none does.
+
+    Parameters
+    ----------
+    data : uint8 array
+        A stretch of a file.
+    rest : int
+        How many bytes the file has from the beginning of the stretch.
+    loose : bool
+        Messages outside of chunks count, where another record follows.
+    """
+    return int(_next_sure(data, rest, loose))
+
+
+@njit(cache=True, nogil=True)
+def _next_sure(data: Bytes, rest: int, loose: bool) -> int:
+    for at in range(data.size - _HEAD):
+        length = _number(data, at + 1, 8)
+        if not 0 < length <= rest - at - _HEAD:
+            continue
+        content, whole = at + _HEAD, at + _CHUNK_HEAD <= data.size
+        if data[at] == _CHUNK and whole:
+            name = _number(data, content + 28, 4)
+            if name <= _LONGEST_NAME and length == 40 + name + _number(data, content + 32 + name, 8):
+                return at
+        elif data[at] == _MESSAGE_INDEX and whole:
+            entries = _number(data, content + 2, 4)
+            if entries and entries % 16 == 0 and length == 6 + entries:
+                return at
+        elif data[at] == _DATA_END and length == 4:
+            return at
+        elif loose and data[at] == MESSAGE and length >= _MESSAGE_HEAD:
+            following = content + length
+            if following + _HEAD <= data.size and _next_fits(data, following, rest):
+                return at
+    return -1
+
+
+@njit(cache=True, nogil=True)
+def _next_fits(data: Bytes, at: int, rest: int) -> bool:
+    """Tell whether a message or the end of the data can be at a place."""
+    length = _number(data, at + 1, 8)
+    if data[at] == MESSAGE:
+        return _MESSAGE_HEAD <= length <= rest - at - _HEAD
+    return bool(data[at] == _DATA_END and length == 4)

@@ -15,8 +15,8 @@ from urllib.parse import quote
 from vsalog.errors import ReadError
 from vsalog.readers.bag import ZSTD_MAGIC, Connection, Container
 from vsalog.readers.base import plural
-from vsalog.readers.mcap_file import MAGIC as MCAP_MAGIC
 from vsalog.readers.mcap_file import McapContainer
+from vsalog.readers.mcap_walk import MAGIC as MCAP_MAGIC
 from vsalog.readers.packets import Packet, RawMessage, packed
 
 SQLITE_MAGIC = b"SQLite format 3\0"

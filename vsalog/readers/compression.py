@@ -1,0 +1,112 @@
+"""Decompression that never makes more than was announced."""
+
+from __future__ import annotations
+
+import bz2
+from typing import Any
+
+MAX_BYTES = 256 * 2**20
+"""Largest chunk that is read: recorders write a few megabytes, and a chunk has to fit in memory whole."""
+
+FREE_BYTES, MAX_RATIO = 16 * 2**20, 1000
+"""Beyond so many bytes, what grows more than so many times is no recording but a bomb."""
+
+
+class DamagedDataError(Exception):
+    """Compressed data cannot be read; its text says why."""
+
+
+def decompress(kind: str, data: bytes, size: int) -> bytes:
+    """Return decompressed data.
+
+    Parameters
+    ----------
+    kind : str
+        ``zstd``, ``lz4``, ``bz2``, or ``none`` or "" for data as it is.
+    data : bytes
+        Compressed.
+    size : int
+        How many bytes are announced to come out.
+
+    Raises
+    ------
+    DamagedDataError
+        The data are damaged, of another size or another kind, or too large to be a recording.
+    """
+    refuse_bomb(len(data), size)
+    if not data and not size:
+        return b""
+    try:
+        whole = _KINDS[kind](data, size)
+    except KeyError:
+        raise DamagedDataError(f"compression '{kind[:20]}' is not supported") from None
+    except Exception as error:  # each compression library has exceptions of its own
+        raise DamagedDataError((str(error).splitlines() or [type(error).__name__])[0]) from error
+    if len(whole) != size:
+        raise DamagedDataError(f"it holds {len(whole)} bytes or more where {size} are announced")
+    return whole
+
+
+def refuse_bomb(compressed: int, size: int) -> None:
+    """Raise DamagedDataError where data announce more bytes than any recording has."""
+    if size > MAX_BYTES:
+        raise DamagedDataError(f"it announces {size} bytes; more than {MAX_BYTES} are not read at once")
+    if size > FREE_BYTES and size > MAX_RATIO * compressed:
+        raise DamagedDataError(f"it announces {size} bytes out of {compressed}: no recording is compressed so much")
+
+
+def decompress_message(data: bytes) -> bytes:
+    """Return a message that is compressed with zstd; as it is, where it is not compressed after all.
+
+    Raises
+    ------
+    DamagedDataError
+        It would become too large.
+    """
+    import zstandard
+
+    try:
+        size = zstandard.frame_content_size(data)
+        refuse_bomb(len(data), size)
+        if size >= 0:
+            return zstandard.ZstdDecompressor().decompress(data)
+        limit = max(FREE_BYTES, min(MAX_BYTES, MAX_RATIO * len(data)))
+        return zstandard.ZstdDecompressor().decompress(data, max_output_size=limit)
+    except zstandard.ZstdError:
+        return data
+
+
+def _zstd(data: bytes, size: int) -> bytes:
+    import zstandard
+
+    stated = zstandard.frame_content_size(data)
+    if stated not in (-1, size):  # what the frame states is allocated at once
+        raise DamagedDataError(f"it holds {stated} bytes where {size} are announced")
+    return zstandard.ZstdDecompressor().decompress(data, max_output_size=size, allow_extra_data=False)
+
+
+def _lz4(data: bytes, size: int) -> bytes:
+    from lz4.frame import LZ4FrameDecompressor
+
+    return _bounded(LZ4FrameDecompressor(), data, size)
+
+
+def _bz2(data: bytes, size: int) -> bytes:
+    return _bounded(bz2.BZ2Decompressor(), data, size)
+
+
+def _bounded(decompressor: Any, data: bytes, size: int) -> bytes:
+    """Decompress at most one byte more than announced."""
+    whole: bytes = decompressor.decompress(data, max_length=size + 1)
+    if len(whole) == size and not decompressor.eof:
+        whole += decompressor.decompress(b"", max_length=1)  # the checksum at the end
+    if len(whole) == size and (not decompressor.eof or decompressor.unused_data):
+        raise DamagedDataError("its compressed data do not end where they should")
+    return whole
+
+
+def _plain(data: bytes, size: int) -> bytes:
+    return data
+
+
+_KINDS = {"zstd": _zstd, "lz4": _lz4, "bz2": _bz2, "none": _plain, "": _plain}

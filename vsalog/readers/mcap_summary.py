@@ -1,0 +1,60 @@
+"""The summary at the end of an MCAP file: its channels at once, without walking the file."""
+
+from __future__ import annotations
+
+import struct
+import zlib
+from collections.abc import Iterator
+from typing import IO
+
+import numpy as np
+
+from vsalog.readers.mcap_scan import others_in
+from vsalog.readers.mcap_walk import DATA_END, FOOTER, MAGIC
+
+_HEAD = struct.Struct("<BQ")
+_FOOTER = struct.Struct("<BQQQI")
+_MOST_BYTES = 256 * 2**20
+
+
+def summary_records(file: IO[bytes]) -> Iterator[tuple[int, bytes]] | None:
+    """Return kind and content of the records in the summary; None where there is none or its checksum does not match.
+
+    Parameters
+    ----------
+    file : binary file
+        Opened.
+    """
+    found = _footer(file)
+    if found is None:
+        return None
+    position, start, checksum = found
+    if not 0 < start <= position or position - start > _MOST_BYTES:
+        return None
+    file.seek(start)
+    section = file.read(position - start + _FOOTER.size)
+    # The checksum covers the footer up to itself.
+    if checksum and zlib.crc32(section[:-4]) != checksum:
+        return None
+    return others_in(np.frombuffer(section[: position - start], np.uint8))
+
+
+def states_checksum(file: IO[bytes]) -> bool:
+    """Tell whether there may be a checksum of the data section."""
+    found = _footer(file)
+    if found is None:
+        return False
+    position, start, _ = found
+    file.seek((start or position) - _HEAD.size - 4)
+    end = file.read(_HEAD.size + 4)
+    return len(end) < _HEAD.size + 4 or end[: _HEAD.size] != _HEAD.pack(DATA_END, 4) or end[_HEAD.size :] != bytes(4)
+
+
+def _footer(file: IO[bytes]) -> tuple[int, int, int] | None:
+    """Return the footer's position, where the summary starts, and its checksum (0 for none); None without a footer."""
+    position = file.seek(0, 2) - len(MAGIC) - _FOOTER.size
+    if position < len(MAGIC):
+        return None
+    file.seek(position)
+    kind, length, start, _, checksum = _FOOTER.unpack(file.read(_FOOTER.size))
+    return (position, start, checksum) if kind == FOOTER and length == _FOOTER.size - _HEAD.size else None

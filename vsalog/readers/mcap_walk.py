@@ -1,0 +1,195 @@
+"""The records of an MCAP file one after the other, past damage.
+
+A record tells its length twice: in its head, and by the lengths of its parts. Where the two disagree, or no record can begin
+where it ends, bytes have changed; the walk then goes on at the next place where a record surely begins.
+"""
+
+from __future__ import annotations
+
+import struct
+import zlib
+from collections.abc import Iterator
+from typing import IO
+
+import numpy as np
+
+from vsalog.readers.base import plural
+from vsalog.readers.mcap_scan import next_sure_record
+
+MAGIC = b"\x89MCAP0\r\n"
+HEADER, FOOTER, SCHEMA, CHANNEL, MESSAGE, CHUNK = 1, 2, 3, 4, 5, 6
+MESSAGE_INDEX, ATTACHMENT, METADATA, DATA_END = 7, 9, 12, 15
+FIRST_PRIVATE = 128
+
+KEPT = (SCHEMA, CHANNEL, MESSAGE, CHUNK, METADATA)
+"""Records that are handed over; the others are passed by, and attachments never come into memory whole."""
+
+# The parts of each record: so many bytes, or (negative) as many as a number of so many bytes says.
+_PARTS = {
+    HEADER: (-4, -4),
+    FOOTER: (20,),
+    SCHEMA: (2, -4, -4, -4),
+    CHANNEL: (4, -4, -4, -4),
+    MESSAGE: (22,),
+    CHUNK: (28, -4, -8),
+    MESSAGE_INDEX: (2, -4),
+    ATTACHMENT: (16, -4, -4, -8, 4),
+    METADATA: (-4, -4),
+    DATA_END: (4,),
+}
+_HEAD = struct.Struct("<BQ")
+_LAST_KNOWN = 15
+_MOST_SPARE = 1024  # records may have grown by parts that are not known yet
+_BEGINNING = 4096  # of a record's content, to look at its parts
+_PIECE = 2**20
+_OVERLAP = 2**16
+
+
+class Walk:
+    """One pass over the data section.
+
+    Parameters
+    ----------
+    file : binary file
+        Opened.
+    verify : bool
+        Compute the checksum of the data section.
+
+    Attributes
+    ----------
+    skipped : list of (int, int)
+        Stretches of bytes that are no records.
+    unknown : int
+        Records of a kind that the format does not have.
+    cut : (int, int) or None
+        Where reading ended and the size of the file, where the data section has no end.
+    changed : bool
+        The checksum of the data section does not match.
+    """
+
+    def __init__(self, file: IO[bytes], verify: bool) -> None:
+        self.skipped: list[tuple[int, int]] = []
+        self.unknown = 0
+        self.cut: tuple[int, int] | None = None
+        self.changed = False
+        self._file = file
+        self._size = file.seek(0, 2)
+        self._verify = verify
+        self._checksum = zlib.crc32(MAGIC)
+        self._loose = False
+
+    def records(self) -> Iterator[tuple[int, bytes, int]]:
+        """Yield kind, content and position of the records in `KEPT`, up to the end of the data section or of what there is."""
+        position = len(MAGIC)
+        while True:
+            kind, length = self._sound(position)
+            if kind in (DATA_END, FOOTER):
+                self._end(kind, position)
+                return
+            if kind < 0:
+                following = self._resume(position)
+                if following < 0:
+                    self.cut = (position, self._size)
+                    return
+                self.skipped.append((position, following))
+                position = following
+                continue
+            content = self._read(position, length, keep=kind in KEPT)
+            self._loose |= kind == MESSAGE
+            self.unknown += _LAST_KNOWN < kind < FIRST_PRIVATE
+            if kind in KEPT:
+                yield kind, content, position
+            position += _HEAD.size + length
+
+    def notes(self) -> list[str]:
+        """Return in words what was damaged."""
+        found = []
+        if self.skipped:
+            count = sum(end - start for start, end in self.skipped)
+            where = ", ".join(str(start) for start, _ in self.skipped[:3]) + (", …" if len(self.skipped) > 3 else "")
+            found.append(f"{plural(count, 'byte')} between records damaged and skipped (at byte {where})")
+        if self.unknown:
+            found.append(f"{plural(self.unknown, 'record')} of an unknown kind passed by")
+        if self.changed:
+            found.append("the checksum of the data section does not match: some of its bytes have changed")
+        if self.cut:
+            position, size = self.cut
+            found.append(
+                f"the file ends within its data, as when a recording is cut off: read up to byte {position}"
+                f" of {size}, the rest is left out"
+            )
+        return found
+
+    def _sound(self, position: int) -> tuple[int, int]:
+        """Return kind and content's length of the record at a position; kind -1 where none can be."""
+        kind, length = self._head(position)
+        if kind < 0:
+            return -1, 0
+        least = _least_length(kind, self._file.read(min(length, _BEGINNING)) if kind != MESSAGE else b"")
+        if least == length and kind != MESSAGE:
+            return kind, length
+        if least > length or (kind == CHUNK and length - least > _MOST_SPARE):
+            return -1, 0
+        end = position + _HEAD.size + length
+        return (kind, length) if end == self._size or self._head(end)[0] > 0 else (-1, 0)
+
+    def _head(self, position: int) -> tuple[int, int]:
+        """Return kind and length as a record's head has them; kind -1 where they cannot be right."""
+        self._file.seek(position)
+        head = self._file.read(_HEAD.size)
+        if len(head) < _HEAD.size:
+            return -1, 0
+        kind, length = _HEAD.unpack(head)
+        fits = length <= self._size - position - _HEAD.size
+        return (kind, length) if fits and kind else (-1, 0)
+
+    def _read(self, position: int, length: int, keep: bool) -> bytes:
+        """Return a record's content if it is kept; its bytes are added to the checksum."""
+        self._file.seek(position)
+        if not keep and not self._verify:
+            return b""
+        head = self._file.read(_HEAD.size)
+        if keep:
+            content = self._file.read(length)
+            if self._verify:
+                self._checksum = zlib.crc32(content, zlib.crc32(head, self._checksum))
+            return content
+        self._checksum = zlib.crc32(head, self._checksum)
+        while length > 0 and (piece := self._file.read(min(length, _PIECE))):
+            self._checksum = zlib.crc32(piece, self._checksum)
+            length -= len(piece)
+        return b""
+
+    def _end(self, kind: int, position: int) -> None:
+        """Compare the checksum with the one at the end of the data section, 0 for none."""
+        self._file.seek(position + _HEAD.size)
+        stated = struct.unpack("<I", self._file.read(4))[0] if kind == DATA_END else 0
+        self.changed = bool(self._verify and stated and not self.skipped and stated != self._checksum)
+
+    def _resume(self, position: int) -> int:
+        """Return the next place where a record surely begins, -1 where there is none.
+
+        Messages count only in a file that has them outside of chunks: within a chunk, nothing would vouch for them.
+        """
+        start = position + 1
+        while start < self._size:
+            self._file.seek(start)
+            data = np.frombuffer(self._file.read(_PIECE + _OVERLAP), np.uint8)
+            found = next_sure_record(data, self._size - start, self._loose)
+            if found >= 0:
+                return start + found
+            start += _PIECE
+        return -1
+
+
+def _least_length(kind: int, beginning: bytes) -> int:
+    """Return how long a record's content has to be at least by its parts, as far as its beginning tells."""
+    at = 0
+    for part in _PARTS.get(kind, ()):
+        if part > 0:
+            at += part
+        elif at - part > len(beginning):
+            break
+        else:
+            at += int.from_bytes(beginning[at : at - part], "little") - part
+    return at
