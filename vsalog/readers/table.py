@@ -127,8 +127,8 @@ class TableReader:
         try:
             with self.path.open("rb") as file:
                 self._gzip = file.read(2) == b"\x1f\x8b"
-            with self._open() as source:
-                head = _read_head(source)
+            with self.open() as source:
+                head = read_beginning(source, HEAD_BYTES)
         except OSError as error:
             raise ReadError(f"{self.path}: cannot be read: {error.strerror or error}") from error
         dialect = detect(head, whole=len(head) < HEAD_BYTES)
@@ -136,7 +136,23 @@ class TableReader:
             raise ReadError(f"{self.path}: holds text, but no table: no row of values was found")
         return dialect
 
-    def _open(self) -> IO[bytes]:
+    @property
+    def has_clock(self) -> bool:
+        """Whether columns tell the time."""
+        return bool(self._plan.clocks)
+
+    @property
+    def encoding(self) -> str:
+        """Python's name of the text's encoding."""
+        return self._dialect.encoding
+
+    @property
+    def seekable(self) -> bool:
+        """Whether lines can be found from anywhere in the file: it is not compressed, and a line's end is one byte."""
+        return not self._gzip and not self.encoding.startswith("utf-16")
+
+    def open(self) -> IO[bytes]:
+        """Open the text, decompressed."""
         return gzip.open(self.path, "rb") if self._gzip else self.path.open("rb")  # type: ignore[return-value]
 
     def _clock(self, batch: pa.RecordBatch, row: int) -> tuple[dict[str, Stamps], NDArray[np.bool_]]:
@@ -159,7 +175,7 @@ class TableReader:
         dialect = self._dialect
         chosen = [dialect.names[i] for i in sorted({*columns, *self._plan.columns()})] or [dialect.names[0]]
         ragged = _Ragged()
-        with self._open() as file:
+        with self.open() as file:
             text = TextSource(file, dialect.encoding, dialect.separator == WHITESPACE)
             plain = dialect.encoding == "utf-8" and dialect.separator != WHITESPACE and not self._gzip
             # Arrow reads ahead in a thread of its own. It must not need the interpreter, which may be gone by then at exit.
@@ -310,13 +326,13 @@ class _Ragged:
         ]
 
 
-def _read_head(source: IO[bytes]) -> bytes:
-    """Return the start of a file, of a damaged one as far as it goes."""
+def read_beginning(source: IO[bytes], most: int) -> bytes:
+    """Return the first bytes of a file, of a damaged one as far as it goes."""
     parts: list[bytes] = []
     size = 0
-    while size < HEAD_BYTES:
+    while size < most:
         try:
-            part = source.read(min(16 * 1024, HEAD_BYTES - size))
+            part = source.read(min(16 * 1024, most - size))
         except (EOFError, zlib.error, gzip.BadGzipFile):
             break
         if not part:

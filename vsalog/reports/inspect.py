@@ -7,15 +7,14 @@ from collections.abc import Iterator
 from datetime import UTC, datetime
 
 from rich.console import Console, RenderableType
-from rich.measure import Measurement
 from rich.table import Table
 from rich.text import Text
 
 from vsalog.reports.inspect_data import ChannelReport, LogReport, StreamReport
+from vsalog.reports.inspect_head import head_parts
+from vsalog.reports.inspect_text import PIPE_WIDTH, clean, fits, headed, seconds, size
 from vsalog.rig.guess_types import JointGuess
 
-# Wide enough that no line of a pipe is ever broken.
-PIPE_WIDTH = 10_000
 # Fields that are no signal: so many are listed on a terminal, all of them in the JSON document.
 MAX_UNREAD = 20
 
@@ -32,13 +31,9 @@ def print_report(report: LogReport, console: Console) -> None:
         console.print(part, soft_wrap=isinstance(part, Text) and not console.is_terminal)
 
 
-def clean(text: str) -> str:
-    """Return text from a log with everything replaced that could disturb a terminal."""
-    return "".join(c if c.isprintable() else "�" for c in text)
-
-
 def _parts(report: LogReport, console: Console) -> Iterator[RenderableType]:
     yield _title(report)
+    yield from _sample(report)
     for stream in report.streams:
         yield Text()
         yield _stream_line(stream)
@@ -46,6 +41,7 @@ def _parts(report: LogReport, console: Console) -> Iterator[RenderableType]:
         if stream.channels:
             yield from _channels(stream, console)
     yield Text()
+    yield from _heads(report, console)
     yield from _joints(report)
     yield from _unread(report)
     for note in (*report.notes, *report.warnings):
@@ -54,10 +50,10 @@ def _parts(report: LogReport, console: Console) -> Iterator[RenderableType]:
 
 def _title(report: LogReport) -> Text:
     count = sum(len(s.channels) for s in report.streams)
-    text = _headed(
+    text = headed(
         report.path,
         "bold",
-        f"{report.format}, {_seconds(report.duration)}, {_plural(len(report.streams), 'stream')}, {_plural(count, 'channel')}",
+        f"{report.format}, {seconds(report.duration)}, {_plural(len(report.streams), 'stream')}, {_plural(count, 'channel')}",
     )
     starts = [s.start for s in report.streams if s.start is not None]
     if report.absolute_time and starts:
@@ -68,25 +64,46 @@ def _title(report: LogReport) -> Text:
     return text
 
 
+def _sample(report: LogReport) -> Iterator[Text]:
+    """Yield what was read of a large log, and what that means."""
+    sample = report.sample
+    if sample is None:
+        return
+    read = f"{size(sample.size)} of {size(sample.of)}"
+    if sample.stretches == 1:
+        where, untold = "its beginning", "the duration is that of the beginning"
+    else:
+        where, untold = f"{sample.stretches} stretches from its begin to its end", "duration and begin are the log's"
+    yield Text(
+        f"a sample was read, {read}: {where}. {untold[0].upper()}{untold[1:]}; samples, ranges and gaps are those of"
+        " the sample, and damage elsewhere was not looked for. --full reads all of it",
+        style="yellow",
+    )
+
+
+def _heads(report: LogReport, console: Console) -> Iterator[RenderableType]:
+    begin = min((s.start for s in report.streams if s.start is not None), default=0)
+    timeless = {s.name for s in report.streams if s.start is None}
+    for head in report.head:
+        yield from head_parts(head, None if head.stream in timeless else begin, console)
+        yield Text()
+
+
 def _stream_line(stream: StreamReport) -> Text:
-    facts = [clean(stream.type), _plural(stream.count, "sample")]
+    count = _plural(stream.count, "sample")
+    if stream.total is not None and stream.total != stream.count:
+        count = f"{count} of {stream.total}"
+    facts = [clean(stream.type), count]
     if stream.rate is not None:
-        jitter = f" ± {_seconds(stream.jitter)}" if stream.jitter else ""
+        jitter = f" ± {seconds(stream.jitter)}" if stream.jitter else ""
         facts.append(f"{stream.rate:.4g} Hz{jitter}")
     if stream.gaps:
-        facts.append(f"{_plural(stream.gaps, 'gap')}, the longest {_seconds(stream.longest_gap)}")
+        facts.append(f"{_plural(stream.gaps, 'gap')}, the longest {seconds(stream.longest_gap)}")
     facts.append("no time" if stream.time_source == "none" else f"time: {stream.time_source}")
     if stream.delay_median is not None:
-        spread = f", spread {_seconds(stream.delay_spread)}" if stream.delay_spread is not None else ""
-        facts.append(f"log time minus stamp {_seconds(stream.delay_median)}{spread}")
-    return _headed(stream.name, "bold cyan", ", ".join(f for f in facts if f))
-
-
-def _headed(name: str, style: str, facts: str) -> Text:
-    text = Text()
-    text.append(clean(name), style=style)
-    text.append(f"  {facts}")
-    return text
+        spread = f", spread {seconds(stream.delay_spread)}" if stream.delay_spread is not None else ""
+        facts.append(f"log time minus stamp {seconds(stream.delay_median)}{spread}")
+    return headed(stream.name, "bold cyan", ", ".join(f for f in facts if f))
 
 
 def _trouble(stream: StreamReport) -> Iterator[Text]:
@@ -106,7 +123,7 @@ def _trouble(stream: StreamReport) -> Iterator[Text]:
 
 def _channels(stream: StreamReport, console: Console) -> Iterator[RenderableType]:
     table = _table(stream)
-    if _fits(table, console):
+    if fits(table, console):
         yield table
         return
     for channel in stream.channels:
@@ -114,12 +131,6 @@ def _channels(stream: StreamReport, console: Console) -> Iterator[RenderableType
         width = max(console.width - 4, 20)
         for line in textwrap.wrap(", ".join(_facts(channel)), width):
             yield Text(f"    {line}")
-
-
-def _fits(table: Table, console: Console) -> bool:
-    """Tell whether the table's natural width is within the console's: rich's own measure is clipped to it."""
-    options = console.options.update(width=PIPE_WIDTH, max_width=PIPE_WIDTH)
-    return Measurement.get(console, options, table).maximum <= console.width
 
 
 def _table(stream: StreamReport) -> Table:
@@ -175,7 +186,8 @@ def _joints(report: LogReport) -> Iterator[Text]:
     for joints in _alike(report.joints):
         names = ", ".join(clean(joint.name) for joint in joints)
         head = f"{'joint' if len(joints) == 1 else 'joints'} {names}"
-        yield _headed(head, "bold", f"{joints[0].kind} ({round(100 * joints[0].confidence)} %): {joints[0].reason}")
+        yield headed(head, "bold", f"{joints[0].kind} ({round(100 * joints[0].confidence)} %): {joints[0].reason}")
+        yield from (Text(f"  {line}") for line in _reasons(joints[0]))
         yield from (Text(f"  {line}") for line in _missing(joints[0]))
         yield from (Text(f"  note: {clean(warning)}", style="yellow") for warning in joints[0].warnings)
     yield Text("'vsalog init LOG' writes these guesses into a rig file", style="dim")
@@ -185,9 +197,15 @@ def _alike(joints: tuple[JointGuess, ...]) -> list[list[JointGuess]]:
     """Put joints together of which the same is to be said: the seven of an arm need no seven paragraphs."""
     groups: dict[tuple[object, ...], list[JointGuess]] = {}
     for joint in joints:
-        said = (joint.kind, joint.confidence, joint.reason, tuple(_missing(joint)), joint.warnings)
+        said = (joint.kind, joint.confidence, joint.reason, *_reasons(joint), *_missing(joint), joint.warnings)
         groups.setdefault(said, []).append(joint)
     return list(groups.values())
+
+
+def _reasons(joint: JointGuess) -> Iterator[str]:
+    """Yield why its channels probably have their roles."""
+    for role, guess in joint.roles.items():
+        yield f"{role} ({round(100 * guess.confidence)} %): {clean('; '.join(guess.reasons))}"
 
 
 def _missing(joint: JointGuess) -> Iterator[str]:
@@ -210,18 +228,6 @@ def _unread(report: LogReport) -> Iterator[Text]:
 
 def _number(value: float | None) -> str:
     return "–" if value is None else f"{value:.3g}"
-
-
-def _seconds(value: float | None) -> str:
-    """Write a time with the unit that reads best."""
-    if value is None:
-        return "–"
-    size = abs(value)
-    if size >= 120.0:
-        return f"{value / 60.0:.3g} min"
-    if size >= 1.0 or size == 0.0:
-        return f"{value:.4g} s"
-    return f"{value * 1e3:.3g} ms" if size >= 1e-3 else f"{value * 1e6:.3g} µs"
 
 
 def _plural(count: int, noun: str) -> str:

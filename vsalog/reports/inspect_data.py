@@ -8,7 +8,9 @@ from collections.abc import Mapping
 import numpy as np
 from msgspec import Struct
 
+from vsalog.readers.sampling import Sample
 from vsalog.recording import Channel, Recording, Stream
+from vsalog.reports.inspect_head import HeadReport, heads_of
 from vsalog.reports.inspect_stats import Clock, clock_of
 from vsalog.resolution import noise_of, step_of
 from vsalog.rig.checks import RUN
@@ -58,7 +60,8 @@ class StreamReport(Struct, frozen=True):
     Attributes
     ----------
     name, type : as in the log
-    count : samples
+    count : samples that were read
+    total : samples in the whole log; None where only a sample of it was read and it does not say so
     start : stamp of the first sample [ns]; None where there is none
     duration : last stamp minus first
     rate : [Hz], one over the median step
@@ -73,6 +76,7 @@ class StreamReport(Struct, frozen=True):
     name: str
     type: str
     count: int
+    total: int | None
     start: int | None
     duration: float | None
     rate: float | None
@@ -89,6 +93,20 @@ class StreamReport(Struct, frozen=True):
     channels: tuple[ChannelReport, ...]
 
 
+class SampleReport(Struct, frozen=True):
+    """What was read instead of the whole of a large log.
+
+    Attributes
+    ----------
+    size, of : bytes read, and of the log
+    stretches : pieces that do not join; 1 is the log's beginning alone
+    """
+
+    size: int
+    of: int
+    stretches: int
+
+
 class LogReport(Struct, frozen=True):
     """One log: its streams, the joints guessed, and what a person should know.
 
@@ -98,8 +116,10 @@ class LogReport(Struct, frozen=True):
     absolute_time : whether stamps count from the epoch
     duration : [s], from the first stamp of all streams to the last
     has_rig : the log carries a rig
+    sample : what all of this was told from; None for the whole log
     streams : with their channels
     joints : as guessed
+    head : the first samples of each stream, where they were asked for
     unread : fields that are no signal, and why
     notes : of the reader
     warnings : of the guess
@@ -110,8 +130,10 @@ class LogReport(Struct, frozen=True):
     absolute_time: bool
     duration: float
     has_rig: bool
+    sample: SampleReport | None
     streams: tuple[StreamReport, ...]
     joints: tuple[JointGuess, ...]
+    head: tuple[HeadReport, ...]
     unread: Mapping[str, str]
     notes: tuple[str, ...]
     warnings: tuple[str, ...]
@@ -123,21 +145,32 @@ class Inspection(Struct, frozen=True):
     logs: tuple[LogReport, ...]
 
 
-def inspect_recording(recording: Recording, guess: Guess) -> LogReport:
-    """Return what is in a recording, with the roles guessed for its channels."""
+def inspect_recording(recording: Recording, guess: Guess, sample: Sample | None = None, head: int = 0) -> LogReport:
+    """Return what is in a recording.
+
+    Parameters
+    ----------
+    recording : as read
+    guess : the roles of its channels
+    sample : what part of the log it is; None for the whole
+    head : so many of the first samples of each stream are part of the report
+    """
     roles = _roles(guess)
     by_stream: dict[str, list[Channel]] = {name: [] for name in recording.streams}
     for channel in recording.channels.values():
         by_stream.setdefault(channel.stream, []).append(channel)
-    streams = tuple(_stream(recording.streams.get(name), name, channels, roles) for name, channels in by_stream.items())
     return LogReport(
         str(recording.path),
         recording.format,
         recording.absolute_time,
         _duration(recording),
         recording.rig_text is not None,
-        streams,
+        None if sample is None else SampleReport(sample.size, sample.of, sample.stretches),
+        tuple(
+            _stream(recording.streams.get(name), name, channels, roles, sample) for name, channels in by_stream.items()
+        ),
         guess.joints,
+        tuple(heads_of(recording, head)) if head else (),
         dict(recording.unread),
         recording.notes,
         guess.warnings,
@@ -162,16 +195,20 @@ def _duration(recording: Recording) -> float:
     return float(max(int(s[-1]) for s in stamps) - min(int(s[0]) for s in stamps)) * 1e-9
 
 
-def _stream(stream: Stream | None, name: str, channels: list[Channel], roles: Mapping[str, RoleReport]) -> StreamReport:
+def _stream(
+    stream: Stream | None, name: str, channels: list[Channel], roles: Mapping[str, RoleReport], sample: Sample | None
+) -> StreamReport:
     stream = stream or Stream(name, "", 0, "none")
     has_time = stream.time_source != "none" and bool(channels)
     # Channels of one stream share their stamps; the longest tells most where a format cuts them apart.
     stamps = max((c.stamps for c in channels), key=lambda s: s.size, default=np.empty(0, np.int64))
-    clock = clock_of(stamps) if has_time else Clock(math.nan, math.nan, 0, 0.0, math.nan)
+    seams = 0 if sample is None else sample.stretches - 1
+    clock = clock_of(stamps, seams) if has_time else Clock(math.nan, math.nan, 0, 0.0, math.nan)
     return StreamReport(
         name,
         stream.type,
         stream.count,
+        stream.count if sample is None else sample.totals.get(name),
         int(stamps[0]) if has_time and stamps.size else None,
         _known(clock.duration),
         _known(clock.rate),

@@ -1,0 +1,192 @@
+"""A small log cut out of a large one, to see what is in it without reading all of it.
+
+What is cut out is a sound log of the same format, in a temporary folder: the readers need not know of it. It holds whole
+chunks (row groups, rows, lines), bit for bit, in a few stretches from the log's first sample to its last.
+"""
+
+from __future__ import annotations
+
+import tempfile
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import IO, NamedTuple
+
+import numpy as np
+
+from vsalog.errors import ReadError
+from vsalog.readers import read
+from vsalog.readers.sniff import sniff
+from vsalog.recording import Recording
+
+SAMPLE_BYTES = 32 * 2**20
+"""What is read of a large log."""
+STRETCHES = 8
+"""In so many pieces: enough to meet what a log does at its beginning, in the middle and at its end."""
+WORTHWHILE = 4
+"""A log has to be so many times larger than the sample."""
+_COPIED = 2**20
+
+
+class Piece(NamedTuple):
+    """A part of a file: where it begins and how long it is [bytes]."""
+
+    position: int
+    size: int
+
+
+@dataclass(frozen=True, slots=True)
+class Cut:
+    """What was cut out of one file.
+
+    Attributes
+    ----------
+    size : int
+        Bytes taken.
+    stretches : int
+        Pieces that do not join; 1 is the beginning alone.
+    totals : mapping of str to int
+        Samples of each stream in the whole file, where the file says so.
+    notes : tuple of str
+        What was noticed of the whole file.
+    """
+
+    size: int
+    stretches: int
+    totals: Mapping[str, int] = field(default_factory=dict)
+    notes: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True, slots=True)
+class Sample:
+    """What was read instead of a whole log.
+
+    Attributes
+    ----------
+    size, of : int
+        Bytes read, and of the whole log.
+    stretches : int
+        Pieces that do not join; 1 is the log's beginning alone.
+    totals : mapping of str to int
+        Samples of each stream in the whole log, where the log says so.
+    """
+
+    size: int
+    of: int
+    stretches: int
+    totals: Mapping[str, int]
+
+
+Cutter = Callable[[Path, Path, int], Cut | None]
+"""Cuts about so many bytes of a log (first path) into a file (second path); None where that is no less than the whole."""
+
+
+def read_sample(
+    path: Path,
+    time: str = "auto",
+    rate: float | None = None,
+) -> tuple[Recording, Sample | None]:
+    """Read a sample of a large log; a small one, or one that can only be read as a whole, is read as a whole.
+
+    Parameters
+    ----------
+    path, time, rate : as for `vsalog.readers.read`
+
+    Returns
+    -------
+    Recording
+        Of what was read.
+    Sample or None
+        What that is; None for the whole log.
+
+    Raises
+    ------
+    ReadError
+        The log cannot be read.
+    """
+    with _cut(path, sniff(path)) as (small, sample, notes):
+        try:
+            recording = read(small, time=time, rate=rate)
+        except ReadError as error:
+            raise ReadError(str(error).replace(str(small), str(path))) from error
+    return replace(recording, path=path, notes=(*notes, *recording.notes)), sample
+
+
+def chosen_pieces(parts: Sequence[Piece], budget: int) -> tuple[list[Piece], int]:
+    """Choose stretches of consecutive parts of a file, the first and the last part among them.
+
+    Parameters
+    ----------
+    parts : in the order of the file; at least one
+    budget : about so many bytes are chosen
+
+    Returns
+    -------
+    list of Piece
+        The parts chosen; none where they would be half of all or more.
+    int
+        In how many stretches.
+    """
+    ends = np.cumsum([part.size for part in parts])
+    share = budget // STRETCHES
+    chosen = np.zeros(len(parts), dtype=np.bool_)
+    for begin in np.linspace(0, max(int(ends[-1]) - share, 0), STRETCHES):
+        first, last = np.searchsorted(ends, (begin, begin + share), side="right")
+        chosen[first : last + 1] = True
+    chosen[-1] = True
+    pieces = [part for part, taken in zip(parts, chosen, strict=True) if taken]
+    if 2 * sum(piece.size for piece in pieces) > ends[-1]:
+        return [], 0
+    return pieces, int(np.count_nonzero(np.diff(chosen, prepend=False) & chosen))
+
+
+def copy_pieces(source: IO[bytes], pieces: Sequence[Piece], target: IO[bytes]) -> None:
+    """Copy pieces of a file, one behind the other."""
+    for piece in pieces:
+        source.seek(piece.position)
+        left = piece.size
+        while left > 0 and (part := source.read(min(left, _COPIED))):
+            target.write(part)
+            left -= len(part)
+
+
+@contextmanager
+def _cut(path: Path, kind: str) -> Iterator[tuple[Path, Sample | None, tuple[str, ...]]]:
+    """Give the path of a sample of a log, or of the log itself, and what was noticed."""
+    size = _size(path)
+    cutter = _cutters().get(kind)
+    if cutter is None or size < WORTHWHILE * SAMPLE_BYTES:
+        yield path, None, ()
+        return
+    with tempfile.TemporaryDirectory(prefix="vsalog-") as folder:
+        small = Path(folder) / path.name  # tables are called by the file's name
+        try:
+            cut = cutter(path, small, SAMPLE_BYTES)
+        except OSError as error:
+            raise ReadError(
+                f"{path}: no sample of it could be taken: {error.strerror or error}; --full reads it"
+            ) from error
+        if cut is None:
+            yield path, None, ()
+        else:
+            yield small, Sample(cut.size, size, cut.stretches, cut.totals), cut.notes
+
+
+def _cutters() -> dict[str, Cutter]:
+    from vsalog.readers.sampling_bags import cut_folder, cut_rosbag1, cut_sqlite
+    from vsalog.readers.sampling_mcap import cut_mcap
+    from vsalog.readers.sampling_tables import cut_parquet, cut_text
+
+    return {
+        "mcap": cut_mcap,
+        "rosbag1": cut_rosbag1,
+        "rosbag2": cut_sqlite,
+        "rosbag2-folder": cut_folder,
+        "parquet": cut_parquet,
+        "table": cut_text,
+    }
+
+
+def _size(path: Path) -> int:
+    return sum(p.stat().st_size for p in path.iterdir() if p.is_file()) if path.is_dir() else path.stat().st_size

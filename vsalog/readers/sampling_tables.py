@@ -1,0 +1,60 @@
+"""A sample of a table: row groups of a Parquet file, lines of a text."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import IO
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.parquet as pq
+
+from vsalog.readers.sampling import STRETCHES, Cut, Piece, chosen_pieces, copy_pieces
+from vsalog.readers.table import TableReader, read_beginning
+
+_LONGEST_LINE = 2**20
+
+
+def cut_parquet(source: Path, target: Path, budget: int) -> Cut | None:
+    """Cut stretches of row groups out of a Parquet file. See `sampling.Cutter`."""
+    try:
+        with pq.ParquetFile(source) as file:
+            groups = [file.metadata.row_group(i) for i in range(file.num_row_groups)]
+            sizes = [sum(group.column(i).total_compressed_size for i in range(group.num_columns)) for group in groups]
+            pieces, stretches = (
+                chosen_pieces([Piece(i, size) for i, size in enumerate(sizes)], budget) if sizes else ([], 0)
+            )
+            if not pieces:
+                return None
+            with pq.ParquetWriter(target, file.schema_arrow) as writer:
+                for piece in pieces:
+                    writer.write_table(file.read_row_group(piece.position))
+            totals = {source.stem: file.metadata.num_rows}
+    except pa.ArrowException:
+        return None  # the reader says what is wrong with it
+    return Cut(sum(piece.size for piece in pieces), stretches, totals)
+
+
+def cut_text(source: Path, target: Path, budget: int) -> Cut | None:
+    """Cut stretches of lines out of a text table, or its beginning where lines do not tell their time. See `sampling.Cutter`."""
+    reader = TableReader(source, None)
+    size = source.stat().st_size
+    with reader.open() as file, target.open("wb") as out:
+        if not (reader.has_clock and reader.seekable):
+            beginning = read_beginning(file, budget)
+            text = beginning.decode(reader.encoding, "replace")
+            out.write(text[: text.rfind("\n") + 1].encode())
+            return Cut(len(beginning), 1)
+        share = budget // STRETCHES
+        begins = [_next_line(file, int(at)) for at in np.linspace(0, size - share, STRETCHES)]
+        pieces = [Piece(begin, _next_line(file, begin + share) - begin) for begin in begins]
+        copy_pieces(file, pieces, out)
+        return Cut(out.tell(), STRETCHES)
+
+
+def _next_line(file: IO[bytes], position: int) -> int:
+    """Return where the next line begins, the first one at the very beginning; the file's end where there is none."""
+    if position == 0:
+        return 0
+    file.seek(position)
+    return position + len(file.readline(_LONGEST_LINE))

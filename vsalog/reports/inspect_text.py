@@ -1,0 +1,47 @@
+"""Words, names and tables as `inspect` prints them."""
+
+from __future__ import annotations
+
+from rich.console import Console
+from rich.measure import Measurement
+from rich.table import Table
+from rich.text import Text
+
+# Wide enough that no line of a pipe is ever broken.
+PIPE_WIDTH = 10_000
+
+
+def clean(text: str) -> str:
+    """Return text from a log with everything replaced that could disturb a terminal."""
+    return "".join(c if c.isprintable() else "�" for c in text)
+
+
+def headed(name: str, style: str, facts: str) -> Text:
+    """Return a line that begins with a name."""
+    text = Text()
+    text.append(clean(name), style=style)
+    text.append(f"  {facts}")
+    return text
+
+
+def fits(table: Table, console: Console) -> bool:
+    """Tell whether the table's natural width is within the console's: rich's own measure is clipped to it."""
+    options = console.options.update(width=PIPE_WIDTH, max_width=PIPE_WIDTH)
+    return Measurement.get(console, options, table).maximum <= console.width
+
+
+def seconds(value: float | None) -> str:
+    """Write a time with the unit that reads best."""
+    if value is None:
+        return "–"
+    size = abs(value)
+    if size >= 120.0:
+        return f"{value / 60.0:.3g} min"
+    if size >= 1.0 or size == 0.0:
+        return f"{value:.4g} s"
+    return f"{value * 1e3:.3g} ms" if size >= 1e-3 else f"{value * 1e6:.3g} µs"
+
+
+def size(count: int) -> str:
+    """Write a number of bytes with the unit that reads best."""
+    return f"{count / 1e9:.3g} GB" if count >= 1e9 else f"{count / 1e6:.3g} MB"
