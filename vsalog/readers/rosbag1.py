@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-import bz2
 import struct
-from collections.abc import Callable, Collection, Iterator, Mapping
+from collections.abc import Collection, Iterator, Mapping
 from pathlib import Path
 from typing import IO
 
@@ -12,17 +11,25 @@ import numpy as np
 
 from vsalog.errors import ReadError
 from vsalog.readers.bag import Connection
-from vsalog.readers.base import plural
+from vsalog.readers.layout import printable
 from vsalog.readers.packets import PACKED, Packet, RawMessage, ahead, packet_of
-from vsalog.readers.rosbag1_scan import messages_in
+from vsalog.readers.rosbag1_index import IndexCheck
+from vsalog.readers.rosbag1_scan import connections_in, messages_in
+from vsalog.readers.rosbag1_walk import (
+    BAG_HEADER,
+    CHUNK,
+    CONNECTION,
+    MESSAGE,
+    VERSION,
+    Header,
+    Walk,
+    fields,
+    number,
+    op,
+)
 
 MAGIC = b"#ROSBAG V"
-_SUPPORTED = b"#ROSBAG V2.0\n"
-_MESSAGE, _BAG_HEADER, _CHUNK, _CONNECTION = 2, 3, 5, 7
-_MAX_HEADER = 2**24
-_LENGTH = struct.Struct("<I")
-
-Header = dict[bytes, bytes]
+_MOST_CONNECTIONS = 2**16
 
 
 class Rosbag1Container:
@@ -41,7 +48,6 @@ class Rosbag1Container:
     def __init__(self, path: Path) -> None:
         self.path = path
         self.notes: list[str] = []
-        self._damage: list[str] = []
         self._connections: dict[int, Connection] | None = None
 
     def connections(self) -> list[Connection]:
@@ -50,12 +56,9 @@ class Rosbag1Container:
             with self._open() as file:
                 found = self._indexed(file)
             if not found:
-                found = {}
-                for header, data in self._records(noting=False):
-                    inner = _chunk_records(data) if _op(header) == _CHUNK else [(header, data)]
-                    for own, detail in inner:
-                        if _op(own) == _CONNECTION:
-                            _keep(found, own, detail)
+                with self._open() as file:
+                    for header, data in Walk(file).records():
+                        self._keep_all(found, header, data)
             self._connections = found
         return list(self._connections.values())
 
@@ -70,26 +73,62 @@ class Rosbag1Container:
     def _packets(self, ids: Collection[int]) -> Iterator[Packet]:
         wanted = np.array(sorted(ids), dtype=np.int64)
         loose: list[RawMessage] = []  # outside of chunks
-        for header, data in self._records():
-            if loose and (_op(header) == _CHUNK or len(loose) >= PACKED):
-                yield packet_of(loose)
-                loose = []
-            if _op(header) == _CHUNK:
-                packet, whole = messages_in(np.frombuffer(data, np.uint8), wanted)
-                if not whole:
-                    self._damage.append("a record in a chunk is damaged")
-                if len(packet.messages):
-                    yield packet
-                continue
-            connection, time = header.get(b"conn", b""), header.get(b"time", b"")
-            if _op(header) != _MESSAGE or len(connection) != 4 or len(time) != 8:
-                continue
-            number = _LENGTH.unpack(connection)[0]
-            if number in wanted:
-                seconds, fraction = struct.unpack("<II", time)
-                loose.append((number, seconds * 1_000_000_000 + fraction, 0, data))
+        check = IndexCheck(wanted)
+        with self._open() as file:
+            walk = Walk(file)
+            for header, data in walk.records():
+                kind = op(header)
+                if loose and (kind == CHUNK or len(loose) >= PACKED):
+                    yield packet_of(loose)
+                    loose = []
+                if kind == CHUNK:
+                    packet, whole = messages_in(np.frombuffer(data, np.uint8), wanted)
+                    if not whole:
+                        walk.damage.append("a record in a chunk cannot be read")
+                    self._compare(data)
+                    check.chunk(packet)
+                    if len(packet.messages):
+                        yield packet
+                elif kind == MESSAGE:
+                    one = number(header, b"conn")
+                    if one in ids:
+                        seconds, fraction = struct.unpack("<II", header[b"time"])
+                        loose.append((one, seconds * 1_000_000_000 + fraction, 0, data))
+                elif kind == BAG_HEADER and header[b"index_pos"] == bytes(8):
+                    self._note("the bag has no index (it was not closed properly): all that is in it was read")
+                else:
+                    check.record(header, data)
         if loose:
             yield packet_of(loose)
+        for note in [*walk.notes(), *check.notes()]:
+            self._note(note)
+
+    def _compare(self, chunk: bytes) -> None:
+        """Compare the connections that a chunk tells with what is known of them."""
+        known = self._connections or {}
+        found: dict[int, Connection] = {}
+        self._keep_all(found, {b"op": bytes([CHUNK])}, chunk)
+        for identity, connection in found.items():
+            if known.get(identity, connection) != connection:
+                self._note(
+                    f"{printable(known[identity].topic)}: its name, type or definition is damaged in one of its copies"
+                )
+
+    def _keep_all(self, found: dict[int, Connection], header: Header, data: bytes) -> None:
+        """Add the connections that a record tells to `found`.
+
+        Raises
+        ------
+        ReadError
+            There are more than any bag has.
+        """
+        if op(header) == CONNECTION:
+            _keep(found, header, data)
+        elif op(header) == CHUNK:
+            for start, stop, end in connections_in(np.frombuffer(data, np.uint8)):
+                _keep(found, fields(data[start:stop]) or {}, data[stop + 4 : end])
+        if len(found) > _MOST_CONNECTIONS:
+            raise ReadError(f"{self.path}: has more than {_MOST_CONNECTIONS} connections; no such bag is read")
 
     def _open(self) -> IO[bytes]:
         try:
@@ -97,7 +136,7 @@ class Rosbag1Container:
         except OSError as error:
             raise ReadError(f"{self.path}: cannot be opened: {error.strerror or error}") from error
         version = file.readline(20)
-        if version != _SUPPORTED:
+        if version != VERSION:
             file.close()
             shown = version.decode("ascii", "replace").strip()
             raise ReadError(
@@ -107,151 +146,32 @@ class Rosbag1Container:
         return file
 
     def _indexed(self, file: IO[bytes]) -> dict[int, Connection]:
-        """Return the connections in the index at the end; none where the bag has no index."""
+        """Return the connections in the index at the end; none where the bag has no index or it is damaged."""
         found: dict[int, Connection] = {}
-        for header, _ in _walk(file, file.tell()):
-            if header.get(b"encryptor"):
-                raise ReadError(f"{self.path}: is encrypted; decrypt it first ('rosbag decrypt')")
-            index = header.get(b"index_pos", b"")
-            if len(index) != 8 or not 0 < struct.unpack("<Q", index)[0] < 2**62:
-                return {}
-            count = header.get(b"conn_count", b"")
-            file.seek(struct.unpack("<Q", index)[0])
-            for inner, data in _walk(file, file.tell()):
-                if _op(inner) != _CONNECTION:
-                    break
-                _keep(found, inner, data)
-            return found if len(count) == 4 and len(found) == _LENGTH.unpack(count)[0] else {}
-        return found
-
-    def _records(self, noting: bool = True) -> Iterator[tuple[Header, bytes]]:
-        """Yield header and data of the records, those of a chunk decompressed; with `noting`, notes what was damaged."""
-        chunks = 0
-        self._damage.clear()
-        with self._open() as file:
-            for header, data in _walk(file, file.tell(), self._note):
-                op = _op(header)
-                if op == _BAG_HEADER and header.get(b"index_pos") == bytes(8):
-                    self._note("the bag has no index (it was not closed properly): all that is in it was read")
-                if op != _CHUNK:
-                    yield header, data
-                    continue
-                chunks += 1
-                try:
-                    content = _decompressed(header, data)
-                except Exception as error:  # compression libraries have their own exceptions
-                    self._damage.append(str(error) or type(error).__name__)
-                    continue
-                yield header, content
-        if self._damage and noting:
-            count = f"{len(self._damage)} of {plural(chunks, 'chunk')}"
-            self._note(f"{count} damaged, the rest was read ({self._damage[0]})")
+        header, _ = next(Walk(file).records(), ({}, b""))
+        if header.get(b"encryptor"):
+            raise ReadError(f"{self.path}: is encrypted; decrypt it first ('rosbag decrypt')")
+        index, count = header.get(b"index_pos", b""), header.get(b"conn_count", b"")
+        if len(index) != 8 or len(count) != 4 or not struct.unpack("<Q", index)[0]:
+            return {}
+        walk = Walk(file)
+        for inner, data in walk.records(struct.unpack("<Q", index)[0]):
+            if op(inner) != CONNECTION:
+                break
+            self._keep_all(found, inner, data)
+        return found if len(found) == number(header, b"conn_count") and not walk.skipped else {}
 
     def _note(self, text: str) -> None:
         if text not in self.notes:
             self.notes.append(text)
 
 
-def _walk(file: IO[bytes], start: int, note: Callable[[str], None] | None = None) -> Iterator[tuple[Header, bytes]]:
-    """Yield header and data of the records from `start` to the end of the file or of what there is."""
-    size = file.seek(0, 2)
-    file.seek(start)
-    position = start
-    while position < size:
-        record = _read_record(file, size)
-        if record is None:
-            if note:
-                note(
-                    f"the bag ends within its data, as when a recording is cut off: read up to byte {position}"
-                    f" of {size}, the rest is left out"
-                )
-            return
-        position = file.tell()
-        yield record
-        file.seek(position)
-
-
-def _read_record(file: IO[bytes], size: int) -> tuple[Header, bytes] | None:
-    """Return the next record's header and data, or None where it is cut off or nonsense."""
-    head = file.read(4)
-    if len(head) < 4:
-        return None
-    length = _LENGTH.unpack(head)[0]
-    if length > min(_MAX_HEADER, size - file.tell()):
-        return None
-    header = _header(file.read(length))
-    word = file.read(4)
-    if header is None or len(word) < 4:
-        return None
-    count = _LENGTH.unpack(word)[0]
-    if count > size - file.tell():
-        return None
-    return header, file.read(count)
-
-
-def _chunk_records(content: bytes) -> Iterator[tuple[Header, bytes]]:
-    """Yield header and data of the sound records in a chunk."""
-    position, end = 0, len(content)
-    while position + 8 <= end:
-        start = position + 4
-        stop = start + _LENGTH.unpack_from(content, position)[0]
-        header = _header(content[start:stop]) if stop + 4 <= end else None
-        if header is None:
-            break
-        position = stop + 4 + _LENGTH.unpack_from(content, stop)[0]
-        if position > end:
-            break
-        yield header, content[stop + 4 : position]
-
-
-def _header(raw: bytes) -> Header | None:
-    """Split a record header into its fields, or None where it is nonsense."""
-    fields: Header = {}
-    position = 0
-    while position < len(raw):
-        if position + 4 > len(raw):
-            return None
-        end = position + 4 + _LENGTH.unpack_from(raw, position)[0]
-        name, equals, value = raw[position + 4 : end].partition(b"=")
-        if end > len(raw) or not equals:
-            return None
-        fields[name] = value
-        position = end
-    return fields
-
-
-def _op(header: Header) -> int:
-    value = header.get(b"op", b"")
-    return value[0] if value else -1
-
-
-def _decompressed(header: Header, data: bytes) -> bytes:
-    """Return the records of a chunk.
-
-    Raises
-    ------
-    ValueError
-        The compression is unknown; damage has the exceptions of the compression libraries.
-    """
-    compression = header.get(b"compression", b"none")
-    if compression == b"none":
-        return data
-    if compression == b"bz2":
-        return bz2.decompress(data)
-    if compression == b"lz4":
-        from lz4.frame import decompress
-
-        return bytes(decompress(data))
-    raise ValueError(f"compression '{compression[:20].decode('ascii', 'replace')}' is not supported")
-
-
 def _keep(found: dict[int, Connection], header: Header, data: bytes) -> None:
     """Add a connection record to `found`, unless it is damaged."""
-    number = header.get(b"conn", b"")
-    detail = _header(data)
-    if len(number) != 4 or detail is None:
+    detail = fields(data)
+    if len(header.get(b"conn", b"")) != 4 or detail is None:
         return
-    identity = _LENGTH.unpack(number)[0]
+    identity = number(header, b"conn")
     found[identity] = Connection(
         id=identity,
         topic=header.get(b"topic", b"").decode("utf-8", "replace"),

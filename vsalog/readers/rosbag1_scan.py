@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+
 import numpy as np
 from numba import njit
 
 from vsalog.readers.packets import Bytes, Integers, Messages, Packet
 
-_MESSAGE = 2
+_MESSAGE, _CONNECTION = 2, 7
 # Bytes that a message takes at least: lengths of header and data, and the fields op, conn and time.
 _LEAST = 4 + 4 + (4 + 4) + (4 + 9) + (4 + 13)
 _OP, _CONN, _TIME = (np.frombuffer(name, np.uint8) for name in (b"op=", b"conn=", b"time="))
@@ -30,6 +32,16 @@ def messages_in(data: Bytes, wanted: Integers) -> tuple[Packet, bool]:
         connection[:count], log[:count], np.zeros(count, dtype=np.int64), Messages(data, start[:count], length[:count])
     )
     return found, bool(whole)
+
+
+def connections_in(data: Bytes) -> Iterator[tuple[int, int, int]]:
+    """Yield where the headers of a chunk's connection records start and stop, and where their data end."""
+    at = 0
+    while True:
+        start, stop, at = _next_connection(data, at)
+        if at < 0:
+            return
+        yield int(start), int(stop), int(at)
 
 
 @njit(cache=True, nogil=True)
@@ -98,3 +110,20 @@ def _walk(
                 count += 1
         at = end
     return count, at == size
+
+
+@njit(cache=True, nogil=True)
+def _next_connection(data: Bytes, at: int) -> tuple[int, int, int]:
+    """Return where the next connection record's header starts and stops and its data end; end -1 where there is none."""
+    while at + 8 <= data.size:
+        stop = at + 4 + _word(data, at)
+        if stop + 4 > data.size:
+            break
+        sound, op, _, _ = _fields(data, at + 4, stop)
+        end = stop + 4 + _word(data, stop)
+        if not sound or end > data.size:
+            break
+        if op == _CONNECTION:
+            return at + 4, stop, end
+        at = end
+    return 0, 0, -1

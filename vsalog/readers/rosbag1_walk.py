@@ -1,0 +1,202 @@
+"""The records of a ROS 1 bag one after the other, past damage.
+
+The format has no checksum, but tells some things twice: how long a record's data are, which fields its header has, how many
+messages of which times a chunk holds. Where these disagree, bytes have changed; the walk then goes on at the next chunk.
+"""
+
+from __future__ import annotations
+
+import re
+import struct
+from collections.abc import Iterator
+from typing import IO
+
+from vsalog.readers.base import plural
+from vsalog.readers.compression import MAX_BYTES, DamagedDataError, decompress
+
+VERSION = b"#ROSBAG V2.0\n"
+MESSAGE, BAG_HEADER, INDEX, CHUNK, CHUNK_INFO, CONNECTION = 2, 3, 4, 5, 6, 7
+
+Header = dict[bytes, bytes]
+
+# The fields that a record of each kind has, and their lengths (0 where they vary).
+_FIELDS = {
+    MESSAGE: {b"conn": 4, b"time": 8},
+    BAG_HEADER: {b"index_pos": 8},
+    INDEX: {b"ver": 4, b"conn": 4, b"count": 4},
+    CHUNK: {b"compression": 0, b"size": 4},
+    CHUNK_INFO: {b"ver": 4, b"chunk_pos": 8, b"count": 4},
+    CONNECTION: {b"conn": 4, b"topic": 0},
+}
+# How many bytes each counted item takes in the data.
+_ITEM = {INDEX: 12, CHUNK_INFO: 8}
+_MAX_HEADER = 2**20
+_PIECE = 2**20
+_OVERLAP = 2**12
+_LENGTH = struct.Struct("<I")
+_CHUNK_MARK = re.compile(rb"\x04\0\0\0op=\x05")
+
+
+class Walk:
+    """One pass over the records of a bag.
+
+    Parameters
+    ----------
+    file : binary file
+        Opened.
+
+    Attributes
+    ----------
+    chunks : int
+        Chunks seen.
+    damage : list of str
+        Chunks that cannot be read, and why.
+    skipped : list of (int, int)
+        Stretches of bytes that are no records.
+    cut : (int, int) or None
+        Where reading ended and the size of the file, where no record follows up to its end.
+    """
+
+    def __init__(self, file: IO[bytes]) -> None:
+        self.chunks = 0
+        self.damage: list[str] = []
+        self.skipped: list[tuple[int, int]] = []
+        self.cut: tuple[int, int] | None = None
+        self._file = file
+        self._size = file.seek(0, 2)
+
+    def records(self, position: int = len(VERSION)) -> Iterator[tuple[Header, bytes]]:
+        """Yield header and data of the records from a position on, the data of chunks decompressed."""
+        while position < self._size:
+            record = self._record(position)
+            if record is not None:
+                header, data, end = record
+                if op(header) != CHUNK:
+                    yield header, data
+                    position = end
+                    continue
+                self.chunks += 1
+                try:
+                    data = decompress(_compression(header), data, number(header, b"size"))
+                except DamagedDataError as error:
+                    self.damage.append(f"at byte {position}: {error}")
+                else:
+                    yield header, data
+                    position = end
+                    continue
+                if end == self._size or self._header(end) is not None:
+                    position = end
+                    continue
+            following = self._resume(position + 1)
+            if following < 0:
+                self.cut = (position, self._size)
+                return
+            if record is None:
+                self.skipped.append((position, following))
+            position = following
+
+    def notes(self) -> list[str]:
+        """Return in words what was damaged."""
+        found = []
+        if self.damage:
+            count = f"{len(self.damage)} of {plural(self.chunks, 'chunk')}"
+            found.append(f"{count} damaged, the rest was read ({'; '.join(self.damage[:3])})")
+        if self.skipped:
+            count = plural(sum(end - start for start, end in self.skipped), "byte")
+            where = ", ".join(str(start) for start, _ in self.skipped[:3]) + (", …" if len(self.skipped) > 3 else "")
+            found.append(f"{count} between records damaged and skipped (at byte {where})")
+        if self.cut:
+            position, size = self.cut
+            found.append(
+                f"the bag ends within its data, as when a recording is cut off: read up to byte {position}"
+                f" of {size}, the rest is left out"
+            )
+        return found
+
+    def _record(self, position: int) -> tuple[Header, bytes, int] | None:
+        """Return header, data and end of the record at a position; None where there is none whose parts agree."""
+        found = self._header(position)
+        if found is None:
+            return None
+        header, start, length = found
+        end = start + length
+        kind = op(header)
+        if kind == CHUNK and max(length, number(header, b"size")) > MAX_BYTES:
+            return header, b"", end
+        self._file.seek(start)
+        data = self._file.read(length)
+        if kind in _ITEM:
+            sound = length == _ITEM[kind] * number(header, b"count")
+        elif kind == CONNECTION:
+            sound = fields(data) is not None
+        else:
+            sound = kind == CHUNK or end == self._size or self._header(end) is not None
+        return (header, data, end) if sound else None
+
+    def _header(self, position: int) -> tuple[Header, int, int] | None:
+        """Return the header at a position, where its data start and how long they are; None where there is none."""
+        self._file.seek(position)
+        head = self._file.read(4)
+        if len(head) < 4 or _LENGTH.unpack(head)[0] > _MAX_HEADER:
+            return None
+        length = _LENGTH.unpack(head)[0]
+        header = fields(self._file.read(length))
+        word = self._file.read(4)
+        if header is None or len(word) < 4:
+            return None
+        start, count = position + 8 + length, _LENGTH.unpack(word)[0]
+        expected = _FIELDS.get(op(header))
+        if expected is None or count > self._size - start:
+            return None
+        if any(name not in header or (size and len(header[name]) != size) for name, size in expected.items()):
+            return None
+        return header, start, count
+
+    def _resume(self, position: int) -> int:
+        """Return where the next chunk begins, -1 where there is none."""
+        while position < self._size:
+            self._file.seek(position)
+            data = self._file.read(_PIECE + _OVERLAP)
+            for mark in _CHUNK_MARK.finditer(data):
+                # The header's length lies ahead of the field op, or of others before it.
+                for start in range(mark.start() - 4, max(mark.start() - 80, -1), -1):
+                    if mark.end() <= start + 4 + _LENGTH.unpack_from(data, start)[0] <= start + 256:
+                        found = self._header(position + start)
+                        if found is not None and op(found[0]) == CHUNK and _compression(found[0]) in _COMPRESSIONS:
+                            return position + start
+            position += _PIECE
+        return -1
+
+
+_COMPRESSIONS = ("none", "bz2", "lz4")
+
+
+def fields(raw: bytes) -> Header | None:
+    """Split a record's header into its fields; None where it is nonsense."""
+    found: Header = {}
+    position = 0
+    while position < len(raw):
+        if position + 4 > len(raw):
+            return None
+        end = position + 4 + _LENGTH.unpack_from(raw, position)[0]
+        name, equals, value = raw[position + 4 : end].partition(b"=")
+        if end > len(raw) or not equals:
+            return None
+        found[name] = value
+        position = end
+    return found
+
+
+def op(header: Header) -> int:
+    """Return which kind of record a header belongs to, -1 where it does not say."""
+    value = header.get(b"op", b"")
+    return value[0] if len(value) == 1 else -1
+
+
+def number(header: Header, name: bytes) -> int:
+    """Return a field of four bytes as a number."""
+    return int(_LENGTH.unpack(header[name])[0])
+
+
+def _compression(header: Header) -> str:
+    return header[b"compression"].decode("ascii", "replace")
