@@ -5,10 +5,14 @@ from __future__ import annotations
 from collections.abc import Collection
 from os import PathLike
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from vsalog.errors import ReadError
 from vsalog.readers.base import Block, Catalogue, ChannelInfo, Reader
 from vsalog.recording import Recording
+
+if TYPE_CHECKING:
+    from vsalog.readers.bag import Container
 
 __all__ = ["Block", "Catalogue", "ChannelInfo", "Reader", "open_reader", "read"]
 
@@ -48,7 +52,9 @@ def open_reader(path: str | PathLike[str], rate: float | None = None) -> Reader:
         from vsalog.readers.matlab import MatlabReader
 
         return MatlabReader(path, rate)
-    return _open_bag(path, kind)
+    from vsalog.readers.bag import BagReader
+
+    return BagReader(open_container(path, kind))
 
 
 def read(
@@ -88,24 +94,33 @@ def read(
     return collect(Path(path), open_reader(path, rate), None if wanted is None else frozenset(wanted), time)
 
 
-def _open_bag(path: Path, kind: str) -> Reader:
-    from vsalog.readers.bag import BagReader, Container
+def open_container(path: Path, kind: str) -> Container:
+    """Open what holds serialised messages: an MCAP file, a ROS 1 bag or a ROS 2 bag.
 
-    container: Container
+    Parameters
+    ----------
+    path : path
+        A file, or the folder of a ROS 2 bag.
+    kind : str
+        As `vsalog.readers.sniff.sniff` tells it.
+
+    Raises
+    ------
+    ReadError
+        It cannot be opened.
+    """
     if kind == "rosbag1":
         from vsalog.readers.rosbag1 import Rosbag1Container
 
-        container = Rosbag1Container(path)
-    elif kind == "rosbag2-folder":
+        return Rosbag1Container(path)
+    if kind == "rosbag2-folder":
         from vsalog.readers.rosbag2 import FolderContainer
 
-        container = FolderContainer(path)
-    elif kind == "mcap":
+        return FolderContainer(path)
+    if kind == "mcap":
         from vsalog.readers.mcap_file import McapContainer
 
-        container = McapContainer(path)
-    else:
-        from vsalog.readers.rosbag2 import bag_file
+        return McapContainer(path)
+    from vsalog.readers.rosbag2 import bag_file
 
-        container = bag_file(path, shown=path)
-    return BagReader(container)
+    return bag_file(path, shown=path)

@@ -146,18 +146,19 @@ class BagReader:
         damaged: Counter[str] = Counter()
         total: Counter[str] = Counter()
         packets = self._container.packets(batches.keys())
-        for packet in self._first_of(packets, batches.keys()) if first_only else packets:
-            plain = _plain(packet)
-            for batch, rows in _shared_out(plain, batches):
+        if first_only:
+            packets = self._first_of(packets, batches.keys())
+        for packet in map(plain, packets):
+            for batch, rows in _shared_out(packet, batches):
                 if rows.size >= MANY:
                     if batch.messages:
                         yield self._flush(batch, total, damaged)
                     for begin in range(0, rows.size, BLOCK_ROWS):
-                        yield self._block(batch, plain, rows[begin : begin + BLOCK_ROWS], total, damaged)
+                        yield self._block(batch, packet, rows[begin : begin + BLOCK_ROWS], total, damaged)
                     continue
                 while rows.size:
-                    few = _fitting(plain.messages.length[rows], batch)
-                    batch.add(plain, rows[:few])
+                    few = _fitting(packet.messages.length[rows], batch)
+                    batch.add(packet, rows[:few])
                     rows = rows[few:]
                     if batch.full():
                         yield self._flush(batch, total, damaged)
@@ -286,8 +287,8 @@ def _fitting(length: Integers, batch: _Batch) -> int:
     return max(1, min(BLOCK_ROWS - batch.count, by_size))
 
 
-def _plain(packet: Packet) -> Packet:
-    """Decompress the messages of a ROS 2 bag that compresses them one by one."""
+def plain(packet: Packet) -> Packet:
+    """Return a packet with its messages decompressed, where a ROS 2 bag compresses them one by one."""
     compressed = packet.messages.beginning_with(ZSTD_MAGIC)
     if not compressed.any():
         return packet

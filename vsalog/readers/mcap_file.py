@@ -41,6 +41,11 @@ _CHUNK_HEAD = struct.Struct("<QQQII")
 class McapContainer:
     """One MCAP file; see `vsalog.readers.bag.Container`.
 
+    Attributes
+    ----------
+    schemas, channels : dict of int to record
+        Of the file, by their numbers; complete once `connections` was asked for.
+
     Raises
     ------
     ReadError
@@ -53,8 +58,8 @@ class McapContainer:
     def __init__(self, path: Path) -> None:
         self.path = path
         self.notes: list[str] = []
-        self._schemas: dict[int, Schema] = {}
-        self._channels: dict[int, Channel] = {}
+        self.schemas: dict[int, Schema] = {}
+        self.channels: dict[int, Channel] = {}
         self._counts: dict[int, int] = {}
         self._rig_text: str | None = None
         self._scanned = False
@@ -68,7 +73,7 @@ class McapContainer:
     def connections(self) -> list[Connection]:
         """Return the file's channels."""
         self._scan()
-        return [self._connection(channel) for channel in self._channels.values()]
+        return [self._connection(channel) for channel in self.channels.values()]
 
     def counts(self) -> Mapping[int, int]:
         """Return how many messages channels have, as the summary at the end says."""
@@ -84,7 +89,7 @@ class McapContainer:
     def _packets(self, wanted: NDArray[np.bool_]) -> Iterator[Packet]:
         loose: list[RawMessage] = []  # outside of chunks
         count = 0
-        for record, content in self._records():
+        for record, content in self.records():
             if loose and (record == CHUNK or len(loose) >= PACKED):
                 yield packet_of(loose)
                 loose = []
@@ -105,7 +110,7 @@ class McapContainer:
             self._note(f"{expected - count} of {plural(expected, 'message')} that the summary counts were not found")
 
     def _connection(self, channel: Channel) -> Connection:
-        schema = self._schemas.get(channel.schema_id)
+        schema = self.schemas.get(channel.schema_id)
         return Connection(
             id=channel.id,
             topic=channel.topic,
@@ -126,8 +131,8 @@ class McapContainer:
                 return
         except (ValueError, LookupError, OSError, struct.error, McapError):
             pass  # damage anywhere in the summary: the walk will find what there is
-        self._schemas, self._channels, self._counts = {}, {}, {}
-        for record, content in self._records():
+        self.schemas, self.channels, self._counts = {}, {}, {}
+        for record, content in self.records():
             if record == CHUNK:
                 for inner, own in others_in(np.frombuffer(content, np.uint8)):
                     self._keep(inner, own)
@@ -146,9 +151,9 @@ class McapContainer:
                     metadata.append(MetadataIndex.read(ReadDataStream(BytesIO(content))))
                 else:
                     self._keep(kind, content)
-            if statistics is None or statistics.channel_count != len(self._channels):
+            if statistics is None or statistics.channel_count != len(self.channels):
                 return False
-            if any(one.schema_id and one.schema_id not in self._schemas for one in self._channels.values()):
+            if any(one.schema_id and one.schema_id not in self.schemas for one in self.channels.values()):
                 return False
             if statistics.metadata_count != len(metadata):
                 return False
@@ -156,7 +161,7 @@ class McapContainer:
                 file.seek(index.offset)
                 kind, length = _HEAD.unpack(file.read(_HEAD.size))
                 self._keep(kind, file.read(min(length, index.length)))
-        self._counts = {number: statistics.channel_message_counts.get(number, 0) for number in self._channels}
+        self._counts = {number: statistics.channel_message_counts.get(number, 0) for number in self.channels}
         return True
 
     def _keep(self, record: int, content: bytes) -> None:
@@ -165,10 +170,10 @@ class McapContainer:
         try:
             if record == SCHEMA:
                 schema = Schema.read(stream)
-                self._schemas[schema.id] = schema
+                self.schemas[schema.id] = schema
             elif record == CHANNEL:
                 channel = Channel.read(stream)
-                self._channels[channel.id] = channel
+                self.channels[channel.id] = channel
             elif record == METADATA:
                 metadata = Metadata.read(stream)
                 if metadata.name == RIG_METADATA:
@@ -176,7 +181,7 @@ class McapContainer:
         except (ValueError, struct.error, McapError):  # its messages will be reported as missing
             self._note("a damaged channel, schema or metadata record was skipped")
 
-    def _records(self) -> Iterator[tuple[int, bytes]]:
+    def records(self) -> Iterator[tuple[int, bytes]]:
         """Yield the records of the data section, a chunk as its own records, decompressed; notes what was skipped."""
         chunks = 0
         damage: list[str] = []

@@ -154,7 +154,7 @@ def _sound(rows: list[Any]) -> Iterator[RawMessage]:
 
 
 class CompressedContainer:
-    """A bag file that is compressed as a whole: decompressed to a temporary file while it is read.
+    """A bag file that is compressed as a whole: decompressed to a temporary file while it is read, which is `inner`.
 
     Raises
     ------
@@ -174,27 +174,27 @@ class CompressedContainer:
                 zstandard.ZstdDecompressor().copy_stream(source, target)
         except (zstandard.ZstdError, OSError) as error:
             raise ReadError(f"{path}: cannot be decompressed: {error}") from error
-        self._inner = bag_file(plain, shown=path)
-        self.format = self._inner.format
-        self.has_publish = self._inner.has_publish
-        self.rig_text = self._inner.rig_text
-        self.notes = self._inner.notes
+        self.inner = bag_file(plain, shown=path)
+        self.format = self.inner.format
+        self.has_publish = self.inner.has_publish
+        self.rig_text = self.inner.rig_text
+        self.notes = self.inner.notes
 
     def connections(self) -> list[Connection]:
         """Return the bag's connections."""
-        return self._inner.connections()
+        return self.inner.connections()
 
     def counts(self) -> Mapping[int, int]:
         """Return how many messages connections have, where the file says so."""
-        return self._inner.counts()
+        return self.inner.counts()
 
     def packets(self, ids: Collection[int]) -> Iterator[Packet]:
         """Yield the messages of some connections."""
-        return self._inner.packets(ids)
+        return self.inner.packets(ids)
 
 
 class FolderContainer:
-    """The files of a ROS 2 bag, one after the other; see `vsalog.readers.bag.Container`.
+    """The files of a ROS 2 bag, which are `parts`, one after the other; see `vsalog.readers.bag.Container`.
 
     Raises
     ------
@@ -204,22 +204,22 @@ class FolderContainer:
 
     def __init__(self, folder: Path) -> None:
         self.notes: list[str] = []
-        self._parts: list[Container] = []
+        self.parts: list[Container] = []
         for path in _bag_files(folder, self.notes):
             try:
-                self._parts.append(bag_file(path, shown=path))
+                self.parts.append(bag_file(path, shown=path))
             except ReadError as error:
                 self.notes.append(f"{path.name} was left out: {str(error).removeprefix(f'{path}: ')}")
-        if not self._parts:
+        if not self.parts:
             raise ReadError("; ".join([f"{folder}: none of its files can be read", *self.notes]))
-        formats = {part.format for part in self._parts}
+        formats = {part.format for part in self.parts}
         self.format = "rosbag2-mcap" if formats == {"mcap"} else "rosbag2-sqlite3"
-        self.has_publish = all(part.has_publish for part in self._parts)
+        self.has_publish = all(part.has_publish for part in self.parts)
 
     @property
     def rig_text(self) -> str | None:
         """The rig in the first file that has one."""
-        return next((part.rig_text for part in self._parts if part.rig_text is not None), None)
+        return next((part.rig_text for part in self.parts if part.rig_text is not None), None)
 
     def connections(self) -> list[Connection]:
         """Return the connections of all files."""
@@ -233,7 +233,7 @@ class FolderContainer:
                 one.definition,
                 one.metadata,
             )
-            for part, container in enumerate(self._parts)
+            for part, container in enumerate(self.parts)
             for one in container.connections()
         ]
 
@@ -241,13 +241,13 @@ class FolderContainer:
         """Return how many messages connections have, where their file says so."""
         return {
             part * _IDS_PER_FILE + number: count
-            for part, container in enumerate(self._parts)
+            for part, container in enumerate(self.parts)
             for number, count in container.counts().items()
         }
 
     def packets(self, ids: Collection[int]) -> Iterator[Packet]:
         """Yield the messages of some connections, file by file."""
-        for part, container in enumerate(self._parts):
+        for part, container in enumerate(self.parts):
             first = part * _IDS_PER_FILE
             own = [number - first for number in ids if first <= number < first + _IDS_PER_FILE]
             for packet in container.packets(own):
