@@ -31,6 +31,9 @@ SCALARS = {
 # The kinds of field a parsed definition distinguishes; anything else is an array of varying length.
 _BASIC, _MESSAGE, _FIXED_ARRAY = 1, 2, 3
 
+_LONGEST = 2**17  # characters of a definition: the longest that ROS ships have a tenth of it
+_DEEPEST = 50  # messages within messages
+
 _PLACEHOLDER = "structure_needs_at_least_one_member"
 _RULE = "=" * 80
 
@@ -110,15 +113,41 @@ def parse_definition(name: str, text: str, language: str, ros1: bool) -> Struct:
         table.update(_parse_text(name, text.replace("\r\n", "\n"), language))
     elif language and name not in table:
         table[name] = ([], [])  # a message without fields
+    return _Builder(table, ros1).struct(name, ())
+
+
+def ros1_checksum(name: str, text: str) -> str:
+    """Return the MD5 sum that ROS 1 identifies a message type by.
+
+    Parameters
+    ----------
+    name : str
+        Type name as the log gives it.
+    text : str
+        Definition with those of the types it contains.
+
+    Raises
+    ------
+    DefinitionError
+        The text does not parse, or a type is missing.
+    """
+    from rosbags.typesys import Stores, get_typestore
+
+    name = normal_type(name)
+    types = _parse_text(name, text.replace("\r\n", "\n"), "msg")
+    store = get_typestore(Stores.EMPTY)
     try:
-        return _Builder(table, ros1).struct(name, ())
-    except RecursionError:
-        raise DefinitionError(f"{name} is nested too deeply") from None
+        store.register(types)
+        return str(store.generate_msgdef(name, ros_version=1)[1])
+    except Exception as error:  # whatever a foreign text provokes in the library
+        raise DefinitionError(f"the definition of {name} is not complete") from error
 
 
 def _parse_text(name: str, text: str, language: str) -> dict[str, Any]:
     from rosbags.typesys import get_types_from_idl, get_types_from_msg
 
+    if len(text) > _LONGEST:
+        raise DefinitionError(f"the definition of {name} has {len(text)} characters; so many are not read")
     try:
         if language == "msg":
             return dict(get_types_from_msg(text, name))
@@ -167,6 +196,8 @@ class _Builder:
             return self.built[name]
         if name in outer:
             raise DefinitionError(f"{name} contains itself")
+        if len(outer) > _DEEPEST:
+            raise DefinitionError(f"{outer[0]} is nested too deeply")
         if name not in self.table:
             raise DefinitionError(f"the log does not hold the definition of {name}")
         fields = [

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import struct
 from collections.abc import Collection, Iterator, Mapping
+from functools import lru_cache
 from pathlib import Path
 from typing import IO
 
@@ -11,6 +12,7 @@ import numpy as np
 
 from vsalog.errors import ReadError
 from vsalog.readers.bag import Connection
+from vsalog.readers.definitions import DefinitionError, ros1_checksum
 from vsalog.readers.layout import printable
 from vsalog.readers.packets import PACKED, Packet, RawMessage, ahead, packet_of
 from vsalog.readers.rosbag1_index import IndexCheck
@@ -30,6 +32,9 @@ from vsalog.readers.rosbag1_walk import (
 
 MAGIC = b"#ROSBAG V"
 _MOST_CONNECTIONS = 2**16
+
+Found = dict[int, tuple[Connection, bool]]
+"""Connections by number, and whether what a bag tells twice of each agrees."""
 
 
 class Rosbag1Container:
@@ -55,11 +60,10 @@ class Rosbag1Container:
         if self._connections is None:
             with self._open() as file:
                 found = self._indexed(file)
-            if not found:
-                with self._open() as file:
+                if not found or not all(sound for _, sound in found.values()):
                     for header, data in Walk(file).records():
                         self._keep_all(found, header, data)
-            self._connections = found
+            self._connections = {identity: connection for identity, (connection, _) in found.items()}
         return list(self._connections.values())
 
     def counts(self) -> Mapping[int, int]:
@@ -106,15 +110,15 @@ class Rosbag1Container:
     def _compare(self, chunk: bytes) -> None:
         """Compare the connections that a chunk tells with what is known of them."""
         known = self._connections or {}
-        found: dict[int, Connection] = {}
+        found: Found = {}
         self._keep_all(found, {b"op": bytes([CHUNK])}, chunk)
-        for identity, connection in found.items():
+        for identity, (connection, _) in found.items():
             if known.get(identity, connection) != connection:
                 self._note(
                     f"{printable(known[identity].topic)}: its name, type or definition is damaged in one of its copies"
                 )
 
-    def _keep_all(self, found: dict[int, Connection], header: Header, data: bytes) -> None:
+    def _keep_all(self, found: Found, header: Header, data: bytes) -> None:
         """Add the connections that a record tells to `found`.
 
         Raises
@@ -145,9 +149,9 @@ class Rosbag1Container:
             )
         return file
 
-    def _indexed(self, file: IO[bytes]) -> dict[int, Connection]:
+    def _indexed(self, file: IO[bytes]) -> Found:
         """Return the connections in the index at the end; none where the bag has no index or it is damaged."""
-        found: dict[int, Connection] = {}
+        found: Found = {}
         header, _ = next(Walk(file).records(), ({}, b""))
         if header.get(b"encryptor"):
             raise ReadError(f"{self.path}: is encrypted; decrypt it first ('rosbag decrypt')")
@@ -166,17 +170,28 @@ class Rosbag1Container:
             self.notes.append(text)
 
 
-def _keep(found: dict[int, Connection], header: Header, data: bytes) -> None:
-    """Add a connection record to `found`, unless it is damaged."""
+def _keep(found: Found, header: Header, data: bytes) -> None:
+    """Add a connection record to `found`, unless it is damaged or a sound copy of it is there."""
     detail = fields(data)
     if len(header.get(b"conn", b"")) != 4 or detail is None:
         return
-    identity = number(header, b"conn")
-    found[identity] = Connection(
-        id=identity,
-        topic=header.get(b"topic", b"").decode("utf-8", "replace"),
-        type=detail.get(b"type", b"").decode("utf-8", "replace"),
-        encoding="ros1",
-        language="msg",
-        definition=detail.get(b"message_definition", b"").decode("utf-8", "replace"),
-    )
+    identity, topic = number(header, b"conn"), header.get(b"topic", b"")
+    if identity in found and found[identity][1]:
+        return
+    kind, text = (_text(detail.get(name, b"")) for name in (b"type", b"message_definition"))
+    sound = detail.get(b"topic", topic) == topic and _agrees(kind, text, _text(detail.get(b"md5sum", b"*")))
+    if identity not in found or sound:
+        found[identity] = Connection(identity, _text(topic), kind, "ros1", "msg", text), sound
+
+
+@lru_cache
+def _agrees(kind: str, text: str, checksum: str) -> bool:
+    """Tell whether a definition is the one that its checksum was made of; none is no contradiction."""
+    try:
+        return checksum == "*" or not text or ros1_checksum(kind, text) == checksum
+    except DefinitionError:
+        return False
+
+
+def _text(raw: bytes) -> str:
+    return raw.decode("utf-8", "replace")
