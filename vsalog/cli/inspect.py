@@ -20,8 +20,24 @@ from vsalog.cli.options import reading_options
     help="Show the first N samples of each stream too.",
 )
 @click.option("--full", is_flag=True, help="Read all of a large log; a sample of it when absent.")
+@click.option(
+    "--repair",
+    "repaired",
+    type=click.Path(path_type=Path),
+    metavar="OUT.mcap",
+    help="Write what can be read of LOG into this file, a sound MCAP file with index and checksums. Messages, definitions and"
+    " times are kept bit for bit, of MCAP files metadata and attachments too; columns of a table become topics.",
+)
 @reading_options
-def inspect(logs: tuple[Path, ...], as_json: bool, head: int, full: bool, rate: float | None, time: str) -> None:
+def inspect(
+    logs: tuple[Path, ...],
+    as_json: bool,
+    head: int,
+    full: bool,
+    repaired: Path | None,
+    rate: float | None,
+    time: str,
+) -> None:
     """Show what is in each LOG: streams and their clocks, channels with unit, range, step and noise, and probable roles.
 
     Step is the least significant step of a channel, noise the standard deviation of its white noise. Roles are guesses
@@ -35,15 +51,24 @@ def inspect(logs: tuple[Path, ...], as_json: bool, head: int, full: bool, rate: 
     from vsalog.readers.sampling import read_sample
     from vsalog.reports.inspect import console_for_stdout, print_report
     from vsalog.reports.inspect_data import Inspection, inspect_recording
+    from vsalog.reports.inspect_repair import told
     from vsalog.rig.guess import guess_roles
 
+    if repaired is not None and len(logs) > 1:
+        raise click.UsageError("--repair writes one file: name one LOG")
     # All logs are read before anything is printed: an unreadable one must not leave half an answer.
     reports = []
     for log in logs:
         recording, sample = (read(log, time=time, rate=rate), None) if full else read_sample(log, time, rate)
         reports.append(inspect_recording(recording, guess_roles(recording), sample, head))
+    written = None
+    if repaired is not None:
+        from vsalog.writers.repair import repair
+
+        written = repair(logs[0], repaired, rate)
+        click.echo(told(written), err=True)
     if as_json:
-        document = msgspec.json.format(msgspec.json.encode(Inspection(tuple(reports))), indent=2)
+        document = msgspec.json.format(msgspec.json.encode(Inspection(tuple(reports), written)), indent=2)
         click.echo(document.decode())
         return
     console = console_for_stdout()

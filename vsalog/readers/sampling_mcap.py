@@ -73,7 +73,7 @@ def _by_summary(file: IO[bytes]) -> _Plan | None:
         metadata = [Piece(index.offset, index.length) for index in summary.metadata_indexes]
         if not all(_is(file, piece, _CHUNK) for piece in chunks) or not all(_is(file, p, _METADATA) for p in metadata):
             return None
-        first = next(_records(file))[1]
+        first = next(record_heads(file))[1]
         return _Plan(sorted(chunks), [first, *metadata], _serialised(summary), _totals(summary))
     except Exception:  # damage anywhere in the summary: the walk will find what there is
         return None
@@ -103,7 +103,7 @@ def _totals(summary: Any) -> dict[str, int]:
 def _by_walk(file: IO[bytes]) -> _Plan:
     """Plan by the heads of the records, as far as they are sound."""
     plan = _Plan([], [], b"", {})
-    for _, (kind, piece) in zip(range(_MOST_RECORDS), _records(file), strict=False):
+    for _, (kind, piece) in zip(range(_MOST_RECORDS), record_heads(file), strict=False):
         if kind == _CHUNK:
             plan.chunks.append(piece)
         elif piece.position == len(MAGIC) or kind in (_SCHEMA, _CHANNEL, _METADATA):
@@ -114,14 +114,14 @@ def _by_walk(file: IO[bytes]) -> _Plan:
 def _beginning(file: IO[bytes], budget: int) -> Piece:
     """Return the first records, of about `budget` bytes."""
     end = len(MAGIC)
-    for _, piece in _records(file):
+    for _, piece in record_heads(file):
         if end > budget:
             break
         end = piece.position + piece.size
     return Piece(len(MAGIC), end - len(MAGIC))
 
 
-def _records(file: IO[bytes]) -> Iterator[tuple[int, Piece]]:
+def record_heads(file: IO[bytes]) -> Iterator[tuple[int, Piece]]:
     """Yield kind and place of the records of the data section without reading them, up to its end or to damage."""
     size, position = file.seek(0, 2), len(MAGIC)
     while True:

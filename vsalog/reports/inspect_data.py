@@ -11,6 +11,7 @@ from msgspec import Struct
 from vsalog.readers.sampling import Sample
 from vsalog.recording import Channel, Recording, Stream
 from vsalog.reports.inspect_head import HeadReport, heads_of
+from vsalog.reports.inspect_repair import Repaired
 from vsalog.reports.inspect_stats import Clock, clock_of
 from vsalog.resolution import noise_of, step_of
 from vsalog.rig.checks import RUN
@@ -140,9 +141,16 @@ class LogReport(Struct, frozen=True):
 
 
 class Inspection(Struct, frozen=True):
-    """The whole answer of `inspect --json`."""
+    """The whole answer of `inspect --json`.
+
+    Attributes
+    ----------
+    logs : in the order they were named
+    repaired : what was written, where that was asked for
+    """
 
     logs: tuple[LogReport, ...]
+    repaired: Repaired | None = None
 
 
 def inspect_recording(recording: Recording, guess: Guess, sample: Sample | None = None, head: int = 0) -> LogReport:

@@ -1,0 +1,224 @@
+"""What can be read of a damaged log, as a sound MCAP file."""
+
+from __future__ import annotations
+
+import struct
+import zlib
+from collections.abc import Iterator, Mapping
+from contextlib import suppress
+from functools import cache
+from io import BytesIO
+from pathlib import Path
+
+import numpy as np
+from mcap.data_stream import ReadDataStream
+from mcap.exceptions import McapError
+from mcap.records import Attachment, Header, Metadata
+from mcap.writer import CompressionType, Writer
+
+from vsalog.errors import ReadError, WriteError
+from vsalog.readers import open_container, read
+from vsalog.readers.bag import Connection, Container, plain
+from vsalog.readers.base import plural
+from vsalog.readers.compression import MAX_BYTES
+from vsalog.readers.mcap_file import McapContainer
+from vsalog.readers.mcap_scan import messages_in
+from vsalog.readers.mcap_walk import ATTACHMENT, CHUNK, HEADER, MESSAGE, METADATA
+from vsalog.readers.rosbag2 import CompressedContainer, FolderContainer
+from vsalog.readers.sampling_mcap import record_heads
+from vsalog.readers.sniff import sniff
+from vsalog.reports.inspect_repair import Repaired
+from vsalog.writers.atomic import atomic_path
+from vsalog.writers.recording_mcap import write_mcap
+
+_HEAD_SIZE = 9
+_MESSAGE_HEAD = struct.Struct("<HIQQ")
+_SCHEMA_LANGUAGES = {("ros1", "msg"): "ros1msg", ("cdr", "msg"): "ros2msg", ("cdr", "idl"): "ros2idl"}
+_TABLES = ("table", "parquet", "matlab")
+
+RawMessage = tuple[int, int, int, int, bytes]
+"""Channel, sequence number, log time [ns], publish time [ns], the serialised message."""
+
+
+def repair(source: Path, target: Path, rate: float | None = None) -> Repaired:
+    """Write what can be read of a log into an MCAP file with chunks, checksums and an index.
+
+    Messages and definitions of MCAP files and ROS bags are copied bit for bit; metadata and attachments of MCAP files too.
+    Tables have no messages: their columns become topics.
+
+    Parameters
+    ----------
+    source : the log, which stays as it is
+    target : appears when all is written; replaced when it is there
+    rate : samples per second of tables without a time column [Hz]
+
+    Raises
+    ------
+    ReadError
+        Nothing of the log can be read.
+    WriteError
+        The file cannot be written, or is the log itself.
+    """
+    kind = sniff(source)
+    _keep_source(source, target)
+    if kind in _TABLES:
+        return _repair_table(source, target, rate)
+    container = open_container(source, kind)
+    parts = list(_parts(container))
+    notes: list[str] = []
+    messages = 0
+    with atomic_path(target) as temporary, temporary.open("wb") as file:
+        writer = Writer(file, compression=CompressionType.ZSTD)
+        writer.start(profile=_profile(parts), library="vsalog")
+        definitions = _Definitions(writer)
+        for part in parts:
+            numbers = definitions.of(part)
+            for number, sequence, log, publish, data in _messages(writer, part, numbers, notes):
+                writer.add_message(number, log, data, publish, sequence)
+                messages += 1
+        writer.finish()  # type: ignore[no-untyped-call]
+        if not messages:
+            raise ReadError(f"{source}: not one message of it can be read: {target.name} was not written")
+    notes = [note for part in [container, *parts] for note in part.notes] + notes
+    return Repaired(str(target), messages, len(definitions.announced), tuple(dict.fromkeys(notes)))
+
+
+def _keep_source(source: Path, target: Path) -> None:
+    """Refuse to write over what is read."""
+    files = [source, *source.iterdir()] if source.is_dir() else [source]
+    if target.exists() and any(target.samefile(file) for file in files):
+        raise WriteError(f"{target}: is the log itself; give the repaired file another name")
+
+
+def _parts(container: Container) -> Iterator[Container]:
+    """Yield the files that a container consists of."""
+    if isinstance(container, FolderContainer):
+        for part in container.parts:
+            yield from _parts(part)
+    elif isinstance(container, CompressedContainer):
+        yield from _parts(container.inner)
+    else:
+        yield container
+
+
+def _profile(parts: list[Container]) -> str:
+    first = parts[0]
+    if not isinstance(first, McapContainer):
+        return "ros1" if first.format == "rosbag1" else "ros2"
+    header = next(_side_records(first.path, HEADER), b"")
+    try:
+        return str(Header.read(ReadDataStream(BytesIO(header))).profile)
+    except (ValueError, struct.error, McapError):
+        return ""
+
+
+class _Definitions:
+    """Announces schemas and channels; what the files of a split bag have in common, once."""
+
+    def __init__(self, writer: Writer) -> None:
+        self._schema = cache(writer.register_schema)
+        self._channel = cache(
+            # The old number is part of the key: two publishers on a topic stay two.
+            lambda _, topic, encoding, schema, metadata: writer.register_channel(
+                topic, encoding, schema, dict(metadata)
+            )
+        )
+        self.announced: set[int] = set()
+
+    def of(self, part: Container) -> dict[int, int]:
+        """Return a file's channel numbers → the new ones."""
+        connections = part.connections()
+        if isinstance(part, McapContainer):
+            schemas = {number: self._schema(s.name, s.encoding, s.data) for number, s in part.schemas.items()}
+            numbers = {
+                number: self._channel(
+                    number, c.topic, c.message_encoding, schemas.get(c.schema_id, 0), tuple(c.metadata.items())
+                )
+                for number, c in part.channels.items()
+            }
+        else:
+            numbers = {
+                one.id: self._channel(one.id, one.topic, one.encoding, self._stated(one), tuple(one.metadata.items()))
+                for one in connections
+            }
+        self.announced.update(numbers.values())
+        return numbers
+
+    def _stated(self, one: Connection) -> int:
+        # A definition that the bag lacks is an empty one: readers then take the type by its name.
+        language = _SCHEMA_LANGUAGES.get(
+            (one.encoding, one.language), "ros1msg" if one.encoding == "ros1" else "ros2msg"
+        )
+        return int(self._schema(one.type, language, one.definition.encode("utf-8", "surrogatepass")))
+
+
+def _messages(writer: Writer, part: Container, numbers: Mapping[int, int], notes: list[str]) -> Iterator[RawMessage]:
+    """Yield a file's messages by their new channels; what else it holds is written at once."""
+    if isinstance(part, McapContainer):
+        yield from _mcap_messages(writer, part, numbers, notes)
+        return
+    for packet in map(plain, part.packets(list(numbers))):
+        times = zip(packet.connection.tolist(), packet.log.view(np.uint64).tolist(), packet.messages, strict=True)
+        for connection, log, data in times:
+            yield numbers[connection], 0, log, log, data
+
+
+def _mcap_messages(
+    writer: Writer, part: McapContainer, numbers: Mapping[int, int], notes: list[str]
+) -> Iterator[RawMessage]:
+    for content in _side_records(part.path, ATTACHMENT):
+        try:
+            _copy_attachment(writer, content)
+        except (ValueError, struct.error, McapError):
+            notes.append("a damaged attachment left out")
+    unknown = 0
+    for record, content in part.records():
+        if record == METADATA:
+            with suppress(ValueError, struct.error, McapError):  # noted when the channels were looked for
+                metadata = Metadata.read(ReadDataStream(BytesIO(content)))
+                writer.add_metadata(metadata.name, metadata.metadata)
+        for channel, sequence, log, publish, data in _in_record(record, content):
+            if channel in numbers:
+                yield numbers[channel], sequence, log, publish, data
+            else:
+                unknown += 1
+    if unknown:
+        notes.append(f"{plural(unknown, 'message')} of channels whose definition was lost left out")
+
+
+def _copy_attachment(writer: Writer, content: bytes) -> None:
+    """Write an attachment again; ValueError where its checksum, 0 for none, does not match."""
+    stated = int.from_bytes(content[-4:], "little")
+    if stated and stated != zlib.crc32(content[:-4]):
+        raise ValueError
+    a = Attachment.read(ReadDataStream(BytesIO(content)))
+    writer.add_attachment(a.create_time, a.log_time, a.name, a.media_type, a.data)
+
+
+def _in_record(record: int, content: bytes) -> Iterator[RawMessage]:
+    """Yield the messages in a chunk, or the one that a record is."""
+    if record == MESSAGE:
+        yield *_MESSAGE_HEAD.unpack_from(content), content[_MESSAGE_HEAD.size :]
+    if record == CHUNK:
+        found = messages_in(np.frombuffer(content, np.uint8), np.ones(2**16, dtype=np.bool_)).messages
+        for start, length in zip(found.start.tolist(), found.length.tolist(), strict=True):
+            head = _MESSAGE_HEAD.unpack_from(content, start - _MESSAGE_HEAD.size)
+            yield *head, content[start : start + length]
+
+
+def _side_records(path: Path, kind: int) -> Iterator[bytes]:
+    """Yield the contents of the records of a kind, up to the first damage between records."""
+    with path.open("rb") as file:
+        for found, piece in record_heads(file):
+            if found == kind and piece.size <= MAX_BYTES:
+                file.seek(piece.position + _HEAD_SIZE)
+                yield file.read(piece.size - _HEAD_SIZE)
+
+
+def _repair_table(source: Path, target: Path, rate: float | None) -> Repaired:
+    recording = read(source, rate=rate)
+    if any(stream.time_source == "none" for stream in recording.streams.values()):
+        raise ReadError(f"{source}: has no time, and messages need one: give the sample rate with --rate, in Hz")
+    write_mcap(recording, target, units=True)
+    count = sum(stream.count for stream in recording.streams.values())
+    return Repaired(str(target), count, len(recording.channels), recording.notes)
