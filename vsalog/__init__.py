@@ -53,6 +53,8 @@ def estimate(
     set: Mapping[str, Any] | None = None,
     rate: float | None = None,
     time: str = "auto",
+    start: str | None = None,
+    end: str | None = None,
 ) -> list[JointEstimate]:
     """Estimate the stiffness of the joints of a log, as ``vsalog estimate`` does, without writing files.
 
@@ -68,6 +70,8 @@ def estimate(
     set : changes to the rig, e.g. ``{"joint.elbow.motor.damping": "1 N*mm*s/rad"}``; ``setpoint`` fixes the set-point
     rate : samples per second of a table without a time column [Hz]
     time : which clock to trust: auto, header, log or publish
+    start, end : the part of each log that is used: seconds from its beginning, ``"2 min"``, an ISO 8601 date or a time since the
+        epoch
 
     Returns
     -------
@@ -91,5 +95,7 @@ def estimate(
         {k: str(v) for k, v in (set or {}).items()},
         rate,
         time,
+        start,
+        end,
     )
     return prepare([log if isinstance(log, Recording) else Path(log) for log in logs], options).run()

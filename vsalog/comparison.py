@@ -171,7 +171,7 @@ def _truths(logs: Sequence[Path], options: Options, run: Run) -> Recording | Non
     try:
         known = open_reader(logs[0], options.rate).catalogue().channels
         wanted = {c for e in run.estimates for c in truth_channels(e.joint) if c in known}
-        return read(logs[0], wanted, time=options.time, rate=options.rate) if wanted else None
+        return read(logs[0], wanted, options.time, options.rate, options.start, options.end) if wanted else None
     except VsalogError:
         return None
 

@@ -48,6 +48,7 @@ class Options:
         key is one of the rig's
     rate : samples per second of tables without a time column [Hz]
     time : which clock stamps come from: auto, header, log, publish
+    start, end : the part of each log that is used, as `vsalog.readers.read` takes them; all of it when absent
     """
 
     rig: Rig | str | Path | None = None
@@ -57,6 +58,8 @@ class Options:
     set: Mapping[str, str] = field(default_factory=dict)
     rate: float | None = None
     time: str = "auto"
+    start: str | None = None
+    end: str | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -120,7 +123,7 @@ class Job:
         o = self.options
         setpoint = {key: value for key, value in o.set.items() if key == "setpoint"}
         asked = {"joints": list(o.joints), "estimator": o.estimator, "tune": dict(o.tune), "set": setpoint}
-        return asked | {"rate": o.rate, "time": o.time}
+        return asked | {"rate": o.rate, "time": o.time, "start": o.start, "end": o.end}
 
     def _names(self) -> list[tuple[str, Path]]:
         return list(zip(names_of(self.logs), self.logs, strict=True))
@@ -200,7 +203,7 @@ def _read(log: Path | Recording, wanted: set[str] | None, options: Options, prog
     if isinstance(log, Recording):
         return log
     progress(f"reading {log.name}")
-    recording = read(log, wanted, time=options.time, rate=options.rate)
+    recording = read(log, wanted, options.time, options.rate, options.start, options.end)
     missing = sorted((wanted or set()) - set(recording.channels) - set(recording.unread))
     if missing:
         known = open_reader(log, options.rate).catalogue()

@@ -51,6 +51,8 @@ def repeated(result: Path, logs: Sequence[Path] = ()) -> tuple[tuple[Path, ...],
             asked["set"],
             asked["rate"],
             asked["time"],
+            asked.get("start"),  # older traces are of whole logs
+            asked.get("end"),
         )
         names = dict(inputs)
     except (KeyError, TypeError, ValueError) as error:

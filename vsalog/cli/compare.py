@@ -33,6 +33,8 @@ def compare(
     settings: dict[str, str],
     rate: float | None,
     time: str,
+    start: str | None,
+    end: str | None,
     report: Path | None,
     as_json: bool,
 ) -> None:
@@ -52,7 +54,8 @@ def compare(
         keep_inputs([report], logs)
     with Progress() as progress:
         with progress.saying_when_compiling():
-            found, runs = run(logs, Options(rig, joints, "auto", {}, settings, rate, time), asked, progress.say)
+            options = Options(rig, joints, "auto", {}, settings, rate, time, start, end)
+            found, runs = run(logs, options, asked, progress.say)
         if report is not None:
             progress.say("writing the report")
             write_comparison_page(report, found, runs)

@@ -47,6 +47,8 @@ def diagnose(
     settings: dict[str, str],
     rate: float | None,
     time: str,
+    start: str | None,
+    end: str | None,
     fail_on_cause: bool,
     suggest: bool,
     output: Path | None,
@@ -65,7 +67,7 @@ def diagnose(
     from vsalog.writers.diagnosis import Outputs, write_diagnosis
     from vsalog.writers.reports import keep_inputs
 
-    options = Options(rig, joints, settings, rate, time, suggest)
+    options = Options(rig, joints, settings, rate, time, suggest, start, end)
     outputs = Outputs.within(output, suggest)
     inputs = (log, holdout, Path(rig) if rig is not None else rig_beside(log))
     written = (outputs.document, outputs.page, outputs.rig, outputs.scenario)

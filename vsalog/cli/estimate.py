@@ -82,6 +82,8 @@ def estimate(
     figures: Path | None,
     rate: float | None,
     time: str,
+    start: str | None,
+    end: str | None,
     source: Path | None,
     as_json: bool,
 ) -> None:
@@ -95,7 +97,7 @@ def estimate(
     from vsalog.writers.results import Outputs, write_results
 
     preset = {} if preset_tuning is None else {"preset": preset_tuning}
-    options = Options(rig, joints, estimator, preset | tune, settings, rate, time)
+    options = Options(rig, joints, estimator, preset | tune, settings, rate, time, start, end)
     if source is not None:
         from vsalog.repeat import repeated
 

@@ -6,6 +6,8 @@ from pathlib import Path
 
 import rich_click as click
 
+from vsalog.cli.options import reading_options
+
 
 @click.command(short_help="Write a rig file with the guesses filled in and the gaps marked.")
 @click.argument("log", type=click.Path(path_type=Path))
@@ -14,8 +16,17 @@ import rich_click as click
 )
 @click.option("--force", is_flag=True, help="Overwrite the output file if it is there.")
 @click.option("--preset", metavar="NAME", help="Start from this preset and take only the channels from the log.")
-@click.option("--rate", type=float, metavar="HZ", help="Sample rate of a table that has no time column.")
-def init(log: Path, output: Path | None, force: bool, preset: str | None, rate: float | None) -> None:
+@reading_options
+def init(
+    log: Path,
+    output: Path | None,
+    force: bool,
+    preset: str | None,
+    rate: float | None,
+    time: str,
+    start: str | None,
+    end: str | None,
+) -> None:
     """Guess a rig file for LOG: which joints it holds and which channel plays which role.
 
     Each guess stands with how sure it is and why; what the log does not tell stands as a comment to fill in. The result
@@ -32,7 +43,7 @@ def init(log: Path, output: Path | None, force: bool, preset: str | None, rate: 
         raise WriteError(f"{output.name} is there already; --force overwrites it")
     if preset is not None:
         preset_text(preset)  # a name mistyped is told before a long log is read
-    recording = read(log, rate=rate)
+    recording = read(log, None, time, rate, start, end)
     guess = guess_roles(recording)
     if preset is None and not guess.joints:
         raise RigError(

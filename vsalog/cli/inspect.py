@@ -37,13 +37,16 @@ def inspect(
     repaired: Path | None,
     rate: float | None,
     time: str,
+    start: str | None,
+    end: str | None,
 ) -> None:
     """Show what is in each LOG: streams and their clocks, channels with unit, range, step and noise, and probable roles.
 
     Step is the least significant step of a channel, noise the standard deviation of its white noise. Roles are guesses
     from names, units and the numbers; `vsalog init` turns them into a rig file. What was damaged or odd stands in notes.
 
-    Of logs above 128 MB a sample is read: stretches from the begin to the end, 32 MB in all. --full reads all.
+    Of logs above 128 MB a sample is read: stretches from the begin to the end, 32 MB in all. --full reads all; so do
+    --start and --end, since a part may be too short for a sample.
     """
     import msgspec
 
@@ -59,7 +62,10 @@ def inspect(
     # All logs are read before anything is printed: an unreadable one must not leave half an answer.
     reports = []
     for log in logs:
-        recording, sample = (read(log, time=time, rate=rate), None) if full else read_sample(log, time, rate)
+        if full or start is not None or end is not None:
+            recording, sample = read(log, None, time, rate, start, end), None
+        else:
+            recording, sample = read_sample(log, time, rate)
         reports.append(inspect_recording(recording, guess_roles(recording), sample, head))
     written = None
     if repaired is not None:

@@ -39,8 +39,15 @@ def rig_options(verb: str, rig: str = RIG, settings: str = SET) -> Callable[[Com
 
 
 def reading_options(command: Command) -> Command:
-    """Add --rate and --time, handed on as `rate` and `time`."""
+    """Add --rate, --time, --start and --end, handed on under these names."""
     for option in (
+        click.option("--end", metavar="TIME", help="Use the log up to this time only; as --start."),
+        click.option(
+            "--start",
+            metavar="TIME",
+            help="Use the log from this time on only: seconds from its beginning, a number with a unit such as '2 min', an ISO"
+            " 8601 date (UTC where it has no zone), or a time since the epoch.",
+        ),
         click.option(
             "--time",
             type=click.Choice(["auto", "header", "log", "publish"]),

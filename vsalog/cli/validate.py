@@ -67,6 +67,8 @@ def validate(
     settings: dict[str, str],
     rate: float | None,
     time: str,
+    start: str | None,
+    end: str | None,
     modalities: bool | None,
     max_nrmse: float | None,
     max_msrep: float | None,
@@ -87,7 +89,7 @@ def validate(
     from vsalog.validation.run import validate as run
     from vsalog.writers.reports import Outputs, keep_inputs, write_report
 
-    options = Options(rig, joints, settings, rate, time, modalities, max_nrmse, max_msrep)
+    options = Options(rig, joints, settings, rate, time, modalities, max_nrmse, max_msrep, start, end)
     outputs = Outputs.within(output, figures)
     keep_inputs([outputs.document, outputs.page], [model, *logs])
     drawings = Drawings(frozen(model), joints, len(logs), figures is not None)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from itertools import pairwise
@@ -49,6 +50,7 @@ class Options:
     set : key → value of the rig
     rate, time : as for `estimate`
     suggest : propose the next experiment
+    start, end : as for `estimate`; another log that is held out is used whole
     """
 
     rig: str | Path | None = None
@@ -57,6 +59,8 @@ class Options:
     rate: float | None = None
     time: str = "auto"
     suggest: bool = False
+    start: str | None = None
+    end: str | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -105,7 +109,7 @@ def diagnose(log: Path, holdout: Path | None, options: Options, progress: Progre
         )
     progress(f"reading {log.name}")
     recording = _read(log, usable, options)
-    second = None if holdout is None else _read(holdout, usable, options)
+    second = None if holdout is None else _read(holdout, usable, dataclasses.replace(options, start=None, end=None))
     found, warnings = list[JointDiagnosis](), [f"{log.name}: {note}" for note in recording.notes]
     warnings += [
         f"joint '{name}' is one of a chain: what its link does depends on the others, so only its motor and its transmission were"
@@ -284,7 +288,7 @@ def _rig(log: Path, options: Options) -> Rig:
 
 def _read(log: Path, joints: Mapping[str, Any], options: Options) -> Recording:
     channels = set().union(*(wanted_channels(joint, log.name) for joint in joints.values()))
-    return read(log, channels, time=options.time, rate=options.rate)
+    return read(log, channels, options.time, options.rate, options.start, options.end)
 
 
 def _bound(recording: Recording, name: str, joint: Any, roles: set[str] | None = None) -> JointSignals:
@@ -321,6 +325,8 @@ def _settings(options: Options) -> dict[str, str]:
     asked = {
         "joints": ",".join(options.joints),
         "time": options.time,
+        "start": options.start or "",
+        "end": options.end or "",
         **{f"set {k}": v for k, v in options.set.items()},
     }
     asked["rate"] = "" if options.rate is None else f"{options.rate:g}"

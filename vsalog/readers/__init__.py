@@ -62,6 +62,8 @@ def read(
     wanted: Collection[str] | None = None,
     time: str = "auto",
     rate: float | None = None,
+    start: str | float | None = None,
+    end: str | float | None = None,
 ) -> Recording:
     """Read a log, or some channels of it.
 
@@ -76,6 +78,9 @@ def read(
         ``header``, ``log`` and ``publish`` to insist on that clock where a stream has it.
     rate : float, optional
         Samples per second [Hz] of tables that have no time column.
+    start, end : str or float, optional
+        Keep what lies between these, both included: seconds from the log's beginning (the first sample of all its streams), a
+        number with a unit such as ``"2 min"``, an ISO 8601 date (UTC where it has no zone), or a time since the epoch.
 
     Returns
     -------
@@ -85,13 +90,17 @@ def read(
     Raises
     ------
     ReadError
-        The log cannot be read, or `time` or `rate` is impossible.
+        The log cannot be read, holds nothing from `start` to `end`, or one of the options is impossible.
     """
     from vsalog.readers.collect import collect
+    from vsalog.readers.window import Window, cut
 
     if time not in TIMES:
         raise ReadError(f"time is one of {', '.join(TIMES)}, not '{time}'")
-    return collect(Path(path), open_reader(path, rate), None if wanted is None else frozenset(wanted), time)
+    window = Window.parse(start, end)
+    bounds = None if window is None else window.bounds(open_reader(path, rate), path, time)
+    recording = collect(Path(path), open_reader(path, rate), None if wanted is None else frozenset(wanted), time)
+    return recording if bounds is None else cut(recording, *bounds)
 
 
 def open_container(path: Path, kind: str) -> Container:

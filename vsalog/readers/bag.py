@@ -126,10 +126,14 @@ class BagReader:
     def catalogue(self) -> Catalogue:
         """Return the channels of the first messages of each topic, and what is no signal."""
         channels: dict[str, ChannelInfo] = {}
-        for block in self._blocks(None, first_only=True):
+        for block in self.heads():
             for name in block.columns:
                 channels.setdefault(name, ChannelInfo(block.stream, block.type, block.units.get(name)))
         return Catalogue(channels, dict(self.unread))
+
+    def heads(self) -> Iterator[Block]:
+        """Yield the first messages of each topic."""
+        return self._blocks(None, first_only=True)
 
     def blocks(self, wanted: Collection[str] | None) -> Iterator[Block]:
         """Yield blocks with the wanted channels, stream by stream as they fill up.

@@ -111,6 +111,16 @@ class Reader(Protocol):
         """
         ...
 
+    def heads(self) -> Iterator[Block]:
+        """Yield the first samples of each stream; of one that begins late perhaps none.
+
+        Raises
+        ------
+        ReadError
+            The log cannot be read.
+        """
+        ...
+
     def blocks(self, wanted: Collection[str] | None) -> Iterator[Block]:
         """Yield the log's blocks, each with those of its channels that are in `wanted` (None: all of them).
 
@@ -120,6 +130,16 @@ class Reader(Protocol):
             The log cannot be read.
         """
         ...
+
+
+def first_of_each(blocks: Iterator[Block]) -> Iterator[Block]:
+    """Yield blocks until one of a stream comes again."""
+    seen: set[str] = set()
+    for block in blocks:
+        if block.stream in seen:
+            return
+        seen.add(block.stream)
+        yield block
 
 
 def plural(count: int, noun: str) -> str:

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vsalog.errors import ReadError
-from vsalog.readers.base import MAX_ARRAY, Block, Catalogue, ChannelInfo
+from vsalog.readers.base import MAX_ARRAY, Block, Catalogue, ChannelInfo, first_of_each
 from vsalog.readers.layout import printable
 from vsalog.readers.row_clock import ROW_NOTE, row_clock
 from vsalog.recording import Stamps, Values
@@ -55,6 +55,10 @@ class MatlabReader:
             name: ChannelInfo(block.stream, block.type) for block in self.blocks(None) for name in block.columns
         }
         return Catalogue(channels, dict(self.unread))
+
+    def heads(self) -> Iterator[Block]:
+        """Yield the first rows."""
+        return first_of_each(self.blocks(None))
 
     def blocks(self, wanted: Collection[str] | None) -> Iterator[Block]:
         """Yield one block per stream.

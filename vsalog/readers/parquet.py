@@ -12,7 +12,7 @@ import pyarrow.parquet as pq
 from numpy.typing import NDArray
 
 from vsalog.errors import ReadError
-from vsalog.readers.base import Block, Catalogue, ChannelInfo, plural
+from vsalog.readers.base import Block, Catalogue, ChannelInfo, first_of_each, plural
 from vsalog.readers.headers import unique_names
 from vsalog.readers.row_clock import ROW_NOTE, row_clock
 from vsalog.readers.time_columns import find_clocks, nanoseconds
@@ -77,6 +77,10 @@ class ParquetReader:
             for i in self._number_columns():
                 channels[self._name(i, part)] = ChannelInfo(self._stream(part, i), "parquet", self._units[i])
         return Catalogue(channels, self._text_columns())
+
+    def heads(self) -> Iterator[Block]:
+        """Yield the first rows."""
+        return first_of_each(self.blocks(None))
 
     def blocks(self, wanted: Collection[str] | None) -> Iterator[Block]:
         """Yield the file's rows, block by block; only the wanted columns are read.

@@ -15,7 +15,7 @@ import pyarrow.csv as pacsv
 from numpy.typing import NDArray
 
 from vsalog.errors import ReadError
-from vsalog.readers.base import Block, Catalogue, ChannelInfo, plural
+from vsalog.readers.base import Block, Catalogue, ChannelInfo, first_of_each, plural
 from vsalog.readers.headers import printable_cell
 from vsalog.readers.row_clock import ROW_NOTE, row_clock
 from vsalog.readers.sparse import group_by_blanks
@@ -81,6 +81,10 @@ class TableReader:
             else:
                 channels[name] = ChannelInfo(self._streams[i], "csv", unit)
         return Catalogue(channels, unread)
+
+    def heads(self) -> Iterator[Block]:
+        """Yield the first rows."""
+        return first_of_each(self.blocks(None))
 
     def blocks(self, wanted: Collection[str] | None) -> Iterator[Block]:
         """Yield the table's rows, block by block.

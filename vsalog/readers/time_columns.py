@@ -110,6 +110,15 @@ def find_clocks(names: Sequence[str], units: Sequence[str | None], sample: Seque
     return ClockPlan({"column": clocks[0][1]}, tuple(note for note in notes[:1] if note))
 
 
+def epoch_unit(size: float) -> str | None:
+    """Return the unit (s, ms, us, ns) in which a number is a time since the epoch, None where it is none by its size."""
+    for power, unit in enumerate(_DIGITS):
+        low, high = (bound * 1000**power for bound in _EPOCH)
+        if low <= size <= high:
+            return unit
+    return None
+
+
 def looks_like_clock(values: NDArray[np.float64]) -> bool:
     """Tell whether values rise in even steps that are no whole numbers, as times do."""
     if len(values) < 8 or not np.isfinite(values).all():
@@ -200,11 +209,9 @@ def _backwards(sample: pa.Array) -> int | None:
 
 def _guessed_unit(name: str, values: NDArray[np.float64]) -> tuple[str, str]:
     """Guess the unit of a clock: dates by their size, other times by their steps."""
-    size = float(np.abs(values).max())
-    for power, unit in enumerate(("s", "ms", "us", "ns")):
-        low, high = (bound * 1000**power for bound in _EPOCH)
-        if low <= size <= high:
-            return unit, ""
+    unit = epoch_unit(float(np.abs(values).max()))
+    if unit is not None:
+        return unit, ""
     steps = np.diff(values)
     step = float(np.median(steps[steps > 0])) if (steps > 0).any() else 0.0
     limits = ((0.5, "s"), (500.0, "ms"), (5e5, "us"))

@@ -49,6 +49,7 @@ class Options:
     rate, time : as for `estimate`
     modalities : estimate the logs by MODEL, SENSOR and RESIDUAL too; for logs of up to 300 000 samples when absent
     max_nrmse, max_msrep : thresholds [%]
+    start, end : as for `estimate`
     """
 
     rig: str | Path | None = None
@@ -59,6 +60,8 @@ class Options:
     modalities: bool | None = None
     max_nrmse: float | None = None
     max_msrep: float | None = None
+    start: str | None = None
+    end: str | None = None
 
 
 def validate(
@@ -228,10 +231,11 @@ def _read(log: Path, joint: Joint, roles: Sequence[str], name: str, options: Opt
             f" 'vsalog inspect {log.name}' lists all {len(known.channels)}"
         )
     truth = {c for c in truth_channels(name) if c in known.channels}
-    return read(log, channels | truth, time=options.time, rate=options.rate)
+    return read(log, channels | truth, options.time, options.rate, options.start, options.end)
 
 
 def _settings(options: Options) -> dict[str, str]:
     asked = {"rig": options.rig, "joints": ", ".join(options.joints), "rate": options.rate, "time": options.time}
+    asked |= {"start": options.start, "end": options.end}
     told = {key: str(value) for key, value in asked.items() if value}
     return told | {f"set {key}": value for key, value in options.set.items()}

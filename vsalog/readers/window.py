@@ -1,0 +1,202 @@
+"""The part of a log that is asked for: from one moment to another."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from datetime import UTC, datetime
+from decimal import Decimal, InvalidOperation
+
+import numpy as np
+import pyarrow as pa
+
+from vsalog.errors import ReadError, UnitError
+from vsalog.readers.base import Reader
+from vsalog.readers.time_columns import epoch_unit, nanoseconds
+from vsalog.readers.timing import YEAR_2000, choose_clock
+from vsalog.recording import Channel, Recording, Stamps
+from vsalog.units import parse_quantity, shown
+
+HOW = (
+    "give seconds from the log's beginning, a number with a unit such as '2 min', a date such as 2026-01-31T12:00:05.5Z,"
+    " or a time since the epoch"
+)
+_LARGEST = 2**63 - 2
+
+
+@dataclass(frozen=True, slots=True)
+class Moment:
+    """A point of time.
+
+    Attributes
+    ----------
+    time : int
+        Nanoseconds since the epoch, or since the log's beginning.
+    dated : bool
+        It is since the epoch.
+    """
+
+    time: int
+    dated: bool
+
+    @classmethod
+    def parse(cls, value: str | float, name: str) -> Moment:
+        """Read a moment as people write it.
+
+        Parameters
+        ----------
+        value : str or float
+            Seconds, a number with a unit, an ISO 8601 date (UTC where it has no zone), or a number that can only be a time since
+            the epoch: in seconds, or in ms, us or ns by its size.
+        name : str
+            What it is called in messages.
+
+        Raises
+        ------
+        ReadError
+            It is none of these.
+        """
+        text = str(value).strip()
+        try:
+            number = Decimal(text)
+        except InvalidOperation:
+            return _dated(text) or _with_unit(text, name)
+        unit = epoch_unit(abs(float(number))) if number.is_finite() else None
+        scale = Decimal(10) ** {"s": 9, "ms": 6, "us": 3, "ns": 0}[unit or "s"]
+        return cls(_whole(number * scale, text, name), unit is not None)
+
+
+@dataclass(frozen=True, slots=True)
+class Window:
+    """From a moment to another, both included; None is the log's own beginning or end."""
+
+    start: Moment | None
+    end: Moment | None
+
+    @classmethod
+    def parse(cls, start: str | float | None, end: str | float | None) -> Window | None:
+        """Return the window between two moments as people write them, None for the whole log.
+
+        Raises
+        ------
+        ReadError
+            A moment cannot be read, or the end is not after the start.
+        """
+        if start is None and end is None:
+            return None
+        first = None if start is None else Moment.parse(start, "start")
+        last = None if end is None else Moment.parse(end, "end")
+        if first and last and first.dated == last.dated and last.time <= first.time:
+            raise ReadError(f"the end, '{shown(str(end))}', is not after the start, '{shown(str(start))}'")
+        return cls(first, last)
+
+    def bounds(self, reader: Reader, path: object, time: str) -> tuple[int, int]:
+        """Return the first and the last stamp that are in the window [ns], on the log's clock.
+
+        Parameters
+        ----------
+        reader : Reader
+            The log, opened for this: its first samples are read.
+        path : path
+            Of the log, for messages.
+        time : str
+            Which clock; see `vsalog.readers.read`.
+
+        Raises
+        ------
+        ReadError
+            The log has no time, or dates are asked for and it has none.
+        """
+        moments = [moment for moment in (self.start, self.end) if moment is not None]
+        begin = _beginning(reader, time)
+        if begin is None:
+            raise ReadError(
+                f"{path}: has no time, so there is no start and no end in it; give the sample rate with --rate"
+            )
+        if begin < YEAR_2000 and any(moment.dated for moment in moments):
+            raise ReadError(f"{path}: its times are no dates; give start and end in seconds from its beginning")
+        low, high = (
+            None if moment is None else moment.time + (0 if moment.dated else begin)
+            for moment in (self.start, self.end)
+        )
+        if low is not None and high is not None and high <= low:
+            raise ReadError(f"{path}: the end, {said(high)}, is not after the start, {said(low)}")
+        return -_LARGEST if low is None else low, _LARGEST if high is None else high
+
+
+def cut(recording: Recording, low: int, high: int) -> Recording:
+    """Return what a recording holds from one stamp to another [ns], both included.
+
+    Channels without a sample there, or without a time, are listed as unread.
+
+    Raises
+    ------
+    ReadError
+        Nothing lies there.
+    """
+    channels: dict[str, Channel] = {}
+    unread = dict(recording.unread)
+    streams = dict(recording.streams)
+    shared: dict[int, Stamps] = {}  # channels of a stream share their stamps, before and after
+    for name, channel in recording.channels.items():
+        stream = recording.streams[channel.stream]
+        first, last = np.searchsorted(channel.stamps, (low, high + 1))
+        if stream.time_source == "none":
+            unread[name] = "it has no time, so that start and end say nothing of it"
+        elif first == last:
+            unread[name] = "no sample lies between the start and the end that were given"
+        else:
+            stamps = shared.setdefault(id(channel.stamps), channel.stamps[first:last].copy())
+            channels[name] = replace(channel, stamps=stamps, values=channel.values[first:last].copy())
+            streams[channel.stream] = replace(stream, count=int(last - first))
+    if recording.channels and not channels:
+        raise ReadError(f"{recording.path}: {_nothing(recording, low, high)}")
+    kept = {channel.stream for channel in channels.values()}
+    streams = {name: stream for name, stream in streams.items() if name in kept}
+    return replace(recording, channels=channels, streams=streams, unread=unread)
+
+
+def _nothing(recording: Recording, low: int, high: int) -> str:
+    """Say what was asked for and what there is."""
+    stamps = [c.stamps for c in recording.channels.values() if c.stamps.size]
+    there = f"; its samples are from {said(min(int(s[0]) for s in stamps))} to {said(max(int(s[-1]) for s in stamps))}"
+    since = f" from {said(low)}" if low > -_LARGEST else ""
+    until = f" to {said(high)}" if high < _LARGEST else ""
+    return f"has no sample{since}{until}{there if stamps else ''}"
+
+
+def said(stamp: int) -> str:
+    """Write a stamp in words: a date, or seconds where it cannot be one."""
+    if stamp < YEAR_2000:
+        return f"{stamp / 1e9:g} s"
+    seconds, fraction = divmod(stamp, 1_000_000_000)
+    try:
+        return f"{datetime.fromtimestamp(seconds, UTC):%Y-%m-%dT%H:%M:%S}.{fraction // 1000:06d}Z"
+    except (ValueError, OverflowError, OSError):
+        return f"{stamp} ns"
+
+
+def _beginning(reader: Reader, time: str) -> int | None:
+    """Return the earliest stamp of any stream's first samples; None where none has a time."""
+    clocks = [choose_clock(block.clocks, time) for block in reader.heads()]
+    stamps = [int(clock.stamps.min()) for clock in clocks if clock.source != "none" and clock.stamps.size]
+    return min(stamps, default=None)
+
+
+def _dated(text: str) -> Moment | None:
+    """Read a date of ISO 8601."""
+    stamps, good = nanoseconds([pa.array([text], pa.string())], "date")
+    return Moment(int(stamps[0]), True) if good[0] else None
+
+
+def _with_unit(text: str, name: str) -> Moment:
+    try:
+        seconds = parse_quantity(text, "s")
+    except UnitError as error:
+        raise ReadError(f"{name} '{shown(text)}' is no time: {HOW} ({error})") from error
+    return Moment(_whole(Decimal(repr(seconds)) * 10**9, text, name), False)
+
+
+def _whole(nanoseconds: Decimal, text: str, name: str) -> int:
+    if not nanoseconds.is_finite() or abs(nanoseconds) > _LARGEST or nanoseconds < 0:
+        raise ReadError(f"{name} '{shown(text)}' is no time within any log: {HOW}")
+    return int(nanoseconds.to_integral_value())
