@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import sys
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from typing import TypeVar
@@ -122,20 +122,6 @@ def ahead(items: Iterator[Item]) -> Iterator[Item]:
                 yield item  # type: ignore[misc]
     finally:
         sys.setswitchinterval(usual)
-
-
-def packed(messages: Iterable[RawMessage]) -> Iterator[Packet]:
-    """Yield packets of messages that come one by one."""
-    waiting: list[RawMessage] = []
-    size = 0
-    for message in messages:
-        waiting.append(message)
-        size += len(message[3])
-        if len(waiting) >= PACKED or size >= PACKED_BYTES:
-            yield packet_of(waiting)
-            waiting, size = [], 0
-    if waiting:
-        yield packet_of(waiting)
 
 
 def packet_of(messages: Sequence[RawMessage]) -> Packet:

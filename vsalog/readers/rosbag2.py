@@ -3,154 +3,24 @@
 from __future__ import annotations
 
 import re
-import shutil
-import sqlite3
 import tempfile
 from collections.abc import Collection, Iterator, Mapping
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
-from urllib.parse import quote
 
 from vsalog.errors import ReadError
 from vsalog.readers.bag import ZSTD_MAGIC, Connection, Container
 from vsalog.readers.base import plural
+from vsalog.readers.compression import FREE_BYTES, MAX_RATIO
 from vsalog.readers.mcap_file import McapContainer
 from vsalog.readers.mcap_walk import MAGIC as MCAP_MAGIC
-from vsalog.readers.packets import Packet, RawMessage, packed
+from vsalog.readers.packets import Packet
+from vsalog.readers.rosbag2_sqlite import SQLITE_MAGIC, SqliteContainer
 
-SQLITE_MAGIC = b"SQLite format 3\0"
 METADATA = "metadata.yaml"
 
-_LANGUAGES = {"ros2msg": "msg", "ros2idl": "idl"}
 _LOG_ENDINGS = (".bag", ".csv", ".tsv", ".parquet", ".mat", ".mcap", ".db3")
 _IDS_PER_FILE = 2**32
-_MAX_BAD_ROWS = 100_000
-_ROWS = 4096
-
-
-class SqliteContainer:
-    """One SQLite file of a ROS 2 bag; see `vsalog.readers.bag.Container`.
-
-    Raises
-    ------
-    ReadError
-        The file cannot be opened or holds no bag.
-    """
-
-    format = "rosbag2-sqlite3"
-    has_publish = False
-    rig_text: str | None = None
-
-    def __init__(self, path: Path) -> None:
-        self.path = path
-        self.notes: list[str] = []
-        self._folder: tempfile.TemporaryDirectory[str] | None = None
-        self._database = self._connect()
-
-    def connections(self) -> list[Connection]:
-        """Return the bag's topics."""
-        definitions = self._definitions()
-        found = []
-        for number, topic, kind, encoding in self._rows("SELECT id, name, type, serialization_format FROM topics"):
-            language, text = definitions.get(str(kind), ("", ""))
-            found.append(Connection(int(number), str(topic), str(kind), str(encoding), language, text))
-        return found
-
-    def counts(self) -> Mapping[int, int]:
-        """Return nothing: the rows would have to be counted."""
-        return {}
-
-    def packets(self, ids: Collection[int]) -> Iterator[Packet]:
-        """Yield the messages of some topics in the order of the file."""
-        return packed(self._messages(ids)) if ids else iter(())
-
-    def _messages(self, ids: Collection[int]) -> Iterator[RawMessage]:
-        """Yield the messages of some topics in the order of the file; rows that cannot be read are skipped and noted."""
-        topics = ",".join(str(int(number)) for number in ids)
-        query = (
-            "SELECT rowid, topic_id, timestamp, data FROM messages"
-            f" WHERE rowid > ? AND topic_id IN ({topics}) ORDER BY rowid"
-        )
-        last, bad = -1, 0
-        try:
-            found = self._database.execute(query, (last,))
-            while rows := found.fetchmany(_ROWS):
-                yield from _sound(rows)
-                last = rows[-1][0]
-            return
-        except sqlite3.DatabaseError:
-            pass  # somewhere behind the last of these rows: from there one by one
-        while bad <= _MAX_BAD_ROWS:
-            try:
-                for row in self._database.execute(query, (last,)):
-                    last = row[0]
-                    yield from _sound([row])
-                break
-            except sqlite3.DatabaseError:
-                bad += 1
-                last += 1  # step past the row that cannot be read
-        if bad:
-            self._note(f"{plural(bad, 'row')} of the database cannot be read, the rest was")
-
-    def _connect(self) -> sqlite3.Connection:
-        try:
-            return self._checked(self.path)
-        except sqlite3.OperationalError:
-            # A database with a write-ahead log needs a writable folder even to be read: read a copy.
-            self._folder = tempfile.TemporaryDirectory(prefix="vsalog-")
-            copy = Path(self._folder.name) / "bag.db3"
-            shutil.copyfile(self.path, copy)
-            log = self.path.with_name(self.path.name + "-wal")
-            if log.is_file():
-                shutil.copyfile(log, copy.with_name(copy.name + "-wal"))
-        try:
-            return self._checked(copy)
-        except sqlite3.DatabaseError as error:
-            raise ReadError(f"{self.path}: the database cannot be read: {error}") from error
-
-    def _checked(self, path: Path) -> sqlite3.Connection:
-        """Open a database for reading only and see that it holds a bag."""
-        database = sqlite3.connect(f"file:{quote(str(path.absolute()))}?mode=ro", uri=True)
-        try:
-            names = {row[0] for row in database.execute("SELECT name FROM sqlite_master WHERE type = 'table'")}
-        except sqlite3.OperationalError:
-            database.close()
-            raise
-        except sqlite3.DatabaseError as error:
-            database.close()
-            raise ReadError(f"{self.path}: the database is damaged: {error}") from error
-        if not {"messages", "topics"} <= names:
-            database.close()
-            raise ReadError(f"{self.path}: is an SQLite database, but no ROS 2 bag (no tables 'topics' and 'messages')")
-        return database
-
-    def _rows(self, query: str) -> list[Any]:
-        try:
-            return self._database.execute(query).fetchall()
-        except sqlite3.DatabaseError as error:
-            raise ReadError(f"{self.path}: the table of topics cannot be read: {error}") from error
-
-    def _definitions(self) -> dict[str, tuple[str, str]]:
-        """Return language and text of the message definitions by type; bags of before 2023 have none."""
-        try:
-            rows = self._database.execute(
-                "SELECT topic_type, encoding, encoded_message_definition FROM message_definitions"
-            ).fetchall()
-        except sqlite3.DatabaseError:
-            return {}
-        return {str(kind): (_LANGUAGES.get(str(encoding), ""), str(text)) for kind, encoding, text in rows}
-
-    def _note(self, text: str) -> None:
-        if text not in self.notes:
-            self.notes.append(text)
-
-
-def _sound(rows: list[Any]) -> Iterator[RawMessage]:
-    """Yield the messages of rows that hold a time and bytes."""
-    for _, topic, time, data in rows:
-        if isinstance(data, bytes) and isinstance(time, int):
-            yield topic, time & (2**64 - 1), 0, data
 
 
 class CompressedContainer:
@@ -169,16 +39,26 @@ class CompressedContainer:
 
         self._folder = tempfile.TemporaryDirectory(prefix="vsalog-")
         plain = Path(self._folder.name) / "bag"
+        size, most, damage = 0, FREE_BYTES + MAX_RATIO * path.stat().st_size, ""
         try:
             with path.open("rb") as source, plain.open("wb") as target:
-                zstandard.ZstdDecompressor().copy_stream(source, target)
+                for piece in zstandard.ZstdDecompressor().read_to_iter(source):
+                    size += target.write(piece)
+                    if size > most:
+                        raise ReadError(
+                            f"{path}: grows more than {MAX_RATIO} times: no recording is compressed so much"
+                        )
         except (zstandard.ZstdError, OSError) as error:
-            raise ReadError(f"{path}: cannot be decompressed: {error}") from error
+            damage = str(error)
+            if not size:
+                raise ReadError(f"{path}: cannot be decompressed: {error}") from error
         self.inner = bag_file(plain, shown=path)
         self.format = self.inner.format
         self.has_publish = self.inner.has_publish
         self.rig_text = self.inner.rig_text
         self.notes = self.inner.notes
+        if damage:
+            self.notes.append(f"decompression ended after {size} bytes ({damage}); what is ahead of that was read")
 
     def connections(self) -> list[Connection]:
         """Return the bag's connections."""

@@ -1,0 +1,214 @@
+"""The SQLite files of ROS 2 bags, past pages that cannot be read."""
+
+from __future__ import annotations
+
+import shutil
+import sqlite3
+import tempfile
+from collections.abc import Collection, Iterator, Mapping
+from pathlib import Path
+from typing import Any
+from urllib.parse import quote
+
+import numpy as np
+
+from vsalog.errors import ReadError
+from vsalog.readers.bag import Connection
+from vsalog.readers.base import plural
+from vsalog.readers.compression import MAX_BYTES
+from vsalog.readers.packets import PACKED, PACKED_BYTES, Messages, Packet
+
+SQLITE_MAGIC = b"SQLite format 3\0"
+
+# The module decodes SQLite's own messages, in which there may be damaged text.
+_DAMAGE = (sqlite3.DatabaseError, UnicodeDecodeError)
+_LANGUAGES = {"ros2msg": "msg", "ros2idl": "idl"}
+_COLUMNS = {"topic_id", "timestamp", "data"}
+_MOST_TOPICS = 2**16
+_FIRST_ROWS = 64
+# After so many rows in a row that cannot be read, the next is looked for twice as far on.
+_PATIENCE = 1000
+_LAST_ROW = 2**62
+
+
+class SqliteContainer:
+    """One SQLite file of a ROS 2 bag; see `vsalog.readers.bag.Container`.
+
+    Raises
+    ------
+    ReadError
+        The file cannot be opened or holds no bag.
+    """
+
+    format = "rosbag2-sqlite3"
+    has_publish = False
+    rig_text: str | None = None
+
+    def __init__(self, path: Path) -> None:
+        self.path = path
+        self.notes: list[str] = []
+        self._folder: tempfile.TemporaryDirectory[str] | None = None
+        self._database = self._connect()
+
+    def connections(self) -> list[Connection]:
+        """Return the bag's topics."""
+        definitions = self._definitions()
+        found = []
+        for number, topic, kind, encoding in self._topics():
+            language, text = definitions.get(str(kind), ("", ""))
+            found.append(Connection(number, str(topic), str(kind), str(encoding), language, text))
+        return found
+
+    def counts(self) -> Mapping[int, int]:
+        """Return nothing: the rows would have to be counted."""
+        return {}
+
+    def packets(self, ids: Collection[int]) -> Iterator[Packet]:
+        """Yield the messages of some topics in the order of the file; rows that cannot be read are skipped and noted.
+
+        Raises
+        ------
+        ReadError
+            Another program has locked the file.
+        """
+        if not ids:
+            return
+        strangers = nonsense = 0
+        for rows in self._rows(ids):
+            sound = [row for row in rows if type(row[3]) is bytes and type(row[2]) is int]
+            known = [row for row in sound if row[1] in ids]
+            nonsense += len(rows) - len(sound)
+            strangers += len(sound) - len(known)
+            if known:
+                _, topic, time, data = zip(*known, strict=True)
+                connection = np.array(topic, dtype=np.int64)
+                log, publish = np.array(time, dtype=np.int64), np.zeros(connection.size, dtype=np.int64)
+                yield Packet(connection, log, publish, Messages.of(data))
+        if nonsense:
+            self._note(f"{plural(nonsense, 'row')} without a time or a message skipped")
+        if strangers:
+            self._note(f"{plural(strangers, 'message')} of topics that the bag does not name skipped")
+
+    def _rows(self, ids: Collection[int]) -> Iterator[list[Any]]:
+        """Yield row number, topic, time and message of rows, some at a time."""
+        query = (
+            f"SELECT rowid, topic_id, timestamp, data FROM messages WHERE rowid > ? {self._only(ids)} ORDER BY rowid"
+        )
+        last, lost, failures, many = -1, 0, 0, _FIRST_ROWS
+        while last < _LAST_ROW:
+            try:
+                found = self._database.execute(query, (last,))
+                while rows := found.fetchmany(many):
+                    last, failures = rows[-1][0], 0
+                    many = _rows_at_once(rows)
+                    yield rows
+                break
+            except _DAMAGE as error:
+                self._refuse(error)
+                if many > 1:  # the rows ahead of the bad one first
+                    many = 1
+                    continue
+                failures += 1
+                step = 2 ** (failures // _PATIENCE)
+                last, lost = last + step, lost + step
+        if last >= _LAST_ROW:
+            self._note("the end of the database cannot be read (was it cut off?), what is ahead of it was")
+        elif lost:
+            self._note(f"{plural(lost, 'row')} of the database cannot be read, the rest was")
+
+    def _only(self, ids: Collection[int]) -> str:
+        """Return the condition that chooses topics; none where all are wanted, so that strangers among them are seen."""
+        if set(ids) >= {number for number, *_ in self._topics()}:
+            return ""
+        return f"AND topic_id IN ({','.join(str(int(number)) for number in ids)})"
+
+    def _refuse(self, error: Exception) -> None:
+        """Raise ReadError where another try would fail the same way."""
+        code = getattr(error, "sqlite_errorcode", 0) & 0xFF
+        if code in (sqlite3.SQLITE_BUSY, sqlite3.SQLITE_LOCKED):
+            raise ReadError(f"{self.path}: is locked by a program that writes it; try again later") from error
+        if code == sqlite3.SQLITE_ERROR:
+            raise ReadError(f"{self.path}: the table of messages cannot be read: {error}") from error
+
+    def _connect(self) -> sqlite3.Connection:
+        try:
+            return self._checked(self.path)
+        except sqlite3.OperationalError:
+            # A database with a write-ahead log needs a writable folder even to be read: read a copy.
+            self._folder = tempfile.TemporaryDirectory(prefix="vsalog-")
+            copy = Path(self._folder.name) / "bag.db3"
+            shutil.copyfile(self.path, copy)
+            log = self.path.with_name(self.path.name + "-wal")
+            if log.is_file():
+                shutil.copyfile(log, copy.with_name(copy.name + "-wal"))
+        try:
+            return self._checked(copy)
+        except _DAMAGE as error:
+            raise ReadError(f"{self.path}: the database cannot be read: {error}") from error
+
+    def _checked(self, path: Path) -> sqlite3.Connection:
+        """Open a database for reading only and see that it holds a bag."""
+        database = sqlite3.connect(f"file:{quote(str(path.absolute()))}?mode=ro", uri=True)
+        database.text_factory = lambda raw: raw.decode("utf-8", "replace")
+        database.setlimit(sqlite3.SQLITE_LIMIT_LENGTH, MAX_BYTES)
+        try:
+            columns = self._columns(database)
+        except sqlite3.OperationalError:
+            database.close()
+            raise
+        except _DAMAGE as error:
+            database.close()
+            raise ReadError(f"{self.path}: the database is damaged: {error}") from error
+        if not columns >= _COLUMNS:
+            database.close()
+            raise ReadError(f"{self.path}: is an SQLite database, but no ROS 2 bag (no tables 'topics' and 'messages')")
+        return database
+
+    def _columns(self, database: sqlite3.Connection) -> set[str]:
+        """Return the columns of the messages, none where the tables are not those of a bag."""
+        try:
+            tables = _tables(database)
+        except sqlite3.OperationalError:
+            raise
+        except _DAMAGE:
+            # So asked, SQLite also opens files that are shorter than they should be, and passes by tables it cannot understand.
+            database.execute("PRAGMA writable_schema = ON")
+            tables = _tables(database)
+            self._note("the database is damaged or was cut off: what can be read of it was")
+        if not tables >= {"messages", "topics"}:
+            return set()
+        return {str(row[1]) for row in database.execute("PRAGMA table_info(messages)")}
+
+    def _topics(self) -> list[tuple[int, Any, Any, Any]]:
+        """Return number, name, type and encoding of the topics."""
+        query = "SELECT id, name, type, serialization_format FROM topics"
+        try:
+            rows = self._database.execute(query).fetchmany(_MOST_TOPICS + 1)
+        except _DAMAGE as error:
+            raise ReadError(f"{self.path}: the table of topics cannot be read: {error}") from error
+        if len(rows) > _MOST_TOPICS:
+            raise ReadError(f"{self.path}: has more than {_MOST_TOPICS} topics; no such bag is read")
+        return [row for row in rows if isinstance(row[0], int)]
+
+    def _definitions(self) -> dict[str, tuple[str, str]]:
+        """Return language and text of the message definitions by type; bags of before 2023 have none."""
+        query = "SELECT topic_type, encoding, encoded_message_definition FROM message_definitions"
+        try:
+            rows = self._database.execute(query).fetchmany(_MOST_TOPICS)
+        except _DAMAGE:
+            return {}
+        return {str(kind): (_LANGUAGES.get(str(encoding), ""), str(text)) for kind, encoding, text in rows}
+
+    def _note(self, text: str) -> None:
+        if text not in self.notes:
+            self.notes.append(text)
+
+
+def _tables(database: sqlite3.Connection) -> set[str]:
+    return {row[0] for row in database.execute("SELECT name FROM sqlite_master WHERE type = 'table'")}
+
+
+def _rows_at_once(rows: list[Any]) -> int:
+    """Return how many rows like these are some megabytes."""
+    size = sum(len(row[3]) for row in rows if type(row[3]) is bytes)
+    return max(1, min(PACKED, 2 * len(rows), PACKED_BYTES * len(rows) // max(size, 1)))
