@@ -167,7 +167,7 @@ def test_comments_and_lines_ahead_of_the_header(tmp_path):
     text = "# rig: awas\n% operator, me, you\n\nSetup,A\n\ntime,x,y\n0.0,1,2\n# paused\n0.1,2,3\n0.2,3,4\n"
     recording = read(table(tmp_path, text))
     assert values(recording) == {"x": [1, 2, 3], "y": [2, 3, 4]}
-    assert recording.notes == ()
+    assert recording.notes == ("1 line between the rows skipped as remarks (they begin with # or %)",)
 
 
 def test_header_in_a_comment(tmp_path):

@@ -93,14 +93,16 @@ def read(
         The log cannot be read, holds nothing from `start` to `end`, or one of the options is impossible.
     """
     from vsalog.readers.collect import collect
-    from vsalog.readers.window import Window, cut
 
     if time not in TIMES:
         raise ReadError(f"time is one of {', '.join(TIMES)}, not '{time}'")
-    window = Window.parse(start, end)
-    bounds = None if window is None else window.bounds(open_reader(path, rate), path, time)
-    recording = collect(Path(path), open_reader(path, rate), None if wanted is None else frozenset(wanted), time)
-    return recording if bounds is None else cut(recording, *bounds)
+    path, wanted = Path(path), None if wanted is None else frozenset(wanted)
+    if start is None and end is None:
+        return collect(path, open_reader(path, rate), wanted, time)
+    from vsalog.readers.window import Window, cut
+
+    bounds = Window.parse(start, end).bounds(open_reader(path, rate), path, time)
+    return cut(collect(path, open_reader(path, rate), wanted, time), *bounds)
 
 
 def open_container(path: Path, kind: str) -> Container:

@@ -70,8 +70,11 @@ def cut_sqlite(source: Path, target: Path, budget: int) -> Cut | None:
             share = max(budget // STRETCHES * (last - first + 1) // source.stat().st_size, 1)
             database.execute("CREATE TABLE messages AS SELECT * FROM log.messages WHERE 0")
             for begin in np.linspace(first, last + 1 - share, STRETCHES).astype(int).tolist():
-                rows = (begin, begin + share - 1)
-                database.execute("INSERT INTO messages SELECT * FROM log.messages WHERE rowid BETWEEN ? AND ?", rows)
+                # The limit is for damaged databases, whose pages may go round in circles.
+                database.execute(
+                    "INSERT INTO messages SELECT * FROM log.messages WHERE rowid BETWEEN ? AND ? LIMIT ?",
+                    (begin, begin + share - 1, share),
+                )
             database.commit()
     except (sqlite3.DatabaseError, TypeError):  # damaged, or without rows: what can be done is the reader's business
         target.unlink(missing_ok=True)

@@ -10,7 +10,8 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 
 from vsalog.readers.sampling import STRETCHES, Cut, Piece, chosen_pieces, copy_pieces
-from vsalog.readers.table import TableReader, read_beginning
+from vsalog.readers.table import TableReader
+from vsalog.readers.text_source import open_text, read_beginning
 
 _LONGEST_LINE = 2**20
 
@@ -39,7 +40,7 @@ def cut_text(source: Path, target: Path, budget: int) -> Cut | None:
     """Cut stretches of lines out of a text table, or its beginning where lines do not tell their time. See `sampling.Cutter`."""
     reader = TableReader(source, None)
     size = source.stat().st_size
-    with reader.open() as file, target.open("wb") as out:
+    with open_text(source) as file, target.open("wb") as out:
         if not (reader.has_clock and reader.seekable):
             beginning = read_beginning(file, budget)
             text = beginning.decode(reader.encoding, "replace")

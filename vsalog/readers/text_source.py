@@ -1,4 +1,4 @@
-"""Text that the CSV parser cannot take as it is, rewritten while it is read."""
+"""Files of text, compressed or not, and text that the CSV parser cannot take as it is, rewritten while it is read."""
 
 from __future__ import annotations
 
@@ -7,11 +7,86 @@ import gzip
 import io
 import re
 import zlib
-from typing import IO
+from pathlib import Path
+from typing import IO, cast
+
+from vsalog.errors import ReadError
+from vsalog.readers.compression import FREE_BYTES
 
 _BLANKS = re.compile(r"[ \t]+")
 _EDGES = re.compile(r"^ | $", re.MULTILINE)
 _CHUNK = 1 << 16
+_GZIP = b"\x1f\x8b"
+_MOST_RATIO = 200
+"""Tables become ten times smaller; what becomes so much smaller is no recording but a bomb."""
+
+
+def open_text(path: Path) -> IO[bytes]:
+    """Open a file, decompressed where it is compressed with gzip.
+
+    Raises
+    ------
+    OSError
+        It cannot be opened.
+    """
+    file = path.open("rb")
+    compressed = file.read(len(_GZIP)) == _GZIP
+    file.seek(0)
+    return cast(IO[bytes], BoundedGzip(path, file)) if compressed else file
+
+
+class BoundedGzip(gzip.GzipFile):
+    """A compressed file that refuses to become much larger than any recording would.
+
+    Parameters
+    ----------
+    path : Path
+        For messages.
+    file : binary file
+        The compressed one; is closed with this.
+    """
+
+    def __init__(self, path: Path, file: IO[bytes]) -> None:
+        super().__init__(fileobj=file, mode="rb")
+        self._path = path
+        self._compressed = file
+
+    def read(self, size: int | None = -1) -> bytes:
+        """Read some bytes.
+
+        Raises
+        ------
+        ReadError
+            Too much came out so far.
+        """
+        data = super().read(size)
+        if self.tell() > max(FREE_BYTES, _MOST_RATIO * self._compressed.tell()):
+            raise ReadError(
+                f"{self._path}: becomes more than {_MOST_RATIO} times larger when it is decompressed, as no recording does;"
+                " if it is one, decompress it first"
+            )
+        return data
+
+    def close(self) -> None:
+        """Close the compressed file too."""
+        super().close()
+        self._compressed.close()
+
+
+def read_beginning(source: IO[bytes], most: int) -> bytes:
+    """Return the first bytes of a file, of a damaged one as far as it goes."""
+    parts: list[bytes] = []
+    size = 0
+    while size < most:
+        try:
+            part = source.read(min(16 * 1024, most - size))
+        except (EOFError, zlib.error, gzip.BadGzipFile):
+            break
+        if not part:
+            break
+        parts.append(part)
+        size += len(part)
+    return b"".join(parts)
 
 
 class TextSource(io.RawIOBase):
@@ -29,7 +104,7 @@ class TextSource(io.RawIOBase):
     Attributes
     ----------
     damage : str
-        Why a compressed file could not be read to its end, "" where it could.
+        What is wrong with a compressed file, in words, "" where it is sound.
     """
 
     def __init__(self, file: IO[bytes], encoding: str, squeeze: bool) -> None:
@@ -59,7 +134,7 @@ class TextSource(io.RawIOBase):
         try:
             raw = self._file.read(_CHUNK)
         except (EOFError, zlib.error, gzip.BadGzipFile) as error:
-            raw, self.damage = b"", str(error)
+            raw, self.damage = b"", _words(error)
         self._ended = not raw
         text = self._line + self._decoder.decode(raw, final=self._ended)
         self._line = ""
@@ -69,3 +144,9 @@ class TextSource(io.RawIOBase):
             text, self._line = text[:cut], text[cut:]
             text = _EDGES.sub("", _BLANKS.sub(" ", text))
         self._ready = text.encode("utf-8")
+
+
+def _words(error: Exception) -> str:
+    if "CRC" in str(error):
+        return "the checksum of the compressed file does not match: some of its bytes have changed, values may be wrong"
+    return f"the compressed file is damaged or cut off ({error}): read up to there"

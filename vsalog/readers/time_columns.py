@@ -12,6 +12,7 @@ import pyarrow as pa
 import pyarrow.compute as pc
 from numpy.typing import NDArray
 
+from vsalog.readers.time_dates import dates, integers, trimmed
 from vsalog.recording import Stamps
 
 # Decimal digits from the unit to the nanosecond.
@@ -28,11 +29,12 @@ _WORDS = {"s": "seconds", "ms": "milliseconds", "us": "microseconds", "ns": "nan
 _STEMS = (
     r"(field\.)?header[._/]stamp",
     r"__time|%time|stamp|time_?stamp|unix_?time|ros_?time|epoch",
-    r"time|date_?time|(elapsed|relative|rel)_time|time_elapsed|elapsed",
+    r"time|date_?time|(elapsed|relative|rel)_time|time_elapsed|elapsed|(uhr)?zeit|zeitstempel|temps|tiempo|tempo",
     r"t|secs?|seconds",
 )
 _NAME = [re.compile(rf"^(?:{stem})(?:_(?P<unit>s|secs?|ms|msec|us|usec|ns|nsec))?$") for stem in _STEMS]
 _SECONDS = re.compile(r"^(?P<stem>.*?)(?:^|[._/])(secs?)$")
+_DATE_NAMES = ("date", "datum", "fecha", "data")
 _FRACTION = ("nanosec", "nsec", "nsecs", "nanosecs")
 
 # Epoch seconds between 2000 and 2100; in other units by powers of a thousand.
@@ -144,12 +146,12 @@ def nanoseconds(columns: Sequence[pa.Array], form: str) -> tuple[Stamps, NDArray
         fraction, also = _scaled(columns[1], 0)
         return seconds + fraction, good & also
     if form == "date+day":
-        joined = pc.binary_join_element_wise(_text(columns[0]), _text(columns[1]), " ")
-        return _dates(joined)
+        joined = pc.binary_join_element_wise(trimmed(columns[0]), trimmed(columns[1]), " ")
+        return dates(joined)
     if form == "date":
-        return _dates(columns[0])
+        return dates(columns[0])
     if form == "day":
-        return _dates(pc.binary_join_element_wise("1970-01-01", _text(columns[0]), " "))
+        return dates(pc.binary_join_element_wise("1970-01-01", trimmed(columns[0]), " "))
     return _scaled(columns[0], _DIGITS[form])
 
 
@@ -245,7 +247,7 @@ def _with_date(clock: ClockColumn, names: Sequence[str], sample: Sequence[pa.Arr
     if clock.form != "day":
         return clock
     for i, name in enumerate(names):
-        if name.strip().lower() == "date":
+        if name.strip().lower() in _DATE_NAMES:
             both = ClockColumn((i, clock.columns[0]), "date+day")
             _, good = nanoseconds([sample[c] for c in both.columns], both.form)
             if good.any():
@@ -267,13 +269,9 @@ def _floats(array: pa.Array) -> NDArray[np.float64]:
         return np.full(len(array), np.nan)
 
 
-def _text(array: pa.Array) -> pa.Array:
-    return pc.utf8_trim_whitespace(pc.cast(array, pa.string()))
-
-
 def _cast_or_null(array: pa.Array, kind: Any) -> pa.Array:
     """Cast texts; those that cannot be become null."""
-    array = _text(array)
+    array = trimmed(array)
     try:
         return pc.cast(array, kind)
     except pa.ArrowInvalid:
@@ -286,52 +284,17 @@ def _cast_or_null(array: pa.Array, kind: Any) -> pa.Array:
         return pa.array(cells, kind)
 
 
-def _dates(array: pa.Array) -> tuple[Stamps, NDArray[np.bool_]]:
-    """Return ISO 8601 dates [ns since the epoch]; those without a time zone count as UTC."""
-    kind = array.type
-    if pa.types.is_timestamp(kind) or pa.types.is_date(kind):
-        return _integers(pc.cast(array, pa.timestamp("ns", getattr(kind, "tz", None)), safe=False))
-    text = pc.replace_substring(_text(array), "Z", "+00:00")
-    zoned = pc.fill_null(pc.match_substring_regex(text, r"[+-]\d\d:?\d\d$"), False)
-    nothing = pa.scalar(None, pa.string())
-    plain = _valid_dates(pc.if_else(zoned, nothing, text), pa.timestamp("ns"))
-    with_zone = _valid_dates(pc.if_else(zoned, text, nothing), pa.timestamp("ns", "UTC"))
-    return _integers(pc.coalesce(plain, with_zone))
-
-
-def _valid_dates(text: pa.Array, kind: Any) -> pa.Array:
-    """Cast dates to int64 nanoseconds, null where a text is none."""
-    shape = r"^\d{4}-\d\d-\d\d([T ]\d\d(:?\d\d(:?\d\d([.]\d{1,9})?)?)?)?([+-]\d\d:?\d\d)?$"
-    text = pc.if_else(pc.fill_null(pc.match_substring_regex(text, shape), False), text, pa.scalar(None, pa.string()))
-    try:
-        return pc.cast(pc.cast(text, kind), pa.int64())
-    except pa.ArrowInvalid:
-        cells = []
-        for cell in text.to_pylist():
-            try:
-                cells.append(None if cell is None else pc.cast(pc.cast(pa.scalar(cell), kind), pa.int64()).as_py())
-            except pa.ArrowInvalid:
-                cells.append(None)
-        return pa.array(cells, pa.int64())
-
-
-def _integers(array: pa.Array) -> tuple[Stamps, NDArray[np.bool_]]:
-    good = np.asarray(pc.is_valid(array).to_numpy(zero_copy_only=False), bool)
-    filled = pc.fill_null(pc.cast(array, pa.int64()), 0)
-    return np.asarray(filled.to_numpy(zero_copy_only=False), np.int64), good
-
-
 def _scaled(array: pa.Array, digits: int) -> tuple[Stamps, NDArray[np.bool_]]:
     """Return numbers times ten to the power of `digits` as integers, exactly where they are written in decimals."""
     kind = array.type
     if pa.types.is_time(kind) or pa.types.is_duration(kind):
         unit = pa.time64("ns") if pa.types.is_time(kind) else pa.duration("ns")
-        return _integers(pc.cast(array, unit))
+        return integers(pc.cast(array, unit))
     if pa.types.is_integer(kind):
-        stamps, good = _integers(array)
+        stamps, good = integers(array)
         return stamps * np.int64(10**digits), good
     if pa.types.is_string(kind) or pa.types.is_large_string(kind):
-        exact = _exact(_text(array), digits)
+        exact = _exact(trimmed(array), digits)
         if exact is not None:
             return exact
     values = _floats(array) * 10.0**digits

@@ -73,16 +73,14 @@ class Window:
     end: Moment | None
 
     @classmethod
-    def parse(cls, start: str | float | None, end: str | float | None) -> Window | None:
-        """Return the window between two moments as people write them, None for the whole log.
+    def parse(cls, start: str | float | None, end: str | float | None) -> Window:
+        """Return the window between two moments as people write them.
 
         Raises
         ------
         ReadError
             A moment cannot be read, or the end is not after the start.
         """
-        if start is None and end is None:
-            return None
         first = None if start is None else Moment.parse(start, "start")
         last = None if end is None else Moment.parse(end, "end")
         if first and last and first.dated == last.dated and last.time <= first.time:

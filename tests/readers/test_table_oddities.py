@@ -1,0 +1,246 @@
+"""Text tables as programs and people really write them, each with what it says in Python's own arithmetic."""
+
+from __future__ import annotations
+
+import csv
+import gzip
+import io
+from datetime import UTC, datetime, timedelta, timezone
+from decimal import Decimal
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from vsalog.errors import ReadError
+from vsalog.readers import read
+
+S = 10**9
+
+
+@pytest.fixture
+def table(tmp_path):
+    """Read a text as a table."""
+
+    def table(text, **options):
+        path = tmp_path / "log"
+        path.write_text(text, encoding="utf-8")
+        return read(path, **options)
+
+    return table
+
+
+def content(recording):
+    return {name: (channel.values.tolist(), channel.unit) for name, channel in recording.channels.items()}
+
+
+def stamps(recording):
+    return next(iter(recording.channels.values())).stamps.tolist()
+
+
+def test_a_header_of_two_rows_with_merged_cells(table):
+    text = "time,motor,,link,\n,position,torque,position,torque\n0.1,1,2,3,4\n0.2,5,6,7,8\n"
+    recording = table(text)
+    assert content(recording) == {
+        "motor.position": ([1, 5], None),
+        "motor.torque": ([2, 6], None),
+        "link.position": ([3, 7], None),
+        "link.torque": ([4, 8], None),
+    }
+    assert stamps(recording) == [S // 10, S // 5]
+    assert recording.notes == ()
+
+
+def test_a_header_of_two_rows_and_one_of_units(table):
+    text = ";motor;;link;\nZeit;position;torque;position;torque\n[s];[deg];[N·mm];deg;-\n0,1;1,5;2;3;4\n0,2;5;6;7;8\n"
+    assert content(table(text)) == {
+        "motor.position": ([1.5, 5], "deg"),
+        "motor.torque": ([2, 6], "N·mm"),
+        "link.position": ([3, 7], "deg"),
+        "link.torque": ([4, 8], "-"),
+    }
+
+
+def test_words_below_the_names_are_no_units(table):
+    recording = table("time,theta,tau\nelapsed,motor angle,joint torque\n0.1,1,2\n0.2,3,4\n")
+    assert content(recording) == {"theta": ([1, 3], None), "tau": ([2, 4], None)}
+    assert any("second row of words" in note for note in recording.notes)
+
+
+def test_quoted_names_with_separators_quotes_and_units(table):
+    recording = table('"time [ms]","arm, left [rad]","the ""best"" [Nm]"\n"1","1.5","2"\n"2","2.5","3"\n')
+    assert content(recording) == {"arm, left": ([1.5, 2.5], "rad"), 'the "best"': ([2, 3], "Nm")}
+    assert stamps(recording) == [1_000_000, 2_000_000]
+
+
+def test_an_export_of_plotjuggler_with_two_topics(table):
+    rows = [(1494360168 + i / 1000, i) for i in range(40)]
+    text = "__time,/arm/q,/tool/x,/tool/y\n" + "".join(
+        f"{t:.6f},{i},,\n" if i % 4 else f"{t:.6f},,{i / 3!r},{-i}\n" for t, i in rows
+    )
+    recording = table(text)
+    assert recording.channel("/arm/q").values.tolist() == [i for _, i in rows if i % 4]
+    assert recording.channel("/tool/x").values.tolist() == [i / 3 for _, i in rows if i % 4 == 0]
+    expected = [int(Decimal(f"{t:.6f}") * S) for t, i in rows if i % 4 == 0]
+    assert recording.channel("/tool/y").stamps.tolist() == expected
+    assert recording.channel("/tool/x").stream == recording.channel("/tool/y").stream
+
+
+def test_few_blank_cells_stay_as_rows_without_a_value(table):
+    """A blank cell in a row that others fill is a value that was not measured, as NaN says; no clock of its own."""
+    recording = table("t,x,y\n" + "".join(f"{i / 10},{i},{'' if i % 10 == 3 else i}\n" for i in range(40)))
+    assert len(recording.streams) == 1
+    assert np.flatnonzero(np.isnan(recording.channel("y").values)).tolist() == [3, 13, 23, 33]
+    assert not np.isnan(recording.channel("x").values).any()
+
+
+def rostopic(blank):
+    rows = [(START + i, "" if i == blank else START - 5 + i, i) for i in range(6)]
+    return "%time,field.header.stamp,field.q\n" + "".join(",".join(map(str, row)) + "\n" for row in rows)
+
+
+START = 1494360168928586959
+
+
+def test_a_missing_header_stamp_loses_no_row(table):
+    assert stamps(table(rostopic(None))) == [START - 5 + i for i in range(6)]
+    recording = table(rostopic(2))
+    assert content(recording) == {"q": ([0, 1, 2, 3, 4, 5], None)}
+    assert stamps(recording) == [START + i for i in range(6)]
+    assert any("log time is used, as 1 of its 6 header stamps" in note for note in recording.notes)
+
+
+@pytest.mark.parametrize(
+    ("first", "hours"),
+    [
+        ("2017-05-09T20:02:48", 0),
+        ("2017-05-09 20:02:48Z", 0),
+        ("2017-05-09T20:02:48z", 0),
+        ("2017-05-09T20:02:48 UTC", 0),
+        ("2017-05-09T20:02:48+02:00", 2),
+        ("2017-05-09T20:02:48-0230", -2.5),
+        ("2017-05-09T20:02:48+05", 5),
+        ("2017-05-09 20:02:48 +0530", 5.5),
+        ("20170509T200248", 0),
+        ("20170509T200248Z", 0),
+        ("2017/05/09 20:02:48", 0),
+        ("09.05.2017 20:02:48", 0),
+    ],
+)
+@pytest.mark.parametrize("fraction", ["", ".123456789"])
+def test_dates_with_zones(table, first, hours, fraction):
+    written = first.replace("48", "48" + fraction)
+    recording = table(f"time;x\n{written};1\n{written.replace(':48', ':49').replace('0248', '0249')};2\n")
+    zone = timezone(timedelta(hours=hours))
+    begin = int(datetime(2017, 5, 9, 20, 2, 48, tzinfo=zone).timestamp()) * S + (123456789 if fraction else 0)
+    assert stamps(recording) == [begin, begin + S]
+
+
+@pytest.mark.parametrize(
+    ("header", "date", "mark"), [("Date;Time", "2026-01-31", "."), ("Datum;Uhrzeit", "31.01.2026", ",")]
+)
+def test_date_and_time_in_two_columns(table, header, date, mark):
+    recording = table(f"{header};x\n{date};12:00:00{mark}5;1{mark}5\n{date};12:00:01{mark}25;2{mark}5\n")
+    noon = int(datetime(2026, 1, 31, 12, tzinfo=UTC).timestamp()) * S
+    assert stamps(recording) == [noon + S // 2, noon + S + S // 4]
+    assert content(recording) == {"x": ([1.5, 2.5], None)}
+
+
+def test_remarks_between_rows_are_counted_also_where_they_look_like_rows(table):
+    recording = table("x,y\n1,2\n#3,4\n  % 5,6\n# the end\n7,8\n", rate=10.0)
+    assert content(recording) == {"x": ([1, 7], None), "y": ([2, 8], None)}
+    assert any("3 lines between the rows skipped as remarks" in note for note in recording.notes)
+
+
+def test_a_stray_quote_in_a_table_without_quotes_costs_one_cell(table):
+    rows = [f"{i / 10},{i},{-i}" for i in range(300)]
+    rows[250] = '25.0,"250,-250'
+    recording = table("t,x,y\n" + "\n".join(rows) + "\n")
+    expected = np.arange(300.0)
+    np.testing.assert_array_equal(recording.channel("y").values, -expected)
+    expected[250] = np.nan
+    np.testing.assert_array_equal(recording.channel("x").values, expected)
+
+
+def test_a_stray_quote_in_a_table_with_quotes_makes_no_mixed_row(table):
+    rows = [f'"{i / 10}","{i}","{-i}"' for i in range(300)]
+    rows[250] = '"25.0","250,"-250"'
+    recording = table('"t","x","y"\n' + "\n".join(rows) + "\n")
+    for channel, sign in (("x", 1), ("y", -1)):
+        c = recording.channel(channel)
+        expected = sign * np.rint(c.stamps / 1e8)
+        np.testing.assert_array_equal(np.where(np.isnan(c.values), expected, c.values), expected)
+    assert recording.notes
+
+
+def test_a_separator_that_is_stated(table):
+    assert content(table("sep=|\ntime|x\n0.1|1\n0.2|2\n")) == {"x": ([1, 2], None)}
+
+
+@pytest.mark.parametrize(
+    "text", ["t;x\n0,1;1.234,5\n0,2;-12.345.678,25\n", 't,x\n0.1,"1,234.5"\n0.2,"-12,345,678.25"\n']
+)
+def test_thousands_set_apart(table, text):
+    recording = table(text)
+    assert content(recording) == {"x": ([1234.5, -12345678.25], None)}
+    assert stamps(recording) == [S // 10, S // 5]
+    assert any("thousands" in note for note in recording.notes)
+
+
+def test_one_damaged_cell_does_not_change_the_notation(table):
+    rows = [f"{i},5;{i},25" for i in range(20)]
+    rows[3] = "3,5;3.25"
+    values = table("t;x\n" + "\n".join(rows) + "\n").channel("x").values
+    assert values.tolist() == [i + 0.25 for i in range(20)]
+
+
+def test_thousands_of_columns(table):
+    names = [f"/robot/arm/joint_{i}/measured/position" for i in range(8000)]
+    recording = table(
+        "time," + ",".join(names) + "\n" + "".join(f"{t}," + ",".join(["1.5"] * 8000) + "\n" for t in (1, 2))
+    )
+    assert list(recording.channels) == names
+    with pytest.raises(ReadError, match="has 20001 columns; more than 10000"):
+        table("time," + ",".join(f"c{i}" for i in range(20000)) + "\n" + "0," * 20000 + "0\n")
+
+
+def bomb(size):
+    """Return what decompresses to `size` bytes of rows that are no more than zeros."""
+    out = io.BytesIO()
+    with gzip.GzipFile(fileobj=out, mode="wb", compresslevel=9) as file:
+        file.write(b"t,x\n0.5,1\n")
+        block = b"0,0\n" * 2**18
+        for _ in range(size // len(block)):
+            file.write(block)
+    return out.getvalue()
+
+
+def test_a_decompression_bomb_is_refused(tmp_path):
+    path = tmp_path / "log"
+    path.write_bytes(bomb(200 * 2**20))
+    assert path.stat().st_size < 2**20
+    with pytest.raises(ReadError, match="200 times larger"):
+        read(path)
+
+
+numbers = st.lists(st.floats(allow_nan=False, width=64), min_size=2, max_size=30)
+
+
+@settings(max_examples=40, deadline=None)
+@given(numbers, st.sampled_from([",", ";", "\t", "|"]), st.booleans(), st.booleans(), st.booleans())
+def test_any_number_comes_back_exactly_in_any_notation(tmp_path_factory, cells, separator, comma, quoted, compressed):
+    out = io.StringIO()
+    quoting = csv.QUOTE_ALL if quoted or (comma and separator == ",") else csv.QUOTE_MINIMAL
+    writer = csv.writer(out, delimiter=separator, quoting=quoting, lineterminator="\n")
+    writer.writerow(["time [s]", "x [Nm]"])
+    for i, cell in enumerate(cells):
+        row = [f"{i}.25", repr(cell)]
+        writer.writerow([text.replace(".", ",") for text in row] if comma else row)
+    data = out.getvalue().encode()
+    path = tmp_path_factory.mktemp("exact") / "log"
+    path.write_bytes(gzip.compress(data) if compressed else data)
+    channel = read(path).channel("x")
+    np.testing.assert_array_equal(channel.values, cells)
+    assert channel.stamps.tolist() == [i * S + S // 4 for i in range(len(cells))]
+    assert channel.unit == "Nm"

@@ -1,0 +1,165 @@
+"""The header of a text table: what its columns are called, and where the values begin."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from vsalog.readers.headers import printable_cell
+from vsalog.readers.table_text import SEPARATORS, is_value, split
+from vsalog.units import is_known_by_heart
+
+_NO_UNIT = ("-", "–", "1")
+_MOST_ROWS = 3
+"""Rows that a header has at most below its first."""
+
+Table = Sequence[tuple[int, list[str]]]
+"""Line numbers, from 0, and cells."""
+
+
+@dataclass(frozen=True, slots=True)
+class Header:
+    """What stands ahead of the values.
+
+    Attributes
+    ----------
+    names, units : list
+        Of each column, "" and None where there is none.
+    rows : int
+        Index of the first row of values in the table.
+    skip_lines : int
+        Lines ahead of it.
+    notes : tuple of str
+        What is worth telling.
+    """
+
+    names: list[str]
+    units: list[str | None]
+    rows: int
+    skip_lines: int
+    notes: tuple[str, ...]
+
+
+def find_header(lines: Sequence[str], table: Table, width: int, decimal_comma: bool) -> Header:
+    """Find the header of a table and its first row of values.
+
+    Parameters
+    ----------
+    lines : sequence of str
+        All lines.
+    table : sequence of (int, list of str)
+        Those that are neither empty nor remarks, split.
+    width : int
+        Cells that most of them have.
+    decimal_comma : bool
+        How numbers are written.
+    """
+    notes: list[str] = []
+    start = next((k for k, (_, cells) in enumerate(table) if len(cells) in (width, width - 1)), 0)
+    start = _skip_preamble(table, start, width, decimal_comma)
+    names: list[str] | None = None
+    units: list[str | None] = [None] * width
+    rest = [cells for _, cells in table[start:]]
+    if rest and _names_columns(rest, decimal_comma):
+        names = _aligned(rest.pop(0), rest, width, notes)
+        for _ in range(_rows_of_words(rest, width, decimal_comma)):
+            below = rest.pop(0)
+            if _are_units(below):
+                units = [cell.strip("[]() ") or None for cell in below]
+            elif "" in names or len(set(names)) < width:
+                names = _merged(names, below)
+            else:
+                notes.append(f"a second row of words below the names passed over: '{printable_cell(', '.join(below))}'")
+    elif rest and len(rest[0]) == width:
+        names = _comment_header(lines[: table[start][0]], width)
+    if names is None:
+        notes.append("the table has no header: its columns are called column_0, column_1, …")
+        names = [""] * width
+    if names and names[0].startswith("%time"):
+        names = [name.removeprefix("field.") for name in names]
+    first = len(table) - len(rest)
+    return Header(names, units, first, table[first][0] if rest else len(lines), tuple(notes))
+
+
+def _skip_preamble(table: Sequence[tuple[int, list[str]]], start: int, width: int, decimal_comma: bool) -> int:
+    """Step over lines of text ahead of the header that happen to have nearly as many cells."""
+    while start + 2 < len(table):
+        here, following = table[start][1], table[start + 1][1]
+        wordy = not any(is_value(cell, decimal_comma) for row in (here, following) for cell in row if cell)
+        if len(here) == width or len(following) < len(here) or not wordy:
+            return start
+        start += 1
+    return start
+
+
+def _names_columns(rows: Sequence[Sequence[str]], decimal_comma: bool) -> bool:
+    """Tell whether the first row names the columns: it has words where the others have values, or only words."""
+    first = rows[0]
+    words = [i for i, cell in enumerate(first) if cell and not is_value(cell, decimal_comma)]
+    if not words:
+        return False
+    if len(words) == sum(bool(cell) for cell in first):
+        return True
+    shift = len(rows[1]) - len(first) if len(rows) > 1 else 0
+    for i in words:
+        below = [row[i + shift] for row in rows[1:] if 0 <= i + shift < len(row) and row[i + shift]]
+        if sum(is_value(cell, decimal_comma) for cell in below) > len(below) / 2:
+            return True
+    return False
+
+
+def _aligned(header: list[str], rows: Sequence[Sequence[str]], width: int, notes: list[str]) -> list[str]:
+    """Return a name for every column, also where the header has one fewer than the rows."""
+    if len(header) == width:
+        return header
+    trailing = rows and all(not row[-1] for row in rows if len(row) == width)
+    if len(header) < width and not trailing:
+        notes.append("the header has one name fewer than the rows have cells: the first column is taken as unnamed")
+        return [""] * (width - len(header)) + header
+    return (header + [""] * width)[:width]
+
+
+def _rows_of_words(rows: Sequence[Sequence[str]], width: int, decimal_comma: bool) -> int:
+    """Return how many rows below the first of a header belong to it: of words, with values below."""
+    for count, row in enumerate(rows[: _MOST_ROWS + 1]):
+        texts = [cell for cell in row if cell]
+        values = sum(is_value(cell, decimal_comma) for cell in texts)
+        if len(row) != width or values:
+            return count if len(row) == width and 2 * values > len(texts) else 0
+    return 0
+
+
+def _are_units(row: Sequence[str]) -> bool:
+    """Tell whether a row of words states the units: most are in brackets, or units that are known by heart."""
+    texts = [cell for cell in row if cell]
+    stated = sum(cell[0] in "[(" or cell in _NO_UNIT or is_known_by_heart(cell) for cell in texts)
+    return 2 * stated >= len(texts)
+
+
+def _merged(groups: Sequence[str], names: Sequence[str]) -> list[str]:
+    """Join two rows of a header: a name of the first stands for the blank cells to its right, too.
+
+    >>> _merged(["time", "motor", "", "link"], ["", "position", "torque", "position"])
+    ['time', 'motor.position', 'motor.torque', 'link.position']
+    """
+    joined, group = [], ""
+    for above, name in zip(groups, names, strict=True):
+        group = above or group
+        joined.append(f"{group}.{name}" if group and name else above or name)
+        if not name:  # a column of its own, no group
+            group = ""
+    return joined
+
+
+def _comment_header(lines: Sequence[str], width: int) -> list[str] | None:
+    """Return the names in the last remark ahead of the values, where there are as many as columns."""
+    for line in reversed(lines):
+        if not line.strip():
+            continue
+        content = line.strip().lstrip("#%").strip()
+        for separator in SEPARATORS:
+            cells = split(content, separator)
+            if len(cells) == width and all(cells) and not any(is_value(cell, False) for cell in cells):
+                return cells
+        return None
+    return None

@@ -1,0 +1,183 @@
+"""The rows of a text table, parsed into columns of text, and what of it is no row."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+from typing import IO, Any
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.compute as pc
+import pyarrow.csv as pacsv
+
+from vsalog.errors import ReadError
+from vsalog.readers.base import plural
+from vsalog.readers.headers import printable_cell
+from vsalog.readers.table_dialect import Dialect
+from vsalog.readers.table_text import WHITESPACE, is_comment
+from vsalog.readers.text_source import BoundedGzip, TextSource, open_text
+
+BLOCK_BYTES = 4 * 2**20
+NULLS = ("", "NA", "N/A", "n/a", "null", "NULL", "None", "none", "-", "--")
+
+_COMMENT = r"^\s*(#|%)"
+_GROUPED = {".": r"^[+-]?\d{1,3}([.]\d{3})+(,\d+)?$", ",": r"^[+-]?\d{1,3}(,\d{3})+([.]\d+)?$"}
+
+
+class Rows:
+    """Parses a text table.
+
+    Parameters
+    ----------
+    path : Path
+        The file.
+    dialect : Dialect
+        How it is written.
+    numbers : sequence of int
+        Columns of numbers: a line's end in one of their cells is not meant.
+
+    Attributes
+    ----------
+    notes : list of str
+        What was left out; complete once all batches are read.
+    """
+
+    def __init__(self, path: Path, dialect: Dialect, numbers: Sequence[int]) -> None:
+        self.notes: list[str] = []
+        self._path = path
+        self._dialect = dialect
+        self._numbers = {dialect.names[i] for i in numbers}
+        self._odd = _OddLines()
+
+    def batches(self, columns: Sequence[int]) -> Iterator[pa.RecordBatch]:
+        """Yield the rows as text, numbers with a decimal point, some columns only.
+
+        Raises
+        ------
+        ReadError
+            The table cannot be parsed.
+        """
+        names = self._dialect.names
+        # The first column tells which rows are remarks.
+        chosen = [names[i] for i in sorted({0, *columns})]
+        with open_text(self._path) as file:
+            text = TextSource(file, self._dialect.encoding, self._dialect.separator == WHITESPACE)
+            try:
+                with self._open(file, text, chosen) as reader:
+                    for batch in reader:
+                        yield self._pointed(self._without_run_on(self._without_remarks(batch)))
+            except pa.ArrowInvalid as error:
+                raise ReadError(f"{self._path}: cannot be parsed as a table: {error}") from error
+            except OSError as error:
+                raise ReadError(f"{self._path}: cannot be read: {error.strerror or error}") from error
+            if text.damage:
+                self.notes.append(text.damage)
+        self.notes.extend(self._odd.notes(len(names)))
+
+    def _open(self, file: IO[bytes], text: TextSource, chosen: list[str]) -> pacsv.CSVStreamingReader:
+        dialect = self._dialect
+        plain = dialect.encoding == "utf-8" and dialect.separator != WHITESPACE and not isinstance(file, BoundedGzip)
+        source: Any = text
+        if plain:
+            # Arrow reads ahead in a thread of its own. It must not need the interpreter, which may be gone by then at exit.
+            source = pa.memory_map(str(self._path)) if _arrow_can_open(self._path) else file
+        return pacsv.open_csv(
+            source,
+            read_options=pacsv.ReadOptions(
+                use_threads=False,
+                block_size=BLOCK_BYTES,
+                skip_rows=dialect.skip_lines,
+                column_names=list(dialect.names),
+            ),
+            parse_options=pacsv.ParseOptions(
+                delimiter=dialect.separator,
+                # In a table without quotes one is damage, and would swallow the lines up to the next.
+                quote_char='"' if dialect.quoted else False,
+                invalid_row_handler=self._odd.handle,
+            ),
+            convert_options=pacsv.ConvertOptions(
+                include_columns=chosen,
+                column_types=dict.fromkeys(chosen, pa.string()),
+                strings_can_be_null=True,
+                quoted_strings_can_be_null=True,
+                null_values=list(NULLS),
+                check_utf8=False,
+            ),
+        )
+
+    def _without_remarks(self, batch: pa.RecordBatch) -> pa.RecordBatch:
+        """Leave out the lines that are remarks although they have as many cells as a row."""
+        remarks = pc.fill_null(pc.match_substring_regex(batch.column(0), _COMMENT), False)
+        count = int(pc.sum(remarks).as_py() or 0)
+        self._odd.remarks += count
+        return batch.filter(pc.invert(remarks)) if count else batch
+
+    def _without_run_on(self, batch: pa.RecordBatch) -> pa.RecordBatch:
+        """Leave out rows that a stray quote runs into one another."""
+        if not self._dialect.quoted:
+            return batch
+        run_on = np.zeros(batch.num_rows, dtype=np.bool_)
+        for name in self._numbers.intersection(batch.schema.names):
+            found = pc.fill_null(pc.match_substring(batch.column(name), "\n"), False)
+            run_on |= np.asarray(found.to_numpy(zero_copy_only=False), np.bool_)
+        self._odd.run_on += int(np.count_nonzero(run_on))
+        return batch.filter(pa.array(~run_on)) if run_on.any() else batch
+
+    def _pointed(self, batch: pa.RecordBatch) -> pa.RecordBatch:
+        if not self._dialect.decimal_comma and not self._dialect.grouping:
+            return batch
+        return pa.RecordBatch.from_arrays(
+            [pointed(column, self._dialect) for column in batch.columns], batch.schema.names
+        )
+
+
+class _OddLines:
+    """Counts lines that are no rows: with too many or too few cells, and remarks."""
+
+    def __init__(self) -> None:
+        self.count = 0
+        self.remarks = 0
+        self.run_on = 0
+        self.example = ""
+
+    def handle(self, row: Any) -> str:
+        """Skip a line."""
+        text = str(row.text or "")
+        if is_comment(text):
+            self.remarks += 1
+        else:
+            self.count += 1
+            self.example = self.example or text
+        return "skip"
+
+    def notes(self, width: int) -> list[str]:
+        """Return what to tell."""
+        notes = []
+        if self.remarks:
+            notes.append(f"{plural(self.remarks, 'line')} between the rows skipped as remarks (they begin with # or %)")
+        if self.run_on:
+            notes.append(f"{plural(self.run_on, 'row')} skipped that a stray quote runs together with the rows behind")
+        if self.count:
+            notes.append(
+                f"{plural(self.count, 'line')} without exactly {width} cells skipped"
+                f" (the first: '{printable_cell(self.example)}')"
+            )
+        return notes
+
+
+def pointed(cells: pa.Array, dialect: Dialect) -> pa.Array:
+    """Return cells with numbers as ``1234.5``, however the table writes them."""
+    if dialect.grouping:
+        apart = pc.fill_null(pc.match_substring_regex(cells, _GROUPED[dialect.grouping]), False)
+        cells = pc.if_else(apart, pc.replace_substring(cells, dialect.grouping, ""), cells)
+    return pc.replace_substring(cells, ",", ".") if dialect.decimal_comma else cells
+
+
+def _arrow_can_open(path: Path) -> bool:
+    """Tell whether a path is one that Arrow can be given: file names may hold bytes that are no text."""
+    try:
+        str(path).encode("utf-8")
+    except UnicodeEncodeError:
+        return False
+    return True

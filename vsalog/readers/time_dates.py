@@ -1,0 +1,82 @@
+"""Dates in tables as nanoseconds since the epoch."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.compute as pc
+from numpy.typing import NDArray
+
+from vsalog.recording import Stamps
+
+_SHAPE = r"^\d{4}-\d\d-\d\d([T ]\d\d(:?\d\d(:?\d\d([.]\d{1,9})?)?)?)?([+-]\d\d:?\d\d)?$"
+_ZONED = r":?\d\d(\.\d+)?[+-]\d\d:?\d\d$"
+
+# Other ways to write the same, each turned into the one above: what is found, what it becomes.
+_REWRITTEN = (
+    (r"^(\d{4})/(\d\d)/(\d\d)", r"\1-\2-\3"),
+    (r"^(\d\d)\.(\d\d)\.(\d{4})", r"\3-\2-\1"),  # with points the day comes first; with slashes nobody knows
+    (r"^(\d{4})(\d\d)(\d\d)T(\d\d)(\d\d)(\d\d)", r"\1-\2-\3T\4:\5:\6"),
+    (r"(\d),(\d)", r"\1.\2"),
+    (r"\s*(?:[zZ]|(?i:utc|gmt))$", "+00:00"),
+    (r"(:\d\d(?:\.\d+)?)\s+([+-]\d\d)", r"\1\2"),
+    (r"(:\d\d(?:\.\d+)?[+-]\d\d)$", r"\1:00"),
+)
+
+
+def dates(array: pa.Array) -> tuple[Stamps, NDArray[np.bool_]]:
+    """Return dates [ns since the epoch], and which of them are dates; those without a time zone count as UTC.
+
+    Parameters
+    ----------
+    array : pyarrow array
+        Timestamps, dates, or texts: ISO 8601, ``2026/01/31 …``, ``31.01.2026 …``.
+    """
+    kind = array.type
+    if pa.types.is_timestamp(kind) or pa.types.is_date(kind):
+        return integers(pc.cast(array, pa.timestamp("ns", getattr(kind, "tz", None)), safe=False))
+    text = trimmed(array)
+    found = _iso(text)
+    if found.null_count > text.null_count:
+        other = pc.if_else(pc.is_null(found), text, pa.scalar(None, pa.string()))
+        for pattern, becomes in _REWRITTEN:
+            other = pc.replace_substring_regex(other, pattern, becomes)
+        found = pc.coalesce(found, _iso(other))
+    return integers(found)
+
+
+def integers(array: pa.Array) -> tuple[Stamps, NDArray[np.bool_]]:
+    """Return whole numbers, 0 where there is none, and where there are some."""
+    good = np.asarray(pc.is_valid(array).to_numpy(zero_copy_only=False), bool)
+    filled = pc.fill_null(pc.cast(array, pa.int64()), 0)
+    return np.asarray(filled.to_numpy(zero_copy_only=False), np.int64), good
+
+
+def trimmed(array: pa.Array) -> pa.Array:
+    """Return cells as texts without blanks around them."""
+    return pc.utf8_trim_whitespace(pc.cast(array, pa.string()))
+
+
+def _iso(text: pa.Array) -> pa.Array:
+    """Return dates of ISO 8601 as int64 nanoseconds, null where a text is none."""
+    zoned = pc.fill_null(pc.match_substring_regex(text, _ZONED), False)
+    nothing = pa.scalar(None, pa.string())
+    plain = _valid(pc.if_else(zoned, nothing, text), pa.timestamp("ns"))
+    return pc.coalesce(plain, _valid(pc.if_else(zoned, text, nothing), pa.timestamp("ns", "UTC")))
+
+
+def _valid(text: pa.Array, kind: Any) -> pa.Array:
+    """Cast dates to int64 nanoseconds, null where a text is none."""
+    text = pc.if_else(pc.fill_null(pc.match_substring_regex(text, _SHAPE), False), text, pa.scalar(None, pa.string()))
+    try:
+        return pc.cast(pc.cast(text, kind), pa.int64())
+    except pa.ArrowInvalid:
+        cells = []
+        for cell in text.to_pylist():
+            try:
+                cells.append(None if cell is None else pc.cast(pc.cast(pa.scalar(cell), kind), pa.int64()).as_py())
+            except pa.ArrowInvalid:
+                cells.append(None)
+        return pa.array(cells, pa.int64())
