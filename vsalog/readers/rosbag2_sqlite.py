@@ -26,8 +26,8 @@ _LANGUAGES = {"ros2msg": "msg", "ros2idl": "idl"}
 _COLUMNS = {"topic_id", "timestamp", "data"}
 _MOST_TOPICS = 2**16
 _FIRST_ROWS = 64
-# After so many rows in a row that cannot be read, the next is looked for twice as far on.
-_PATIENCE = 1000
+# Behind a stretch of rows that cannot be read, the next is looked for this part of the stretch farther on.
+_STEP = 200
 _LAST_ROW = 2**62
 
 
@@ -75,7 +75,7 @@ class SqliteContainer:
             return
         strangers = nonsense = 0
         for rows in self._rows(ids):
-            sound = [row for row in rows if type(row[3]) is bytes and type(row[2]) is int]
+            sound = [row for row in rows if _is_sound(row)]
             known = [row for row in sound if row[1] in ids]
             nonsense += len(rows) - len(sound)
             strangers += len(sound) - len(known)
@@ -94,24 +94,26 @@ class SqliteContainer:
         query = (
             f"SELECT rowid, topic_id, timestamp, data FROM messages WHERE rowid > ? {self._only(ids)} ORDER BY rowid"
         )
-        last, lost, failures, many = -1, 0, 0, _FIRST_ROWS
-        while last < _LAST_ROW:
+        start, last, lost, stretch, many = -1, -1, 0, 0, _FIRST_ROWS
+        left = self.path.stat().st_size  # more rows than bytes come only of pages that contain themselves
+        while start < _LAST_ROW and left > 0:
             try:
-                found = self._database.execute(query, (last,))
-                while rows := found.fetchmany(many):
-                    last, failures = rows[-1][0], 0
+                found = self._database.execute(query, (start,))
+                while left > 0 and (rows := found.fetchmany(many)):
+                    # Damaged row numbers may go anywhere; those of the following rows tell again where reading is.
+                    last = next((row[0] for row in reversed(rows) if _is_sound(row)), last)
+                    left -= len(rows)
                     many = _rows_at_once(rows)
                     yield rows
                 break
             except _DAMAGE as error:
                 self._refuse(error)
-                if many > 1:  # the rows ahead of the bad one first
-                    many = 1
-                    continue
-                failures += 1
-                step = 2 ** (failures // _PATIENCE)
-                last, lost = last + step, lost + step
-        if last >= _LAST_ROW:
+                if last > start or many > 1:
+                    start, stretch, many = max(start, last), 0, 1
+                else:
+                    step = 1 + stretch // _STEP
+                    start, lost, stretch = start + step, lost + step, stretch + step
+        if start >= _LAST_ROW:
             self._note("the end of the database cannot be read (was it cut off?), what is ahead of it was")
         elif lost:
             self._note(f"{plural(lost, 'row')} of the database cannot be read, the rest was")
@@ -202,6 +204,11 @@ class SqliteContainer:
     def _note(self, text: str) -> None:
         if text not in self.notes:
             self.notes.append(text)
+
+
+def _is_sound(row: Any) -> bool:
+    """Tell whether a row holds a time and a message."""
+    return type(row[3]) is bytes and type(row[2]) is int
 
 
 def _tables(database: sqlite3.Connection) -> set[str]:
