@@ -91,3 +91,8 @@ def test_first_samples_on_a_narrow_terminal_and_without_a_time(tmp_path, monkeyp
 
 def test_roles_have_reasons(large):
     assert "link_position (85 %): its name says" in inspect(large)
+
+
+def test_an_address_is_told_from_a_missing_file():
+    done = CliRunner().invoke(cli, ["inspect", "s3://bucket/log.mcap"])
+    assert "is an address, no file; download the log" in str(done.exception or done.output)

@@ -140,6 +140,19 @@ def test_a_clock_serves_the_structures_below(tmp_path):
     np.testing.assert_array_equal(channel.stamps, np.arange(20) * 10_000_000)
 
 
+def test_a_cell_array_is_a_stream_of_its_own(tmp_path):
+    cells = np.empty(2, dtype=object)
+    cells[0], cells[1] = np.arange(30.0), np.arange(30.0) * 2
+    savemat(tmp_path / "log", {"x": np.arange(7.0), "cells": cells}, appendmat=False)
+    recording = read(tmp_path / "log")
+    found = {name: (c.values.tolist(), c.stream) for name, c in recording.channels.items()}
+    assert found == {
+        "x": (list(range(7)), "log"),
+        "cells[0]": (list(range(30)), "cells"),
+        "cells[1]": (list(range(0, 60, 2)), "cells"),
+    }
+
+
 def test_time_that_does_not_rise_is_a_channel(tmp_path):
     savemat(tmp_path / "log", {"time": np.zeros(5), "x": np.arange(5.0)}, appendmat=False)
     recording = read(tmp_path / "log")
@@ -153,3 +166,74 @@ def test_a_cut_off_matlab_file_is_refused(tmp_path):
     path.write_bytes(path.read_bytes()[:-500])
     with pytest.raises(ReadError, match="damaged"):
         read(path)
+
+
+def damaged(raw, rng, k):
+    """Return a file with a byte changed, or cut off."""
+    bad = bytearray(raw)
+    if k % 4 == 0:
+        return bad[: int(rng.integers(len(bad)))]
+    bad[int(rng.integers(len(bad)))] ^= int(rng.integers(1, 256))
+    return bad
+
+
+def numbers(path):
+    return {
+        name: dict(zip(c.stamps.tolist(), c.values.tolist(), strict=True)) for name, c in read(path).channels.items()
+    }
+
+
+def write_parquet(path, t, x):
+    table = pa.table({"time": t, "x": x, "y": np.round(x, 3)})
+    pq.write_table(table, path, row_group_size=100, write_page_checksum=True)
+
+
+def write_matlab(path, t, x):
+    content = {"one": {"time": t, "x": x, "in": {"time": t, "y": -x}}, "two": {"time": t, "z": x + 1}}
+    savemat(path, content, do_compression=True, appendmat=False)
+
+
+@pytest.mark.parametrize("write", [write_parquet, write_matlab])
+def test_damage_is_no_crash_and_no_wrong_value(tmp_path, write):
+    """Both have checksums: what does not match is left out, and the rest is read."""
+    rng = np.random.default_rng(1)
+    path = tmp_path / "log"
+    write(path, np.arange(1000) / 1000, rng.standard_normal(1000))
+    raw, sound = path.read_bytes(), numbers(path)
+    most = 0
+    for k in range(150):
+        path.write_bytes(damaged(raw, rng, k))
+        try:
+            found = numbers(path)
+        except ReadError:
+            continue
+        for name in found.keys() & sound.keys():
+            assert found[name].items() <= sound[name].items()
+        kept = sum(len(found[name]) for name in found.keys() & sound.keys())
+        most += 0.3 < kept / sum(map(len, sound.values())) < 1
+    assert most > 30  # of which a part was damaged, and the rest read
+
+
+def test_a_damaged_row_group_moves_no_row(tmp_path):
+    path = tmp_path / "log"
+    pq.write_table(
+        pa.table({"x": np.arange(1000.0)}), path, row_group_size=100, write_page_checksum=True, compression="none"
+    )
+    raw = bytearray(path.read_bytes())
+    raw[raw.index(np.float64(350).tobytes())] ^= 1
+    path.write_bytes(raw)
+    recording = read(path, rate=1000.0)
+    channel = recording.channel("x")
+    np.testing.assert_array_equal(channel.stamps, channel.values.astype(np.int64) * 1_000_000)
+    assert channel.values.size == 900
+    assert any("1 of 10 row groups damaged" in note for note in recording.notes)
+
+
+def test_a_matlab_bomb_is_refused(tmp_path, monkeypatch):
+    monkeypatch.setattr("vsalog.readers.matlab_v5.MAX_BYTES", 2**20)
+    path = tmp_path / "log"
+    savemat(path, {"zeros": np.zeros(1_000_000), "x": np.arange(9.0)}, do_compression=True, appendmat=False)
+    assert path.stat().st_size < 2**14
+    recording = read(path)
+    assert list(recording.channels) == ["x"]
+    assert any("larger than any recording" in note for note in recording.notes)

@@ -1,4 +1,4 @@
-"""MATLAB v5 files: every structure that holds vectors of equal length is a stream."""
+"""MATLAB files: every structure that holds vectors of equal length is a stream."""
 
 from __future__ import annotations
 
@@ -9,20 +9,21 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from vsalog.errors import ReadError
 from vsalog.readers.base import MAX_ARRAY, Block, Catalogue, ChannelInfo, first_of_each
 from vsalog.readers.layout import printable
 from vsalog.readers.row_clock import ROW_NOTE, row_clock
 from vsalog.recording import Stamps, Values
 
 MAX_DEPTH = 16
+V73 = b"MATLAB 7.3 MAT-file"
+"""How files begin that are HDF5 within."""
 
 Clocks = Mapping[int, Stamps]
 """Clocks of the structures around, by their length."""
 
 
 class MatlabReader:
-    """Reads a MATLAB v5 file; see `vsalog.readers.base.Reader`.
+    """Reads a MATLAB file, v5 or v7.3; see `vsalog.readers.base.Reader`.
 
     A vector whose name tells of time and which rises strictly is the clock, in seconds, of the vectors of the same length
     beside it and in structures below.
@@ -71,13 +72,17 @@ class MatlabReader:
         yield from self._structure("", self._load(), {}, None if wanted is None else frozenset(wanted), 0)
 
     def _load(self) -> dict[str, Any]:
-        from scipy.io import loadmat
-
-        try:
-            content = loadmat(str(self.path), squeeze_me=False, struct_as_record=True, chars_as_strings=True)
-        except Exception as error:  # scipy raises whatever a damaged file provokes
-            raise ReadError(f"{self.path}: the MATLAB file is damaged: {error}") from error
-        return {name: value for name, value in content.items() if not name.startswith("__")}
+        notes: list[str] = []
+        with self.path.open("rb") as file:
+            is_hdf5 = file.read(len(V73)) == V73
+        if is_hdf5:
+            from vsalog.readers.matlab_v73 import load
+        else:
+            from vsalog.readers.matlab_v5 import load
+        content = load(self.path, notes)
+        for note in notes:
+            self._note(note)
+        return content
 
     def _structure(
         self, path: str, members: Mapping[str, Any], outer: Clocks, wanted: frozenset[str] | None, depth: int
@@ -86,7 +91,7 @@ class MatlabReader:
         vectors: dict[str, Values] = {}
         inner: list[tuple[str, Any]] = []
         for name, value in members.items():
-            full = f"{path}.{printable(name)}" if path else printable(name)
+            full = path + printable(name) if not path or name.startswith("[") else f"{path}.{printable(name)}"
             kind = _kind(value)
             if kind == "numbers":
                 vectors.update(self._vectors(full, value))
@@ -155,6 +160,8 @@ class MatlabReader:
 
 def _kind(value: Any) -> str:
     """Return ``numbers``, ``text``, ``nested`` (structures and cells) or ``other``."""
+    if isinstance(value, dict | list):
+        return "nested"
     if not isinstance(value, np.ndarray):
         return "text" if isinstance(value, str) else "other"
     if value.dtype.names is not None:
@@ -166,12 +173,24 @@ def _kind(value: Any) -> str:
     return "numbers" if value.dtype.kind in "biufc" else "other"
 
 
-def _elements(full: str, value: NDArray[Any]) -> Iterator[tuple[str, dict[str, Any]]]:
-    """Yield path and members of each structure in an array of structures, or of a cell array."""
+def _elements(full: str, value: Any) -> Iterator[tuple[str, dict[str, Any]]]:
+    """Yield path and members of each structure in an array of structures, or of a cell array.
+
+    Structures are dictionaries and lists of these, cell arrays lists, or both are scipy's arrays.
+    """
+    if isinstance(value, dict):
+        yield full, value
+        return
+    if isinstance(value, list) and value and all(isinstance(element, dict) for element in value):
+        for i, element in enumerate(value[:MAX_ARRAY]):
+            yield f"{full}[{i}]", element
+        return
+    if isinstance(value, list):
+        yield full, {f"[{i}]": element for i, element in enumerate(value[:MAX_ARRAY])}
+        return
     flat = value.reshape(-1, order="F")
     if value.dtype.names is None:
-        parent, _, last = full.rpartition(".")
-        yield parent, {f"{last}[{i}]": element for i, element in enumerate(flat[:MAX_ARRAY])}
+        yield full, {f"[{i}]": element for i, element in enumerate(flat[:MAX_ARRAY])}
         return
     for i, element in enumerate(flat[:MAX_ARRAY]):
         path = full if len(flat) == 1 else f"{full}[{i}]"

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from vsalog.errors import ReadError
 from vsalog.readers.base import Block, Catalogue, ChannelInfo, first_of_each, plural
-from vsalog.readers.headers import unique_names
+from vsalog.readers.headers import printable_cell, unique_names
 from vsalog.readers.row_clock import ROW_NOTE, row_clock
 from vsalog.readers.time_columns import find_clocks, nanoseconds
 from vsalog.recording import Stamps, Values
@@ -51,8 +51,8 @@ class ParquetReader:
         self.notes: list[str] = []
         self.unread: dict[str, str] = {}
         try:
-            self._file = pq.ParquetFile(path)
-            sample = next(self._file.iter_batches(batch_size=SAMPLE_ROWS), None)
+            self._file = pq.ParquetFile(path, page_checksum_verification=True)
+            sample = self._sample()
         except (pa.ArrowException, OSError) as error:
             raise ReadError(f"{path}: the Parquet file cannot be read: {error}") from error
         schema = self._file.schema_arrow
@@ -69,6 +69,22 @@ class ParquetReader:
         self._streams = [_text(field.metadata, STREAM) or path.stem for field in schema]
         # A trace carries the rig of the log that it was estimated from, whose channels it does not have.
         self.rig_text = None if self._keys else _text(schema.metadata, RIG)
+
+    def _sample(self) -> pa.RecordBatch | None:
+        """Return the first rows that can be read, None where there are no rows.
+
+        Raises
+        ------
+        ArrowException, OSError
+            There are some, but none can be read.
+        """
+        for group in range(self._file.num_row_groups):
+            try:
+                return next(self._file.iter_batches(batch_size=SAMPLE_ROWS, row_groups=[group]), None)
+            except (pa.ArrowException, OSError):
+                if group + 1 == self._file.num_row_groups:
+                    raise
+        return None
 
     def catalogue(self) -> Catalogue:
         """Return the columns."""
@@ -98,21 +114,40 @@ class ParquetReader:
         ]
         schema = self._file.schema_arrow
         needed = [schema.names[i] for i in sorted({*columns, *self._plan.columns(), *self._keys})] or schema.names[:1]
-        rows: dict[str | None, int] = {}
         dropped = 0
-        try:
-            for batch in self._file.iter_batches(batch_size=BATCH_ROWS, columns=needed):
-                for part, piece in self._split(batch):
-                    missing = 0
-                    for members in self._by_stream(columns):
-                        block, missing = self._block(piece, part, members, rows.get(part, 0), wanted)
-                        yield block
-                    rows[part] = rows.get(part, 0) + piece.num_rows
-                    dropped += missing
-        except (pa.ArrowException, OSError) as error:
-            raise ReadError(f"{self.path}: the Parquet file is damaged: {error}") from error
+        for row, batch in self._batches(needed):
+            for part, piece in self._split(batch):
+                missing = 0
+                for members in self._by_stream(columns):
+                    block, missing = self._block(piece, part, members, row, wanted)
+                    yield block
+                dropped += missing
         if dropped:
             self.notes.append(f"{plural(dropped, 'row')} without a time left out")
+
+    def _batches(self, columns: list[str]) -> Iterator[tuple[int, pa.RecordBatch]]:
+        """Yield the number of the first row and the rows, without those of damaged row groups, which are noted.
+
+        Raises
+        ------
+        ReadError
+            No row group can be read.
+        """
+        groups, damage = self._file.num_row_groups, list[str]()
+        begin = 0
+        for group in range(groups):
+            row, begin = begin, begin + self._file.metadata.row_group(group).num_rows
+            try:
+                for batch in self._file.iter_batches(batch_size=BATCH_ROWS, row_groups=[group], columns=columns):
+                    yield row, batch
+                    row += batch.num_rows
+            except (pa.ArrowException, OSError) as error:
+                damage.append(printable_cell(str(error)))
+        if damage and len(damage) == groups:
+            raise ReadError(f"{self.path}: the Parquet file is damaged: {damage[0]}")
+        if damage:
+            note = f"{len(damage)} of {plural(groups, 'row group')} damaged, the rest was read ({damage[0]})"
+            self.notes += [note] if note not in self.notes else []
 
     def _block(
         self, batch: pa.RecordBatch, part: str | None, columns: list[int], row: int, wanted: Collection[str] | None
@@ -178,7 +213,7 @@ class ParquetReader:
             return [None]
         names = [self._file.schema_arrow.names[i] for i in self._keys]
         parts: dict[str | None, None] = {}
-        for batch in self._file.iter_batches(batch_size=BATCH_ROWS, columns=names):
+        for _, batch in self._batches(names):
             parts.update(dict.fromkeys(pc.unique(_part_names(batch, names)).to_pylist()))
         return list(parts)
 

@@ -3,12 +3,16 @@
 from __future__ import annotations
 
 import gzip
+import re
+import zlib
 from pathlib import Path
 
 from vsalog.errors import ReadError
 
 HEAD_BYTES = 4096
 
+_ADDRESS = re.compile(r"[a-z][a-z0-9+]+:/", re.IGNORECASE)
+"""As paths are written, which have one slash where an address has two."""
 _HDF5 = b"\x89HDF\r\n\x1a\n"
 _MAGIC = (
     (b"\x89MCAP0\r\n", "mcap"),
@@ -17,6 +21,7 @@ _MAGIC = (
     (b"\x28\xb5\x2f\xfd", "rosbag2"),
     (b"PAR1", "parquet"),
     (b"MATLAB 5.0 MAT-file", "matlab"),
+    (b"MATLAB 7.3 MAT-file", "matlab"),
 )
 _FOREIGN = (
     (_HDF5, "is an HDF5 file"),
@@ -48,6 +53,8 @@ def sniff(path: Path) -> str:
         with path.open("rb") as file:
             head = file.read(HEAD_BYTES)
     except FileNotFoundError:
+        if _ADDRESS.match(str(path)):
+            raise ReadError(f"{path}: is an address, no file; download the log, then name the file") from None
         raise ReadError(f"{path}: there is no such file") from None
     except PermissionError:
         raise ReadError(f"{path}: may not be read (permission denied)") from None
@@ -73,11 +80,8 @@ def _sniff_head(path: Path, head: bytes) -> str:
     for magic, kind in _MAGIC:
         if head.startswith(magic):
             return kind
-    if head.startswith(b"MATLAB 7.3 MAT-file") or _HDF5 in head[:1024]:
-        raise ReadError(
-            f"{path}: is a MATLAB v7.3 or other HDF5 file, which is not supported;"
-            " in MATLAB save it with save('file.mat', '-v7')"
-        )
+    if _HDF5 in head[:1024]:
+        raise ReadError(f"{path}: is an HDF5 file, but none that MATLAB wrote; export its tables as Parquet or CSV")
     for magic, words in _FOREIGN:
         if head.startswith(magic):
             raise ReadError(f"{path}: {words}")
@@ -85,7 +89,7 @@ def _sniff_head(path: Path, head: bytes) -> str:
         head = _gzip_head(path)
     if not looks_like_text(head):
         raise ReadError(
-            f"{path}: is of no known format; MCAP, ROS 1 and ROS 2 bags, CSV, Parquet and MATLAB v5 files can be read"
+            f"{path}: is of no known format; MCAP, ROS 1 and ROS 2 bags, CSV, Parquet and MATLAB files can be read"
         )
     return "table"
 
@@ -94,7 +98,7 @@ def _gzip_head(path: Path) -> bytes:
     try:
         with gzip.open(path, "rb") as file:
             return file.read(HEAD_BYTES)
-    except (OSError, EOFError) as error:
+    except (OSError, EOFError, zlib.error) as error:
         raise ReadError(f"{path}: is compressed with gzip, but damaged: {error}") from error
 
 

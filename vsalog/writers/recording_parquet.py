@@ -47,7 +47,13 @@ def write_parquet(recording: Recording, path: Path | str, rig_text: str | None =
     encodings = {f.name: "BYTE_STREAM_SPLIT" for f in fields[1:]} | {STAMP: "DELTA_BINARY_PACKED"}
     with atomic_path(Path(path)) as temporary, temporary.open("wb") as file:
         pq.write_table(
-            table, file, row_group_size=ROW_GROUP, compression="zstd", use_dictionary=False, column_encoding=encodings
+            table,
+            file,
+            row_group_size=ROW_GROUP,
+            compression="zstd",
+            use_dictionary=False,
+            column_encoding=encodings,
+            write_page_checksum=True,
         )
 
 

@@ -168,7 +168,9 @@ class TraceWriter:
     def _open(self, schema: pa.Schema) -> pq.ParquetWriter:
         # Opened here: Arrow cannot be given a name whose bytes are no text.
         self._file = self._stack.enter_context(self._temporary.open("wb"))
-        writer = pq.ParquetWriter(self._file, schema, compression="zstd", **_encodings(schema))
+        writer = pq.ParquetWriter(
+            self._file, schema, compression="zstd", write_page_checksum=True, **_encodings(schema)
+        )
         self._stack.callback(writer.close)
         return writer
 

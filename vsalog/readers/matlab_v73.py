@@ -1,0 +1,128 @@
+"""MATLAB v7.3 files, which are HDF5: groups are structures, object references cell arrays and arrays of structures."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from vsalog.errors import ReadError
+from vsalog.readers.base import MAX_ARRAY, plural
+from vsalog.readers.compression import MAX_BYTES
+
+_MOST_DEPTH = 16
+_MOST_OBJECTS = 100_000
+_MOST_RATIO = 200
+_TYPES = {
+    b"double": "IEEE_F64LE",
+    b"single": "IEEE_F32LE",
+    b"logical": "STD_U8LE",
+    **{
+        f"{sign}int{bits}".encode(): f"STD_{sign.upper() or 'I'}{bits}LE"
+        for sign in ("", "u")
+        for bits in (8, 16, 32, 64)
+    },
+}
+"""MATLAB's classes of numbers; in these old layouts nothing else vouches for what describes the numbers."""
+_OWN = "#"
+"""MATLAB's own groups: what references point to, and its objects."""
+
+
+def load(path: Path, notes: list[str]) -> dict[str, Any]:
+    """Return a file's variables: arrays as MATLAB shows them, structures as dictionaries, cell arrays as lists.
+
+    What is damaged, absurdly large or not within the file is left out and noted.
+
+    Raises
+    ------
+    ReadError
+        The file cannot be read, or h5py is not installed.
+    """
+    try:
+        import h5py
+    except ImportError:
+        raise ReadError(
+            f"{path}: is a MATLAB v7.3 file, for which h5py is needed: pip install 'vsalog[matlab]';"
+            " or save it in MATLAB with save('file.mat', '-v7')"
+        ) from None
+    try:
+        with h5py.File(path, "r") as file:
+            walk = _Walk(h5py, path.stat().st_size)
+            found = walk.members(file, 0)
+    except Exception as error:  # HDF5's library raises whatever a damaged file provokes
+        raise ReadError(
+            f"{path}: the MATLAB v7.3 file cannot be read: {error}; if MATLAB opens it, save('file.mat', '-v7') there"
+        ) from error
+    if walk.damage and not found:
+        raise ReadError(f"{path}: the MATLAB v7.3 file is damaged: {walk.damage[0]}")
+    if walk.damage:
+        notes.append(f"{plural(len(walk.damage), 'variable')} of the MATLAB file left out ({walk.damage[0]})")
+    return found
+
+
+class _Walk:
+    """One pass over a file."""
+
+    def __init__(self, h5py: Any, size: int) -> None:
+        self.damage: list[str] = []
+        self._h5py = h5py
+        self._allowed = max(MAX_BYTES, _MOST_RATIO * size)
+        self._objects = 0
+
+    def members(self, group: Any, depth: int) -> dict[str, Any]:
+        """Return what is in a group; links to other places are not followed."""
+        found: dict[str, Any] = {}
+        for name in group:
+            if depth == 0 and name.startswith(_OWN):
+                continue
+            if isinstance(group.get(name, getlink=True), self._h5py.HardLink):
+                self._add(found, str(name), group, depth)
+        return found
+
+    def _add(self, found: dict[str, Any], name: str, group: Any, depth: int) -> None:
+        try:
+            found[name] = self._value(group[name], depth)
+        except Exception as error:  # HDF5's library raises whatever damage provokes
+            self.damage.append(str(error) or type(error).__name__)
+
+    def _value(self, node: Any, depth: int) -> Any:
+        self._objects += 1
+        if depth > _MOST_DEPTH or self._objects > _MOST_OBJECTS:
+            raise ValueError("it is nested too deeply, or has too many parts")
+        kind = node.attrs.get("MATLAB_class", b"")
+        if isinstance(node, self._h5py.Group):
+            return self._structures(node, depth) if "MATLAB_sparse" not in node.attrs else None
+        if kind == b"char":
+            return ""  # a text is no signal, whatever it says
+        if node.dtype == self._h5py.ref_dtype:
+            return [self._value(node.file[reference], depth + 1) for reference in self._array(node).T.flat[:MAX_ARRAY]]
+        if "MATLAB_empty" in node.attrs:
+            return np.zeros((0, 0))
+        if bytes(kind) not in _TYPES:
+            return None
+        if not node.id.get_type().equal(getattr(self._h5py.h5t, _TYPES[bytes(kind)])):
+            raise ValueError("its numbers are not of the type that they should have")
+        return self._array(node).T
+
+    def _structures(self, group: Any, depth: int) -> dict[str, Any] | list[dict[str, Any]]:
+        """Return a structure, or the structures of an array, whose members are arrays of references without a class."""
+        members = self.members(group, depth + 1)
+        arrays = {
+            name: value
+            for name, value in members.items()
+            if isinstance(value, list) and "MATLAB_class" not in group[name].attrs
+        }
+        if not arrays or len(arrays) < len(members):
+            return members
+        count = min(len(value) for value in arrays.values())
+        return [{name: value[i] for name, value in arrays.items()} for i in range(count)]
+
+    def _array(self, node: Any) -> Any:
+        """Return a dataset's content, as MATLAB wrote it: its dimensions in reverse."""
+        if node.is_virtual or node.external:
+            raise ValueError("its values are in another file")
+        if node.nbytes > self._allowed:
+            raise ValueError(f"it announces {node.nbytes} bytes: no recording is compressed so much")
+        self._allowed -= node.nbytes
+        return np.asarray(node[()])
