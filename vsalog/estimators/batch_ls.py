@@ -34,7 +34,7 @@ def roles(device: Device, offered: Collection[str], tuning: BatchLsTuning) -> tu
 
 def build(device: Device, signals: JointSignals, tuning: BatchLsTuning) -> RegressionFold:
     """Assemble the estimator for a joint's signals."""
-    equations = qr_rls.integrated_equations(device, signals, tuning)
     conditioner = conditioner_of(device, signals, tuning, roles(device, signals.roles, tuning), motor=True)
-    solver = QrSolver(1.0, tuning.memory_samples(signals))
+    equations = qr_rls.integrated_equations(device, signals, tuning, conditioner)
+    solver = QrSolver(1.0, integral=True)
     return RegressionFold(NAME, "INTEGRATED", device, conditioner, equations, solver, passes=2)

@@ -57,12 +57,9 @@ def roles(device: Device, offered: Collection[str], tuning: DirectTuning) -> tup
 
 def build(device: Device, signals: JointSignals, tuning: DirectTuning) -> RegressionFold:
     """Assemble the estimator for a joint's signals."""
-    memory = tuning.memory_samples(signals)
     p0 = tuning.initial_covariance(device, signals)
     solver: Solver = (
-        QrSolver(tuning.forgetting, memory, 0, max(tuning.c * p0, LEAST))
-        if tuning.solver == "qr"
-        else RlsSolver(p0, tuning.c, memory)
+        QrSolver(tuning.forgetting, 0, max(tuning.c * p0, LEAST)) if tuning.solver == "qr" else RlsSolver(p0, tuning.c)
     )
     needed = roles(device, signals.roles, tuning)
     conditioner = conditioner_of(device, signals, tuning, needed, motor=False)

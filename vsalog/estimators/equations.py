@@ -180,6 +180,7 @@ class IntegratedMotorEquation(OfOneTransmission):
     basis: PolynomialBasis
     period: float
     known: Known | None = None
+    velocity_noise: float = 0.0  # standard deviation [rad/s], 0 where it is not known
 
     leading: ClassVar[int] = 3
     parameters: ClassVar[tuple[str, ...]] = ("motor_inertia", "motor_damping")
@@ -222,5 +223,7 @@ class IntegratedMotorEquation(OfOneTransmission):
             dynamics /= factor[:, None]
         if doubted is not None:
             fed = np.where(doubted, np.nan, fed)
-        rows = EquationRows(F, integrals[:, -1], use, fresh, {view.name: fed}, {}, dynamics, doubted)
+        noisy = np.zeros(self.size)
+        noisy[1] = self.velocity_noise**2
+        rows = EquationRows(F, integrals[:, -1], use, fresh, {view.name: fed}, {}, dynamics, doubted, noisy)
         return (integrated, after), rows

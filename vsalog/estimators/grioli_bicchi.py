@@ -40,7 +40,7 @@ class GrioliBicchiTuning(ObserverTuning, frozen=True, forbid_unknown_fields=True
     side : ``motor`` or ``link``, whose equation of motion tells the torque; when absent the motor's where it is known
     """
 
-    unused: ClassVar[tuple[str, ...]] = ("shape", "settle", "memory")
+    unused: ClassVar[tuple[str, ...]] = ("shape", "settle")
 
     degree: Annotated[int, Meta(ge=3, le=30)] = 5
     side: Literal["motor", "link"] | None = None

@@ -77,7 +77,7 @@ def build(device: Device, signals: JointSignals, tuning: GrioliParametricTuning)
     tuning = with_window(tuning, signals, suitable_windows(device, signals, tuning)[0])
     needed = roles(device, signals.roles, tuning)
     p0 = tuning.p0 if tuning.p0 is not None else 1e4 / largest_regressor(device, signals) ** 2
-    solver = QrSolver(tuning.forgetting, tuning.memory_samples(signals), 0, p0)
+    solver = QrSolver(tuning.forgetting, 0, p0)
     functions, sensors = BasisFunctions(device), [sensor_role(v, signals.roles) for v in device.transmissions]
     conditioner = tuning.conditioner(needed, signals, rates=(*sensors, *functions.roles), before=functions)
     fold = RateFold(NAME, "SENSOR", device, conditioner, rate_equations(device, signals), solver)

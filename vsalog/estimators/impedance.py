@@ -42,11 +42,13 @@ class ImpedanceTuning(ObserverTuning, frozen=True, forbid_unknown_fields=True, k
     Attributes
     ----------
     wander : share by which the link's inertia and damping may change within a second
+    memory : time over which the innovations of the link's filter are averaged [s]
     """
 
     unused: ClassVar[tuple[str, ...]] = ("shape", "settle")
 
     wander: Annotated[float, Meta(ge=0.0)] = 1e-4
+    memory: Annotated[float, Meta(gt=0.0)] = 10.0
 
 
 TUNING = ImpedanceTuning
@@ -92,7 +94,7 @@ class ImpedanceFold(ObserverFold):
             orders["link_position"] = 2
         conditioner = Derivatives(orders, signals.period, tuning.window_for(signals), tuning.degree)
         super().__init__(NAME, "SENSOR", device, signals, tuning, torques, conditioner)
-        self.memory = tuning.memory_samples(signals)
+        self.memory = max(tuning.memory / signals.period, 10.0)
         self.noise = self._noise(signals, tuning) if "link_position" in signals.roles else None
 
     @property

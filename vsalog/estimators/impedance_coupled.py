@@ -60,7 +60,7 @@ class ImpedanceCoupledTuning(ObserverTuning, frozen=True, forbid_unknown_fields=
     wander : share of the initial guess by which I and N may change within a second
     """
 
-    unused: ClassVar[tuple[str, ...]] = ("shape", "settle", "memory")
+    unused: ClassVar[tuple[str, ...]] = ("shape", "settle")
 
     degree: Annotated[int, Meta(ge=3, le=30)] = 5
     inertia: Annotated[float, Meta(ge=0.0)] | None = None

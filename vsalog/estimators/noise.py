@@ -1,97 +1,286 @@
-"""The noise in what a fit leaves over, and how many of its samples count as one.
+"""The noise in what a fit leaves over, octave by octave, and what it makes of the unknowns.
 
-Left-over torques are not white: filters smooth them, encoders repeat themselves, and a model that does not fit leaves a slow
-pattern. Taking N of them for N independent samples would make every uncertainty too small. So they are summed over batches:
-the variance of the sums against that of the samples tells how many samples count as one within a batch, and the
-correlation of neighbouring sums does the same beyond it (batch means, with a first-order correction between batches).
+Least squares err by P Σ F e: the sum of the regressors times the noise, the *score*. Left-over torques are not white: filters
+smooth them, an encoder's noise differentiated twice lies far above the motion, a torque's noise integrated wanders, and a model
+that does not fit leaves a slow pattern. Counting samples as if they were independent is wrong by factors either way. So
+regressors and left-overs go through one orthonormal wavelet transform, and in each octave of frequency the variance of the
+left-overs meets the energy of the regressors there:
+
+    cov(Σ F e) = Σ_octaves v W Wᵀ
+
+Wavelet coefficients of coloured noise are nearly uncorrelated, which is what makes the sum right (Fadili and Bullmore, "Wavelet-
+generalized least squares", NeuroImage 15, 2002; Daubechies' wavelet with four vanishing moments). Left-overs are *recursive
+residuals*, the innovations over their own standard deviation for noise of variance one: a fit does not make them smaller
+(Brown, Durbin, Evans, J. R. Stat. Soc. B 37(2), 1975).
+
+Where the equation is an integral its noise wanders, and no octave is the last one: there its increments are looked at, with
+sums of the regressors in their place (summation by parts), less each run's mean, which its integration constant takes up.
 """
 
 from __future__ import annotations
 
-from typing import Any
+from typing import NamedTuple
 
 import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
+Flags = NDArray[np.bool_]
+Integers = NDArray[np.int64]
 
-# Samples in a batch, and batches that are needed before their sums mean anything.
-BATCH = 64
-BATCHES = 8
+# Samples that are summed first: nothing moves within so few. Octaves that are looked at; boxes without which nothing is said;
+# samples between two looks.
+BOX, OCTAVES, LEAST, EVERY = 4, 14, 64, 64
+# An octave's variance is expected to go on as those before it did, half as steeply, within these factors; the expectation counts
+# as so many coefficients. A logarithm of a variance of few is too small by one over their number, and what is divided by it
+# has the tails, and so the variance, of Student's t: two more.
+FALL, RISE, EXPECTED, TAILS = np.log(1.0 / 8.0), np.log(2.0), 8.0, 3.0
+# A variance of nothing at all, whose logarithm is still a number.
+NOTHING = 1e-300
 
-# Weight, Σ e², Σ e(k) e(k−1), last e, samples; in the batch: count, sum; weight, Σ S², Σ S(b) S(b−1), last S, batches.
-_SIZE = 12
+# Scaling filter of Daubechies' wavelet with four vanishing moments (Ten Lectures on Wavelets, table 6.1).
+_LOW = np.array([
+    0.230377813308855, 0.714846570552542, 0.630880767929590, -0.027983769416984,
+    -0.187034811718881, 0.030841381835987, 0.032883011666983, -0.010597401784997,
+])  # fmt: skip
+_HIGH = _LOW[::-1] * np.array([1.0, -1.0] * 4)
+_TAPS = _LOW.size
+
+# In `sums`: samples in the box, last left-over, samples, Σ e², boxes, Σ box².
+_FILLED, _LAST, _SAMPLES, _SQUARES, _BOXES, _BOXED = range(6)
 
 
-def noise_start() -> Array:
-    """Return the state before the first sample."""
-    return np.zeros(_SIZE)
+class NoiseState(NamedTuple):
+    """What has been seen of regressors and left-overs, for n unknowns.
+
+    Attributes
+    ----------
+    sums : numbers, see above
+    box : shape (n + 1,), sum of the box that fills: regressors and left-over
+    total : shape (n,), sum of the run's regressors, where the equation is an integral
+    rings, seen : shapes (OCTAVES, 8, n + 1) and (OCTAVES,), the last inputs of each octave's filters, and how many there were
+    heard : shape (OCTAVES, 2), number and squares of the left-overs' coefficients
+    energy, closed : shape (OCTAVES + 1, n, n), of the regressors' coefficients, and of all boxes; of this run and of those before
+    M : shape (n, n), covariance of the score; NaN while not known
+    """
+
+    sums: Array
+    box: Array
+    total: Array
+    rings: Array
+    seen: Integers
+    heard: Array
+    energy: Array
+    closed: Array
+    M: Array
+
+    @property
+    def samples(self) -> float:
+        """Number of left-overs seen."""
+        return float(self.sums[_SAMPLES])
+
+    def copied(self) -> NoiseState:
+        """Return an independent copy."""
+        return NoiseState._make(a.copy() for a in self)
 
 
-def noise_block(state: Array, left: Array, unknowns: int, memory: float) -> tuple[Array, Array]:
-    """Observe what a fit leaves over.
+def noise_start(size: int) -> NoiseState:
+    """Return the state before the first sample, for n = `size` unknowns."""
+    n, rows = size, OCTAVES + 1
+    return NoiseState(
+        sums=np.zeros(6),
+        box=np.zeros(n + 1),
+        total=np.zeros(n),
+        rings=np.zeros((OCTAVES, _TAPS, n + 1)),
+        seen=np.zeros(OCTAVES, dtype=np.int64),
+        heard=np.zeros((OCTAVES, 2)),
+        energy=np.zeros((rows, n, n)),
+        closed=np.zeros((rows, n, n)),
+        M=np.full((n, n), np.nan),
+    )
+
+
+def noise_block(
+    state: NoiseState, F: Array, left: Array, use: Flags, fresh: Flags, T: Array, integral: bool, forgetting: float
+) -> tuple[NoiseState, Array]:
+    """Observe what a fit leaves over, and say what it makes of functionals of the unknowns.
 
     Parameters
     ----------
     state : of `noise_start` or a previous call
-    left : shape (N,), NaN where nothing was learnt
-    unknowns : number of parameters fitted
-    memory : samples over which the noise is observed
+    F : shape (N, n), regressors
+    left : shape (N,), recursive residuals
+    use : shape (N,), samples that were learnt from
+    fresh : shape (N,), samples at which an integral, and its constant, the first unknown, begin anew
+    T : shape (N, q, n), P E of functionals E
+    integral : whether the equation is an integral
+    forgetting : λ; a sample's part in P was discounted by λ² a step
 
     Returns
     -------
-    state, and shape (N,): variance of a left-over times the number of samples that count as one; NaN while not known
+    state, and shape (N, q): variances Tᵀ cov(Σ F e) T; NaN while not known
     """
-    new, out = state.copy(), np.empty(left.shape[0])
-    _run(left, unknowns, memory, new, out)
-    return new, out
+    new, variances = state.copied(), np.empty(T.shape[:2])
+    _run(new, F, left, use, fresh, T, integral, forgetting**2, variances)
+    return new, variances
 
 
-def noise_now(state: Array, unknowns: int) -> tuple[float, float]:
-    """Return the variance of a single left-over, and the number of samples that count as one; NaN while not known."""
-    return float(_variance(state, unknowns)), float(_inflation(state))
-
-
-@njit(cache=True, error_model="numpy")
-def _variance(s: Array, unknowns: int) -> Any:
-    if s[0] <= 1.0 or s[4] <= unknowns + 1.0:
-        return np.nan
-    return s[1] / s[0] * s[4] / (s[4] - unknowns)
+def noise_now(state: NoiseState, integral: bool) -> tuple[Array, float]:
+    """Return the covariance of the score, shape (n, n), and the variance of a single left-over; NaN while not known."""
+    new = state.copied()
+    _look(new, integral)
+    samples, squares = state.sums[[_SAMPLES, _SQUARES]]
+    return new.M, float(squares / samples) if samples else float("nan")
 
 
 @njit(cache=True, error_model="numpy")
-def _inflation(s: Array) -> Any:
-    if s[1] <= 0.0:
-        return 1.0
-    if s[11] < BATCHES or s[8] <= 0.0:
-        r = min(max(s[2] / s[1], 0.0), 0.999)
-        return (1.0 + r) / (1.0 - r)
-    within = s[8] / s[7] / (BATCH * s[1] / s[0])
-    r = min(max(s[9] / s[8], 0.0), 0.99)
-    return max(within, 1.0) * (1.0 + r) / (1.0 - r)
+def _run(
+    s: NoiseState,
+    F: Array,
+    left: Array,
+    use: Flags,
+    fresh: Flags,
+    T: Array,
+    integral: bool,
+    discount: float,
+    out: Array,
+) -> None:
+    count, asked, n = T.shape
+    sums, kept = s.sums, discount ** (2 * BOX)
+    for k in range(count):
+        if use[k] and not np.isnan(left[k]):
+            begins = integral and (fresh[k] or sums[_SAMPLES] == 0.0)
+            if begins:
+                _close(s)
+            _fill(s, F[k], left[k], integral, begins, discount)
+            if sums[_FILLED] == BOX:
+                sums[_FILLED] = 0.0
+                _transform(s, kept)
+            if sums[_SAMPLES] % EVERY == 0.0:
+                _look(s, integral)
+        for m in range(asked):
+            variance = 0.0
+            for i in range(n):
+                row = 0.0
+                for j in range(n):
+                    row += s.M[i, j] * T[k, m, j]
+                variance += T[k, m, i] * row
+            # Below zero is what rounding makes of what nothing tells.
+            out[k, m] = variance if variance >= 0.0 else np.nan
+
+
+@njit(cache=True, error_model="numpy", forceinline=True)
+def _fill(s: NoiseState, F: Array, left: float, integral: bool, begins: bool, discount: float) -> None:
+    """Put a sample into the box."""
+    n, sums, total, step = F.shape[0], s.sums, s.total, left
+    if integral:
+        step = 0.0 if begins else left - sums[_LAST]
+        sums[_LAST] = left
+    for i in range(n):
+        x = F[i]
+        if integral:
+            total[i] = discount * total[i] + x
+            x = total[i]
+        s.box[i] += x
+    s.box[n] += step
+    sums[_FILLED] += 1.0
+    sums[_SAMPLES] += 1.0
+    sums[_SQUARES] += left * left
 
 
 @njit(cache=True, error_model="numpy")
-def _run(left: Array, unknowns: int, memory: float, s: Array, out: Array) -> None:
-    forget = 1.0 - 1.0 / memory
-    forget_batch = forget**BATCH
-    for k in range(left.shape[0]):
-        e = left[k]
-        if not np.isnan(e):
-            s[0] = forget * s[0] + 1.0
-            s[1] = forget * s[1] + e * e
-            s[2] = forget * s[2] + e * s[3]
-            s[3] = e
-            s[4] += 1.0
-            s[5] += 1.0
-            s[6] += e
-            if s[5] == BATCH:
-                s[7] = forget_batch * s[7] + 1.0
-                s[8] = forget_batch * s[8] + s[6] * s[6]
-                s[9] = forget_batch * s[9] + s[6] * s[10]
-                s[10] = s[6]
-                s[11] += 1.0
-                s[5] = 0.0
-                s[6] = 0.0
-        out[k] = _variance(s, unknowns) * _inflation(s)
+def _transform(s: NoiseState, kept: float) -> None:
+    """Hand a full box on, from octave to octave; it is empty then."""
+    size = s.box.shape[0]
+    value = s.box / np.sqrt(BOX)
+    s.box[:] = 0.0
+    if kept != 1.0:
+        s.energy[:] *= kept
+        s.closed[:] *= kept
+    s.sums[_BOXES] += 1.0
+    s.sums[_BOXED] += value[-1] * value[-1]
+    _add(value, s.energy[OCTAVES])
+    for octave in range(OCTAVES):
+        ring, seen = s.rings[octave], s.seen
+        ring[seen[octave] % _TAPS] = value
+        seen[octave] += 1
+        if seen[octave] < _TAPS or seen[octave] % 2:
+            return
+        value, detail = np.zeros(size), np.zeros(size)
+        for tap in range(_TAPS):
+            row = ring[(seen[octave] + tap) % _TAPS]
+            for i in range(size):
+                value[i] += _LOW[tap] * row[i]
+                detail[i] += _HIGH[tap] * row[i]
+        s.heard[octave, 0] += 1.0
+        s.heard[octave, 1] += detail[-1] * detail[-1]
+        _add(detail, s.energy[octave])
+
+
+@njit(cache=True, error_model="numpy", forceinline=True)
+def _add(x: Array, energy: Array) -> None:
+    """Add x xᵀ of the regressors."""
+    for i in range(energy.shape[0]):
+        for j in range(energy.shape[0]):
+            energy[i, j] += x[i] * x[j]
+
+
+@njit(cache=True, error_model="numpy")
+def _close(s: NoiseState) -> None:
+    """End a run: the noise of an integral does not go on into the next."""
+    if s.total[0] != 0.0:
+        for octave in range(OCTAVES + 1):
+            s.closed[octave] += _centred(s.energy[octave], s.total)
+    s.energy[:] = 0.0
+    s.total[:] = 0.0
+    s.seen[:] = 0
+    s.box[:] = 0.0
+    s.sums[_FILLED] = 0.0
+
+
+@njit(cache=True, error_model="numpy")
+def _centred(energy: Array, total: Array) -> Array:
+    """Return the energy of sums of regressors less their mean; the first, which is one, counts the samples."""
+    n = energy.shape[0]
+    out = np.empty((n, n))
+    for i in range(n):
+        for j in range(n):
+            a, b = total[i] / total[0], total[j] / total[0]
+            out[i, j] = energy[i, j] - a * energy[0, j] - b * energy[i, 0] + a * b * energy[0, 0]
+    return out
+
+
+@njit(cache=True, error_model="numpy")
+def _spectrum(s: NoiseState) -> Array:
+    """Return the variance of the left-overs in each octave and beyond the last, shape (OCTAVES + 1,)."""
+    v = np.empty(OCTAVES + 1)
+    last, slope = np.log(max(s.sums[_BOXED] / s.sums[_BOXES], NOTHING)), 0.0
+    for octave in range(OCTAVES + 1):
+        now = last + 0.5 * slope
+        if octave < OCTAVES and s.heard[octave, 1] > 0.0:
+            count, squares = s.heard[octave]
+            now = (count * np.log(squares / count) + TAILS + EXPECTED * now) / (count + EXPECTED)
+        slope = min(max(now - last, FALL), RISE) if octave else 0.0
+        last = now
+        v[octave] = np.exp(now)
+    # Regressors fall with frequency: what they have in an octave lies at its lower edge, where the noise is between two octaves'.
+    for octave in range(OCTAVES):
+        v[octave] = np.sqrt(v[octave] * v[octave + 1])
+    return v
+
+
+@njit(cache=True, error_model="numpy")
+def _look(s: NoiseState, integral: bool) -> None:
+    """Put together what is known of the score."""
+    if s.sums[_BOXES] < LEAST:
+        return
+    v = _spectrum(s)
+    s.M[:] = 0.0
+    for octave in range(OCTAVES + 1):
+        found = s.energy[octave]
+        if integral:
+            found = _centred(found, s.total) + s.closed[octave]
+        # What is in no octave lies beyond the last.
+        share = v[octave] if octave == OCTAVES else v[octave] - v[OCTAVES]
+        s.M[:] += share * found

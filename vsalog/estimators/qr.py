@@ -80,24 +80,29 @@ def qr_block(
     -------
     state
     values : shape (N, q), E ξ̂; NaN while undetermined, like all that follows
-    forms : shape (N, q), their variances for noise of variance one; NaN where not asked for
-    pulled : shape (N, q), what the prior may have pulled them to zero by
+    directions : shape (N, m, n), (RᵀR)⁻¹ E of the m functionals whose variance is asked for: what the noise is multiplied by
+    pulled : shape (N, m), what the prior may have pulled them to zero by
     unknowns : shape (N, n)
-    left : shape (N,), what the fit leaves over after the update; NaN where nothing was learnt
+    left : shape (N,), recursive residuals, which have the noise's variance; NaN where nothing was learnt
     """
     new = state.copy()
     count, q, n = E.shape
-    values, forms, pulled = np.empty((count, q)), np.full((count, q), np.nan), np.full((count, q), np.nan)
+    asked = int(np.count_nonzero(spread))
+    values, directions, pulled = (
+        np.empty((count, q)),
+        np.full((count, asked, n), np.nan),
+        np.full((count, asked), np.nan),
+    )
     unknowns, left = np.empty((count, n)), np.full(count, np.nan)
     # With forgetting the prior is forgotten too.
     prior = 1.0 / p0 if forgetting == 1.0 else 0.0
-    _run(F, y, use, fresh, E, spread, forgetting, leading, prior, new.Rp, values, forms, pulled, unknowns, left)
-    return new, values, forms, pulled, unknowns, left
+    _run(F, y, use, fresh, E, spread, forgetting, leading, prior, new.Rp, values, directions, pulled, unknowns, left)
+    return new, values, directions, pulled, unknowns, left
 
 
 @njit(cache=True, error_model="numpy")
 def qr_update(F: Array, y: float, forgetting: float, Rp: Array, row: Array) -> None:
-    """Rotate one sample into [R p] in place (eq. 21–22); `row` is scratch, shape (n + 1,)."""
+    """Rotate one sample into [R p] in place (eq. 21–22); `row` is scratch, shape (n + 1,), its last is the recursive residual."""
     n = Rp.shape[0]
     for j in range(n):
         row[j] = F[j]
@@ -157,6 +162,17 @@ def _forward(Rp: Array, inverse: Array, z: Array) -> None:
 
 
 @njit(cache=True, error_model="numpy")
+def _backward(Rp: Array, inverse: Array, z: Array) -> None:
+    """Solve R x = z in place, given the reciprocals of R's diagonal."""
+    n = z.shape[0]
+    for i in range(n - 1, -1, -1):
+        x = z[i]
+        for j in range(i + 1, n):
+            x -= Rp[i, j] * z[j]
+        z[i] = x * inverse[i]
+
+
+@njit(cache=True, error_model="numpy")
 def _run(
     F: Array,
     y: Array,
@@ -169,13 +185,13 @@ def _run(
     prior: float,
     Rp: Array,
     values: Array,
-    forms: Array,
+    directions: Array,
     pulled: Array,
     unknowns: Array,
     left: Array,
 ) -> None:
     count, q, n = E.shape
-    row, xi, z, w, inverse = np.empty(n + 1), np.empty(n), np.empty(n), np.zeros(n), np.empty(n)
+    row, xi, z, inverse = np.empty(n + 1), np.empty(n), np.empty(n), np.empty(n)
     wide = np.any(spread)
     known = qr_solve(Rp, xi)
     for k in range(count):
@@ -186,33 +202,28 @@ def _run(
             qr_update(F[k], y[k], forgetting, Rp, row)
             known = qr_solve(Rp, xi)
             if known:
-                e = y[k]
-                for j in range(n):
-                    e -= F[k, j] * xi[j]
-                left[k] = e
+                left[k] = row[n]
         if wide and known:
             for i in range(n):
                 inverse[i] = 1.0 / Rp[i, i]
-            if prior > 0.0:
-                # What the prior pulls eᵀ ξ̂ by is prior · eᵀ (RᵀR)⁻¹ ξ̂ = prior · (R⁻ᵀ e)ᵀ (R⁻ᵀ ξ̂): one factor for all e.
-                for i in range(n):
-                    w[i] = xi[i] if i >= leading else 0.0
-                _forward(Rp, inverse, w)
+        m = 0
         for s in range(q):
             value = 0.0
             for i in range(n):
                 value += E[k, s, i] * xi[i]
             values[k, s] = value
-            if spread[s] and known:
-                # The variance of eᵀ ξ̂ is σ² |R⁻ᵀ e|²: one forward substitution.
+            if not spread[s]:
+                continue
+            if known:
                 for i in range(n):
                     z[i] = E[k, s, i]
                 _forward(Rp, inverse, z)
-                form, pull = 0.0, 0.0
+                _backward(Rp, inverse, z)
+                pull = 0.0
                 for i in range(n):
-                    form += z[i] * z[i]
-                    pull += z[i] * w[i]
-                forms[k, s] = form
-                pulled[k, s] = prior * pull
+                    directions[k, m, i] = z[i]
+                    pull += z[i] * xi[i] if i >= leading else 0.0
+                pulled[k, m] = prior * pull
+            m += 1
         for i in range(n):
             unknowns[k, i] = xi[i]

@@ -9,6 +9,7 @@ from __future__ import annotations
 from collections.abc import Collection
 from typing import Annotated
 
+import numpy as np
 from msgspec import Meta
 
 from vsalog.estimators.device import Device
@@ -18,6 +19,8 @@ from vsalog.estimators.needs import deflection_roles, require
 from vsalog.estimators.regression import RegressionFold
 from vsalog.estimators.solvers import QrSolver
 from vsalog.estimators.tuning import Positive, Tuning, largest_regressor
+from vsalog.filters.conditioning import Conditioner
+from vsalog.resolution import sensor_noise
 from vsalog.signals import JointSignals
 
 NAME = "qr-rls"
@@ -58,18 +61,34 @@ def roles(device: Device, offered: Collection[str], tuning: Tuning, name: str = 
 def build(device: Device, signals: JointSignals, tuning: QrRlsTuning) -> RegressionFold:
     """Assemble the estimator for a joint's signals."""
     p0 = tuning.p0 if tuning.p0 is not None else 1e4 / largest_regressor(device, signals) ** 2
-    solver = QrSolver(tuning.forgetting, tuning.memory_samples(signals), IntegratedMotorEquation.leading, p0)
+    solver = QrSolver(tuning.forgetting, IntegratedMotorEquation.leading, p0, integral=True)
     conditioner = conditioner_of(device, signals, tuning, roles(device, signals.roles, tuning), motor=True)
-    return RegressionFold(
-        NAME, "INTEGRATED", device, conditioner, integrated_equations(device, signals, tuning), solver
-    )
+    equations = integrated_equations(device, signals, tuning, conditioner)
+    return RegressionFold(NAME, "INTEGRATED", device, conditioner, equations, solver)
 
 
-def integrated_equations(device: Device, signals: JointSignals, tuning: Tuning) -> tuple[IntegratedMotorEquation, ...]:
+def integrated_equations(
+    device: Device, signals: JointSignals, tuning: Tuning, conditioner: Conditioner
+) -> tuple[IntegratedMotorEquation, ...]:
     """One equation per transmission."""
     return tuple(
         IntegratedMotorEquation(
-            v, device.basis, signals.period, known_of(device, v, signals, tuning, v.motor_torque, motor=True)
+            view,
+            device.basis,
+            signals.period,
+            known_of(device, view, signals, tuning, view.motor_torque, motor=True),
+            velocity_noise(signals, view.motor_position, conditioner),
         )
-        for v in device.transmissions
+        for view in device.transmissions
     )
+
+
+def velocity_noise(signals: JointSignals, role: str, conditioner: Conditioner) -> float:
+    """Return what a position's noise makes of its velocity behind the Savitzky–Golay filter, one standard deviation [rad/s].
+
+    Zero for the kinematic filter, whose noise depends on the motion.
+    """
+    if conditioner.kind == "kinematic":
+        return 0.0
+    noise = sensor_noise(signals.roles[role], signals.resolution.get(role, 0.0), 0.0)
+    return noise * float(np.linalg.norm(conditioner.weights[1]))

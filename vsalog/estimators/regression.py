@@ -41,6 +41,7 @@ class EquationRows:
     the flexibility torque the estimator is fed with; `extra` are further columns of the trace, per transmission. Where the
     leading unknowns are parameters of the motor, the flexibility torque is `dynamics` times these unknowns plus `fed`. `doubted`
     marks where what the rig knows beside the springs is in doubt, so that nothing is learnt; None where it never can be.
+    `noisy` is the variance of the noise in each regressor, shape (n,), where that bends a fit which takes them for exact.
     """
 
     F: Array
@@ -51,6 +52,7 @@ class EquationRows:
     extra: Mapping[str, Mapping[str, Array]]
     dynamics: Array | None = None
     doubted: Flags | None = None
+    noisy: Array | None = None
 
 
 class Equation(Protocol):

@@ -54,18 +54,19 @@ def rls_block(
     -------
     state
     values : shape (N, q), E α̂
-    forms : shape (N, q), their variances for noise of variance one; NaN where not asked for
-    pulled : shape (N, q), what the prior may have pulled them to zero by
+    directions : shape (N, m, n), c P E of the m functionals whose variance is asked for: what the noise is multiplied by
+    pulled : shape (N, m), what the prior may have pulled them to zero by
     coefficients : shape (N, n)
-    left : shape (N,), what the fit leaves over after the update; NaN where nothing was learnt
+    left : shape (N,), recursive residuals, which have the noise's variance; NaN where nothing was learnt
     factor : shape (N,), stability factor a(k)
     """
     new = state.copy()
     count, q, n = E.shape
-    values, forms, pulled = np.empty((count, q)), np.full((count, q), np.nan), np.full((count, q), np.nan)
+    asked = int(np.count_nonzero(spread))
+    values, directions, pulled = np.empty((count, q)), np.empty((count, asked, n)), np.empty((count, asked))
     coefficients, left, factor = np.empty((count, n)), np.full(count, np.nan), np.full(count, np.nan)
-    _run(F, y, use, E, spread, c, p0, new.alpha, new.P, values, forms, pulled, coefficients, left, factor)
-    return new, values, forms, pulled, coefficients, left, factor
+    _run(F, y, use, E, spread, c, p0, new.alpha, new.P, values, directions, pulled, coefficients, left, factor)
+    return new, values, directions, pulled, coefficients, left, factor
 
 
 @njit(cache=True, error_model="numpy", forceinline=True)
@@ -135,7 +136,7 @@ def _run(
     alpha: Array,
     P: Array,
     values: Array,
-    forms: Array,
+    directions: Array,
     pulled: Array,
     coefficients: Array,
     left: Array,
@@ -150,21 +151,21 @@ def _run(
                 _times(P, F[k], g)
             error, rho, a = rls_update(F[k], y[k], c, alpha, P, g, F[min(k + 1, count - 1)], scratch)
             factor[k] = a
-            # After the update: the first innovations are the unknown parameters, not noise.
-            left[k] = error / (1.0 + c * rho)
+            left[k] = error / np.sqrt(1.0 + c * rho)
         known = use[k]
+        m = 0
         for s in range(q):
             value = 0.0
             for i in range(n):
                 value += E[k, s, i] * alpha[i]
             values[k, s] = value
             if spread[s]:
-                form, pull = 0.0, 0.0
+                pull = 0.0
                 _times(P, E[k, s], t)
                 for i in range(n):
-                    form += E[k, s, i] * t[i]
+                    directions[k, m, i] = c * t[i]
                     pull += t[i] * alpha[i]
-                forms[k, s] = c * form
-                pulled[k, s] = pull / p0
+                pulled[k, m] = pull / p0
+                m += 1
         for i in range(n):
             coefficients[k, i] = alpha[i]

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from vsalog.estimators.noise import noise_block, noise_now, noise_start
+from vsalog.estimators.noise import NoiseState, noise_block, noise_now, noise_start
 from vsalog.estimators.qr import QrState, qr_block
 from vsalog.estimators.regression import EquationRows
 from vsalog.estimators.rls import RlsState, rls_block
@@ -24,32 +24,30 @@ class RlsSolver:
     Attributes
     ----------
     p0, c : of the method
-    memory : samples over which the noise is observed
     """
 
     p0: float
     c: float
-    memory: float
 
-    def start(self, size: int) -> tuple[RlsState, Array]:
+    def start(self, size: int) -> tuple[RlsState, NoiseState]:
         """Return the state before the first sample."""
-        return RlsState.start(size, self.p0), noise_start()
+        return RlsState.start(size, self.p0), noise_start(size)
 
     def block(
-        self, state: tuple[RlsState, Array], rows: EquationRows, use: Flags, E: Array, spread: Flags
-    ) -> tuple[tuple[RlsState, Array], Array, Array, Array, Mapping[str, Array]]:
+        self, state: tuple[RlsState, NoiseState], rows: EquationRows, use: Flags, E: Array, spread: Flags
+    ) -> tuple[tuple[RlsState, NoiseState], Array, Array, Array, Mapping[str, Array]]:
         """Learn from a block and evaluate E ξ̂ after each sample."""
-        rls, values, forms, pulled, unknowns, left, factor = rls_block(
+        rls, values, directions, pulled, unknowns, left, factor = rls_block(
             state[0], rows.F, rows.y, use, E, spread, self.c, self.p0
         )
-        noise, variance = noise_block(state[1], left, E.shape[2], self.memory)
-        variances = variance[:, None] * forms + pulled**2
-        return (rls, noise), values, variances, unknowns, {"stability_factor": factor}
+        noise, made = noise_block(state[1], rows.F, left, use, rows.fresh, directions, False, 1.0)
+        return (rls, noise), values, _spread(made, pulled, spread), unknowns, {"stability_factor": factor}
 
-    def solution(self, state: tuple[RlsState, Array]) -> tuple[Array, Array, float]:
-        """Return ξ̂, its covariance σ² c P, and σ."""
-        variance, inflation = noise_now(state[1], state[0].alpha.shape[0])
-        return state[0].alpha.copy(), variance * inflation * self.c * state[0].P, variance**0.5
+    def solution(self, state: tuple[RlsState, NoiseState]) -> tuple[Array, Array, float]:
+        """Return ξ̂, its covariance, and the standard deviation of a left-over."""
+        M, variance = noise_now(state[1], False)
+        P = self.c * state[0].P
+        return state[0].alpha.copy(), P @ M @ P, variance**0.5
 
 
 @dataclass(frozen=True, slots=True)
@@ -59,35 +57,52 @@ class QrSolver:
     Attributes
     ----------
     forgetting : λ
-    memory : samples over which the noise is observed
     leading : unknowns without a prior
     p0 : prior covariance of the others, infinite for none
+    integral : whether the equation is an integral, whose first unknown is its constant
     """
 
     forgetting: float
-    memory: float
     leading: int = 0
     p0: float = np.inf
+    integral: bool = False
 
-    def start(self, size: int) -> tuple[QrState, Array]:
+    def start(self, size: int) -> tuple[QrState, NoiseState]:
         """Return the state before the first sample."""
-        return QrState.start(size, self.leading, self.p0), noise_start()
+        return QrState.start(size, self.leading, self.p0), noise_start(size)
 
     def block(
-        self, state: tuple[QrState, Array], rows: EquationRows, use: Flags, E: Array, spread: Flags
-    ) -> tuple[tuple[QrState, Array], Array, Array, Array, Mapping[str, Array]]:
+        self, state: tuple[QrState, NoiseState], rows: EquationRows, use: Flags, E: Array, spread: Flags
+    ) -> tuple[tuple[QrState, NoiseState], Array, Array, Array, Mapping[str, Array]]:
         """Learn from a block and evaluate E ξ̂ after each sample."""
-        qr, values, forms, pulled, unknowns, left = qr_block(
+        qr, values, directions, pulled, unknowns, left = qr_block(
             state[0], rows.F, rows.y, use, rows.fresh, E, spread, self.forgetting, self.leading, self.p0
         )
-        noise, variance = noise_block(state[1], left, E.shape[2], self.memory)
-        return (qr, noise), values, variance[:, None] * forms + pulled**2, unknowns, {}
+        noise, made = noise_block(state[1], rows.F, left, use, rows.fresh, directions, self.integral, self.forgetting)
+        if rows.noisy is not None:
+            learnt = state[1].samples + np.cumsum(np.isfinite(left))
+            made += self._bent(directions, unknowns, learnt, rows.noisy) ** 2
+        return (qr, noise), values, _spread(made, pulled, spread), unknowns, {}
 
-    def solution(self, state: tuple[QrState, Array]) -> tuple[Array, Array, float]:
-        """Return ξ̂, its covariance σ² (RᵀR)⁻¹, and σ; NaN where the data do not determine them."""
+    def _bent(self, directions: Array, unknowns: Array, learnt: Array, noisy: Array) -> Array:
+        """Return what noise in regressors that count as exact bends functionals by, to first order, shape (N, m)."""
+        discount = self.forgetting**2
+        remembered = learnt if discount == 1.0 else (1.0 - discount**learnt) / (1.0 - discount)
+        return np.asarray(np.einsum("kmi,ki->km", directions, noisy * unknowns) * remembered[:, None])
+
+    def solution(self, state: tuple[QrState, NoiseState]) -> tuple[Array, Array, float]:
+        """Return ξ̂, its covariance, and the standard deviation of a left-over; NaN where the data do not determine them."""
         xi = state[0].solve()
-        variance, inflation = noise_now(state[1], xi.shape[0])
         if np.isnan(xi).any():
-            return xi, np.full((xi.shape[0], xi.shape[0]), np.nan), float("nan")
+            return xi, np.full((xi.size, xi.size), np.nan), float("nan")
+        M, variance = noise_now(state[1], self.integral)
         half = np.linalg.inv(state[0].Rp[:, :-1])
-        return xi, variance * inflation * (half @ half.T), variance**0.5
+        P = half @ half.T
+        return xi, P @ M @ P, variance**0.5
+
+
+def _spread(made: Array, pulled: Array, spread: Flags) -> Array:
+    """Return the variances of all functionals: what noise makes, and what the prior may have pulled them by."""
+    out = np.full((made.shape[0], spread.size), np.nan)
+    out[:, spread] = made + pulled**2
+    return out

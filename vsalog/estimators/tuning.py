@@ -32,7 +32,6 @@ class Tuning(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=Tr
     degree : of the Savitzky–Golay filter's polynomial
     shape : α of the MKKF, how sharply its measurement variance falls with speed (Flacco 2012 eq. 20)
     settle : time the MKKF gets after a start before its output is learnt from [s]; 100 samples when absent
-    memory : time over which the noise is observed [s]
     """
 
     # Window where none is asked for, in samples; and what this method has no use for.
@@ -44,7 +43,6 @@ class Tuning(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=Tr
     degree: Annotated[int, Meta(ge=1, le=30)] = 5
     shape: Positive = 6.0
     settle: Annotated[float, Meta(ge=0.0)] | None = None
-    memory: Positive = 10.0
 
     def conditioner(
         self,
@@ -67,10 +65,6 @@ class Tuning(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=Tr
             before=before,
             present=present,
         )
-
-    def memory_samples(self, signals: JointSignals) -> float:
-        """Return the samples over which the noise is observed."""
-        return max(self.memory / signals.period, 10.0)
 
 
 class RlsTuning(Tuning, frozen=True, forbid_unknown_fields=True, kw_only=True):

@@ -1,0 +1,132 @@
+"""What noise makes of a fit: Monte Carlo against noises of every colour, and the wavelets against their definition."""
+
+import numpy as np
+import pytest
+from scipy.signal import lfilter
+
+from vsalog.estimators.noise import noise_block, noise_now, noise_start
+from vsalog.estimators.qr import QrState, qr_block
+from vsalog.estimators.rls import RlsState, rls_block
+
+SAMPLES = 3000
+
+
+def fitted(F, y, e, *, integral=False, fresh=None, forgetting=1.0):
+    """Return the last estimate of eᵀ ξ and its standard deviation."""
+    count, n = F.shape
+    use, fresh = np.ones(count, dtype=bool), np.zeros(count, dtype=bool) if fresh is None else fresh
+    E = np.broadcast_to(e, (count, 1, n)).copy()
+    out = qr_block(QrState.start(n), F, y, use, fresh, E, np.ones(1, dtype=bool), forgetting)
+    variance = noise_block(noise_start(n), F, out[5], use, fresh, out[2], integral, forgetting)[1]
+    return out[1][-1, 0], np.sqrt(variance[-1, 0])
+
+
+def slow_motion(rng, count=SAMPLES):
+    """Regressors as a joint's: a few slow sines and their cubes."""
+    t = np.arange(count) / count
+    x = sum(
+        a * np.sin(2.0 * np.pi * f * t + p)
+        for a, f, p in zip((1.0, 0.5), (6.0, 9.7), rng.uniform(0, 6, 2), strict=True)
+    )
+    return np.stack([x, x**3], axis=1)
+
+
+def coloured(kind, rng, count=SAMPLES):
+    e = rng.normal(size=count + 200)
+    if kind == "AR(1)":
+        e = lfilter([1.0], [1.0, -0.9], e)
+    elif kind == "smooth":  # as a Savitzky–Golay filter leaves it: neighbours almost equal, yet soon forgotten
+        e = lfilter(np.hanning(40), [1.0], e)
+    elif kind == "differentiated":  # an encoder's noise in a torque: twice, then smoothed
+        e = lfilter(np.hanning(20), [1.0], np.diff(e, 2, append=[0.0, 0.0]))
+    return e[200:]
+
+
+@pytest.mark.parametrize("kind", ["white", "AR(1)", "smooth", "differentiated"])
+def test_the_uncertainty_covers_the_truth_whatever_the_colour(kind):
+    """Monte Carlo: two standard deviations cover about 95 % and are no wider than need be."""
+    rng, truth, e = np.random.default_rng(10), np.array([1.0, -2.0]), np.array([1.0, 1.0])
+    z = []
+    for _ in range(150):
+        F = slow_motion(rng)
+        value, std = fitted(F, F @ truth + 0.3 * coloured(kind, rng), e)
+        z.append((value - e @ truth) / std)
+    assert np.mean(np.abs(z) < 1.96) >= 0.90
+    assert 0.6 < np.sqrt(np.mean(np.square(z))) < 1.3
+
+
+def test_noise_that_wanders_is_told_from_its_increments():
+    """An integrated equation: white noise of a torque becomes a random walk, beside a constant that begins anew."""
+    rng, truth, z, naive = np.random.default_rng(11), np.array([3.0, 1.0, -2.0]), [], []
+    fresh = np.arange(SAMPLES) == 1800
+    for _ in range(150):
+        F = np.hstack([np.ones((SAMPLES, 1)), slow_motion(rng)])
+        walk = np.cumsum(0.05 * rng.normal(size=SAMPLES))
+        y = F @ truth + walk + np.where(np.arange(SAMPLES) >= 1800, 7.0 - walk[1800], 0.0)
+        value, std = fitted(F, y, np.array([0.0, 1.0, 1.0]), integral=True, fresh=fresh)
+        z.append((value + 1.0) / std)
+        naive.append((value + 1.0) / fitted(F, y, np.array([0.0, 1.0, 1.0]), fresh=fresh)[1])
+    assert np.mean(np.abs(z) < 1.96) >= 0.90
+    assert 0.5 < np.sqrt(np.mean(np.square(z))) < 1.2
+    assert np.mean(np.abs(naive) < 1.96) < 0.9
+
+
+def test_forgetting_leaves_the_noise_of_what_is_remembered():
+    """With λ a mean is that of the last 1/(1 − λ²) samples or so: its variance is (1 − λ²)/(1 + λ²) of a sample's."""
+    rng, forgetting = np.random.default_rng(12), 0.999
+    F = np.ones((20000, 1))
+    std = fitted(F, rng.normal(size=20000), np.ones(1), forgetting=forgetting)[1]
+    discount = forgetting**2
+    assert std == pytest.approx(np.sqrt((1.0 - discount) / (1.0 + discount)), rel=0.25)
+
+
+def test_no_energy_is_lost_between_the_octaves():
+    """In white noise of variance one the score's covariance is the regressors' energy, and somewhat more for what few tell."""
+    rng, ratios, use = np.random.default_rng(13), [], np.ones(4096, dtype=bool)
+    for _ in range(30):
+        F, left = slow_motion(rng, 4096), rng.normal(size=4096)
+        state = noise_block(noise_start(2), F, left, use, ~use, np.zeros((4096, 1, 2)), False, 1.0)[0]
+        energy = state.energy[-1]
+        np.testing.assert_allclose(energy, F.T @ F, rtol=1e-3)
+        assert np.linalg.eigvalsh(energy - state.energy[:-1].sum(axis=0)).min() > -1e-9 * energy.max()
+        M, variance = noise_now(state, False)
+        assert variance == pytest.approx(np.mean(left**2))
+        ratios.append(np.diag(M) / np.diag(energy))
+    assert 0.95 < np.median(ratios) < 2.0
+
+
+def test_nothing_is_said_of_a_few_samples():
+    F, y = np.ones((60, 1)), np.random.default_rng(14).normal(size=60)
+    assert np.isnan(fitted(F, y, np.ones(1))[1])
+
+
+def test_what_is_left_over_exactly_has_no_spread():
+    F = slow_motion(np.random.default_rng(15))
+    assert fitted(F, F @ np.array([1.0, 2.0]), np.ones(2))[1] < 1e-9
+
+
+@pytest.mark.parametrize("size", [1, 7, 1000])
+def test_the_noise_is_observed_alike_in_blocks(size):
+    rng = np.random.default_rng(3)
+    F, left, T = rng.normal(size=(2000, 3)), rng.normal(size=2000), rng.normal(size=(2000, 2, 3))
+    F[:, 0] = 1.0
+    use, fresh = np.ones(2000, dtype=bool), np.arange(2000) == 700
+    use[50:80] = False
+    whole = noise_block(noise_start(3), F, left, use, fresh, T, True, 0.999)[1]
+    state, parts = noise_start(3), []
+    for k in range(0, left.size, size):
+        s = slice(k, k + size)
+        state, variance = noise_block(state, F[s], left[s], use[s], fresh[s], T[s], True, 0.999)
+        parts.append(variance)
+    np.testing.assert_array_equal(np.concatenate(parts), whole)
+
+
+def test_rls_and_qr_say_the_same():
+    """But for the first samples, which QR-RLS only sets its triangle up with."""
+    rng, n = np.random.default_rng(16), 2
+    F = slow_motion(rng)
+    y = F @ np.ones(n) + rng.normal(size=SAMPLES)
+    use, E = np.ones(SAMPLES, dtype=bool), np.ones((SAMPLES, 1, n))
+    out = rls_block(RlsState.start(n, 1e9), F, y, use, E, np.ones(1, dtype=bool), 1.0, 1e9)
+    variance = noise_block(noise_start(n), F, out[5], use, ~use, out[2], False, 1.0)[1]
+    assert np.sqrt(variance[-1, 0]) == pytest.approx(fitted(F, y, np.ones(n))[1], rel=0.01)
