@@ -195,6 +195,11 @@ def test_one_damaged_cell_does_not_change_the_notation(table):
     assert values.tolist() == [i + 0.25 for i in range(20)]
 
 
+def test_units_in_a_table_of_blanks(table):
+    recording = table("time [s]  x [rad]   y (Nm)\n0.1   1  2\n0.2   3   4\n")
+    assert content(recording) == {"x": ([1, 3], "rad"), "y": ([2, 4], "Nm")}
+
+
 def test_thousands_of_columns(table):
     names = [f"/robot/arm/joint_{i}/measured/position" for i in range(8000)]
     recording = table(

@@ -17,6 +17,8 @@ GROUPED_BY_POINT = re.compile(r"^[+-]?\d{1,3}(\.\d{3})+,\d+$")
 GROUPED_BY_COMMA = re.compile(r"^[+-]?\d{1,3}(,\d{3})+\.\d+$")
 """Thousands apart and a decimal mark, which leaves no doubt which of the two is which."""
 
+_BLANKS = re.compile(r"\s+(?![\[(])")
+"""Between cells; a unit in brackets belongs to the name ahead of it."""
 _NUMBER = re.compile(NUMBER)
 _NOT_A_NUMBER = re.compile(r"^(nan|[+-]?inf(inity)?|n/?a|null|none)$", re.IGNORECASE)
 _DATE = re.compile(
@@ -34,7 +36,7 @@ def is_comment(line: str) -> bool:
 def split(line: str, separator: str) -> list[str]:
     """Split a line into its cells, without the blanks around them."""
     if separator == WHITESPACE:
-        return line.split()
+        return _BLANKS.split(line.strip())
     try:
         return [cell.strip() for cell in next(csv.reader([line], delimiter=separator))]
     except (csv.Error, StopIteration):
