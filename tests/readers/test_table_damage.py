@@ -37,7 +37,7 @@ def samples(path):
 def wrong(found, sound):
     """Return how many samples, NaN aside, are others than the log's."""
     return sum(
-        value == value and sound[name].get(stamp) != value  # noqa: PLR0124
+        not np.isnan(value) and sound[name].get(stamp) != value
         for name in found.keys() & sound.keys()
         for stamp, value in found[name].items()
     )

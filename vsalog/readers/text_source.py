@@ -149,4 +149,6 @@ class TextSource(io.RawIOBase):
 def _words(error: Exception) -> str:
     if "CRC" in str(error):
         return "the checksum of the compressed file does not match: some of its bytes have changed, values may be wrong"
+    if isinstance(error, zlib.error):
+        return f"the compressed file is damaged ({error}): read up to there, of which the last values may be wrong"
     return f"the compressed file is damaged or cut off ({error}): read up to there"
