@@ -9,7 +9,9 @@ from typing import Protocol
 
 import numpy as np
 
+from vsalog.errors import ReadError
 from vsalog.readers.base import BLOCK_ROWS, Block, Catalogue, ChannelInfo, plural
+from vsalog.readers.compression import DamagedDataError, decompress_message, unfolded_size
 from vsalog.readers.definitions import DefinitionError, normal_type, parse_definition
 from vsalog.readers.json_messages import JsonDecoder
 from vsalog.readers.layout import printable
@@ -18,11 +20,15 @@ from vsalog.readers.packets import Integers, Messages, Packet
 from vsalog.recording import Stamps, Values
 
 BLOCK_BYTES = 16 * 2**20
+# Of wide streams, fewer messages make a block; how wide a stream is, its first block tells.
+BLOCK_VALUES, FIRST_ROWS, LEAST_ROWS = 2**20, 512, 64
 # So many messages of a stream that lie together in the file are decoded where they lie; fewer wait for others.
 MANY = 512
 # So many connections are looked for one by one; of more, those that are there are found first.
 FEW = 16
 CATALOGUE_MESSAGES = 20
+# What is beyond is no recording, and would take minutes and memory to prepare for.
+MOST_STREAMS, MOST_TEXT = 4096, 2 * 2**20
 ZSTD_MAGIC = b"\x28\xb5\x2f\xfd"
 
 
@@ -83,7 +89,7 @@ class Container(Protocol):
 
 @dataclass(slots=True)
 class _Batch:
-    """Messages of one stream and one definition that wait to be decoded."""
+    """Messages of one stream and one definition that wait to be decoded; `rows` of them are, at once."""
 
     stream: str
     type: str
@@ -94,6 +100,7 @@ class _Batch:
     messages: list[Messages] = field(default_factory=list)
     count: int = 0
     size: int = 0
+    rows: int = FIRST_ROWS
 
     def add(self, packet: Packet, rows: Integers) -> None:
         self.log.append(packet.log[rows])
@@ -103,7 +110,7 @@ class _Batch:
         self.size += self.messages[-1].data.size
 
     def full(self) -> bool:
-        return self.count >= BLOCK_ROWS or self.size >= BLOCK_BYTES
+        return self.count >= self.rows or self.size >= BLOCK_BYTES
 
     def clear(self) -> None:
         self.log, self.publish, self.messages, self.count, self.size = [], [], [], 0, 0
@@ -152,13 +159,14 @@ class BagReader:
         packets = self._container.packets(batches.keys())
         if first_only:
             packets = self._first_of(packets, batches.keys())
-        for packet in map(plain, packets):
+        for packet in _plain_packets(packets):
             for batch, rows in _shared_out(packet, batches):
                 if rows.size >= MANY:
                     if batch.messages:
                         yield self._flush(batch, total, damaged)
-                    for begin in range(0, rows.size, BLOCK_ROWS):
-                        yield self._block(batch, packet, rows[begin : begin + BLOCK_ROWS], total, damaged)
+                    while rows.size:
+                        now, rows = rows[: batch.rows], rows[batch.rows :]
+                        yield self._block(batch, packet, now, total, damaged)
                     continue
                 while rows.size:
                     few = _fitting(packet.messages.length[rows], batch)
@@ -196,10 +204,17 @@ class BagReader:
         """Return a batch per connection that may hold wanted channels; publishers of one type share it."""
         batches: dict[int, _Batch] = {}
         shared: dict[tuple[str, str, str], _Batch] = {}
+        definitions: set[str] = set()
         for connection, stream in self._named_streams():
             if wanted is not None and not any(name.startswith(stream + ".") for name in wanted):
                 continue
             key = (stream, connection.encoding, connection.definition)
+            definitions.add(connection.definition)
+            if len(shared) > MOST_STREAMS or sum(map(len, definitions)) > MOST_TEXT:
+                raise ReadError(
+                    f"the log has more than {MOST_STREAMS} topics, or more than {MOST_TEXT} characters of message"
+                    " definitions, as no recording has; only some channels of it can be read, by their names"
+                )
             if key not in shared:
                 try:
                     decoder = _decoder(connection, stream, wanted)
@@ -241,6 +256,7 @@ class BagReader:
     ) -> Block:
         """Decode messages of a batch's stream."""
         decoded = batch.decoder.decode(packet.messages.some(rows))
+        batch.rows = max(LEAST_ROWS, min(BLOCK_ROWS, BLOCK_VALUES // max(1, len(decoded.columns))))
         total[batch.stream] += rows.size
         damaged[batch.stream] += int(len(decoded.good) - decoded.good.sum())
         clocks: dict[str, Stamps] = {"log": packet.log[rows]}
@@ -288,7 +304,7 @@ def _shared_out(packet: Packet, batches: Mapping[int, _Batch]) -> Iterator[tuple
 def _fitting(length: Integers, batch: _Batch) -> int:
     """Return how many of the next messages go into a batch before it is full; at least one."""
     by_size = int(np.searchsorted(np.cumsum(length), BLOCK_BYTES - batch.size)) + 1
-    return max(1, min(BLOCK_ROWS - batch.count, by_size))
+    return max(1, min(batch.rows - batch.count, by_size))
 
 
 def plain(packet: Packet) -> Packet:
@@ -300,13 +316,26 @@ def plain(packet: Packet) -> Packet:
     return replace(packet, messages=Messages.of(content))
 
 
-def _decompressed(message: bytes) -> bytes:
-    import zstandard
+def _plain_packets(packets: Iterator[Packet]) -> Iterator[Packet]:
+    """Yield packets with their messages decompressed, so few at a time that they stay small."""
+    for packet in packets:
+        compressed = packet.messages.beginning_with(ZSTD_MAGIC)
+        if not compressed.any():
+            yield packet
+            continue
+        sizes = np.array([unfolded_size(message) for message in packet.messages], dtype=np.int64)
+        rows = np.arange(sizes.size)
+        for group in np.split(rows, np.flatnonzero(np.diff(np.cumsum(sizes) // BLOCK_BYTES)) + 1):
+            yield plain(
+                Packet(packet.connection[group], packet.log[group], packet.publish[group], packet.messages.some(group))
+            )
 
+
+def _decompressed(message: bytes) -> bytes:
     try:
-        return zstandard.ZstdDecompressor().decompressobj().decompress(message)
-    except zstandard.ZstdError:
-        return message  # not compressed after all: the decoder knows
+        return decompress_message(message)
+    except DamagedDataError:
+        return b""  # no message of any type: it will be counted as damaged
 
 
 def _stated_units(batch: _Batch, columns: Collection[str]) -> dict[str, str]:

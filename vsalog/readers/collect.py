@@ -10,9 +10,13 @@ from typing import Generic, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
+from vsalog.errors import ReadError
 from vsalog.readers.base import Block, Reader, plural
 from vsalog.readers.timing import YEAR_2000, Clock, Order, choose_clock, put_in_order
 from vsalog.recording import Channel, Recording, Stamps, Stream, Values
+
+# Beyond so many bytes of samples, a log that grows so many times is a bomb.
+FREE_BYTES, MOST_TIMES = 256 * 2**20, 100
 
 T = TypeVar("T", np.int64, np.float64)
 
@@ -69,6 +73,12 @@ class _Gathered:
         self.count += len(next(iter(block.clocks.values())))
         self.blocks += 1
 
+    def growth(self, block: Block) -> int:
+        """Return how many bytes more the samples take with another block."""
+        new = block.columns.keys() - self.columns.keys()
+        rows = len(next(iter(block.clocks.values())))
+        return 8 * (rows * (len(self.columns) + len(new) + len(block.clocks)) + self.count * len(new))
+
     def joined_clocks(self) -> dict[str, Stamps]:
         """Return the clocks that every block has."""
         return {kind: clock.values[: self.count] for kind, clock in self.clocks.items() if clock.blocks == self.blocks}
@@ -95,11 +105,19 @@ def collect(path: Path, reader: Reader, wanted: Collection[str] | None, time: st
     Raises
     ------
     ReadError
-        The log cannot be read.
+        The log cannot be read, or holds far more samples than a log of its size can.
     """
     gathered: dict[str, _Gathered] = {}
+    size, most = 0, max(FREE_BYTES, MOST_TIMES * _bytes_of(path))
     for block in reader.blocks(wanted):
-        gathered.setdefault(block.stream, _Gathered(block.type)).add(block)
+        one = gathered.setdefault(block.stream, _Gathered(block.type))
+        size += one.growth(block)
+        if size > most:
+            raise ReadError(
+                f"{path}: unfolds to more than {most // 2**20} MiB of samples, {MOST_TIMES} times its size, as no"
+                " recording does; only some channels of it can be read, by their names"
+            )
+        one.add(block)
     channels: dict[str, Channel] = {}
     streams: dict[str, Stream] = {}
     notes = list(reader.notes)
@@ -123,6 +141,12 @@ def collect(path: Path, reader: Reader, wanted: Collection[str] | None, time: st
         notes=tuple(dict.fromkeys(notes)),
         absolute_time=all(dates),
     )
+
+
+def _bytes_of(path: Path) -> int:
+    """Return how large a file is, or the files of a folder are; 0 for what is no file."""
+    files = path.iterdir() if path.is_dir() else [path]
+    return sum(file.stat().st_size for file in files if file.is_file())
 
 
 def _stream(name: str, one: _Gathered, channels: dict[str, Channel], time: str) -> tuple[Stream, Stamps]:

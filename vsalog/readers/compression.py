@@ -70,10 +70,24 @@ def decompress_message(data: bytes) -> bytes:
         refuse_bomb(len(data), size)
         if size >= 0:
             return zstandard.ZstdDecompressor().decompress(data)
-        limit = max(FREE_BYTES, min(MAX_BYTES, MAX_RATIO * len(data)))
-        return zstandard.ZstdDecompressor().decompress(data, max_output_size=limit)
+        return zstandard.ZstdDecompressor().decompress(data, max_output_size=_most(data))
     except zstandard.ZstdError:
         return data
+
+
+def unfolded_size(data: bytes) -> int:
+    """Return how many bytes a message has once it is decompressed; an upper bound where it does not say."""
+    import zstandard
+
+    try:
+        size = zstandard.frame_content_size(data)
+    except zstandard.ZstdError:
+        return len(data)
+    return size if size >= 0 else _most(data)
+
+
+def _most(data: bytes) -> int:
+    return max(FREE_BYTES, min(MAX_BYTES, MAX_RATIO * len(data)))
 
 
 def _zstd(data: bytes, size: int) -> bytes:

@@ -6,7 +6,7 @@ The definitions in a log are text from elsewhere: they are parsed, never turned 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import cache
+from functools import cache, lru_cache
 from typing import Any
 
 TIMES = ("builtin_interfaces/msg/Time", "builtin_interfaces/msg/Duration")
@@ -88,6 +88,7 @@ def normal_type(name: str) -> str:
     return "/".join(parts)
 
 
+@lru_cache
 def parse_definition(name: str, text: str, language: str, ros1: bool) -> Struct:
     """Return the tree of a message type.
 

@@ -25,12 +25,16 @@ Integers = NDArray[np.int64]
 
 LABEL_FIELDS = ("name", "names", "joint_names", "interface_names")
 MAX_LABELS = 1024
-MAX_FIELDS = 8192
+MAX_FIELDS = 4096
 MAX_STEPS = 500_000
 
 
 class DamagedMessageError(Exception):
     """The bytes of a message do not fit its definition."""
+
+
+class TooManyPartsError(DamagedMessageError):
+    """A message has so many parts that no other of its kind should be tried."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -239,7 +243,7 @@ class _Walk:
     def _step(self) -> None:
         self.steps += 1
         if self.steps > MAX_STEPS:
-            raise DamagedMessageError("it has too many parts")
+            raise TooManyPartsError("it has too many parts")
 
     def _label_arrays(self, node: Struct) -> tuple[dict[str, list[str]], set[int]]:
         """Look ahead: the arrays of texts in this message, and the lengths of its other arrays."""

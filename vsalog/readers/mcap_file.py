@@ -33,6 +33,7 @@ RIG_KEY = "toml"
 
 _STATISTICS, _METADATA_INDEX = 11, 13
 _LANGUAGES = {"ros1msg": "msg", "ros2msg": "msg", "ros2idl": "idl", "omgidl": "idl"}
+_MOST_TEXT = 64 * 2**20
 _HEAD = struct.Struct("<BQ")
 _MESSAGE_HEAD = struct.Struct("<HIQQ")
 _CHUNK_HEAD = struct.Struct("<QQQII")
@@ -63,6 +64,7 @@ class McapContainer:
         self._counts: dict[int, int] = {}
         self._rig_text: str | None = None
         self._scanned = False
+        self._text = 0
 
     @property
     def rig_text(self) -> str | None:
@@ -171,6 +173,9 @@ class McapContainer:
             if record == SCHEMA:
                 schema = Schema.read(stream)
                 self.schemas[schema.id] = schema
+                self._text += len(schema.data)
+                if self._text > _MOST_TEXT:
+                    raise ReadError(f"{self.path}: has more than {_MOST_TEXT} bytes of message definitions")
             elif record == CHANNEL:
                 channel = Channel.read(stream)
                 self.channels[channel.id] = channel

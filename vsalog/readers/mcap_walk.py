@@ -76,7 +76,7 @@ class Walk:
         self._size = file.seek(0, 2)
         self._verify = verify
         self._checksum = zlib.crc32(MAGIC)
-        self._loose = False
+        self._chunked = False
 
     def records(self) -> Iterator[tuple[int, bytes, int]]:
         """Yield kind, content and position of the records in `KEPT`, up to the end of the data section or of what there is."""
@@ -95,7 +95,7 @@ class Walk:
                 position = following
                 continue
             content = self._read(position, length, keep=kind in KEPT)
-            self._loose |= kind == MESSAGE
+            self._chunked |= kind == CHUNK
             self.unknown += _LAST_KNOWN < kind < FIRST_PRIVATE
             if kind in KEPT:
                 yield kind, content, position
@@ -169,13 +169,13 @@ class Walk:
     def _resume(self, position: int) -> int:
         """Return the next place where a record surely begins, -1 where there is none.
 
-        Messages count only in a file that has them outside of chunks: within a chunk, nothing would vouch for them.
+        Messages count only as long as no chunk was seen: within a chunk, nothing would vouch for them.
         """
         start = position + 1
         while start < self._size:
             self._file.seek(start)
             data = np.frombuffer(self._file.read(_PIECE + _OVERLAP), np.uint8)
-            found = next_sure_record(data, self._size - start, self._loose)
+            found = next_sure_record(data, self._size - start, not self._chunked)
             if found >= 0:
                 return start + found
             start += _PIECE

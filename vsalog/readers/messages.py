@@ -10,7 +10,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vsalog.readers.definitions import Struct
-from vsalog.readers.layout import Bytes, DamagedMessageError, Integers, Layout, column, learn, nanoseconds
+from vsalog.readers.layout import (
+    MAX_FIELDS,
+    Bytes,
+    DamagedMessageError,
+    Integers,
+    Layout,
+    TooManyPartsError,
+    column,
+    learn,
+    nanoseconds,
+)
 from vsalog.readers.packets import Messages
 from vsalog.recording import Stamps, Values
 
@@ -76,6 +86,7 @@ class RosDecoder:
         self.unread: dict[str, str] = {}
         self._layouts: dict[int, list[Layout]] = {}
         self._learnt = 0
+        self._patience = 3
 
     def decode(self, messages: Messages) -> Decoded:
         """Decode a batch of messages."""
@@ -102,8 +113,13 @@ class RosDecoder:
                 start, rows = start[1:], rows[1:]
 
     def _learn(self, raw: bytes) -> Layout | None:
+        if not self._patience:
+            return None
         try:
             layout = learn(raw, self.root, self.cdr)
+        except TooManyPartsError:
+            self._patience -= 1
+            return None
         except DamagedMessageError:
             return None
         for path, reason in layout.unread.items():
@@ -138,8 +154,12 @@ class RosDecoder:
             name = f"{self.prefix}.{one.path}"
             if self.wanted is not None and name not in self.wanted:
                 continue
-            if name not in result.columns and one.unit is not None:
-                result.units[name] = one.unit
+            if name not in result.columns:
+                if len(result.columns) >= MAX_FIELDS:
+                    self.unread.setdefault(self.prefix, f"more than {MAX_FIELDS} different fields")
+                    continue
+                if one.unit is not None:
+                    result.units[name] = one.unit
             values = column(data, start, one)
             if rows.size == count:
                 result.columns[name] = values

@@ -98,14 +98,20 @@ class Rosbag1Container:
                     if one in ids:
                         seconds, fraction = struct.unpack("<II", header[b"time"])
                         loose.append((one, seconds * 1_000_000_000 + fraction, 0, data))
-                elif kind == BAG_HEADER and header[b"index_pos"] == bytes(8):
-                    self._note("the bag has no index (it was not closed properly): all that is in it was read")
+                elif kind == BAG_HEADER:
+                    self._note_index(struct.unpack("<Q", header[b"index_pos"])[0])
                 else:
                     check.record(header, data)
         if loose:
             yield packet_of(loose)
         for note in [*walk.notes(), *check.notes()]:
             self._note(note)
+
+    def _note_index(self, position: int) -> None:
+        if position == 0:
+            self._note("the bag has no index (it was not closed properly): all that is in it was read")
+        elif position >= self.path.stat().st_size:
+            self._note("the bag ends ahead of its index, as when it is cut off: all that is in it was read")
 
     def _compare(self, chunk: bytes) -> None:
         """Compare the connections that a chunk tells with what is known of them."""

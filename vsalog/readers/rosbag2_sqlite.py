@@ -25,7 +25,7 @@ _DAMAGE = (sqlite3.DatabaseError, UnicodeDecodeError)
 _LANGUAGES = {"ros2msg": "msg", "ros2idl": "idl"}
 _COLUMNS = {"topic_id", "timestamp", "data"}
 _MOST_TOPICS = 2**16
-_FIRST_ROWS = 64
+_ROWS = 8  # images may be among them
 # Behind a stretch of rows that cannot be read, the next is looked for this part of the stretch farther on.
 _STEP = 200
 _LAST_ROW = 2**62
@@ -73,17 +73,20 @@ class SqliteContainer:
         """
         if not ids:
             return
-        strangers = nonsense = 0
+        strangers = nonsense = size = 0
+        waiting: list[Any] = []
         for rows in self._rows(ids):
             sound = [row for row in rows if _is_sound(row)]
             known = [row for row in sound if row[1] in ids]
             nonsense += len(rows) - len(sound)
             strangers += len(sound) - len(known)
-            if known:
-                _, topic, time, data = zip(*known, strict=True)
-                connection = np.array(topic, dtype=np.int64)
-                log, publish = np.array(time, dtype=np.int64), np.zeros(connection.size, dtype=np.int64)
-                yield Packet(connection, log, publish, Messages.of(data))
+            waiting += known
+            size += sum([len(row[3]) for row in known])
+            if len(waiting) >= PACKED or size >= PACKED_BYTES:
+                yield _packet(waiting)
+                waiting, size = [], 0
+        if waiting:
+            yield _packet(waiting)
         if nonsense:
             self._note(f"{plural(nonsense, 'row')} without a time or a message skipped")
         if strangers:
@@ -94,7 +97,7 @@ class SqliteContainer:
         query = (
             f"SELECT rowid, topic_id, timestamp, data FROM messages WHERE rowid > ? {self._only(ids)} ORDER BY rowid"
         )
-        start, last, lost, stretch, many = -1, -1, 0, 0, _FIRST_ROWS
+        start, last, lost, stretch, many = -1, -1, 0, 0, _ROWS
         left = self.path.stat().st_size  # more rows than bytes come only of pages that contain themselves
         while start < _LAST_ROW and left > 0:
             try:
@@ -103,7 +106,7 @@ class SqliteContainer:
                     # Damaged row numbers may go anywhere; those of the following rows tell again where reading is.
                     last = next((row[0] for row in reversed(rows) if _is_sound(row)), last)
                     left -= len(rows)
-                    many = _rows_at_once(rows)
+                    many = _ROWS
                     yield rows
                 break
             except _DAMAGE as error:
@@ -215,7 +218,7 @@ def _tables(database: sqlite3.Connection) -> set[str]:
     return {row[0] for row in database.execute("SELECT name FROM sqlite_master WHERE type = 'table'")}
 
 
-def _rows_at_once(rows: list[Any]) -> int:
-    """Return how many rows like these are some megabytes."""
-    size = sum(len(row[3]) for row in rows if type(row[3]) is bytes)
-    return max(1, min(PACKED, 2 * len(rows), PACKED_BYTES * len(rows) // max(size, 1)))
+def _packet(rows: list[Any]) -> Packet:
+    _, topic, time, data = zip(*rows, strict=True)
+    connection, log = np.array(topic, dtype=np.int64), np.array(time, dtype=np.int64)
+    return Packet(connection, log, np.zeros(connection.size, dtype=np.int64), Messages.of(data))
