@@ -41,7 +41,7 @@ class Dialect:
     separator : str
         One of `SEPARATORS`; `WHITESPACE` stands for any run of blanks.
     quoted : bool
-        Cells may be in quotes.
+        Cells below the header may be in quotes.
     decimal_comma : bool
         Numbers are written ``1,5``.
     grouping : str
@@ -102,7 +102,7 @@ def detect(head: bytes, whole: bool) -> Dialect:
     return Dialect(
         encoding=encoding,
         separator=separator,
-        quoted=any(count and count % 2 == 0 for count in (line.count('"') for _, line in said)),
+        quoted=any(_has_quotes(line) for i, line in said if i >= header.skip_lines),
         decimal_comma=decimal_comma,
         grouping=grouping,
         skip_lines=header.skip_lines,
@@ -146,6 +146,12 @@ def _separator(lines: Sequence[str]) -> str:
         if score > best_score * 1.001:
             best, best_score = separator, score
     return best
+
+
+def _has_quotes(line: str) -> bool:
+    """Tell whether a line has cells in quotes; a single quote is damage."""
+    count = line.count('"')
+    return count > 0 and count % 2 == 0
 
 
 def _decimal_mark(rows: Sequence[Sequence[str]]) -> tuple[bool, str]:
