@@ -9,6 +9,7 @@ import pytest
 from click.testing import CliRunner
 from mcap.reader import make_reader
 from mcap.writer import CompressionType, Writer
+from scipy.io import savemat
 
 from vsalog.cli import cli
 from vsalog.errors import ReadError, WriteError
@@ -169,6 +170,16 @@ def test_a_table_keeps_values_times_and_units(tmp_path):
     with pytest.raises(ReadError, match="--rate"):
         repair(path, tmp_path / "other.mcap")
     assert repair(path, tmp_path / "other.mcap", rate=10.0).messages == 3
+
+
+def test_vectors_without_a_time_are_left_out(tmp_path):
+    savemat(
+        tmp_path / "log", {"run": {"time": np.arange(5.0), "x": np.arange(5.0)}, "y": np.arange(9.0)}, appendmat=False
+    )
+    done = repair(tmp_path / "log", tmp_path / "new.mcap")
+    assert (done.messages, done.channels) == (5, 1)
+    assert any("log: has no time, left out" in note for note in done.notes)
+    assert list(read(tmp_path / "new.mcap").channels) == ["/run/x.data"]
 
 
 def test_the_source_is_never_written_to_and_nothing_half_written(original, tmp_path):

@@ -6,6 +6,7 @@ import struct
 import zlib
 from collections.abc import Iterator, Mapping
 from contextlib import suppress
+from dataclasses import replace
 from functools import cache
 from io import BytesIO
 from pathlib import Path
@@ -30,6 +31,7 @@ from vsalog.readers.sniff import sniff
 from vsalog.reports.inspect_repair import Repaired
 from vsalog.writers.atomic import atomic_path
 from vsalog.writers.recording_mcap import write_mcap
+from vsalog.writers.recording_topics import topics_of
 
 _HEAD_SIZE = 9
 _MESSAGE_HEAD = struct.Struct("<HIQQ")
@@ -216,9 +218,15 @@ def _side_records(path: Path, kind: int) -> Iterator[bytes]:
 
 
 def _repair_table(source: Path, target: Path, rate: float | None) -> Repaired:
+    """Write the columns of a table as topics; those without a time are left out and noted."""
     recording = read(source, rate=rate)
-    if any(stream.time_source == "none" for stream in recording.streams.values()):
+    timeless = {name for name, stream in recording.streams.items() if stream.time_source == "none"}
+    timed = {name: channel for name, channel in recording.channels.items() if channel.stream not in timeless}
+    if not timed:
         raise ReadError(f"{source}: has no time, and messages need one: give the sample rate with --rate, in Hz")
+    left_out = [f"{name}: has no time, left out" for name in timeless]
+    recording = replace(recording, channels=timed)
     write_mcap(recording, target, units=True)
-    count = sum(stream.count for stream in recording.streams.values())
-    return Repaired(str(target), count, len(recording.channels), recording.notes)
+    topics = topics_of(recording)
+    count = sum(topic.stamps.size for topic in topics)
+    return Repaired(str(target), count, len(topics), (*recording.notes, *left_out))
