@@ -94,18 +94,19 @@ class SqliteContainer:
 
     def _rows(self, ids: Collection[int]) -> Iterator[list[Any]]:
         """Yield row number, topic, time and message of rows, some at a time."""
-        query = (
-            f"SELECT rowid, topic_id, timestamp, data FROM messages WHERE rowid > ? {self._only(ids)} ORDER BY rowid"
-        )
+        only = self._only(ids)
+        query = f"SELECT rowid, topic_id, timestamp, data FROM messages WHERE rowid > ? {only} ORDER BY rowid"
         start, last, lost, stretch, many = -1, -1, 0, 0, _ROWS
-        left = self.path.stat().st_size  # more rows than bytes come only of pages that contain themselves
-        while start < _LAST_ROW and left > 0:
+        first, count = 0, 0
+        most = self.path.stat().st_size  # more rows than bytes come only of pages that contain themselves
+        while start < _LAST_ROW and count < most:
             try:
                 found = self._database.execute(query, (start,))
-                while left > 0 and (rows := found.fetchmany(many)):
+                while count < most and (rows := found.fetchmany(many)):
                     # Damaged row numbers may go anywhere; those of the following rows tell again where reading is.
                     last = next((row[0] for row in reversed(rows) if _is_sound(row)), last)
-                    left -= len(rows)
+                    first = first or rows[0][0]
+                    count += len(rows)
                     many = _ROWS
                     yield rows
                 break
@@ -120,6 +121,8 @@ class SqliteContainer:
             self._note("the end of the database cannot be read (was it cut off?), what is ahead of it was")
         elif lost:
             self._note(f"{plural(lost, 'row')} of the database cannot be read, the rest was")
+        elif not only and last - first + 1 > count:
+            self._note(f"{plural(last - first + 1 - count, 'row')} of the database missing between others")
 
     def _only(self, ids: Collection[int]) -> str:
         """Return the condition that chooses topics; none where all are wanted, so that strangers among them are seen."""
