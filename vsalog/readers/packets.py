@@ -142,8 +142,10 @@ def _behind_one_another(length: Integers) -> Integers:
 def _beginning(data: Bytes, start: Integers, length: Integers, magic: Bytes) -> NDArray[np.bool_]:
     out = length >= magic.size
     for k in range(start.size):
-        for i in range(magic.size):
-            out[k] = out[k] and data[start[k] + i] == magic[i]
+        i = 0
+        while out[k] and i < magic.size:
+            out[k] = data[start[k] + i] == magic[i]
+            i += 1
     return out
 
 

@@ -86,10 +86,11 @@ class Rosbag1Container:
                     yield packet_of(loose)
                     loose = []
                 if kind == CHUNK:
-                    packet, whole = messages_in(np.frombuffer(data, np.uint8), wanted)
+                    packet, whole, connections = messages_in(np.frombuffer(data, np.uint8), wanted)
                     if not whole:
                         walk.damage.append("a record in a chunk cannot be read")
-                    self._compare(data)
+                    if connections:
+                        self._compare(data)
                     check.chunk(packet)
                     if len(packet.messages):
                         yield packet

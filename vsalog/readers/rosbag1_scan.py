@@ -15,8 +15,8 @@ _LEAST = 4 + 4 + (4 + 4) + (4 + 9) + (4 + 13)
 _OP, _CONN, _TIME = (np.frombuffer(name, np.uint8) for name in (b"op=", b"conn=", b"time="))
 
 
-def messages_in(data: Bytes, wanted: Integers) -> tuple[Packet, bool]:
-    """Return the messages in a chunk's records, and whether all records are sound and the last ends where the chunk does.
+def messages_in(data: Bytes, wanted: Integers) -> tuple[Packet, bool, bool]:
+    """Return the messages in a chunk's records, whether all records are sound, and whether there are connections among them.
 
     Parameters
     ----------
@@ -27,11 +27,11 @@ def messages_in(data: Bytes, wanted: Integers) -> tuple[Packet, bool]:
     """
     most = data.size // _LEAST + 1
     connection, log, start, length = (np.empty(most, dtype=np.int64) for _ in range(4))
-    count, whole = _walk(data, wanted, connection, log, start, length)
+    count, whole, connections = _walk(data, wanted, connection, log, start, length)
     found = Packet(
         connection[:count], log[:count], np.zeros(count, dtype=np.int64), Messages(data, start[:count], length[:count])
     )
-    return found, bool(whole)
+    return found, bool(whole), bool(connections)
 
 
 def connections_in(data: Bytes) -> Iterator[tuple[int, int, int]]:
@@ -55,7 +55,10 @@ def _word(data: Bytes, at: int) -> int:
 
 @njit(cache=True, nogil=True)
 def _begins(data: Bytes, at: int, name: Bytes) -> bool:
-    return bool(np.all(data[at : at + name.size] == name))
+    same = True
+    for i in range(name.size):
+        same = same and data[at + i] == name[i]
+    return same
 
 
 @njit(cache=True, nogil=True)
@@ -89,9 +92,9 @@ def _fields(data: Bytes, at: int, end: int) -> tuple[bool, int, int, int]:
 @njit(cache=True, nogil=True)
 def _walk(
     data: Bytes, wanted: Integers, connection: Integers, log: Integers, start: Integers, length: Integers
-) -> tuple[int, bool]:
-    """Write down where the wanted messages are; returns their number and whether all records are sound."""
-    at, count, size = 0, 0, data.size
+) -> tuple[int, bool, int]:
+    """Write down where the wanted messages are; returns their number, whether all is sound, and how many connections are told."""
+    at, count, size, connections = 0, 0, data.size, 0
     while at + 8 <= size:
         stop = at + 4 + _word(data, at)
         if stop + 4 > size:
@@ -108,8 +111,9 @@ def _walk(
                 connection[count], log[count] = number, time
                 start[count], length[count] = stop + 4, end - stop - 4
                 count += 1
+        connections += op == _CONNECTION
         at = end
-    return count, at == size
+    return count, at == size, connections
 
 
 @njit(cache=True, nogil=True)
