@@ -230,7 +230,10 @@ def test_an_offset_that_the_basis_cannot_follow_is_named(run, tmp_path):
     (tmp_path / "rig.toml").write_text(rig.format("true"))
     done = run("estimate", "log.csv")
     assert "an offset that odd powers of the deflection cannot follow" in done.stderr
-    assert not columns(tmp_path / "log.stiffness.parquet", "1").excited.mean() > 0.5
+    trace = columns(tmp_path / "log.stiffness.parquet", "1")
+    trace = trace[trace.excited.astype(bool)]
+    # Of one deterministic motion: the band tells how far off the estimate is, not more often than that.
+    assert np.mean(np.abs(trace.stiffness - 50.0) < 3.0 * trace.stiffness_std) > 0.9
     (tmp_path / "rig.toml").write_text(rig.format("false"))
     done = run("estimate", "log.csv")
     assert "offset" not in done.stderr

@@ -1,5 +1,7 @@
 """What no equation shows and a simulation does: a noisy torque sensor, no link encoder, and a small effect."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from written_out import ELASTIC, Truth, joint_of, log, signals
@@ -54,3 +56,31 @@ def test_a_torque_that_may_have_been_computed_is_said_where_nothing_tells():
     assert cause.cause == "sensor.torque_gain"
     assert cause.indistinguishable_from == ("sensor.torque_not_independent",)
     assert "switched off" in cause.tell_apart
+
+
+def test_a_gross_error_of_the_simulation_outweighs_equations_that_close():
+    """Where all is recorded a simulation that is somewhat off is doubted, and one that is far off is wrong."""
+    time, said = log(Truth(), duration=8.0)
+    found = diagnose_joint("arm", joint_of(ELASTIC), signals(said, time[1] - time[0]), None)
+    assert found.consistent
+
+    def off_by(times):
+        floor = {role: found.standing.rmse(role) / times for role in found.standing.floor}
+        return replace(found, standing=replace(found.standing, floor=floor))
+
+    assert off_by(10.0).consistent
+    assert off_by(30.0).adds_up
+    assert not off_by(30.0).consistent
+
+
+def test_a_drive_s_delay_is_told_but_for_half_a_sample():
+    """Few logs tell whether torques were held from sample to sample."""
+    time, said = log(Truth(), duration=8.0, seed=3)
+    period = time[1] - time[0]
+    late = said | {"motor_torque": np.interp(time + 0.006, time, said["motor_torque"])}
+    found = diagnose_joint("arm", joint_of(ELASTIC), signals(late, period), None)
+    (cause,) = found.found
+    assert cause.site.cause == "motor.torque_delay"
+    value, std, _ = cause.numbers()["delay"]
+    assert std >= period / 12.0**0.5
+    assert abs(value - 0.006) < 1.96 * std

@@ -20,6 +20,8 @@ Integers = NDArray[np.int64]
 ROUNDS, ENOUGH = 12, 1e-4
 # Directions that the log says nothing of, as parts of the strongest one, are not followed.
 RANK = 1e-9
+# A block without which a number is so many times less sure is the only one that tells it.
+UNTOLD = 100.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -237,10 +239,11 @@ def covariance_of(fit: Fit, blocks: Integers) -> Array:
     if not A.size or count < 3:
         return plain
     moved = np.stack([solved(A - J[a:b].T @ J[a:b], own) for (a, b), own in zip(pairwise(edges), g, strict=True)])
-    jackknife = (count - 1) / count * np.sum(moved**2, axis=0)
+    with np.errstate(over="ignore"):
+        jackknife = (count - 1) / count * np.sum(moved**2, axis=0)
     variance = np.diag(plain)
     wider = np.sqrt(np.divide(jackknife, variance, out=np.ones_like(variance), where=variance > 0.0))
     # What happens within one block cannot be told without it: there the jackknife says nothing.
-    wider = np.where(np.isfinite(wider), np.maximum(wider, 1.0), 1.0)
+    wider = np.where(wider < UNTOLD, np.maximum(wider, 1.0), 1.0)
     student = float(special.stdtrit(count - 1, 0.975) / special.ndtri(0.975))
     return np.asarray(plain * np.outer(wider, wider) * student**2)

@@ -34,8 +34,10 @@ from vsalog.signals import JointSignals
 Array = NDArray[np.float64]
 Progress = Callable[[str], None]
 
-# A simulation that is off by so many times its noise is doubted though the equations close.
-DOUBTED = 3.0
+# A simulation that is off by so many times its noise is doubted though the equations close, and outweighs them.
+DOUBTED, GROSS = 3.0, 20.0
+# A cause that the simulation shows takes the place of the equations' when it leaves less than this part of the squares.
+BETTER = 0.5
 # A log has so many times the samples that filter and bell take.
 LEAST = 3
 # The mean square of an equation that noise explains, and the part of what was wrong that may be left of an explained log.
@@ -73,7 +75,9 @@ class Found:
             slopes[:, i] = [(there[name][0] - value) / step for name, (value, _) in told.items()]
         variance = np.maximum(np.diag(slopes @ self.covariance @ slopes.T), 0.0)
         exact = catalogue()[self.site.cause].exact
-        spread = np.sqrt(variance + np.array([(exact * value) ** 2 for value, _ in told.values()]))
+        blur = {p.name: p.blur for p in self.site.parameters}
+        beside = [(exact * value) ** 2 + blur.get(name, 0.0) ** 2 for name, (value, _) in told.items()]
+        spread = np.sqrt(variance + np.array(beside))
         return {name: (value, float(s), unit) for (name, (value, unit)), s in zip(told.items(), spread, strict=True)}
 
 
@@ -121,12 +125,21 @@ class JointDiagnosis:
     def adds_up(self) -> bool:
         """Whether something is wrong that only the simulation shows, while the equations close or can be formed nowhere.
 
-        They close easily where a torque sensor tells the deflection: then its noise is theirs.
+        They close easily where a torque sensor tells the deflection: then its noise is theirs. So they may with coarse encoders
+        whose accelerations are mostly noise, but nothing less than a gross error of the simulation speaks against them then.
         """
         if not self.closed or self.found or self.standing is None:
             return False
         everywhere = bool(np.any(self.system.weights, axis=0).all())
-        return (not everywhere or bool(_motion(self).measured)) and far_off(self.standing) is not None
+        return far_off(self.standing, DOUBTED if not everywhere or _motion(self).measured else GROSS) is not None
+
+    @property
+    def in_doubt(self) -> bool:
+        """Whether the equations close with the one cause that was found, and its simulation does not."""
+        if not self.closed or len(self.found) != 1 or self.gain is None:
+            return False
+        after, floor = self.gain.after, self.gain.floor
+        return any(self.gain.rmse(after, role) > DOUBTED * noise > 0.0 for role, noise in floor.items())
 
     @property
     def consistent(self) -> bool:
@@ -211,28 +224,31 @@ def diagnose_joint(
 
 
 def _looked_at_longer(done: JointDiagnosis, setting: Setting, barred: frozenset[str]) -> JointDiagnosis:
-    """Look for what only the simulation shows."""
+    """Look for what only the simulation shows, or shows to be another cause than the equations seem to say."""
     system, stands, gain = done.system, done.standing, done.gain
-    if not done.adds_up or stands is None or gain is None:
+    if not (done.adds_up or done.in_doubt) or stands is None or gain is None:
         return done
     # Such equations cannot tell held torques from smooth ones either.
     windows = replace(gain.windows, scale=None)
     otherwise = standing(done.joint, replace(stands.windows, hold=not stands.windows.hold))
     if otherwise.whole < stands.whole:
         stands, windows = otherwise, replace(windows, hold=otherwise.windows.hold)
-        done = replace(done, standing=stands, gain=compared(done.joint, done.joint, windows))
+        if not done.found:
+            done = replace(done, standing=stands, gain=compared(done.joint, done.joint, windows))
     if far_off(stands) is None:
         return done
-    done = replace(done, fraction=1.0)
+    if not done.found:
+        done = replace(done, fraction=1.0)
     left = remainder(system, done.joint, setting)
     seen = sought(done.joint, sites_of(setting, barred), left, stands.windows, stands.shot)
     if seen is None:
         return done
     site, blocks = seen.choice.site, done.selection.blocks
     extended = applied(done.joint, (site,), seen.values)
-    gain = compared(done.joint, extended, replace(windows, hold=seen.hold))
-    if not gain.helps:
+    instead = compared(done.joint, extended, replace(windows, hold=seen.hold))
+    if not instead.helps or (done.found and instead.whole(instead.after) > BETTER * gain.whole(gain.after)):
         return done
+    gain = instead
     return replace(
         done,
         extended=extended,
@@ -244,11 +260,11 @@ def _looked_at_longer(done: JointDiagnosis, setting: Setting, barred: frozenset[
     )
 
 
-def far_off(stands: Standing) -> tuple[str, float] | None:
-    """Return the signal whose simulation is farthest off, and by how many times its noise, if it is doubtful."""
+def far_off(stands: Standing, least: float = DOUBTED) -> tuple[str, float] | None:
+    """Return the signal whose simulation is farthest off, and by how many times its noise, if that is more than the least."""
     off = {role: stands.rmse(role) / stands.floor[role] for role in stands.floor if stands.floor[role] > 0.0}
     worst = max(off, key=lambda role: off[role], default="")
-    return (worst, off[worst]) if worst and off[worst] > DOUBTED else None
+    return (worst, off[worst]) if worst and off[worst] > least else None
 
 
 def _doubts(found: JointDiagnosis) -> list[str]:

@@ -7,6 +7,9 @@ from collections.abc import Sequence
 from vsalog.diagnosis.causes import catalogue
 from vsalog.diagnosis.document import FoundCause, Gain, Unexplained, Verdict
 
+# A simulation that is off by so many times what noise makes is said to be, though the equations close.
+STILL_OFF = 3.0
+
 _PARTS = {
     "motor": "motor",
     "motor_1": "first motor",
@@ -55,7 +58,7 @@ def sentences(
             "What it says cannot confirm the rig, nor contradict it: nothing that rests on it was called right or wrong.",
         )
     first = _found(verdict, causes, joints)
-    return tuple(s for s in (first, _believe(causes, left), _worth(gains, held_out)) if s)
+    return tuple(s for s in (first, _believe(causes, left, gains), _worth(gains, held_out)) if s)
 
 
 def _found(verdict: Verdict, causes: Sequence[FoundCause], joints: int) -> str:
@@ -103,7 +106,7 @@ def numbers(cause: FoundCause) -> str:
     return ", ".join(parts)
 
 
-def _believe(causes: Sequence[FoundCause], left: Unexplained) -> str:
+def _believe(causes: Sequence[FoundCause], left: Unexplained, gains: Sequence[Gain]) -> str:
     sure = ""
     if causes:
         others = causes[0].indistinguishable_from
@@ -121,7 +124,16 @@ def _believe(causes: Sequence[FoundCause], left: Unexplained) -> str:
         )
     if left.where is not None:
         return f"{sure}Next to nothing of what was wrong is left unexplained, though it is more than noise."
-    return f"{sure}Nothing beyond noise is left over once it is put in." if causes else sure
+    if not causes:
+        return sure
+    worst = max((g for g in gains if g.noise_floor > 0.0), key=lambda g: g.rmse_after / g.noise_floor, default=None)
+    if worst is not None and worst.rmse_after > STILL_OFF * worst.noise_floor:
+        return (
+            f"{sure}Once it is put in the equations close but for their noise, and yet the simulation of"
+            f" {worst.signal.replace('_', ' ')} is off by {worst.rmse_after / worst.noise_floor:.2g} times what noise makes:"
+            " something small is left that adds up, or a value is not quite right."
+        )
+    return f"{sure}Nothing beyond noise is left over once it is put in."
 
 
 def _worth(gains: Sequence[Gain], held_out: str) -> str:

@@ -83,7 +83,7 @@ def build(device: Device, signals: JointSignals, tuning: AlgebraicTuning) -> Reg
     _check_span(signals, tuning.span, taps)
     weights = fir_weights(taps, signals.period)
     equations = tuple(_equation(device, view, signals, tuning, weights) for view in device.transmissions)
-    solver = RlsSolver(tuning.initial_covariance(device, signals, 1e-3), tuning.c)
+    solver = RlsSolver(tuning.initial_covariance(device, signals, 0.01), tuning.c)
     conditioner = conditioner_of(device, signals, tuning, roles(device, signals.roles, tuning), motor=True)
     return RegressionFold(NAME, "RESIDUAL", device, conditioner, equations, solver)
 

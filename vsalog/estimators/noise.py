@@ -15,6 +15,9 @@ residuals*, the innovations over their own standard deviation for noise of varia
 
 Where the equation is an integral its noise wanders, and no octave is the last one: there its increments are looked at, with
 sums of the regressors in their place (summation by parts), less each run's mean, which its integration constant takes up.
+
+No octave has what never changes, as an offset that the basis cannot follow: the mean of the left-overs meets the sum of the
+regressors.
 """
 
 from __future__ import annotations
@@ -47,8 +50,8 @@ _LOW = np.array([
 _HIGH = _LOW[::-1] * np.array([1.0, -1.0] * 4)
 _TAPS = _LOW.size
 
-# In `sums`: samples in the box, last left-over, samples, Σ e², boxes, Σ box².
-_FILLED, _LAST, _SAMPLES, _SQUARES, _BOXES, _BOXED = range(6)
+# In `sums`: samples in the box, last left-over, samples, Σ e, Σ e², boxes, Σ box².
+_FILLED, _LAST, _SAMPLES, _SUM, _SQUARES, _BOXES, _BOXED = range(7)
 
 
 class NoiseState(NamedTuple):
@@ -58,7 +61,7 @@ class NoiseState(NamedTuple):
     ----------
     sums : numbers, see above
     box : shape (n + 1,), sum of the box that fills: regressors and left-over
-    total : shape (n,), sum of the run's regressors, where the equation is an integral
+    total : shape (n,), sum of the regressors; of the run's where the equation is an integral
     rings, seen : shapes (OCTAVES, 8, n + 1) and (OCTAVES,), the last inputs of each octave's filters, and how many there were
     heard : shape (OCTAVES, 2), number and squares of the left-overs' coefficients
     energy, closed : shape (OCTAVES + 1, n, n), of the regressors' coefficients, and of all boxes; of this run and of those before
@@ -89,7 +92,7 @@ def noise_start(size: int) -> NoiseState:
     """Return the state before the first sample, for n = `size` unknowns."""
     n, rows = size, OCTAVES + 1
     return NoiseState(
-        sums=np.zeros(6),
+        sums=np.zeros(7),
         box=np.zeros(n + 1),
         total=np.zeros(n),
         rings=np.zeros((OCTAVES, _TAPS, n + 1)),
@@ -178,14 +181,12 @@ def _fill(s: NoiseState, F: Array, left: float, integral: bool, begins: bool, di
         step = 0.0 if begins else left - sums[_LAST]
         sums[_LAST] = left
     for i in range(n):
-        x = F[i]
-        if integral:
-            total[i] = discount * total[i] + x
-            x = total[i]
-        s.box[i] += x
+        total[i] = discount * total[i] + F[i]
+        s.box[i] += total[i] if integral else F[i]
     s.box[n] += step
     sums[_FILLED] += 1.0
     sums[_SAMPLES] += 1.0
+    sums[_SUM] += left
     sums[_SQUARES] += left * left
 
 
@@ -284,3 +285,6 @@ def _look(s: NoiseState, integral: bool) -> None:
         # What is in no octave lies beyond the last.
         share = v[octave] if octave == OCTAVES else v[octave] - v[OCTAVES]
         s.M[:] += share * found
+    if not integral:
+        mean = s.sums[_SUM] / s.sums[_SAMPLES]
+        s.M[:] += mean * mean * np.outer(s.total, s.total)

@@ -79,7 +79,7 @@ def build(device: Device, signals: JointSignals, tuning: ResidualRlsTuning) -> R
         The modality needs a motor inertia or a nominal transmission that the rig does not give.
     """
     # A residual is noisy: the many terms of a basis would follow its noise until there is enough of it to average.
-    p0 = tuning.initial_covariance(device, signals, 1e-3 if tuning.modality == "RESIDUAL" else 1e-4)
+    p0 = tuning.initial_covariance(device, signals, 0.01 if tuning.modality == "RESIDUAL" else 1e-3)
     solver = RlsSolver(p0, tuning.c)
     needed = roles(device, signals.roles, tuning)
     equations = _equations(device, signals, tuning)

@@ -25,6 +25,7 @@ class Parameter:
     low, high : bounds
     reach : as far as one step of a fit may go, where the equations bend
     hard : whether its bounds say how large such a thing can be at all, whatever the cause's other numbers
+    blur : what of it nothing tells, one standard deviation
     """
 
     name: str
@@ -35,6 +36,7 @@ class Parameter:
     high: float = np.inf
     reach: float = np.inf
     hard: bool = False
+    blur: float = 0.0
 
 
 @dataclass(frozen=True, slots=True)

@@ -99,7 +99,9 @@ class MotorTorqueDelay(Cause):
         """Yield one per motor."""
         for name in moved_motors(setting):
             start = getattr(setting.joint, name).torque_delay
-            parameter = Parameter("delay", "s", start, 0.25 * setting.period, 0.0, LATEST)
+            # Whether torques were held from sample to sample few logs tell: half a sample either way.
+            blur = setting.period / 12.0**0.5
+            parameter = Parameter("delay", "s", start, 0.25 * setting.period, 0.0, LATEST, blur=blur)
 
             def apply(joint: Any, values: Sequence[float], name: str = name) -> Any:
                 return with_part(joint, name, torque_delay=max(float(values[0]), 0.0))
