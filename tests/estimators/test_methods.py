@@ -87,7 +87,7 @@ CASES = [
 @pytest.fixture(scope="module")
 def short():
     return {
-        "vsa2": vsa2_experiment(duration=2.5),
+        "vsa2": vsa2_experiment(duration=1.8),
         "awas": awas_experiment(duration=2.5),
     }
 
