@@ -173,7 +173,7 @@ def _run(
             out[k, m] = variance if variance >= 0.0 else np.nan
 
 
-@njit(cache=True, error_model="numpy", forceinline=True)
+@njit(cache=True, error_model="numpy")
 def _fill(s: NoiseState, F: Array, left: float, integral: bool, begins: bool, discount: float) -> None:
     """Put a sample into the box."""
     n, sums, total, step = F.shape[0], s.sums, s.total, left
@@ -194,62 +194,77 @@ def _fill(s: NoiseState, F: Array, left: float, integral: bool, begins: bool, di
 def _transform(s: NoiseState, kept: float) -> None:
     """Hand a full box on, from octave to octave; it is empty then."""
     size = s.box.shape[0]
-    value = s.box / np.sqrt(BOX)
-    s.box[:] = 0.0
+    value, detail = np.empty(size), np.empty(size)
+    for i in range(size):
+        value[i] = s.box[i] / np.sqrt(BOX)
+        s.box[i] = 0.0
     if kept != 1.0:
-        s.energy[:] *= kept
-        s.closed[:] *= kept
+        _scale(s.energy, kept)
+        _scale(s.closed, kept)
     s.sums[_BOXES] += 1.0
-    s.sums[_BOXED] += value[-1] * value[-1]
-    _add(value, s.energy[OCTAVES])
+    s.sums[_BOXED] += value[size - 1] ** 2
+    _add(value, s.energy, OCTAVES)
     for octave in range(OCTAVES):
-        ring, seen = s.rings[octave], s.seen
-        ring[seen[octave] % _TAPS] = value
-        seen[octave] += 1
-        if seen[octave] < _TAPS or seen[octave] % 2:
+        last = s.seen[octave]
+        for i in range(size):
+            s.rings[octave, last % _TAPS, i] = value[i]
+        s.seen[octave] += 1
+        if last + 1 < _TAPS or (last + 1) % 2:
             return
-        value, detail = np.zeros(size), np.zeros(size)
-        for tap in range(_TAPS):
-            row = ring[(seen[octave] + tap) % _TAPS]
-            for i in range(size):
-                value[i] += _LOW[tap] * row[i]
-                detail[i] += _HIGH[tap] * row[i]
+        for i in range(size):
+            low, high = 0.0, 0.0
+            for tap in range(_TAPS):
+                x = s.rings[octave, (last + 1 + tap) % _TAPS, i]
+                low += _LOW[tap] * x
+                high += _HIGH[tap] * x
+            value[i], detail[i] = low, high
         s.heard[octave, 0] += 1.0
-        s.heard[octave, 1] += detail[-1] * detail[-1]
-        _add(detail, s.energy[octave])
+        s.heard[octave, 1] += detail[size - 1] ** 2
+        _add(detail, s.energy, octave)
 
 
-@njit(cache=True, error_model="numpy", forceinline=True)
-def _add(x: Array, energy: Array) -> None:
+@njit(cache=True, error_model="numpy")
+def _add(x: Array, energy: Array, octave: int) -> None:
     """Add x xᵀ of the regressors."""
-    for i in range(energy.shape[0]):
-        for j in range(energy.shape[0]):
-            energy[i, j] += x[i] * x[j]
+    for i in range(energy.shape[1]):
+        for j in range(energy.shape[1]):
+            energy[octave, i, j] += x[i] * x[j]
+
+
+@njit(cache=True, error_model="numpy")
+def _scale(energy: Array, kept: float) -> None:
+    """Forget a part."""
+    for octave in range(OCTAVES + 1):
+        for i in range(energy.shape[1]):
+            for j in range(energy.shape[1]):
+                energy[octave, i, j] *= kept
 
 
 @njit(cache=True, error_model="numpy")
 def _close(s: NoiseState) -> None:
     """End a run: the noise of an integral does not go on into the next."""
-    if s.total[0] != 0.0:
-        for octave in range(OCTAVES + 1):
-            s.closed[octave] += _centred(s.energy[octave], s.total)
-    s.energy[:] = 0.0
-    s.total[:] = 0.0
-    s.seen[:] = 0
-    s.box[:] = 0.0
-    s.sums[_FILLED] = 0.0
+    n = s.total.shape[0]
+    for octave in range(OCTAVES + 1):
+        for i in range(n):
+            for j in range(n):
+                if s.total[0] != 0.0:
+                    s.closed[octave, i, j] += _centred(s.energy, s.total, octave, i, j)
+        for i in range(n):
+            for j in range(n):
+                s.energy[octave, i, j] = 0.0
+    for octave in range(OCTAVES):
+        s.seen[octave] = 0
+    for i in range(n):
+        s.total[i] = s.box[i] = 0.0
+    s.box[n] = s.sums[_FILLED] = 0.0
 
 
 @njit(cache=True, error_model="numpy")
-def _centred(energy: Array, total: Array) -> Array:
-    """Return the energy of sums of regressors less their mean; the first, which is one, counts the samples."""
-    n = energy.shape[0]
-    out = np.empty((n, n))
-    for i in range(n):
-        for j in range(n):
-            a, b = total[i] / total[0], total[j] / total[0]
-            out[i, j] = energy[i, j] - a * energy[0, j] - b * energy[i, 0] + a * b * energy[0, 0]
-    return out
+def _centred(energy: Array, total: Array, octave: int, i: int, j: int) -> float:
+    """Return an energy of sums of regressors less their mean; the first, which is one, counts the samples."""
+    a, b = total[i] / total[0], total[j] / total[0]
+    off = a * energy[octave, 0, j] + b * energy[octave, i, 0]
+    return float(energy[octave, i, j] - off + a * b * energy[octave, 0, 0])
 
 
 @njit(cache=True, error_model="numpy")
@@ -260,7 +275,7 @@ def _spectrum(s: NoiseState) -> Array:
     for octave in range(OCTAVES + 1):
         now = last + 0.5 * slope
         if octave < OCTAVES and s.heard[octave, 1] > 0.0:
-            count, squares = s.heard[octave]
+            count, squares = s.heard[octave, 0], s.heard[octave, 1]
             now = (count * np.log(squares / count) + TAILS + EXPECTED * now) / (count + EXPECTED)
         slope = min(max(now - last, FALL), RISE) if octave else 0.0
         last = now
@@ -276,15 +291,16 @@ def _look(s: NoiseState, integral: bool) -> None:
     """Put together what is known of the score."""
     if s.sums[_BOXES] < LEAST:
         return
-    v = _spectrum(s)
-    s.M[:] = 0.0
-    for octave in range(OCTAVES + 1):
-        found = s.energy[octave]
-        if integral:
-            found = _centred(found, s.total) + s.closed[octave]
-        # What is in no octave lies beyond the last.
-        share = v[octave] if octave == OCTAVES else v[octave] - v[OCTAVES]
-        s.M[:] += share * found
-    if not integral:
-        mean = s.sums[_SUM] / s.sums[_SAMPLES]
-        s.M[:] += mean * mean * np.outer(s.total, s.total)
+    v, n = _spectrum(s), s.total.shape[0]
+    mean = 0.0 if integral else s.sums[_SUM] / s.sums[_SAMPLES]
+    for i in range(n):
+        for j in range(n):
+            found = mean * mean * s.total[i] * s.total[j]
+            for octave in range(OCTAVES + 1):
+                # What is in no octave lies beyond the last.
+                share = v[octave] if octave == OCTAVES else v[octave] - v[OCTAVES]
+                own = s.energy[octave, i, j]
+                if integral:
+                    own = _centred(s.energy, s.total, octave, i, j) + s.closed[octave, i, j]
+                found += share * own
+            s.M[i, j] = found
