@@ -85,7 +85,7 @@ def functionals(n: int, count: int, spread: tuple[int, ...]):
 def rls(library: ctypes.CDLL, n: int, c: float) -> dict[str, Time]:
     F, y = problem(n)
     E, spread = functionals(n, 5, (1, 4))
-    solver = RlsSolver(P0, c, 1000.0)
+    solver = RlsSolver(P0, c)
     ours, theirs, g = RlsState.start(n, P0), RlsState.start(n, P0), np.empty(n)
 
     def restarted(state: RlsState) -> RlsState:
@@ -129,7 +129,7 @@ def qr(library: ctypes.CDLL, n: int, forgetting: float) -> dict[str, Time]:
     F, y = problem(n)
     E, spread = functionals(n, 8, (1, 4, 6, 7))
     E[:, :5, :3] = 0.0  # stiffness does not depend on the leading three: constant, inertia, damping
-    solver = QrSolver(forgetting, 1000.0, 3, P0)
+    solver = QrSolver(forgetting, 3, P0)
     ours, theirs = QrState.start(n, 0, P0), QrState.start(n, 0, P0)
     row, xi, xi_c = np.empty(n + 1), np.empty(n), np.empty(n)
     begin = ours.Rp.copy()

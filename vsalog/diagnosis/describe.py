@@ -20,8 +20,8 @@ from vsalog.diagnosis.document import (
 )
 from vsalog.diagnosis.evidence import CauseEvidence, EquationEvidence, JointEvidence, SignalEvidence
 from vsalog.diagnosis.fit import applied
+from vsalog.diagnosis.found import Found
 from vsalog.diagnosis.joint import (
-    Found,
     JointDiagnosis,
     mean_squares,
     plain_rows,

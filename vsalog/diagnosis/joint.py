@@ -10,17 +10,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vsalog.diagnosis.balance import Motion
-from vsalog.diagnosis.causes import catalogue
-from vsalog.diagnosis.causes.base import Setting, Site
+from vsalog.diagnosis.causes.base import Setting
 from vsalog.diagnosis.channels import Channels, channels_of, span_of
-from vsalog.diagnosis.fit import Fit, applied, covariance_of, fit_at, fitted
+from vsalog.diagnosis.fit import Fit, applied, fit_at, fitted
+from vsalog.diagnosis.found import Found, found_by
 from vsalog.diagnosis.gain import Compared, Standing, compared, standing
-from vsalog.diagnosis.held_out import held_out_windows, kept_by, others_of
+from vsalog.diagnosis.held_out import held_out_windows, kept_by
 from vsalog.diagnosis.hints import hint_of
 from vsalog.diagnosis.independent import not_independent
 from vsalog.diagnosis.kinds import balance_for, motion_for
 from vsalog.diagnosis.remainder import depends_on, loop_over, rate_of, variables_of
-from vsalog.diagnosis.selection import Choice, Selection, blocks_of, remainder, renewed, select, sites_of
+from vsalog.diagnosis.selection import Selection, blocks_of, remainder, renewed, select, sites_of
 from vsalog.diagnosis.sensing import at_joint, true_roles
 from vsalog.diagnosis.setting import setting_of
 from vsalog.diagnosis.sides import side_of
@@ -43,42 +43,6 @@ LEAST = 3
 # The mean square of an equation that noise explains, and the part of what was wrong that may be left of an explained log.
 # Of gross ones that may be a good deal more than noise, but not more than this mean square.
 NOISE, LEFT, FAR = 2.0, 0.015, 25.0
-
-
-@dataclass(frozen=True, slots=True)
-class Found:
-    """A cause that was found and kept.
-
-    Attributes
-    ----------
-    site : of the catalogue
-    values, covariance : as fitted
-    choice : why it was chosen
-    removed : part of what the rig left over, beyond noise, that it takes away
-    """
-
-    site: Site
-    values: Array
-    covariance: Array
-    choice: Choice
-    removed: float
-
-    def numbers(self) -> dict[str, tuple[float, float, str]]:
-        """Return name → value, standard deviation, unit, as people are told."""
-        told = self.site.reported(self.values.tolist())
-        slopes = np.zeros((len(told), self.values.size))
-        for i, parameter in enumerate(self.site.parameters):
-            step = 1e-3 * max(abs(parameter.step), 1e-12)
-            moved = self.values.copy()
-            moved[i] += step
-            there = self.site.reported(moved.tolist())
-            slopes[:, i] = [(there[name][0] - value) / step for name, (value, _) in told.items()]
-        variance = np.maximum(np.diag(slopes @ self.covariance @ slopes.T), 0.0)
-        exact = catalogue()[self.site.cause].exact
-        blur = {p.name: p.blur for p in self.site.parameters}
-        beside = [(exact * value) ** 2 + blur.get(name, 0.0) ** 2 for name, (value, _) in told.items()]
-        spread = np.sqrt(variance + np.array(beside))
-        return {name: (value, float(s), unit) for (name, (value, unit)), s in zip(told.items(), spread, strict=True)}
 
 
 @dataclass(frozen=True, slots=True)
@@ -214,7 +178,7 @@ def diagnose_joint(
         # In a simulation of its own it has no name.
         why = str(error).replace("joint 'joint': ", "").replace("joint 'joint'", "it")
         warnings.append(f"joint '{name}' could not be simulated, so nothing was measured of the gain: {why}")
-    found = _found(system, joint, selection, kept)
+    found = found_by(system, joint, selection, kept)
     done = JointDiagnosis(
         name, joint, kept.joint(joint), system, selection, kept, tuple(found), computed, stands, gain, held_out,
         _fraction(system, selection.nothing, kept), tuple(warnings),
@@ -326,40 +290,6 @@ def without(signals: JointSignals, roles: Mapping[str, str]) -> JointSignals:
     return replace(signals, roles={r: v for r, v in signals.roles.items() if r not in roles})
 
 
-def _found(system: System, joint: Any, selection: Selection, fit: Fit) -> list[Found]:
-    """Return the causes of a fit with what each takes away."""
-    if not fit.sites:
-        return []
-    covariance = covariance_of(fit, selection.blocks)
-    out, first = [], 0
-    for site, removed in zip(fit.sites, _removed(system, joint, selection, fit), strict=True):
-        own = slice(first, first + len(site.parameters))
-        first += len(site.parameters)
-        choice = next(c for c in selection.choices if c.site.key == site.key)
-        out.append(Found(site, fit.values[own], covariance[own, own], choice, removed))
-    return sorted(out, key=lambda f: -f.removed)
-
-
-def _removed(system: System, joint: Any, selection: Selection, fit: Fit) -> list[float]:
-    """Return the part of what was wrong that each cause takes away.
-
-    What two causes take away together is more, or less, than what each does alone: a cause's part is the mean of what it takes
-    away as the first one and as the last one, and the parts add up to what all do.
-    """
-    nothing = selection.nothing
-    wrong = max(nothing.loss - system.count, 1e-300)
-    parts = []
-    for site in fit.sites:
-        if len(fit.sites) == 1:
-            parts.append(nothing.loss - fit.loss)
-            continue
-        alone = fitted(system, joint, (site,), fit.own(site), selection.blocks)
-        without_it = fitted(system, joint, *others_of(fit, site), selection.blocks)
-        parts.append(max(nothing.loss - alone.loss, 0.0) + max(without_it.loss - fit.loss, 0.0))
-    whole = float(np.clip((nothing.loss - fit.loss) / wrong, 0.0, 1.0))
-    return [whole * part / max(sum(parts), 1e-300) for part in parts]
-
-
 def _fraction(system: System, nothing: Fit, fit: Fit) -> float:
     """Return the part of what was wrong beyond noise that is still left."""
     wrong, left = nothing.loss - system.count, fit.loss - NOISE * system.count
@@ -408,8 +338,3 @@ def remainder_depends_on(found: JointDiagnosis, equation: int) -> tuple[list[str
     told = depends_on(rows, blocks, known)
     loop, names = loop_over(rows, blocks, known, told), [d.name for d in told]
     return names if loop is None else [loop, rate_of(loop), "time"], loop
-
-
-def known_cause(name: str) -> Any:
-    """Return a cause of the catalogue."""
-    return catalogue()[name]
