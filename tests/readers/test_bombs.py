@@ -142,6 +142,19 @@ def large_messages():
         return (Path(name) / "bag").read_bytes()
 
 
+def empty_parts():
+    """Protobuf messages of two bytes for each of millions of objects, of a type that holds itself."""
+    field = b"\x0a\x01m\x18\x01\x20\x03\x28\x0b\x32\x02.M"  # repeated M m = 1
+    kind = b"\x0a\x01M\x12" + bytes([len(field)]) + field
+    file = b"\x0a\x01t" + b"\x22" + bytes([len(kind)]) + kind
+    log = McapLog(profile="")
+    number = log.writer.register_schema("M", "protobuf", b"\x0a" + bytes([len(file)]) + file)
+    channel = log.writer.register_channel("/t", "protobuf", number)
+    for i, size in enumerate((7, 7, 9)):
+        log.raw(channel, b"\x0a\x00" * (size * 2**19), START + i)
+    return log.bytes()
+
+
 RULE = "=" * 80 + "\nMSG: a/"
 TYPES = "".join(f"{RULE}T{i}\nT{i + 1} x\nT{i + 1} y\n" for i in range(1, 40)) + f"{RULE}T40\n"
 CHAIN = "".join(f"{RULE}T{i}\nT{i + 1} x\n" for i in range(300)) + f"{RULE}T300\nfloat64 x\n"
@@ -159,6 +172,7 @@ BOMBS = {
     "messages": (many_messages, "compressed so much"),
     "images": (large_messages, "array of 12582912 values"),
     "whole": (lambda: zeros(zstandard.ZstdCompressor().compressobj(), 128), "refused.*grows more than 1000 times"),
+    "empty-parts": (empty_parts, "larger than 8 MiB"),
     "recursive": (lambda: defined("T t"), "contains itself"),
     "doubling": (lambda: defined("T1 x\nT1 y\n" + TYPES), "no message fits"),
     "long": (lambda: defined("".join(f"float64 x{i}\n" for i in range(100_000))), "so many are not read"),

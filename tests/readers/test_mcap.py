@@ -91,7 +91,7 @@ def test_what_is_no_signal_is_listed_with_the_reason(tmp_path):
     recording = read(log.save(tmp_path / "log"))
     assert recording.unread["/t.image"] == "array of 100 values"
     assert recording.unread["/t.remark"] == "text"
-    assert "protobuf" in recording.unread["/proto"]
+    assert "descriptors of a.P are damaged" in recording.unread["/proto"]
     assert "not understood" in recording.unread["/bad"]
     assert recording.unread["/never"] == "no messages"
     values = {name: channel.values[0] for name, channel in recording.channels.items()}

@@ -17,6 +17,7 @@ from vsalog.readers.json_messages import JsonDecoder
 from vsalog.readers.layout import printable
 from vsalog.readers.messages import Decoder, RosDecoder
 from vsalog.readers.packets import Integers, Messages, Packet
+from vsalog.readers.protobuf_messages import ProtobufDecoder
 from vsalog.recording import Stamps, Values
 
 BLOCK_BYTES = 16 * 2**20
@@ -43,11 +44,11 @@ class Connection:
     topic, type : str
         As in the log.
     encoding : str
-        Of the messages: ``cdr``, ``ros1``, ``json`` …
+        Of the messages: ``cdr``, ``ros1``, ``json``, ``protobuf`` …
     language : str
-        Of the definition: ``msg``, ``idl`` or "".
+        Of the definition: ``msg``, ``idl``, ``protobuf`` or "".
     definition : str
-        Text, "" where the log has none.
+        Text, "" where the log has none; descriptors of protobuf with a character for each byte.
     metadata : mapping of str to str
         What else the log says; ``unit`` and ``unit:FIELD`` are units.
     """
@@ -335,7 +336,7 @@ def _decompressed(message: bytes) -> bytes:
     try:
         return decompress_message(message)
     except DamagedDataError:
-        return b""  # no message of any type: it will be counted as damaged
+        return b"\xff\xff\xff"  # no message of any type: it will be counted as damaged
 
 
 def _stated_units(batch: _Batch, columns: Collection[str]) -> dict[str, str]:
@@ -361,6 +362,8 @@ def _decoder(connection: Connection, stream: str, wanted: frozenset[str] | None)
     """
     if connection.encoding == "json":
         return JsonDecoder(stream, wanted)
+    if connection.encoding == connection.language == "protobuf":
+        return ProtobufDecoder(connection.type, connection.definition.encode("latin-1"), stream, wanted)
     if connection.encoding not in ("cdr", "ros1"):
         raise DefinitionError(f"messages encoded as '{printable(connection.encoding)}' are not supported")
     if connection.definition.strip() and connection.language not in ("msg", "idl"):

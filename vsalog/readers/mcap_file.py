@@ -32,7 +32,7 @@ RIG_METADATA = "vsalog.rig"
 RIG_KEY = "toml"
 
 _STATISTICS, _METADATA_INDEX = 11, 13
-_LANGUAGES = {"ros1msg": "msg", "ros2msg": "msg", "ros2idl": "idl", "omgidl": "idl"}
+_LANGUAGES = {"ros1msg": "msg", "ros2msg": "msg", "ros2idl": "idl", "omgidl": "idl", "protobuf": "protobuf"}
 _MOST_TEXT = 64 * 2**20
 _HEAD = struct.Struct("<BQ")
 _MESSAGE_HEAD = struct.Struct("<HIQQ")
@@ -119,7 +119,7 @@ class McapContainer:
             type=schema.name if schema else "",
             encoding=channel.message_encoding,
             language=_LANGUAGES.get(schema.encoding, "") if schema else "",
-            definition=schema.data.decode("utf-8", "replace") if schema else "",
+            definition=_definition(schema) if schema else "",
             metadata=channel.metadata,
         )
 
@@ -215,6 +215,11 @@ class McapContainer:
     def _note(self, text: str) -> None:
         if text not in self.notes:
             self.notes.append(text)
+
+
+def _definition(schema: Schema) -> str:
+    """Return a schema's text; bytes that are none, such as those of protobuf, one character each."""
+    return schema.data.decode("latin-1") if schema.encoding == "protobuf" else schema.data.decode("utf-8", "replace")
 
 
 def _open(path: Path) -> IO[bytes]:

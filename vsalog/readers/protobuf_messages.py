@@ -1,0 +1,228 @@
+"""Protobuf messages → columns of numbers."""
+
+from __future__ import annotations
+
+from collections.abc import Collection
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from vsalog.readers.base import MAX_ARRAY
+from vsalog.readers.layout import MAX_FIELDS, best_label_field, printable
+from vsalog.readers.messages import Decoded
+from vsalog.readers.packets import Messages
+from vsalog.readers.protobuf_types import message_class
+
+MAX_DEPTH = 32
+MAX_BYTES = 8 * 2**20
+"""Of a message: two bytes may become an object of fifty."""
+
+NUMBER, TIME, MESSAGE, TEXT, OTHER = range(5)
+
+_TIMES = ("google.protobuf.Timestamp", "google.protobuf.Duration")
+_STAMPS = (("timestamp",), ("stamp",), ("header", "stamp"), ("header", "timestamp"))
+"""Where a message may have its time, best first."""
+_CLOCKS = (("seconds", "nanos"), ("sec", "nsec"), ("sec", "nanosec"))
+
+
+@dataclass(frozen=True, slots=True)
+class _Field:
+    """A field of a message type.
+
+    `kind` is one of the constants above; `optional` tells that a message says whether it has the field. `reason` is why it is no
+    signal, "" where it may be one.
+    """
+
+    name: str
+    number: int
+    kind: int
+    repeated: bool
+    optional: bool
+    reason: str
+
+
+class ProtobufDecoder:
+    """Decodes protobuf messages: every number in them is a channel, named by its path.
+
+    A field that a message does not have is NaN, but for those of proto3 whose absence means zero.
+
+    Parameters
+    ----------
+    name : str
+        Full name of the message type.
+    descriptors : bytes
+        A serialised ``FileDescriptorSet``.
+    prefix : str
+        Name of the stream, ahead of every channel's name.
+    wanted : collection of str or None
+        Channels to decode; None is all of them.
+
+    Raises
+    ------
+    DefinitionError
+        The descriptors cannot be understood, or the package ``protobuf`` is not installed.
+    """
+
+    def __init__(self, name: str, descriptors: bytes, prefix: str, wanted: Collection[str] | None) -> None:
+        self.prefix = prefix
+        self.wanted = wanted
+        self.unread: dict[str, str] = {}
+        self._class = message_class(name, descriptors)
+        self._fields: dict[str, tuple[_Field, ...]] = {}
+        self._stamp_path = _stamp_path(self._class.DESCRIPTOR)
+
+    def decode(self, messages: Messages) -> Decoded:
+        """Decode a batch of messages; what is no message of this type counts as damaged."""
+        from google.protobuf.message import DecodeError
+
+        count = len(messages)
+        result = Decoded(good=np.zeros(count, dtype=bool))
+        if self._stamp_path:
+            result.stamps = np.zeros(count, dtype=np.int64)
+        for row, raw in enumerate(messages):
+            if len(raw) > MAX_BYTES:
+                self.unread.setdefault(self.prefix, f"its messages are larger than {MAX_BYTES // 2**20} MiB")
+                continue
+            try:
+                message = self._class.FromString(raw)
+            except (DecodeError, RecursionError):
+                continue
+            self._message(message, row, result)
+        return result
+
+    def _message(self, message: Any, row: int, result: Decoded) -> None:
+        result.good[row] = True
+        if result.stamps is not None:
+            result.stamps[row] = _stamp_of(message, self._stamp_path)
+        found: dict[str, float] = {}
+        self._walk(message, self.prefix, found, 0)
+        for name, value in found.items():
+            if self.wanted is not None and name not in self.wanted:
+                continue
+            if name not in result.columns:
+                if len(result.columns) >= MAX_FIELDS:
+                    self.unread.setdefault(self.prefix, f"more than {MAX_FIELDS} different fields")
+                    continue
+                result.columns[name] = np.full(len(result.good), np.nan)
+            result.columns[name][row] = value
+
+    def _walk(self, message: Any, path: str, found: dict[str, float], depth: int) -> None:
+        """Collect the numbers of a message in `found`, by path."""
+        # By ListFields: an attribute of a hostile name could be one of the library's.
+        present = {field.number: value for field, value in type(message).ListFields(message)}
+        fields = self._fields_of(type(message).DESCRIPTOR)
+        texts = {f.name: [printable(t) for t in present.get(f.number, ())] for f in fields if _may_label(f)}
+        for field in fields:
+            if depth == 0 and self._stamp_path == (field.name,):
+                continue
+            here = f"{path}.{field.name}"
+            if field.number not in present:
+                if not (field.optional or field.repeated or field.reason) and field.kind == NUMBER:
+                    found[here] = 0.0
+                continue
+            if field.reason:
+                if not (_may_label(field) and self._labels_something(field, fields, texts, present)):
+                    self.unread.setdefault(here, field.reason)
+            elif field.repeated:
+                self._array(field, present[field.number], here, texts, found, depth)
+            else:
+                self._value(field.kind, present[field.number], here, found, depth)
+
+    def _array(
+        self, field: _Field, values: Any, path: str, texts: dict[str, list[str]], found: dict[str, float], depth: int
+    ) -> None:
+        key = best_label_field(texts, len(values))
+        if key is None and len(values) > MAX_ARRAY:
+            self.unread.setdefault(path, f"array of {len(values)} values")
+            return
+        for i, value in enumerate(values):
+            self._value(field.kind, value, f"{path}[{texts[key][i] if key else i}]", found, depth)
+
+    def _value(self, kind: int, value: Any, path: str, found: dict[str, float], depth: int) -> None:
+        if len(found) >= MAX_FIELDS:
+            self.unread.setdefault(self.prefix, f"more than {MAX_FIELDS} values")
+        elif kind == NUMBER:
+            found[path] = float(value)
+        elif kind == TIME:
+            if not (depth == 1 and self._is_stamp(path)):
+                found[path] = (value.seconds * 1_000_000_000 + value.nanos) * 1e-9
+        elif depth >= MAX_DEPTH:
+            self.unread.setdefault(path, f"nested more than {MAX_DEPTH} deep")
+        elif not (depth == 1 and self._is_stamp(path)):
+            self._walk(value, path, found, depth + 1)
+
+    def _is_stamp(self, path: str) -> bool:
+        return bool(self._stamp_path) and path == ".".join((self.prefix, *self._stamp_path))
+
+    def _labels_something(
+        self, field: _Field, fields: tuple[_Field, ...], texts: dict[str, list[str]], present: dict[int, Any]
+    ) -> bool:
+        """Tell whether texts name the elements of another array of the message."""
+        return any(
+            best_label_field(texts, len(present[other.number])) == field.name
+            for other in fields
+            if other.repeated and not other.reason and other.number in present
+        )
+
+    def _fields_of(self, descriptor: Any) -> tuple[_Field, ...]:
+        """Return the fields of a message type; those of a type that is met again are remembered."""
+        name = descriptor.full_name
+        if name not in self._fields:
+            self._fields[name] = tuple(_field(one) for one in descriptor.fields)
+        return self._fields[name]
+
+
+def _field(one: Any) -> _Field:
+    """Describe a field."""
+    part = one.message_type
+    is_map = part is not None and part.GetOptions().map_entry
+    if part is not None:
+        kind, reason = (TIME if part.full_name in _TIMES else MESSAGE), "a map" if is_map else ""
+    elif one.type == one.TYPE_STRING:
+        kind, reason = TEXT, "text"
+    elif one.type == one.TYPE_BYTES:
+        kind, reason = OTHER, "bytes"
+    else:
+        kind, reason = NUMBER, ""
+    return _Field(one.name, one.number, kind, bool(one.is_repeated), bool(one.has_presence), reason)
+
+
+def _may_label(field: _Field) -> bool:
+    return field.repeated and field.kind == TEXT
+
+
+def _stamp_path(descriptor: Any) -> tuple[str, ...]:
+    """Return where a message type has its time stamp, () where it has none."""
+    for path in _STAMPS:
+        part = descriptor
+        for name in path:
+            field = None if part is None else part.fields_by_name.get(name)
+            part = None if field is None or field.is_repeated else field.message_type
+        if part is not None and (part.full_name == _TIMES[0] or _clock_of(part)):
+            return path
+    return ()
+
+
+def _clock_of(descriptor: Any) -> tuple[str, str] | None:
+    """Return the fields with seconds and nanoseconds of a time that is not protobuf's own."""
+    whole = (1, 3, 4, 5, 13, 15, 16, 17, 18)  # protobuf's types of integers
+    for names in _CLOCKS:
+        fields = [descriptor.fields_by_name.get(name) for name in names]
+        if len(descriptor.fields) <= 3 and all(f is not None and f.type in whole and not f.is_repeated for f in fields):
+            return names
+    return None
+
+
+def _stamp_of(message: Any, path: tuple[str, ...]) -> int:
+    """Return a message's time stamp [ns], 0 where it has none."""
+    for name in path:
+        present = {field.name: value for field, value in type(message).ListFields(message)}
+        if name not in present:
+            return 0
+        message = present[name]
+    names = _clock_of(type(message).DESCRIPTOR)
+    if names is None:
+        return 0
+    stamp = int(getattr(message, names[0])) * 1_000_000_000 + int(getattr(message, names[1]))
+    return stamp if abs(stamp) < 2**63 else 0
