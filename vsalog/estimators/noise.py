@@ -14,7 +14,10 @@ residuals*, the innovations over their own standard deviation for noise of varia
 (Brown, Durbin, Evans, J. R. Stat. Soc. B 37(2), 1975).
 
 Where the equation is an integral its noise wanders, and no octave is the last one: there its increments are looked at, with
-sums of the regressors in their place (summation by parts), less each run's mean, which its integration constant takes up.
+sums of the regressors in their place (summation by parts), less each run's mean, which its integration constant takes up. A fit
+follows the wandering, so that what it leaves over changes more, slowly, than the noise does. In the slow octaves increments
+therefore have a fit of their own too, to which they are nearly white; it leaves more over where a velocity changes by little more
+than its own noise. The smaller of the two counts.
 
 No octave has what never changes, as an offset that the basis cannot follow: the mean of the left-overs meets the sum of the
 regressors.
@@ -50,8 +53,11 @@ _LOW = np.array([
 _HIGH = _LOW[::-1] * np.array([1.0, -1.0] * 4)
 _TAPS = _LOW.size
 
-# In `sums`: samples in the box, last left-over, samples, Σ e, Σ e², boxes, Σ box².
-_FILLED, _LAST, _SAMPLES, _SUM, _SQUARES, _BOXES, _BOXED = range(7)
+# From this octave on increments have a fit of their own.
+SLOW = 4
+
+# In `sums`: samples in the box, last left-over, samples, Σ e, Σ e², boxes, Σ box², samples in the increment.
+_FILLED, _LAST, _SAMPLES, _SUM, _SQUARES, _BOXES, _BOXED, _SINCE = range(8)
 
 
 class NoiseState(NamedTuple):
@@ -61,15 +67,20 @@ class NoiseState(NamedTuple):
     ----------
     sums : numbers, see above
     box : shape (n + 1,), sum of the box that fills: regressors and left-over
+    mark : shape (n + 1,), regressors and y where the increment began, for an integral
+    Rp : shape (n, n + 1), triangular factor and data vector of the fit to slow increments
     total : shape (n,), sum of the regressors; of the run's where the equation is an integral
-    rings, seen : shapes (OCTAVES, 8, n + 1) and (OCTAVES,), the last inputs of each octave's filters, and how many there were
-    heard : shape (OCTAVES, 2), number and squares of the left-overs' coefficients
+    rings, seen : shapes (OCTAVES, 8, n + 2) and (OCTAVES,), the last inputs of each octave's filters (regressors, left-overs, and
+        those of the fit to increments), and how many there were
+    heard : shape (OCTAVES, 3), number of coefficients, squares of both left-overs'
     energy, closed : shape (OCTAVES + 1, n, n), of the regressors' coefficients, and of all boxes; of this run and of those before
     M : shape (n, n), covariance of the score; NaN while not known
     """
 
     sums: Array
     box: Array
+    mark: Array
+    Rp: Array
     total: Array
     rings: Array
     seen: Integers
@@ -92,12 +103,14 @@ def noise_start(size: int) -> NoiseState:
     """Return the state before the first sample, for n = `size` unknowns."""
     n, rows = size, OCTAVES + 1
     return NoiseState(
-        sums=np.zeros(7),
+        sums=np.zeros(8),
         box=np.zeros(n + 1),
+        mark=np.zeros(n + 1),
+        Rp=np.zeros((n, n + 1)),
         total=np.zeros(n),
-        rings=np.zeros((OCTAVES, _TAPS, n + 1)),
+        rings=np.zeros((OCTAVES, _TAPS, n + 2)),
         seen=np.zeros(OCTAVES, dtype=np.int64),
-        heard=np.zeros((OCTAVES, 2)),
+        heard=np.zeros((OCTAVES, 3)),
         energy=np.zeros((rows, n, n)),
         closed=np.zeros((rows, n, n)),
         M=np.full((n, n), np.nan),
@@ -105,14 +118,22 @@ def noise_start(size: int) -> NoiseState:
 
 
 def noise_block(
-    state: NoiseState, F: Array, left: Array, use: Flags, fresh: Flags, T: Array, integral: bool, forgetting: float
+    state: NoiseState,
+    F: Array,
+    y: Array,
+    left: Array,
+    use: Flags,
+    fresh: Flags,
+    T: Array,
+    integral: bool,
+    forgetting: float,
 ) -> tuple[NoiseState, Array]:
     """Observe what a fit leaves over, and say what it makes of functionals of the unknowns.
 
     Parameters
     ----------
     state : of `noise_start` or a previous call
-    F : shape (N, n), regressors
+    F, y : shapes (N, n) and (N,), regressors and what they shall add up to
     left : shape (N,), recursive residuals
     use : shape (N,), samples that were learnt from
     fresh : shape (N,), samples at which an integral, and its constant, the first unknown, begin anew
@@ -125,7 +146,7 @@ def noise_block(
     state, and shape (N, q): variances Tᵀ cov(Σ F e) T; NaN while not known
     """
     new, variances = state.copied(), np.empty(T.shape[:2])
-    _run(new, F, left, use, fresh, T, integral, forgetting**2, variances)
+    _run(new, F, y, left, use, fresh, T, integral, forgetting**2, variances)
     return new, variances
 
 
@@ -141,6 +162,7 @@ def noise_now(state: NoiseState, integral: bool) -> tuple[Array, float]:
 def _run(
     s: NoiseState,
     F: Array,
+    y: Array,
     left: Array,
     use: Flags,
     fresh: Flags,
@@ -155,11 +177,11 @@ def _run(
         if use[k] and not np.isnan(left[k]):
             begins = integral and (fresh[k] or sums[_SAMPLES] == 0.0)
             if begins:
-                _close(s)
+                _close(s, F[k], y[k])
             _fill(s, F[k], left[k], integral, begins, discount)
             if sums[_FILLED] == BOX:
                 sums[_FILLED] = 0.0
-                _transform(s, kept)
+                _transform(s, F[k], y[k], integral, kept)
             if sums[_SAMPLES] % EVERY == 0.0:
                 _look(s, integral)
         for m in range(asked):
@@ -180,6 +202,7 @@ def _fill(s: NoiseState, F: Array, left: float, integral: bool, begins: bool, di
     if integral:
         step = 0.0 if begins else left - sums[_LAST]
         sums[_LAST] = left
+        sums[_SINCE] += 1.0
     for i in range(n):
         total[i] = discount * total[i] + F[i]
         s.box[i] += total[i] if integral else F[i]
@@ -191,27 +214,53 @@ def _fill(s: NoiseState, F: Array, left: float, integral: bool, begins: bool, di
 
 
 @njit(cache=True, error_model="numpy")
-def _transform(s: NoiseState, kept: float) -> None:
+def _increment(s: NoiseState, F: Array, y: float, kept: float) -> float:
+    """Rotate what changed since the last call into the fit to increments, and return its recursive residual."""
+    n, Rp, row, size = F.shape[0], s.Rp, np.empty(F.shape[0] + 1), np.sqrt(s.sums[_SINCE])
+    s.sums[_SINCE] = 0.0
+    for i in range(n):
+        row[i] = (F[i] - s.mark[i]) / size
+        s.mark[i] = F[i]
+    row[n] = (y - s.mark[n]) / size
+    s.mark[n] = y
+    for i in range(n):
+        for j in range(i, n + 1):
+            Rp[i, j] *= np.sqrt(kept)
+        if row[i] == 0.0:  # as the constant's
+            continue
+        h = np.hypot(Rp[i, i], row[i])
+        cos, sin = Rp[i, i] / h, row[i] / h
+        for j in range(i, n + 1):
+            a, b = Rp[i, j], row[j]
+            Rp[i, j] = cos * a + sin * b
+            row[j] = cos * b - sin * a
+    return float(row[n])
+
+
+@njit(cache=True, error_model="numpy")
+def _transform(s: NoiseState, F: Array, y: float, integral: bool, kept: float) -> None:
     """Hand a full box on, from octave to octave; it is empty then."""
-    size = s.box.shape[0]
-    value, detail = np.empty(size), np.empty(size)
-    for i in range(size):
+    n = s.total.shape[0]
+    value, detail = np.zeros(n + 2), np.empty(n + 2)
+    for i in range(n + 1):
         value[i] = s.box[i] / np.sqrt(BOX)
         s.box[i] = 0.0
     if kept != 1.0:
         _scale(s.energy, kept)
         _scale(s.closed, kept)
     s.sums[_BOXES] += 1.0
-    s.sums[_BOXED] += value[size - 1] ** 2
+    s.sums[_BOXED] += value[n] ** 2
     _add(value, s.energy, OCTAVES)
     for octave in range(OCTAVES):
         last = s.seen[octave]
-        for i in range(size):
+        if octave == SLOW and integral:
+            value[n + 1] = _increment(s, F, y, kept ** (2**SLOW))
+        for i in range(n + 2):
             s.rings[octave, last % _TAPS, i] = value[i]
         s.seen[octave] += 1
         if last + 1 < _TAPS or (last + 1) % 2:
             return
-        for i in range(size):
+        for i in range(n + 2):
             low, high = 0.0, 0.0
             for tap in range(_TAPS):
                 x = s.rings[octave, (last + 1 + tap) % _TAPS, i]
@@ -219,7 +268,8 @@ def _transform(s: NoiseState, kept: float) -> None:
                 high += _HIGH[tap] * x
             value[i], detail[i] = low, high
         s.heard[octave, 0] += 1.0
-        s.heard[octave, 1] += detail[size - 1] ** 2
+        s.heard[octave, 1] += detail[n] ** 2
+        s.heard[octave, 2] += detail[n + 1] ** 2
         _add(detail, s.energy, octave)
 
 
@@ -241,8 +291,8 @@ def _scale(energy: Array, kept: float) -> None:
 
 
 @njit(cache=True, error_model="numpy")
-def _close(s: NoiseState) -> None:
-    """End a run: the noise of an integral does not go on into the next."""
+def _close(s: NoiseState, F: Array, y: float) -> None:
+    """End a run, and begin the next: the noise of an integral does not go on into it."""
     n = s.total.shape[0]
     for octave in range(OCTAVES + 1):
         for i in range(n):
@@ -256,7 +306,9 @@ def _close(s: NoiseState) -> None:
         s.seen[octave] = 0
     for i in range(n):
         s.total[i] = s.box[i] = 0.0
-    s.box[n] = s.sums[_FILLED] = 0.0
+        s.mark[i] = F[i]
+    s.box[n] = s.sums[_FILLED] = s.sums[_SINCE] = 0.0
+    s.mark[n] = y
 
 
 @njit(cache=True, error_model="numpy")
@@ -268,7 +320,7 @@ def _centred(energy: Array, total: Array, octave: int, i: int, j: int) -> float:
 
 
 @njit(cache=True, error_model="numpy")
-def _spectrum(s: NoiseState) -> Array:
+def _spectrum(s: NoiseState, integral: bool) -> Array:
     """Return the variance of the left-overs in each octave and beyond the last, shape (OCTAVES + 1,)."""
     v = np.empty(OCTAVES + 1)
     last, slope = np.log(max(s.sums[_BOXED] / s.sums[_BOXES], NOTHING)), 0.0
@@ -276,6 +328,8 @@ def _spectrum(s: NoiseState) -> Array:
         now = last + 0.5 * slope
         if octave < OCTAVES and s.heard[octave, 1] > 0.0:
             count, squares = s.heard[octave, 0], s.heard[octave, 1]
+            if integral and octave >= SLOW:
+                squares = max(min(squares, s.heard[octave, 2]), NOTHING)
             now = (count * np.log(squares / count) + TAILS + EXPECTED * now) / (count + EXPECTED)
         slope = min(max(now - last, FALL), RISE) if octave else 0.0
         last = now
@@ -291,7 +345,7 @@ def _look(s: NoiseState, integral: bool) -> None:
     """Put together what is known of the score."""
     if s.sums[_BOXES] < LEAST:
         return
-    v, n = _spectrum(s), s.total.shape[0]
+    v, n = _spectrum(s, integral), s.total.shape[0]
     mean = 0.0 if integral else s.sums[_SUM] / s.sums[_SAMPLES]
     for i in range(n):
         for j in range(n):

@@ -40,7 +40,7 @@ class RlsSolver:
         rls, values, directions, pulled, unknowns, left, factor = rls_block(
             state[0], rows.F, rows.y, use, E, spread, self.c, self.p0
         )
-        noise, made = noise_block(state[1], rows.F, left, use, rows.fresh, directions, False, 1.0)
+        noise, made = noise_block(state[1], rows.F, rows.y, left, use, rows.fresh, directions, False, 1.0)
         return (rls, noise), values, _spread(made, pulled, spread), unknowns, {"stability_factor": factor}
 
     def solution(self, state: tuple[RlsState, NoiseState]) -> tuple[Array, Array, float]:
@@ -78,7 +78,9 @@ class QrSolver:
         qr, values, directions, pulled, unknowns, left = qr_block(
             state[0], rows.F, rows.y, use, rows.fresh, E, spread, self.forgetting, self.leading, self.p0
         )
-        noise, made = noise_block(state[1], rows.F, left, use, rows.fresh, directions, self.integral, self.forgetting)
+        noise, made = noise_block(
+            state[1], rows.F, rows.y, left, use, rows.fresh, directions, self.integral, self.forgetting
+        )
         if rows.noisy is not None:
             learnt = state[1].samples + np.cumsum(np.isfinite(left))
             made += self._bent(directions, unknowns, learnt, rows.noisy) ** 2
