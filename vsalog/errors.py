@@ -50,6 +50,10 @@ class WriteError(VsalogError):
     """A result cannot be written."""
 
 
+class BatchError(VsalogError):
+    """A batch cannot be begun or go on."""
+
+
 def did_you_mean(name: str, known: Iterable[str], count: int = 3) -> str:
     """Return ", did you mean 'a' or 'b'?" for the known names nearest to `name`, or "" when none is near.
 
