@@ -15,13 +15,19 @@ def text(rng, unique=""):
 
 
 def number(rng, kind, size=None):
-    if kind in ("float32", "float64"):
-        return rng.standard_normal(size).astype(kind) if size is not None else float(np.float32(rng.standard_normal()))
-    if kind == "bool":
-        return rng.integers(0, 2, size).astype(bool) if size is not None else bool(rng.integers(0, 2))
-    dtype = {"char": "uint8", "byte": "uint8", "octet": "uint8"}.get(kind, kind)
-    low, high = (0, 100) if dtype == "uint8" else (0, 2**6)
-    return rng.integers(low, high, size).astype(dtype) if size is not None else int(rng.integers(low, high))
+    """Return a number of a kind, or an array of them, of any bits that it can have."""
+    dtype = np.dtype({"char": "uint8", "byte": "uint8", "octet": "uint8"}.get(kind, kind))
+    if kind in ("byte", "octet"):  # the library takes one for signed, arrays of them for unsigned
+        values = rng.integers(0, 128, size or 1).astype(dtype)
+    elif kind == "bool":
+        values = rng.integers(0, 2, size or 1).astype(bool)
+    else:
+        values = np.frombuffer(rng.bytes((size or 1) * dtype.itemsize), dtype).copy()
+        if dtype.kind == "f" and rng.integers(0, 2):
+            values[:] = rng.standard_normal(values.size)
+    if size is not None:
+        return values[:size]
+    return values[0].item()
 
 
 def make(rng, store, name, depth=0):
@@ -35,11 +41,34 @@ def make(rng, store, name, depth=0):
             (sub, what), count = detail
             size = count if int(kind) == FIXED else int(rng.integers(0, min(count or 4, 4) + 1))
             if int(sub) == BASIC and what[0] == "string":
-                values.append([text(rng, f"{field}{i}") for i in range(size)])
+                alike = bool(
+                    rng.integers(0, 2)
+                )  # in length, as names that change places without a trace in the lengths
+                values.append([f"{field}{i}" if alike else text(rng, f"{field}{i}") for i in range(size)])
             elif int(sub) == BASIC:
                 values.append(number(rng, what[0], size))
             else:
                 values.append([make(rng, store, what, depth + 1) for _ in range(size)])
+    return store.types[name](*values)
+
+
+def vary(rng, store, message, name):
+    """Return a message of the same shape with other numbers; texts in arrays may change places."""
+    values = []
+    for field, (kind, detail) in store.fielddefs[name][1]:
+        value = getattr(message, field, None)
+        value = getattr(message, field + "_") if value is None else value  # a Python keyword
+        if int(kind) == MESSAGE:
+            value = vary(rng, store, value, detail)
+        elif int(kind) == BASIC:
+            value = value if detail[0] == "string" else number(rng, detail[0])
+        elif int(detail[0][0]) == MESSAGE:
+            value = [vary(rng, store, one, detail[0][1]) for one in value]
+        elif detail[0][1][0] == "string":
+            value = [str(one) for one in rng.permutation(value)] if rng.integers(0, 2) else value
+        else:
+            value = number(rng, detail[0][1][0], len(value))
+        values.append(value)
     return store.types[name](*values)
 
 
@@ -76,7 +105,7 @@ def numbers(store, message, name, path=""):
 
 def part(store, value, name, path):
     if name in TIMES:
-        return {path: value.sec + value.nanosec * 1e-9} if path not in ("header.stamp", "stamp") else {}
+        return {path: (value.sec * 10**9 + value.nanosec) * 1e-9} if path not in ("header.stamp", "stamp") else {}
     return numbers(store, value, name, path)
 
 
@@ -96,4 +125,5 @@ def labels_for(store, message, name, count):
 
 
 def same_number(a, b):
-    return (np.isnan(a) and np.isnan(b)) or a == b or abs(a - b) <= 1e-9 * max(abs(a), abs(b))
+    """Tell whether two numbers are the same bit for bit, or both none."""
+    return np.float64(a).tobytes() == np.float64(b).tobytes() or bool(np.isnan(a) and np.isnan(b))

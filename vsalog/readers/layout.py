@@ -104,7 +104,8 @@ def column(data: Bytes, start: Integers, field: Field) -> NDArray[np.float64]:
     """Return a field's values [as recorded, times in s], shape (n,), of the messages that begin at `start`, shape (n,)."""
     if field.code.startswith((">i4,", "<i4,")):
         return np.asarray(nanoseconds(data, start, field) * 1e-9, dtype=np.float64)
-    return _numbers(data, start, field.offset, field.code).astype(np.float64, copy=False)
+    with np.errstate(invalid="ignore"):  # NaN of the kind that signals is no number either
+        return _numbers(data, start, field.offset, field.code).astype(np.float64, copy=False)
 
 
 def nanoseconds(data: Bytes, start: Integers, field: Field) -> NDArray[np.int64]:

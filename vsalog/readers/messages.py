@@ -76,16 +76,20 @@ class RosDecoder:
         Name of the stream, ahead of every channel's name.
     wanted : collection of str or None
         Channels to decode; None is all of them.
+    remember : bool
+        For tests: without, every message is walked on its own.
     """
 
-    def __init__(self, root: Struct, cdr: bool, prefix: str, wanted: Collection[str] | None) -> None:
+    def __init__(
+        self, root: Struct, cdr: bool, prefix: str, wanted: Collection[str] | None, remember: bool = True
+    ) -> None:
         self.root = root
         self.cdr = cdr
         self.prefix = prefix
         self.wanted = wanted
         self.unread: dict[str, str] = {}
         self._layouts: dict[int, list[Layout]] = {}
-        self._learnt = 0
+        self._spare = MAX_LAYOUTS if remember else 0
         self._patience = 3
 
     def decode(self, messages: Messages) -> Decoded:
@@ -104,8 +108,8 @@ class RosDecoder:
             layout_or_none = self._learn(messages.data[start[0] : start[0] + length].tobytes())
             if layout_or_none is None:
                 start, rows = start[1:], rows[1:]
-            elif self._learnt < MAX_LAYOUTS:
-                self._learnt += 1
+            elif self._spare:
+                self._spare -= 1
                 self._layouts.setdefault(length, []).append(layout_or_none)
                 start, rows = self._take_matching(layout_or_none, messages.data, start, rows, result)
             else:
