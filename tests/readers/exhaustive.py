@@ -12,6 +12,7 @@ from pathlib import Path
 
 import numpy as np
 from random_messages import STORES, numbers, same_number
+from rosbags.serde import SerdeError
 from rosbags.typesys import Stores, get_types_from_idl, get_types_from_msg, get_typestore
 
 from vsalog.errors import ReadError
@@ -72,7 +73,15 @@ class _Topic:
             self.wrong.append(f"{self._topic}: stamps differ")
         for i, raw in enumerate(messages):
             read = self._store.deserialize_ros1 if self._ros1 else self._store.deserialize_cdr
-            message = read(raw, self._name)
+            try:
+                message = read(raw, self._name)
+            except SerdeError:
+                if fast.good[i]:
+                    self.wrong.append(f"{self._topic}: message {i} is none for the library")
+                continue
+            if not fast.good[i]:
+                self.wrong.append(f"{self._topic}: message {i} is one for the library")
+                continue
             expected = {f"t.{path}": value for path, value in numbers(self._store, message, self._name).items()}
             for name in fast.columns.keys() | expected.keys():
                 values = [one.columns[name][i] if name in one.columns else np.nan for one in (fast, slow)]

@@ -95,6 +95,9 @@ class Walk:
                 position = following
                 continue
             content = self._read(position, length, keep=kind in KEPT)
+            if kind in KEPT and len(content) < length:  # the file has become shorter meanwhile
+                self.cut = (position, self._size)
+                return
             self._chunked |= kind == CHUNK
             self.unknown += _LAST_KNOWN < kind < FIRST_PRIVATE
             if kind in KEPT:
