@@ -12,6 +12,7 @@ from typing import NoReturn
 import rich_click as click
 
 from vsalog._version import __version__
+from vsalog.cli.batch import batch
 from vsalog.cli.compare import compare
 from vsalog.cli.diagnose import diagnose
 from vsalog.cli.estimate import estimate
@@ -30,6 +31,7 @@ def cli(debug: bool) -> None:
     """Stiffness, with honest uncertainty, from the recordings of compliant robot joints."""
 
 
+cli.add_command(batch)
 cli.add_command(compare)
 cli.add_command(diagnose)
 cli.add_command(estimate)

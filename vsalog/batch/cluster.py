@@ -1,0 +1,135 @@
+"""Workers on other machines: an existing Dask cluster."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import CancelledError
+from importlib import import_module
+from types import TracebackType
+from typing import Any
+
+import msgspec
+
+from vsalog._version import __version__
+from vsalog.batch.records import Answer, Settings, Task, failed
+from vsalog.batch.work import check_json, do_json
+from vsalog.errors import BatchError
+
+# Seconds in which a scheduler has to answer.
+PATIENCE = 15
+# A log that workers died of so often is not tried again.
+RETRIES = 2
+# Tasks the scheduler knows at a time; so many that no worker ever waits for the next.
+AHEAD = 2000
+
+
+class Cluster:
+    """Do tasks on a Dask cluster; a context manager with the methods of `vsalog.batch.pool.Pool`.
+
+    Workers that die are the scheduler's affair: it gives their logs to others. What they write is renamed into place, so that a
+    log that is done twice is the same as one that was done once.
+
+    Parameters
+    ----------
+    address : of the scheduler
+    say : told what takes time
+
+    Raises
+    ------
+    BatchError
+        distributed is not installed, or nobody answers there.
+    """
+
+    def __init__(self, address: str, say: Callable[[str], None] = lambda _: None) -> None:
+        try:
+            distributed: Any = import_module("distributed")
+        except ImportError:
+            raise BatchError("--scheduler needs Dask: pip install 'vsalog[dask]'") from None
+        self.address, self.say, self._distributed = address, say, distributed
+        try:
+            self._client: Any = distributed.Client(address, timeout=PATIENCE, set_as_default=False, name="vsalog-batch")
+        except (OSError, ValueError, TypeError) as error:
+            raise BatchError(
+                f"{address}: no Dask scheduler answers there ({str(error).splitlines()[0][:200]})"
+            ) from error
+
+    def __enter__(self) -> Cluster:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        # What has not begun is forgotten by the scheduler with the last who waited for it.
+        self._client.close(timeout=5)
+
+    @property
+    def jobs(self) -> int:
+        """How many logs are worked on at a time."""
+        return sum(self._client.nthreads().values())
+
+    def check(self, settings: Settings) -> None:
+        """See on a worker whether what is asked for can be at all.
+
+        Raises
+        ------
+        BatchError
+            It cannot, or the scheduler has no worker.
+        """
+        if not self.jobs:
+            self.say(f"{self.address} has no worker yet; waiting for one")
+            try:
+                self._client.wait_for_workers(1, timeout=PATIENCE * 4)
+            except TimeoutError:
+                raise BatchError(
+                    f"{self.address}: the scheduler has no workers; start some with 'dask worker'"
+                ) from None
+        future = self._client.submit(check_json, msgspec.json.encode(settings), pure=False)
+        try:
+            said = future.result()
+        except Exception as error:
+            raise BatchError(f"{self.address}: the workers cannot run vsalog: {_told(error)}") from error
+        if said:
+            raise BatchError(said)
+
+    def run(self, tasks: Sequence[Task]) -> Iterator[tuple[Task, Answer]]:
+        """Do tasks; yield each with its answer as soon as it is there.
+
+        Raises
+        ------
+        BatchError
+            The connection to the scheduler was lost.
+        """
+        # Large ones first, so that the last ones end together.
+        waiting = sorted(tasks, key=lambda task: (task.log.size, task.log.name))
+        known: dict[str, Task] = {}
+
+        def submit() -> Any:
+            task = waiting.pop()
+            future = self._client.submit(do_json, msgspec.json.encode(task), pure=False, retries=RETRIES)
+            known[future.key] = task
+            return future
+
+        done: Any = self._distributed.as_completed([submit() for _ in range(min(AHEAD, len(waiting)))])
+        for future in done:
+            task = known.pop(future.key)
+            yield task, self._answer(future, task)
+            if waiting:
+                done.add(submit())
+
+    def _answer(self, future: Any, task: Task) -> Answer:
+        try:
+            return msgspec.json.decode(future.result(), type=Answer)
+        except CancelledError:
+            raise BatchError(
+                f"{self.address}: the connection to the scheduler was lost; run again with --resume"
+            ) from None
+        except Exception as error:
+            return Answer(record=failed(task.log, task.settings, "killed", _told(error), __version__))
+
+
+def _told(error: Exception) -> str:
+    from distributed.scheduler import KilledWorker
+
+    if isinstance(error, KilledWorker):
+        return "the workers that worked on it died, one after the other"
+    return f"{type(error).__name__}: {error}"

@@ -1,0 +1,85 @@
+"""How much memory there is, and how much a log is expected to need."""
+
+from __future__ import annotations
+
+import os
+import re
+from contextlib import suppress
+from pathlib import Path
+
+from vsalog.batch.records import Log, Settings
+from vsalog.errors import BatchError
+
+MIB = 2**20
+# A worker that waits, with everything loaded.
+BASE = 330 * MIB
+# Beyond that, bytes per byte of log, as measured over formats (docs/batch.md), with room.
+FACTORS = {"estimate": 6.0, "validate": 20.0, "diagnose": 60.0}
+PAGE_FACTOR = 25.0
+# A worker that needed more than this is replaced: memory that was used once is hardly given back.
+LARGE = 1024 * MIB
+# Of what is free.
+SHARE = 0.8
+_UNITS = {"": 1, "k": 10**3, "m": 10**6, "g": 10**9, "t": 10**12, "ki": 2**10, "mi": 2**20, "gi": 2**30, "ti": 2**40}
+
+
+def expected(log: Log, settings: Settings) -> int:
+    """Return the bytes that a log is expected to need, those of the worker itself included."""
+    factor = FACTORS[settings.do] + (PAGE_FACTOR if settings.report and settings.do == "estimate" else 0.0)
+    return BASE + round(factor * log.size)
+
+
+def parse_size(text: str) -> int:
+    """Read a size such as 4GB, 512 MiB or 3e9.
+
+    Raises
+    ------
+    BatchError
+        It is none, or too small for a single worker.
+    """
+    match = re.fullmatch(r"\s*([0-9.]+(?:e[0-9]+)?)\s*([kmgt]?i?)b?\s*", text, re.IGNORECASE)
+    size = 0.0
+    if match is not None:
+        with suppress(ValueError):
+            size = float(match[1]) * _UNITS.get(match[2].lower(), 0)
+    if not 0.0 < size < 1e18:
+        raise BatchError(f"--memory: '{text}' is no size; write 4GB or 512MiB")
+    if size < BASE:
+        raise BatchError(f"--memory: {text} is too little: a single worker takes {told(BASE)} before it opens a log")
+    return int(size)
+
+
+def told(size: float) -> str:
+    """Return a size as people write it."""
+    return f"{size / 1e9:.3g} GB" if size >= 1e9 else f"{size / 1e6:.3g} MB"
+
+
+def free() -> int:
+    """Return the bytes that can be used without pushing others out: of the machine, or of the group the process is in."""
+    found = [size for size in (_available(), _group()) if size is not None]
+    return max(BASE, int(SHARE * min(found))) if found else 8 * BASE
+
+
+def _available() -> int | None:
+    with suppress(OSError, ValueError, IndexError):
+        text = Path("/proc/meminfo").read_text(encoding="ascii")
+        return int(text.split("MemAvailable:")[1].split()[0]) * 1024
+    with suppress(OSError, ValueError, AttributeError):
+        return os.sysconf("SC_PHYS_PAGES") * os.sysconf("SC_PAGE_SIZE")
+    return None
+
+
+def _group() -> int | None:
+    """Return what a container leaves, as control groups tell it."""
+    for most, used in (
+        ("/sys/fs/cgroup/memory.max", "/sys/fs/cgroup/memory.current"),
+        ("/sys/fs/cgroup/memory/memory.limit_in_bytes", "/sys/fs/cgroup/memory/memory.usage_in_bytes"),
+    ):
+        with suppress(OSError, ValueError):
+            return max(int(Path(most).read_text()) - int(Path(used).read_text()), 0)
+    return None
+
+
+def cores() -> int:
+    """Return how many cores this process may use."""
+    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1

@@ -1,0 +1,83 @@
+"""Names from outside as names of files and partitions: what a path or a rig says never becomes a path of its own."""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Sequence
+from urllib.parse import quote, unquote
+
+# Bytes of an encoded name: file systems end at 255, and a prefix (``device=``), an ending (``.model.toml``) or both come with it.
+LONGEST = 180
+# Readers take this for "no value".
+UNNAMED = "unnamed"
+
+
+def encoded(text: str) -> str:
+    """Return a text as one name of a file or partition, percent-encoded as Hive's readers decode it.
+
+    Letters, digits, ``_``, ``-`` and ``.`` stay; a dot in front does not, since it would hide the file or name a folder.
+
+    Parameters
+    ----------
+    text : any text without lone surrogates
+    """
+    name = quote(text, safe="").replace("~", "%7E")
+    return f"%2E{name[1:]}" if name.startswith(".") else name
+
+
+def decoded(name: str) -> str:
+    """Return the text that was encoded."""
+    return unquote(name)
+
+
+def readable(path: bytes) -> str:
+    """Return a log's relative path as text that can be encoded: another text for another path.
+
+    Bytes that are no UTF-8 are shown as hexadecimal escapes, and what is too long loses its beginning; both get a hash of the
+    bytes behind them, so that no two paths become one.
+
+    Parameters
+    ----------
+    path : as the file system has it, with slashes between
+    """
+    try:
+        text, exact = path.decode("utf-8"), True
+    except UnicodeDecodeError:
+        text, exact = path.decode("utf-8", "backslashreplace"), False
+    return text if exact and _fits(text) else _cut(text, path)
+
+
+def device_name(text: str) -> str:
+    """Return what a rig calls itself as the value of a partition."""
+    text = text.encode("utf-8", "replace").decode()
+    if not text:
+        return UNNAMED
+    return text if _fits(text) else _cut(text, text.encode())
+
+
+def told_apart(texts: Sequence[str]) -> list[str]:
+    """Return texts of which no two differ by capitals alone: not every file system keeps such apart.
+
+    Parameters
+    ----------
+    texts : all different
+    """
+    seen: dict[str, int] = {}
+    for text in texts:
+        seen[text.casefold()] = seen.get(text.casefold(), 0) + 1
+    return [
+        _cut(text, text.encode()) if seen[text.casefold()] > 1 and text != text.casefold() else text for text in texts
+    ]
+
+
+def _fits(text: str) -> bool:
+    return len(encoded(text)) <= LONGEST
+
+
+def _cut(text: str, origin: bytes) -> str:
+    """Return the end of a text, which says more of a path than its beginning, with a hash."""
+    mark = f"~{hashlib.sha256(origin).hexdigest()[:12]}"
+    begin = max(len(text) - LONGEST, 0)
+    while not _fits(text[begin:] + mark):
+        begin += 1
+    return text[begin:] + mark

@@ -1,0 +1,263 @@
+"""What is done to one log: `estimate`, `validate` or `diagnose`, as the commands do it, into files of a batch."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from collections.abc import Callable
+from contextlib import ExitStack
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import msgspec
+
+from vsalog.batch.names import device_name, encoded
+from vsalog.batch.records import Joint, Log, Settings
+from vsalog.errors import ReadError
+from vsalog.rig import Rig
+
+
+@dataclass(slots=True)
+class Result:
+    """What came of a log: files by what they are, with their names in the batch; and what its record says.
+
+    Attributes
+    ----------
+    files : what → (file in the scratch folder, name in the batch)
+    input_sha256 : of the log as it was when it was read
+    """
+
+    files: dict[str, tuple[Path, str]] = field(default_factory=dict)
+    joints: tuple[Joint, ...] = ()
+    warnings: tuple[str, ...] = ()
+    device: str = ""
+    date: str = ""
+    rig_sha256: str = ""
+    input_sha256: str = ""
+    met: bool = True
+
+
+def check(settings: Settings) -> None:
+    """See whether what is asked for can be at all, before any log is opened.
+
+    Raises
+    ------
+    VsalogError
+        An option is impossible whatever the log.
+    """
+    from vsalog.readers.window import Window
+
+    Window.parse(settings.start, settings.end)
+    if settings.model is not None:
+        import tempfile
+
+        from vsalog.validation.frozen import frozen
+
+        with tempfile.TemporaryDirectory(prefix="vsalog-") as folder:
+            file = Path(folder) / settings.model_name
+            file.write_text(settings.model, encoding="utf-8")
+            frozen(file)
+    rig = None if settings.rig is None else Rig.from_toml(settings.rig, settings.rig_name)
+    if rig is not None:
+        from vsalog.estimation import pick_joints
+
+        rig = rig.with_settings({k: v for k, v in settings.set.items() if k != "setpoint"})
+        joints = pick_joints(rig.joints, settings.joints)
+        if settings.do == "estimate":
+            from vsalog.estimation import choose_all
+
+            choose_all(joints, settings.estimator, settings.tune, rig.file)
+    elif settings.do == "estimate" and settings.estimator != "auto":
+        from vsalog.estimation import PRESET
+        from vsalog.estimators import method
+        from vsalog.estimators.tuning import read_tuning
+
+        found = method(settings.estimator)
+        read_tuning(found.TUNING, settings.estimator, {k: v for k, v in settings.tune.items() if k != PRESET})
+
+
+def estimate(log: Log, path: Path, settings: Settings, scratch: Path) -> Result:
+    """Estimate the joints of a log: a trace, a model and, where asked for, a page.
+
+    Raises
+    ------
+    VsalogError
+        The log is at fault, or a file cannot be written.
+    """
+    from vsalog.batch.dataset import DatasetWriter, trace_name
+    from vsalog.batch.figures import of_estimate
+    from vsalog.job import Options, prepare
+    from vsalog.trace import Trace
+    from vsalog.writers.atomic import write_text
+    from vsalog.writers.trace import TraceWriter
+
+    options = Options(
+        rig=None if settings.rig is None else Rig.from_toml(settings.rig, settings.rig_name),
+        joints=settings.joints,
+        estimator=settings.estimator,
+        tune=settings.tune,
+        set=settings.set,
+        rate=settings.rate,
+        time=settings.time,
+        start=settings.start,
+        end=settings.end,
+    )
+    job = prepare([path], options)
+    provenance = job.provenance()
+    result, name = Result(), encoded(log.name)
+    model, page, plain = scratch / "model.toml", scratch / "estimate.html", scratch / "plain.parquet"
+    with ExitStack() as stack:
+        traces = stack.enter_context(DatasetWriter(scratch / "part.parquet", provenance))
+        sinks: list[Callable[[Trace], None]] = [traces.write]
+        if settings.report:
+            # The page reads columns back from a trace as `estimate` writes it.
+            sinks.append(stack.enter_context(TraceWriter(plain, provenance)).write)
+
+        def sink(trace: Trace) -> None:
+            for each in sinks:
+                each(trace)
+
+        estimates = job.run(sink)
+    if settings.report:
+        from vsalog.reports.page_estimate import write_estimate_page
+
+        write_estimate_page(page, job, plain, estimates, provenance)
+        result.files["report"] = (page, f"reports/{name}/estimate.html")
+    write_text(model, job.model_file(estimates, provenance).to_toml())
+    result.device, result.date = _device(job.rig), traces.date
+    result.files["trace"] = (traces.path, trace_name(result.device, result.date, log.name))
+    result.files["model"] = (model, f"models/{name}.model.toml")
+    result.joints = tuple(of_estimate(job, e) for e in estimates)
+    result.warnings = job.warnings
+    result.rig_sha256 = hashlib.sha256(provenance["vsalog.rig"].encode()).hexdigest()
+    result.input_sha256 = next(iter(json.loads(provenance["vsalog.input"]).values()), "")
+    return result
+
+
+def validate(log: Log, path: Path, settings: Settings, scratch: Path) -> Result:
+    """Hold the model against a log: a report and its page.
+
+    Raises
+    ------
+    VsalogError
+        The log or the model is at fault, or a file cannot be written.
+    """
+    from vsalog.batch.figures import of_validation
+    from vsalog.reports.drawings import Drawings
+    from vsalog.validation.frozen import frozen
+    from vsalog.validation.run import Options
+    from vsalog.validation.run import validate as run
+    from vsalog.writers.reports import Outputs, write_report
+
+    assert settings.model is not None
+    folder = scratch / "model"
+    folder.mkdir()
+    model = folder / settings.model_name
+    model.write_text(settings.model, encoding="utf-8")
+    options = Options(
+        rig=_text(settings),
+        joints=settings.joints,
+        set=settings.set,
+        rate=settings.rate,
+        time=settings.time,
+        modalities=settings.modalities,
+        max_nrmse=settings.max_nrmse,
+        max_msrep=settings.max_msrep,
+        start=settings.start,
+        end=settings.end,
+    )
+    drawings = Drawings(frozen(model), settings.joints, 1, False)
+    report = run(model, [path], options, draw=drawings)
+    if settings.rig is not None:
+        report = msgspec.structs.replace(report, settings=report.settings | {"rig": settings.rig_name})
+    outputs = Outputs.within(scratch / "report", None)
+    write_report(report, drawings, outputs)
+    result, where = Result(), f"reports/{encoded(log.name)}"
+    result.files["document"] = (outputs.document, f"{where}/report.json")
+    result.files["report"] = (outputs.page, f"{where}/report.html")
+    rig = Rig.from_toml(report.rig, "rig")
+    result.device, result.joints = _device(rig), tuple(of_validation(report))
+    result.rig_sha256 = hashlib.sha256(report.rig.encode()).hexdigest()
+    result.input_sha256 = report.logs[0].sha256
+    result.met = all(t.met for t in report.thresholds)
+    return result
+
+
+def diagnose(log: Log, path: Path, settings: Settings, scratch: Path) -> Result:
+    """Hold the rig's simulation against a log: a diagnosis, its page and, where causes were found, the extended rig.
+
+    Raises
+    ------
+    VsalogError
+        The log or the rig is at fault, or a file cannot be written.
+    """
+    from vsalog.batch.figures import of_diagnosis
+    from vsalog.diagnosis.run import Options
+    from vsalog.diagnosis.run import diagnose as run
+    from vsalog.writers.diagnosis import Outputs, write_diagnosis
+
+    options = Options(
+        rig=_text(settings),
+        joints=settings.joints,
+        set=settings.set,
+        rate=settings.rate,
+        time=settings.time,
+        start=settings.start,
+        end=settings.end,
+    )
+    outcome = run(path, None, options)
+    extended = None if outcome.extended is None else outcome.extended.to_toml()
+    outputs = write_diagnosis(
+        outcome.diagnosis, outcome.evidence, extended, Outputs.within(scratch / "report"), outcome.scenario
+    )
+    result, where = Result(), f"reports/{encoded(log.name)}"
+    result.files["document"] = (outputs.document, f"{where}/diagnosis.json")
+    result.files["report"] = (outputs.page, f"{where}/diagnosis.html")
+    if outputs.rig_is == "written":
+        result.files["rig"] = (outputs.rig, f"{where}/extended.rig.toml")
+    result.device, result.joints = _device(outcome.rig), tuple(of_diagnosis(outcome.diagnosis))
+    result.warnings = outcome.diagnosis.warnings
+    result.rig_sha256 = hashlib.sha256(outcome.diagnosis.rig.encode()).hexdigest()
+    result.input_sha256 = outcome.diagnosis.log_sha256
+    result.met = not settings.fail_on_cause or outcome.diagnosis.verdict == "consistent"
+    return result
+
+
+COMMANDS: dict[str, Callable[[Log, Path, Settings, Path], Result]] = {
+    "estimate": estimate,
+    "validate": validate,
+    "diagnose": diagnose,
+}
+
+
+def run_one(log: Log, path: Path, settings: Settings, scratch: Path, digest: str) -> Result:
+    """Do what is asked for to a log, and see that it stayed what it was.
+
+    Parameters
+    ----------
+    log : of the plan
+    path : of it here
+    settings : what is asked for
+    scratch : an empty folder for what is written
+    digest : the log's SHA-256 before
+
+    Raises
+    ------
+    VsalogError
+        The log is at fault, changed meanwhile, or a file cannot be written.
+    """
+    result = COMMANDS[settings.do](log, path, settings, scratch)
+    if result.input_sha256 != digest:
+        raise ReadError(f"{log.name}: changed while it was worked on; run again with --resume when it is complete")
+    return result
+
+
+def _text(settings: Settings) -> Any:
+    """Return the rig as TOML text, which is told from a file's name by its line ends."""
+    return None if settings.rig is None else f"\n{settings.rig}"
+
+
+def _device(rig: Rig) -> str:
+    """Return what the data set calls the machine: the rig's name, else its joints'."""
+    return device_name(rig.name or "+".join(rig.joints))

@@ -1,0 +1,50 @@
+"""What is asked for on the command line → settings that mean the same on every machine."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+from vsalog.batch.records import Settings
+from vsalog.errors import ReadError
+from vsalog.rig import Rig
+
+MOST_BYTES = 50_000_000
+
+
+def settings_of(do: str, rig: str | None, model: Path | None, **others: Any) -> Settings:
+    """Return the settings, with rig and model read: whoever does the work need not have the files.
+
+    Parameters
+    ----------
+    do : the command that is run
+    rig : file or preset; None where each log's own is looked for
+    model : of `validate`
+    others : as they stand in `Settings`
+
+    Raises
+    ------
+    VsalogError
+        A file cannot be read, or is not what it should be.
+    """
+    loaded = None if rig is None else Rig.load(rig)
+    text = None if model is None else _read(model)
+    return Settings(
+        do=do,  # type: ignore[arg-type]
+        rig=None if loaded is None else loaded.to_toml(),
+        rig_name="" if loaded is None else loaded.where,
+        model=text,
+        model_name="" if model is None else model.name.encode("utf-8", "replace").decode(),
+        **others,
+    )
+
+
+def _read(model: Path) -> str:
+    try:
+        if model.stat().st_size > MOST_BYTES:
+            raise ReadError(f"{model}: more than {MOST_BYTES // 1_000_000} MB is no model file")
+        return model.read_text(encoding="utf-8")
+    except OSError as error:
+        raise ReadError(f"{model}: cannot be read: {error.strerror}") from error
+    except UnicodeDecodeError as error:
+        raise ReadError(f"{model}: is no model file that 'vsalog estimate' writes: it is no UTF-8 text") from error

@@ -1,0 +1,156 @@
+"""How a batch goes, on stderr: a bar on a terminal, a line now and then elsewhere; and what came of it, on stdout."""
+
+from __future__ import annotations
+
+import sys
+import time
+from collections.abc import Sequence
+from types import TracebackType
+
+import msgspec
+from rich.console import Console
+from rich.markup import escape
+from rich.progress import BarColumn, Progress, TaskID, TextColumn, TimeElapsedColumn
+
+from vsalog.batch.records import Answer, Do, Log
+from vsalog.batch.run import Outcome
+from vsalog.reports.page_text import plain
+
+# Seconds between lines where there is no terminal, and failures that are told one by one.
+EVERY, MOST_TOLD = 30.0, 10
+
+
+class Shown:
+    """A watch (`vsalog.batch.run.Watch`) that tells people; a context manager."""
+
+    def __init__(self) -> None:
+        self._console = Console(stderr=True, highlight=False)
+        self._bar: Progress | None = None
+        self._id = TaskID(0)
+        self._logs = self._bytes = self._done = self._done_bytes = self._kept = self._failed = 0
+        self._start = self._last = time.monotonic()
+
+    def __enter__(self) -> Shown:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        if self._bar is not None:
+            self._bar.stop()
+
+    @property
+    def done(self) -> int:
+        """How many logs are finished."""
+        return self._done
+
+    @property
+    def begun(self) -> bool:
+        """Whether work has begun."""
+        return self._logs > 0
+
+    def say(self, text: str) -> None:
+        """Tell a remark."""
+        self._console.print(escape(plain(text)), soft_wrap=True)
+
+    def begin(self, logs: Sequence[Log]) -> None:
+        """Show what is going to be done."""
+        self._logs, self._bytes = len(logs), sum(log.size + 1 for log in logs)
+        self._start = self._last = time.monotonic()
+        if self._console.is_terminal:
+            self._bar = Progress(
+                TextColumn("{task.description}"),
+                BarColumn(),
+                TimeElapsedColumn(),
+                console=self._console,
+                transient=True,
+            )
+            self._id = self._bar.add_task(self._words(), total=self._bytes)
+            self._bar.start()
+
+    def add(self, log: Log, answer: Answer) -> None:
+        """Count a log, and tell a failure."""
+        self._done += 1
+        self._done_bytes += log.size + 1
+        self._kept += answer.kept
+        record = answer.record
+        if record is not None and record.status == "failed":
+            self._failed += 1
+            if self._failed <= MOST_TOLD:
+                self.say(f"failed: {record.log}: {record.reason}")
+            elif self._failed == MOST_TOLD + 1:
+                self.say("further failures are not told one by one; summary.parquet and index.html have them")
+        if self._bar is not None:
+            self._bar.update(self._id, completed=self._done_bytes, description=escape(self._words()))
+        elif time.monotonic() - self._last > EVERY:
+            self._last = time.monotonic()
+            self.say(self._words())
+
+    def _words(self) -> str:
+        """Say how many are done, how fast, and how long it still takes, by the size of what is left."""
+        words = f"{self._done} of {self._logs} logs"
+        if self._failed:
+            words += f", {self._failed} failed"
+        fresh, taken = self._done - self._kept, time.monotonic() - self._start
+        if fresh > 0 and taken > 0.0:
+            left = taken * (self._bytes - self._done_bytes) / max(self._done_bytes, 1)
+            words += f", {fresh / taken:.3g} logs/s, {duration(left)} left"
+        return words
+
+
+def duration(seconds: float) -> str:
+    """Return a duration as people write it."""
+    if seconds < 100.0:
+        return f"{seconds:.0f} s"
+    return f"{seconds / 60.0:.0f} min" if seconds < 6000.0 else f"{seconds / 3600.0:.1f} h"
+
+
+def summary_words(outcome: Outcome, do: Do) -> list[str]:
+    """Return what came of it, in lines."""
+    done = outcome.planned - len(outcome.failures)
+    before = f" ({outcome.kept} of them before)" if outcome.kept else ""
+    lines = [
+        f"{outcome.planned} logs in {duration(outcome.seconds)}: {done} done{before}, {len(outcome.failures)} failed"
+    ]
+    if outcome.everything > outcome.planned:
+        lines.append(f"of all shares {outcome.finished} of {outcome.everything} logs are finished")
+    if outcome.missed:
+        lines.append(f"{len(outcome.missed)} logs missed the threshold")
+    where = outcome.where
+    places = [f"data set: {where}/traces"] if do == "estimate" else []
+    lines.append("   ".join([*places, f"table: {where}/summary.parquet", f"page: {where}/index.html"]))
+    return lines
+
+
+def print_outcome(outcome: Outcome, do: Do) -> None:
+    """Print what came of it; what failed goes to stderr, in one line."""
+    for line in summary_words(outcome, do):
+        print(plain(line))
+    if outcome.failures:
+        print(plain(failure_words(outcome)), file=sys.stderr)
+
+
+def failure_words(outcome: Outcome) -> str:
+    """Say how many failed, and where they are listed."""
+    count = len(outcome.failures)
+    listed = f"{outcome.where}/index.html and {outcome.where}/summary.parquet say which and why"
+    return f"vsalog: {count} of {outcome.planned} logs failed; {listed}"
+
+
+def print_json(outcome: Outcome, do: Do) -> None:
+    """Print one JSON document on stdout."""
+    where = plain(outcome.where)
+    document = {
+        "do": do,
+        "logs": outcome.planned,
+        "done": outcome.planned - len(outcome.failures),
+        "kept": outcome.kept,
+        "failed": [{"log": plain(r.log), "kind": r.kind, "reason": plain(r.reason)} for r in outcome.failures],
+        "missed": [plain(name) for name in outcome.missed],
+        "shares": {"finished": outcome.finished, "logs": outcome.everything},
+        "seconds": outcome.seconds,
+        "outputs": {"traces": f"{where}/traces", "summary": f"{where}/summary.parquet", "page": f"{where}/index.html"},
+    }
+    sys.stdout.write(msgspec.json.format(msgspec.json.encode(document), indent=2).decode() + "\n")
+    if outcome.failures:
+        print(plain(failure_words(outcome)), file=sys.stderr)

@@ -1,0 +1,168 @@
+"""What goes between the parts of a batch, as JSON: a log, what is asked for, a task, and the record of what became of it."""
+
+from __future__ import annotations
+
+import hashlib
+from typing import Any, Literal
+
+import msgspec
+
+VERSION = 1
+
+Do = Literal["estimate", "validate", "diagnose"]
+# Whose fault a failure is; all but "input" may be gone the next time.
+Kind = Literal["", "input", "memory", "killed", "time", "bug"]
+
+
+class Log(msgspec.Struct, frozen=True, kw_only=True):
+    """A log of the plan.
+
+    Attributes
+    ----------
+    name : relative to what all logs have in common, as text; the value of the data set's partition ``log``
+    where : path or address, as bytes because a path need not be text
+    remote : whether `where` is an address
+    size : bytes; of a folder, of its files
+    """
+
+    name: str
+    where: bytes
+    remote: bool
+    size: int
+
+
+class Settings(msgspec.Struct, frozen=True, kw_only=True):
+    """What is asked for, the same for every log. Rigs and models are here as text: other machines need not have the files.
+
+    Attributes
+    ----------
+    do : the command that is run
+    rig : the rig that was given, TOML; None where each log's own is looked for
+    rig_name : what messages call it
+    model, model_name : the model to validate, TOML
+    joints, estimator, tune, set, rate, time, start, end : as for the commands
+    report : write a page per log where the command does not do so anyway
+    modalities, max_nrmse, max_msrep : of `validate`
+    fail_on_cause : of `diagnose`
+    """
+
+    do: Do = "estimate"
+    rig: str | None = None
+    rig_name: str = ""
+    model: str | None = None
+    model_name: str = ""
+    joints: tuple[str, ...] = ()
+    estimator: str = "auto"
+    tune: dict[str, str] = {}
+    set: dict[str, str] = {}
+    rate: float | None = None
+    time: str = "auto"
+    start: str | None = None
+    end: str | None = None
+    report: bool = False
+    modalities: bool | None = None
+    max_nrmse: float | None = None
+    max_msrep: float | None = None
+    fail_on_cause: bool = False
+
+    def digest(self) -> str:
+        """Return a hash of all of it."""
+        return hashlib.sha256(msgspec.json.encode(self, order="sorted")).hexdigest()
+
+
+class Task(msgspec.Struct, frozen=True, kw_only=True):
+    """One log to be done.
+
+    Attributes
+    ----------
+    log, settings : what, and how
+    out : folder or address of the batch, as bytes
+    vsalog : version that is asked for: a worker with another one must not do it
+    keep : leave the log alone where its record says that it is finished
+    """
+
+    log: Log
+    settings: Settings
+    out: bytes
+    vsalog: str
+    keep: bool
+
+
+class Output(msgspec.Struct, frozen=True, kw_only=True):
+    """A file that was written: its name in the batch, its size, and its SHA-256."""
+
+    name: str
+    size: int
+    sha256: str
+
+
+class Joint(msgspec.Struct, frozen=True, kw_only=True):
+    """A joint of a log: its name, and figures by the names of the summary's columns."""
+
+    joint: str
+    figures: dict[str, Any]
+
+
+class Record(msgspec.Struct, frozen=True, kw_only=True):
+    """What became of a log.
+
+    Attributes
+    ----------
+    version : of this structure
+    log : its name
+    do : what was run
+    status : done or failed
+    kind, reason : of a failure
+    key : hash of everything that the result depends on
+    vsalog : version
+    input_sha256, input_bytes : of the log
+    rig_sha256 : of the rig as resolved, settings worked in, as TOML in SI units
+    device, date : partitions of the trace
+    outputs : what was written, by what it is: trace, model, report, document, rig
+    joints : figures, joint by joint
+    warnings : of the log as a whole
+    met : whether the thresholds asked for were met
+    run_seconds : how long it took
+    """
+
+    version: int = VERSION
+    log: str
+    do: Do
+    status: Literal["done", "failed"]
+    kind: Kind = ""
+    reason: str = ""
+    key: str = ""
+    vsalog: str
+    input_sha256: str = ""
+    input_bytes: int = 0
+    rig_sha256: str = ""
+    device: str = ""
+    date: str = ""
+    outputs: dict[str, Output] = {}
+    joints: tuple[Joint, ...] = ()
+    warnings: tuple[str, ...] = ()
+    met: bool = True
+    run_seconds: float = 0.0
+
+
+class Answer(msgspec.Struct, frozen=True, kw_only=True):
+    """What a worker answers: a record, whether it was there before, and whether it lies there now; or why none can be written."""
+
+    record: Record | None = None
+    kept: bool = False
+    written: bool = False
+    stop: str = ""
+
+
+def failed(log: Log, settings: Settings, kind: Kind, reason: str, vsalog: str, seconds: float = 0.0) -> Record:
+    """Return the record of a log that could not be done."""
+    return Record(
+        log=log.name,
+        do=settings.do,
+        status="failed",
+        kind=kind,
+        reason=reason,
+        vsalog=vsalog,
+        input_bytes=log.size,
+        run_seconds=seconds,
+    )

@@ -1,0 +1,270 @@
+"""A whole batch: the plan, the place, the work, and what is left in the end."""
+
+from __future__ import annotations
+
+import os
+import re
+import time
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import TYPE_CHECKING, Protocol
+
+import msgspec
+
+from vsalog._version import __version__
+from vsalog.batch import memory
+from vsalog.batch.lock import locked, one_after_the_other
+from vsalog.batch.plan import Plan, make_plan
+from vsalog.batch.plan import shown as shown_path
+from vsalog.batch.records import VERSION, Answer, Do, Log, Record, Settings, Task
+from vsalog.batch.storage import LocalStore, Store, StoreError, is_address, open_store
+from vsalog.batch.work import MANIFEST, RECORDS, parsed, record_name, write_record
+from vsalog.errors import BatchError
+
+if TYPE_CHECKING:
+    from vsalog.batch.cluster import Cluster
+    from vsalog.batch.pool import Pool
+
+# Files of a batch that may be removed when no record names them; nobody else's ever are.
+_WRITTEN = re.compile(
+    r"traces/device=[^/]*/date=[^/]*/log=[^/]*/part\.parquet|models/[^/]*\.model\.toml"
+    r"|reports/[^/]*/(estimate\.html|report\.html|report\.json|diagnosis\.html|diagnosis\.json|extended\.rig\.toml)"
+)
+
+
+class Manifest(msgspec.Struct, frozen=True, kw_only=True):
+    """What a batch is: the version of its layout, what is run, and a hash of what is asked for. It says nothing of machines."""
+
+    version: int
+    do: Do
+    asked: str
+
+
+@dataclass(frozen=True, slots=True)
+class Asked:
+    """What is asked of `batch`.
+
+    Attributes
+    ----------
+    logs : paths, patterns, folders, addresses, lists
+    out : folder or address
+    settings : what is done to each log
+    resume : go on with what is there
+    shard : (i, n): the i-th of n shares only
+    jobs, memory, timeout : of the pool; None for the machine's cores, what is free, no bound
+    scheduler : address of a Dask scheduler, instead of the pool
+    """
+
+    logs: tuple[str, ...]
+    out: str
+    settings: Settings
+    resume: bool = False
+    shard: tuple[int, int] | None = None
+    jobs: int | None = None
+    memory: int | None = None
+    timeout: float | None = None
+    scheduler: str | None = None
+
+
+@dataclass(slots=True)
+class Outcome:
+    """What came of it.
+
+    Attributes
+    ----------
+    planned : logs of this run (of this share, where there are shares)
+    kept : of these, were finished before
+    failures : records of those that failed
+    missed : names of those that missed a threshold
+    everything, finished : logs of all shares, and of these those that have a record
+    others : logs of earlier runs that are not asked for any more, and whose results are still there
+    seconds : how long it took
+    where : of the batch
+    """
+
+    planned: int = 0
+    kept: int = 0
+    failures: list[Record] = field(default_factory=list)
+    missed: list[str] = field(default_factory=list)
+    everything: int = 0
+    finished: int = 0
+    others: int = 0
+    seconds: float = 0.0
+    where: str = ""
+
+    @property
+    def code(self) -> int:
+        """The exit code: 1 where a failure is a bug of ours, 2 where a log failed, 3 where a threshold was missed."""
+        if any(r.kind == "bug" for r in self.failures):
+            return 1
+        return 2 if self.failures else 3 if self.missed else 0
+
+
+class Watch(Protocol):
+    """Who is told how it goes."""
+
+    def say(self, text: str) -> None:
+        """Take a remark."""
+
+    def begin(self, logs: Sequence[Log]) -> None:
+        """Learn what is going to be done."""
+
+    def add(self, log: Log, answer: Answer) -> None:
+        """Learn that a log is finished."""
+
+
+def run_batch(asked: Asked, watch: Watch) -> Outcome:
+    """Do a batch.
+
+    Parameters
+    ----------
+    asked : what
+    watch : told how it goes
+
+    Raises
+    ------
+    BatchError
+        It cannot be begun, or not go on: nothing of what is finished is lost, and `resume` continues.
+    """
+    start = time.perf_counter()
+    whole_plan = make_plan(asked.logs, asked.out)
+    plan = whole_plan if asked.shard is None else whole_plan.shard(*asked.shard)
+    for note in plan.notes:
+        watch.say(note)
+    store = open_store(asked.out)
+    _check_place(store, asked)
+    with _executor(asked, watch) as executor:
+        executor.check(asked.settings)
+        if isinstance(store, LocalStore):
+            _make(store)
+        with locked(store, asked.shard):
+            # Once more: somebody may have been faster.
+            before = _check_place(store, asked)
+            if asked.shard is None:
+                store.prepare()
+            _begin(store, asked, before, watch)
+            records, outcome = _work(executor, store, plan, asked, watch)
+            with one_after_the_other(store):
+                _finish(store, whole_plan, records, asked, outcome, watch)
+    outcome.seconds = time.perf_counter() - start
+    outcome.where = store.shown
+    return outcome
+
+
+def _executor(asked: Asked, watch: Watch) -> Pool | Cluster:
+    if asked.scheduler is not None:
+        from vsalog.batch.cluster import Cluster
+
+        return Cluster(asked.scheduler, watch.say)
+    from vsalog.batch.pool import Pool
+
+    bound = memory.free() if asked.memory is None else asked.memory
+    return Pool(asked.jobs or memory.cores(), bound, asked.timeout, watch.say)
+
+
+def _make(store: LocalStore) -> None:
+    try:
+        store.root.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise StoreError(f"{shown_path(store.shown)}: cannot be made a folder: {error.strerror}") from error
+
+
+def _check_place(store: Store, asked: Asked) -> Manifest | None:
+    """Refuse a place where something else is, or a batch that nobody said should go on."""
+    data, where = store.read(MANIFEST), shown_path(store.shown)
+    if data is None:
+        if not store.empty():
+            raise BatchError(f"{where}: is not empty, and holds no batch; name a new folder with -o")
+        return None
+    try:
+        manifest = msgspec.json.decode(data, type=Manifest)
+    except msgspec.DecodeError:
+        raise BatchError(f"{where}/{MANIFEST}: is none of ours; name a new folder with -o") from None
+    if manifest.version != VERSION:
+        versions = f"(layout {manifest.version}, here {VERSION})"
+        raise BatchError(f"{where}: is of another version of vsalog {versions}; name a new folder with -o")
+    if manifest.do != asked.settings.do:
+        raise BatchError(
+            f"{where}: holds a batch of '{manifest.do}', not of '{asked.settings.do}'; name another folder with -o"
+        )
+    same = manifest.asked == asked.settings.digest()
+    if not asked.resume and not (asked.shard is not None and same):
+        raise BatchError(f"{where}: holds a batch already; --resume goes on with it, or name a new folder with -o")
+    return manifest
+
+
+def _begin(store: Store, asked: Asked, before: Manifest | None, watch: Watch) -> None:
+    manifest = Manifest(version=VERSION, do=asked.settings.do, asked=asked.settings.digest())
+    if before == manifest:
+        return
+    if before is not None:
+        watch.say("other options than before: all logs are done again")
+    store.write(MANIFEST, msgspec.json.format(msgspec.json.encode(manifest)) + b"\n")
+
+
+def _work(
+    executor: Pool | Cluster, store: Store, plan: Plan, asked: Asked, watch: Watch
+) -> tuple[dict[str, Record], Outcome]:
+    out = asked.out if is_address(asked.out) else str(Path(asked.out).absolute())
+    tasks = [
+        Task(log=log, settings=asked.settings, out=os.fsencode(out), vsalog=__version__, keep=True) for log in plan.logs
+    ]
+    outcome, records = Outcome(planned=len(tasks)), dict[str, Record]()
+    watch.begin(plan.logs)
+    for task, answer in executor.run(tasks):
+        if answer.stop or answer.record is None:
+            raise StoreError(f"{answer.stop} ({len(records)} of {len(tasks)} logs are finished; --resume goes on)")
+        record = answer.record
+        if not answer.written:
+            write_record(store, record)
+        records[record.log] = record
+        outcome.kept += answer.kept
+        if record.status == "failed":
+            outcome.failures.append(record)
+        elif not record.met:
+            outcome.missed.append(record.log)
+        watch.add(task.log, answer)
+    outcome.failures.sort(key=lambda r: r.log)
+    return records, outcome
+
+
+def _finish(store: Store, plan: Plan, records: dict[str, Record], asked: Asked, outcome: Outcome, watch: Watch) -> None:
+    """Make the table and the page of all records that are there, and remove what none of them names."""
+    from vsalog.batch import index_page, summary
+
+    planned, mine = {log.name for log in plan.logs}, {record_name(name) for name in records}
+    others = [parsed(store.read(name)) for name in store.files(RECORDS) if name not in mine]
+    everything = records | {r.log: r for r in others if r is not None}
+    if asked.shard is None:
+        known = {r.input_sha256 for r in records.values() if r.status == "done"}
+        for record in [r for name, r in everything.items() if name not in planned]:
+            # A log that has another name now is there under that; one that failed left nothing.
+            if record.status == "failed" or record.input_sha256 in known:
+                del everything[record.log]
+                store.remove(record_name(record.log))
+        _sweep(store, everything)
+    outcome.everything = len(planned)
+    outcome.finished = len(planned & set(everything))
+    outcome.others = len(set(everything) - planned)
+    if outcome.others:
+        watch.say(f"{outcome.others} logs of an earlier run are not among these; what they left stays")
+    ordered = [everything[name] for name in sorted(everything)]
+    with store.scratch() as folder:
+        page, table = folder / index_page.NAME, folder / summary.NAME
+        try:
+            page.write_text(index_page.index_page(ordered, asked.settings.do), encoding="utf-8")
+            summary.write_summary(ordered, asked.settings.do, table)
+        except OSError as error:
+            raise StoreError(f"{store.shown}: cannot be written: {error.strerror or error}") from error
+        store.put(page, index_page.NAME)
+        store.put(table, summary.NAME)
+
+
+def _sweep(store: Store, records: dict[str, Record]) -> None:
+    """Remove files of logs that have gone, changed their device or their day, or failed since."""
+    named = {output.name for record in records.values() for output in record.outputs.values()}
+    for top in ("traces", "models", "reports"):
+        for name in store.files(top):
+            if name not in named and _WRITTEN.fullmatch(name):
+                store.remove(name)

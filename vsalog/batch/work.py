@@ -1,0 +1,191 @@
+"""A task done, wherever that is: JSON in, JSON out."""
+
+from __future__ import annotations
+
+import hashlib
+import os
+import time
+from collections.abc import Callable
+from dataclasses import replace as replaced
+from pathlib import Path
+from typing import Any
+
+import msgspec
+
+from vsalog._version import __version__
+from vsalog.batch.names import encoded
+from vsalog.batch.one_log import Result, check, run_one
+from vsalog.batch.records import Answer, Joint, Kind, Log, Output, Record, Settings, Task, failed
+from vsalog.batch.remote_plan import fetched
+from vsalog.batch.storage import Store, StoreError, open_store
+from vsalog.errors import VsalogError, WriteError
+from vsalog.rig.find import rig_beside
+
+# What a batch is, in its folder; it is there before the first log is begun.
+MANIFEST = "batch.json"
+RECORDS = "records"
+
+
+def record_name(log: str) -> str:
+    """Return where a log's record lies in the batch."""
+    return f"{RECORDS}/{encoded(log)}.json"
+
+
+def do_json(task: bytes) -> bytes:
+    """Do a task; both it and the answer are JSON, so that nothing else goes between processes."""
+    return msgspec.json.encode(do(msgspec.json.decode(task, type=Task)))
+
+
+def check_json(settings: bytes) -> str:
+    """Return what is wrong with what is asked for, whatever the log; nothing where nothing is."""
+    try:
+        check(msgspec.json.decode(settings, type=Settings))
+    except VsalogError as error:
+        return str(error)
+    return ""
+
+
+def do(task: Task) -> Answer:
+    """Do a task: all files of a log, then its record.
+
+    Parameters
+    ----------
+    task : a log and what is asked for
+
+    Returns
+    -------
+    The record, also of a log that failed; or why nothing can be written at all.
+    """
+    start = time.perf_counter()
+    if task.vsalog != __version__:
+        return Answer(stop=f"this worker has vsalog {__version__}, but {task.vsalog} was asked for")
+    try:
+        store = open_store(os.fsdecode(task.out))
+        if store.size(MANIFEST) is None:
+            return Answer(stop=f"{store.shown}: is not seen by this worker; name a place that all machines share")
+        record, kept = _done(task, store, start)
+        if not kept:
+            write_record(store, record)
+    except StoreError as error:
+        return Answer(stop=str(error))
+    return Answer(record=record, kept=kept, written=True)
+
+
+def _done(task: Task, store: Store, start: float) -> tuple[Record, bool]:
+    log, settings = task.log, task.settings
+
+    def gone(kind: Kind, reason: str) -> tuple[Record, bool]:
+        return failed(log, settings, kind, _text(reason), __version__, time.perf_counter() - start), False
+
+    try:
+        with fetched(log) as path:
+            digest, key = _key(task, path)
+            before = read_record(store, log.name)
+            if task.keep and before is not None and before.key == key and whole(before, store):
+                return before, True
+            with store.scratch() as scratch:
+                result = _explaining(lambda: run_one(log, path, settings, scratch, digest), path, log)
+                outputs = {what: _output(file, name) for what, (file, name) in result.files.items()}
+                for what, (file, _) in result.files.items():
+                    store.put(file, outputs[what].name)
+            return _record(task, key, digest, result, outputs, time.perf_counter() - start), False
+    except StoreError:
+        raise
+    except WriteError as error:
+        raise StoreError(str(error)) from error
+    except VsalogError as error:
+        return gone("input", str(error))
+    except MemoryError:
+        return gone("memory", f"{log.name}: ran out of memory")
+    except OSError as error:
+        return gone("input", f"{log.name}: {error.strerror or error}")
+    except Exception as error:
+        # A hostile log may reach any bug of ours or of a library; the others must not suffer from that.
+        return gone("bug", f"this is a bug in vsalog, not in your log: {type(error).__name__}: {error}")
+
+
+def _explaining(run: Callable[[], Result], path: Path, log: Log) -> Result:
+    """Run, and call the log in messages what the batch calls it: where it lies is no one's business, and differs by machine."""
+
+    def told(value: Any) -> Any:
+        if isinstance(value, str):
+            return _text(value.replace(str(path), log.name))
+        if isinstance(value, dict):
+            return {told(key): told(item) for key, item in value.items()}
+        return [told(item) for item in value] if isinstance(value, list | tuple) else value
+
+    try:
+        result = run()
+    except VsalogError as error:
+        raise type(error)(told(str(error))) from error
+    joints = tuple(Joint(joint=told(j.joint), figures=told(j.figures)) for j in result.joints)
+    return replaced(result, warnings=tuple(told(result.warnings)), joints=joints)
+
+
+def _text(text: str) -> str:
+    """Return what can be written as UTF-8: names of files may hold bytes that are no text."""
+    return text.encode("utf-8", "backslashreplace").decode()
+
+
+def write_record(store: Store, record: Record) -> None:
+    """Write a record: from now on its log is finished."""
+    store.write(record_name(record.log), msgspec.json.format(msgspec.json.encode(record)) + b"\n")
+
+
+def read_record(store: Store, log: str) -> Record | None:
+    """Return a log's record; None where there is none, or none that can be read."""
+    return parsed(store.read(record_name(log)))
+
+
+def parsed(data: bytes | None) -> Record | None:
+    """Return a record from its file's bytes; None where they are none."""
+    if data is None:
+        return None
+    try:
+        return msgspec.json.decode(data, type=Record)
+    except msgspec.DecodeError:
+        return None
+
+
+def whole(record: Record, store: Store) -> bool:
+    """Tell whether a log is finished, and its files are as they were written."""
+    return record.status == "done" and all(store.size(o.name) == o.size for o in record.outputs.values())
+
+
+def _key(task: Task, path: Path) -> tuple[str, str]:
+    """Return the log's hash, and that of all that its result depends on."""
+    from vsalog.job import sha256
+
+    if not path.exists():
+        raise VsalogError(f"{task.log.name}: there is no such file")
+    digest = sha256(path)
+    beside = rig_beside(path) if task.settings.rig is None else None
+    rig = "" if beside is None else sha256(beside)
+    parts = (__version__, task.log.name, digest, rig, task.settings.digest())
+    return digest, hashlib.sha256("\n".join(parts).encode()).hexdigest()
+
+
+def _output(file: Path, name: str) -> Output:
+    with file.open("rb") as data:
+        digest = hashlib.file_digest(data, "sha256").hexdigest()
+    return Output(name=name, size=file.stat().st_size, sha256=digest)
+
+
+def _record(task: Task, key: str, digest: str, result: Result, outputs: dict[str, Output], seconds: float) -> Record:
+    return Record(
+        log=task.log.name,
+        do=task.settings.do,
+        status="done",
+        key=key,
+        vsalog=__version__,
+        input_sha256=digest,
+        input_bytes=task.log.size,
+        rig_sha256=result.rig_sha256,
+        device=result.device,
+        date=result.date,
+        outputs=outputs,
+        joints=result.joints,
+        warnings=result.warnings,
+        met=result.met,
+        run_seconds=seconds,
+    )

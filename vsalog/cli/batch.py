@@ -1,0 +1,159 @@
+"""`vsalog batch`: many logs in, one data set out."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+
+import rich_click as click
+
+from vsalog.cli.options import reading_options, rig_options
+from vsalog.cli.pairs import pairs
+from vsalog.cli.validate import Percent
+
+
+def shard(context: click.Context, parameter: click.Parameter, value: str | None) -> tuple[int, int] | None:
+    """Return (i, n) of i/n; a click callback."""
+    if value is None:
+        return None
+    match = re.fullmatch(r"(\d{1,6})/(\d{1,6})", value)
+    if match is None or not 1 <= int(match[1]) <= int(match[2]):
+        raise click.BadParameter(f"'{value}' is not i/n with i from 1 to n", context, parameter)
+    return int(match[1]), int(match[2])
+
+
+@click.command(
+    short_help="Estimate, validate or diagnose many logs: resumable, on one machine or many, into one data set."
+)
+@click.argument("logs", nargs=-1, required=True, metavar="LOGS...")
+@click.option(
+    "-o",
+    "--output",
+    required=True,
+    metavar="DIR|URL",
+    help="Folder of the batch, or s3://bucket/… and whatever else fsspec opens.",
+)
+@click.option(
+    "--do",
+    type=click.Choice(["estimate", "validate", "diagnose"]),
+    default="estimate",
+    show_default=True,
+    help="What is done to each log.",
+)
+@rig_options("Use", "The rig of all logs; else each log's own: in it, LOG.rig.toml or rig.toml beside it.")
+@click.option(
+    "-e", "--estimator", metavar="NAME", help="estimate: the estimator, as for 'vsalog estimate'; auto when absent."
+)
+@click.option("--preset-tuning", type=click.Choice(["paper"]), help="estimate: begin with the values of the paper.")
+@click.option("--tune", multiple=True, callback=pairs, metavar="NAME=VALUE", help="estimate: tune the estimator.")
+@click.option("--report", is_flag=True, help="estimate: write a page with figures for each log (1.5 MB each), too.")
+@click.option("--model", type=click.Path(path_type=Path), metavar="MODEL", help="validate: the model to judge.")
+@click.option("--modalities/--no-modalities", default=None, help="validate: estimate by each modality, too.")
+@click.option("--max-nrmse", type=Percent(min=0.0), metavar="%", help="validate: exit with 3 when a log's is larger.")
+@click.option("--max-msrep", type=Percent(min=0.0), metavar="%", help="validate: exit with 3 when a log's is larger.")
+@click.option("--fail-on-cause", is_flag=True, help="diagnose: exit with 3 when a log is not consistent with its rig.")
+@reading_options
+@click.option("--resume", is_flag=True, help="Go on with the batch that is there: finished logs are not done again.")
+@click.option("-j", "--jobs", type=click.IntRange(min=1), metavar="N", help="Processes; the cores when absent.")
+@click.option(
+    "--memory", metavar="SIZE", help="Memory for all of them together, e.g. 8GB; most of what is free when absent."
+)
+@click.option(
+    "--timeout",
+    type=click.FloatRange(min=0.0, min_open=True),
+    metavar="SECONDS",
+    help="Give up on a log after this time.",
+)
+@click.option("--scheduler", metavar="tcp://…", help="Run on the Dask cluster of this scheduler; needs vsalog[dask].")
+@click.option("--shard", callback=shard, metavar="i/n", help="Do the i-th of n shares only, e.g. in a job array.")
+@click.option("--json", "as_json", is_flag=True, help="Print what came of it as one JSON document on stdout.")
+@click.pass_context
+def batch(
+    context: click.Context,
+    logs: tuple[str, ...],
+    output: str,
+    do: str,
+    rig: str | None,
+    joints: tuple[str, ...],
+    settings: dict[str, str],
+    estimator: str | None,
+    preset_tuning: str | None,
+    tune: dict[str, str],
+    report: bool,
+    model: Path | None,
+    modalities: bool | None,
+    max_nrmse: float | None,
+    max_msrep: float | None,
+    fail_on_cause: bool,
+    rate: float | None,
+    time: str,
+    start: str | None,
+    end: str | None,
+    resume: bool,
+    jobs: int | None,
+    memory: str | None,
+    timeout: float | None,
+    scheduler: str | None,
+    shard: tuple[int, int] | None,
+    as_json: bool,
+) -> None:
+    """Run estimate, validate or diagnose over many LOGS, and leave one data set.
+
+    LOGS are files, folders, patterns in quotes ('logs/**/*.mcap'), s3://… addresses, @FILE for a list of these, or - for a list
+    on stdin. Writes DIR/traces (Parquet, partitioned by device, date and log), DIR/models, DIR/reports, and in the end
+    DIR/summary.parquet (a row per log and joint) and DIR/index.html. A log that fails is recorded with the reason, the others
+    go on, and the exit code is 2. A run that was killed goes on with --resume.
+    """
+    from vsalog.batch.memory import parse_size
+    from vsalog.batch.options import settings_of
+    from vsalog.batch.progress import Shown, print_json, print_outcome
+    from vsalog.batch.run import Asked, run_batch
+
+    given = {
+        "--estimator": (estimator is not None, "estimate"),
+        "--preset-tuning": (preset_tuning is not None, "estimate"),
+        "--tune": (bool(tune), "estimate"),
+        "--report": (report, "estimate"),
+        "--model": (model is not None, "validate"),
+        "--modalities": (modalities is not None, "validate"),
+        "--max-nrmse": (max_nrmse is not None, "validate"),
+        "--max-msrep": (max_msrep is not None, "validate"),
+        "--fail-on-cause": (fail_on_cause, "diagnose"),
+    }
+    for option, (there, command) in given.items():
+        if there and command != do:
+            raise click.UsageError(f"{option} is for --do {command}, not for {do}")
+    if do == "validate" and model is None:
+        raise click.UsageError("--do validate needs --model MODEL, a LOG.model.toml that 'vsalog estimate' wrote")
+    if scheduler is not None and (jobs or memory or timeout):
+        raise click.UsageError(
+            "--jobs, --memory and --timeout are of this machine; the cluster of --scheduler has its own"
+        )
+    preset = {} if preset_tuning is None else {"preset": preset_tuning}
+    asked = Asked(
+        logs=logs,
+        out=output,
+        settings=settings_of(
+            do, rig, model, joints=joints, estimator=estimator or "auto", tune=preset | tune, set=settings, rate=rate,
+            time=time, start=start, end=end, report=report, modalities=modalities, max_nrmse=max_nrmse,
+            max_msrep=max_msrep, fail_on_cause=fail_on_cause,
+        ),
+        resume=resume,
+        shard=shard,
+        jobs=jobs,
+        memory=None if memory is None else parse_size(memory),
+        timeout=timeout,
+        scheduler=scheduler,
+    )  # fmt: skip
+    with Shown() as shown:
+        try:
+            outcome = run_batch(asked, shown)
+        except KeyboardInterrupt:
+            if not shown.begun:
+                raise
+            shown.say(
+                f"vsalog: interrupted; {shown.done} logs are finished, and the same command with --resume goes on"
+            )
+            context.exit(130)
+    (print_json if as_json else print_outcome)(outcome, asked.settings.do)
+    context.exit(outcome.code)
