@@ -1,14 +1,13 @@
 """What the tests share: where the sample logs are, and a way to run the command line as a user does."""
 
 import os
-import subprocess
-import sys
 from pathlib import Path
 
 # Tests run side by side, one to a core: linear algebra with threads of its own would make them wait for one another.
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 import pytest
+from command_line import vsalog_run
 from hypothesis import settings
 
 # The first call of a compiled loop takes as long as its compilation: no deadline would be fair to it.
@@ -28,8 +27,7 @@ def run(tmp_path):
     """Run `vsalog ARGS` in an empty folder; returns the finished process with text output."""
 
     def run(*args, cwd=tmp_path):
-        command = [sys.executable, "-c", "from vsalog.cli import main; main()", *map(str, args)]
-        return subprocess.run(command, cwd=cwd, capture_output=True, text=True, timeout=120)
+        return vsalog_run(*args, cwd=cwd)
 
     return run
 

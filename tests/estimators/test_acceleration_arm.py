@@ -1,14 +1,12 @@
 """Joint accelerations out of an arm's accelerometers, and acceleration-observer as a user runs it (De Luca 2007 eq. 8–12)."""
 
 import json
-import subprocess
-import sys
 from dataclasses import replace as with_fields
-from pathlib import Path
 
 import numpy as np
 import pyarrow.parquet as pq
 import pytest
+from command_line import vsalog_run
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from msgspec.structs import replace
@@ -374,17 +372,8 @@ def test_the_command_on_a_joint_alone_with_friction(tmp_path):
     scenario = Scenario.find("sea-exp1", bench)
     played = simulate(bench, scenario.inputs(bench), 3.0, seed=1)
     write_mcap(played.recording(), tmp_path / "sea.mcap", Rig.from_toml(SEA).to_toml())
-    command = [
-        str(Path(sys.executable).with_name("vsalog")),
-        "estimate",
-        "sea.mcap",
-        "-e",
-        "acceleration-observer",
-        "--json",
-    ]
-    done = subprocess.run(
-        [*command, "--tune", "torque=linear"], cwd=tmp_path, capture_output=True, text=True, timeout=120
-    )
+    command = ("estimate", "sea.mcap", "-e", "acceleration-observer", "--json", "--tune", "torque=linear")
+    done = vsalog_run(*command, cwd=tmp_path)
     assert done.returncode == 0, done.stderr
     (joint,) = json.loads(done.stdout)["joints"]
     assert joint["settings"]["frequency"] > 10.0

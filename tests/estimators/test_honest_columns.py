@@ -1,18 +1,15 @@
 """Columns and options that promise nothing: deviations that nothing tells, deflections of two springs, tuning without effect."""
 
 import json
-import subprocess
-import sys
-from pathlib import Path
 
 import numpy as np
 import pyarrow.parquet as pq
 import pytest
+from command_line import vsalog_run
 
 
 def vsalog(*args, cwd):
-    command = [str(Path(sys.executable).with_name("vsalog")), *map(str, args)]
-    done = subprocess.run(command, cwd=cwd, capture_output=True, text=True, timeout=300)
+    done = vsalog_run(*args, cwd=cwd)
     return done.returncode, done.stdout, done.stderr
 
 

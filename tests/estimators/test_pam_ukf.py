@@ -1,14 +1,12 @@
 """pam-ukf and pam-model as a user runs them: on another machine than the rig says, with gaps, and where it cannot be."""
 
 import json
-import subprocess
-import sys
 from dataclasses import replace as with_fields
-from pathlib import Path
 
 import numpy as np
 import pyarrow.parquet as pq
 import pytest
+from command_line import vsalog_run
 from msgspec.structs import replace
 
 from vsalog.errors import EstimatorError
@@ -18,8 +16,7 @@ from vsalog.rig import Rig
 
 
 def vsalog(*args, cwd):
-    command = [str(Path(sys.executable).with_name("vsalog")), *args]
-    done = subprocess.run(command, cwd=cwd, capture_output=True, text=True, timeout=300)
+    done = vsalog_run(*args, cwd=cwd)
     return done.returncode, done.stdout, done.stderr
 
 

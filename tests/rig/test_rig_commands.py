@@ -1,12 +1,11 @@
 """`vsalog init` and `vsalog inspect` as a person or a program meets them."""
 
 import json
-import subprocess
-import sys
 
 import numpy as np
 import pytest
 from click.testing import CliRunner
+from command_line import vsalog_run
 from hypothesis import given
 from hypothesis import strategies as st
 from rich.console import Console
@@ -30,9 +29,8 @@ def log(tmp_path):
     return write_csv(tmp_path / "exp1.csv", COLUMNS)
 
 
-def vsalog(*arguments, cwd=None):
-    command = [sys.executable, "-c", "from vsalog.cli import main; main()", *map(str, arguments)]
-    return subprocess.run(command, capture_output=True, text=True, cwd=cwd, check=False)
+def vsalog(*arguments, cwd="."):
+    return vsalog_run(*arguments, cwd=cwd)
 
 
 def test_init_prints_a_rig_that_loads(log):

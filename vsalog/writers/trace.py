@@ -15,6 +15,7 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 
 from vsalog.trace import EXTRA_UNITS, UNITS, Trace
+from vsalog.writers.arrow import arrow_column, arrow_texts
 from vsalog.writers.atomic import atomic_path
 
 # Rows per row group: large enough to compress well, small enough not to weigh in memory.
@@ -56,11 +57,11 @@ def trace_columns(trace: Trace) -> list[str]:
 def trace_tables(trace: Trace, schema: pa.Schema | None = None) -> Iterator[pa.Table]:
     """Turn a trace, or a block of one, into a table per transmission; columns a transmission lacks are null."""
     schema = schema or trace_schema(trace_columns(trace))
-    runs = pa.DictionaryArray.from_arrays(pa.array(trace.run, pa.int32()), pa.array(trace.run_names, pa.string()))
+    runs = pa.DictionaryArray.from_arrays(arrow_column(trace.run.astype(np.int32)), arrow_texts(trace.run_names))
     for name, columns in trace.transmissions.items():
         fixed = {
-            "time": pa.array(trace.time),
-            "stamp": pa.array(trace.stamps),
+            "time": arrow_column(trace.time),
+            "stamp": arrow_column(trace.stamps),
             "joint": _constant(trace.joint, len(trace)),
             "transmission": _constant(name, len(trace)),
             "run": runs,
@@ -68,7 +69,7 @@ def trace_tables(trace: Trace, schema: pa.Schema | None = None) -> Iterator[pa.T
         arrays = [
             fixed[field.name]
             if field.name in fixed
-            else pa.array(columns[field.name], field.type)
+            else arrow_column(columns[field.name])
             if field.name in columns
             else pa.nulls(len(trace), field.type)
             for field in schema
@@ -83,7 +84,7 @@ def _widened(table: pa.Table, schema: pa.Schema) -> pa.Table:
 
 
 def _constant(text: str, length: int) -> pa.DictionaryArray:
-    return pa.DictionaryArray.from_arrays(pa.array(np.zeros(length, np.int32)), pa.array([text], pa.string()))
+    return pa.DictionaryArray.from_arrays(arrow_column(np.zeros(length, np.int32)), arrow_texts([text]))
 
 
 def _encodings(schema: pa.Schema) -> dict[str, Any]:
