@@ -90,7 +90,10 @@ class Container(Protocol):
 
 @dataclass(slots=True)
 class _Batch:
-    """Messages of one stream and one definition that wait to be decoded; `rows` of them are, at once."""
+    """Messages of one stream and one definition that wait to be decoded; `rows` of them are, at once.
+
+    `expected` is how many there are in all, where the log says so.
+    """
 
     stream: str
     type: str
@@ -102,6 +105,7 @@ class _Batch:
     count: int = 0
     size: int = 0
     rows: int = FIRST_ROWS
+    expected: int = 0
 
     def add(self, packet: Packet, rows: Integers) -> None:
         self.log.append(packet.log[rows])
@@ -206,6 +210,7 @@ class BagReader:
         batches: dict[int, _Batch] = {}
         shared: dict[tuple[str, str, str], _Batch] = {}
         definitions: set[str] = set()
+        counts = self._container.counts()
         for connection, stream in self._named_streams():
             if wanted is not None and not any(name.startswith(stream + ".") for name in wanted):
                 continue
@@ -225,6 +230,7 @@ class BagReader:
                 kind = normal_type(printable(connection.type)) or connection.encoding
                 shared[key] = _Batch(stream, kind, decoder, connection.metadata)
             batches[connection.id] = shared[key]
+            shared[key].expected += counts.get(connection.id, 0)
         return batches
 
     def _named_streams(self) -> list[tuple[Connection, str]]:
@@ -262,17 +268,21 @@ class BagReader:
         damaged[batch.stream] += int(len(decoded.good) - decoded.good.sum())
         clocks: dict[str, Stamps] = {"log": packet.log[rows]}
         if self._container.has_publish:
-            clocks["publish"] = packet.publish[rows]
+            publish = packet.publish[rows]
+            clocks["publish"] = clocks["log"] if np.array_equal(publish, clocks["log"]) else publish
         if decoded.stamps is not None:
             clocks["header"] = decoded.stamps
         columns: dict[str, Values] = decoded.columns
         if not decoded.good.all():
+            alike = clocks.get("publish") is clocks["log"]
             clocks = {kind: stamps[decoded.good] for kind, stamps in clocks.items()}
+            if alike:
+                clocks["publish"] = clocks["log"]
             columns = {name: values[decoded.good] for name, values in columns.items()}
         for name, reason in batch.decoder.unread.items():
             self.unread.setdefault(name, reason)
         units = {**decoded.units, **_stated_units(batch, columns)}
-        return Block(batch.stream, batch.type, clocks, columns, units)
+        return Block(batch.stream, batch.type, clocks, columns, units, expected=batch.expected)
 
     def _report(self, batches: Mapping[int, _Batch], total: Counter[str], damaged: Counter[str]) -> None:
         for stream in dict.fromkeys(batch.stream for batch in batches.values()):
@@ -320,8 +330,7 @@ def plain(packet: Packet) -> Packet:
 def _plain_packets(packets: Iterator[Packet]) -> Iterator[Packet]:
     """Yield packets with their messages decompressed, so few at a time that they stay small."""
     for packet in packets:
-        compressed = packet.messages.beginning_with(ZSTD_MAGIC)
-        if not compressed.any():
+        if not packet.compressed or not packet.messages.beginning_with(ZSTD_MAGIC).any():
             yield packet
             continue
         sizes = np.array([unfolded_size(message) for message in packet.messages], dtype=np.int64)

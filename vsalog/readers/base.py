@@ -62,13 +62,16 @@ class Block:
     stream, type : str
         Name of the stream and its message type.
     clocks : mapping of str to int64 array, shape (n,)
-        Nanoseconds by kind of clock (one of `CLOCKS`), each where the format has it.
+        Nanoseconds by kind of clock (one of `CLOCKS`), each where the format has it. Publish times that are the log's are the
+        same array.
     columns : mapping of str to float64 array, shape (n,)
         By channel name, NaN where a sample has no such value.
     units : mapping of str to str
         Units of the columns that state one.
     timeless : str
         Why there is no clock, where that is worth telling.
+    expected : int
+        How many samples the stream has in all, as the log says, which may be wrong; 0 where it does not.
     """
 
     stream: str
@@ -77,6 +80,7 @@ class Block:
     columns: Mapping[str, Values]
     units: Mapping[str, str] = field(default_factory=dict)
     timeless: str = ""
+    expected: int = 0
 
 
 class Reader(Protocol):

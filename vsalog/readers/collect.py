@@ -18,12 +18,19 @@ from vsalog.recording import Channel, Recording, Stamps, Stream, Values
 # Beyond so many bytes of samples, a log that grows so many times is a bomb.
 FREE_BYTES, MOST_TIMES = 256 * 2**20, 100
 
+# So many samples are made room for at once where a log promises them; the room is no memory before it is filled.
+_MOST_ROOM, _PIECE = 2**22, 2**13
+
 T = TypeVar("T", np.int64, np.float64)
 
 
 @dataclass(slots=True)
 class _Column(Generic[T]):
-    """Values that grow block by block. What is not filled yet is no memory; lists of blocks would leave holes behind."""
+    """Values that grow block by block.
+
+    Memory that was never written to is zero and takes no room, so blocks of zeros, as of covariances that nobody fills in, are
+    not written.
+    """
 
     values: NDArray[T]
     filled: int = 0
@@ -33,12 +40,12 @@ class _Column(Generic[T]):
         """Put a block's values in place; what blocks before it had not is NaN."""
         end = at + len(new)
         if end > self.values.size:
-            larger = np.empty(max(end, 2 * self.values.size), dtype=self.values.dtype)
-            larger[: self.filled] = self.values[: self.filled]
-            self.values = larger
+            smaller, self.values = self.values, np.zeros(max(end, 2 * self.values.size), dtype=self.values.dtype)
+            for begin in range(0, self.filled, _PIECE):
+                self._put(begin, smaller[begin : min(begin + _PIECE, self.filled)])
         if self.filled < at:
             self.values[self.filled : at] = np.nan
-        self.values[at:end] = new
+        self._put(at, new)
         self.filled, self.blocks = end, self.blocks + 1
 
     def whole(self, count: int) -> NDArray[T]:
@@ -47,10 +54,14 @@ class _Column(Generic[T]):
         self.values.resize(count, refcheck=False)
         return self.values
 
+    def _put(self, at: int, new: NDArray[T]) -> None:
+        if new.view(np.int64).any():
+            self.values[at : at + len(new)] = new
+
 
 @dataclass(slots=True)
 class _Gathered:
-    """The blocks of one stream."""
+    """The blocks of one stream; in `alike` of them publish times are the log's."""
 
     type: str
     count: int = 0
@@ -59,14 +70,26 @@ class _Gathered:
     columns: dict[str, _Column[np.float64]] = field(default_factory=dict)
     units: dict[str, str] = field(default_factory=dict)
     timeless: str = ""
+    alike: int = 0
 
     def add(self, block: Block) -> None:
+        room = min(block.expected, _MOST_ROOM)
+        log = block.clocks.get("log")
         for kind, stamps in block.clocks.items():
+            if kind == "publish" and stamps is log and kind not in self.clocks:
+                self.alike += 1  # one array does for both, until they differ
+                continue
+            if kind not in self.clocks:
+                self.clocks[kind] = _Column(np.zeros(room, dtype=np.int64))
+                if kind == "publish" and self.alike:
+                    self.clocks[kind].add(0, self.clocks["log"].values[: self.count])
+                    self.clocks[kind].blocks = self.alike
             # A clock that a block has not is none; the rest of it does not matter then.
-            clock = self.clocks.setdefault(kind, _Column(np.empty(0, dtype=np.int64)))
-            clock.add(clock.filled, stamps)
+            self.clocks[kind].add(self.clocks[kind].filled, stamps)
         for name, values in block.columns.items():
-            self.columns.setdefault(name, _Column(np.empty(0))).add(self.count, values)
+            if name not in self.columns:
+                self.columns[name] = _Column(np.zeros(room))
+            self.columns[name].add(self.count, values)
         for name, unit in block.units.items():
             self.units.setdefault(name, unit)
         self.timeless = block.timeless
@@ -81,7 +104,10 @@ class _Gathered:
 
     def joined_clocks(self) -> dict[str, Stamps]:
         """Return the clocks that every block has."""
-        return {kind: clock.values[: self.count] for kind, clock in self.clocks.items() if clock.blocks == self.blocks}
+        found = {kind: clock.values[: self.count] for kind, clock in self.clocks.items() if clock.blocks == self.blocks}
+        if "publish" not in self.clocks and self.alike == self.blocks and self.alike:
+            found["publish"] = found["log"]
+        return found
 
     def take_column(self, name: str) -> Values:
         """Return a column over all blocks, NaN where a block has none of it, and forget it here."""

@@ -52,14 +52,14 @@ class Field:
 
 @dataclass(frozen=True, slots=True)
 class Layout:
-    """Where the numbers lie in messages of `length` bytes whose `guards` equal those of `sample`.
+    """Where the numbers lie in messages of `length` bytes whose guards equal those of `sample`.
 
     Attributes
     ----------
     length : int
         Bytes of the message.
-    guards : tuple of (int, int)
-        Byte ranges that must be equal.
+    mask : uint8 array
+        255 for the bytes that must be equal, the guards; up to the last of them.
     sample : uint8 array, shape (length,)
         The message the layout was learnt from.
     stamp : Field or None
@@ -71,7 +71,7 @@ class Layout:
     """
 
     length: int
-    guards: tuple[tuple[int, int], ...]
+    mask: Bytes
     sample: Bytes
     stamp: Field | None
     fields: tuple[Field, ...]
@@ -79,10 +79,7 @@ class Layout:
 
     def matches(self, data: Bytes, start: Integers) -> NDArray[np.bool_]:
         """Tell which messages of this length, beginning at `start`, shape (n,), in a buffer, this layout holds for."""
-        mask = np.zeros(max((stop for _, stop in self.guards), default=0), dtype=np.uint8)
-        for begin, stop in self.guards:
-            mask[begin:stop] = 255
-        return _equal(data, start, mask, self.sample)
+        return _equal(data, start, self.mask, self.sample)
 
 
 @njit(cache=True, nogil=True)
@@ -104,8 +101,18 @@ def column(data: Bytes, start: Integers, field: Field) -> NDArray[np.float64]:
     """Return a field's values [as recorded, times in s], shape (n,), of the messages that begin at `start`, shape (n,)."""
     if field.code.startswith((">i4,", "<i4,")):
         return np.asarray(nanoseconds(data, start, field) * 1e-9, dtype=np.float64)
+    numbers = _numbers(data, start, field.offset, field.code)
+    if field.code[1] != "f":
+        return numbers.astype(np.float64)
     with np.errstate(invalid="ignore"):  # NaN of the kind that signals is no number either
-        return _numbers(data, start, field.offset, field.code).astype(np.float64, copy=False)
+        return numbers.astype(np.float64, copy=False)
+
+
+def doubles(data: Bytes, start: Integers, offsets: Integers) -> NDArray[np.float64]:
+    """Return the numbers of NumPy type ``<f8`` at some offsets, shape (k,), in each message, shape (k, n)."""
+    out = np.empty((offsets.size, 8 * start.size), dtype=np.uint8)
+    _cut_doubles(data, start, offsets, out)
+    return out.view("<f8")
 
 
 def nanoseconds(data: Bytes, start: Integers, field: Field) -> NDArray[np.int64]:
@@ -122,6 +129,17 @@ def _numbers(data: Bytes, start: Integers, offset: int, code: str) -> NDArray[An
     out = np.empty((start.size, width), dtype=np.uint8)
     _cut(data, start, offset, out)
     return out.view(code).reshape(-1)
+
+
+@njit(cache=True, nogil=True)
+def _cut_doubles(data: Bytes, start: Integers, offsets: Integers, out: Bytes) -> None:
+    """Copy eight bytes at each offset in each message, of so few messages at a time that the processor's cache holds them."""
+    for first in range(0, start.size, 64):
+        for j in range(offsets.size):
+            for k in range(first, min(first + 64, start.size)):
+                at, to = np.uint64(start[k] + offsets[j]), np.uint64(8 * k)
+                for i in range(8):
+                    out[j, to + np.uint64(i)] = data[at + np.uint64(i)]
 
 
 @njit(cache=True, nogil=True)
@@ -167,7 +185,7 @@ def learn(raw: bytes, root: Struct, cdr: bool) -> Layout:
         raise DamagedMessageError("its length differs from what the definition says")
     return Layout(
         length=len(raw),
-        guards=_merged(walk.guards),
+        mask=_mask(walk.guards),
         sample=np.frombuffer(raw, np.uint8),
         stamp=walk.stamp,
         fields=tuple(walk.fields),
@@ -192,15 +210,12 @@ def best_label_field(fields: dict[str, list[str]], count: int) -> str | None:
     return next(iter(preferred or fitting), None)
 
 
-def _merged(ranges: list[tuple[int, int]]) -> tuple[tuple[int, int], ...]:
-    """Join adjoining byte ranges: fewer comparisons."""
-    joined: list[tuple[int, int]] = []
-    for start, stop in sorted(ranges):
-        if joined and start <= joined[-1][1]:
-            joined[-1] = (joined[-1][0], max(stop, joined[-1][1]))
-        elif stop > start:
-            joined.append((start, stop))
-    return tuple(joined)
+def _mask(ranges: list[tuple[int, int]]) -> Bytes:
+    """Return 255 for the bytes in some ranges, 0 for the others."""
+    mask = np.zeros(max((stop for _, stop in ranges), default=0), dtype=np.uint8)
+    for start, stop in ranges:
+        mask[start:stop] = 255
+    return mask
 
 
 class _Walk:

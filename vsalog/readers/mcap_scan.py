@@ -14,6 +14,8 @@ MESSAGE = 5
 # Opcode and length; channel, sequence, log time and publish time of a message (mcap.dev/spec).
 _HEAD, _MESSAGE_HEAD = 9, 22
 _CHUNK, _MESSAGE_INDEX, _DATA_END = 6, 7, 15
+# How what zstd made begins.
+_ZSTD_FIRST, _ZSTD_NUMBER = 0x28, 0xFD2FB528
 # Bytes of a chunk's beginning, up to the length of its records; compressions have short names.
 _CHUNK_HEAD, _LONGEST_NAME = 9 + 28 + 4 + 16 + 8, 16
 
@@ -30,8 +32,8 @@ def messages_in(data: Bytes, wanted: NDArray[np.bool_]) -> Packet:
     """
     count = _count(data, wanted)
     channel, log, publish, start, length = (np.empty(count, dtype=np.int64) for _ in range(5))
-    _fill(data, wanted, channel, log, publish, start, length)
-    return Packet(channel, log, publish, Messages(data, start, length))
+    compressed = _fill(data, wanted, channel, log, publish, start, length)
+    return Packet(channel, log, publish, Messages(data, start, length), bool(compressed))
 
 
 def ends_whole(data: Bytes) -> bool:
@@ -102,8 +104,9 @@ def _fill(
     publish: Integers,
     start: Integers,
     length: Integers,
-) -> None:
-    at = 0
+) -> bool:
+    """Write down where the wanted messages are; tells whether one of them begins as compressed ones do."""
+    at, compressed = 0, False
     for k in range(channel.size):
         size = _record(data, at)
         while not (data[at] == MESSAGE and size >= _MESSAGE_HEAD and wanted[_number(data, at + _HEAD, 2)]):
@@ -114,7 +117,10 @@ def _fill(
         log[k] = _number(data, head + 6, 8)
         publish[k] = _number(data, head + 14, 8)
         start[k], length[k] = head + _MESSAGE_HEAD, size - _MESSAGE_HEAD
+        if length[k] >= 4 and data[start[k]] == _ZSTD_FIRST:
+            compressed |= _number(data, start[k], 4) == _ZSTD_NUMBER
         at = head + size
+    return compressed
 
 
 @njit(cache=True, nogil=True)

@@ -14,18 +14,21 @@ from vsalog.readers.layout import (
     MAX_FIELDS,
     Bytes,
     DamagedMessageError,
+    Field,
     Integers,
     Layout,
     TooManyPartsError,
     column,
+    doubles,
     learn,
     nanoseconds,
 )
 from vsalog.readers.packets import Messages
 from vsalog.recording import Stamps, Values
 
-MAX_LAYOUTS = 64
-"""Shapes remembered per message type; beyond, messages of a new shape are walked one by one."""
+MAX_LAYOUTS, MAX_NUMBERS = 64, 2**17
+"""Shapes of one length, and numbers in all shapes, that are remembered per message type; beyond, messages of a new shape are
+walked one by one."""
 
 
 @dataclass(slots=True)
@@ -63,6 +66,25 @@ class Decoder(Protocol):
         ...
 
 
+@dataclass(frozen=True, slots=True)
+class _Shape:
+    """A layout, and what is wanted of it.
+
+    Attributes
+    ----------
+    layout : Layout
+        As learnt.
+    fields : tuple of (str, Field, int)
+        Channel, where it lies, and which of `doubles` it is, -1 for other types.
+    doubles : int64 array
+        Offsets of the numbers that need no conversion.
+    """
+
+    layout: Layout
+    fields: tuple[tuple[str, Field, int], ...]
+    doubles: Integers
+
+
 class RosDecoder:
     """Decodes ROS messages, those of equal shape together.
 
@@ -88,8 +110,8 @@ class RosDecoder:
         self.prefix = prefix
         self.wanted = wanted
         self.unread: dict[str, str] = {}
-        self._layouts: dict[int, list[Layout]] = {}
-        self._spare = MAX_LAYOUTS if remember else 0
+        self._shapes: dict[int, list[_Shape]] = {}
+        self._spare = MAX_NUMBERS if remember else 0
         self._patience = 3
 
     def decode(self, messages: Messages) -> Decoded:
@@ -102,21 +124,22 @@ class RosDecoder:
     def _decode_alike(self, messages: Messages, rows: Integers, result: Decoded) -> None:
         """Decode messages of equal length; `rows` tells where they go in the result."""
         length, start = int(messages.length[0]), messages.start
-        for layout in self._layouts.get(length, ()):
-            start, rows = self._take_matching(layout, messages.data, start, rows, result)
+        known = self._shapes.setdefault(length, [])
+        for shape in known:
+            start, rows = self._take_matching(shape, messages.data, start, rows, result)
         while len(rows):
-            layout_or_none = self._learn(messages.data[start[0] : start[0] + length].tobytes())
-            if layout_or_none is None:
+            learnt = self._learn(messages.data[start[0] : start[0] + length].tobytes())
+            if learnt is None:
                 start, rows = start[1:], rows[1:]
-            elif self._spare:
-                self._spare -= 1
-                self._layouts.setdefault(length, []).append(layout_or_none)
-                start, rows = self._take_matching(layout_or_none, messages.data, start, rows, result)
+            elif len(known) < MAX_LAYOUTS and self._spare > 0:
+                self._spare -= 1 + len(learnt.layout.fields)
+                known.append(learnt)
+                start, rows = self._take_matching(learnt, messages.data, start, rows, result)
             else:
-                self._store(layout_or_none, messages.data, start[:1], rows[:1], result)
+                self._store(learnt, messages.data, start[:1], rows[:1], result)
                 start, rows = start[1:], rows[1:]
 
-    def _learn(self, raw: bytes) -> Layout | None:
+    def _learn(self, raw: bytes) -> _Shape | None:
         if not self._patience:
             return None
         try:
@@ -128,44 +151,51 @@ class RosDecoder:
             return None
         for path, reason in layout.unread.items():
             self.unread.setdefault(f"{self.prefix}.{path}", reason)
-        return layout
+        fields, offsets = [], []
+        for one in layout.fields:
+            name = f"{self.prefix}.{one.path}"
+            if self.wanted is None or name in self.wanted:
+                fields.append((name, one, len(offsets) if one.code == "<f8" else -1))
+                if one.code == "<f8":
+                    offsets.append(one.offset)
+        return _Shape(layout, tuple(fields), np.array(offsets, dtype=np.int64))
 
     def _take_matching(
-        self, layout: Layout, data: Bytes, start: Integers, rows: Integers, result: Decoded
+        self, shape: _Shape, data: Bytes, start: Integers, rows: Integers, result: Decoded
     ) -> tuple[Integers, Integers]:
-        """Store the messages that have this layout; return where the others begin and go."""
-        match = layout.matches(data, start)
+        """Store the messages that have this shape; return where the others begin and go."""
+        match = shape.layout.matches(data, start)
         if match.all():
-            self._store(layout, data, start, rows, result)
+            self._store(shape, data, start, rows, result)
             return start[:0], rows[:0]
         if match.any():
-            self._store(layout, data, start[match], rows[match], result)
+            self._store(shape, data, start[match], rows[match], result)
             return start[~match], rows[~match]
         return start, rows
 
-    def _store(self, layout: Layout, data: Bytes, start: Integers, rows: Integers, result: Decoded) -> None:
-        result.good[rows] = True
+    def _store(self, shape: _Shape, data: Bytes, start: Integers, rows: Integers, result: Decoded) -> None:
         count = len(result.good)
-        if layout.stamp is not None:
-            stamps = nanoseconds(data, start, layout.stamp)
+        result.good[rows] = True
+        if shape.layout.stamp is not None:
+            stamps = nanoseconds(data, start, shape.layout.stamp)
             if rows.size == count:
                 result.stamps = stamps
             else:
                 if result.stamps is None:
                     result.stamps = np.zeros(count, dtype=np.int64)
                 result.stamps[rows] = stamps
-        for one in layout.fields:
-            name = f"{self.prefix}.{one.path}"
-            if self.wanted is not None and name not in self.wanted:
-                continue
+        ready = doubles(data, start, shape.doubles)
+        for name, one, number in shape.fields:
             if name not in result.columns:
                 if len(result.columns) >= MAX_FIELDS:
                     self.unread.setdefault(self.prefix, f"more than {MAX_FIELDS} different fields")
                     continue
                 if one.unit is not None:
                     result.units[name] = one.unit
-            values = column(data, start, one)
+                if rows.size < count:
+                    result.columns[name] = np.full(count, np.nan)
+            values = column(data, start, one) if number < 0 else ready[number]
             if rows.size == count:
                 result.columns[name] = values
             else:
-                result.columns.setdefault(name, np.full(count, np.nan))[rows] = values
+                result.columns[name][rows] = values

@@ -101,12 +101,15 @@ class Packet:
     log, publish : int64 arrays, shape (n,)
         Times [ns]; the formats count them unsigned, nonsense beyond int64 is negative.
     messages : of these
+    compressed : bool
+        Some of them may be compressed one by one.
     """
 
     connection: Integers
     log: Integers
     publish: Integers
     messages: Messages
+    compressed: bool = True
 
 
 def ahead(items: Iterator[Item]) -> Iterator[Item]:

@@ -28,9 +28,8 @@ def messages_in(data: Bytes, wanted: Integers) -> tuple[Packet, bool, bool]:
     most = data.size // _LEAST + 1
     connection, log, start, length = (np.empty(most, dtype=np.int64) for _ in range(4))
     count, whole, connections = _walk(data, wanted, connection, log, start, length)
-    found = Packet(
-        connection[:count], log[:count], np.zeros(count, dtype=np.int64), Messages(data, start[:count], length[:count])
-    )
+    messages = Messages(data, start[:count], length[:count])
+    found = Packet(connection[:count], log[:count], np.zeros(count, dtype=np.int64), messages, compressed=False)
     return found, bool(whole), bool(connections)
 
 
