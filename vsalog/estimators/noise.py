@@ -172,7 +172,7 @@ def _run(
     out: Array,
 ) -> None:
     count, asked, n = T.shape
-    sums, kept = s.sums, discount ** (2 * BOX)
+    sums, kept, scratch = s.sums, discount ** (2 * BOX), np.empty((3, n + 2))
     for k in range(count):
         if use[k] and not np.isnan(left[k]):
             begins = integral and (fresh[k] or sums[_SAMPLES] == 0.0)
@@ -181,7 +181,7 @@ def _run(
             _fill(s, F[k], left[k], integral, begins, discount)
             if sums[_FILLED] == BOX:
                 sums[_FILLED] = 0.0
-                _transform(s, F[k], y[k], integral, kept)
+                _transform(s, F[k], y[k], integral, kept, scratch)
             if sums[_SAMPLES] % EVERY == 0.0:
                 _look(s, integral)
         for m in range(asked):
@@ -214,9 +214,9 @@ def _fill(s: NoiseState, F: Array, left: float, integral: bool, begins: bool, di
 
 
 @njit(cache=True, error_model="numpy")
-def _increment(s: NoiseState, F: Array, y: float, kept: float) -> float:
+def _increment(s: NoiseState, F: Array, y: float, kept: float, row: Array) -> float:
     """Rotate what changed since the last call into the fit to increments, and return its recursive residual."""
-    n, Rp, row, size = F.shape[0], s.Rp, np.empty(F.shape[0] + 1), np.sqrt(s.sums[_SINCE])
+    n, Rp, size = F.shape[0], s.Rp, np.sqrt(s.sums[_SINCE])
     s.sums[_SINCE] = 0.0
     for i in range(n):
         row[i] = (F[i] - s.mark[i]) / size
@@ -238,10 +238,11 @@ def _increment(s: NoiseState, F: Array, y: float, kept: float) -> float:
 
 
 @njit(cache=True, error_model="numpy")
-def _transform(s: NoiseState, F: Array, y: float, integral: bool, kept: float) -> None:
+def _transform(s: NoiseState, F: Array, y: float, integral: bool, kept: float, scratch: Array) -> None:
     """Hand a full box on, from octave to octave; it is empty then."""
     n = s.total.shape[0]
-    value, detail = np.zeros(n + 2), np.empty(n + 2)
+    value, detail = scratch[0], scratch[1]
+    value[n + 1] = 0.0
     for i in range(n + 1):
         value[i] = s.box[i] / np.sqrt(BOX)
         s.box[i] = 0.0
@@ -254,7 +255,7 @@ def _transform(s: NoiseState, F: Array, y: float, integral: bool, kept: float) -
     for octave in range(OCTAVES):
         last = s.seen[octave]
         if octave == SLOW and integral:
-            value[n + 1] = _increment(s, F, y, kept ** (2**SLOW))
+            value[n + 1] = _increment(s, F, y, kept ** (2**SLOW), scratch[2])
         for i in range(n + 2):
             s.rings[octave, last % _TAPS, i] = value[i]
         s.seen[octave] += 1

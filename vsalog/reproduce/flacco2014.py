@@ -97,7 +97,7 @@ NOT_TOLD_BY_THE_LOG = (
 )
 STARTING = (
     "the window of 1 s is filled at 1 s and the coefficients begin without a prior, so 2 s is one second into learning; what"
-    " counts as transient is not printed here: see the rows after 5 s"
+    " counts as transient is not printed here: see the rows after 3 s"
 )
 PRIOR = (
     "the transient, which the MSE feels more than the MSREP: the coefficients begin at zero with a prior, which after 2 s still"
@@ -242,7 +242,7 @@ def _case(
                 "dashed" if curves else "solid",
             )
         )
-        for after in (2.0, 5.0):
+        for after in (2.0, 3.0, 5.0):
             common = _common(item, "§VII", setting, told[0], told[1], after)
             errors = stiffness_errors(experiments, traces, "total", "stiffness_total", after, scale=scale)
             of = f"{setting.estimator}, total"

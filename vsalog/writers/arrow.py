@@ -1,4 +1,4 @@
-"""NumPy columns as Arrow's, without pandas: `pyarrow.array` imports it to see whether it was given a series, which takes half a second."""
+"""NumPy columns as Arrow's, without pandas, which `pyarrow.array` imports in half a second to see whether it was given a series."""
 
 from __future__ import annotations
 
