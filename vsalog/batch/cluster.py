@@ -109,7 +109,8 @@ class Cluster:
             known[future.key] = task
             return future
 
-        done: Any = self._distributed.as_completed([submit() for _ in range(min(AHEAD, len(waiting)))])
+        first = [submit() for _ in range(min(AHEAD, len(waiting)))]
+        done: Any = self._distributed.as_completed(first, loop=self._client.loop)
         for future in done:
             task = known.pop(future.key)
             yield task, self._answer(future, task)

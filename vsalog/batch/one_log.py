@@ -231,7 +231,7 @@ COMMANDS: dict[str, Callable[[Log, Path, Settings, Path], Result]] = {
 }
 
 
-def run_one(log: Log, path: Path, settings: Settings, scratch: Path, digest: str) -> Result:
+def run_one(log: Log, path: Path, settings: Settings, scratch: Path) -> Result:
     """Do what is asked for to a log, and see that it stayed what it was.
 
     Parameters
@@ -240,17 +240,25 @@ def run_one(log: Log, path: Path, settings: Settings, scratch: Path, digest: str
     path : of it here
     settings : what is asked for
     scratch : an empty folder for what is written
-    digest : the log's SHA-256 before
 
     Raises
     ------
     VsalogError
         The log is at fault, changed meanwhile, or a file cannot be written.
     """
+    before = _state(path)
     result = COMMANDS[settings.do](log, path, settings, scratch)
-    if result.input_sha256 != digest:
+    if _state(path) != before:
         raise ReadError(f"{log.name}: changed while it was worked on; run again with --resume when it is complete")
     return result
+
+
+def _state(path: Path) -> list[tuple[str, int, int, int]]:
+    """Return what changes when a log does; its hash, which is taken only once, would not tell when it was taken."""
+    if not path.exists():
+        raise ReadError(f"{path}: there is no such file")
+    files = sorted(p for p in path.rglob("*") if p.is_file()) if path.is_dir() else [path]
+    return [(str(p), s.st_size, s.st_mtime_ns, s.st_ino) for p in files for s in (p.stat(),)]
 
 
 def _text(settings: Settings) -> Any:

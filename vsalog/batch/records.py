@@ -89,11 +89,10 @@ class Task(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class Output(msgspec.Struct, frozen=True, kw_only=True):
-    """A file that was written: its name in the batch, its size, and its SHA-256."""
+    """A file that was written: its name in the batch, and its size [bytes]."""
 
     name: str
     size: int
-    sha256: str
 
 
 class Joint(msgspec.Struct, frozen=True, kw_only=True):

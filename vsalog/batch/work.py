@@ -79,16 +79,16 @@ def _done(task: Task, store: Store, start: float) -> tuple[Record, bool]:
 
     try:
         with fetched(log) as path:
-            digest, key = _key(task, path)
-            before = read_record(store, log.name)
-            if task.keep and before is not None and before.key == key and whole(before, store):
+            before = read_record(store, log.name) if task.keep else None
+            if before is not None and whole(before, store) and before.key == _key(task, path, _hash(path)):
                 return before, True
             with store.scratch() as scratch:
-                result = _explaining(lambda: run_one(log, path, settings, scratch, digest), path, log)
-                outputs = {what: _output(file, name) for what, (file, name) in result.files.items()}
+                result = _explaining(lambda: run_one(log, path, settings, scratch), path, log)
+                key = _key(task, path, result.input_sha256)
+                outputs = {what: Output(name=n, size=f.stat().st_size) for what, (f, n) in result.files.items()}
                 for what, (file, _) in result.files.items():
                     store.put(file, outputs[what].name)
-            return _record(task, key, digest, result, outputs, time.perf_counter() - start), False
+            return _record(task, key, result, outputs, time.perf_counter() - start), False
     except StoreError:
         raise
     except WriteError as error:
@@ -152,33 +152,28 @@ def whole(record: Record, store: Store) -> bool:
     return record.status == "done" and all(store.size(o.name) == o.size for o in record.outputs.values())
 
 
-def _key(task: Task, path: Path) -> tuple[str, str]:
-    """Return the log's hash, and that of all that its result depends on."""
-    from vsalog.job import sha256
+def _hash(path: Path) -> str:
+    from vsalog.job import sha256  # with it comes all that estimates, which the process that only hands out tasks can do without
 
-    if not path.exists():
-        raise VsalogError(f"{task.log.name}: there is no such file")
-    digest = sha256(path)
+    return sha256(path)
+
+
+def _key(task: Task, path: Path, digest: str) -> str:
+    """Return a hash of all that a log's result depends on; `digest` is that of the log."""
     beside = rig_beside(path) if task.settings.rig is None else None
-    rig = "" if beside is None else sha256(beside)
+    rig = "" if beside is None else _hash(beside)
     parts = (__version__, task.log.name, digest, rig, task.settings.digest())
-    return digest, hashlib.sha256("\n".join(parts).encode()).hexdigest()
+    return hashlib.sha256("\n".join(parts).encode()).hexdigest()
 
 
-def _output(file: Path, name: str) -> Output:
-    with file.open("rb") as data:
-        digest = hashlib.file_digest(data, "sha256").hexdigest()
-    return Output(name=name, size=file.stat().st_size, sha256=digest)
-
-
-def _record(task: Task, key: str, digest: str, result: Result, outputs: dict[str, Output], seconds: float) -> Record:
+def _record(task: Task, key: str, result: Result, outputs: dict[str, Output], seconds: float) -> Record:
     return Record(
         log=task.log.name,
         do=task.settings.do,
         status="done",
         key=key,
         vsalog=__version__,
-        input_sha256=digest,
+        input_sha256=result.input_sha256,
         input_bytes=task.log.size,
         rig_sha256=result.rig_sha256,
         device=result.device,
