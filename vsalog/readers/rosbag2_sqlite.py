@@ -25,7 +25,6 @@ _DAMAGE = (sqlite3.DatabaseError, UnicodeDecodeError)
 _LANGUAGES = {"ros2msg": "msg", "ros2idl": "idl"}
 _COLUMNS = {"topic_id", "timestamp", "data"}
 _MOST_TOPICS = 2**16
-_ROWS = 8  # images may be among them
 # Behind a stretch of rows that cannot be read, the next is looked for this part of the stretch farther on.
 _STEP = 200
 _LAST_ROW = 2**62
@@ -73,50 +72,57 @@ class SqliteContainer:
         """
         if not ids:
             return
-        strangers = nonsense = size = 0
-        waiting: list[Any] = []
-        for rows in self._rows(ids):
-            sound = [row for row in rows if _is_sound(row)]
-            known = [row for row in sound if row[1] in ids]
-            nonsense += len(rows) - len(sound)
-            strangers += len(sound) - len(known)
-            waiting += known
-            size += sum([len(row[3]) for row in known])
-            if len(waiting) >= PACKED or size >= PACKED_BYTES:
-                yield _packet(waiting)
-                waiting, size = [], 0
-        if waiting:
-            yield _packet(waiting)
-        if nonsense:
-            self._note(f"{plural(nonsense, 'row')} without a time or a message skipped")
+        wanted = frozenset(ids)
+        strangers = size = 0
+        connection: list[int] = []
+        log: list[int] = []
+        content: list[bytes] = []
+        for topic, time, data in self._rows(ids):
+            if topic not in wanted:
+                strangers += 1
+                continue
+            connection.append(topic)
+            log.append(time)
+            content.append(data)
+            size += len(data)
+            if len(content) >= PACKED or size >= PACKED_BYTES:
+                yield _packet(connection, log, content)
+                connection, log, content, size = [], [], [], 0
+        if content:
+            yield _packet(connection, log, content)
         if strangers:
             self._note(f"{plural(strangers, 'message')} of topics that the bag does not name skipped")
 
-    def _rows(self, ids: Collection[int]) -> Iterator[list[Any]]:
-        """Yield row number, topic, time and message of rows, some at a time."""
+    def _rows(self, ids: Collection[int]) -> Iterator[tuple[Any, int, bytes]]:
+        """Yield topic, time and message of rows. Not by `fetchmany`: images may be among them, and an error would lose some."""
         only = self._only(ids)
         query = f"SELECT rowid, topic_id, timestamp, data FROM messages WHERE rowid > ? {only} ORDER BY rowid"
-        start, last, lost, stretch, many = -1, -1, 0, 0, _ROWS
-        first, count = 0, 0
+        start, last, lost, stretch = -1, -1, 0, 0
+        first, count, nonsense = 0, 0, 0
         most = self.path.stat().st_size  # more rows than bytes come only of pages that contain themselves
         while start < _LAST_ROW and count < most:
             try:
-                found = self._database.execute(query, (start,))
-                while count < most and (rows := found.fetchmany(many)):
-                    # Damaged row numbers may go anywhere; those of the following rows tell again where reading is.
-                    last = next((row[0] for row in reversed(rows) if _is_sound(row)), last)
-                    first = first or rows[0][0]
-                    count += len(rows)
-                    many = _ROWS
-                    yield rows
+                for number, topic, time, data in self._database.execute(query, (start,)):
+                    first = first or number
+                    count += 1
+                    if type(data) is bytes and type(time) is int:
+                        # Damaged row numbers may go anywhere; those of the following rows tell again where reading is.
+                        last = number
+                        yield topic, time, data
+                    else:
+                        nonsense += 1
+                    if count >= most:
+                        break
                 break
             except _DAMAGE as error:
                 self._refuse(error)
-                if last > start or many > 1:
-                    start, stretch, many = max(start, last), 0, 1
+                if last > start:
+                    start, stretch = last, 0
                 else:
                     step = 1 + stretch // _STEP
                     start, lost, stretch = start + step, lost + step, stretch + step
+        if nonsense:
+            self._note(f"{plural(nonsense, 'row')} without a time or a message skipped")
         if start >= _LAST_ROW:
             self._note("the end of the database cannot be read (was it cut off?), what is ahead of it was")
         elif lost:
@@ -212,16 +218,10 @@ class SqliteContainer:
             self.notes.append(text)
 
 
-def _is_sound(row: Any) -> bool:
-    """Tell whether a row holds a time and a message."""
-    return type(row[3]) is bytes and type(row[2]) is int
-
-
 def _tables(database: sqlite3.Connection) -> set[str]:
     return {row[0] for row in database.execute("SELECT name FROM sqlite_master WHERE type = 'table'")}
 
 
-def _packet(rows: list[Any]) -> Packet:
-    _, topic, time, data = zip(*rows, strict=True)
-    connection, log = np.array(topic, dtype=np.int64), np.array(time, dtype=np.int64)
-    return Packet(connection, log, np.zeros(connection.size, dtype=np.int64), Messages.of(data))
+def _packet(connection: list[int], log: list[int], content: list[bytes]) -> Packet:
+    zeros = np.zeros(len(log), dtype=np.int64)
+    return Packet(np.array(connection, dtype=np.int64), np.array(log, dtype=np.int64), zeros, Messages.of(content))
