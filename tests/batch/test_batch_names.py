@@ -16,7 +16,8 @@ from vsalog.batch.names import LONGEST, decoded, device_name, encoded, readable,
 
 HOSTILE = [
     "../../x", "..", ".", "/etc/passwd", "a=b", "line\nend", "tab\there", "nul\0here", "50%", "%2F", "a b+c", "ü€🦾", "~",
-    "*?[x]",    "<img src=x onerror=alert(1)>", "\"'`$(rm -rf /)", "C:\\x", "device=other", "\x1b[31m", "‮evil", "#", "&amp;", "x" * 5000,
+    "*?[x]", "<img src=x onerror=alert(1)>", "\"'`$(rm -rf /)", "C:\\x", "device=other", "\x1b[31m", "\u202eevil", "#",
+    "&amp;", "x" * 5000,
 ]  # fmt: skip
 
 

@@ -153,11 +153,10 @@ class Pool:
         for job in list(waiting):
             if count >= min(most, self.jobs):
                 return
-            if count == 0:
-                while len(free) > 1 and job.need + (len(free) - 1) * BASE > left:
-                    self._dismiss(free.pop(0))
-            if (job.deaths and count) or job.need + max(len(free) - 1, 0) * BASE > left:
+            if (job.deaths and count) or job.need > left:
                 continue
+            while len(free) > 1 and job.need + (len(free) - 1) * BASE > left:
+                self._dismiss(free.pop(0))
             worker = free.pop() if free else self._start()
             waiting.remove(job)
             worker.job, worker.begun = job, time.monotonic()
@@ -170,9 +169,10 @@ class Pool:
     def _grow(self, waiting: list[_Job]) -> None:
         """Start workers that will be needed while the first log is still being done."""
         busy = sum(1 for w in self._workers if w.job)
+        least = min((job.need for job in waiting), default=0)
         while len(self._workers) < min(self.jobs, len(waiting) + busy):
             used = sum(w.job.need if w.job else BASE for w in self._workers)
-            if used + BASE > self.memory:
+            if used + least > self.memory:
                 return
             self._start()
 

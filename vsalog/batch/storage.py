@@ -96,7 +96,7 @@ class LocalStore:
     """A folder."""
 
     def __init__(self, root: Path) -> None:
-        self.root, self.shown = root, str(root)
+        self.root, self.shown = root, str(root).encode("utf-8", "backslashreplace").decode()
 
     def put(self, source: Path, name: str) -> None:
         """See `Store`."""

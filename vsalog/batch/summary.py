@@ -158,4 +158,6 @@ def write_summary(records: Iterable[Record], do: Do, path: Path) -> None:
         It cannot be written.
     """
     table = pa.Table.from_pylist(list(rows_of(records)), schema=summary_schema(do))
-    pq.write_table(table, path, compression="zstd", write_page_checksum=True)
+    # Opened here: Arrow cannot be given a name whose bytes are no text.
+    with path.open("wb") as file:
+        pq.write_table(table, file, compression="zstd", write_page_checksum=True)

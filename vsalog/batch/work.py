@@ -153,7 +153,8 @@ def whole(record: Record, store: Store) -> bool:
 
 
 def _hash(path: Path) -> str:
-    from vsalog.job import sha256  # with it comes all that estimates, which the process that only hands out tasks can do without
+    # With it comes all that estimates, which the process that only hands out tasks can do without.
+    from vsalog.job import sha256
 
     return sha256(path)
 

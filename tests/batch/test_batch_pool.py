@@ -1,0 +1,119 @@
+"""Workers that die, hang, or would need too much: the others go on. Workers here do what the names of logs say."""
+
+import os
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pytest
+from batch_bench import serve_by_name
+
+from vsalog.batch import memory, pool
+from vsalog.batch.memory import BASE, expected, parse_size
+from vsalog.batch.records import Log, Settings, Task
+from vsalog.errors import BatchError
+
+
+@pytest.fixture
+def play(monkeypatch, tmp_path):
+    """Run a pool over logs of these names; returns name → record."""
+    monkeypatch.setattr(pool, "serve", serve_by_name)
+
+    def play(*names, jobs=2, bound=10**12, timeout=None, size=1000):
+        logs = [Log(name=n, where=os.fsencode(tmp_path / n), remote=False, size=size) for n in names]
+        tasks = [Task(log=log, settings=Settings(), out=b"", vsalog="", keep=False) for log in logs]
+        with pool.Pool(jobs, bound, timeout) as workers:
+            return {task.log.name: answer.record for task, answer in workers.run(tasks)}
+
+    return play
+
+
+def spans(records):
+    return [tuple(map(float, r.reason.split())) for r in records.values() if r.status == "done"]
+
+
+def most_at_once(records):
+    begins = [begin for begin, _, _ in spans(records)]
+    return max(sum(a <= begin < b for a, b, _ in spans(records)) for begin in begins)
+
+
+def test_a_log_that_kills_its_worker_is_recorded_and_the_others_go_on(play):
+    records = play("a", "b", "deadly", "c", "d", "deadly too")
+    assert {n for n, r in records.items() if r.status == "done"} == {"a", "b", "c", "d"}
+    for name in ("deadly", "deadly too"):
+        assert (records[name].status, records[name].kind) == ("failed", "killed")
+        assert "SIGKILL (out of memory?), twice" in records[name].reason
+
+
+def test_a_worker_that_died_by_chance_costs_nothing(play):
+    records = play("a", "unlucky", "b")
+    assert {r.status for r in records.values()} == {"done"}
+
+
+def test_a_log_without_end_is_given_up(play):
+    records = play("a", "endless", "b", timeout=1.5)
+    assert records["endless"].kind == "time"
+    assert "--timeout" in records["endless"].reason
+    assert records["a"].status == records["b"].status == "done"
+
+
+def test_one_log_is_done_alone_first(play):
+    """Until one went well nobody else begins: what has to be compiled is compiled once."""
+    records = play(*"abcdef")
+    first, *others = sorted(spans(records))
+    assert all(begin >= first[1] - 0.05 for begin, _, _ in others)
+    assert most_at_once(records) == 2
+
+
+def test_memory_bounds_what_goes_on_at_a_time(play):
+    need = expected(Log(name="", where=b"", remote=False, size=10**8), Settings())
+    assert most_at_once(play(*"abcde", jobs=3, bound=int(2.2 * need), size=10**8)) == 2
+    assert most_at_once(play(*"abc", jobs=3, bound=int(1.5 * need), size=10**8)) == 1
+    records = play("a", "b", bound=need - 1, size=10**8)
+    assert {r.kind for r in records.values()} == {"memory"}
+    assert "100 MB is expected to need" in records["a"].reason
+    assert "--memory" in records["a"].reason
+
+
+def test_workers_leave_when_their_parent_is_killed(tmp_path):
+    code = (
+        "import sys, time; from vsalog.batch.pool import Pool; p = Pool(2, 10**12); w = [p._start(), p._start()];"
+        "print(*[x.process.pid for x in w], flush=True); time.sleep(60)"
+    )
+    parent = subprocess.Popen([sys.executable, "-c", code], stdout=subprocess.PIPE, text=True)
+    pids = [int(pid) for pid in parent.stdout.readline().split()]
+    assert len(pids) == 2
+    parent.kill()
+    parent.wait()
+    parent.stdout.close()
+    deadline = time.monotonic() + 20.0
+    while any(_runs(pid) for pid in pids) and time.monotonic() < deadline:
+        time.sleep(0.1)
+    assert not any(_runs(pid) for pid in pids)
+
+
+def _runs(pid):
+    try:
+        return Path(f"/proc/{pid}/stat").read_text().split()[2] != "Z"
+    except OSError:
+        return False
+
+
+@pytest.mark.parametrize(
+    ("text", "size"),
+    [("4GB", 4e9), ("512 MiB", 512 * 2**20), ("3e9", 3e9), ("1.5g", 1.5e9), ("2Gi", 2**31), ("1TB", 1e12)],
+)
+def test_sizes_as_people_write_them(text, size):
+    assert parse_size(text) == int(size)
+
+
+@pytest.mark.parametrize("text", ["", "much", "-1GB", "1XB", "nan", "1e300", "1MB", "0"])
+def test_sizes_that_cannot_be(text):
+    with pytest.raises(BatchError, match="--memory"):
+        parse_size(text)
+
+
+def test_what_is_free_is_something():
+    assert memory.free() >= BASE
+    assert memory.cores() >= 1
