@@ -68,3 +68,16 @@ def test_what_has_no_effect_cannot_be_tuned(folder, samples, method, name):
     code, _, err = vsalog("estimate", samples / "sea_exp1.csv", "-e", method, "--tune", f"{name}=1", cwd=folder)
     assert code == 2
     assert f"nothing to tune named '{name}'" in err
+
+
+@pytest.mark.parametrize("estimator", ["residual-rls", "direct", "algebraic", "grioli-parametric", "qr-rls"])
+def test_nothing_is_told_before_anything_is_learnt(folder, estimator):
+    code, _, err = vsalog("estimate", "loaded.parquet", "-e", estimator, "-o", f"{estimator}.parquet", cwd=folder)
+    assert code == 0, err
+    table = pq.read_table(folder / f"{estimator}.parquet").to_pandas()
+    table = table[table.transmission != "total"]
+    first = int(np.argmax(np.isfinite(table.stiffness)))
+    assert 0 < first < 200
+    assert table.stiffness[:first].isna().all()
+    assert np.abs(table.stiffness[first:]).min() > 0.0
+    assert not table.excited[: first + 1].any()

@@ -41,6 +41,7 @@ class RlsSolver:
             state[0], rows.F, rows.y, use, E, spread, self.c, self.p0
         )
         noise, made = noise_block(state[1], rows.F, rows.y, left, use, rows.fresh, directions, False, 1.0)
+        values[_untold(unknowns)] = np.nan
         return (rls, noise), values, _spread(made, pulled, spread), unknowns, {"stability_factor": factor}
 
     def solution(self, state: tuple[RlsState, NoiseState]) -> tuple[Array, Array, float]:
@@ -84,6 +85,7 @@ class QrSolver:
         if rows.noisy is not None:
             learnt = state[1].samples + np.cumsum(np.isfinite(left))
             made += self._bent(directions, unknowns, learnt, rows.noisy) ** 2
+        values[_untold(unknowns[:, self.leading :])] = np.nan
         return (qr, noise), values, _spread(made, pulled, spread), unknowns, {}
 
     def _bent(self, directions: Array, unknowns: Array, learnt: Array, noisy: Array) -> Array:
@@ -101,6 +103,11 @@ class QrSolver:
         half = np.linalg.inv(state[0].Rp[:, :-1])
         P = half @ half.T
         return xi, P @ M @ P, variance**0.5
+
+
+def _untold(coefficients: Array) -> Flags:
+    """Tell the samples, shape (N,), at which the coefficients are still the zeros that a recursion begins with: no estimate."""
+    return ~np.asarray(coefficients.any(axis=1))
 
 
 def _spread(made: Array, pulled: Array, spread: Flags) -> Array:

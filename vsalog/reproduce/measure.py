@@ -190,12 +190,14 @@ def stiffness_errors(
         record = experiment.joints[experiment.joint if joint is None else joint]
         sigma, estimated = record.truth[truth], np.asarray(trace[part]["stiffness"], dtype=np.float64)
         start = round(after / experiment.period)
+        # What is not estimated yet counts as the zero that the papers' recursions begin with.
+        whole = np.nan_to_num(estimated, nan=0.0)
         found.append(
             (
                 scale * mse(estimated, sigma, start),
                 msrep(estimated, sigma, start),
-                scale * mse(estimated, sigma),
-                msrep(estimated, sigma),
+                scale * mse(whole, sigma),
+                msrep(whole, sigma),
             )
         )
     return Errors(*(Spread.of([f[i] for f in found]) for i in range(4)))

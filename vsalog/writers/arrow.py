@@ -1,4 +1,4 @@
-"""NumPy columns as Arrow's, without pandas, which `pyarrow.array` imports in half a second to see whether it was given a series."""
+"""NumPy columns as Arrow's, without pandas, which `pyarrow.array` imports to see whether it was given a series: half a second."""
 
 from __future__ import annotations
 
