@@ -81,3 +81,14 @@ def test_nothing_is_told_before_anything_is_learnt(folder, estimator):
     assert table.stiffness[:first].isna().all()
     assert np.abs(table.stiffness[first:]).min() > 0.0
     assert not table.excited[: first + 1].any()
+
+
+def test_a_model_without_a_spring_is_not_validated_and_a_window_longer_than_the_log_is_named(folder):
+    code, _, err = vsalog("estimate", "loaded.parquet", "-e", "grioli-bicchi", "-o", "followed.parquet", cwd=folder)
+    assert code == 0, err
+    code, _, err = vsalog("validate", "followed.model.toml", "loaded.parquet", cwd=folder)
+    assert code == 2
+    assert "grioli-bicchi follows the stiffness" in err
+    code, _, err = vsalog("estimate", "loaded.parquet", "-e", "impedance", "--tune", "window=100", cwd=folder)
+    assert code == 2
+    assert "filter needs" in err

@@ -87,7 +87,14 @@ class Derivatives:
             )
 
     def whole(self, signals: JointSignals) -> Differentiated:
-        """Filter a whole log at once, gaps included."""
+        """Filter a whole log at once, gaps included.
+
+        Raises
+        ------
+        FilterError
+            No run is long enough for the filter.
+        """
+        self.check_length(int(np.diff(np.append(np.flatnonzero(signals.starts), len(signals))).max()))
         state, parts = self.step(self.start(), signals)
         parts += self.finish(state)[1]
         rows = parts[0].rows

@@ -187,6 +187,11 @@ def _other_runs(file: ModelFile, name: str, joint: Joint) -> bool:
 def _check_fit(model: JointModel, device: Device, rig: Rig) -> None:
     """Refuse a rig that is no such device as the model's."""
     theirs, ours = [t.name for t in model.transmission], [v.name for v in device.transmissions]
+    if not theirs:
+        raise EstimatorError(
+            f"the model of joint '{device.joint}' holds no torque over the deflection, because {model.estimator} follows the"
+            " stiffness or observes a state; learn one with another --estimator (docs/estimators/README.md says which)"
+        )
     if len(theirs) == len(ours) and theirs != ours:
         raise RigError(
             f"{rig.where}: joint '{device.joint}' has the transmissions {', '.join(ours)}, but the model {', '.join(theirs)}"
