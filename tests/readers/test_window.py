@@ -3,16 +3,19 @@
 from __future__ import annotations
 
 import json
+import struct
 from datetime import UTC, datetime
 
 import numpy as np
 import pytest
 from click.testing import CliRunner
-from write_logs import MS, START, McapLog, joint_state
+from random_messages import STORES
+from rosbags import rosbag2
+from write_logs import MS, START, McapLog, joint_state, serialised
 
 from vsalog.cli import cli
 from vsalog.errors import ReadError
-from vsalog.readers import read
+from vsalog.readers import mcap_file, read
 from vsalog.readers.window import Moment
 
 S = 10**9
@@ -68,6 +71,83 @@ def test_the_beginning_is_that_of_the_log_whatever_is_read_of_it(log):
 def test_it_counts_on_the_clock_that_is_used(log):
     stamps = read(log, time="log", start="0.1", end="0.2").channel("/j.position[a]").stamps
     assert (stamps[0], stamps[-1]) == (START + 105 * MS, START + 205 * MS)
+
+
+def headerless(path, sqlite, **options):
+    """Two topics without stamps of their own; the second ends early."""
+    kind = STORES[False].types["std_msgs/msg/Float64"]
+    log = McapLog(chunk_size=2048, **options)
+    if sqlite:
+        with rosbag2.Writer(path, version=9, storage_plugin=rosbag2.StoragePlugin.SQLITE3) as writer:
+            topics = [
+                writer.add_connection(t, "std_msgs/msg/Float64", typestore=STORES[False]) for t in ("/x", "/early")
+            ]
+            for i in range(1000):
+                for topic in topics[: 2 if i < 500 else 1]:
+                    writer.write(topic, START + i * MS, serialised(kind(float(i))))
+        return path
+    for i in range(1000):
+        for topic in ("/x", "/early")[: 2 if i < 500 else 1]:
+            log.add(topic, kind(float(i)), START + i * MS)
+    return log.save(path)
+
+
+@pytest.fixture
+def unpacked(monkeypatch):
+    """What was unpacked of chunks, or read of rows."""
+    seen = []
+    own = mcap_file.decompress
+    monkeypatch.setattr(mcap_file, "decompress", lambda kind, data, size: seen.append(size) or own(kind, data, size))
+    return seen
+
+
+@pytest.mark.parametrize("sqlite", [False, True])
+@pytest.mark.parametrize(("start", "end"), [("0.7", None), ("0.2", "0.2035"), (None, "0.1"), ("0.499", "0.5")])
+def test_only_what_can_lie_there_is_read_where_the_clock_is_the_logs(tmp_path, unpacked, sqlite, start, end):
+    path = headerless(tmp_path / "log", sqlite)
+    whole = read(path)
+    everything = sum(unpacked)
+    unpacked.clear()
+    part = read(path, start=start, end=end)
+    assert sum(unpacked) <= 0.45 * everything
+    low = int(float(start or 0) * 1000)
+    high = int(float(end or 1) * 1000)
+    for name in ("/x.data", "/early.data"):
+        full = whole.channel(name)
+        inside = (full.values >= low) & (full.values <= high)
+        if inside.any():
+            np.testing.assert_array_equal(part.channel(name).values, full.values[inside])
+            np.testing.assert_array_equal(part.channel(name).stamps, full.stamps[inside])
+        else:
+            assert "no sample lies between" in part.unread[name]
+    assert part.notes == whole.notes
+    with pytest.raises(
+        ReadError, match=r"its samples are from 2023-11-14T22:13:20\.123456Z to 2023-11-14T22:13:21\.12"
+    ):
+        read(path, start="5")
+
+
+def test_a_header_far_from_the_logs_time_is_found_in_whichever_chunk(tmp_path, unpacked):
+    log = McapLog(chunk_size=2048)
+    for i in range(500):
+        log.add("/j", joint_state(START + i * MS, ["a"], [i]), START + i * 60 * S)
+    path = log.save(tmp_path / "log")
+    assert kept(read(path, start="0.1", end="0.2")) == (100, 200)
+    unpacked.clear()
+    part = read(path, time="log", start="60", end="180").channel("/j.position[a]")
+    assert part.values.tolist() == [1, 2, 3]
+    assert sum(unpacked) < 30_000
+
+
+def test_chunk_times_that_the_index_does_not_confirm_are_not_believed(tmp_path):
+    path = headerless(tmp_path / "log", sqlite=False)
+    raw = bytearray(path.read_bytes())
+    (summary,) = struct.unpack_from("<Q", raw, len(raw) - 28)
+    at = raw.index(struct.pack("<Q", START), summary)  # the first chunk's, in its index
+    struct.pack_into("<QQ", raw, at, START + 5 * S, START + 6 * S)
+    raw[-12:-8] = bytes(4)  # no checksum of the summary
+    path.write_bytes(raw)
+    assert read(path, start="0", end="0.005").channel("/x.data").values.tolist() == [0, 1, 2, 3, 4, 5]
 
 
 def test_what_has_no_sample_there_is_told(log):

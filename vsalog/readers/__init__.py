@@ -99,10 +99,19 @@ def read(
     path, wanted = Path(path), None if wanted is None else frozenset(wanted)
     if start is None and end is None:
         return collect(path, open_reader(path, rate), wanted, time)
+    from vsalog.readers.bag import BagReader
     from vsalog.readers.window import Window, cut
 
-    bounds = Window.parse(start, end).bounds(open_reader(path, rate), path, time)
-    return cut(collect(path, open_reader(path, rate), wanted, time), *bounds)
+    first = open_reader(path, rate)
+    bounds = Window.parse(start, end).bounds(first, path, time)
+    part = open_reader(path, rate)
+    if isinstance(part, BagReader) and part.narrow(*bounds, time, wanted):
+        known = {name for name in first.catalogue().channels if wanted is None or name in wanted}
+        try:
+            return cut(collect(path, part, wanted, time), *bounds, known)
+        except ReadError:  # nothing lies there: what the whole log has tells where to look
+            part = open_reader(path, rate)
+    return cut(collect(path, part, wanted, time), *bounds)
 
 
 def open_container(path: Path, kind: str) -> Container:

@@ -87,6 +87,10 @@ class Container(Protocol):
         """Yield the messages of some connections in the order of the file."""
         ...
 
+    def narrow(self, low: int, high: int) -> bool:
+        """From now on pass by messages whose log time surely lies outside of a window [ns]; tells whether that can be done."""
+        ...
+
 
 @dataclass(slots=True)
 class _Batch:
@@ -156,6 +160,19 @@ class BagReader:
             The file cannot be read.
         """
         return self._blocks(None if wanted is None else frozenset(wanted), first_only=False)
+
+    def narrow(self, low: int, high: int, time: str, wanted: Collection[str] | None) -> bool:
+        """Pass by what surely lies outside of a window [ns], where the wanted streams are surely on the log's clock.
+
+        Returns whether anything will be passed by: header stamps may be far from the log's times.
+        """
+        if time not in ("auto", "log"):
+            return False
+        if time == "auto":
+            batches = self._batches(None if wanted is None else frozenset(wanted)).values()
+            if any(batch.decoder.stamped for batch in batches):
+                return False
+        return self._container.narrow(low, high)
 
     def _blocks(self, wanted: frozenset[str] | None, first_only: bool) -> Iterator[Block]:
         batches = self._batches(wanted)

@@ -32,6 +32,7 @@ class JsonDecoder:
         self.prefix = prefix
         self.wanted = wanted
         self.unread: dict[str, str] = {}
+        self.stamped = True
 
     def decode(self, messages: Messages) -> Decoded:
         """Decode a batch of messages; what is no JSON object counts as damaged."""

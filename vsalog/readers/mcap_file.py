@@ -31,11 +31,12 @@ from vsalog.readers.packets import PACKED, Packet, RawMessage, ahead, packet_of
 RIG_METADATA = "vsalog.rig"
 RIG_KEY = "toml"
 
-_STATISTICS, _METADATA_INDEX = 11, 13
+_CHUNK_INDEX, _STATISTICS, _METADATA_INDEX = 8, 11, 13
 _LANGUAGES = {"ros1msg": "msg", "ros2msg": "msg", "ros2idl": "idl", "omgidl": "idl", "protobuf": "protobuf"}
 _MOST_TEXT = 64 * 2**20
 _HEAD = struct.Struct("<BQ")
 _MESSAGE_HEAD = struct.Struct("<HIQQ")
+_CHUNK_TIMES = struct.Struct("<QQQ")
 _CHUNK_HEAD = struct.Struct("<QQQII")
 
 
@@ -65,6 +66,8 @@ class McapContainer:
         self._rig_text: str | None = None
         self._scanned = False
         self._text = 0
+        self._chunks: dict[int, tuple[int, int]] = {}
+        self._window: tuple[int, int] | None = None
 
     @property
     def rig_text(self) -> str | None:
@@ -81,6 +84,12 @@ class McapContainer:
         """Return how many messages channels have, as the summary at the end says."""
         self._scan()
         return self._counts
+
+    def narrow(self, low: int, high: int) -> bool:
+        """Pass by chunks without a message in a window [ns], where the summary at the end tells of chunks."""
+        self._scan()
+        self._window = low, high
+        return bool(self._chunks)
 
     def packets(self, ids: Collection[int]) -> Iterator[Packet]:
         """Yield the messages of some channels in the order of the file; what is damaged is skipped and noted."""
@@ -108,7 +117,7 @@ class McapContainer:
         if loose:
             yield packet_of(loose)
         expected = sum(self._counts.get(number, 0) for number in np.flatnonzero(wanted).tolist())
-        if count < expected:
+        if count < expected and self._window is None:
             self._note(f"{expected - count} of {plural(expected, 'message')} that the summary counts were not found")
 
     def _connection(self, channel: Channel) -> Connection:
@@ -133,7 +142,7 @@ class McapContainer:
                 return
         except (ValueError, LookupError, OSError, struct.error, McapError):
             pass  # damage anywhere in the summary: the walk will find what there is
-        self.schemas, self.channels, self._counts = {}, {}, {}
+        self.schemas, self.channels, self._counts, self._chunks = {}, {}, {}, {}
         for record, content in self.records():
             if record == CHUNK:
                 for inner, own in others_in(np.frombuffer(content, np.uint8)):
@@ -149,6 +158,9 @@ class McapContainer:
             for kind, content in summary_records(file) or ():
                 if kind == _STATISTICS:
                     statistics = Statistics.read(ReadDataStream(BytesIO(content)))
+                elif kind == _CHUNK_INDEX:
+                    first, last, position = _CHUNK_TIMES.unpack_from(content)
+                    self._chunks[position] = first, last
                 elif kind == _METADATA_INDEX:
                     metadata.append(MetadataIndex.read(ReadDataStream(BytesIO(content))))
                 else:
@@ -191,7 +203,8 @@ class McapContainer:
         chunks = 0
         damage: list[str] = []
         with _open(self.path) as file:
-            walk = Walk(file, verify=states_checksum(file))
+            passed = self._passed_by(file)
+            walk = Walk(file, verify=not passed and states_checksum(file), passed=passed)
             for record, content, position in walk.records():
                 if record != CHUNK:
                     yield record, content
@@ -211,6 +224,20 @@ class McapContainer:
             )
         for note in walk.notes():
             self._note(note)
+
+    def _passed_by(self, file: IO[bytes]) -> frozenset[int]:
+        """Return where chunks are that surely hold no message in the window: summary and chunk agree on their times."""
+        if self._window is None:
+            return frozenset()
+        low, high = self._window
+        found = []
+        for position, times in self._chunks.items():
+            if times[1] and not (times[0] <= high and times[1] >= low):
+                file.seek(position)
+                head = file.read(_HEAD.size + 16)
+                if head[:1] == bytes([CHUNK]) and head[_HEAD.size :] == struct.pack("<QQ", *times):
+                    found.append(position)
+        return frozenset(found)
 
     def _note(self, text: str) -> None:
         if text not in self.notes:

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import struct
 import zlib
-from collections.abc import Iterator
+from collections.abc import Collection, Iterator
 from typing import IO
 
 import numpy as np
@@ -54,6 +54,8 @@ class Walk:
         Opened.
     verify : bool
         Compute the checksum of the data section.
+    passed : collection of int
+        Positions of chunks that are passed by unread.
 
     Attributes
     ----------
@@ -67,7 +69,7 @@ class Walk:
         The checksum of the data section does not match.
     """
 
-    def __init__(self, file: IO[bytes], verify: bool) -> None:
+    def __init__(self, file: IO[bytes], verify: bool, passed: Collection[int] = ()) -> None:
         self.skipped: list[tuple[int, int]] = []
         self.unknown = 0
         self.cut: tuple[int, int] | None = None
@@ -75,6 +77,7 @@ class Walk:
         self._file = file
         self._size = file.seek(0, 2)
         self._verify = verify
+        self._passed = passed
         self._checksum = zlib.crc32(MAGIC)
         self._chunked = False
 
@@ -93,6 +96,9 @@ class Walk:
                     return
                 self.skipped.append((position, following))
                 position = following
+                continue
+            if kind == CHUNK and position in self._passed:
+                position += _HEAD.size + length
                 continue
             content = self._read(position, length, keep=kind in KEPT)
             if kind in KEPT and len(content) < length:  # the file has become shorter meanwhile

@@ -9,7 +9,7 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from vsalog.readers.definitions import Struct
+from vsalog.readers.definitions import Struct, Time
 from vsalog.readers.layout import (
     MAX_FIELDS,
     Bytes,
@@ -56,10 +56,12 @@ class Decoded:
 class Decoder(Protocol):
     """Decodes the messages of one type.
 
-    `unread` collects fields that are no signal, by full name, with the reason.
+    `unread` collects fields that are no signal, by full name, with the reason; `stamped` tells that messages may have a
+    time stamp of their own.
     """
 
     unread: dict[str, str]
+    stamped: bool
 
     def decode(self, messages: Messages) -> Decoded:
         """Decode a batch of messages."""
@@ -110,6 +112,7 @@ class RosDecoder:
         self.prefix = prefix
         self.wanted = wanted
         self.unread: dict[str, str] = {}
+        self.stamped = _has_stamp(root)
         self._shapes: dict[int, list[_Shape]] = {}
         self._spare = MAX_NUMBERS if remember else 0
         self._patience = 3
@@ -151,7 +154,8 @@ class RosDecoder:
             return None
         for path, reason in layout.unread.items():
             self.unread.setdefault(f"{self.prefix}.{path}", reason)
-        fields, offsets = [], []
+        fields: list[tuple[str, Field, int]] = []
+        offsets: list[int] = []
         for one in layout.fields:
             name = f"{self.prefix}.{one.path}"
             if self.wanted is None or name in self.wanted:
@@ -199,3 +203,10 @@ class RosDecoder:
                 result.columns[name] = values
             else:
                 result.columns[name][rows] = values
+
+
+def _has_stamp(root: Struct) -> bool:
+    fields = dict(root.fields)
+    header = fields.get("header")
+    inner = dict(header.fields) if isinstance(header, Struct) else {}
+    return isinstance(fields.get("stamp"), Time) or isinstance(inner.get("stamp"), Time)

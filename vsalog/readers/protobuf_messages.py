@@ -71,6 +71,7 @@ class ProtobufDecoder:
         self._class = message_class(name, descriptors)
         self._fields: dict[str, tuple[_Field, ...]] = {}
         self._stamp_path = _stamp_path(self._class.DESCRIPTOR)
+        self.stamped = bool(self._stamp_path)
 
     def decode(self, messages: Messages) -> Decoded:
         """Decode a batch of messages; what is no message of this type counts as damaged."""

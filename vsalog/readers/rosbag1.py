@@ -70,6 +70,10 @@ class Rosbag1Container:
         """Return nothing: the index would have to be walked for it."""
         return {}
 
+    def narrow(self, low: int, high: int) -> bool:
+        """Return False: all is read."""
+        return False
+
     def packets(self, ids: Collection[int]) -> Iterator[Packet]:
         """Yield the messages of some connections in the order of the file; what is damaged is skipped and noted."""
         return ahead(self._packets(ids))

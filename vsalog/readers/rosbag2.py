@@ -68,6 +68,10 @@ class CompressedContainer:
         """Return how many messages connections have, where the file says so."""
         return self.inner.counts()
 
+    def narrow(self, low: int, high: int) -> bool:
+        """Pass by what lies outside of a window."""
+        return self.inner.narrow(low, high)
+
     def packets(self, ids: Collection[int]) -> Iterator[Packet]:
         """Yield the messages of some connections."""
         return self.inner.packets(ids)
@@ -124,6 +128,11 @@ class FolderContainer:
             for part, container in enumerate(self.parts)
             for number, count in container.counts().items()
         }
+
+    def narrow(self, low: int, high: int) -> bool:
+        """Pass by what lies outside of a window, in all files that can."""
+        able = [part.narrow(low, high) for part in self.parts]
+        return any(able)
 
     def packets(self, ids: Collection[int]) -> Iterator[Packet]:
         """Yield the messages of some connections, file by file."""

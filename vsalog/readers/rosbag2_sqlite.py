@@ -47,6 +47,7 @@ class SqliteContainer:
         self.path = path
         self.notes: list[str] = []
         self._folder: tempfile.TemporaryDirectory[str] | None = None
+        self._window: tuple[int, int] | None = None
         self._database = self._connect()
 
     def connections(self) -> list[Connection]:
@@ -61,6 +62,11 @@ class SqliteContainer:
     def counts(self) -> Mapping[int, int]:
         """Return nothing: the rows would have to be counted."""
         return {}
+
+    def narrow(self, low: int, high: int) -> bool:
+        """Pass by rows outside of a window [ns]."""
+        self._window = low, high
+        return True
 
     def packets(self, ids: Collection[int]) -> Iterator[Packet]:
         """Yield the messages of some topics in the order of the file; rows that cannot be read are skipped and noted.
@@ -131,10 +137,11 @@ class SqliteContainer:
             self._note(f"{plural(last - first + 1 - count, 'row')} of the database missing between others")
 
     def _only(self, ids: Collection[int]) -> str:
-        """Return the condition that chooses topics; none where all are wanted, so that strangers among them are seen."""
+        """Return the condition that chooses topics and times; no topics where all are wanted: strangers are to be seen."""
+        when = "AND timestamp BETWEEN {} AND {}".format(*self._window) if self._window else ""
         if set(ids) >= {number for number, *_ in self._topics()}:
-            return ""
-        return f"AND topic_id IN ({','.join(str(int(number)) for number in ids)})"
+            return when
+        return f"AND topic_id IN ({','.join(str(int(number)) for number in ids)}) {when}"
 
     def _refuse(self, error: Exception) -> None:
         """Raise ReadError where another try would fail the same way."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Collection
 from dataclasses import dataclass, replace
 from datetime import UTC, datetime
 from decimal import Decimal, InvalidOperation
@@ -21,6 +22,7 @@ HOW = (
     " or a time since the epoch"
 )
 _LARGEST = 2**63 - 2
+NO_SAMPLE = "no sample lies between the start and the end that were given"
 
 
 @dataclass(frozen=True, slots=True)
@@ -121,10 +123,11 @@ class Window:
         return -_LARGEST if low is None else low, _LARGEST if high is None else high
 
 
-def cut(recording: Recording, low: int, high: int) -> Recording:
+def cut(recording: Recording, low: int, high: int, known: Collection[str] = ()) -> Recording:
     """Return what a recording holds from one stamp to another [ns], both included.
 
-    Channels without a sample there, or without a time, are listed as unread.
+    Channels without a sample there, or without a time, are listed as unread, and so are those of `known`, which the log has
+    elsewhere.
 
     Raises
     ------
@@ -141,12 +144,15 @@ def cut(recording: Recording, low: int, high: int) -> Recording:
         if stream.time_source == "none":
             unread[name] = "it has no time, so that start and end say nothing of it"
         elif first == last:
-            unread[name] = "no sample lies between the start and the end that were given"
+            unread[name] = NO_SAMPLE
         else:
             stamps = shared.setdefault(id(channel.stamps), channel.stamps[first:last].copy())
             channels[name] = replace(channel, stamps=stamps, values=channel.values[first:last].copy())
             streams[channel.stream] = replace(stream, count=int(last - first))
-    if recording.channels and not channels:
+    for name in known:
+        if name not in channels:
+            unread[name] = NO_SAMPLE
+    if (recording.channels or known) and not channels:
         raise ReadError(f"{recording.path}: {_nothing(recording, low, high)}")
     kept = {channel.stream for channel in channels.values()}
     streams = {name: stream for name, stream in streams.items() if name in kept}
@@ -156,7 +162,8 @@ def cut(recording: Recording, low: int, high: int) -> Recording:
 def _nothing(recording: Recording, low: int, high: int) -> str:
     """Say what was asked for and what there is."""
     stamps = [c.stamps for c in recording.channels.values() if c.stamps.size]
-    there = f"; its samples are from {said(min(int(s[0]) for s in stamps))} to {said(max(int(s[-1]) for s in stamps))}"
+    first, last = min((int(s[0]) for s in stamps), default=0), max((int(s[-1]) for s in stamps), default=0)
+    there = f"; its samples are from {said(first)} to {said(last)}"
     since = f" from {said(low)}" if low > -_LARGEST else ""
     until = f" to {said(high)}" if high < _LARGEST else ""
     return f"has no sample{since}{until}{there if stamps else ''}"
