@@ -155,3 +155,13 @@ def test_what_cannot_be_is_refused(folder):
     code, _, err = vsalog("validate", "refused.model.toml", "pam.mcap", cwd=folder)
     assert code == 2
     assert "pneumatic" in err
+
+
+def test_pressures_that_cannot_be_absolute_are_refused_and_doubtful_ones_named(folder):
+    least = float(np.nanmin(read(folder / "pam.mcap").channels["/muscle_2/pressure.data"].values))
+    for target, code, words in ((0.5, 2, "it is not absolute"), (0.95, 0, "is it absolute"), (1.05, 0, "")):
+        offset = f"joint.pam.signals.pressure_2.offset={least - target * 101325.0}"
+        got, _, err = vsalog("estimate", "pam.mcap", "-e", "pam-ukf", "--set", offset, "-o", "g.parquet", cwd=folder)
+        assert got == code, err
+        assert words in err
+        assert ("outside" in err) == bool(words)

@@ -43,6 +43,10 @@ OWN = ("air", "model", "flow", "force", "friction", "covariances")
 Share = Annotated[float, Meta(ge=0.0, le=1.0)]
 
 
+# A pressure below that outside, which no valve can bring about: so far below (share of it) is no offset of a sensor; and so
+# many deviations of the noise are no noise, nor is this share of the outside pressure a sensor's or the weather's.
+NO_OFFSET, NO_NOISE, NO_WEATHER = 0.1, 5.0, 0.02
+
 # A linear flow has one slope where the orifice into the muscle and that out of it have one each; and it never chokes. How far
 # its flow is believed, at most.
 LINEAR_FLOW = 0.25
@@ -114,13 +118,14 @@ def build(device: Device, signals: JointSignals, tuning: PamTuning) -> PamEstima
 def estimate_of(name: str, device: Device, signals: JointSignals, tuning: PamTuning, *, correct: bool) -> PamEstimate:
     """Assemble the filter, or with `correct` false the model alone."""
     assert device.pneumatic is not None
-    middle, sensors = [], []
+    middle, sensors, below = [], [], []
     for role in PRESSURES:
         finite = signals.roles[role][np.isfinite(signals.roles[role])]
         if finite.size == 0:
             raise EstimatorError(f"joint '{device.joint}': {role} has no value in this log")
         middle.append(float(np.median(finite)))
         sensors.append(sensor_noise(finite, signals.resolution.get(role, 0.0), LEAST_NOISE))
+        below += _below_outside(role, finite, sensors[-1], device)
     pressures = middle[0], middle[1]
     joint = as_if(device.pneumatic, tuning.model, pressures)
     flow = max(tuning.flow, LINEAR_FLOW) if tuning.model == "linear" else tuning.flow
@@ -140,7 +145,31 @@ def estimate_of(name: str, device: Device, signals: JointSignals, tuning: PamTun
         fold = LinearPamFold(joint, signals.period, noise, pressures, correct=correct)
     else:
         fold = PamFold(joint, signals.period, noise, correct=correct)
-    return PamEstimate(name, device, fold, noise, tuning.air, signals.period)
+    return PamEstimate(name, device, fold, noise, tuning.air, signals.period, tuple(below))
+
+
+def _below_outside(role: str, pressure: Array, noise: float, device: Device) -> list[str]:
+    """Say where a pressure falls below that outside, as one that is not absolute does.
+
+    Raises
+    ------
+    EstimatorError
+        It falls so far that it cannot be absolute.
+    """
+    assert device.pneumatic is not None
+    outside, least = device.pneumatic.air.outside_pressure, float(np.min(pressure))
+    if least > outside - max(NO_NOISE * noise, NO_WEATHER * outside):
+        return []
+    said = (
+        f"joint '{device.joint}': {role} falls to {least / 1e3:.4g} kPa, below the {outside / 1e3:.4g} kPa outside, which no valve"
+        " brings about"
+    )
+    if least < (1.0 - NO_OFFSET) * outside:
+        raise EstimatorError(
+            f"{said}: it is not absolute. A signal of the rig may have an offset, what the sensor says at zero: offset ="
+            f' "-{outside / 1e3:.4g} kPa" where it tells the pressure above that outside'
+        )
+    return [f"{said}: is it absolute, and is the rig's outside_pressure that of the day?"]
 
 
 @dataclass(frozen=True, slots=True)
@@ -166,8 +195,18 @@ class PamEstimate:
     passes = 1
     conditioner = _NoFilter()
 
-    def __init__(self, name: str, device: Device, fold: PamFold, noise: PamNoise, air: str, period: float) -> None:
+    def __init__(
+        self,
+        name: str,
+        device: Device,
+        fold: PamFold,
+        noise: PamNoise,
+        air: str,
+        period: float,
+        noticed: tuple[str, ...] = (),
+    ) -> None:
         self.name, self.device, self.fold, self.noise, self.air, self.period = name, device, fold, noise, air, period
+        self.noticed = noticed
 
     @property
     def derived(self) -> dict[str, float]:
@@ -234,8 +273,9 @@ class PamEstimate:
     def warnings(self, state: PamFoldState) -> tuple[str, ...]:
         """Say where the pressures are not what the model makes of the valves."""
         if not state.diverged:
-            return ()
+            return self.noticed
         return (
+            *self.noticed,
             f"joint '{self.device.joint}': for {state.diverged / state.seen:.1%} of the time the pressures are not those that the"
             " rig's valves and muscles would make, and nothing is told there: the valves may be swapped, a pressure may not be"
             " absolute, or the rig is another machine's",
