@@ -93,6 +93,6 @@ def test_roles_have_reasons(large):
     assert "link_position (85 %): its name says" in inspect(large)
 
 
-def test_an_address_is_told_from_a_missing_file():
-    done = CliRunner().invoke(cli, ["inspect", "s3://bucket/log.mcap"])
-    assert "is an address, no file; download the log" in str(done.exception or done.output)
+def test_what_is_not_at_an_address_is_said():
+    done = CliRunner().invoke(cli, ["inspect", "memory://bucket/log.mcap"])
+    assert "there is no such file" in str(done.exception or done.output)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Collection
+from dataclasses import replace
 from os import PathLike
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -25,7 +26,7 @@ def open_reader(path: str | PathLike[str], rate: float | None = None) -> Reader:
     Parameters
     ----------
     path : path
-        A file, or the folder of a ROS 2 bag.
+        A file, the folder of a ROS 2 bag, or the address of either, which is downloaded first.
     rate : float, optional
         Samples per second [Hz] of tables that have no time column.
 
@@ -34,9 +35,10 @@ def open_reader(path: str | PathLike[str], rate: float | None = None) -> Reader:
     ReadError
         There is no such file, it is empty, damaged at its head or of no known format, or `rate` is not positive.
     """
+    from vsalog.readers.remote import local
     from vsalog.readers.sniff import sniff
 
-    path = Path(path)
+    path = local(Path(path))
     if rate is not None and not 0 < rate < float("inf"):
         raise ReadError(f"the sample rate has to be positive, not {rate} Hz")
     kind = sniff(path)
@@ -70,7 +72,7 @@ def read(
     Parameters
     ----------
     path : path
-        A file, or the folder of a ROS 2 bag.
+        A file, the folder of a ROS 2 bag, or the address of either, which is downloaded first.
     wanted : collection of str, optional
         Names of the channels to decode and keep; None is all of them. Names the log does not have are passed over.
     time : str
@@ -92,11 +94,32 @@ def read(
     ReadError
         The log cannot be read, holds nothing from `start` to `end`, or one of the options is impossible.
     """
-    from vsalog.readers.collect import collect
+    from vsalog.readers.remote import download_note, local
 
     if time not in TIMES:
         raise ReadError(f"time is one of {', '.join(TIMES)}, not '{time}'")
     path, wanted = Path(path), None if wanted is None else frozenset(wanted)
+    file = local(path)
+    try:
+        recording = _read(file, wanted, time, rate, start, end)
+    except ReadError as error:
+        raise (error if file is path else ReadError(str(error).replace(str(file), str(path)))) from None
+    if file is path:
+        return recording
+    return replace(recording, path=path, notes=(download_note(file), *recording.notes))
+
+
+def _read(
+    path: Path,
+    wanted: frozenset[str] | None,
+    time: str,
+    rate: float | None,
+    start: str | float | None,
+    end: str | float | None,
+) -> Recording:
+    """Read a log of this computer."""
+    from vsalog.readers.collect import collect
+
     if start is None and end is None:
         return collect(path, open_reader(path, rate), wanted, time)
     from vsalog.readers.bag import BagReader

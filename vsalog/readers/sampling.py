@@ -17,6 +17,7 @@ import numpy as np
 
 from vsalog.errors import ReadError
 from vsalog.readers import read
+from vsalog.readers.remote import download_note, local
 from vsalog.readers.sniff import sniff
 from vsalog.recording import Recording
 
@@ -105,11 +106,17 @@ def read_sample(
     ReadError
         The log cannot be read.
     """
-    with _cut(path, sniff(path)) as (small, sample, notes):
-        try:
-            recording = read(small, time=time, rate=rate)
-        except ReadError as error:
-            raise ReadError(str(error).replace(str(small), str(path))) from error
+    file = local(path)
+    try:
+        with _cut(file, sniff(file)) as (small, sample, notes):
+            try:
+                recording = read(small, time=time, rate=rate)
+            except ReadError as error:
+                raise ReadError(str(error).replace(str(small), str(file))) from error
+    except ReadError as error:
+        raise (error if file is path else ReadError(str(error).replace(str(file), str(path)))) from None
+    if file is not path:
+        notes = (download_note(file), *notes)
     return replace(recording, path=path, notes=(*notes, *recording.notes)), sample
 
 

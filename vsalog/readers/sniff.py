@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import gzip
-import re
 import zlib
 from pathlib import Path
 
@@ -11,8 +10,6 @@ from vsalog.errors import ReadError
 
 HEAD_BYTES = 4096
 
-_ADDRESS = re.compile(r"[a-z][a-z0-9+]+:/", re.IGNORECASE)
-"""As paths are written, which have one slash where an address has two."""
 _HDF5 = b"\x89HDF\r\n\x1a\n"
 _MAGIC = (
     (b"\x89MCAP0\r\n", "mcap"),
@@ -53,8 +50,6 @@ def sniff(path: Path) -> str:
         with path.open("rb") as file:
             head = file.read(HEAD_BYTES)
     except FileNotFoundError:
-        if _ADDRESS.match(str(path)):
-            raise ReadError(f"{path}: is an address, no file; download the log, then name the file") from None
         raise ReadError(f"{path}: there is no such file") from None
     except PermissionError:
         raise ReadError(f"{path}: may not be read (permission denied)") from None

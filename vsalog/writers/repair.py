@@ -25,6 +25,7 @@ from vsalog.readers.compression import MAX_BYTES
 from vsalog.readers.mcap_file import McapContainer
 from vsalog.readers.mcap_scan import messages_in
 from vsalog.readers.mcap_walk import ATTACHMENT, CHUNK, HEADER, MESSAGE, METADATA
+from vsalog.readers.remote import local
 from vsalog.readers.rosbag2 import CompressedContainer, FolderContainer
 from vsalog.readers.sampling_mcap import record_heads
 from vsalog.readers.sniff import sniff
@@ -61,6 +62,7 @@ def repair(source: Path, target: Path, rate: float | None = None) -> Repaired:
     WriteError
         The file cannot be written, or is the log itself.
     """
+    source = local(source)
     kind = sniff(source)
     _keep_source(source, target)
     if kind in _TABLES:

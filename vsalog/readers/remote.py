@@ -1,0 +1,88 @@
+"""Logs that are no files here: downloaded once, and read as files."""
+
+from __future__ import annotations
+
+import re
+import shutil
+import tempfile
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+from vsalog.errors import ReadError
+
+_ADDRESS = re.compile(r"([a-z][a-z0-9+.-]+):(/+)(.+)", re.IGNORECASE)
+"""As people write them, or with one slash, which is what is left of two in a path."""
+
+_folders: list[tempfile.TemporaryDirectory[str]] = []
+"""What was downloaded; removed at the end of the run."""
+
+
+def is_address(path: Path) -> bool:
+    """Tell whether a path is an address and no file."""
+    return _ADDRESS.fullmatch(str(path)) is not None and not path.exists()
+
+
+def local(path: Path) -> Path:
+    """Return a log's file or folder: the path itself, or what was downloaded from the address that it is.
+
+    Parameters
+    ----------
+    path : Path
+        Of a file, or an address such as ``s3://bucket/log.mcap``; one of two slashes may have been lost.
+
+    Raises
+    ------
+    ReadError
+        The package fsspec, or what it needs for such an address, is not installed; nothing is there; or it cannot be downloaded.
+    """
+    return _fetched(str(path)) if is_address(path) else path
+
+
+@cache
+def _fetched(text: str) -> Path:
+    protocol, slashes, rest = _ADDRESS.fullmatch(text).groups()  # type: ignore[union-attr]
+    address = f"{protocol}:{slashes if len(slashes) > 2 else '//'}{rest}"
+    try:
+        import fsspec
+    except ImportError:
+        raise ReadError(
+            f"{text}: is an address, for which fsspec is needed: pip install 'vsalog[remote]'; or download the log"
+        ) from None
+    name = re.sub(r"[?#].*", "", rest).rstrip("/").rpartition("/")[2] or "log"
+    folder = tempfile.TemporaryDirectory(prefix="vsalog-")
+    _folders.append(folder)
+    target = Path(folder.name) / name
+    try:
+        system, where = fsspec.core.url_to_fs(address)
+        if system.isdir(where):
+            target.mkdir()
+            files = {Path(one["name"]).name: one for one in system.ls(where, detail=True) if one["type"] == "file"}
+        else:
+            files = {"": system.info(where)}
+        _check_room(text, sum(int(one.get("size") or 0) for one in files.values()), folder.name)
+        for own, one in files.items():
+            system.get_file(one["name"] if own else where, str(target / own if own else target))
+    except FileNotFoundError:
+        raise ReadError(f"{text}: there is no such file") from None
+    except ReadError:
+        raise
+    except Exception as error:  # of as many kinds as there are protocols
+        words = " ".join(str(error).split())[:300] or type(error).__name__
+        raise ReadError(f"{text}: cannot be downloaded: {words}") from error
+    return target
+
+
+def _check_room(text: str, size: int, folder: str) -> None:
+    free = shutil.disk_usage(folder).free
+    if size > free:
+        raise ReadError(
+            f"{text}: has {size // 2**20} MiB, and {folder} only {free // 2**20} MiB left to download it to;"
+            " TMPDIR names another place"
+        )
+
+
+def download_note(path: Path) -> str:
+    """Return in words that a log was downloaded."""
+    files: Any = path.iterdir() if path.is_dir() else [path]
+    return f"downloaded to read it: {sum(file.stat().st_size for file in files) / 2**20:.1f} MiB"
