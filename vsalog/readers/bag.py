@@ -80,7 +80,7 @@ class Container(Protocol):
         ...
 
     def counts(self) -> Mapping[int, int]:
-        """Return how many messages connections have, where the container says so at once."""
+        """Return how many messages connections have, at most, where the container says so at once."""
         ...
 
     def packets(self, ids: Collection[int]) -> Iterator[Packet]:

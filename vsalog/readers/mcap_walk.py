@@ -14,15 +14,16 @@ from typing import IO
 import numpy as np
 
 from vsalog.readers.base import plural
+from vsalog.readers.compression import MAX_BYTES
 from vsalog.readers.mcap_scan import next_sure_record
 
 MAGIC = b"\x89MCAP0\r\n"
 HEADER, FOOTER, SCHEMA, CHANNEL, MESSAGE, CHUNK = 1, 2, 3, 4, 5, 6
-MESSAGE_INDEX, ATTACHMENT, METADATA, DATA_END = 7, 9, 12, 15
+MESSAGE_INDEX, ATTACHMENT, ATTACHMENT_INDEX, METADATA, DATA_END = 7, 9, 10, 12, 15
 FIRST_PRIVATE = 128
 
 KEPT = (SCHEMA, CHANNEL, MESSAGE, CHUNK, METADATA)
-"""Records that are handed over; the others are passed by, and attachments never come into memory whole."""
+"""Records that are handed over if nothing else is asked for."""
 
 # The parts of each record: so many bytes, or (negative) as many as a number of so many bytes says.
 _PARTS = {
@@ -56,6 +57,8 @@ class Walk:
         Compute the checksum of the data section.
     passed : collection of int
         Positions of chunks that are passed by unread.
+    kept : collection of int
+        Kinds of records that are handed over; the others are passed by.
 
     Attributes
     ----------
@@ -69,7 +72,9 @@ class Walk:
         The checksum of the data section does not match.
     """
 
-    def __init__(self, file: IO[bytes], verify: bool, passed: Collection[int] = ()) -> None:
+    def __init__(
+        self, file: IO[bytes], verify: bool, passed: Collection[int] = (), kept: Collection[int] = KEPT
+    ) -> None:
         self.skipped: list[tuple[int, int]] = []
         self.unknown = 0
         self.cut: tuple[int, int] | None = None
@@ -78,11 +83,12 @@ class Walk:
         self._size = file.seek(0, 2)
         self._verify = verify
         self._passed = passed
+        self._kept = kept
         self._checksum = zlib.crc32(MAGIC)
         self._chunked = False
 
     def records(self) -> Iterator[tuple[int, bytes, int]]:
-        """Yield kind, content and position of the records in `KEPT`, up to the end of the data section or of what there is."""
+        """Yield kind, content and position of the records in `kept`, up to the end of the data section or of what there is."""
         position = len(MAGIC)
         while True:
             kind, length = self._sound(position)
@@ -100,13 +106,14 @@ class Walk:
             if kind == CHUNK and position in self._passed:
                 position += _HEAD.size + length
                 continue
-            content = self._read(position, length, keep=kind in KEPT)
-            if kind in KEPT and len(content) < length:  # the file has become shorter meanwhile
+            keep = kind in self._kept and (kind != ATTACHMENT or length <= MAX_BYTES)
+            content = self._read(position, length, keep)
+            if keep and len(content) < length:  # the file has become shorter meanwhile
                 self.cut = (position, self._size)
                 return
             self._chunked |= kind == CHUNK
             self.unknown += _LAST_KNOWN < kind < FIRST_PRIVATE
-            if kind in KEPT:
+            if keep:
                 yield kind, content, position
             position += _HEAD.size + length
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import struct
+from collections import Counter
 from collections.abc import Collection, Iterator, Mapping
 from functools import lru_cache
 from pathlib import Path
@@ -11,7 +12,7 @@ from typing import IO
 import numpy as np
 
 from vsalog.errors import ReadError
-from vsalog.readers.bag import Connection
+from vsalog.readers.bag import CATALOGUE_MESSAGES, Connection
 from vsalog.readers.definitions import DefinitionError, ros1_checksum
 from vsalog.readers.layout import printable
 from vsalog.readers.packets import PACKED, Packet, RawMessage, ahead, packet_of
@@ -20,6 +21,7 @@ from vsalog.readers.rosbag1_scan import connections_in, messages_in
 from vsalog.readers.rosbag1_walk import (
     BAG_HEADER,
     CHUNK,
+    CHUNK_INFO,
     CONNECTION,
     MESSAGE,
     VERSION,
@@ -54,6 +56,7 @@ class Rosbag1Container:
         self.path = path
         self.notes: list[str] = []
         self._connections: dict[int, Connection] | None = None
+        self._counts: Counter[int] = Counter()
 
     def connections(self) -> list[Connection]:
         """Return the bag's connections, from its index or else by walking the bag."""
@@ -67,8 +70,9 @@ class Rosbag1Container:
         return list(self._connections.values())
 
     def counts(self) -> Mapping[int, int]:
-        """Return nothing: the index would have to be walked for it."""
-        return {}
+        """Return how many messages connections have, as the index says, but no less than tell a connection's channels."""
+        self.connections()
+        return {number: max(count, CATALOGUE_MESSAGES) for number, count in self._counts.items()}
 
     def narrow(self, low: int, high: int) -> bool:
         """Return False: all is read."""
@@ -171,9 +175,13 @@ class Rosbag1Container:
             return {}
         walk = Walk(file)
         for inner, data in walk.records(struct.unpack("<Q", index)[0]):
-            if op(inner) != CONNECTION:
+            if op(inner) == CHUNK_INFO:
+                for connection, number_of in struct.iter_unpack("<II", data[: len(data) // 8 * 8]):
+                    self._counts[connection] += number_of
+            elif op(inner) == CONNECTION:
+                self._keep_all(found, inner, data)
+            else:
                 break
-            self._keep_all(found, inner, data)
         return found if len(found) == number(header, b"conn_count") and not walk.skipped else {}
 
     def _note(self, text: str) -> None:

@@ -24,7 +24,8 @@ from vsalog.readers.base import plural
 from vsalog.readers.compression import MAX_BYTES
 from vsalog.readers.mcap_file import McapContainer
 from vsalog.readers.mcap_scan import messages_in
-from vsalog.readers.mcap_walk import ATTACHMENT, CHUNK, HEADER, MESSAGE, METADATA
+from vsalog.readers.mcap_summary import summary_records
+from vsalog.readers.mcap_walk import ATTACHMENT, ATTACHMENT_INDEX, CHUNK, HEADER, MESSAGE, METADATA, Walk
 from vsalog.readers.remote import local
 from vsalog.readers.rosbag2 import CompressedContainer, FolderContainer
 from vsalog.readers.sampling_mcap import record_heads
@@ -170,7 +171,7 @@ def _messages(writer: Writer, part: Container, numbers: Mapping[int, int], notes
 def _mcap_messages(
     writer: Writer, part: McapContainer, numbers: Mapping[int, int], notes: list[str]
 ) -> Iterator[RawMessage]:
-    for content in _side_records(part.path, ATTACHMENT):
+    for content in _attachments(part.path):
         try:
             _copy_attachment(writer, content)
         except (ValueError, struct.error, McapError):
@@ -208,6 +209,22 @@ def _in_record(record: int, content: bytes) -> Iterator[RawMessage]:
         for start, length in zip(found.start.tolist(), found.length.tolist(), strict=True):
             head = _MESSAGE_HEAD.unpack_from(content, start - _MESSAGE_HEAD.size)
             yield *head, content[start : start + length]
+
+
+def _attachments(path: Path) -> Iterator[bytes]:
+    """Yield the contents of the attachments: those between other records, and those only the summary tells of."""
+    found = set()
+    with path.open("rb") as file:
+        for _, content, position in Walk(file, verify=False, kept=(ATTACHMENT,)).records():
+            found.add(position)
+            yield content
+        for kind, content in summary_records(file) or ():
+            position, length = struct.unpack_from("<QQ", content) if kind == ATTACHMENT_INDEX else (0, 0)
+            if _HEAD_SIZE < length <= MAX_BYTES and position not in found:
+                file.seek(position)
+                record = file.read(length)
+                if record[:_HEAD_SIZE] == struct.pack("<BQ", ATTACHMENT, length - _HEAD_SIZE) and len(record) == length:
+                    yield record[_HEAD_SIZE:]
 
 
 def _side_records(path: Path, kind: int) -> Iterator[bytes]:
