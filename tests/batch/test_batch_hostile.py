@@ -19,7 +19,8 @@ from batch_bench import RIG, batch, contents, do_batch, make_log, make_logs, pri
 import vsalog.batch
 from vsalog.batch.records import Settings
 
-EVIL = "</script><script>alert(1)</script><img src=x onerror=alert(2)> \"'` ../../x=y\n\x00\x1b[31m"
+JOINT = "</script><script>alert(1)</script><img src=x onerror=alert(2)> \"'` ../../x=y"
+EVIL = f"{JOINT}\n\x00\x1b[31m"  # joints have to be printable
 
 
 def toml(text):
@@ -51,7 +52,7 @@ def hostile(tmp_path, here):
     evil_name = "<img src=x onerror=alert(3)>\n\"'&.csv"
     make_log(tmp_path / "logs" / evil_name)
     (tmp_path / "logs" / "bad <script>alert(4).csv").write_text("time,<script>alert(5)</script>\n0,x\n")
-    rig = RIG.format(name=toml(EVIL)).replace("joint.knee", f'joint."{toml(EVIL)}"')
+    rig = RIG.format(name=toml(EVIL)).replace("joint.knee", f'joint."{toml(JOINT)}"')
     (tmp_path / "logs" / "rig.toml").write_text(rig)
     before = {p for p in tmp_path.rglob("*") if "out" not in p.parts}
     outcome, _ = do_batch(tmp_path / "logs", out=tmp_path / "out")
@@ -92,9 +93,9 @@ def test_no_path_is_made_of_what_a_log_says(hostile):
     assert parts[1].startswith("device=%3C%2Fscript%3E")
     table = pl.scan_parquet(hostile / "traces", hive_partitioning=True).collect()
     assert table["device"].unique().to_list() == [EVIL]
-    assert table["joint"].unique().to_list() == [EVIL]
+    assert table["joint"].unique().to_list() == [JOINT]
     (row,) = [row for row in summary(hostile) if row["status"] == "done"]
-    assert (row["device"], row["joint"], row["log"]) == (EVIL, EVIL, table["log"][0])
+    assert (row["device"], row["joint"], row["log"]) == (EVIL, JOINT, table["log"][0])
     assert (hostile / row["trace"]).is_file()
 
 
@@ -137,7 +138,7 @@ def test_names_with_line_ends_and_without_text(tmp_path):
     assert not (tmp_path / "x").exists()
 
 
-def test_two_runs_into_one_folder(tmp_path):
+def test_two_runs_into_one_folder(tmp_path, here):
     """The second is refused while the first runs; a run that was killed locks nobody out."""
     make_logs(tmp_path / "logs", 4, rows=20_000)
     first = start("logs", "-o", "out", "-j", "1", cwd=tmp_path)
@@ -150,8 +151,8 @@ def test_two_runs_into_one_folder(tmp_path):
     assert f"another run is writing there (process {first.pid}" in err
     first.send_signal(signal.SIGKILL)
     first.communicate()
-    code, _, err = batch("logs", "-o", "out", "--resume", "-j", "2", cwd=tmp_path)
-    assert code == 0, err
+    outcome, _ = do_batch(tmp_path / "logs", out=tmp_path / "out", resume=True)
+    assert outcome.code == 0
 
 
 FULL = """
@@ -172,7 +173,7 @@ vsalog batch logs -o small/out -j 1 || echo "code $?"
 """
 
 
-def test_a_full_disk_ends_the_run_and_room_lets_it_go_on(tmp_path):
+def test_a_full_disk_ends_the_run_and_room_lets_it_go_on(tmp_path, here):
     make_logs(tmp_path / "logs", 4, rows=10_000)
     done = private_disk(FULL, tmp_path)
     if done is None:
@@ -182,7 +183,7 @@ def test_a_full_disk_ends_the_run_and_room_lets_it_go_on(tmp_path):
     assert "--resume goes on" in done.stderr
     assert "Traceback" not in done.stderr
     assert done.stdout.count("code") == 1, done.stderr
-    batch("logs", "-o", "whole", "-j", "1", cwd=tmp_path)
+    do_batch(tmp_path / "logs", out=tmp_path / "whole")
     same(contents(tmp_path / "roomy"), contents(tmp_path / "whole"))
 
 

@@ -14,7 +14,7 @@ MIB = 2**20
 # A worker that waits, with everything loaded.
 BASE = 330 * MIB
 # Beyond that, bytes per byte of log, as measured over formats (docs/batch.md), with room.
-FACTORS = {"estimate": 6.0, "validate": 20.0, "diagnose": 60.0}
+FACTORS = {"estimate": 6.0, "validate": 10.0, "diagnose": 60.0}
 PAGE_FACTOR = 25.0
 # A worker that needed more than this is replaced: memory that was used once is hardly given back.
 LARGE = 1024 * MIB

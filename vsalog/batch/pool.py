@@ -9,6 +9,7 @@ import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field
+from multiprocessing import resource_tracker
 from multiprocessing.connection import Connection, wait
 from types import TracebackType
 
@@ -179,7 +180,7 @@ class Pool:
     def _start(self) -> _Worker:
         ours, theirs = self._context.Pipe()
         process = self._context.Process(target=serve, args=(theirs,), daemon=True)
-        with _environment(THREADS):
+        with _environment(THREADS), _without_interrupts():
             process.start()
         theirs.close()
         worker = _Worker(process, ours)
@@ -256,6 +257,21 @@ def _ended(process: multiprocessing.process.BaseProcess) -> str:
     except ValueError:
         name = f"signal {-code}"
     return f"was ended by {name}" + (" (out of memory?)" if name == "SIGKILL" else "")
+
+
+@contextmanager
+def _without_interrupts() -> Iterator[None]:
+    """Start a process that a terminal's Ctrl-C does not reach; one that comes meanwhile is ours as soon as it has started."""
+    if not hasattr(signal, "pthread_sigmask"):
+        yield
+        return
+    # It would let signals through again while it is started itself.
+    resource_tracker.ensure_running()
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+    try:
+        yield
+    finally:
+        signal.pthread_sigmask(signal.SIG_SETMASK, before)
 
 
 @contextmanager
