@@ -1,5 +1,6 @@
 """An extended rig is estimated with like any other: with each effect on and known, as good as without it; not known, worse."""
 
+import itertools
 from functools import cache
 
 import numpy as np
@@ -135,11 +136,21 @@ ALL = replace(
 BRISTLES = replace(ALL, motor=replace(ALL.motor, friction=Friction(coulomb=0.1, load=0.05, presliding_stiffness=40.0)))
 
 
-def trace_of(fold, signals, size):
+def cut(signals, sizes):
+    """Cut signals into blocks of the sizes, over and over."""
+    first = 0
+    for size in itertools.cycle(sizes):
+        if first >= len(signals):
+            return
+        yield signals[first : first + size]
+        first += size
+
+
+def trace_of(fold, signals, *sizes):
     state, parts = fold.start(), []
     for last in reversed(range(fold.passes)):
         parts = []
-        for block in signals.blocks(size):
+        for block in cut(signals, sizes):
             state, traces = fold.step(state, block)
             parts += traces
         state, traces = fold.finish(state)
@@ -164,15 +175,14 @@ def test_blocks_of_any_size_give_the_same_bits(joint, name, kind):
     fold = module.build(device_of("sea", joint, signals.roles), signals, tuning)
     whole, said = trace_of(fold, signals, 10**9)
     np.testing.assert_array_equal(whole.stamps, signals.stamps)
-    for size in (1, 7, 250):
-        cut, cut_said = trace_of(fold, signals, size)
-        np.testing.assert_array_equal(cut.stamps, whole.stamps)
-        assert cut_said == said
-        for transmission, columns in whole.transmissions.items():
-            for column, values in columns.items():
-                np.testing.assert_array_equal(
-                    cut[transmission][column], values, err_msg=f"{size} {transmission} {column}"
-                )
+    # Single samples about the gaps and the missing samples, and about a filter's window before and after them.
+    sizes = [250, *[1] * 60, *[2] * 20, 7, 13, *[1] * 70, 340, *[1] * 60]
+    found, found_said = trace_of(fold, signals, *sizes)
+    np.testing.assert_array_equal(found.stamps, whole.stamps)
+    assert found_said == said
+    for transmission, columns in whole.transmissions.items():
+        for column, values in columns.items():
+            np.testing.assert_array_equal(found[transmission][column], values, err_msg=f"{transmission} {column}")
 
 
 def test_friction_that_grows_with_the_torque_is_the_residual_s_own():

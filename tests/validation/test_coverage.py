@@ -18,10 +18,10 @@ ROLES = ("motor_position", "link_position", "torque_sensor")
 
 @pytest.mark.parametrize(
     ("spring", "count"),
-    [(None, 200), (CubicTransmission(stiffness=24.0, cubic=1500.0), 30)],
+    [(None, 120), (CubicTransmission(stiffness=24.0, cubic=1500.0), 30)],
     ids=["right model", "another spring"],
 )
-def test_two_hundred_second_experiments(spring, count, models):
+def test_many_second_experiments(spring, count, models):
     """Other inputs and other noise each time; the mean square error of all is the true one of each."""
     model = ModelFile.load(models["sea"]).joint["sea"]
     rig = Rig.preset("sea").file
