@@ -52,7 +52,7 @@ def check(definition, seed, language, shapes=3, alike=3):
 
 
 @pytest.mark.parametrize("language", ["ros1", "ros2", "idl"])
-@settings(max_examples=20, deadline=None)
+@settings(max_examples=10, deadline=None)
 @given(definition=definitions(), seed=st.integers(0, 2**32))
 def test_random_definitions(language, definition, seed):
     check(definition, seed, language)

@@ -33,7 +33,7 @@ def test_every_type_decodes_as_rosbags_does(ros1):
         if name.startswith("builtin_interfaces/msg/"):
             continue
         root = parse_definition(name, definition(store, name, ros1), "msg", ros1)
-        messages = [make(rng, store, name) for _ in range(3)]
+        messages = [make(rng, store, name) for _ in range(2)]
         raws = [serialise(store, message, name, ros1, little) for message in messages for little in (True, False)]
         decoded = RosDecoder(root, not ros1, "t", None).decode(Messages.of(raws))
         assert decoded.good.all(), name
@@ -47,7 +47,7 @@ def test_every_type_decodes_as_rosbags_does(ros1):
                 stamp = message.header.stamp if hasattr(message, "header") else message.stamp
                 assert decoded.stamps[i] == stamp.sec * 10**9 + stamp.nanosec
             checked += len(expected)
-    assert checked > 5000
+    assert checked > 4000
 
 
 def test_built_in_types_are_used_where_the_log_has_no_definition():

@@ -10,8 +10,8 @@ import pytest
 from vsalog.errors import ReadError
 from vsalog.readers import read
 
-ROWS = 600
-PLACES = 60
+ROWS = 300
+PLACES = 30
 
 
 def text(separator, comma, quoted):
@@ -73,7 +73,7 @@ def test_of_a_table_that_was_cut_off_all_whole_rows_are_read(tmp_path):
     path = tmp_path / "log"
     path.write_bytes(raw)
     sound, _ = samples(path)
-    for end in np.random.default_rng(4).integers(400, len(raw), 60).tolist():
+    for end in np.random.default_rng(4).integers(400, len(raw), PLACES).tolist():
         path.write_bytes(raw[:end])
         found, _ = samples(path)
         whole = raw[:end].count(b"\n") - 1

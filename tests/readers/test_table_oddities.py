@@ -201,13 +201,13 @@ def test_units_in_a_table_of_blanks(table):
 
 
 def test_thousands_of_columns(table):
-    names = [f"/robot/arm/joint_{i}/measured/position" for i in range(8000)]
+    names = [f"/robot/arm/joint_{i}/measured/position" for i in range(4000)]
     recording = table(
-        "time," + ",".join(names) + "\n" + "".join(f"{t}," + ",".join(["1.5"] * 8000) + "\n" for t in (1, 2))
+        "time," + ",".join(names) + "\n" + "".join(f"{t}," + ",".join(["1.5"] * 4000) + "\n" for t in (1, 2))
     )
     assert list(recording.channels) == names
-    with pytest.raises(ReadError, match="has 20001 columns; more than 10000"):
-        table("time," + ",".join(f"c{i}" for i in range(20000)) + "\n" + "0," * 20000 + "0\n")
+    with pytest.raises(ReadError, match="has 10501 columns; more than 10000"):
+        table("time," + ",".join(f"c{i}" for i in range(10500)) + "\n" + "0," * 10500 + "0\n")
 
 
 def bomb(size):
@@ -223,7 +223,7 @@ def bomb(size):
 
 def test_a_decompression_bomb_is_refused(tmp_path):
     path = tmp_path / "log"
-    path.write_bytes(bomb(200 * 2**20))
+    path.write_bytes(bomb(64 * 2**20))
     assert path.stat().st_size < 2**20
     with pytest.raises(ReadError, match="200 times larger"):
         read(path)

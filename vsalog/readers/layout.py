@@ -26,7 +26,7 @@ Integers = NDArray[np.int64]
 LABEL_FIELDS = ("name", "names", "joint_names", "interface_names")
 MAX_LABELS = 1024
 MAX_FIELDS = 4096
-MAX_STEPS = 500_000
+MAX_STEPS = 250_000
 
 
 class DamagedMessageError(Exception):
