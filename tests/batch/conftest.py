@@ -17,5 +17,5 @@ def logs(tmp_path):
 def here(monkeypatch):
     """Let `run_batch` do its tasks one after the other in this process; returns who does them."""
     executor = Here()
-    monkeypatch.setattr(whole_run, "_executor", lambda asked, watch: executor)
+    monkeypatch.setattr(whole_run, "_executor", lambda *_: executor)
     return executor

@@ -28,7 +28,7 @@ def data(tmp_path_factory, samples):
     """The sample logs of three machines, as one batch, done in this process."""
     out = tmp_path_factory.mktemp("data") / "out"
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(whole_run, "_executor", lambda asked, watch: Here())
+        patch.setattr(whole_run, "_executor", lambda *_: Here())
         logs = [samples / name for name in ("vsa2_exp2.mcap", "awas_exp2.mcap", "sea_exp1.csv")]
         outcome, _ = do_batch(*logs, out=out)
     assert outcome.code == 0

@@ -85,8 +85,8 @@ class Pool:
         BatchError
             It cannot.
         """
-        worker = self._start()
-        worker.pipe.send_bytes(PREPARE)
+        # All of them, so that they load side by side.
+        worker, *_ = [self._start() for _ in range(self.jobs)]
         worker.pipe.send_bytes(CHECK + msgspec.json.encode(settings))
         try:
             while (message := worker.pipe.recv_bytes())[:1] == COMPILING:

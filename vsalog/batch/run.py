@@ -134,7 +134,7 @@ def run_batch(asked: Asked, watch: Watch) -> Outcome:
         watch.say(note)
     store = open_store(asked.out)
     _check_place(store, asked)
-    with _executor(asked, watch) as executor:
+    with _executor(asked, watch, len(plan.logs)) as executor:
         executor.check(asked.settings)
         if isinstance(store, LocalStore):
             _make(store)
@@ -152,7 +152,7 @@ def run_batch(asked: Asked, watch: Watch) -> Outcome:
     return outcome
 
 
-def _executor(asked: Asked, watch: Watch) -> Pool | Cluster:
+def _executor(asked: Asked, watch: Watch, logs: int) -> Pool | Cluster:
     if asked.scheduler is not None:
         from vsalog.batch.cluster import Cluster
 
@@ -160,7 +160,7 @@ def _executor(asked: Asked, watch: Watch) -> Pool | Cluster:
     from vsalog.batch.pool import Pool
 
     bound = memory.free() if asked.memory is None else asked.memory
-    return Pool(asked.jobs or memory.cores(), bound, asked.timeout, watch.say)
+    return Pool(min(asked.jobs or memory.cores(), max(logs, 1)), bound, asked.timeout, watch.say)
 
 
 def _make(store: LocalStore) -> None:
