@@ -28,13 +28,14 @@ T = TypeVar("T", np.int64, np.float64)
 class _Column(Generic[T]):
     """Values that grow block by block.
 
-    Memory that was never written to is zero and takes no room, so blocks of zeros, as of covariances that nobody fills in, are
-    not written.
+    Memory that was never written to is zero and takes no room, so a column of zeros, as of covariances that nobody fills in,
+    is not written before another number comes.
     """
 
     values: NDArray[T]
     filled: int = 0
     blocks: int = 0
+    zero: bool = True
 
     def add(self, at: int, new: NDArray[T]) -> None:
         """Put a block's values in place; what blocks before it had not is NaN."""
@@ -45,6 +46,7 @@ class _Column(Generic[T]):
                 self._put(begin, smaller[begin : min(begin + _PIECE, self.filled)])
         if self.filled < at:
             self.values[self.filled : at] = np.nan
+            self.zero = False
         self._put(at, new)
         self.filled, self.blocks = end, self.blocks + 1
 
@@ -55,7 +57,8 @@ class _Column(Generic[T]):
         return self.values
 
     def _put(self, at: int, new: NDArray[T]) -> None:
-        if new.view(np.int64).any():
+        self.zero = self.zero and not new.view(np.int64).any()
+        if not self.zero:
             self.values[at : at + len(new)] = new
 
 
