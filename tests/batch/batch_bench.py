@@ -73,6 +73,8 @@ def serve_by_name(pipe):
             continue
         task, began = msgspec.json.decode(message[1:], type=Task), time.time()
         if "deadly" in task.log.name:
+            with Path(os.fsdecode(task.log.where)).open("a") as file:
+                file.write("x")
             os.kill(os.getpid(), signal.SIGKILL)
         if "unlucky" in task.log.name and not Path(os.fsdecode(task.log.where)).exists():
             Path(os.fsdecode(task.log.where)).touch()

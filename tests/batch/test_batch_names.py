@@ -36,6 +36,11 @@ def test_other_paths_have_other_names(paths):
     assert all(len(encoded(name)) <= LONGEST + 40 for name in names)
 
 
+def test_bytes_that_are_no_text_are_not_taken_for_text_that_looks_like_them():
+    assert len({readable(b"\xff.csv"), readable(b"\\xff.csv"), readable(b"\xfe.csv")}) == 3
+    assert readable(b"\\xff.csv") == "\\xff.csv"
+
+
 def test_names_that_capitals_alone_tell_apart_lie_apart_where_capitals_do_not_count():
     names = told_apart(["a/Exp1.mcap", "a/exp1.mcap", "a/EXP1.mcap", "b.mcap"])
     assert len({encoded(name).casefold() for name in names}) == 4

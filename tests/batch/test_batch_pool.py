@@ -38,12 +38,13 @@ def most_at_once(records):
     return max(sum(a <= begin < b for a, b, _ in spans(records)) for begin in begins)
 
 
-def test_a_log_that_kills_its_worker_is_recorded_and_the_others_go_on(play):
+def test_a_log_that_kills_its_worker_is_recorded_and_the_others_go_on(play, tmp_path):
     records = play("a", "b", "deadly", "c", "d", "deadly too")
     assert {n for n, r in records.items() if r.status == "done"} == {"a", "b", "c", "d"}
     for name in ("deadly", "deadly too"):
         assert (records[name].status, records[name].kind) == ("failed", "killed")
         assert "SIGKILL (out of memory?), twice" in records[name].reason
+        assert (tmp_path / name).read_text() == "xx"  # tried once more, and not again
 
 
 def test_a_worker_that_died_by_chance_costs_nothing(play):
