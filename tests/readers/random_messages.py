@@ -84,7 +84,7 @@ def numbers(store, message, name, path=""):
         here = f"{path}.{field}" if path else field
         if int(kind) == BASIC:
             if detail[0] != "string":
-                found[here] = float(value)
+                found[here] = _float(store, value, detail[0])
         elif int(kind) == MESSAGE:
             found.update(part(store, value, detail, here))
         else:
@@ -97,10 +97,18 @@ def numbers(store, message, name, path=""):
             for i, element in enumerate(value):
                 at = f"{here}[{labels[i] if labels else i}]"
                 if int(sub) == BASIC:
-                    found[at] = float(element)
+                    found[at] = _float(store, element, what[0])
                 else:
                     found.update(part(store, element, what, at))
     return found
+
+
+def _float(store, value, kind):
+    """Return a number; a byte is signed in ROS 1 and unsigned in ROS 2, which the library mixes up."""
+    if kind in ("byte", "octet"):
+        ros1 = store.fielddefs["std_msgs/msg/Header"][1][0][0] == "seq"
+        return float(int(value) % 256 - 256 * (ros1 and int(value) % 256 > 127))
+    return float(value)
 
 
 def part(store, value, name, path):
