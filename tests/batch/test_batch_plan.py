@@ -69,6 +69,7 @@ def test_lists(tree, monkeypatch):
     ("asked", "said"),
     [
         (["nowhere.csv"], "no such file"),
+        (["pipe"], "is no file"),
         (["logs/*.bag"], "matches no log"),
         (["logs/a.csv", "logs/*.bag"], "matches no log"),
         (["@nowhere.txt"], "nowhere.txt"),
@@ -81,6 +82,7 @@ def test_lists(tree, monkeypatch):
 def test_what_cannot_be_meant(tree, asked, said):
     (tree / "empty.txt").write_text("\n")
     (tree / "empty").mkdir()
+    os.mkfifo(tree / "pipe")
     with pytest.raises(BatchError, match=said):
         make_plan(asked, "out")
 

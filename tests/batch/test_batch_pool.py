@@ -1,6 +1,7 @@
 """Workers that die, hang, or would need too much: the others go on. Workers here do what the names of logs say."""
 
 import os
+import signal
 import subprocess
 import sys
 import time
@@ -69,20 +70,38 @@ def test_one_log_is_done_alone_first(play):
 
 def test_memory_bounds_what_goes_on_at_a_time(play):
     need = expected(Log(name="", where=b"", remote=False, size=10**8), Settings())
-    assert most_at_once(play(*"abcde", jobs=3, bound=int(2.2 * need), size=10**8)) == 2
-    assert most_at_once(play(*"abc", jobs=3, bound=int(1.5 * need), size=10**8)) == 1
+    assert most_at_once(play(*"abcdefghijkl", jobs=3, bound=int(2.2 * need), size=10**8)) == 2
+    assert most_at_once(play(*"abcdefgh", jobs=3, bound=int(1.5 * need), size=10**8)) == 1
     records = play("a", "b", bound=need - 1, size=10**8)
     assert {r.kind for r in records.values()} == {"memory"}
     assert "100 MB is expected to need" in records["a"].reason
     assert "--memory" in records["a"].reason
 
 
+BUSY = """
+import os, sys, time
+import msgspec
+from vsalog._version import __version__
+from vsalog.batch.pool import Pool
+from vsalog.batch.records import Log, Settings, Task
+from vsalog.batch.worker import TASK
+
+log = Log(name="x", where=b"pipe", remote=False, size=1)
+task = Task(log=log, settings=Settings(), out=b"out", vsalog=__version__, keep=False)
+pool = Pool(2, 10**12)
+idle, busy = pool._start(), pool._start()
+busy.pipe.send_bytes(TASK + msgspec.json.encode(task))
+print(idle.process.pid, busy.process.pid, flush=True)
+time.sleep(60)
+"""
+
+
 def test_workers_leave_when_their_parent_is_killed(tmp_path):
-    code = (
-        "import sys, time; from vsalog.batch.pool import Pool; p = Pool(2, 10**12); w = [p._start(), p._start()];"
-        "print(*[x.process.pid for x in w], flush=True); time.sleep(60)"
-    )
-    parent = subprocess.Popen([sys.executable, "-c", code], stdout=subprocess.PIPE, text=True)
+    """The idle one, and the one whose log never ends: it reads from a pipe that nobody writes to."""
+    os.mkfifo(tmp_path / "pipe")
+    (tmp_path / "out").mkdir()
+    (tmp_path / "out" / "batch.json").write_text("{}")
+    parent = subprocess.Popen([sys.executable, "-c", BUSY], stdout=subprocess.PIPE, text=True, cwd=tmp_path)
     pids = [int(pid) for pid in parent.stdout.readline().split()]
     assert len(pids) == 2
     parent.kill()
@@ -91,7 +110,10 @@ def test_workers_leave_when_their_parent_is_killed(tmp_path):
     deadline = time.monotonic() + 20.0
     while any(_runs(pid) for pid in pids) and time.monotonic() < deadline:
         time.sleep(0.1)
-    assert not any(_runs(pid) for pid in pids)
+    left = [pid for pid in pids if _runs(pid)]
+    for pid in left:
+        os.kill(pid, signal.SIGKILL)
+    assert not left
 
 
 def _runs(pid):

@@ -107,8 +107,8 @@ def _matched(word: str) -> tuple[list[str], str]:
             raise BatchError(f"{shown(word)}: there is no log in this folder (endings: {', '.join(ENDINGS)})")
         return found, word
     if path.exists() or not glob.has_magic(word):
-        if not path.exists():
-            raise BatchError(f"{shown(word)}: there is no such file")
+        if not path.is_file():
+            raise BatchError(f"{shown(word)}: {'is no file' if path.exists() else 'there is no such file'}")
         return [word], str(path.absolute().parent)
     # Path.glob knows no pattern that begins at the root.
     found = [f for f in glob.glob(word, recursive=True) if _is_log(Path(f))]  # noqa: PTH207
