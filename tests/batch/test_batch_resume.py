@@ -15,18 +15,18 @@ from vsalog.errors import BatchError
 
 def test_killed_again_and_again_it_ends_as_if_it_never_was(tmp_path, here):
     """As a user does it, with `kill -9` on the whole of it; `python -m tests.batch.kills` does more of this."""
-    make_logs(tmp_path / "logs", 6, rows=6000)
+    make_logs(tmp_path / "logs", 8, rows=6000)
     (tmp_path / "logs" / "day0" / "broken.csv").write_bytes(b"\x89PNG")
     do_batch(tmp_path / "logs", out=tmp_path / "whole")
     records = tmp_path / "out" / "records"
     moments = random.Random(4)
-    for finished in (0, 2, 4):
+    for finished in (0, 2, 5):
         resume = ["--resume"] if (tmp_path / "out" / "batch.json").exists() else []
         process = start("logs", "-o", "out", "-j", "1", *resume, cwd=tmp_path)
         deadline = time.monotonic() + 30.0
         while len(list(records.glob("*.json"))) < finished and time.monotonic() < deadline:
             time.sleep(0.005)
-        time.sleep(moments.uniform(0.0, 0.05 if finished else 2.0))
+        time.sleep(moments.uniform(0.0, 0.15 if finished else 2.0))
         process.kill()
         process.communicate()
         # What lies in the data set is whole at any moment.

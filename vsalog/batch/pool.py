@@ -11,10 +11,12 @@ from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field
 from multiprocessing import resource_tracker
 from multiprocessing.connection import Connection, wait
+from pathlib import Path
 from types import TracebackType
 
 import msgspec
 
+import vsalog
 from vsalog._version import __version__
 from vsalog.batch.memory import BASE, LARGE, expected, told
 from vsalog.batch.records import Answer, Kind, Settings, Task, failed
@@ -99,13 +101,13 @@ class Pool:
     def run(self, tasks: Sequence[Task]) -> Iterator[tuple[Task, Answer]]:
         """Do tasks, those of large logs first; yield each with its answer as soon as it is there.
 
-        One is done alone until one went well, so that what has to be compiled is compiled once.
+        Where nothing is compiled yet, one is done alone until one went well, so that loops are compiled once.
         """
         # A small log warms up; from the large ones down, the last ones end together.
         waiting = sorted(
             (_Job(t, expected(t.log, t.settings)) for t in tasks), key=lambda j: (-j.need, j.task.log.name)
         )
-        warm, compiling, tries = len(waiting) < 2 or self.jobs < 2, False, 0
+        warm, compiling, tries = len(waiting) < 2 or self.jobs < 2 or compiled(), False, 0
         if not warm:
             waiting.insert(0, waiting.pop(_lukewarm(waiting)))
         while waiting or any(w.job for w in self._workers):
@@ -227,6 +229,14 @@ class Pool:
         worker.process.join(1.0)
         worker.process.kill()
         worker.process.join()
+
+
+def compiled() -> bool:
+    """Tell whether numba has loops of ours in its cache, beside the sources or where its cache was put."""
+    places = [Path(vsalog.__path__[0])]
+    if "NUMBA_CACHE_DIR" in os.environ:
+        places = [Path(os.environ["NUMBA_CACHE_DIR"])]
+    return any(True for place in places for _ in place.rglob("*.nbi"))
 
 
 def _lukewarm(waiting: Sequence[_Job]) -> int:
