@@ -15,6 +15,7 @@ import pyarrow.parquet as pq
 from vsalog.batch.names import encoded
 from vsalog.errors import WriteError
 from vsalog.trace import EXTRA_UNITS, UNITS, Trace
+from vsalog.writers.arrow import arrow_column, arrow_texts
 from vsalog.writers.trace import ROW_GROUP
 
 TRACES = "traces"
@@ -157,8 +158,8 @@ def _columns(trace: Trace) -> tuple[str, ...]:
 def _tables(trace: Trace, schema: pa.Schema) -> Iterator[pa.Table]:
     """Turn a trace into a table per transmission."""
     count = len(trace)
-    runs = pa.DictionaryArray.from_arrays(pa.array(trace.run, pa.int32()), pa.array(trace.run_names, pa.string()))
-    time, stamps, joint = pa.array(trace.time), pa.array(trace.stamps), _constant(trace.joint, count)
+    runs = pa.DictionaryArray.from_arrays(arrow_column(trace.run.astype(np.int32)), arrow_texts(trace.run_names))
+    time, stamps, joint = arrow_column(trace.time), arrow_column(trace.stamps), _constant(trace.joint, count)
     for name, columns in trace.transmissions.items():
         there = {
             "time": time,
@@ -171,7 +172,7 @@ def _tables(trace: Trace, schema: pa.Schema) -> Iterator[pa.Table]:
         arrays = [
             there[f.name]
             if f.name in there
-            else pa.array(columns[f.name], f.type)
+            else arrow_column(columns[f.name])
             if f.name in columns
             else pa.nulls(count, f.type)
             for f in schema
@@ -190,8 +191,8 @@ def _coefficients(values: list[np.typing.NDArray[np.generic]], count: int) -> pa
         return pa.nulls(count, pa.list_(pa.float64()))
     flat = np.stack([np.asarray(v, np.float64) for v in values], axis=1).ravel()
     offsets = np.arange(count + 1, dtype=np.int32) * np.int32(len(values))
-    return pa.ListArray.from_arrays(pa.array(offsets), pa.array(flat))
+    return pa.ListArray.from_arrays(arrow_column(offsets), arrow_column(flat))
 
 
 def _constant(text: str, length: int) -> pa.DictionaryArray:
-    return pa.DictionaryArray.from_arrays(pa.array(np.zeros(length, np.int32)), pa.array([text], pa.string()))
+    return pa.DictionaryArray.from_arrays(arrow_column(np.zeros(length, np.int32)), arrow_texts([text]))
