@@ -13,6 +13,7 @@ from write_logs import joints_mcap
 
 from vsalog.errors import ReadError
 from vsalog.readers import read
+from vsalog.readers.collect import _Column
 
 
 @pytest.mark.parametrize(
@@ -110,3 +111,22 @@ def test_importing_the_readers_is_cheap():
     code = "import sys, vsalog.readers; print([m for m in ('pyarrow', 'scipy', 'rosbags', 'mcap') if m in sys.modules])"
     result = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert result.stdout.strip() == "[]"
+
+
+def test_columns_grow_with_zeros_gaps_and_signs():
+    """Zeros are not written before another number comes."""
+    i = np.arange(60_000)
+    for whole in (
+        np.where(i == i[-1], 1.5, 0.0),
+        np.where(i == 0, 1.5, 0.0),
+        np.where(i == 30_000, -0.0, 0.0),
+        0.0 * i,
+    ):
+        for first, room in ((0, 0), (0, 70_000), (25_000, 0)):
+            column = _Column(np.zeros(room))
+            for at in range(first, i.size, 1000):
+                column.add(at, whole[at : at + 1000])
+            values = column.whole(i.size + 10)
+            assert np.isnan(values[:first]).all()
+            assert np.isnan(values[i.size :]).all()
+            assert values[first : i.size].tobytes() == whole[first:].tobytes()

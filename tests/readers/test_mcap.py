@@ -313,3 +313,12 @@ def test_the_hand_written_cdr_is_what_rosbags_writes():
     message = joint_state(START, ["a", "bc"], [1, 2], [3, 4])
     raw = Cdr().stamp(START).text("base").texts(["a", "bc"]).doubles([1, 2]).doubles([3, 4]).word(0)
     assert raw.data() == serialised(message)
+
+
+@pytest.mark.parametrize("start", [3, 2**40, 2**63, 2**64 - 1])
+def test_a_footer_that_points_anywhere_is_passed_by(tmp_path, start):
+    path = joints_mcap(tmp_path / "log")
+    raw = bytearray(path.read_bytes())
+    struct.pack_into("<Q", raw, len(raw) - 28, start)
+    path.write_bytes(raw)
+    assert read(path).streams["/joint_states"].count == 100

@@ -46,7 +46,6 @@ class _Column(Generic[T]):
                 self._put(begin, smaller[begin : min(begin + _PIECE, self.filled)])
         if self.filled < at:
             self.values[self.filled : at] = np.nan
-            self.zero = False
         self._put(at, new)
         self.filled, self.blocks = end, self.blocks + 1
 

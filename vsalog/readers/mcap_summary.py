@@ -45,7 +45,10 @@ def states_checksum(file: IO[bytes]) -> bool:
     if found is None:
         return False
     position, start, _ = found
-    file.seek((start or position) - _HEAD.size - 4)
+    at = (start or position) - _HEAD.size - 4
+    if not 0 <= at < position:
+        return True
+    file.seek(at)
     end = file.read(_HEAD.size + 4)
     return len(end) < _HEAD.size + 4 or end[: _HEAD.size] != _HEAD.pack(DATA_END, 4) or end[_HEAD.size :] != bytes(4)
 
