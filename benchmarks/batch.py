@@ -61,9 +61,7 @@ def batch(logs: Path, out: Path, jobs: int) -> tuple[float, float]:
     """Run the command; return wall time and the sum of what its records say [s]."""
     shutil.rmtree(out, ignore_errors=True)
     start = time.perf_counter()
-    subprocess.run(
-        [VSALOG, "batch", str(logs), "-o", str(out), "-j", str(jobs)], check=True, stdout=subprocess.DEVNULL
-    )
+    subprocess.run([VSALOG, "batch", str(logs), "-o", str(out), "-j", str(jobs)], check=True, stdout=subprocess.DEVNULL)
     taken = time.perf_counter() - start
     records = (out / "records").glob("*.json")
     return taken, sum(json.loads(r.read_text())["run_seconds"] for r in records)
