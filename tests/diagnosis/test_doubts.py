@@ -101,7 +101,7 @@ def test_a_joint_of_a_chain_is_looked_at_without_its_link(tmp_path):
     outcome = diagnose(lay(tmp_path, Truth(damping=0.08), rig=ELASTIC + CHAIN), None, Options())
     assert {e.equation for e in outcome.diagnosis.equations} == {"motor", "transmission"}
     assert [c.cause for c in outcome.diagnosis.causes] == ["motor.viscous_friction"]
-    assert any("one of a chain" in w for w in outcome.diagnosis.warnings)
+    assert any("others of the chain" in w for w in outcome.diagnosis.warnings)
     assert outcome.extended.joints["arm"].link == joint_of().link
     assert outcome.extended.joints["arm"].motor.damping == pytest.approx(0.08, rel=0.02)
 
@@ -154,3 +154,19 @@ def test_without_a_link_encoder_a_stiffer_spring_is_no_cause(what, tmp_path, mon
     found = without_link_encoder(tmp_path, monkeypatch, *hidden)
     assert found.verdict == ("explained" if expected else "consistent")
     assert [c.cause for c in found.causes] == expected
+
+
+def test_what_could_not_be_simulated_is_not_called_right(tmp_path, run):
+    run("simulate", "sea", "--duration", "0.4 s", "-o", "short.mcap")
+    done = run("diagnose", "short.mcap")
+    assert done.returncode == 0, done.stderr
+    assert "nothing could be simulated" in done.stdout
+    assert "Nothing is wrong" not in done.stdout
+
+
+def test_what_is_said_alike_of_all_joints_of_an_arm_is_said_once(tmp_path, run):
+    run("simulate", "kuka-kr15", "--duration", "2 s", "-o", "arm.mcap")
+    done = run("diagnose", "arm.mcap")
+    assert done.returncode == 2
+    assert done.stderr.count("allow no equation") == 1
+    assert "joints 'axis1', 'axis2', 'axis3'" in done.stderr

@@ -111,12 +111,7 @@ def diagnose(log: Path, holdout: Path | None, options: Options, progress: Progre
     recording = _read(log, usable, options)
     second = None if holdout is None else _read(holdout, usable, dataclasses.replace(options, start=None, end=None))
     found, warnings = list[JointDiagnosis](), [f"{log.name}: {note}" for note in recording.notes]
-    warnings += [
-        f"joint '{name}' is one of a chain: what its link does depends on the others, so only its motor and its transmission were"
-        " looked at, and nothing was simulated"
-        for name in usable
-        if name in _chained(rig)
-    ]
+    left_out = list[tuple[str, tuple[str, ...]]]()
     for name, joint in usable.items():
         lacking = _lacking(log, options, recording, name, joint)
         warnings += lacking
@@ -128,9 +123,13 @@ def diagnose(log: Path, holdout: Path | None, options: Options, progress: Progre
         except VsalogError as error:
             if len(usable) == 1:
                 raise DiagnosisError("; ".join([str(error), *lacking[:2]])) from error
-            warnings.append(f"left out: {error}")
+            left_out.append((name, (f"left out: {error}",)))
     if not found:
-        raise DiagnosisError(f"{log.name}: no joint of the rig can be diagnosed: {'; '.join(warnings)}")
+        reasons = gathered(warnings, left_out)
+        raise DiagnosisError(f"{log.name}: no joint of the rig can be diagnosed: {'; '.join(reasons)}")
+    apart = "what its link does depends on the others of the chain, so nothing was simulated"
+    left_out += [(f.name, (f"joint '{f.name}': {apart}",)) for f in found if f.name in _chained(rig)]
+    warnings += gathered([], left_out)
     proposed = _proposed(rig, found, warnings, progress) if options.suggest else None
     causes = [c for f in found for c in causes_of(f)]
     left = max((unexplained_of(f) for f in found), key=lambda u: u.fraction)
@@ -190,7 +189,10 @@ def _outcome(
     proposed: Suggestion | None,
 ) -> Outcome:
     gains = [g for f in found for g in gains_of(f)]
-    where = next((f.held_out for f in found if f.gain is not None), "")
+    where = next(
+        (f.held_out for f in found if f.gain is not None), "the log" if holdout is None else "the held-out log"
+    )
+    simulation_error = tuple(e for f in found for e in signal_errors(f))
     document = Diagnosis(
         version=VERSION,
         vsalog=__version__,
@@ -201,8 +203,8 @@ def _outcome(
         rig=rig.to_toml(),
         settings=_settings(options),
         verdict=verdict,
-        sentences=sentences(verdict, causes, gains, where, left, len(found)),
-        simulation_error=tuple(e for f in found for e in signal_errors(f)),
+        sentences=sentences(verdict, causes, gains, where, left, len(found), bool(simulation_error)),
+        simulation_error=simulation_error,
         equations=tuple(e for f in found for e in equation_errors(f)),
         causes=tuple(causes),
         gain=Gains(holdout=holdout is not None, where=where, signals=(*gains, *stiffness)),

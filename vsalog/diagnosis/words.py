@@ -41,12 +41,20 @@ def title_of(cause: str, part: str) -> str:
 
 
 def sentences(
-    verdict: Verdict, causes: Sequence[FoundCause], gains: Sequence[Gain], held_out: str, left: Unexplained, joints: int
+    verdict: Verdict,
+    causes: Sequence[FoundCause],
+    gains: Sequence[Gain],
+    held_out: str,
+    left: Unexplained,
+    joints: int,
+    simulated: bool,
 ) -> tuple[str, ...]:
     """Say in three sentences what was found, why one may believe it, and what it is worth."""
     if verdict == "consistent":
         return (
-            "Nothing is wrong: the log is consistent with the rig within its noise.",
+            "Nothing is wrong: the log is consistent with the rig within its noise."
+            if simulated
+            else "Nothing was found to be wrong, but nothing could be simulated: what only adds up over time was not looked at.",
             "Every equation of the joint closes to what the sensors' noise explains, and no cause of the catalogue would improve"
             " it on data it was not fitted to.",
             "What the log does not excite it cannot tell: that the rig is right holds for motions like these.",
