@@ -161,8 +161,8 @@ def _below_outside(role: str, pressure: Array, noise: float, device: Device) -> 
     if least > outside - max(NO_NOISE * noise, NO_WEATHER * outside):
         return []
     said = (
-        f"joint '{device.joint}': {role} falls to {least / 1e3:.4g} kPa, below the {outside / 1e3:.4g} kPa outside, which no valve"
-        " brings about"
+        f"joint '{device.joint}': {role} falls to {least / 1e3:.4g} kPa, below the {outside / 1e3:.4g} kPa outside,"
+        " which no valve brings about"
     )
     if least < (1.0 - NO_OFFSET) * outside:
         raise EstimatorError(
