@@ -16,10 +16,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vsalog.acting import acting_notes, acting_torque, is_motor_torque
+from vsalog.binding_notes import binding_notes
 from vsalog.encoders import TURN, on_the_same_turn, unwrapped
 from vsalog.errors import BindingError, UnitError
 from vsalog.grid import EVEN, Bound, after_long_silence, common_segments, grid_of, on_grid
 from vsalog.neighbours import Neighbours
+from vsalog.outliers import ROLES, stand_alone
 from vsalog.recording import Channel, Recording
 from vsalog.resolution import resolution_of
 from vsalog.rig.schema import Joint, Motor, PneumaticJoint, RigidJoint, Run, SerialJoint, Signal, role_units
@@ -28,6 +30,7 @@ from vsalog.signals import JointSignals
 from vsalog.units import si_factor
 
 Array = NDArray[np.float64]
+Flags = NDArray[np.bool_]
 
 # No position or torque is larger, in SI.
 HUGEST = 1e30
@@ -176,6 +179,10 @@ def _bind_role(recording: Recording, run: Run, role: str, signal: Signal, joint:
     channel = recording.channel(signal.channel.replace("{run}", run.name))
     _check(recording, channel, role)
     factor = _factor(recording, channel, role, signal, joint)
+    # First: a sample that stands alone must not become a turn.
+    alone = _alone(channel, signal, role)
+    if alone is not None:
+        channel = replace(channel, values=np.where(alone, np.nan, channel.values))
     recorded, wrapped = _unwrapped(channel, signal, role)
     # A long log's columns are not copied when there is nothing to change.
     values = recorded if factor == 1.0 else recorded * factor
@@ -195,7 +202,7 @@ def _bind_role(recording: Recording, run: Run, role: str, signal: Signal, joint:
     # A turn of the rotor is no turn of the joint.
     wrapped = wrapped and (signal.side == "joint" or role == "link_position" or _motor(joint, role).gear_ratio == 1.0)
     stamps = channel.stamps - round(signal.delay * 1e9) if signal.delay else channel.stamps
-    return Bound(stamps, values, period, resolution, wrapped=wrapped)
+    return Bound(stamps, values, period, resolution, wrapped=wrapped, alone=None if alone is None else stamps[alone])
 
 
 def _seconds(recording: Recording, channel: Channel) -> Array:
@@ -208,12 +215,23 @@ def _origin(recording: Recording) -> int:
     return min(int(c.stamps[0]) for c in recording.channels.values() if c.stamps.size)
 
 
-def _unwrapped(channel: Channel, signal: Signal, role: str) -> tuple[Array, bool]:
-    """Return a position without the jumps of an encoder that begins anew after a turn, and whether there were any."""
+def _turn(channel: Channel, signal: Signal, role: str) -> float | None:
+    """Return the turn after which an encoder may begin anew, as it is recorded; None for what is no encoder."""
     unit = _unit(channel, signal) or "rad"
     if not role.startswith(("motor_position", "link_position")) or not _converts(unit, "rad"):
-        return channel.values, False
-    return unwrapped(channel.values, TURN / si_factor(unit, "rad"))
+        return None
+    return TURN / si_factor(unit, "rad")
+
+
+def _alone(channel: Channel, signal: Signal, role: str) -> Flags | None:
+    """Return where samples of a sensor stand alone; None where none does, or the role may jump."""
+    return stand_alone(channel.values, _turn(channel, signal, role)) if role.startswith(ROLES) else None
+
+
+def _unwrapped(channel: Channel, signal: Signal, role: str) -> tuple[Array, bool]:
+    """Return a position without the jumps of an encoder that begins anew after a turn, and whether there were any."""
+    turn = _turn(channel, signal, role)
+    return (channel.values, False) if turn is None else unwrapped(channel.values, turn)
 
 
 def _check(recording: Recording, channel: Channel, role: str) -> None:
@@ -324,7 +342,7 @@ def _on_one_grid(recording: Recording, joint: str, bound: Mapping[str, Bound], r
             role: resolution_of(b.values) if b.resolution is None else b.resolution for role, b in moving.items()
         },
         notes=(
-            *_notes(joint, segments, moving),
+            *binding_notes(joint, segments, moving, origin),
             *(f"joint '{joint}': {role} was on another turn than link_position and is turned to it" for role in turned),
         ),
     )
@@ -346,27 +364,6 @@ def _less_series(
             )
         roles[role] = roles[role] - roles[sensor] / stiffness
     return replace(signals, roles={role: roles[role] for role in roles if role in wanted})
-
-
-def _notes(joint: str, segments: list[tuple[int, int]], moving: Mapping[str, Bound]) -> tuple[str, ...]:
-    notes = []
-    if len(segments) > 1:
-        lost = (segments[-1][1] - segments[0][0] - sum(b - a for a, b in segments)) * 1e-9
-        notes.append(
-            f"joint '{joint}': {len(segments) - 1} gaps, {lost:.3g} s in all; nothing is estimated across them"
-        )
-    for role, b in moving.items():
-        lost = int(np.count_nonzero(np.diff(b.stamps) > 1.5 * b.period)) - (len(segments) - 1)
-        if lost > 0:
-            notes.append(
-                f"joint '{joint}': {role} lacks a sample or two at {lost} places; bridged between the neighbours"
-            )
-        bad = int(np.count_nonzero(~np.isfinite(b.values)))
-        if bad:
-            notes.append(f"joint '{joint}': {bad} of {b.values.size} samples of {role} are no finite number; left out")
-        if np.ptp(b.values[np.isfinite(b.values)]) == 0.0 and role != "setpoint":
-            notes.append(f"joint '{joint}': {role} never changes")
-    return tuple(notes)
 
 
 def _concatenate(name: str, pieces: Sequence[JointSignals], run_names: tuple[str, ...]) -> JointSignals:

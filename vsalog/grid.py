@@ -24,7 +24,9 @@ EVEN = 0.02
 
 @dataclass(frozen=True, slots=True)
 class Bound:
-    """One role of one run: its stamps and SI values, or a constant; whether it is a position that began anew after a turn."""
+    """One role of one run: its stamps and SI values, or a constant; whether it is a position that began anew after a turn, and
+    the stamps of the samples that stood alone and are left out.
+    """
 
     stamps: Stamps
     values: Array
@@ -32,6 +34,7 @@ class Bound:
     resolution: float | None = None
     constant: float | None = None
     wrapped: bool = False
+    alone: Stamps | None = None
 
 
 def common_segments(recording: Recording, joint: str, moving: Mapping[str, Bound]) -> list[tuple[int, int]]:
