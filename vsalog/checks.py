@@ -5,13 +5,40 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from vsalog.errors import EstimatorError
 from vsalog.estimators.device import Device, deflection_of, has_deflection
+from vsalog.plausible import implausible
 from vsalog.signals import JointSignals
 
 Array = NDArray[np.float64]
 
 # A measured torque that follows the deflection this closely was not measured: float32 rounding is all that is left.
 COMPUTED = 1e-5
+
+
+def refuse_dead_sensors(estimator: str, signals: JointSignals) -> None:
+    """Refuse a torque that never changes: a dead sensor, of which every method would make a stiffness of nothing.
+
+    Parameters
+    ----------
+    estimator : name of the method that reads every torque sensor among the signals
+    signals : of a joint, those that the method reads
+
+    Raises
+    ------
+    EstimatorError
+        A torque sensor never changes.
+    """
+    for role, values in signals.roles.items():
+        if not role.startswith("torque_sensor"):
+            continue
+        finite = values[np.isfinite(values)]
+        if finite.size and np.ptp(finite) == 0.0:
+            raise EstimatorError(
+                f"joint '{signals.joint}': {role} is {finite[0]:.6g} N·m from beginning to end, as a sensor says that is off or"
+                f" not connected, and {estimator} takes the torque from it. Take an estimator that needs no torque sensor"
+                " (residual-rls, qr-rls), or put the right channel into the rig ('vsalog inspect' shows what each says)"
+            )
 
 
 def signal_warnings(device: Device, signals: JointSignals) -> tuple[str, ...]:
@@ -36,7 +63,7 @@ def signal_warnings(device: Device, signals: JointSignals) -> tuple[str, ...]:
                 f"joint '{signals.joint}': the deflection of transmission {view.name} never changes; its stiffness"
                 " cannot be told"
             )
-    return tuple(dict.fromkeys(warnings))
+    return tuple(dict.fromkeys((*warnings, *implausible(device, signals))))
 
 
 def _computed_from(signals: JointSignals, sensor: str, role: str) -> list[str]:

@@ -9,7 +9,7 @@ import msgspec
 import numpy as np
 
 from vsalog.binding import bind, offered_roles
-from vsalog.checks import signal_warnings
+from vsalog.checks import refuse_dead_sensors, signal_warnings
 from vsalog.errors import EstimatorError, VsalogError, did_you_mean
 from vsalog.estimators import Fold, Method, method
 from vsalog.estimators.acceleration_group import senses_acceleration
@@ -208,26 +208,27 @@ def estimate_joint(
     own, neighbours = own_and_others(choice.roles, {} if rig is None else rig.joint)
     signals = bind(recordings, name, joint, own, setpoints, neighbours=neighbours)
     device = device_of(name, joint, signals.roles, rig)
-    fold = choice.method.build(device, signals, choice.tuning)
-    runs = np.diff(np.append(np.flatnonzero(signals.starts), len(signals)))
-    fold.conditioner.check_length(int(runs.max()))
+    refuse_dead_sensors(choice.name, signals)
     warnings = [*signals.notes, *signal_warnings(device, signals)]
     kept: list[Trace] = []
     summarizer = Summarizer(device)
     # Where numbers run out of range the estimate is infinite or none, and the trace says so; numpy need not.
     with np.errstate(over="ignore", invalid="ignore", divide="ignore"):
+        fold = choice.method.build(device, signals, choice.tuning)
+        runs = np.diff(np.append(np.flatnonzero(signals.starts), len(signals)))
+        fold.conditioner.check_length(int(runs.max()))
         state = _fold(fold, signals, block, (kept.append if sink is None else sink), summarizer)
-    summary = summarizer.result(signals)
-    return JointEstimate(
-        name,
-        choice.name,
-        choice.reason,
-        _settings(choice.tuning, fold),
-        fold.model(state),
-        summary,
-        (*warnings, *fold.warnings(state), *summary.warnings),
-        Trace.concatenate(kept) if kept else None,
-    )
+        summary = summarizer.result(signals)
+        return JointEstimate(
+            name,
+            choice.name,
+            choice.reason,
+            _settings(choice.tuning, fold),
+            fold.model(state),
+            summary,
+            (*warnings, *fold.warnings(state), *summary.warnings),
+            Trace.concatenate(kept) if kept else None,
+        )
 
 
 def _fold(fold: Fold, signals: JointSignals, block: int, sink: Sink, summarizer: Summarizer):  # type: ignore[no-untyped-def]

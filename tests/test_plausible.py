@@ -1,0 +1,173 @@
+"""Warnings of signals that are possible and not plausible, and none where nothing is wrong."""
+
+import numpy as np
+import pytest
+from test_binding import T as _T
+from test_binding import joint_of, recording
+
+from vsalog.binding import bind, offered_roles
+from vsalog.checks import signal_warnings
+from vsalog.estimators.device import device_of
+from vsalog.readers import read
+from vsalog.rig import Rig
+from vsalog.rig.find import find_rig
+from vsalog.rig.load import presets
+from vsalog.simulation.run import Options, prepare
+
+assert _T.size  # the sample times of those tests are too few for these
+T = np.arange(8000) * 1e-3
+RIG = """
+[joint.elbow]
+kind = "elastic"
+[joint.elbow.signals]
+link_position = "q"
+motor_position = "theta"
+torque_sensor = "tau"
+"""
+STEP = 1e-4
+
+
+def counted(x):
+    return np.round(x / STEP) * STEP
+
+
+def channels(*, counts=True):
+    """A joint of 50 N·m/rad that swings by ±0.8 rad and gives way by ±0.06 rad."""
+    rng = np.random.default_rng(1)
+    tau = 3.0 * np.sin(5.0 * T) * np.cos(0.7 * T)
+    q = 0.8 * np.sin(1.5 * T)
+    theta = q - tau / 50.0
+    if counts:
+        q, theta = counted(q), counted(theta)
+    else:
+        q, theta = q + rng.normal(0.0, 3e-4, T.size), theta + rng.normal(0.0, 3e-4, T.size)
+    return {"q": q, "theta": theta, "tau": tau + rng.normal(0.0, 0.01, T.size)}
+
+
+def warned(made, rig=RIG):
+    name, joint = joint_of(rig)
+    signals = bind([recording(**{k: (T, v) for k, v in made.items()})], name, joint, tuple(offered_roles(joint)))
+    return signal_warnings(device_of(name, joint, signals.roles), signals)
+
+
+def one(made, rig=RIG):
+    (text,) = warned(made, rig)
+    assert text.startswith("joint 'elbow': ")
+    return text
+
+
+@pytest.mark.parametrize("counts", [True, False])
+def test_nothing_is_said_of_a_sound_log(counts):
+    assert warned(channels(counts=counts)) == ()
+
+
+def test_an_encoder_whose_zero_is_off():
+    made = channels()
+    made["theta"] = made["theta"] + 0.7
+    text = one(made)
+    assert "link_position − motor_position" in text
+    assert "around -0.699 rad" in text
+    assert "'offset' of link_position or motor_position" in text
+
+
+def test_a_zero_is_not_suspected_under_a_weight():
+    made = channels()
+    made["theta"] = made["theta"] - 0.7
+    made["tau"] = made["tau"] + 35.0
+    assert warned(made) == ()
+
+
+def test_a_sign():
+    made = channels()
+    made["theta"] = -made["theta"]
+    text = one(made)
+    assert "correlation -0.9" in text or "correlation -1.0" in text
+    assert "'sign = -1'" in text
+
+
+def test_a_motor_and_a_link_that_swing_against_one_another_are_no_sign():
+    made = channels()
+    made["theta"] = made["q"] * -0.4
+    assert not any("sign" in w for w in warned(made))
+
+
+def test_degrees():
+    made = channels()
+    found = warned({**made, "q": np.rad2deg(made["q"]), "theta": np.rad2deg(made["theta"])})
+    assert [("deflection" in w, 'unit = "deg"' in w) for w in found] == [(True, True)]
+    far = {**made, "q": np.rad2deg(2.0 * made["q"]), "theta": np.rad2deg(2.0 * made["theta"])}
+    assert {w.split(":")[1].split(" spans")[0].strip() for w in warned(far)} == {
+        "the deflection (link_position − motor_position)",
+        "link_position",
+        "motor_position",
+    }
+
+
+def test_a_gear_ratio():
+    made = channels()
+    text = one({**made, "theta": 30.0 * made["theta"]})
+    assert "spans 47" in text or "spans 46" in text
+    assert "gear_ratio" in text
+
+
+@pytest.mark.parametrize(("end", "sign"), [("highest", 1.0), ("lowest", -1.0)])
+def test_a_saturated_sensor(end, sign):
+    made = channels()
+    made["tau"] = sign * np.minimum(sign * made["tau"], 2.0)
+    text = one(made)
+    assert f"torque_sensor rests at its {end} value {sign * 2:.6g} for " in text
+    assert "saturated" in text
+
+
+@pytest.mark.parametrize("role", ["link_position", "motor_position"])
+def test_a_rest_at_the_end_of_the_range_is_no_saturation(role):
+    made = channels()
+    name = "q" if role == "link_position" else "theta"
+    made[name] = np.minimum(made[name], 0.5)
+    assert not any("saturated" in w for w in warned(made))
+
+
+@pytest.mark.parametrize("counts", [True, False])
+@pytest.mark.parametrize(("name", "role"), [("q", "link_position"), ("theta", "motor_position")])
+def test_an_encoder_that_is_stuck(name, role, counts):
+    made = channels(counts=counts)
+    made[name][2000:2700] = made[name][2000]
+    text = one(made)
+    assert f"{role} does not change by a single step from 2 s to 2.699 s" in text
+
+
+def test_friction_that_holds_the_link_while_the_spring_winds_up_is_no_stuck_encoder():
+    made = channels()
+    held = 0.8 * np.sin(1.5 * np.minimum(T, 4.0))
+    made["q"] = counted(np.where(T < 4.0, held, held[-1]))
+    made["theta"] = counted(np.where(T < 4.0, made["theta"], held[-1] - 0.05 * np.sin(5.0 * (T - 4.0))))
+    assert warned(made) == ()
+
+
+@pytest.mark.parametrize("preset", presets())
+@pytest.mark.parametrize("ideal", [False, True])
+def test_no_preset_gives_a_false_alarm(preset, ideal, tmp_path):
+    job = prepare(preset, Options(duration=3.0, ideal=ideal, output=str(tmp_path / "x.mcap")))
+    log = job.run()
+    for name, joint in job.believed.joint.items():
+        if joint.__class__.__name__ == "RigidJoint":
+            continue
+        signals = bind([log], name, joint, tuple(offered_roles(joint)))
+        assert signal_warnings(device_of(name, joint, signals.roles, job.believed), signals) == ()
+        assert not [note for note in signals.notes if "alone" in note]
+
+
+LOGS = ["awas_exp1.mcap", "awas_exp2.mcap", "sea_exp1.csv", "sea_exp2.bag", "vsa2_exp1.mcap", "vsa2_exp2.mcap"]
+
+
+@pytest.mark.parametrize("log", LOGS)
+def test_no_sample_log_gives_a_false_alarm(log, samples):
+    path = samples / log
+    recording_of = read(path)
+    rig: Rig | None = find_rig(path, recording_of.rig_text)
+    assert rig is not None
+    for name, joint in rig.joints.items():
+        roles = tuple(r for r in offered_roles(joint))
+        signals = bind([recording_of], name, joint, roles)
+        assert signal_warnings(device_of(name, joint, signals.roles, rig.file), signals) == ()
+        assert not [note for note in signals.notes if "alone" in note]

@@ -1,0 +1,203 @@
+"""Signals that are possible and not plausible: an encoder's zero that is off, a wrong sign or unit, a sensor that is stuck.
+
+Each of these gives a stiffness with a small standard deviation that is wrong. Bounds are wide: what a joint may really do is not
+warned of.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Iterator
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vsalog.estimators.device import Device, TransmissionView, deflection_of, has_deflection
+from vsalog.signals import JointSignals
+
+Array = NDArray[np.float64]
+Flags = NDArray[np.bool_]
+
+# A deflection whose middle is so many times half its range from zero rests on an encoder's zero, not on a load.
+OFF_CENTRE = 3.0
+# Positions of which one counts the other way round: how they are correlated, how much alike they move, and how little is left
+# when one of them is turned.
+OPPOSED, ALIKE, TURNED = -0.8, 3.0, 0.5
+# More than a joint turns, and more than a spring gives way [rad].
+FARTHEST, WIDEST = 100.0, 2.0 * np.pi
+# A sensor at its end: part of the samples, samples and seconds in a row, and steps in its range.
+CLIPPED, IN_A_ROW, LASTING, COUNTS = 0.01, 10, 0.02, 50
+# A noisy signal stays where it is this seldom, and turns back at least this often.
+STILL, TURNS_BACK = 0.3, 0.2
+# An encoder that is stuck: how long [s], steps of the other one and part of the other's range meanwhile, how much more than the
+# deflection that is, and how the two are correlated elsewhere.
+STUCK, MOVED, MOVED_SHARE, MORE, TOGETHER = 0.5, 50.0, 0.2, 1.5, 0.8
+# Fewer samples tell nothing.
+FEWEST = 50
+
+
+def implausible(device: Device, signals: JointSignals) -> Iterator[str]:
+    """Yield warnings of what is possible and not plausible."""
+    yield from _off_centre(device, signals)
+    for view in device.transmissions:
+        if {"link_position", view.motor_position} <= set(signals.roles):
+            yield from _opposed(signals, view)
+            yield from _stuck(signals, view)
+    yield from _too_far(device, signals)
+    for role in signals.roles:
+        if role.startswith(("torque_sensor", "link_position", "motor_position", "deflection")):
+            yield from _clipped(signals, role)
+
+
+def _span(x: Array, share: float = 0.01) -> tuple[float, float]:
+    """Return between what values a signal is, but for single ones; (0, 0) for one that is too short."""
+    finite = x[np.isfinite(x)]
+    if finite.size < FEWEST:
+        return 0.0, 0.0
+    low, high = np.quantile(finite, (share, 1.0 - share))
+    return float(low), float(high)
+
+
+def _off_centre(device: Device, signals: JointSignals) -> Iterator[str]:
+    views = [view for view in device.transmissions if has_deflection(signals.roles, view)]
+    if not views or len(views) < len(device.transmissions):
+        return
+    # Two springs that pull against each other are stretched both; the middle between them is not.
+    spans = [_span(deflection_of(signals.roles, view)) for view in views]
+    middle = float(np.mean([0.5 * (low + high) for low, high in spans]))
+    half = max(0.5 * (high - low) for low, high in spans)
+    if not half > 0.0 or abs(middle) <= OFF_CENTRE * half or _loaded(device, signals):
+        return
+    roles = views[0].deflection_roles(signals.roles)
+    yield (
+        f"joint '{signals.joint}': the deflection ({' − '.join(roles)}) lies around {middle:.4g} rad and moves by"
+        f" ±{half:.3g} rad only, never near zero: is an encoder's zero off? Give it as 'offset' of {' or '.join(roles)} in the"
+        " rig; the stiffness over the deflection is wrong if so"
+    )
+
+
+def _loaded(device: Device, signals: JointSignals) -> bool:
+    """Tell whether a torque is as one-sided as the deflection, as under a weight."""
+    roles = [r for view in device.transmissions for r in (view.torque_sensor, view.motor_torque)]
+    for role in dict.fromkeys(("torque_sensor", *roles)):
+        if role in signals.roles:
+            low, high = _span(signals.roles[role])
+            if high > low:
+                return abs(low + high) > high - low
+    return False
+
+
+def _opposed(signals: JointSignals, view: TransmissionView) -> Iterator[str]:
+    q, theta = signals.roles["link_position"], signals.roles[view.motor_position]
+    both = np.isfinite(q) & np.isfinite(theta)
+    if np.count_nonzero(both) < FEWEST:
+        return
+    a, b = q[both] - q[both].mean(), theta[both] - theta[both].mean()
+    spread_a, spread_b = float(a.std()), float(b.std())
+    if not (min(spread_a, spread_b) > 0.0 and max(spread_a, spread_b) < ALIKE * min(spread_a, spread_b)):
+        return
+    together = float(np.mean(a * b)) / (spread_a * spread_b)
+    if together < OPPOSED and float((a + b).std()) < TURNED * min(spread_a, spread_b):
+        yield (
+            f"joint '{signals.joint}': link_position and {view.motor_position} move against one another (correlation"
+            f" {together:.2f}, by {np.ptp(a):.3g} and {np.ptp(b):.3g} rad): does one of them count the other way round? Say"
+            " 'sign = -1' of it in the rig; the deflection is their sum instead of their difference if so"
+        )
+
+
+def _too_far(device: Device, signals: JointSignals) -> Iterator[str]:
+    for view in device.transmissions:
+        if has_deflection(signals.roles, view):
+            low, high = _span(deflection_of(signals.roles, view))
+            if high - low > WIDEST:
+                roles = view.deflection_roles(signals.roles)
+                yield (
+                    f"joint '{signals.joint}': the deflection ({' − '.join(roles)}) spans {high - low:.4g} rad, more than a turn:"
+                    f' is {" or ".join(roles)} in degrees (unit = "deg" in the rig), or on the motor\'s side of the gear'
+                    ' (side = "rotor", with the motor\'s gear_ratio)?'
+                )
+    for role in _positions(signals.roles):
+        low, high = _span(signals.roles[role])
+        if high - low > FARTHEST:
+            gear = (
+                "" if role == "link_position" else ', or on the motor\'s side of the gear (side = "rotor", gear_ratio)'
+            )
+            yield (
+                f"joint '{signals.joint}': {role} spans {high - low:.4g} rad, {(high - low) / (2.0 * np.pi):.0f} turns of the"
+                f' joint: is it in degrees (unit = "deg" in the rig){gear}?'
+            )
+
+
+def _positions(roles: Collection[str]) -> list[str]:
+    return [role for role in roles if role.startswith(("link_position", "motor_position"))]
+
+
+def _runs(flags: Flags) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
+    """Return where stretches of True begin, and where they are over."""
+    edges = np.flatnonzero(np.diff(np.concatenate(([False], flags, [False])).astype(np.int8)))
+    return edges[::2], edges[1::2]
+
+
+def _noisy(x: Array, among: Flags) -> bool:
+    """Tell whether a signal moves to and fro from sample to sample, where `among` says so of each sample."""
+    steps = np.diff(x)[among[1:] & among[:-1]]
+    steps = steps[np.isfinite(steps)]
+    if steps.size < FEWEST or float(np.mean(steps == 0.0)) > STILL:
+        return False
+    return float(np.mean(steps[1:] * steps[:-1] < 0.0)) > TURNS_BACK
+
+
+def _clipped(signals: JointSignals, role: str) -> Iterator[str]:
+    x = signals.roles[role]
+    finite = x[np.isfinite(x)]
+    if finite.size < FEWEST or not float(np.ptp(finite)) > COUNTS * signals.resolution.get(role, 0.0):
+        return
+    least = max(IN_A_ROW, round(LASTING / signals.period))
+    for end, extreme in (("highest", float(finite.max())), ("lowest", float(finite.min()))):
+        there = x == extreme
+        if np.count_nonzero(there) <= CLIPPED * finite.size:
+            continue
+        first, after = _runs(there)
+        resting = int((after - first)[after - first >= least].sum())
+        if resting > CLIPPED * finite.size and _noisy(x, ~there):
+            yield (
+                f"joint '{signals.joint}': {role} rests at its {end} value {extreme:.6g} for {resting / finite.size:.1%} of the"
+                f" samples (first at {signals.time[first[np.argmax(after - first >= least)]]:.4g} s) and moves noisily elsewhere:"
+                " it is saturated, and the stiffness is too low wherever it is; choose a larger range, or leave these"
+                " stretches out (--start, --end)"
+            )
+
+
+def _stuck(signals: JointSignals, view: TransmissionView) -> Iterator[str]:
+    for role, other in (("link_position", view.motor_position), (view.motor_position, "link_position")):
+        x, y = signals.roles[role], signals.roles[other]
+        # A run of the log ends where a sample is the first after a gap.
+        same = np.concatenate(([False], np.diff(x) == 0.0)) & ~signals.starts
+        first, after = _runs(same)
+        long = (after - first) * signals.period >= STUCK
+        if not long.any():
+            continue
+        resting = np.zeros(x.shape, dtype=np.bool_)
+        for begin, end in zip(first[long], after[long], strict=True):
+            resting[begin - 1 : end] = True
+        elsewhere = ~resting & np.isfinite(x) & np.isfinite(y)
+        if np.count_nonzero(elsewhere) < FEWEST or not _go_together(x[elsewhere], y[elsewhere]):
+            continue
+        low, high = _span((x - y)[elsewhere])
+        bound = 0.0 if _noisy(x, ~resting) else MORE * (high - low)
+        y_low, y_high = _span(y)
+        enough = max(MOVED * signals.resolution.get(other, 0.0), MOVED_SHARE * (y_high - y_low), bound)
+        for begin, end in zip(first[long] - 1, after[long], strict=True):
+            moved = y[begin:end][np.isfinite(y[begin:end])]
+            if moved.size and float(np.ptp(moved)) > enough:
+                yield (
+                    f"joint '{signals.joint}': {role} does not change by a single step from {signals.time[begin]:.4g} s to"
+                    f" {signals.time[end - 1]:.4g} s, while {other} moves by {np.ptp(moved):.3g} rad; elsewhere they move"
+                    " together: its encoder was stuck. Leave that stretch out (--start, --end)"
+                )
+                break
+
+
+def _go_together(x: Array, y: Array) -> bool:
+    if not (float(np.ptp(x)) > 0.0 and float(np.ptp(y)) > 0.0):
+        return False
+    return float(np.corrcoef(x, y)[0, 1]) > TOGETHER
