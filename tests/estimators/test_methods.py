@@ -281,10 +281,16 @@ def test_the_uncertainty_is_honest(make, modality):
     assert np.median(share) < 20.0
 
 
-def test_nothing_is_supported_before_anything_was_learnt():
-    fold, signals = assemble(vsa2_experiment(duration=3.0), "qr-rls")
+def test_nothing_is_supported_before_anything_was_learnt_and_what_is_early_is_true():
+    experiment = vsa2_experiment(duration=3.0)
+    fold, signals = assemble(experiment, "qr-rls")
     trace, _ = trace_of(fold, signals)
-    assert not trace["1"]["excited"][:1000].any()
+    for name in ("1", "2"):
+        columns, early = trace[name], trace[name]["excited"] & (trace.time < 1.5)
+        assert not columns["excited"][: fold.conditioner.window // 2 + 256].any()
+        off = np.abs(columns["stiffness"] - experiment.truth[f"stiffness_{name}"])
+        assert early.any()
+        assert (off < 4.0 * columns["stiffness_std"])[early].all()
 
 
 def test_unknown_estimators_and_tuning_are_refused_with_a_hint():

@@ -16,7 +16,7 @@ from vsalog.estimators.known import conditioner_of
 from vsalog.estimators.needs import deflection_roles, require
 from vsalog.estimators.regression import RegressionFold, Solver
 from vsalog.estimators.residual_rls import sensor_equations, sensor_role
-from vsalog.estimators.solvers import QrSolver, RlsSolver
+from vsalog.estimators.solvers import QrSolver, RlsSolver, least_samples
 from vsalog.estimators.tuning import RlsTuning
 from vsalog.signals import JointSignals
 
@@ -57,10 +57,12 @@ def roles(device: Device, offered: Collection[str], tuning: DirectTuning) -> tup
 
 def build(device: Device, signals: JointSignals, tuning: DirectTuning) -> RegressionFold:
     """Assemble the estimator for a joint's signals."""
-    p0 = tuning.initial_covariance(device, signals)
-    solver: Solver = (
-        QrSolver(tuning.forgetting, 0, max(tuning.c * p0, LEAST)) if tuning.solver == "qr" else RlsSolver(p0, tuning.c)
-    )
     needed = roles(device, signals.roles, tuning)
     conditioner = conditioner_of(device, signals, tuning, needed, motor=False)
+    p0, least = tuning.initial_covariance(device, signals), least_samples(conditioner)
+    solver: Solver = (
+        QrSolver(tuning.forgetting, 0, max(tuning.c * p0, LEAST), least=least)
+        if tuning.solver == "qr"
+        else RlsSolver(p0, tuning.c, least)
+    )
     return RegressionFold(NAME, "SENSOR", device, conditioner, sensor_equations(device, signals, tuning), solver)

@@ -188,6 +188,8 @@ class ObserverFold:
         state.observers[name] = slow, fast
         # An observer is late; one that is half as late lies between it and the truth. And it averages over whole swings.
         std = np.sqrt(deviation**2 * self.alike + (quick - stiffness) ** 2 + self.within**2)
+        # None at all is what a gain beyond all numbers leaves, and no certainty.
+        std[std == 0.0] = np.nan
         return columns(
             borne.deflection(part.of, 0), borne.torque(part.of), stiffness, std, rates.use & (learnt >= FILLED)
         )

@@ -20,7 +20,7 @@ from vsalog.estimators.device import Device, TransmissionView, deflection_of
 from vsalog.estimators.needs import deflection_roles, require
 from vsalog.estimators.regression import EquationRows, FoldState, RegressionFold
 from vsalog.estimators.residual_rls import sensor_role
-from vsalog.estimators.solvers import QrSolver
+from vsalog.estimators.solvers import QrSolver, least_samples
 from vsalog.estimators.tuning import Positive, Tuning, largest_regressor
 from vsalog.estimators.windows import noisy_rates, suitable_windows, with_window
 from vsalog.filters.conditioning import Conditioned
@@ -77,9 +77,9 @@ def build(device: Device, signals: JointSignals, tuning: GrioliParametricTuning)
     tuning = with_window(tuning, signals, suitable_windows(device, signals, tuning)[0])
     needed = roles(device, signals.roles, tuning)
     p0 = tuning.p0 if tuning.p0 is not None else 1e4 / largest_regressor(device, signals) ** 2
-    solver = QrSolver(tuning.forgetting, 0, p0)
     functions, sensors = BasisFunctions(device), [sensor_role(v, signals.roles) for v in device.transmissions]
     conditioner = tuning.conditioner(needed, signals, rates=(*sensors, *functions.roles), before=functions)
+    solver = QrSolver(tuning.forgetting, 0, p0, least=least_samples(conditioner))
     fold = RateFold(NAME, "SENSOR", device, conditioner, rate_equations(device, signals), solver)
     fold.noisy = noisy_rates(device, signals, tuning, conditioner.window)
     return fold
@@ -89,12 +89,6 @@ class RateFold(RegressionFold):
     """The least-squares fold, with what is to be said of rates."""
 
     noisy: Sequence[str] = ()
-
-    @property
-    def derived(self) -> dict[str, float]:
-        """The prior and the window that were derived from the log."""
-        window = (self.conditioner.window - 1) * self.conditioner.period
-        return {**super().derived, "window": window}
 
     def warnings(self, state: FoldState) -> tuple[str, ...]:
         """Say what goes into the stiffness beside the spring."""

@@ -73,10 +73,20 @@ TUNING = ImpedanceCoupledTuning
 
 def roles(device: Device, offered: Collection[str], tuning: ImpedanceCoupledTuning) -> tuple[str, ...]:
     """Return the roles the method reads of what the rig offers; raises EstimatorError for a missing one."""
+    if len(device.transmissions) > 1:
+        raise EstimatorError(two_transmissions(device))
     needed = [role for view in device.transmissions for role in view.deflection_roles(offered)]
     needed += ["link_position", "external_torque"] if device.transmissions else []
     require(NAME, device, needed, offered)
     return tuple(dict.fromkeys(needed))
+
+
+def two_transmissions(device: Device) -> str:
+    """Say why a joint with two transmissions is none for this method."""
+    return (
+        f"joint '{device.joint}': {NAME} cannot estimate it: two transmissions drive the link, and its motion tells only what"
+        " both bear together"
+    )
 
 
 def build(device: Device, signals: JointSignals, tuning: ImpedanceCoupledTuning) -> ImpedanceCoupledFold:
@@ -124,9 +134,7 @@ class ImpedanceCoupledFold:
     def __init__(self, device: Device, signals: JointSignals, tuning: ImpedanceCoupledTuning) -> None:
         self.device, self.period = device, signals.period
         if len(device.transmissions) != 1:
-            raise EstimatorError(
-                f"joint '{device.joint}': two transmissions drive the link, and its motion tells only what both bear together"
-            )
+            raise EstimatorError(two_transmissions(device))
         (self.view,) = device.transmissions
         self.guess, self.weight = self._guess(tuning)
         push = signals.roles["external_torque"]

@@ -35,9 +35,10 @@ Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]
 Integers = NDArray[np.int64]
 
-# Samples that are summed first: nothing moves within so few. Octaves that are looked at; boxes without which nothing is said;
-# samples between two looks.
-BOX, OCTAVES, LEAST, EVERY = 4, 14, 64, 64
+# Samples that are summed first: nothing moves within so few. Octaves that are looked at; samples between two looks.
+BOX, OCTAVES, EVERY = 4, 14, 64
+# Samples without which nothing is said.
+SAMPLES = 256
 # An octave's variance is expected to go on as those before it did, half as steeply, within these factors; the expectation counts
 # as so many coefficients. A logarithm of a variance of few is too small by one over their number, and what is divided by it
 # has the tails, and so the variance, of Student's t: two more.
@@ -127,6 +128,7 @@ def noise_block(
     T: Array,
     integral: bool,
     forgetting: float,
+    least: float = SAMPLES,
 ) -> tuple[NoiseState, Array]:
     """Observe what a fit leaves over, and say what it makes of functionals of the unknowns.
 
@@ -140,20 +142,22 @@ def noise_block(
     T : shape (N, q, n), P E of functionals E
     integral : whether the equation is an integral
     forgetting : λ; a sample's part in P was discounted by λ² a step
+    least : samples without which nothing is said
 
     Returns
     -------
     state, and shape (N, q): variances Tᵀ cov(Σ F e) T; NaN while not known
     """
     new, variances = state.copied(), np.empty(T.shape[:2])
-    _run(new, F, y, left, use, fresh, T, integral, forgetting**2, variances)
+    _run(new, F, y, left, use, fresh, T, integral, forgetting**2, least, variances)
     return new, variances
 
 
-def noise_now(state: NoiseState, integral: bool) -> tuple[Array, float]:
+def noise_now(state: NoiseState, integral: bool, least: float = SAMPLES) -> tuple[Array, float]:
     """Return the covariance of the score, shape (n, n), and the variance of a single left-over; NaN while not known."""
     new = state.copied()
-    _look(new, integral)
+    if state.samples >= least:
+        _look(new, integral)
     samples, squares = state.sums[[_SAMPLES, _SQUARES]]
     return new.M, float(squares / samples) if samples else float("nan")
 
@@ -169,6 +173,7 @@ def _run(
     T: Array,
     integral: bool,
     discount: float,
+    least: float,
     out: Array,
 ) -> None:
     count, asked, n = T.shape
@@ -182,7 +187,7 @@ def _run(
             if sums[_FILLED] == BOX:
                 sums[_FILLED] = 0.0
                 _transform(s, F[k], y[k], integral, kept, scratch)
-            if sums[_SAMPLES] % EVERY == 0.0:
+            if sums[_SAMPLES] % EVERY == 0.0 and sums[_SAMPLES] >= least:
                 _look(s, integral)
         for m in range(asked):
             variance = 0.0
@@ -344,8 +349,6 @@ def _spectrum(s: NoiseState, integral: bool) -> Array:
 @njit(cache=True, error_model="numpy")
 def _look(s: NoiseState, integral: bool) -> None:
     """Put together what is known of the score."""
-    if s.sums[_BOXES] < LEAST:
-        return
     v, n = _spectrum(s, integral), s.total.shape[0]
     mean = 0.0 if integral else s.sums[_SUM] / s.sums[_SAMPLES]
     for i in range(n):

@@ -17,8 +17,9 @@ from vsalog.estimators.equations import IntegratedMotorEquation
 from vsalog.estimators.known import conditioner_of, known_of
 from vsalog.estimators.needs import deflection_roles, require
 from vsalog.estimators.regression import RegressionFold
-from vsalog.estimators.solvers import QrSolver
+from vsalog.estimators.solvers import QrSolver, least_samples
 from vsalog.estimators.tuning import Positive, Tuning, largest_regressor
+from vsalog.estimators.windows import motor_window
 from vsalog.filters.conditioning import Conditioner
 from vsalog.resolution import sensor_noise
 from vsalog.signals import JointSignals
@@ -60,9 +61,11 @@ def roles(device: Device, offered: Collection[str], tuning: Tuning, name: str = 
 
 def build(device: Device, signals: JointSignals, tuning: QrRlsTuning) -> RegressionFold:
     """Assemble the estimator for a joint's signals."""
+    tuning = motor_window(device, signals, tuning)
     p0 = tuning.p0 if tuning.p0 is not None else 1e4 / largest_regressor(device, signals) ** 2
-    solver = QrSolver(tuning.forgetting, IntegratedMotorEquation.leading, p0, integral=True)
     conditioner = conditioner_of(device, signals, tuning, roles(device, signals.roles, tuning), motor=True)
+    leading = IntegratedMotorEquation.leading
+    solver = QrSolver(tuning.forgetting, leading, p0, integral=True, least=least_samples(conditioner))
     equations = integrated_equations(device, signals, tuning, conditioner)
     return RegressionFold(NAME, "INTEGRATED", device, conditioner, equations, solver)
 

@@ -134,7 +134,9 @@ class RegressionFold:
     @property
     def derived(self) -> dict[str, float]:
         """What was derived from the log where the tuning left it open."""
-        return {"p0": self.solver.p0, "settle": self.conditioner.settle * self.conditioner.period}
+        filters = self.conditioner
+        window = {} if filters.kind == "kinematic" else {"window": (filters.window - 1) * filters.period}
+        return {"p0": self.solver.p0, "settle": filters.settle * filters.period, **window}
 
     def start(self) -> FoldState:
         """Return the state before the first sample."""

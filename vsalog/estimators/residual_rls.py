@@ -17,8 +17,9 @@ from vsalog.estimators.equations import ResidualEquation, TorqueEquation
 from vsalog.estimators.known import conditioner_of, known_of
 from vsalog.estimators.needs import deflection_roles, require
 from vsalog.estimators.regression import Equation, RegressionFold
-from vsalog.estimators.solvers import RlsSolver
+from vsalog.estimators.solvers import RlsSolver, least_samples
 from vsalog.estimators.tuning import Modality, Positive, RlsTuning, Tuning
+from vsalog.estimators.windows import motor_window
 from vsalog.filters.conditioning import Conditioned
 from vsalog.mechanics.transmissions import flexibility_torque
 from vsalog.rig.schema import UnknownTransmission
@@ -78,9 +79,10 @@ def build(device: Device, signals: JointSignals, tuning: ResidualRlsTuning) -> R
     EstimatorError
         The modality needs a motor inertia or a nominal transmission that the rig does not give.
     """
+    if tuning.modality == "RESIDUAL":
+        tuning = motor_window(device, signals, tuning)
     # A residual is noisy: the many terms of a basis would follow its noise until there is enough of it to average.
     p0 = tuning.initial_covariance(device, signals, 0.01 if tuning.modality == "RESIDUAL" else 1e-3)
-    solver = RlsSolver(p0, tuning.c)
     needed = roles(device, signals.roles, tuning)
     equations = _equations(device, signals, tuning)
     conditioner = (
@@ -88,6 +90,7 @@ def build(device: Device, signals: JointSignals, tuning: ResidualRlsTuning) -> R
         if tuning.modality == "MODEL"
         else conditioner_of(device, signals, tuning, needed, motor=tuning.modality == "RESIDUAL")
     )
+    solver = RlsSolver(p0, tuning.c, least_samples(conditioner))
     return RegressionFold(NAME, tuning.modality, device, conditioner, equations, solver)
 
 

@@ -8,12 +8,16 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from vsalog.estimators.noise import NoiseState, noise_block, noise_now, noise_start
+from vsalog.estimators.noise import SAMPLES, NoiseState, noise_block, noise_now, noise_start
 from vsalog.estimators.qr import QrState, qr_block
 from vsalog.estimators.regression import EquationRows
 from vsalog.estimators.rls import RlsState, rls_block
+from vsalog.filters.conditioning import Conditioner
 
 Array = NDArray[np.float64]
+
+# What happens within so many of a filter's windows does not tell how large slow noise is.
+WINDOWS = 5
 Flags = NDArray[np.bool_]
 
 
@@ -24,10 +28,12 @@ class RlsSolver:
     Attributes
     ----------
     p0, c : of the method
+    least : samples without which nothing is said of the uncertainty
     """
 
     p0: float
     c: float
+    least: int = SAMPLES
 
     def start(self, size: int) -> tuple[RlsState, NoiseState]:
         """Return the state before the first sample."""
@@ -40,13 +46,13 @@ class RlsSolver:
         rls, values, directions, pulled, unknowns, left, factor = rls_block(
             state[0], rows.F, rows.y, use, E, spread, self.c, self.p0
         )
-        noise, made = noise_block(state[1], rows.F, rows.y, left, use, rows.fresh, directions, False, 1.0)
+        noise, made = noise_block(state[1], rows.F, rows.y, left, use, rows.fresh, directions, False, 1.0, self.least)
         values[_untold(unknowns)] = np.nan
         return (rls, noise), values, _spread(made, pulled, spread), unknowns, {"stability_factor": factor}
 
     def solution(self, state: tuple[RlsState, NoiseState]) -> tuple[Array, Array, float]:
         """Return ξ̂, its covariance, and the standard deviation of a left-over."""
-        M, variance = noise_now(state[1], False)
+        M, variance = noise_now(state[1], False, self.least)
         P = self.c * state[0].P
         return state[0].alpha.copy(), P @ M @ P, variance**0.5
 
@@ -61,12 +67,14 @@ class QrSolver:
     leading : unknowns without a prior
     p0 : prior covariance of the others, infinite for none
     integral : whether the equation is an integral, whose first unknown is its constant
+    least : as for `RlsSolver`
     """
 
     forgetting: float
     leading: int = 0
     p0: float = np.inf
     integral: bool = False
+    least: int = SAMPLES
 
     def start(self, size: int) -> tuple[QrState, NoiseState]:
         """Return the state before the first sample."""
@@ -80,7 +88,7 @@ class QrSolver:
             state[0], rows.F, rows.y, use, rows.fresh, E, spread, self.forgetting, self.leading, self.p0
         )
         noise, made = noise_block(
-            state[1], rows.F, rows.y, left, use, rows.fresh, directions, self.integral, self.forgetting
+            state[1], rows.F, rows.y, left, use, rows.fresh, directions, self.integral, self.forgetting, self.least
         )
         if rows.noisy is not None:
             learnt = state[1].samples + np.cumsum(np.isfinite(left))
@@ -99,10 +107,15 @@ class QrSolver:
         xi = state[0].solve()
         if np.isnan(xi).any():
             return xi, np.full((xi.size, xi.size), np.nan), float("nan")
-        M, variance = noise_now(state[1], self.integral)
+        M, variance = noise_now(state[1], self.integral, self.least)
         half = np.linalg.inv(state[0].Rp[:, :-1])
         P = half @ half.T
         return xi, P @ M @ P, variance**0.5
+
+
+def least_samples(filters: Conditioner) -> int:
+    """Return how many samples have to be learnt from before anything is said; within a filter's window noise is alike."""
+    return max(SAMPLES, 0 if filters.kind == "kinematic" else WINDOWS * filters.window)
 
 
 def _untold(coefficients: Array) -> Flags:

@@ -28,7 +28,8 @@ class Tuning(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=Tr
     ----------
     filter : ``savitzky-golay`` (non-causal), ``kinematic`` (causal) or ``pair`` (causal output, learnt from non-causally
         filtered signals, Flacco 2014 eq. 30)
-    window : of the Savitzky–Golay filter [s]; when absent 51 samples, or 21 for `direct`
+    window : of the Savitzky–Golay filter [s]; when absent 51 samples, 21 for `direct`, and where a motor's torque is read as
+        long as its encoder needs (`motor_window`)
     degree : of the Savitzky–Golay filter's polynomial
     shape : α of the MKKF, how sharply its measurement variance falls with speed (Flacco 2012 eq. 20)
     settle : time the MKKF gets after a start before its output is learnt from [s]; 100 samples when absent

@@ -4,13 +4,14 @@ motion.
 
 from __future__ import annotations
 
+from collections.abc import Collection
 from typing import TypeVar
 
 import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
-from vsalog.estimators.device import Device, deflection_of
+from vsalog.estimators.device import Device, TransmissionView, deflection_of
 from vsalog.estimators.tuning import Tuning
 from vsalog.filters.savitzky_golay import savgol_filter, savgol_weights
 from vsalog.resolution import sensor_noise
@@ -23,6 +24,8 @@ T = TypeVar("T", bound=Tuning)
 WINDOWS = (51, 101, 201, 401, 801, 1601)
 # A rate is quiet when its noise is this part of it or less: a stiffness then loses its square, 0.25 %.
 QUIET = 0.05
+# A rate that has more noise than this part of it tells nothing of the motion.
+LOUD = 0.5
 # A window is short enough for a motion when the rate keeps this part of its power.
 KEPT = 0.98
 # A run loses half a window at either end: no window is longer than this part of the longest run.
@@ -50,6 +53,50 @@ def suitable_windows(device: Device, signals: JointSignals, tuning: Tuning) -> l
             quiet.append(window)
             powers = np.maximum(powers, rates**2)
     return quiet or fitting[-1:]
+
+
+def motor_window(device: Device, signals: JointSignals, tuning: T) -> T:
+    """Return the tuning with the shortest window behind which a motor's encoder makes little of its torque.
+
+    What B θ̈ has of the steps is held against the motor's torque; where the rig does not have B, their share of θ̇ counts.
+    A window has to keep the motion, and be short for the runs. Where a window is given, or another filter, nothing is changed.
+    """
+    if tuning.window is not None or tuning.filter != "savitzky-golay":
+        return tuning
+    part = _most_moved(signals, [view.motor_position for view in device.transmissions])
+    longest = int(np.diff(np.append(np.flatnonzero(signals.starts), len(signals))).max())
+    found, before = WINDOWS[0], np.zeros(len(device.transmissions))
+    for window in (w for w in WINDOWS if w == found or w <= PART_OF_RUN * longest):
+        weights = savgol_weights(window, tuning.degree, 2, signals.period)
+        rates, noises = _rates(device, part, weights[1:2])
+        if np.any(noises > LOUD * rates):
+            continue  # noise does not tell what motion a window would have to keep
+        if np.any(rates**2 - noises**2 < KEPT * before):
+            break
+        found, before = window, rates**2 - noises**2
+        if all(_quiet(view, part, weights) for view in device.transmissions):
+            break
+    return with_window(tuning, signals, found)
+
+
+def _most_moved(signals: JointSignals, roles: Collection[str]) -> JointSignals:
+    """Return the stretch of a log in which some motor moves most."""
+    spreads = [sum(float(np.nan_to_num(np.nanstd(b.roles[r]))) for r in roles) for b in signals.blocks(ENOUGH)]
+    first = int(np.argmax(spreads)) * ENOUGH
+    return signals[first : first + ENOUGH]
+
+
+def _quiet(view: TransmissionView, signals: JointSignals, weights: Array) -> bool:
+    """Tell whether what the steps of a motor's encoder make of its torque, or of its speed, is small."""
+    theta, torque = signals.roles[view.motor_position], signals.roles[view.motor_torque]
+    noise = sensor_noise(theta, signals.resolution.get(view.motor_position, 0.0), LEAST_NOISE)
+    inertia = view.motor.reflected_inertia
+    if inertia is not None:
+        return bool(inertia * noise * np.linalg.norm(weights[2]) <= QUIET * np.nanstd(torque))
+    speed = savgol_filter(theta, weights[1:2])[0]
+    return not np.isfinite(speed).any() or bool(
+        noise * np.linalg.norm(weights[1]) <= QUIET * np.sqrt(np.nanmean(speed**2))
+    )
 
 
 def noisy_rates(device: Device, signals: JointSignals, tuning: Tuning, window: int) -> list[str]:
