@@ -11,7 +11,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vsalog.errors import EstimatorError, VsalogError
-from vsalog.estimation import JointEstimate
+from vsalog.estimation import PAPER, PRESET, JointEstimate, no_preset
+from vsalog.estimators import method
+from vsalog.estimators.tuning import read_tuning
 from vsalog.job import Job, Options, prepare
 from vsalog.readers import open_reader, read
 from vsalog.recording import Recording
@@ -69,6 +71,21 @@ class Contender:
                 raise EstimatorError(f"'{text}': write NAME or NAME:KEY=VALUE, such as residual-rls:modality=SENSOR")
             tune[key.strip()] = value.strip()
         return cls(text.strip(), name.strip(), tune)
+
+    def check(self, tune: Mapping[str, str]) -> None:
+        """Refuse a name or a tuning that there is not, whatever the log allows; `tune` is that of all contenders.
+
+        Raises
+        ------
+        EstimatorError
+            There is no such estimator, or it has no such tuning.
+        """
+        if self.name != "auto":
+            given = {**tune, **self.tune}
+            if given.get(PRESET, PAPER) != PAPER:
+                raise EstimatorError(no_preset(given[PRESET]))
+            found = method(self.name)
+            read_tuning(found.TUNING, self.name, {key: value for key, value in given.items() if key != PRESET})
 
 
 class Row(msgspec.Struct, frozen=True, kw_only=True):
@@ -133,22 +150,25 @@ def compare(
     Raises
     ------
     VsalogError
-        An estimator that was asked for cannot run, or none can.
+        There is no such estimator or tuning, or none of the estimators can run on the logs.
     """
     runs: list[Run] = []
     left_out: dict[str, str] = {}
-    for contender in _once(Contender.parse(text) for text in asked or USUAL):
+    contenders = _once(Contender.parse(text) for text in asked or USUAL)
+    for contender in contenders:
+        contender.check(options.tune)
+    for contender in contenders:
         try:
             chosen = replace(options, estimator=contender.name, tune={**options.tune, **contender.tune})
             job = prepare(logs, chosen, progress)
             progress(f"estimating by {contender.label}")
             runs.append(Run(contender, job, job.run()))
         except EstimatorError as error:
-            if asked:
-                raise
             left_out[contender.label] = str(error)
     if not runs:
-        raise EstimatorError(next(iter(left_out.values()), "no estimator was named"))
+        # Of the usual ones the first's reason tells enough.
+        reasons = list(left_out.values()) if len(left_out) == 1 or not asked else []
+        raise EstimatorError(reasons[0] if reasons else "; ".join(f"{name}: {why}" for name, why in left_out.items()))
     truths = _truths(logs, options, runs[0])
     rows = [row for run in runs for estimate in run.estimates for row in _rows(run, estimate, runs[0], truths)]
     warnings = dict.fromkeys(

@@ -29,7 +29,7 @@ from vsalog.trace import Trace
 Sink = Callable[[Trace], None]
 
 # What asks for the values that a method's paper prints, among the values of its tuning.
-PRESET = "preset"
+PRESET, PAPER = "preset", "paper"
 # What one more sensor would add.
 SENSOR_ADDS = (
     "a joint torque sensor would need no motor data (direct) and show the link's inertia and damping too (impedance)"
@@ -95,6 +95,11 @@ def choose(name: str, joint: Joint, estimator: str, tuning: Mapping[str, str], r
     return Choice(estimator, found, values, found.roles(device, offered, values), reason)
 
 
+def no_preset(preset: str) -> str:
+    """Say that there is no such preset tuning."""
+    return f"there is no preset tuning '{preset}': '{PAPER}' takes the values that a method's paper prints"
+
+
 def with_printed(found: Method, device: Device, tuning: Mapping[str, str]) -> dict[str, str]:
     """Put what a method's paper prints beneath what is tuned, where ``preset=paper`` asks for it.
 
@@ -107,10 +112,8 @@ def with_printed(found: Method, device: Device, tuning: Mapping[str, str]) -> di
     preset = tuning.get(PRESET)
     if preset is None:
         return own
-    if preset != "paper":
-        raise EstimatorError(
-            f"there is no preset tuning '{preset}': 'paper' takes the values that a method's paper prints"
-        )
+    if preset != PAPER:
+        raise EstimatorError(no_preset(preset))
     printed: Callable[[Device], Mapping[str, str]] | None = getattr(found, "printed", None)
     if printed is None:
         raise EstimatorError(f"{found.NAME}: no paper prints values of its tuning; leave the preset tuning out")
@@ -120,7 +123,11 @@ def with_printed(found: Method, device: Device, tuning: Mapping[str, str]) -> di
 def _automatic(device: Device, offered: Collection[str]) -> tuple[str, str]:
     views = device.transmissions
     if device.pneumatic is not None:
-        return "pam-ukf", "the joint has pneumatic muscles, whose pressures tell its state"
+        return "pam-ukf", "the joint has pneumatic muscles, whose pressures tell its state" + (
+            ""
+            if "link_position" in offered
+            else "; with an encoder on the joint (link_position) 'vsalog validate' would judge the angle"
+        )
     missing = _missing(device, offered)
     if missing and told_by_the_link(device, offered):
         return "grioli-bicchi", (
@@ -130,7 +137,7 @@ def _automatic(device: Device, offered: Collection[str]) -> tuple[str, str]:
     if missing and senses_acceleration(device, offered):
         return "acceleration-observer", (
             "the link's acceleration is measured, and no deflection from which a stiffness could be estimated: the joint's state"
-            " is observed with the rig's stiffness"
+            f" is observed with the rig's stiffness; {_observer_lacks(missing)} would let the stiffness itself be estimated"
         )
     _refuse(device, missing)
     motors = all({v.motor_position, v.motor_torque} <= set(offered) for v in views)
@@ -138,18 +145,27 @@ def _automatic(device: Device, offered: Collection[str]) -> tuple[str, str]:
     if motors and all(v.motor.inertia is not None for v in views):
         why = "motor position and torque are recorded and the motor's inertia is known"
         return "residual-rls", why if sensor else f"{why}; {SENSOR_ADDS}"
-    if sensor:
-        lack, more = (
-            (
-                "the motor's inertia is not known",
-                "with it in the rig the motor's torque would be a second witness (residual-rls)",
-            )
-            if motors
-            else ("no motor torque is recorded", "with motor_position it would be a second witness (residual-rls)")
+    if sensor and motors:
+        return "direct", (
+            "there is a torque sensor, and the motor's inertia is not known; with it in the rig the motor's torque would be a"
+            " second witness (residual-rls)"
         )
-        return "direct", f"there is a torque sensor, and {lack}; {more}"
+    if sensor:
+        lacking = dict.fromkeys(r for v in views for r in (v.motor_torque, v.motor_position) if r not in offered)
+        inertia = "" if all(v.motor.inertia is not None for v in views) else " and the motor's inertia in the rig"
+        roles = " and ".join(lacking)
+        return "direct", (
+            f"there is a torque sensor, and no {roles.replace(' and ', ' or ')} is recorded; with {roles}{inertia} the motor's"
+            " torque would be a second witness (residual-rls)"
+        )
     why = "motor position and torque are recorded, but neither the motor's inertia nor a torque sensor is there"
     return "qr-rls", f"{why}; {SENSOR_ADDS}"
+
+
+def _observer_lacks(missing: Collection[str]) -> str:
+    """Name the sensors that a joint of which the acceleration is measured lacks for its stiffness."""
+    names = {"link_position": "an encoder on the link (link_position)"}
+    return " and ".join(names.get(role, f"{meaning(role)} ({role})") for role in dict.fromkeys(missing))
 
 
 def _missing(device: Device, offered: Collection[str]) -> list[str]:

@@ -207,6 +207,10 @@ def _read(log: Path | Recording, wanted: set[str] | None, options: Options, prog
     missing = sorted((wanted or set()) - set(recording.channels) - set(recording.unread))
     if missing:
         known = open_reader(log, options.rate).catalogue()
+        if missing[0] in known.channels:
+            raise BindingError(
+                f"{log.name}: channel '{missing[0]}' is there, but without a single row: nothing was recorded in it"
+            )
         if missing[0] not in known.unread:
             raise BindingError(
                 f"{log.name}: there is no channel '{missing[0]}'{did_you_mean(missing[0], known.channels) or '.'}"

@@ -49,14 +49,19 @@ def test_refusals(run, log, samples):
     for arguments, words in (
         (("compare", log, "-e", "qr-rls:forgetting"), "NAME:KEY=VALUE"),
         (("compare", log, "-e", "kalman"), "kalman"),
-        (("compare", samples / "desr_foot" / "desr_foot.mat", "-e", "direct,qr-rls"), "motor_torque"),
+        (("compare", log, "-e", "direct,kalman"), "kalman"),
+        (("compare", log, "-e", "direct,qr-rls:forgeting=0.9"), "forgeting"),
+        (("compare", log, "-e", "direct,qr-rls:preset=book"), "book"),
+        (("compare", samples / "desr_foot" / "desr_foot.mat", "-e", "qr-rls"), "motor_torque"),
+        (("compare", samples / "desr_foot" / "desr_foot.mat", "-e", "qr-rls,batch-ls"), "qr-rls: joint"),
         (("compare", "nothing.mcap"), "nothing.mcap"),
         (("compare", log, "-e", ","), "names no estimator"),
         (("compare", log, "-e", ""), "names no estimator"),
     ):
         done = run(*arguments)
-        assert done.returncode == 2
+        assert done.returncode == 2, arguments
         assert words in done.stderr
+        assert done.stdout == ""
 
 
 def test_estimators_that_the_log_does_not_allow_are_left_out_with_the_reason(run, samples):
@@ -64,6 +69,17 @@ def test_estimators_that_the_log_does_not_allow_are_left_out_with_the_reason(run
     found = json.loads(done.stdout)
     assert {row["estimator"] for row in found["rows"]} == {"residual-rls:modality=SENSOR", "direct", "impedance"}
     assert "motor_torque" in found["left_out"]["qr-rls"]
+
+
+def test_one_that_was_named_and_is_not_allowed_is_left_out_too(run, samples):
+    done = run("compare", samples / "desr_foot" / "desr_foot.mat", "-e", "qr-rls,direct", "--json")
+    assert done.returncode == 0, done.stderr
+    found = json.loads(done.stdout)
+    assert {row["estimator"] for row in found["rows"]} == {"direct"}
+    assert list(found["left_out"]) == ["qr-rls"]
+    assert "motor_torque" in found["left_out"]["qr-rls"]
+    told = run("compare", samples / "desr_foot" / "desr_foot.mat", "-e", "qr-rls,direct")
+    assert "qr-rls" in told.stdout + told.stderr
 
 
 def test_an_estimator_that_is_named_twice_runs_once(run, log):

@@ -159,8 +159,9 @@ def _lacking(log: Path, options: Options, recording: Recording, name: str, joint
     missing = [(role, channel) for role, channels in named.items() for channel in sorted(channels)]
     known = list(open_reader(log, options.rate).catalogue().channels) if missing else []
     return [
-        f"{log.name}: there is no channel '{channel}', which the rig names for {role} of joint '{name}', and it was looked at"
-        f" without{did_you_mean(channel, known)}"
+        f"{log.name}: {'channel' if channel in known else 'there is no channel'} '{channel}', which the rig names for {role} of"
+        f" joint '{name}',{' has no row,' if channel in known else ''} and it was looked at"
+        f" without{'' if channel in known else did_you_mean(channel, known)}"
         for role, channel in missing
     ]
 

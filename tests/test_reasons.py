@@ -1,0 +1,117 @@
+"""What is said of joints, sensors and logs that a method cannot work with, or could work with better."""
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.parquet as pq
+import pytest
+from test_binding import joint_of
+
+import vsalog
+from vsalog.errors import EstimatorError
+from vsalog.estimation import choose
+from vsalog.rig import Rig
+
+T = np.arange(4000) * 1e-3
+RIG = """
+[joint.elbow]
+kind = "elastic"
+{motor}
+[joint.elbow.signals]
+{signals}
+"""
+ROLES = {"link_position": "q", "motor_position": "theta", "torque_sensor": "tau", "motor_torque": "drive"}
+INERTIA = "[joint.elbow.motor]\ninertia = 0.01"
+
+
+def rig_with(*roles, motor=""):
+    return RIG.format(motor=motor, signals="\n".join(f'{role} = "{ROLES.get(role, role)}"' for role in roles))
+
+
+def reason(rig):
+    name, joint = joint_of(rig)
+    return choose(name, joint, "auto", {}).reason
+
+
+@pytest.mark.parametrize(
+    ("roles", "motor", "words"),
+    [
+        (("motor_position",), INERTIA, "no motor_torque is recorded; with motor_torque the motor's"),
+        (("motor_position",), "", "with motor_torque and the motor's inertia in the rig the motor's"),
+        (
+            ("deflection",),
+            INERTIA,
+            "no motor_torque or motor_position is recorded; with motor_torque and motor_position the",
+        ),
+        (("deflection", "motor_torque"), INERTIA, "no motor_position is recorded; with motor_position the"),
+        (("motor_position", "motor_torque"), "", "the motor's inertia is not known"),
+    ],
+)
+def test_auto_names_what_lacks_and_not_what_is_there(roles, motor, words):
+    found = reason(rig_with("link_position", "torque_sensor", *roles, motor=motor))
+    assert words in found
+    lacking = found.partition("no motor_")[2].partition("is recorded")[0]
+    assert not [role for role in roles if role in f"motor_{lacking}"]
+
+
+def test_auto_says_what_one_more_sensor_would_add():
+    for name, words in (("pam", "link_position"), ("kuka-kr15", "link_position")):
+        rig = Rig.load(name)
+        joint, spec = next(iter(rig.joints.items()))
+        signals = {role: getattr(spec.signals, role) for role in spec.signals.__struct_fields__}
+        bare = type(spec.signals)(**{**signals, "link_position": None})
+        changed = type(spec)(**{**{f: getattr(spec, f) for f in spec.__struct_fields__}, "signals": bare})
+        assert words in choose(joint, changed, "auto", {}, rig.file).reason
+    pam = Rig.load("pam")
+    assert "link_position" not in choose("pam", pam.joints["pam"], "auto", {}, pam.file).reason
+
+
+def test_the_kind_is_refused_before_a_role_is_asked_for():
+    rig = Rig.load("vsa2")
+    with pytest.raises(EstimatorError, match="two transmissions drive the link") as caught:
+        choose("vsa2", rig.joints["vsa2"], "impedance-coupled", {}, rig.file)
+    assert "external_torque" not in str(caught.value)
+
+
+@pytest.fixture
+def bench(tmp_path):
+    """A log whose torque sensor is dead, and its rig."""
+    tau = np.sin(3.0 * T) + 0.3 * np.sin(17.0 * T)
+    theta = 0.4 * np.sin(3.0 * T) + 0.1 * np.cos(11.0 * T)
+    noise = np.random.default_rng(1).normal(0.0, 1e-5, (2, T.size))
+    columns = {"time": T, "q": theta + tau / 40.0 + noise[0], "theta": theta + noise[1], "drive": tau}
+    columns["tau"] = np.full(T.size, 0.125)
+    pq.write_table(pa.table(columns), tmp_path / "log.parquet")
+    pq.write_table(pa.table({name: x[:0] for name, x in columns.items()}), tmp_path / "empty.parquet")
+    (tmp_path / "log.rig.toml").write_text(rig_with(*ROLES, motor=INERTIA))
+    return tmp_path
+
+
+@pytest.mark.parametrize("estimator", ["impedance", "direct", "grioli-parametric", "residual-rls:modality=SENSOR"])
+def test_a_dead_torque_sensor_is_refused_by_whoever_reads_it(refused, bench, estimator):
+    name, *tune = estimator.split(":")
+    said = refused("estimate", "log.parquet", "-e", name, *(["--tune", *tune] if tune else []), cwd=bench)
+    assert "torque_sensor is 0.125 N·m from beginning to end" in said
+    assert "RuntimeWarning" not in said
+
+
+def test_a_dead_torque_sensor_is_no_matter_to_others(run, bench):
+    done = run("estimate", "log.parquet", "-e", "residual-rls", cwd=bench)
+    assert done.returncode == 0, done.stderr
+
+
+@pytest.mark.parametrize("command", ["estimate", "diagnose", "compare"])
+def test_a_table_without_rows_is_said_to_have_none(refused, bench, command):
+    said = refused(command, "empty.parquet", "--rig", "log.rig.toml", cwd=bench)
+    assert "without a single row" in said or "has no row" in said
+    assert "did you mean" not in said
+    assert "there is no channel" not in said
+
+
+@pytest.mark.parametrize("estimator", ["impedance", "grioli-bicchi"])
+def test_no_gain_makes_a_stiffness_certain(samples, estimator):
+    (found,) = vsalog.estimate(samples / "sea_exp1.csv", estimator=estimator, tune={"alpha": 1e200})
+    for part in found.trace.transmissions.values():
+        std = np.asarray(part["stiffness_std"])
+        assert np.isfinite(std).any()
+        assert not (std == 0.0).any()
+        assert not np.asarray(part["excited"])[np.isnan(std)].any()
