@@ -4,6 +4,8 @@ import re
 from pathlib import Path
 
 from vsalog.cli import cli
+from vsalog.rig import Rig
+from vsalog.rig.load import presets
 from vsalog.trace import EXTRA_UNITS, UNITS
 
 ROOT = Path(__file__).parent.parent
@@ -22,6 +24,15 @@ def test_every_column_is_documented():
     text = (ROOT / "docs" / "output.md").read_text(encoding="utf-8")
     for column in [*UNITS, *(c.removesuffix("_std") for c in EXTRA_UNITS)]:
         assert f"`{column}`" in text, column
+
+
+def test_every_preset_and_its_joints_are_in_the_rig_reference():
+    text = (ROOT / "docs" / "rig.md").read_text(encoding="utf-8")
+    listed = text.split("\nPresets: ")[1].split("\n\n")[0]
+    for preset in presets():
+        assert f"`{preset}`" in listed, preset
+        for joint in Rig.load(preset).joints:
+            assert f"`{joint}`" in listed, (preset, joint)
 
 
 def test_the_links_of_the_readme_lead_somewhere():

@@ -60,6 +60,14 @@ def test_samples_that_stand_alone_are_missing_and_named(role, name, at, value):
     assert not clean.notes
 
 
+@pytest.mark.parametrize("wild", [9e9, -1e30, 1e300])
+@pytest.mark.parametrize("step", [1.0, 0.01])
+def test_a_wild_number_does_not_hide_behind_its_size(wild, step):
+    x = np.round(20.0 * motion() / step) * step
+    x[3000] = wild
+    assert indices(x) == [3000]
+
+
 def test_a_lost_packet_that_reads_zero_is_found_wherever_it_would_show():
     for at in (500, 1234, 7777):
         x = 0.8 + motion(at)

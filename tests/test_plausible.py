@@ -2,7 +2,6 @@
 
 import numpy as np
 import pytest
-from test_binding import T as _T
 from test_binding import joint_of, recording
 
 from vsalog.binding import bind, offered_roles
@@ -14,7 +13,6 @@ from vsalog.rig.find import find_rig
 from vsalog.rig.load import presets
 from vsalog.simulation.run import Options, prepare
 
-assert _T.size  # the sample times of those tests are too few for these
 T = np.arange(8000) * 1e-3
 RIG = """
 [joint.elbow]
@@ -68,6 +66,14 @@ def test_an_encoder_whose_zero_is_off():
     assert "link_position − motor_position" in text
     assert "around -0.699 rad" in text
     assert "'offset' of link_position or motor_position" in text
+
+
+def test_a_smaller_offset_shows_where_the_torque_is_centred():
+    made = channels()
+    made["theta"] = made["theta"] + 0.1
+    assert "around -0.0" in one(made)
+    made["tau"] = made["tau"] + 2.0
+    assert warned(made) == ()
 
 
 def test_a_zero_is_not_suspected_under_a_weight():
@@ -157,7 +163,15 @@ def test_no_preset_gives_a_false_alarm(preset, ideal, tmp_path):
         assert not [note for note in signals.notes if "alone" in note]
 
 
-LOGS = ["awas_exp1.mcap", "awas_exp2.mcap", "sea_exp1.csv", "sea_exp2.bag", "vsa2_exp1.mcap", "vsa2_exp2.mcap"]
+LOGS = [
+    "desr_foot/desr_foot.mat",
+    "awas_exp1.mcap",
+    "awas_exp2.mcap",
+    "sea_exp1.csv",
+    "sea_exp2.bag",
+    "vsa2_exp1.mcap",
+    "vsa2_exp2.mcap",
+]
 
 
 @pytest.mark.parametrize("log", LOGS)

@@ -113,10 +113,12 @@ def _alone(known: Array, turn: float | None) -> Flags:
     least = max(
         DEVIATIONS * _deviation(left),
         BEYOND * usual,
-        STEPS * (step_of(known) or 0.0),
         SHARE * _usual_range(known),
     )
     far = size > least
+    if not far.any():
+        return far
+    far &= size > STEPS * _step(known, far)
     good = np.flatnonzero(~far)
     for first in np.flatnonzero(far & ~np.concatenate(([False], far[:-1]))):
         after = int(np.searchsorted(good, first))
@@ -124,6 +126,12 @@ def _alone(known: Array, turn: float | None) -> Flags:
         if last - first > LONGEST or not _calm(known, good, after, float(size[first:last].max()), turn):
             far[first:last] = False
     return far
+
+
+def _step(known: Array, far: Flags) -> float:
+    """Return the sensor's step, 0 where it has none: beside a number as large as a wild one all of its levels would be one."""
+    usual = known[~far]
+    return step_of(known if usual.min() == usual.max() else usual) or 0.0
 
 
 def _calm(known: Array, good: NDArray[np.intp], after: int, size: float, turn: float | None) -> bool:

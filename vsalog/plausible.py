@@ -6,7 +6,7 @@ warned of.
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterator
+from collections.abc import Collection, Iterator, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,8 +17,9 @@ from vsalog.signals import JointSignals
 Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]
 
-# A deflection whose middle is so many times half its range from zero rests on an encoder's zero, not on a load.
-OFF_CENTRE = 3.0
+# A deflection whose middle is so many times half its range from zero rests on an encoder's zero, unless a torque is one-sided
+# too; once is enough under a torque whose middle is less than this part of half its range.
+OFF_CENTRE, CENTRED = 3.0, 0.2
 # Positions of which one counts the other way round: how they are correlated, how much alike they move, and how little is left
 # when one of them is turned.
 OPPOSED, ALIKE, TURNED = -0.8, 3.0, 0.5
@@ -31,8 +32,8 @@ STILL, TURNS_BACK = 0.3, 0.2
 # An encoder that is stuck: how long [s], steps of the other one and part of the other's range meanwhile, how much more than the
 # deflection that is, and how the two are correlated elsewhere.
 STUCK, MOVED, MOVED_SHARE, MORE, TOGETHER = 0.5, 50.0, 0.2, 1.5, 0.8
-# Fewer samples tell nothing.
-FEWEST = 50
+# Fewer samples tell nothing, and more tell no more about where a signal usually is.
+FEWEST, ENOUGH = 50, 100_000
 
 
 def implausible(device: Device, signals: JointSignals) -> Iterator[str]:
@@ -50,7 +51,8 @@ def implausible(device: Device, signals: JointSignals) -> Iterator[str]:
 
 def _span(x: Array, share: float = 0.01) -> tuple[float, float]:
     """Return between what values a signal is, but for single ones; (0, 0) for one that is too short."""
-    finite = x[np.isfinite(x)]
+    some = x[:: max(1, x.size // ENOUGH)]
+    finite = some[np.isfinite(some)]
     if finite.size < FEWEST:
         return 0.0, 0.0
     low, high = np.quantile(finite, (share, 1.0 - share))
@@ -61,29 +63,37 @@ def _off_centre(device: Device, signals: JointSignals) -> Iterator[str]:
     views = [view for view in device.transmissions if has_deflection(signals.roles, view)]
     if not views or len(views) < len(device.transmissions):
         return
-    # Two springs that pull against each other are stretched both; the middle between them is not.
-    spans = [_span(deflection_of(signals.roles, view)) for view in views]
-    middle = float(np.mean([0.5 * (low + high) for low, high in spans]))
-    half = max(0.5 * (high - low) for low, high in spans)
-    if not half > 0.0 or abs(middle) <= OFF_CENTRE * half or _loaded(device, signals):
+    middle, half = _middle([deflection_of(signals.roles, view) for view in views])
+    load, either = _middle(_torques(device, signals))
+    one_sided, centred = abs(load) > either, len(views) == 1 and either > 0.0 and abs(load) < CENTRED * either
+    if not half > 0.0 or one_sided or abs(middle) <= (1.0 if centred else OFF_CENTRE) * half:
         return
     roles = views[0].deflection_roles(signals.roles)
     yield (
         f"joint '{signals.joint}': the deflection ({' − '.join(roles)}) lies around {middle:.4g} rad and moves by"
-        f" ±{half:.3g} rad only, never near zero: is an encoder's zero off? Give it as 'offset' of {' or '.join(roles)} in the"
+        f" ±{half:.3g} rad only: is an encoder's zero off? Give it as 'offset' of {' or '.join(roles)} in the"
         " rig; the stiffness over the deflection is wrong if so"
     )
 
 
-def _loaded(device: Device, signals: JointSignals) -> bool:
-    """Tell whether a torque is as one-sided as the deflection, as under a weight."""
-    roles = [r for view in device.transmissions for r in (view.torque_sensor, view.motor_torque)]
-    for role in dict.fromkeys(("torque_sensor", *roles)):
-        if role in signals.roles:
-            low, high = _span(signals.roles[role])
-            if high > low:
-                return abs(low + high) > high - low
-    return False
+def _middle(parts: Sequence[Array]) -> tuple[float, float]:
+    """Return around what value signals lie on average, and half the widest range of them.
+
+    Two springs that pull against each other are stretched both; the middle between them is not.
+    """
+    spans = [_span(x) for x in parts]
+    if not spans:
+        return 0.0, 0.0
+    return float(np.mean([0.5 * (low + high) for low, high in spans])), max(0.5 * (high - low) for low, high in spans)
+
+
+def _torques(device: Device, signals: JointSignals) -> list[Array]:
+    """Return the torques that tell whether the joint is loaded: its sensor's, its transmissions', or its motors'."""
+    views = device.transmissions
+    for roles in (["torque_sensor"], [v.torque_sensor for v in views], [v.motor_torque for v in views]):
+        if set(roles) <= set(signals.roles):
+            return [signals.roles[role] for role in roles]
+    return []
 
 
 def _opposed(signals: JointSignals, view: TransmissionView) -> Iterator[str]:
