@@ -34,7 +34,7 @@ CHOSEN = (
 )
 TORQUES = {"motor_torque": sine(15.0, 2.0), "secondary_torque": sine(293.0, 0.1)}
 OTHER_METHOD = (
-    "another method than the paper's, for comparison: {} The first samples, before anything is learnt, count as 100 %"
+    "another method than the paper's, for comparison: {} The first samples, before anything is learnt, do not count"
 )
 
 
