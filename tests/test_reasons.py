@@ -1,5 +1,8 @@
 """What is said of joints, sensors and logs that a method cannot work with, or could work with better."""
 
+import warnings
+from dataclasses import replace
+
 import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
@@ -8,7 +11,8 @@ from test_binding import joint_of
 
 import vsalog
 from vsalog.errors import EstimatorError
-from vsalog.estimation import choose
+from vsalog.estimation import choose, estimate_joint
+from vsalog.readers import read
 from vsalog.rig import Rig
 
 T = np.arange(4000) * 1e-3
@@ -86,10 +90,19 @@ def bench(tmp_path):
     return tmp_path
 
 
-@pytest.mark.parametrize("estimator", ["impedance", "direct", "grioli-parametric", "residual-rls:modality=SENSOR"])
-def test_a_dead_torque_sensor_is_refused_by_whoever_reads_it(refused, bench, estimator):
-    name, *tune = estimator.split(":")
-    said = refused("estimate", "log.parquet", "-e", name, *(["--tune", *tune] if tune else []), cwd=bench)
+@pytest.mark.parametrize(
+    ("estimator", "tune"),
+    [("direct", {}), ("grioli-parametric", {}), ("residual-rls", {"modality": "SENSOR"}), ("impedance", {})],
+)
+def test_a_dead_torque_sensor_is_refused_by_whoever_reads_it(bench, estimator, tune):
+    with pytest.raises(
+        EstimatorError, match=f"torque_sensor is 0.125 N·m from beginning to end.* and {estimator} takes"
+    ):
+        vsalog.estimate(bench / "log.parquet", estimator=estimator, tune=tune)
+
+
+def test_a_dead_torque_sensor_gives_one_line_and_no_warning_of_a_library(refused, bench):
+    said = refused("estimate", "log.parquet", "-e", "impedance", cwd=bench)
     assert "torque_sensor is 0.125 N·m from beginning to end" in said
     assert "RuntimeWarning" not in said
 
@@ -115,3 +128,33 @@ def test_no_gain_makes_a_stiffness_certain(samples, estimator):
         assert np.isfinite(std).any()
         assert not (std == 0.0).any()
         assert not np.asarray(part["excited"])[np.isnan(std)].any()
+
+
+def test_numbers_out_of_range_leak_no_warning_from_any_part_of_an_estimate(bench):
+    """Building the fold, its model and the summary may meet them, not only the steps."""
+    recording = read(bench / "log.parquet")
+    name, joint = joint_of((bench / "log.rig.toml").read_text())
+    choice = choose(name, joint, "residual-rls", {})
+    met = []
+
+    class Fold:
+        def __init__(self, fold):
+            self.fold = fold
+
+        def __getattr__(self, key):
+            if key in ("model", "warnings"):
+                met.append(key)
+                np.sqrt(np.array([-1.0])) / np.zeros(1)
+            return getattr(self.fold, key)
+
+    class Method:
+        @staticmethod
+        def build(*given):
+            met.append("build")
+            np.exp(np.array([1e4])) * np.log(np.array([0.0]))
+            return Fold(choice.method.build(*given))
+
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        estimate_joint([recording], name, joint, replace(choice, method=Method))
+    assert set(met) == {"build", "model", "warnings"}
