@@ -17,7 +17,8 @@ from vsalog.cli.options import reading_options, rig_options
     multiple=True,
     metavar="NAME,NAME…",
     help="Which; each may be tuned, e.g. residual-rls:modality=SENSOR,qr-rls:forgetting=0.98, or qr-rls:preset=paper for the"
-    " values that its paper prints. Those that the log does not allow are left out, with the reason. All that it allows when absent.",
+    " values that its paper prints. Those that the log does not allow are left out, with the reason. All that it allows when"
+    " absent.",
 )
 @rig_options("Compare")
 @reading_options
