@@ -18,7 +18,7 @@ ROLES = ("motor_position", "link_position", "torque_sensor")
 
 @pytest.mark.parametrize(
     ("spring", "count"),
-    [(None, 120), (CubicTransmission(stiffness=24.0, cubic=1500.0), 30)],
+    [(None, 60), (CubicTransmission(stiffness=24.0, cubic=1500.0), 20)],
     ids=["right model", "another spring"],
 )
 def test_many_second_experiments(spring, count, models):
