@@ -34,7 +34,7 @@ def exact_weights(window, degree, derivative):
     return np.array([float(w) for w in weights])
 
 
-@pytest.mark.parametrize(("window", "degree"), [(5, 2), (11, 3), (12, 3), (51, 4), (101, 5)])
+@pytest.mark.parametrize(("window", "degree"), [(5, 2), (11, 3), (12, 3), (51, 4), (101, 3)])
 @pytest.mark.parametrize("derivative", [0, 1, 2])
 def test_agrees_with_scipy_where_scipy_is_well_conditioned(window, degree, derivative):
     ours = savgol_weights(window, degree, derivative, period=0.01)[derivative]
@@ -42,7 +42,7 @@ def test_agrees_with_scipy_where_scipy_is_well_conditioned(window, degree, deriv
     np.testing.assert_allclose(ours, theirs, rtol=0, atol=1e-9 * np.abs(theirs).max())
 
 
-@pytest.mark.parametrize(("window", "degree"), [(1000, 20), (1001, 20), (201, 20), (64, 9)])
+@pytest.mark.parametrize(("window", "degree"), [(1000, 20), (1001, 20), (201, 20), (64, 9), (101, 5)])
 @pytest.mark.parametrize("derivative", [0, 1, 2])
 def test_keeps_its_digits_at_degree_20_on_1000_samples(window, degree, derivative):
     ours = savgol_weights(window, degree, derivative)[derivative]
