@@ -16,13 +16,9 @@ from subprocess import CompletedProcess, TimeoutExpired
 
 import vsalog
 
-# What needs an optional library is imported by who asks for it.
-_OPTIONAL = ("vsalog.batch.",)
-
 
 def _modules():
-    names = [m.name for m in pkgutil.walk_packages(vsalog.__path__, "vsalog.")]
-    return [n for n in names if not n.endswith("__main__") and not n.startswith(_OPTIONAL)]
+    return [m.name for m in pkgutil.walk_packages(vsalog.__path__, "vsalog.") if not m.name.endswith("__main__")]
 
 
 _context = multiprocessing.get_context("forkserver")

@@ -231,8 +231,7 @@ def estimate_joint(
     # Where numbers run out of range the estimate is infinite or none, and the trace says so; numpy need not.
     with np.errstate(over="ignore", invalid="ignore", divide="ignore"):
         fold = choice.method.build(device, signals, choice.tuning)
-        runs = np.diff(np.append(np.flatnonzero(signals.starts), len(signals)))
-        fold.conditioner.check_length(int(runs.max()))
+        fold.conditioner.check_length(signals.longest_run)
         state = _fold(fold, signals, block, (kept.append if sink is None else sink), summarizer)
         summary = summarizer.result(signals)
         return JointEstimate(

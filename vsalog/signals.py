@@ -45,6 +45,11 @@ class JointSignals:
     def __len__(self) -> int:
         return int(self.time.shape[0])
 
+    @property
+    def longest_run(self) -> int:
+        """Number of samples of the longest stretch without a gap."""
+        return int(np.diff(np.append(np.flatnonzero(self.starts), len(self))).max())
+
     def __getitem__(self, part: slice) -> JointSignals:
         return replace(
             self,

@@ -106,7 +106,7 @@ def fir_weights(taps: int, period: float) -> Array:
 
 
 def _check_span(signals: JointSignals, span: float, taps: int) -> None:
-    longest = int(np.diff(np.append(np.flatnonzero(signals.starts), len(signals))).max())
+    longest = signals.longest_run
     if taps < FEWEST:
         least = (FEWEST - 1) * signals.period
         raise FilterError(

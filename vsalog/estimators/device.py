@@ -131,6 +131,12 @@ def largest(*signals: Array) -> float:
     return max((float(x.max()) for x in finite if x.size), default=0.0) or 1.0
 
 
+def spread(x: Array) -> float:
+    """Return the standard deviation of a signal's finite samples; 0 where there is none."""
+    finite = x[np.isfinite(x)]
+    return float(np.std(finite)) if finite.size else 0.0
+
+
 def _view(name: str, motor: Motor, nominal: Transmission, suffix: str) -> TransmissionView:
     roles = (f"{role}{suffix}" for role in ("motor_position", "motor_torque", "torque_sensor", "deflection"))
     return TransmissionView(name, motor, nominal, *roles)

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vsalog.errors import EstimatorError
-from vsalog.estimators.device import Device, TransmissionView, deflection_of
+from vsalog.estimators.device import Device, TransmissionView, deflection_of, spread
 from vsalog.estimators.net_torque import NetTorque, doubt_role, extended, way_role
 from vsalog.estimators.tuning import Tuning
 from vsalog.filters.conditioning import Conditioned, Conditioner
@@ -123,7 +123,7 @@ def known_of(
     damping, gap = (0.0, 0.0) if isinstance(t, UnknownTransmission) else (t.damping, t.backlash)
     if not (rubbing or damping or loops):
         return None
-    size, load = _spread(signals.roles[torque]), friction.load if rubbing else 0.0
+    size, load = spread(signals.roles[torque]), friction.load if rubbing else 0.0
     level = load * size + (friction.breakaway if rubbing else 0.0)
     limits = (
         max(share * of, SHARE_OF_TORQUE * size) for share, of in ((SHARE_OF_FRICTION, level), (SHARE_OF_LOOP, loops))
@@ -158,9 +158,3 @@ def _rates(device: Device, roles: Collection[str]) -> tuple[str, ...]:
         v for v in device.transmissions if not isinstance(v.nominal, UnknownTransmission) and v.nominal.damping > 0.0
     ]
     return tuple(dict.fromkeys(role for v in damped for role in v.deflection_roles(roles)))
-
-
-def _spread(torque: Array) -> float:
-    """Return the standard deviation of a torque [N·m]; 0 where there is none."""
-    finite = torque[np.isfinite(torque)]
-    return float(np.std(finite)) if finite.size else 0.0

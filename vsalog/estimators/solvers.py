@@ -15,10 +15,10 @@ from vsalog.estimators.rls import RlsState, rls_block
 from vsalog.filters.conditioning import Conditioner
 
 Array = NDArray[np.float64]
+Flags = NDArray[np.bool_]
 
 # What happens within so many of a filter's windows does not tell how large slow noise is.
 WINDOWS = 5
-Flags = NDArray[np.bool_]
 
 
 @dataclass(frozen=True, slots=True)

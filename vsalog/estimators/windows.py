@@ -11,7 +11,7 @@ import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
-from vsalog.estimators.device import Device, TransmissionView, deflection_of
+from vsalog.estimators.device import Device, TransmissionView, deflection_of, spread
 from vsalog.estimators.tuning import Tuning
 from vsalog.filters.savitzky_golay import savgol_filter, savgol_weights
 from vsalog.resolution import sensor_noise
@@ -43,8 +43,7 @@ def suitable_windows(device: Device, signals: JointSignals, tuning: Tuning) -> l
     """
     if tuning.window is not None:
         return [2 * round(0.5 * tuning.window / signals.period) + 1]
-    longest = int(np.diff(np.append(np.flatnonzero(signals.starts), len(signals))).max())
-    fitting = [w for w in WINDOWS if w > tuning.degree and w <= PART_OF_RUN * longest] or [WINDOWS[0]]
+    fitting = [w for w in WINDOWS if w > tuning.degree and w <= PART_OF_RUN * signals.longest_run] or [WINDOWS[0]]
     quiet: list[int] = []
     powers = np.zeros(len(device.transmissions))
     for window in fitting:
@@ -64,7 +63,7 @@ def motor_window(device: Device, signals: JointSignals, tuning: T) -> T:
     if tuning.window is not None or tuning.filter != "savitzky-golay":
         return tuning
     part = _most_moved(signals, [view.motor_position for view in device.transmissions])
-    longest = int(np.diff(np.append(np.flatnonzero(signals.starts), len(signals))).max())
+    longest = signals.longest_run
     found, before = WINDOWS[0], np.zeros(len(device.transmissions))
     for window in (w for w in WINDOWS if w == found or w <= PART_OF_RUN * longest):
         weights = savgol_weights(window, tuning.degree, 2, signals.period)
@@ -81,7 +80,7 @@ def motor_window(device: Device, signals: JointSignals, tuning: T) -> T:
 
 def _most_moved(signals: JointSignals, roles: Collection[str]) -> JointSignals:
     """Return the stretch of a log in which some motor moves most."""
-    spreads = [sum(float(np.nan_to_num(np.nanstd(b.roles[r]))) for r in roles) for b in signals.blocks(ENOUGH)]
+    spreads = [sum(spread(b.roles[r]) for r in roles) for b in signals.blocks(ENOUGH)]
     first = int(np.argmax(spreads)) * ENOUGH
     return signals[first : first + ENOUGH]
 
@@ -92,7 +91,7 @@ def _quiet(view: TransmissionView, signals: JointSignals, weights: Array) -> boo
     noise = sensor_noise(theta, signals.resolution.get(view.motor_position, 0.0), LEAST_NOISE)
     inertia = view.motor.reflected_inertia
     if inertia is not None:
-        return bool(inertia * noise * np.linalg.norm(weights[2]) <= QUIET * np.nanstd(torque))
+        return bool(inertia * noise * np.linalg.norm(weights[2]) <= QUIET * spread(torque))
     speed = savgol_filter(theta, weights[1:2])[0]
     return not np.isfinite(speed).any() or bool(
         noise * np.linalg.norm(weights[1]) <= QUIET * np.sqrt(np.nanmean(speed**2))

@@ -94,7 +94,7 @@ class Derivatives:
         FilterError
             No run is long enough for the filter.
         """
-        self.check_length(int(np.diff(np.append(np.flatnonzero(signals.starts), len(signals))).max()))
+        self.check_length(signals.longest_run)
         state, parts = self.step(self.start(), signals)
         parts += self.finish(state)[1]
         rows = parts[0].rows

@@ -59,15 +59,8 @@ class JsonDecoder:
             result.stamps[row] = stamp
         found: dict[str, float] = {}
         self._flatten(message, self.prefix, found, 0)
-        for name, value in found.items():
-            if self.wanted is not None and name not in self.wanted:
-                continue
-            if name not in result.columns:
-                if len(result.columns) >= MAX_FIELDS:
-                    self.unread.setdefault(self.prefix, f"more than {MAX_FIELDS} different fields")
-                    continue
-                result.columns[name] = np.full(count, np.nan)
-            result.columns[name][row] = value
+        if not result.put(row, found, self.wanted):
+            self.unread.setdefault(self.prefix, f"more than {MAX_FIELDS} different fields")
 
     def _flatten(self, value: Any, path: str, found: dict[str, float], depth: int) -> None:
         """Collect the numbers below `value` in `found`, by path."""

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass, field
 from typing import Protocol
 
@@ -51,6 +51,20 @@ class Decoded:
     stamps: Stamps | None = None
     columns: dict[str, Values] = field(default_factory=dict)
     units: dict[str, str] = field(default_factory=dict)
+
+    def put(self, row: int, numbers: Mapping[str, float], wanted: Collection[str] | None) -> bool:
+        """Store the wanted ones of a message's numbers, by channel name; tells whether there was room for all."""
+        room = True
+        for name, value in numbers.items():
+            if wanted is not None and name not in wanted:
+                continue
+            if name not in self.columns:
+                if len(self.columns) >= MAX_FIELDS:
+                    room = False
+                    continue
+                self.columns[name] = np.full(len(self.good), np.nan)
+            self.columns[name][row] = value
+        return room
 
 
 class Decoder(Protocol):

@@ -98,15 +98,8 @@ class ProtobufDecoder:
             result.stamps[row] = _stamp_of(message, self._stamp_path)
         found: dict[str, float] = {}
         self._walk(message, self.prefix, found, 0)
-        for name, value in found.items():
-            if self.wanted is not None and name not in self.wanted:
-                continue
-            if name not in result.columns:
-                if len(result.columns) >= MAX_FIELDS:
-                    self.unread.setdefault(self.prefix, f"more than {MAX_FIELDS} different fields")
-                    continue
-                result.columns[name] = np.full(len(result.good), np.nan)
-            result.columns[name][row] = value
+        if not result.put(row, found, self.wanted):
+            self.unread.setdefault(self.prefix, f"more than {MAX_FIELDS} different fields")
 
     def _walk(self, message: Any, path: str, found: dict[str, float], depth: int) -> None:
         """Collect the numbers of a message in `found`, by path."""

@@ -69,10 +69,9 @@ def smoothed(device: Device, signals: JointSignals, roles: tuple[str, ...]) -> S
         No run of the log is as long as the filter's window.
     """
     conditioner = conditioner_of(device, signals, tuning_of(signals), roles, motor=True, present=False)
-    runs = np.diff(np.append(np.flatnonzero(signals.starts), len(signals)))
-    if int(runs.max()) < WINDOW:
+    if signals.longest_run < WINDOW:
         raise FilterError(
-            f"the longest stretch without a gap has {int(runs.max())} samples, but validating filters over {WINDOW}"
+            f"the longest stretch without a gap has {signals.longest_run} samples, but validating filters over {WINDOW}"
             f" ({(WINDOW - 1) * signals.period:.3g} s); record longer"
         )
     state, given = conditioner.start(), 0
