@@ -109,6 +109,17 @@ def test_the_noisy_cases_reach_the_printed_numbers_after_the_transient(results, 
         assert ours <= row.printed, (row.of, row.quantity)
 
 
+def test_the_transient_is_where_the_other_method_has_its_printed_number_and_qr_rls_has_its_own_there(results):
+    rows = [r for r in results("flacco2014-noisy").rows if r.window == f"after {flacco2014.TRANSIENT:g} s"]
+    other = [r for r in rows if r.estimator == "residual-rls" and r.quantity.startswith("MSE ")]
+    assert [r.printed for r in other] == [92.2]
+    assert other[0].ours.median == pytest.approx(92.2, rel=0.1)
+    ours = [r for r in rows if r.settings == "vsalog's default" and r.estimator == "qr-rls"]
+    assert len(ours) == 2
+    for row in ours:
+        assert row.ours.median <= row.printed, (row.of, row.quantity)
+
+
 @pytest.mark.parametrize("name", ["flacco2012-table1", "flacco2012-table2", "flacco2014-table1", "flacco2014-noisy"])
 def test_a_row_says_all_that_is_needed_to_judge_it(results, name):
     result = results(name)

@@ -27,6 +27,10 @@ from vsalog.signals import JointSignals
 NAME = "qr-rls"
 SUMMARY = "integrated motor equation and QR-RLS (Flacco 2014); estimates motor inertia and damping too"
 
+# p0 times the largest regressor squared. Stronger, and the prior shows until the deflection has been through its range;
+# weaker, and a direction that noise alone moves runs away in the first seconds.
+WEAK = 2e5
+
 
 class QrRlsTuning(Tuning, frozen=True, forbid_unknown_fields=True, kw_only=True):
     """Tuning of qr-rls.
@@ -62,7 +66,7 @@ def roles(device: Device, offered: Collection[str], tuning: Tuning, name: str = 
 def build(device: Device, signals: JointSignals, tuning: QrRlsTuning) -> RegressionFold:
     """Assemble the estimator for a joint's signals."""
     tuning = motor_window(device, signals, tuning)
-    p0 = tuning.p0 if tuning.p0 is not None else 1e4 / largest_regressor(device, signals) ** 2
+    p0 = tuning.p0 if tuning.p0 is not None else WEAK / largest_regressor(device, signals) ** 2
     conditioner = conditioner_of(device, signals, tuning, roles(device, signals.roles, tuning), motor=True)
     leading = IntegratedMotorEquation.leading
     solver = QrSolver(tuning.forgetting, leading, p0, integral=True, least=least_samples(conditioner))
