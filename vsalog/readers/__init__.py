@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection
+from collections.abc import Callable, Collection
 from dataclasses import replace
+from functools import partial
 from os import PathLike
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -13,9 +14,12 @@ from vsalog.readers.base import Block, Catalogue, ChannelInfo, Reader
 from vsalog.recording import Recording
 
 if TYPE_CHECKING:
+    from vsalog.long_recording import LongRecording
     from vsalog.readers.bag import Container
 
-__all__ = ["Block", "Catalogue", "ChannelInfo", "Reader", "open_reader", "read"]
+    Collect = Callable[[Path, Reader, Collection[str] | None, str], Recording | LongRecording]
+
+__all__ = ["Block", "Catalogue", "ChannelInfo", "Reader", "open_reader", "read", "read_within"]
 
 TIMES = ("auto", "header", "log", "publish")
 
@@ -94,6 +98,38 @@ def read(
     ReadError
         The log cannot be read, holds nothing from `start` to `end`, or one of the options is impossible.
     """
+    from vsalog.readers.collect import collect
+
+    recording = _read(path, wanted, time, rate, start, end, collect)
+    assert isinstance(recording, Recording)
+    return recording
+
+
+def read_within(
+    room: int,
+    path: str | PathLike[str],
+    wanted: Collection[str] | None = None,
+    time: str = "auto",
+    rate: float | None = None,
+    start: str | float | None = None,
+    end: str | float | None = None,
+) -> Recording | LongRecording:
+    """Read a log as `read` does, into a temporary file where its samples would take more than `room` bytes of memory."""
+    from vsalog.readers.long_log import collect_within
+
+    return _read(path, wanted, time, rate, start, end, partial(collect_within, room=room))
+
+
+def _read(
+    path: str | PathLike[str],
+    wanted: Collection[str] | None,
+    time: str,
+    rate: float | None,
+    start: str | float | None,
+    end: str | float | None,
+    collect: Collect,
+) -> Recording | LongRecording:
+    """Read a log from wherever it is."""
     from vsalog.readers.remote import download_note, local
 
     if time not in TIMES:
@@ -101,29 +137,30 @@ def read(
     path, wanted = Path(path), None if wanted is None else frozenset(wanted)
     file = local(path)
     try:
-        recording = _read(file, wanted, time, rate, start, end)
+        recording = _read_file(file, wanted, time, rate, start, end, collect)
     except ReadError as error:
         raise (error if file is path else ReadError(str(error).replace(str(file), str(path)))) from None
     if file is path:
         return recording
-    return replace(recording, path=path, notes=(download_note(file), *recording.notes))
+    known = recording if isinstance(recording, Recording) else recording.look
+    told = replace(known, path=path, notes=(download_note(file), *known.notes))
+    return told if isinstance(recording, Recording) else replace(recording, look=told)
 
 
-def _read(
+def _read_file(
     path: Path,
     wanted: frozenset[str] | None,
     time: str,
     rate: float | None,
     start: str | float | None,
     end: str | float | None,
-) -> Recording:
+    collect: Collect,
+) -> Recording | LongRecording:
     """Read a log of this computer."""
-    from vsalog.readers.collect import collect
-
     if start is None and end is None:
         return collect(path, open_reader(path, rate), wanted, time)
     from vsalog.readers.bag import BagReader
-    from vsalog.readers.window import Window, cut
+    from vsalog.readers.window import Window
 
     first = open_reader(path, rate)
     bounds = Window.parse(start, end).bounds(first, path, time)
@@ -131,10 +168,18 @@ def _read(
     if isinstance(part, BagReader) and part.narrow(*bounds, time, wanted):
         known = {name for name in first.catalogue().channels if wanted is None or name in wanted}
         try:
-            return cut(collect(path, part, wanted, time), *bounds, known)
+            return _cut(collect(path, part, wanted, time), *bounds, known)
         except ReadError:  # nothing lies there: what the whole log has tells where to look
             part = open_reader(path, rate)
-    return cut(collect(path, part, wanted, time), *bounds)
+    return _cut(collect(path, part, wanted, time), *bounds)
+
+
+def _cut(
+    recording: Recording | LongRecording, low: int, high: int, known: Collection[str] = ()
+) -> Recording | LongRecording:
+    from vsalog.readers.window import cut
+
+    return cut(recording, low, high, known) if isinstance(recording, Recording) else recording.cut(low, high, known)
 
 
 def open_container(path: Path, kind: str) -> Container:

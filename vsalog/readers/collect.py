@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Generic, TypeVar
@@ -12,8 +12,9 @@ from numpy.typing import NDArray
 
 from vsalog.errors import ReadError
 from vsalog.readers.base import Block, Reader, plural
+from vsalog.readers.spool import Column, Kind, Spool, SpooledColumn, in_memory, parts
 from vsalog.readers.timing import YEAR_2000, Clock, Order, choose_clock, put_in_order
-from vsalog.recording import Channel, Recording, Stamps, Stream, Values
+from vsalog.recording import Channel, Recording, Stamps, Stream
 
 # Beyond so many bytes of samples, a log that grows so many times is a bomb.
 FREE_BYTES, MOST_TIMES = 256 * 2**20, 100
@@ -36,6 +37,14 @@ class _Column(Generic[T]):
     filled: int = 0
     blocks: int = 0
     zero: bool = True
+
+    def spooled(self, spool: Spool) -> SpooledColumn:
+        """Return the same values in a temporary file, and forget them here."""
+        column = SpooledColumn(spool, self.values.dtype.type)
+        column.add(0, self.values[: self.filled])
+        column.blocks = self.blocks
+        self.values = self.values[:0]
+        return column
 
     def add(self, at: int, new: NDArray[T]) -> None:
         """Put a block's values in place; what blocks before it had not is NaN."""
@@ -62,19 +71,24 @@ class _Column(Generic[T]):
 
 
 @dataclass(slots=True)
-class _Gathered:
-    """The blocks of one stream; in `alike` of them publish times are the log's."""
+class Gathered:
+    """The blocks of one stream; in `alike` of them publish times are the log's.
+
+    Columns are arrays, or lie in `spool` where there is one.
+    """
 
     type: str
+    spool: Spool | None = None
     count: int = 0
     blocks: int = 0
-    clocks: dict[str, _Column[np.int64]] = field(default_factory=dict)
-    columns: dict[str, _Column[np.float64]] = field(default_factory=dict)
+    clocks: dict[str, _Column[np.int64] | SpooledColumn] = field(default_factory=dict)
+    columns: dict[str, _Column[np.float64] | SpooledColumn] = field(default_factory=dict)
     units: dict[str, str] = field(default_factory=dict)
     timeless: str = ""
     alike: int = 0
 
     def add(self, block: Block) -> None:
+        """Take a block in."""
         room = min(block.expected, _MOST_ROOM)
         log = block.clocks.get("log")
         for kind, stamps in block.clocks.items():
@@ -82,15 +96,14 @@ class _Gathered:
                 self.alike += 1  # one array does for both, until they differ
                 continue
             if kind not in self.clocks:
-                self.clocks[kind] = _Column(np.zeros(room, dtype=np.int64))
+                self.clocks[kind] = self._new_clock(room)
                 if kind == "publish" and self.alike:
-                    self.clocks[kind].add(0, self.clocks["log"].values[: self.count])
-                    self.clocks[kind].blocks = self.alike
+                    self._as_the_log()
             # A clock that a block has not is none; the rest of it does not matter then.
             self.clocks[kind].add(self.clocks[kind].filled, stamps)
         for name, values in block.columns.items():
             if name not in self.columns:
-                self.columns[name] = _Column(np.zeros(room))
+                self.columns[name] = _Column(np.zeros(room)) if self.spool is None else self._spooled(np.float64)
             self.columns[name].add(self.count, values)
         for name, unit in block.units.items():
             self.units.setdefault(name, unit)
@@ -98,26 +111,54 @@ class _Gathered:
         self.count += len(next(iter(block.clocks.values())))
         self.blocks += 1
 
+    def _new_clock(self, room: int) -> _Column[np.int64] | SpooledColumn:
+        return _Column(np.zeros(room, dtype=np.int64)) if self.spool is None else self._spooled(np.int64)
+
+    def _spooled(self, kind: Kind) -> SpooledColumn:
+        assert self.spool is not None
+        return SpooledColumn(self.spool, kind)
+
+    def _as_the_log(self) -> None:
+        """Begin the publish times with those of the log, which they were so far."""
+        log, publish = self.clocks["log"], self.clocks["publish"]
+        for first, last in parts(self.count):
+            publish.add(first, (log[first:last] if isinstance(log, SpooledColumn) else log.values[first:last]))
+        publish.blocks = self.alike
+
+    def to_disk(self, spool: Spool) -> None:
+        """Put what there is and what is to come into a temporary file."""
+        self.spool = spool
+        self.clocks = {k: c.spooled(spool) if isinstance(c, _Column) else c for k, c in self.clocks.items()}
+        for name, column in self.columns.items():
+            if isinstance(column, _Column):
+                self.columns[name] = column.spooled(spool)
+
     def growth(self, block: Block) -> int:
         """Return how many bytes more the samples take with another block."""
         new = block.columns.keys() - self.columns.keys()
         rows = len(next(iter(block.clocks.values())))
         return 8 * (rows * (len(self.columns) + len(new) + len(block.clocks)) + self.count * len(new))
 
-    def joined_clocks(self) -> dict[str, Stamps]:
+    def joined_clocks(self) -> dict[str, Column]:
         """Return the clocks that every block has."""
-        found = {kind: clock.values[: self.count] for kind, clock in self.clocks.items() if clock.blocks == self.blocks}
+        found: dict[str, Column] = {
+            kind: clock if isinstance(clock, SpooledColumn) else clock.values[: self.count]
+            for kind, clock in self.clocks.items()
+            if clock.blocks == self.blocks
+        }
         if "publish" not in self.clocks and self.alike == self.blocks and self.alike:
             found["publish"] = found["log"]
         return found
 
-    def take_column(self, name: str) -> Values:
+    def take_column(self, name: str) -> Column:
         """Return a column over all blocks, NaN where a block has none of it, and forget it here."""
         return self.columns.pop(name).whole(self.count)
 
 
-def collect(path: Path, reader: Reader, wanted: Collection[str] | None, time: str) -> Recording:
-    """Read a log's blocks into a recording.
+def gather(
+    path: Path, reader: Reader, wanted: Collection[str] | None, room: int | None = None
+) -> tuple[dict[str, Gathered], Spool | None]:
+    """Read a log's blocks, stream by stream.
 
     Parameters
     ----------
@@ -127,36 +168,64 @@ def collect(path: Path, reader: Reader, wanted: Collection[str] | None, time: st
         It, opened.
     wanted : collection of str or None
         Channels to read and keep; None is all of them.
-    time : str
-        ``auto``, ``header``, ``log`` or ``publish``, see `vsalog.readers.read`.
+    room : int or None
+        Bytes of samples beyond which they go to a temporary file; None keeps all in memory.
+
+    Returns
+    -------
+    gathered : dict of str to Gathered
+        By stream, without the columns that turned out to be text.
+    spool : Spool or None
+        The file they are in, where they went to one.
 
     Raises
     ------
     ReadError
         The log cannot be read, or holds far more samples than a log of its size can.
     """
-    gathered: dict[str, _Gathered] = {}
+    gathered: dict[str, Gathered] = {}
+    spool: Spool | None = None
     size, most = 0, max(FREE_BYTES, MOST_TIMES * _bytes_of(path))
     for block in reader.blocks(wanted):
-        one = gathered.setdefault(block.stream, _Gathered(block.type))
+        one = gathered.setdefault(block.stream, Gathered(block.type, spool))
         size += one.growth(block)
         if size > most:
             raise ReadError(
                 f"{path}: unfolds to more than {most // 2**20} MiB of samples, {MOST_TIMES} times its size, as no"
                 " recording does; only some channels of it can be read, by their names"
             )
+        if room is not None and spool is None and size > room:
+            spool = Spool()
+            for each in gathered.values():
+                each.to_disk(spool)
         one.add(block)
+    for one in gathered.values():
+        for column in [column for column in one.columns if column in reader.unread]:
+            del one.columns[column]  # only the last block tells that a column holds no number at all
+    return gathered, spool
+
+
+def collect(path: Path, reader: Reader, wanted: Collection[str] | None, time: str) -> Recording:
+    """Read a log's blocks into a recording; parameters and errors as for `gather`.
+
+    Parameters
+    ----------
+    time : str
+        ``auto``, ``header``, ``log`` or ``publish``, see `vsalog.readers.read`.
+    """
+    return recording_of(path, reader, gather(path, reader, wanted)[0], time)
+
+
+def recording_of(path: Path, reader: Reader, gathered: Mapping[str, Gathered], time: str) -> Recording:
+    """Put gathered streams, in memory, on their clocks and in order."""
     channels: dict[str, Channel] = {}
     streams: dict[str, Stream] = {}
     notes = list(reader.notes)
     dates: list[bool] = []
     for name, one in gathered.items():
-        text = [column for column in one.columns if column in reader.unread]
-        for column in text:  # only the last block tells that a column holds no number at all
-            del one.columns[column]
         stream, stamps = _stream(name, one, channels, time)
         streams[name] = stream
-        notes += _remarks(stream)
+        notes += remarks(stream)
         if len(stamps):
             dates.append(bool(stamps[0] >= YEAR_2000))
     return Recording(
@@ -177,12 +246,12 @@ def _bytes_of(path: Path) -> int:
     return sum(file.stat().st_size for file in files if file.is_file())
 
 
-def _stream(name: str, one: _Gathered, channels: dict[str, Channel], time: str) -> tuple[Stream, Stamps]:
+def _stream(name: str, one: Gathered, channels: dict[str, Channel], time: str) -> tuple[Stream, Stamps]:
     """Put a stream on its clock and in order; its channels go to `channels`."""
-    clock = choose_clock(one.joined_clocks(), time)
+    clock = choose_clock({kind: in_memory(stamps) for kind, stamps in one.joined_clocks().items()}, time)
     if clock.source == "none":
         clock = replace(clock, reason=one.timeless)
-    columns = {column: one.take_column(column) for column in list(one.columns)}
+    columns = {column: in_memory(one.take_column(column)) for column in list(one.columns)}
     order = put_in_order(clock.stamps, list(columns.values()))
     stamps = clock.stamps if order.keep is None else clock.stamps[order.keep]
     for column in list(columns):
@@ -195,10 +264,11 @@ def _stream(name: str, one: _Gathered, channels: dict[str, Channel], time: str) 
             stream=name,
             type=one.type,
         )
-    return _summary(name, one.type, len(stamps), clock, order), stamps
+    return summary(name, one.type, len(stamps), clock, order), stamps
 
 
-def _summary(name: str, kind: str, count: int, clock: Clock, order: Order) -> Stream:
+def summary(name: str, kind: str, count: int, clock: Clock, order: Order) -> Stream:
+    """Return what is known of a stream."""
     return Stream(
         name=name,
         type=kind,
@@ -213,7 +283,7 @@ def _summary(name: str, kind: str, count: int, clock: Clock, order: Order) -> St
     )
 
 
-def _remarks(stream: Stream) -> list[str]:
+def remarks(stream: Stream) -> list[str]:
     """Return in words what is odd about a stream's time."""
     remarks = []
     if stream.time_reason and stream.time_source != "none":

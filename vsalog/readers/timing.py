@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Collection, Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -69,19 +69,35 @@ def choose_clock(clocks: Mapping[str, Stamps], time: str) -> Clock:
         ``auto`` for the header's stamps unless they make no sense, or the kind that is asked for: ``header``, ``log``,
         ``publish``.
     """
-    available = [kind for kind in CLOCKS if kind in clocks]
+    source, reason = choose_source(clocks, time, lambda: implausible(clocks["header"], clocks["log"]))
+    median, spread = delay_of(clocks, source)
+    return Clock(source, clocks[source], reason, median, spread)
+
+
+def choose_source(kinds: Collection[str], time: str, doubt: Callable[[], str]) -> tuple[str, str]:
+    """Choose a kind of clock, and say why it is not the first choice, "" where it is.
+
+    Parameters
+    ----------
+    kinds : collection of str
+        The clocks the stream has.
+    time : str
+        As for `choose_clock`.
+    doubt : callable
+        Says why header stamps cannot be the time of their samples, "" where they can; asked only where that matters.
+    """
+    available = [kind for kind in CLOCKS if kind in kinds]
     source, reason = available[0], ""
     if time == "auto":
-        if source == "header" and "log" in clocks:
-            reason = implausible(clocks["header"], clocks["log"])
+        if source == "header" and "log" in kinds:
+            reason = doubt()
             source = "log" if reason else "header"
-    elif time in clocks:
+    elif time in kinds:
         source = time
     elif source in ("header", "log", "publish"):
-        source = "log" if "log" in clocks else source
+        source = "log" if "log" in kinds else source
         reason = f"it has no {time} time"
-    median, spread = _delay(clocks, source)
-    return Clock(source, clocks[source], reason, median, spread)
+    return source, reason
 
 
 def implausible(header: Stamps, log: Stamps) -> str:
@@ -92,25 +108,54 @@ def implausible(header: Stamps, log: Stamps) -> str:
     header, log : int64 array, shape (n,)
         Header stamps and log times [ns].
     """
-    if not len(header):
-        return ""
-    far = np.abs(header - log) > ONE_DAY
-    if not far.any():
-        if len(header) > 2 and np.ptp(header) == 0 and np.ptp(log) > 0:
-            return "its header stamps are all the same"
-        return ""
-    zero = int(np.count_nonzero(header == 0))
-    if zero == len(header):
-        return "its header stamps are all zero"
-    if zero:
-        return f"{zero} of its {plural(len(header), 'header stamp')} are zero"
-    worst = int(np.flatnonzero(far)[0])
-    if header[worst] < YEAR_2000 <= log[worst]:
-        return "its header stamps lie before the year 2000, unlike the log's times (a simulation's clock?)"
-    return "its header stamps and the log's times are more than a day apart"
+    seen = HeaderStamps()
+    seen.add(header, log)
+    return seen.doubt()
 
 
-def _delay(clocks: Mapping[str, Stamps], source: str) -> tuple[float, float]:
+@dataclass(slots=True)
+class HeaderStamps:
+    """What there is to say of a stream's header stamps beside the log's times, gathered block by block."""
+
+    count: int = 0
+    zero: int = 0
+    first: tuple[int, int] = (0, 0)
+    all_same: bool = True
+    log_same: bool = True
+    far: tuple[int, int] | None = None
+
+    def add(self, header: Stamps, log: Stamps) -> None:
+        """Take a block of header stamps and log times [ns], shape (n,), into account."""
+        if not len(header):
+            return
+        if not self.count:
+            self.first = int(header[0]), int(log[0])
+        self.count += len(header)
+        self.zero += int(np.count_nonzero(header == 0))
+        self.all_same = self.all_same and bool(np.all(header == self.first[0]))
+        self.log_same = self.log_same and bool(np.all(log == self.first[1]))
+        far = np.abs(header - log) > ONE_DAY
+        if self.far is None and far.any():
+            worst = int(np.argmax(far))
+            self.far = int(header[worst]), int(log[worst])
+
+    def doubt(self) -> str:
+        """Return in words why the stamps cannot be the time of their samples, "" where they can."""
+        if self.far is None:
+            if self.count > 2 and self.all_same and not self.log_same:
+                return "its header stamps are all the same"
+            return ""
+        if self.zero == self.count:
+            return "its header stamps are all zero"
+        if self.zero:
+            return f"{self.zero} of its {plural(self.count, 'header stamp')} are zero"
+        if self.far[0] < YEAR_2000 <= self.far[1]:
+            return "its header stamps lie before the year 2000, unlike the log's times (a simulation's clock?)"
+        return "its header stamps and the log's times are more than a day apart"
+
+
+def delay_of(clocks: Mapping[str, Stamps], source: str) -> tuple[float, float]:
+    """Return log time minus header stamp [s], median and 5-95 % range; NaN where the stream is not on header stamps."""
     if source != "header" or "log" not in clocks or not len(clocks["log"]):
         return float("nan"), float("nan")
     delay = (clocks["log"] - clocks["header"]) * 1e-9

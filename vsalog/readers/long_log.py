@@ -1,0 +1,189 @@
+"""Blocks → a recording in memory, or one in a temporary file where it would be too large."""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Mapping
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+
+from vsalog.long_recording import LongChannel, LongRecording
+from vsalog.readers.base import Reader
+from vsalog.readers.collect import Gathered, gather, recording_of, remarks, summary
+from vsalog.readers.spool import Column, Spool, SpooledColumn, Values, parts
+from vsalog.readers.timing import YEAR_2000, Clock, HeaderStamps, Order, choose_source, delay_of, put_in_order
+from vsalog.recording import Channel, Recording, Stream
+
+# So many samples of a stream may wait for others that are late before the log is sorted in memory.
+MOST_WAITING = 2**22
+# Stretches of a stream that tell how much later the log's time is than the header's, and their length.
+DELAYS, DELAY_ROWS = 16, 4096
+
+
+class _TooLateError(Exception):
+    """Samples are so much out of order that most of a stream would have to wait for them."""
+
+
+def collect_within(
+    path: Path, reader: Reader, wanted: Collection[str] | None, time: str, room: int
+) -> Recording | LongRecording:
+    """Read a log's blocks into a recording, a long one where its samples take more than `room` bytes.
+
+    Parameters and errors as for `vsalog.readers.collect.gather` and `vsalog.readers.collect.collect`.
+    """
+    gathered, spool = gather(path, reader, wanted, room)
+    if spool is None:
+        return recording_of(path, reader, gathered, time)
+    try:
+        return _long(path, reader, gathered, spool, time)
+    except _TooLateError as late:
+        recording = recording_of(path, reader, gathered, time)
+        return replace(recording, notes=(*recording.notes, f"{late}, so all of the log is held in memory"))
+
+
+def _long(path: Path, reader: Reader, gathered: Mapping[str, Gathered], spool: Spool, time: str) -> LongRecording:
+    clocks = {name: _clock(one, time) for name, one in gathered.items()}
+    disorder = {name: _Disorder.of(stamps) for name, (_, stamps) in clocks.items()}
+    for name, found in disorder.items():
+        found.refuse(name)
+    columns: dict[str, LongChannel] = {}
+    channels: dict[str, Channel] = {}
+    streams: dict[str, Stream] = {}
+    notes, dates = list(reader.notes), []
+    for name, one in gathered.items():
+        clock, recorded = clocks[name]
+        values = {column: one.take_column(column) for column in list(one.columns)}
+        stamps, values, order = disorder[name].put_right(recorded, values, spool)
+        streams[name] = summary(name, one.type, len(stamps), clock, order)
+        notes += remarks(streams[name])
+        if len(stamps):
+            dates.append(bool(stamps[0:1][0] >= YEAR_2000))
+        for column, its in values.items():
+            columns[column] = LongChannel(stamps, its)
+            none = np.empty(0, np.int64), np.empty(0)
+            channels[column] = Channel(column, *none, one.units.get(column), name, one.type)
+    outline = Recording(
+        path=path,
+        format=reader.format,
+        channels=channels,
+        streams=streams,
+        unread={name: reason for name, reason in reader.unread.items() if name not in channels},
+        rig_text=reader.rig_text,
+        notes=tuple(dict.fromkeys(notes)),
+        absolute_time=all(dates),
+    )
+    return LongRecording.of(outline, columns)
+
+
+def _clock(one: Gathered, time: str) -> tuple[Clock, Column]:
+    """Choose the clock of a stream; what a `Clock` says of it, without stamps, and its stamps."""
+    clocks = one.joined_clocks()
+
+    def doubt() -> str:
+        seen = HeaderStamps()
+        for first, last in parts(one.count):
+            seen.add(clocks["header"][first:last], clocks["log"][first:last])
+        return seen.doubt()
+
+    source, reason = choose_source(clocks, time, doubt)
+    begins = np.unique(np.linspace(0, max(0, one.count - DELAY_ROWS), DELAYS).astype(np.int64)).tolist()
+    some = {k: np.concatenate([stamps[i : i + DELAY_ROWS] for i in begins]) for k, stamps in clocks.items()}
+    if source == "none":
+        reason = one.timeless
+    return Clock(source, np.empty(0, np.int64), reason, *delay_of(some, source)), clocks[source]
+
+
+class _Disorder:
+    """How far a stream's stamps are from strictly increasing.
+
+    Attributes
+    ----------
+    inversions : samples earlier than the one before
+    late : how much a sample is earlier than the latest one before it, at most [ns]
+    waiting : so many samples are at most less than `late` apart
+    increasing : no stamp comes twice or out of order
+    """
+
+    def __init__(self) -> None:
+        self.inversions, self.late, self.waiting, self.increasing = 0, 0, 0, True
+
+    @classmethod
+    def of(cls, stamps: Column) -> _Disorder:
+        """Go through a stream's stamps."""
+        found = cls()
+        latest: int | None = None
+        before: int | None = None
+        for first, last in parts(len(stamps)):
+            now = stamps[first:last]
+            steps = np.diff(now, prepend=now[0] - 1 if before is None else before)
+            found.inversions += int(np.count_nonzero(steps < 0))
+            found.increasing = found.increasing and bool(steps.min() > 0)
+            so_far = np.maximum.accumulate(now if latest is None else np.maximum(now, latest))
+            found.late = max(found.late, int((so_far - now).max()))
+            latest, before = int(so_far[-1]), int(now[-1])
+        if found.late:
+            found.waiting = found._most_waiting(stamps)
+        return found
+
+    def _most_waiting(self, stamps: Column) -> int:
+        """Return how many samples have to be kept at most, until none can come that belongs before them."""
+        most = 0
+        waiting = np.empty(0, np.int64)
+        for first, last in parts(len(stamps)):
+            waiting = np.concatenate((waiting, stamps[first:last]))
+            most = max(most, waiting.size)
+            if most > MOST_WAITING:
+                break
+            waiting = waiting[waiting >= waiting.max() - self.late]
+        return most
+
+    def refuse(self, name: str) -> None:
+        """Refuse a stream that would have to wait for too long."""
+        if self.waiting > MOST_WAITING:
+            raise _TooLateError(f"{name}: samples come {self.late * 1e-9:.3g} s out of order")
+
+    def put_right(
+        self, stamps: Column, columns: dict[str, Column], spool: Spool
+    ) -> tuple[Column, dict[str, Column], Order]:
+        """Return stamps and columns in order and without copies, and what was done; see `put_in_order`."""
+        if self.increasing or not columns:
+            return stamps, columns, Order(None, self.inversions, 0, 0)
+        sorted_stamps = SpooledColumn(spool, np.int64)
+        sorted_columns = {name: SpooledColumn(spool, np.float64) for name in columns}
+        duplicates = conflicts = 0
+        waiting = _Rows(np.empty(0, np.int64), {name: np.empty(0) for name in columns})
+        for first, last in (*parts(len(stamps)), (len(stamps), len(stamps))):
+            waiting = waiting.joined(stamps[first:last], {name: c[first:last] for name, c in columns.items()})
+            # Nothing that is still to come is earlier than this.
+            sure = waiting.stamps < waiting.stamps.max() - self.late
+            if first == len(stamps):
+                sure[:] = True
+            done, waiting = waiting.chosen(sure), waiting.chosen(~sure)
+            if not done.stamps.size:
+                continue
+            order = put_in_order(done.stamps, list(done.columns.values()))
+            rows = slice(None) if order.keep is None else order.keep
+            sorted_stamps.add(len(sorted_stamps), done.stamps[rows])
+            for name, column in sorted_columns.items():
+                column.add(len(column), done.columns[name][rows])
+            duplicates, conflicts = duplicates + order.duplicates, conflicts + order.conflicts
+        return sorted_stamps, {**sorted_columns}, Order(None, self.inversions, duplicates, conflicts)
+
+
+class _Rows:
+    """Samples of a stream that wait for others, in the order of the log."""
+
+    def __init__(self, stamps: Values, columns: dict[str, Values]) -> None:
+        self.stamps, self.columns = stamps, columns
+
+    def joined(self, stamps: Values, columns: dict[str, Values]) -> _Rows:
+        """Return these and those that follow them."""
+        return _Rows(
+            np.concatenate((self.stamps, stamps)),
+            {name: np.concatenate((self.columns[name], values)) for name, values in columns.items()},
+        )
+
+    def chosen(self, which: Values) -> _Rows:
+        """Return some of them."""
+        return _Rows(self.stamps[which], {name: values[which] for name, values in self.columns.items()})
