@@ -18,6 +18,7 @@ from vsalog.estimators.regression import RegressionFold, Solver
 from vsalog.estimators.residual_rls import sensor_equations, sensor_role
 from vsalog.estimators.solvers import QrSolver, RlsSolver, least_samples
 from vsalog.estimators.tuning import RlsTuning
+from vsalog.estimators.windows import smoothed_away
 from vsalog.signals import JointSignals
 
 # Of a prior covariance; the product of two small numbers must not become zero.
@@ -65,4 +66,5 @@ def build(device: Device, signals: JointSignals, tuning: DirectTuning) -> Regres
         if tuning.solver == "qr"
         else RlsSolver(p0, tuning.c, least)
     )
-    return RegressionFold(NAME, "SENSOR", device, conditioner, sensor_equations(device, signals, tuning), solver)
+    equations, remarks = sensor_equations(device, signals, tuning), smoothed_away(device, signals, tuning)
+    return RegressionFold(NAME, "SENSOR", device, conditioner, equations, solver, remarks=remarks)

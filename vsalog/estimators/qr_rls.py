@@ -19,7 +19,7 @@ from vsalog.estimators.needs import deflection_roles, require
 from vsalog.estimators.regression import RegressionFold
 from vsalog.estimators.solvers import QrSolver, least_samples
 from vsalog.estimators.tuning import Positive, Tuning, largest_regressor
-from vsalog.estimators.windows import motor_window
+from vsalog.estimators.windows import motor_window, smoothed_away
 from vsalog.filters.conditioning import Conditioner
 from vsalog.resolution import sensor_noise
 from vsalog.signals import JointSignals
@@ -65,13 +65,14 @@ def roles(device: Device, offered: Collection[str], tuning: Tuning, name: str = 
 
 def build(device: Device, signals: JointSignals, tuning: QrRlsTuning) -> RegressionFold:
     """Assemble the estimator for a joint's signals."""
+    remarks = smoothed_away(device, signals, tuning)
     tuning = motor_window(device, signals, tuning)
     p0 = tuning.p0 if tuning.p0 is not None else WEAK / largest_regressor(device, signals) ** 2
     conditioner = conditioner_of(device, signals, tuning, roles(device, signals.roles, tuning), motor=True)
     leading = IntegratedMotorEquation.leading
     solver = QrSolver(tuning.forgetting, leading, p0, integral=True, least=least_samples(conditioner))
     equations = integrated_equations(device, signals, tuning, conditioner)
-    return RegressionFold(NAME, "INTEGRATED", device, conditioner, equations, solver)
+    return RegressionFold(NAME, "INTEGRATED", device, conditioner, equations, solver, remarks=remarks)
 
 
 def integrated_equations(

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
+from types import MappingProxyType
 from typing import Any, ClassVar, Protocol
 
 import numpy as np
@@ -115,6 +116,8 @@ class RegressionFold:
     Attributes
     ----------
     passes : how often the signals are gone through: once, or twice when nothing is given out before all is known
+    chosen : what of the tuning was derived from the log beside what the filters and the solver know
+    remarks : what was noticed of the tuning before the first sample
     """
 
     def __init__(
@@ -127,16 +130,19 @@ class RegressionFold:
         solver: Solver,
         *,
         passes: int = 1,
+        chosen: Mapping[str, float] = MappingProxyType({}),
+        remarks: tuple[str, ...] = (),
     ) -> None:
         self.name, self.modality, self.device, self.conditioner = name, modality, device, conditioner
         self.equations, self.solver, self.passes = equations, solver, passes
+        self.chosen, self.remarks = chosen, remarks
 
     @property
     def derived(self) -> dict[str, float]:
         """What was derived from the log where the tuning left it open."""
         filters = self.conditioner
         window = {} if filters.kind == "kinematic" else {"window": (filters.window - 1) * filters.period}
-        return {"p0": self.solver.p0, "settle": filters.settle * filters.period, **window}
+        return {"p0": self.solver.p0, "settle": filters.settle * filters.period, **window, **self.chosen}
 
     def start(self) -> FoldState:
         """Return the state before the first sample."""
@@ -297,8 +303,8 @@ class RegressionFold:
         return {f"coefficient_{h}": unknowns[:, first + h] for h in range(self.device.basis.size)}
 
     def warnings(self, state: FoldState) -> tuple[str, ...]:
-        """Say where most of a log could not be learnt from, because what the rig knows of it is in doubt."""
-        return tuple(
+        """Say what was noticed of the tuning, and where most of a log could not be learnt from, because the rig is in doubt."""
+        return self.remarks + tuple(
             f"joint '{self.device.joint}', transmission {names}: for {count / state.seen:.0%} of the time the torque of friction"
             " or hysteresis that the rig has is not known, because the motor stands or is slower than its encoder can tell, or"
             " the deflection has not yet moved through its loop; nothing is learnt there"

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Collection
 
+import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
@@ -19,8 +20,9 @@ from vsalog.estimators.needs import deflection_roles, require
 from vsalog.estimators.regression import Equation, RegressionFold
 from vsalog.estimators.solvers import RlsSolver, least_samples
 from vsalog.estimators.tuning import Modality, Positive, RlsTuning, Tuning
-from vsalog.estimators.windows import motor_window
+from vsalog.estimators.windows import WINDOWS, motor_window, smoothed_away
 from vsalog.filters.conditioning import Conditioned
+from vsalog.filters.savitzky_golay import savgol_cutoff
 from vsalog.mechanics.transmissions import flexibility_torque
 from vsalog.rig.schema import UnknownTransmission
 from vsalog.signals import JointSignals
@@ -39,12 +41,13 @@ class ResidualRlsTuning(RlsTuning, frozen=True, forbid_unknown_fields=True, kw_o
     ----------
     modality : where the torque comes from: RESIDUAL (the motor equation), SENSOR (the torque sensor) or MODEL (the rig's
         nominal transmission)
-    bandwidth : K_I of the residual [rad/s]
+    bandwidth : K_I of the residual [rad/s]; when absent that of the Savitzky–Golay filter before it, beyond which there is
+        nothing to pass
     matched : pass the regressors through the residual's lag too; the paper does not
     """
 
     modality: Modality = "RESIDUAL"
-    bandwidth: Positive = 300.0
+    bandwidth: Positive | None = None
     matched: bool = True
 
 
@@ -77,10 +80,14 @@ def build(device: Device, signals: JointSignals, tuning: ResidualRlsTuning) -> R
     Raises
     ------
     EstimatorError
-        The modality needs a motor inertia or a nominal transmission that the rig does not give.
+        The modality needs a motor inertia or a nominal transmission that the rig does not give, or the samples cannot follow
+        the bandwidth.
     """
+    remarks, chosen = smoothed_away(device, signals, tuning), {}
     if tuning.modality == "RESIDUAL":
         tuning = motor_window(device, signals, tuning)
+        chosen["bandwidth"] = bandwidth = _bandwidth(signals, tuning)
+        tuning = msgspec.structs.replace(tuning, bandwidth=bandwidth)
     # A residual is noisy: the many terms of a basis would follow its noise until there is enough of it to average.
     p0 = tuning.initial_covariance(device, signals, 0.01 if tuning.modality == "RESIDUAL" else 1e-3)
     needed = roles(device, signals.roles, tuning)
@@ -91,7 +98,21 @@ def build(device: Device, signals: JointSignals, tuning: ResidualRlsTuning) -> R
         else conditioner_of(device, signals, tuning, needed, motor=tuning.modality == "RESIDUAL")
     )
     solver = RlsSolver(p0, tuning.c, least_samples(conditioner))
-    return RegressionFold(NAME, tuning.modality, device, conditioner, equations, solver)
+    return RegressionFold(NAME, tuning.modality, device, conditioner, equations, solver, chosen=chosen, remarks=remarks)
+
+
+def _bandwidth(signals: JointSignals, tuning: ResidualRlsTuning) -> float:
+    """Return the residual's bandwidth [rad/s], as asked for or that of the filter before it."""
+    if tuning.bandwidth is None:
+        window = WINDOWS[0] if tuning.window is None else round(tuning.window / signals.period) + 1
+        return savgol_cutoff(max(window, tuning.degree + 1), tuning.degree) / signals.period
+    slowest, fastest = 1.0 / (signals.longest_run * signals.period), np.pi / signals.period
+    if not slowest <= tuning.bandwidth <= fastest:
+        raise EstimatorError(
+            f"{NAME}: samples at {1.0 / signals.period:.4g} Hz over {signals.longest_run * signals.period:.4g} s cannot follow a"
+            f" bandwidth of {tuning.bandwidth:.4g} rad/s: give one between {slowest:.3g} and {fastest:.3g}, or leave it out"
+        )
+    return tuning.bandwidth
 
 
 def _equations(device: Device, signals: JointSignals, tuning: ResidualRlsTuning) -> tuple[Equation, ...]:
@@ -148,6 +169,7 @@ def _residual(device: Device, view: TransmissionView, signals: JointSignals, tun
                 f"joint '{device.joint}': a motor's {name} of {value:.3g} cannot be: correct [joint.{device.joint}.{motor}]"
                 f" {name} in the rig"
             )
+    assert tuning.bandwidth is not None
     inertia = view.motor.reflected_inertia
     if inertia is None:
         raise EstimatorError(

@@ -28,6 +28,8 @@ QUIET = 0.05
 LOUD = 0.5
 # A window is short enough for a motion when the rate keeps this part of its power.
 KEPT = 0.98
+# A window that was asked for and leaves less of it is told.
+SMOOTHED = 0.8
 # A run loses half a window at either end: no window is longer than this part of the longest run.
 PART_OF_RUN = 0.1
 # So many samples of a log tell which windows suit it.
@@ -85,6 +87,11 @@ def _most_moved(signals: JointSignals, roles: Collection[str]) -> JointSignals:
     return signals[first : first + ENOUGH]
 
 
+def _moved(device: Device, signals: JointSignals) -> set[str]:
+    """Return the roles that the deflections are made of."""
+    return {role for view in device.transmissions for role in view.deflection_roles(signals.roles)}
+
+
 def _quiet(view: TransmissionView, signals: JointSignals, weights: Array) -> bool:
     """Tell whether what the steps of a motor's encoder make of its torque, or of its speed, is small."""
     theta, torque = signals.roles[view.motor_position], signals.roles[view.motor_torque]
@@ -108,6 +115,26 @@ def noisy_rates(device: Device, signals: JointSignals, tuning: Tuning, window: i
         for view, rate, noise in zip(device.transmissions, rates, noises, strict=True)
         if noise > QUIET * rate > 0.0
     ]
+
+
+def smoothed_away(device: Device, signals: JointSignals, tuning: Tuning) -> tuple[str, ...]:
+    """Say where a window that was asked for smooths the motion away; nothing of the motion is known where noise is louder."""
+    if tuning.window is None or tuning.filter == "kinematic":
+        return ()
+    asked, part = 2 * round(0.5 * tuning.window / signals.period) + 1, _most_moved(signals, _moved(device, signals))
+    if asked <= WINDOWS[0] or asked > len(part) or tuning.degree >= WINDOWS[0]:
+        return ()
+    before, now = (
+        _rates(device, part, savgol_weights(window, tuning.degree, 1, signals.period)[1:])
+        for window in (WINDOWS[0], asked)
+    )
+    return tuple(
+        f"joint '{device.joint}', transmission {view.name}: a window of {tuning.window:g} s smooths the motion away:"
+        f" {left / moved:.0%} of the deflection's rate is left, and the stiffness is that of the smoothed motion; shorten it, or"
+        " leave it out to have it chosen by the log"
+        for view, moved, noise, left in zip(device.transmissions, *before, now[0], strict=True)
+        if noise < LOUD * moved and left**2 < SMOOTHED * (moved**2 - noise**2)
+    )
 
 
 def with_window(tuning: T, signals: JointSignals, window: int) -> T:

@@ -64,6 +64,20 @@ def savgol_weights(window: int, degree: int, derivatives: int = 0, period: float
     return weights
 
 
+def savgol_cutoff(window: int, degree: int) -> float:
+    """Return the frequency at which the filter has lost 3 dB [rad per sample]; arguments as for `savgol_weights`."""
+    value = savgol_weights(window, degree)[0]
+    lags = np.arange(window) - savgol_lag(window)
+    # A polynomial of degree n turns n times in a window: half a turn more is lost for sure.
+    omegas = np.linspace(0.0, min(np.pi * (degree + 3) / window, np.pi), 200)
+    passed = np.abs(np.exp(1j * np.outer(omegas, lags)) @ value) - np.sqrt(0.5)
+    after = int(np.argmax(passed < 0.0))
+    if after == 0:
+        return float(omegas[-1])
+    part = passed[after - 1] / (passed[after - 1] - passed[after])
+    return float(omegas[after - 1] + part * (omegas[after] - omegas[after - 1]))
+
+
 def savgol_filter(x: Array, weights: Array) -> Array:
     """Apply Savitzky–Golay weights to every whole window in `x`.
 
