@@ -16,24 +16,20 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vsalog.acting import acting_notes, acting_torque, is_motor_torque
-from vsalog.binding_notes import binding_notes
-from vsalog.encoders import TURN, on_the_same_turn, unwrapped
-from vsalog.errors import BindingError, UnitError
-from vsalog.grid import EVEN, Bound, after_long_silence, common_segments, grid_of, on_grid
+from vsalog.binding_notes import binding_notes, tally_of
+from vsalog.encoders import on_the_same_turn, unwrapped
+from vsalog.errors import BindingError
+from vsalog.grid import EVEN, Bound, after_long_silence, common_segments, grid_of, on_grid, own_stretches
 from vsalog.neighbours import Neighbours
-from vsalog.outliers import ROLES, stand_alone
-from vsalog.recording import Channel, Recording
+from vsalog.outliers import stand_alone
+from vsalog.recording import Recording
 from vsalog.resolution import resolution_of
-from vsalog.rig.schema import Joint, Motor, PneumaticJoint, RigidJoint, Run, SerialJoint, Signal, role_units
-from vsalog.sensors import seen_by
+from vsalog.rig.schema import Joint, RigidJoint, Run, SerialJoint, Signal
+from vsalog.role_source import constant_of, motor_of, origin_of, source_of
 from vsalog.signals import JointSignals
-from vsalog.units import si_factor
 
 Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]
-
-# No position or torque is larger, in SI.
-HUGEST = 1e30
 
 
 def signal_of(spec: str | float | Signal) -> Signal:
@@ -149,7 +145,7 @@ def bind(
             names.append("/".join(p for p in ((labels[i] if len(recordings) > 1 else ""), run.name) if p))
             signals = _on_one_grid(recording, name, bound, len(names) - 1)
             piece = _less_series(recording, signals, offered, (*roles, *others))
-            motors = {role: _motor(joint, role) for role in bound if acting and is_motor_torque(role)}
+            motors = {role: motor_of(joint, role) for role in bound if acting and is_motor_torque(role)}
             pieces.append(replace(piece, notes=(*piece.notes, *acting_notes(name, motors))))
     return _concatenate(name, pieces, tuple(names))
 
@@ -160,155 +156,24 @@ def _bind_roles(
     offered = offered_roles(joint)
     bound = {role: _bind_role(recording, run, role, offered.get(role, Signal()), joint, fixed) for role in roles}
     if acting:
-        bound |= {role: acting_torque(b, _motor(joint, role)) for role, b in bound.items() if is_motor_torque(role)}
+        bound |= {role: acting_torque(b, motor_of(joint, role)) for role, b in bound.items() if is_motor_torque(role)}
     return bound
 
 
 def _bind_role(recording: Recording, run: Run, role: str, signal: Signal, joint: Joint, fixed: float | None) -> Bound:
-    constant: float | str | None = signal.constant
-    if role == "setpoint":
-        constant = fixed if fixed is not None else run.setpoint if run.setpoint is not None else constant
-    if constant is not None and (role != "setpoint" or signal.channel is None or fixed is not None):
-        if not np.isfinite(float(constant)):
-            raise BindingError(
-                f"{recording.path.name}: run '{run.name}' has no set-point; give it one in the rig or with"
-                " --set setpoint=VALUE"
-            )
-        return Bound(np.empty(0, np.int64), np.empty(0), 0, constant=float(constant))
-    assert signal.channel is not None
-    channel = recording.channel(signal.channel.replace("{run}", run.name))
-    _check(recording, channel, role)
-    factor = _factor(recording, channel, role, signal, joint)
+    constant = constant_of(recording, run, role, signal, fixed)
+    if constant is not None:
+        return Bound(np.empty(0, np.int64), np.empty(0), 0, constant=constant)
+    source = source_of(recording, run, role, signal, joint)
+    channel = recording.channel(source.channel)
     # First: a sample that stands alone must not become a turn.
-    alone = _alone(channel, signal, role)
-    if alone is not None:
-        channel = replace(channel, values=np.where(alone, np.nan, channel.values))
-    recorded, wrapped = _unwrapped(channel, signal, role)
-    # A long log's columns are not copied when there is nothing to change.
-    values = recorded if factor == 1.0 else recorded * factor
-    if not np.isfinite(values).all():
-        values = np.where(np.isfinite(values), values, np.nan)
-    values, resolution = seen_by(values, signal, _seconds(recording, channel) if signal.drift else None)
-    if role == "setpoint" and isinstance(joint, SerialJoint) and joint.lever is not None and _is_angle(channel, signal):
-        values = joint.lever.start - joint.lever.travel * values
-        resolution = None if resolution is None else resolution * abs(joint.lever.travel)
-    greatest = float(np.fmax.reduce(np.abs(values)))
-    if greatest > HUGEST:
-        raise BindingError(
-            f"{recording.path.name}: channel '{channel.name}' ({role}) reaches {greatest:.3g} in SI: is its unit, its offset or"
-            " the gear ratio in the rig right?"
-        )
-    period = int(np.median(np.diff(channel.stamps)))
-    # A turn of the rotor is no turn of the joint.
-    wrapped = wrapped and (signal.side == "joint" or role == "link_position" or _motor(joint, role).gear_ratio == 1.0)
-    stamps = channel.stamps - round(signal.delay * 1e9) if signal.delay else channel.stamps
-    return Bound(stamps, values, period, resolution, wrapped=wrapped, alone=None if alone is None else stamps[alone])
-
-
-def _seconds(recording: Recording, channel: Channel) -> Array:
-    """Return the times of a channel's samples from the log's start [s]."""
-    return np.asarray((channel.stamps - _origin(recording)).astype(np.float64) * 1e-9)
-
-
-def _origin(recording: Recording) -> int:
-    """Return the log's first stamp."""
-    return min(int(c.stamps[0]) for c in recording.channels.values() if c.stamps.size)
-
-
-def _turn(channel: Channel, signal: Signal, role: str) -> float | None:
-    """Return the turn after which an encoder may begin anew, as it is recorded; None for what is no encoder."""
-    unit = _unit(channel, signal) or "rad"
-    if not role.startswith(("motor_position", "link_position")) or not _converts(unit, "rad"):
-        return None
-    return TURN / si_factor(unit, "rad")
-
-
-def _alone(channel: Channel, signal: Signal, role: str) -> Flags | None:
-    """Return where samples of a sensor stand alone; None where none does, or the role may jump."""
-    return stand_alone(channel.values, _turn(channel, signal, role)) if role.startswith(ROLES) else None
-
-
-def _unwrapped(channel: Channel, signal: Signal, role: str) -> tuple[Array, bool]:
-    """Return a position without the jumps of an encoder that begins anew after a turn, and whether there were any."""
-    turn = _turn(channel, signal, role)
-    return (channel.values, False) if turn is None else unwrapped(channel.values, turn)
-
-
-def _check(recording: Recording, channel: Channel, role: str) -> None:
-    where = f"{recording.path.name}: channel '{channel.name}' ({role})"
-    stream = recording.streams.get(channel.stream)
-    if stream is not None and stream.time_source == "none":
-        if stream.time_reason:
-            raise BindingError(
-                f"{where} has no time: {stream.time_reason}; put the rows in order, or say how fast they were sampled with"
-                " --rate HZ"
-            )
-        raise BindingError(f"{where} has no time column; say how fast it was sampled with --rate HZ")
-    if channel.values.size < 2:
-        raise BindingError(
-            f"{where} has {'one sample' if channel.values.size else 'no samples'}; at least two are needed"
-        )
-    finite = np.isfinite(channel.values)
-    if not finite.any():
-        raise BindingError(f"{where} holds no finite number at all")
-
-
-def _motor(joint: Joint, role: str) -> Motor:
-    if isinstance(joint, PneumaticJoint):
-        return Motor()
-    name = "motor_2" if role.endswith("_2") else "motor_1"
-    motor: Motor = getattr(joint, name) if hasattr(joint, name) else joint.motor  # type: ignore[union-attr]
-    if role in ("setpoint", "secondary_torque"):
-        return getattr(joint, "secondary_motor", None) or Motor()
-    return motor
-
-
-def _unit(channel: Channel, signal: Signal) -> str | None:
-    return signal.unit if signal.unit is not None else channel.unit
-
-
-def _is_angle(channel: Channel, signal: Signal) -> bool:
-    unit = _unit(channel, signal)
-    return unit is None or _converts(unit, "rad")
-
-
-def _converts(unit: str, like: str) -> bool:
-    try:
-        si_factor(unit, like)
-    except UnitError:
-        return False
-    return True
-
-
-def _factor(recording: Recording, channel: Channel, role: str, signal: Signal, joint: Joint) -> float:
-    """What a recorded number is multiplied with to be SI, the right way round, on the joint's side of the gear."""
-    base, motor, unit = role.removesuffix("_1").removesuffix("_2"), _motor(joint, role), _unit(channel, signal)
-    gear = motor.gear_ratio if signal.side == "rotor" else 1.0
-    like = role_units(role)[0]
-    factor = float(signal.sign)
-    if base in ("motor_torque", "secondary_torque"):
-        factor *= gear
-        if unit is not None and _converts(unit, "A"):
-            if motor.torque_constant is None:
-                raise BindingError(
-                    f"{recording.path.name}: channel '{channel.name}' ({role}) is a current [{unit}]: give the motor's"
-                    " torque_constant in the rig"
-                )
-            # The torque constant is the rotor's, whichever side the signal is said to be on.
-            return float(signal.sign) * si_factor(unit, "A") * motor.torque_constant * motor.gear_ratio
-    elif base in ("motor_position", "setpoint"):
-        factor /= gear
-    if base == "setpoint" and unit is not None and _converts(unit, "m"):
-        return float(signal.sign) * si_factor(unit, "m")
-    if unit is None:
-        return factor
-    try:
-        return factor * si_factor(unit, like)
-    except UnitError as error:
-        raise BindingError(
-            f"{recording.path.name}: channel '{channel.name}' ({role}): {error}. If the log has the unit wrong, put the"
-            ' right one into the rig: { channel = "…", unit = "…" }'
-        ) from error
+    alone = stand_alone(channel.values, source.turn) if source.may_stand_alone else None
+    recorded = channel.values if alone is None else np.where(alone, np.nan, channel.values)
+    wrapped = False
+    if source.turn is not None:
+        recorded, wrapped = unwrapped(recorded, source.turn)
+    bound = source.bound(channel.stamps, recorded, int(np.median(np.diff(channel.stamps))))
+    return replace(bound, wrapped=wrapped and source.joint_turn, alone=None if alone is None else bound.stamps[alone])
 
 
 def _on_one_grid(recording: Recording, joint: str, bound: Mapping[str, Bound], run: int) -> JointSignals:
@@ -318,8 +183,8 @@ def _on_one_grid(recording: Recording, joint: str, bound: Mapping[str, Bound], r
     period = min(b.period for b in moving.values())
     if period <= 0:
         raise BindingError(f"{recording.path.name}: the time stamps of joint '{joint}' do not advance")
-    origin = _origin(recording)
-    segments = common_segments(recording, joint, moving)
+    origin = origin_of(recording)
+    segments = common_segments(recording.path.name, joint, (own_stretches(b) for b in moving.values()))
     grids = [grid_of(segment, moving, period) for segment in segments]
     stamps = grids[0] if len(grids) == 1 else np.concatenate(grids)
     starts = np.zeros(stamps.size, dtype=np.bool_)
@@ -327,7 +192,7 @@ def _on_one_grid(recording: Recording, joint: str, bound: Mapping[str, Bound], r
     roles: dict[str, Array] = {}
     for role, b in bound.items():
         roles[role] = np.full(stamps.size, b.constant) if b.constant is not None else on_grid(b, stamps)
-    starts |= after_long_silence(roles)
+    starts |= after_long_silence(roles)[0]
     turned = on_the_same_turn(roles, starts, [role for role, b in moving.items() if b.wrapped])
     roles |= turned
     return JointSignals(
@@ -342,7 +207,7 @@ def _on_one_grid(recording: Recording, joint: str, bound: Mapping[str, Bound], r
             role: resolution_of(b.values) if b.resolution is None else b.resolution for role, b in moving.items()
         },
         notes=(
-            *binding_notes(joint, segments, moving, origin),
+            *binding_notes(joint, segments, {role: tally_of(b) for role, b in moving.items()}, origin),
             *(f"joint '{joint}': {role} was on another turn than link_position and is turned to it" for role in turned),
         ),
     )

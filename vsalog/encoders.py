@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Collection, Mapping
+from dataclasses import dataclass
 from itertools import pairwise
 
 import numpy as np
@@ -12,6 +13,18 @@ Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]
 
 TURN = 2.0 * np.pi
+
+
+# A jump of more than this part of a turn is a new beginning; an encoder that begins anew stays within so many turns.
+JUMP, WITHIN = 0.9, 1.01
+
+
+@dataclass(frozen=True, slots=True)
+class Unwrapping:
+    """Where the unwrapping of an encoder is: the last number before, and what it was corrected by; NaN before the first."""
+
+    last: float = np.nan
+    correction: float = 0.0
 
 
 def unwrapped(values: Array, turn: float) -> tuple[Array, bool]:
@@ -24,13 +37,59 @@ def unwrapped(values: Array, turn: float) -> tuple[Array, bool]:
     """
     filled = np.isfinite(values)
     known = values if filled.all() else values[filled]
-    jumps = np.abs(np.diff(known)) > 0.9 * turn
-    # Only one who stays within a turn wraps; whoever has counted further jumps for another reason.
-    if not jumps.any() or float(np.ptp(known)) > 1.01 * turn:
+    jumps = np.abs(np.diff(known)) > JUMP * turn
+    if not jumps.any() or not begins_anew(float(np.ptp(known)), turn):
         return values, False
+    return unwrapped_on(values, turn, Unwrapping())[0], True
+
+
+def begins_anew(span: float, turn: float) -> bool:
+    """Tell whether an encoder that jumps wraps: only one who stays within a turn does; whoever has counted further jumps for
+    another reason.
+    """
+    return span <= WITHIN * turn
+
+
+def unwrapped_on(values: Array, turn: float, before: Unwrapping) -> tuple[Array, Unwrapping]:
+    """Take the jumps out of the next part of an encoder's positions.
+
+    Corrections are summed up in the order of the samples, so that it does not matter how a log is cut into parts.
+
+    Parameters
+    ----------
+    values : shape (n,), NaN where missing
+    turn : in the unit of the values
+    before : what the part before ended with
+    """
+    filled = np.isfinite(values)
+    known = values[filled]
+    if not known.size:
+        return values, before
+    steps = np.diff(known, prepend=known[0] if np.isnan(before.last) else before.last)
+    short = np.mod(steps + 0.5 * turn, turn) - 0.5 * turn
+    # Half a turn may go either way: it goes the way it went.
+    short[(short == -0.5 * turn) & (steps > 0.0)] = 0.5 * turn
+    correction = np.where(np.abs(steps) < 0.5 * turn, 0.0, short - steps)
+    correction = np.cumsum(np.concatenate(([before.correction], correction)))[1:]
     out = values.copy()
-    out[filled] = np.unwrap(known, period=turn)
-    return out, True
+    out[filled] = known + correction
+    return out, Unwrapping(float(known[-1]), float(correction[-1]))
+
+
+@dataclass(slots=True)
+class SameTurn:
+    """By how much a motor's position is turned in the run in progress, and which deflection the next run begins nearest to.
+
+    Attributes
+    ----------
+    shift : [rad], NaN as long as the run has shown no deflection
+    near : [rad]
+    ever : whether any number was moved
+    """
+
+    shift: float = np.nan
+    near: float = 0.0
+    ever: bool = False
 
 
 def on_the_same_turn(roles: Mapping[str, Array], starts: Flags, wrapped: Collection[str]) -> dict[str, Array]:
@@ -47,18 +106,42 @@ def on_the_same_turn(roles: Mapping[str, Array], starts: Flags, wrapped: Collect
     wrapped : the roles that begin anew after a turn of the joint
     """
     out: dict[str, Array] = {}
-    link = roles.get("link_position")
-    for role, theta in roles.items():
-        if link is None or not role.startswith("motor_position") or not {role, "link_position"} & set(wrapped):
-            continue
-        turned = theta.copy()
-        phi, near = link - theta, 0.0
-        for first, last in pairwise([*np.flatnonzero(starts), len(starts)]):
-            known = phi[first:last][np.isfinite(phi[first:last])]
-            if known.size:
-                shift = TURN * np.ceil((known[0] - near) / TURN - 0.5)
-                turned[first:last] += shift
-                near = known[0] - shift
-        if not np.array_equal(turned, theta, equal_nan=True):
+    for role in turnable(roles, wrapped):
+        state = SameTurn()
+        turned = turned_on(roles["link_position"], roles[role], starts, state)
+        if state.ever:
             out[role] = turned
     return out
+
+
+def turnable(roles: Collection[str], wrapped: Collection[str]) -> list[str]:
+    """Return the motor positions that may be on another turn than the link."""
+    motors = [role for role in roles if role.startswith("motor_position")] if "link_position" in roles else []
+    return [role for role in motors if {role, "link_position"} & set(wrapped)]
+
+
+def turned_on(link: Array, theta: Array, starts: Flags, state: SameTurn) -> Array:
+    """Return the next part of a motor's position on the link's turn.
+
+    Parameters
+    ----------
+    link, theta : shape (n,) [rad]
+    starts : shape (n,), where a run begins; a run that goes on from the part before shows its deflection within its first part
+    state : what the part before ended with; becomes what this one ends with
+    """
+    turned = theta.copy()
+    phi = link - theta
+    edges = np.flatnonzero(starts)
+    for first, last in pairwise([*([] if starts.size and starts[0] else [0]), *edges, len(starts)]):
+        if first < len(starts) and starts[first]:
+            state.shift = np.nan
+        if np.isnan(state.shift):
+            known = phi[first:last][np.isfinite(phi[first:last])]
+            if not known.size:
+                continue
+            state.shift = TURN * np.ceil((known[0] - state.near) / TURN - 0.5)
+            state.near = known[0] - state.shift
+        if state.shift:
+            turned[first:last] += state.shift
+            state.ever = state.ever or bool(np.isfinite(theta[first:last]).any())
+    return turned

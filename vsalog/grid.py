@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from itertools import pairwise
 
@@ -10,7 +10,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vsalog.errors import BindingError
-from vsalog.recording import Recording
 
 Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]
@@ -37,34 +36,59 @@ class Bound:
     alone: Stamps | None = None
 
 
-def common_segments(recording: Recording, joint: str, moving: Mapping[str, Bound]) -> list[tuple[int, int]]:
-    """Stretches of time, first and last stamp, in which every role has samples without a gap."""
+def own_stretches(b: Bound) -> list[tuple[int, int]]:
+    """Return the stretches of time, first and last stamp, in which a role has samples without a gap."""
+    gaps = np.flatnonzero(np.diff(b.stamps) > GAP * b.period)
+    edges = [0, *(gaps + 1), b.stamps.size]
+    return [(int(b.stamps[i]), int(b.stamps[j - 1])) for i, j in pairwise(edges) if j - i > 1]
+
+
+def common_segments(log: str, joint: str, stretches: Iterable[list[tuple[int, int]]]) -> list[tuple[int, int]]:
+    """Return the stretches of time, first and last stamp, in which every role has samples without a gap.
+
+    Parameters
+    ----------
+    log, joint : their names
+    stretches : those of each role, in order
+
+    Raises
+    ------
+    BindingError
+        There is none.
+    """
     segments: list[tuple[int, int]] | None = None
-    for b in moving.values():
-        gaps = np.flatnonzero(np.diff(b.stamps) > GAP * b.period)
-        edges = [0, *(gaps + 1), b.stamps.size]
-        own = [(int(b.stamps[i]), int(b.stamps[j - 1])) for i, j in pairwise(edges) if j - i > 1]
+    for own in stretches:
         segments = own if segments is None else _overlap(segments, own)
     if not segments:
         raise BindingError(
-            f"{recording.path.name}: the channels of joint '{joint}' have no time in common; are they on different"
+            f"{log}: the channels of joint '{joint}' have no time in common; are they on different"
             " clocks? 'vsalog inspect' shows when each begins and ends"
         )
     return segments
 
 
-def after_long_silence(roles: Mapping[str, Array]) -> Flags:
-    """Where a run begins anew because a role had no number for longer than a gap may be."""
+def after_long_silence(roles: Mapping[str, Array], before: int = 0) -> tuple[Flags, int]:
+    """Return where a run begins anew because a role had no number for longer than a gap may be, and how long that is by now.
+
+    Parameters
+    ----------
+    roles : shape (n,) each, NaN where a role has no number
+    before : so many samples without a number came right before these
+    """
     missing = np.zeros(next(iter(roles.values())).size, dtype=np.bool_)
     for values in roles.values():
         missing |= np.isnan(values)
     starts = np.zeros(missing.size, dtype=np.bool_)
-    if missing.any():
-        edges = np.flatnonzero(np.diff(np.concatenate(([False], missing, [False])).astype(np.int8)))
-        for first, after in zip(edges[::2], edges[1::2], strict=True):
-            if after - first >= GAP and after < missing.size:
-                starts[after] = True
-    return starts
+    if not missing.any():
+        starts[:1] = before >= GAP
+        return starts, 0
+    edges = np.flatnonzero(np.diff(np.concatenate(([before > 0], missing, [False])).astype(np.int8)))
+    if before > 0:
+        edges = np.concatenate(([-before], edges))
+    for first, after in zip(edges[::2], edges[1::2], strict=True):
+        if after - first >= GAP and after < missing.size:
+            starts[after] = True
+    return starts, int(edges[-1] - edges[-2]) if missing[-1] else 0
 
 
 def _overlap(a: list[tuple[int, int]], b: list[tuple[int, int]]) -> list[tuple[int, int]]:
@@ -86,9 +110,14 @@ def grid_of(segment: tuple[int, int], moving: Mapping[str, Bound], period: int) 
     fastest = min(moving.values(), key=lambda b: b.period)
     own = fastest.stamps[np.searchsorted(fastest.stamps, first) : np.searchsorted(fastest.stamps, last, "right")]
     steps = np.diff(own)
-    if own.size > 1 and max(steps.max() - period, period - steps.min()) <= EVEN * period:
+    if own.size > 1 and is_even(int(steps.min()), int(steps.max()), period):
         return own
     return first + period * np.arange((last - first) // period + 1, dtype=np.int64)
+
+
+def is_even(least: int, greatest: int, period: int) -> bool:
+    """Tell whether stamps are even, by the least and the greatest of their steps [ns]."""
+    return max(greatest - period, period - least) <= EVEN * period
 
 
 def on_grid(b: Bound, stamps: Stamps) -> Array:
