@@ -18,6 +18,8 @@ MAX_DEPTH = 16
 V73 = b"MATLAB 7.3 MAT-file"
 """How files begin that are HDF5 within."""
 
+_WHAT = {"nested": "nested too deeply", "other": "MATLAB object that is no array of numbers"}
+
 Clocks = Mapping[int, Stamps]
 """Clocks of the structures around, by their length."""
 
@@ -98,7 +100,7 @@ class MatlabReader:
             elif kind == "nested" and depth < MAX_DEPTH:
                 inner.append((full, value))
             else:
-                self.unread[full] = "text" if kind == "text" else f"MATLAB object of type {type(value).__name__}"
+                self.unread[full] = "text" if kind == "text" else _WHAT[kind]
         clock = _clock(vectors)
         clocks = dict(outer)
         if clock is not None:
@@ -164,37 +166,21 @@ def _kind(value: Any) -> str:
         return "nested"
     if not isinstance(value, np.ndarray):
         return "text" if isinstance(value, str) else "other"
-    if value.dtype.names is not None:
-        return "nested" if type(value) is np.ndarray else "other"  # MATLAB's classes come as subclasses
-    if value.dtype.kind in "US":
-        return "text"
-    if value.dtype.kind == "O":
-        return "nested"
     return "numbers" if value.dtype.kind in "biufc" else "other"
 
 
-def _elements(full: str, value: Any) -> Iterator[tuple[str, dict[str, Any]]]:
+def _elements(full: str, value: dict[str, Any] | list[Any]) -> Iterator[tuple[str, dict[str, Any]]]:
     """Yield path and members of each structure in an array of structures, or of a cell array.
 
-    Structures are dictionaries and lists of these, cell arrays lists, or both are scipy's arrays.
+    Structures are dictionaries and lists of these, cell arrays lists.
     """
     if isinstance(value, dict):
         yield full, value
-        return
-    if isinstance(value, list) and value and all(isinstance(element, dict) for element in value):
+    elif value and all(isinstance(element, dict) for element in value):
         for i, element in enumerate(value[:MAX_ARRAY]):
             yield f"{full}[{i}]", element
-        return
-    if isinstance(value, list):
+    else:
         yield full, {f"[{i}]": element for i, element in enumerate(value[:MAX_ARRAY])}
-        return
-    flat = value.reshape(-1, order="F")
-    if value.dtype.names is None:
-        yield full, {f"[{i}]": element for i, element in enumerate(flat[:MAX_ARRAY])}
-        return
-    for i, element in enumerate(flat[:MAX_ARRAY]):
-        path = full if len(flat) == 1 else f"{full}[{i}]"
-        yield path, {name: element[name] for name in value.dtype.names}
 
 
 def _clock(vectors: Mapping[str, Values]) -> str | None:

@@ -3,16 +3,15 @@
 from __future__ import annotations
 
 import struct
-import warnings
 import zlib
 from collections.abc import Iterator
-from io import BytesIO
 from pathlib import Path
-from typing import IO, Any, cast
+from typing import IO, Any
 
 from vsalog.errors import ReadError
 from vsalog.readers.base import plural
 from vsalog.readers.compression import MAX_BYTES
+from vsalog.readers.matlab_v5_parts import MATRIX, variable
 
 _HEADER = 128
 _COMPRESSED = 15
@@ -21,28 +20,27 @@ _MOST_RATIO = 200
 
 
 def load(path: Path, notes: list[str]) -> dict[str, Any]:
-    """Return a file's variables as scipy gives them; what is damaged is left out and noted.
+    """Return a file's variables as `matlab_v5_parts.variable` gives them; what is damaged is left out and noted.
 
     Raises
     ------
     ReadError
         The file cannot be opened, or nothing of it can be read.
     """
-    from scipy.io import loadmat
-
     found: dict[str, Any] = {}
     damage: list[str] = []
     try:
-        with path.open("rb") as file, warnings.catch_warnings():
-            warnings.simplefilter("ignore")  # of variables that scipy passes by: they are not in what it returns
+        with path.open("rb") as file:
             header = file.read(_HEADER)
-            for element in _elements(file, header, damage):
+            order = ">" if header[126:128] == b"MI" else "<"
+            for element in _elements(file, order, damage):
                 try:
-                    content = loadmat(cast(Any, BytesIO(header + element)), chars_as_strings=True)
-                except Exception as error:  # scipy raises whatever a damaged file provokes
-                    damage.append(str(error) or type(error).__name__)
+                    name, value = _variable(element, order)
+                except ValueError as error:
+                    damage.append(str(error))
                     continue
-                found.update((name, value) for name, value in content.items() if not name.startswith("__"))
+                if name and not name.startswith("__"):  # MATLAB's own have no name
+                    found[name] = value
     except OSError as error:
         raise ReadError(f"{path}: cannot be read: {error.strerror or error}") from error
     if damage and not found:
@@ -52,9 +50,25 @@ def load(path: Path, notes: list[str]) -> dict[str, Any]:
     return found
 
 
-def _elements(file: IO[bytes], header: bytes, damage: list[str]) -> Iterator[bytes]:
+def _variable(element: bytes, order: str) -> tuple[str, Any]:
+    """Return name and value of a variable.
+
+    Raises
+    ------
+    ValueError
+        It is damaged.
+    """
+    if len(element) < 8:
+        raise ValueError("it is cut off")
+    kind, length = struct.unpack_from(order + "II", element)
+    if kind != MATRIX or length > len(element) - 8:
+        raise ValueError(f"an element of type {kind} with {length} bytes is no variable")
+    return variable(memoryview(element)[8 : 8 + length], order)
+
+
+def _elements(file: IO[bytes], order: str, damage: list[str]) -> Iterator[bytes]:
     """Yield each variable as an element that is not compressed."""
-    tag = struct.Struct(">II" if header[126:128] == b"MI" else "<II")
+    tag = struct.Struct(order + "II")
     size = file.seek(0, 2)
     file.seek(_HEADER)
     allowed = max(MAX_BYTES, _MOST_RATIO * size)

@@ -1,0 +1,115 @@
+"""MATLAB v5 files whose parts contradict one another: refused or left out, never handed to a library that believes them."""
+
+from __future__ import annotations
+
+import struct
+from io import BytesIO
+
+import numpy as np
+import pytest
+from scipy.io import savemat
+from scipy.sparse import csc_matrix
+
+from vsalog.errors import ReadError
+from vsalog.readers import read
+
+HEADER = b"MATLAB 5.0 MAT-file".ljust(124) + b"\0\1IM"
+T = np.arange(6) * 1e-3
+
+
+def element(kind, content, order="<"):
+    return struct.pack(order + "II", kind, len(content)) + content + bytes(-len(content) % 8)
+
+
+def matrix(kind, shape, *parts, name=b"x", order="<"):
+    head = element(6, struct.pack(order + "II", kind, 0), order)
+    head += element(5, struct.pack(f"{order}{len(shape)}i", *shape), order) + element(1, name, order)
+    return element(14, head + b"".join(parts), order)
+
+
+def doubles(values, order="<"):
+    return element(9, np.asarray(values, order + "f8").tobytes(), order)
+
+
+SOUND = matrix(6, (1, 3), doubles([1, 2, 3]), name=b"sound")
+BAD = {
+    "more values than are there": matrix(6, (2**31 - 1, 2**31 - 1), doubles([1, 2])),
+    "fewer values than are there": matrix(6, (1, 1), doubles([1, 2])),
+    "no whole values": matrix(6, (1, 1), element(9, bytes(7))),
+    "a negative dimension": matrix(6, (-1, -2), doubles([1, 2])),
+    "no dimension": matrix(6, (), doubles([1])),
+    "an unknown type": matrix(6, (1, 1), element(99, bytes(8))),
+    "a part beyond the end": matrix(6, (1, 1), struct.pack("<II", 9, 2**32 - 1)),
+    "a small part of many bytes": matrix(6, (1, 1), struct.pack("<HHI", 9, 200, 0)),
+    "cells that are missing": matrix(1, (10**9, 1), matrix(6, (1, 1), doubles([1]))),
+    "cells that are no arrays": matrix(1, (1, 1), doubles([1])),
+    "fields without a width": matrix(2, (1, 1), element(5, bytes(4)), element(1, b"abcd"), doubles([1])),
+    "names that do not fit": matrix(2, (1, 1), element(5, struct.pack("<i", 3)), element(1, b"abcd"), doubles([1])),
+    "no flags": element(14, element(6, b"")),
+    "nothing but a tag": element(14, b"\1"),
+    "another element": element(1, b"abcdefgh"),
+}
+
+
+def nested(depth):
+    value = matrix(6, (1, 1), doubles([1]))
+    for _ in range(depth):
+        value = matrix(1, (1, 1), value)
+    return value
+
+
+BAD["cells in cells in cells"] = nested(200)
+
+
+@pytest.mark.parametrize("name", BAD)
+def test_what_contradicts_itself_is_left_out(tmp_path, name):
+    path = tmp_path / "log"
+    path.write_bytes(HEADER + SOUND + BAD[name])
+    recording = read(path)
+    assert recording.channel("sound").values.tolist() == [1, 2, 3]
+    assert any("of the MATLAB file damaged" in note for note in recording.notes)
+    path.write_bytes(HEADER + BAD[name])
+    with pytest.raises(ReadError, match="damaged"):
+        read(path)
+
+
+def test_any_changed_bytes_are_read_or_refused(tmp_path):
+    """Without compression nothing vouches for a file's parts."""
+    file = BytesIO()
+    savemat(
+        file, {"s": {"time": T, "c": np.array([T, "word", {"a": T}], object)}, "z": T * 1j, "n": np.ones((2, 3, 2))}
+    )
+    raw, rng, path = file.getvalue(), np.random.default_rng(3), tmp_path / "log"
+    for _ in range(1500):
+        damaged = bytearray(raw)
+        for place in rng.integers(128, len(raw), rng.integers(1, 4)):
+            damaged[place] = rng.choice([0, 1, 5, 9, 14, 127, 128, 255])
+        path.write_bytes(damaged)
+        try:
+            recording = read(path)
+        except ReadError:
+            continue
+        for channel in recording.channels.values():
+            assert channel.values.shape == channel.stamps.shape
+            assert (np.diff(channel.stamps) > 0).all()
+
+
+def test_the_other_byte_order(tmp_path):
+    head = b"MATLAB 5.0 MAT-file".ljust(124) + b"\1\0MI"
+    path = tmp_path / "log"
+    path.write_bytes(head + matrix(6, (3, 1), doubles([1, 2, -3.5], ">"), order=">"))
+    assert read(path).channel("x").values.tolist() == [1, 2, -3.5]
+
+
+def test_what_is_no_array_of_numbers_is_told(tmp_path):
+    path = tmp_path / "log"
+    content = {"x": T, "sparse": csc_matrix(np.eye(3)), "word": "text", "empty": np.zeros((0, 0)), "none": {}}
+    savemat(path, content, appendmat=False)
+    with path.open("ab") as file:
+        file.write(element(14, element(6, struct.pack("<II", 17, 0)) + element(1, b"obj") + element(1, b"MCOS")))
+    recording = read(path)
+    assert list(recording.channels) == ["x"]
+    assert recording.unread["word"] == "text"
+    assert "no array of numbers" in recording.unread["sparse"]
+    assert "no array of numbers" in recording.unread["obj"]
+    assert "(0, 0)" in recording.unread["empty"]

@@ -1,0 +1,159 @@
+"""The parts of a variable in a MATLAB v5 file → arrays, structures and cells.
+
+Not by scipy, whose compiled reader believes the lengths and types that stand in a file: a damaged one ends the process. Here
+every length is held against what is there, and nothing is read that could be no signal.
+"""
+
+from __future__ import annotations
+
+import struct
+from collections.abc import Iterator
+from math import prod
+from typing import Any
+
+import numpy as np
+
+from vsalog.readers.base import MAX_ARRAY
+
+MATRIX = 14
+_MOST_DEPTH = 32
+_CELL, _STRUCT, _CHAR, _FIRST_NUMBER, _LAST_NUMBER = 1, 2, 4, 6, 15
+_COMPLEX = 0x0800
+_INT32 = 5
+_NUMBERS = {
+    1: "i1", 2: "u1", 3: "i2", 4: "u2", _INT32: "i4", 6: "u4", 7: "f4", 9: "f8", 12: "i8", 13: "u8",
+}  # fmt: skip
+
+
+def variable(data: memoryview, order: str) -> tuple[str, Any]:
+    """Return name and value of a matrix element's content.
+
+    Parameters
+    ----------
+    data : bytes
+        Behind the element's tag.
+    order : str
+        ``<`` or ``>``: which byte of a number comes first.
+
+    Returns
+    -------
+    str
+        The name.
+    array, dict, list, str or None
+        Numbers; a structure; a cell array or an array of structures, of which the first elements; a text, which is left empty;
+        what is none of these.
+
+    Raises
+    ------
+    ValueError
+        What is told of the parts does not fit together.
+    """
+    return _matrix(data, order, 0)
+
+
+def _matrix(data: memoryview, order: str, depth: int) -> tuple[str, Any]:
+    if depth > _MOST_DEPTH:
+        raise ValueError("it is nested too deeply")
+    if not data:
+        return "", np.zeros((0, 0))
+    parts = _parts(data, order)
+    flags, kind = _flags(parts, order)
+    if not (kind in (_CELL, _STRUCT, _CHAR) or _FIRST_NUMBER <= kind <= _LAST_NUMBER):
+        return _name_of_other(parts), None
+    shape = tuple(_numbers(*_next(parts), order, _INT32).tolist())
+    if len(shape) < 2 or min(shape) < 0:
+        raise ValueError("its dimensions are none")
+    name = _text(_next(parts)[1])
+    if kind == _CHAR:
+        return name, ""
+    if kind == _CELL:
+        return name, [_inner(parts, order, depth) for _ in range(min(prod(shape), MAX_ARRAY))]
+    if kind == _STRUCT:
+        return name, _structures(parts, order, depth, prod(shape))
+    values = _numbers(*_next(parts), order)
+    if flags & _COMPLEX:
+        values = values + 1j * _numbers(*_next(parts), order)
+    if values.size != prod(shape):
+        raise ValueError(f"it holds {values.size} values where {prod(shape)} are announced")
+    return name, values.reshape(shape, order="F")
+
+
+def _structures(parts: Iterator[tuple[int, memoryview]], order: str, depth: int, count: int) -> Any:
+    """Return a structure, or the first structures of an array."""
+    (width,) = _numbers(*_next(parts), order, _INT32).tolist()
+    names = bytes(_next(parts)[1])
+    if width < 1 or len(names) % width:
+        raise ValueError("the names of its fields are damaged")
+    keys = [_text(names[i : i + width]) for i in range(0, len(names), width)]
+    if len(set(keys)) < len(keys):
+        raise ValueError("two of its fields have one name")
+    found = [{key: _inner(parts, order, depth) for key in keys} for _ in range(min(count, MAX_ARRAY))]
+    return found[0] if count == 1 else found
+
+
+def _inner(parts: Iterator[tuple[int, memoryview]], order: str, depth: int) -> Any:
+    kind, content = _next(parts)
+    if kind != MATRIX:
+        raise ValueError(f"it holds an element of type {kind} where an array should be")
+    return _matrix(content, order, depth + 1)[1]
+
+
+def _flags(parts: Iterator[tuple[int, memoryview]], order: str) -> tuple[int, int]:
+    """Return an array's flags and its class."""
+    _, content = _next(parts)
+    if len(content) != 8:
+        raise ValueError("it does not say what kind of array it is")
+    (word,) = struct.unpack_from(order + "I", content)
+    return int(word), int(word) & 0xFF
+
+
+def _name_of_other(parts: Iterator[tuple[int, memoryview]]) -> str:
+    """Return the name of an object, a function or a sparse array; those of classes have it first."""
+    kind, content = _next(parts)
+    return _text(content) if kind == 1 else _text(_next(parts)[1])
+
+
+def _numbers(kind: int, content: memoryview, order: str, wanted: int | None = None) -> np.ndarray[Any, Any]:
+    """Return an element's numbers."""
+    if kind not in _NUMBERS or (wanted is not None and kind not in (wanted, wanted + 1)):  # some write unsigned ones
+        raise ValueError(f"it holds an element of type {kind} where numbers should be")
+    dtype = np.dtype(order + _NUMBERS[kind])
+    if len(content) % dtype.itemsize:
+        raise ValueError("its lengths contradict one another")
+    return np.frombuffer(content, dtype)
+
+
+def _text(raw: bytes | memoryview) -> str:
+    return bytes(raw).partition(b"\0")[0].decode("utf-8", "replace")
+
+
+def _next(parts: Iterator[tuple[int, memoryview]]) -> tuple[int, memoryview]:
+    part = next(parts, None)
+    if part is None:
+        raise ValueError("a part of it is missing")
+    return part
+
+
+def _parts(data: memoryview, order: str) -> Iterator[tuple[int, memoryview]]:
+    """Yield type and content of the elements that lie one behind the other.
+
+    Raises
+    ------
+    ValueError
+        One is longer than what is left.
+    """
+    at, tag = 0, struct.Struct(order + "II")
+    while at + tag.size <= len(data):
+        kind, length = tag.unpack_from(data, at)
+        if kind >> 16:  # up to four bytes lie in the tag itself
+            kind, length, begin = kind & 0xFFFF, kind >> 16, at + 4
+            if length > 4:
+                raise ValueError("its lengths contradict one another")
+            following = at + tag.size
+        else:
+            begin = at + tag.size
+            following = begin + -(-length // 8) * 8
+        if begin + length > len(data):
+            raise ValueError("its lengths contradict one another")
+        yield kind, data[begin : begin + length]
+        at = following
