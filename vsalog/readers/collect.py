@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from vsalog.errors import ReadError
 from vsalog.readers.base import Block, Reader, plural
+from vsalog.readers.reach import BEYOND, within_reach
 from vsalog.readers.spool import Column, Kind, Spool, SpooledColumn, in_memory, parts
 from vsalog.readers.timing import YEAR_2000, Clock, Order, choose_clock, put_in_order
 from vsalog.recording import Channel, Recording, Stamps, Stream
@@ -186,7 +187,10 @@ def gather(
     gathered: dict[str, Gathered] = {}
     spool: Spool | None = None
     size, most = 0, max(FREE_BYTES, MOST_TIMES * _bytes_of(path))
+    absurd = 0
     for block in reader.blocks(wanted):
+        block, lost = within_reach(block)
+        absurd += lost
         one = gathered.setdefault(block.stream, Gathered(block.type, spool))
         size += one.growth(block)
         if size > most:
@@ -199,6 +203,10 @@ def gather(
             for each in gathered.values():
                 each.to_disk(spool)
         one.add(block)
+    if absurd and not any(one.count for one in gathered.values()):
+        raise ReadError(f"{path}: the times of all samples {BEYOND}")
+    if absurd:
+        reader.notes.append(f"{plural(absurd, 'sample')} left out whose times {BEYOND}")
     for one in gathered.values():
         for column in [column for column in one.columns if column in reader.unread]:
             del one.columns[column]  # only the last block tells that a column holds no number at all

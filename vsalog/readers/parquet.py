@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Collection, Iterator, Mapping
 from pathlib import Path
 
@@ -16,6 +17,7 @@ from vsalog.readers.base import Block, Catalogue, ChannelInfo, first_of_each, pl
 from vsalog.readers.headers import printable_cell, unique_names
 from vsalog.readers.row_clock import ROW_NOTE, row_clock
 from vsalog.readers.time_columns import find_clocks, nanoseconds
+from vsalog.readers.time_dates import in_nanoseconds
 from vsalog.recording import Stamps, Values
 from vsalog.units import split_header
 
@@ -57,12 +59,17 @@ class ParquetReader:
             raise ReadError(f"{path}: the Parquet file cannot be read: {error}") from error
         schema = self._file.schema_arrow
         pairs = [split_header(name) for name in schema.names]
+        counted: Counter[str] = Counter()
+        self._places = []
+        for name in schema.names:
+            self._places.append((name, counted[name]))
+            counted[name] += 1
         self._names = unique_names([name for name, _ in pairs])
         self._units = [_unit(schema.field(i)) or unit for i, (_, unit) in enumerate(pairs)]
         columns = [] if sample is None else [sample.column(i) for i in range(sample.num_columns)]
         self._plan = find_clocks(self._names, self._units, columns)
         self._keys = [
-            schema.names.index(key) for key in KEYS if key in schema.names and _is_text(schema.field(key).type)
+            schema.names.index(key) for key in KEYS if schema.names.count(key) == 1 and _is_text(schema.field(key).type)
         ]
         if len(self._keys) < len(KEYS):
             self._keys = []
@@ -153,11 +160,10 @@ class ParquetReader:
         self, batch: pa.RecordBatch, part: str | None, columns: list[int], row: int, wanted: Collection[str] | None
     ) -> tuple[Block, int]:
         """Return a batch as a block, and how many of its rows have no time."""
-        original = self._file.schema_arrow.names
         good = np.ones(batch.num_rows, dtype=bool)
         stamps: dict[str, Stamps] = {} if self._plan.clocks else row_clock(row, batch.num_rows, self.rate)
         for kind, clock in self._plan.clocks.items():
-            cells = [batch.column(original[i]) for i in clock.columns]
+            cells = [self._cells(batch, i) for i in clock.columns]
             stamps[kind], valid = nanoseconds(cells, clock.form)
             good &= valid
         values: dict[str, Values] = {}
@@ -165,7 +171,7 @@ class ParquetReader:
         for i in columns:
             name = self._name(i, part)
             if wanted is None or name in wanted:
-                values[name] = _numbers(batch.column(original[i]))
+                values[name] = _numbers(self._cells(batch, i))
                 unit = self._units[i]
                 if unit is not None:
                     units[name] = unit
@@ -187,11 +193,15 @@ class ParquetReader:
 
     def _present(self, batch: pa.RecordBatch, columns: list[int]) -> NDArray[np.bool_]:
         """Tell which rows any of a stream's columns has a sample in."""
-        original = self._file.schema_arrow.names
         found = np.zeros(batch.num_rows, dtype=bool)
         for i in columns:
-            found |= np.asarray(batch.column(original[i]).is_valid().to_numpy(zero_copy_only=False), bool)
+            found |= np.asarray(self._cells(batch, i).is_valid().to_numpy(zero_copy_only=False), bool)
         return found
+
+    def _cells(self, batch: pa.RecordBatch, column: int) -> pa.Array:
+        """Return a column of a batch, by the file's own number: several may have one name."""
+        name, which = self._places[column]
+        return batch.column(batch.schema.get_all_field_indices(name)[which])
 
     def _number_columns(self) -> list[int]:
         schema = self._file.schema_arrow
@@ -282,8 +292,8 @@ def _is_number(kind: pa.DataType) -> bool:
 def _numbers(cells: pa.Array) -> NDArray[np.float64]:
     """Return a column as numbers, durations in seconds, NaN where a cell is empty."""
     if pa.types.is_duration(cells.type):
-        cells = pc.cast(pc.cast(cells, pa.duration("ns")), pa.int64())
-        return np.asarray(pc.cast(cells, pa.float64(), safe=False).to_numpy(zero_copy_only=False), np.float64) * 1e-9
+        durations, good = in_nanoseconds(cells)
+        return np.where(good, durations * 1e-9, np.nan)
     if pa.types.is_boolean(cells.type):
         cells = pc.cast(cells, pa.uint8())
     return np.array(pc.cast(cells, pa.float64(), safe=False).to_numpy(zero_copy_only=False), np.float64)

@@ -12,7 +12,7 @@ import pyarrow as pa
 import pyarrow.compute as pc
 from numpy.typing import NDArray
 
-from vsalog.readers.time_dates import dates, integers, trimmed
+from vsalog.readers.time_dates import dates, in_nanoseconds, integers, scaled, trimmed
 from vsalog.recording import Stamps
 
 # Decimal digits from the unit to the nanosecond.
@@ -144,7 +144,8 @@ def nanoseconds(columns: Sequence[pa.Array], form: str) -> tuple[Stamps, NDArray
     if form == "pair":
         seconds, good = _scaled(columns[0], 9)
         fraction, also = _scaled(columns[1], 0)
-        return seconds + fraction, good & also
+        good &= also & (np.abs(seconds // 2 + fraction // 2) < 2**61)  # their sum fits into 64 bits, and is a time
+        return np.where(good, seconds, 0) + np.where(good, fraction, 0), good
     if form == "date+day":
         joined = pc.binary_join_element_wise(trimmed(columns[0]), trimmed(columns[1]), " ")
         return dates(joined)
@@ -288,11 +289,9 @@ def _scaled(array: pa.Array, digits: int) -> tuple[Stamps, NDArray[np.bool_]]:
     """Return numbers times ten to the power of `digits` as integers, exactly where they are written in decimals."""
     kind = array.type
     if pa.types.is_time(kind) or pa.types.is_duration(kind):
-        unit = pa.time64("ns") if pa.types.is_time(kind) else pa.duration("ns")
-        return integers(pc.cast(array, unit))
+        return in_nanoseconds(array)
     if pa.types.is_integer(kind):
-        stamps, good = integers(array)
-        return stamps * np.int64(10**digits), good
+        return scaled(*integers(array), 10**digits)
     if pa.types.is_string(kind) or pa.types.is_large_string(kind):
         exact = _exact(trimmed(array), digits)
         if exact is not None:

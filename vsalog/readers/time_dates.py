@@ -36,7 +36,7 @@ def dates(array: pa.Array) -> tuple[Stamps, NDArray[np.bool_]]:
     """
     kind = array.type
     if pa.types.is_timestamp(kind) or pa.types.is_date(kind):
-        return integers(pc.cast(array, pa.timestamp("ns", getattr(kind, "tz", None)), safe=False))
+        return in_nanoseconds(array)
     text = trimmed(array)
     found = _iso(text)
     if found.null_count > text.null_count:
@@ -49,9 +49,38 @@ def dates(array: pa.Array) -> tuple[Stamps, NDArray[np.bool_]]:
 
 def integers(array: pa.Array) -> tuple[Stamps, NDArray[np.bool_]]:
     """Return whole numbers, 0 where there is none, and where there are some."""
+    if pa.types.is_uint64(array.type):
+        array = pc.if_else(pc.less(array, pa.scalar(2**63, pa.uint64())), array, pa.scalar(None, pa.uint64()))
     good = np.asarray(pc.is_valid(array).to_numpy(zero_copy_only=False), bool)
     filled = pc.fill_null(pc.cast(array, pa.int64()), 0)
     return np.asarray(filled.to_numpy(zero_copy_only=False), np.int64), good
+
+
+# How many nanoseconds the units of Arrow's types have.
+_FACTORS = {"s": 10**9, "ms": 10**6, "us": 10**3, "ns": 1}
+_DAY = 86_400 * 10**9
+
+
+def in_nanoseconds(array: pa.Array) -> tuple[Stamps, NDArray[np.bool_]]:
+    """Return dates, times of day and durations as `integers` does, and those that do not fit into 64 bits as none.
+
+    Arrow's own conversion would either refuse all for the sake of one, or let it wrap around.
+    """
+    kind = array.type
+    if pa.types.is_date32(kind):
+        numbers, factor = pc.cast(array, pa.int32()), _DAY
+    elif pa.types.is_date64(kind):
+        numbers, factor = pc.cast(array, pa.int64()), 10**6
+    else:
+        numbers, factor = pc.cast(array, pa.int32() if pa.types.is_time32(kind) else pa.int64()), _FACTORS[kind.unit]
+    return scaled(*integers(numbers), factor)
+
+
+def scaled(values: Stamps, good: NDArray[np.bool_], factor: int) -> tuple[Stamps, NDArray[np.bool_]]:
+    """Multiply whole numbers; those whose product does not fit into 64 bits are none."""
+    most = (2**63 - 1) // factor
+    fits = good & (values >= -most) & (values <= most)
+    return np.where(fits, values, 0) * np.int64(factor), fits
 
 
 def trimmed(array: pa.Array) -> pa.Array:

@@ -12,6 +12,7 @@ import pyarrow as pa
 
 from vsalog.errors import ReadError, UnitError
 from vsalog.readers.base import Reader
+from vsalog.readers.reach import within_reach
 from vsalog.readers.time_columns import epoch_unit, nanoseconds
 from vsalog.readers.timing import YEAR_2000, choose_clock
 from vsalog.recording import Channel, Recording, Stamps
@@ -22,6 +23,7 @@ HOW = (
     " or a time since the epoch"
 )
 _LARGEST = 2**63 - 2
+_MOST_DIGITS = 100
 NO_SAMPLE = "no sample lies between the start and the end that were given"
 
 
@@ -62,6 +64,8 @@ class Moment:
             number = Decimal(text)
         except InvalidOperation:
             return _dated(text) or _with_unit(text, name)
+        if abs(number.adjusted()) > _MOST_DIGITS:
+            number = Decimal("inf") if number.adjusted() > 0 else Decimal(0)
         unit = epoch_unit(abs(float(number))) if number.is_finite() else None
         scale = Decimal(10) ** {"s": 9, "ms": 6, "us": 3, "ns": 0}[unit or "s"]
         return cls(_whole(number * scale, text, name), unit is not None)
@@ -182,13 +186,15 @@ def said(stamp: int) -> str:
 
 def _beginning(reader: Reader, time: str) -> int | None:
     """Return the earliest stamp of any stream's first samples; None where none has a time."""
-    clocks = [choose_clock(block.clocks, time) for block in reader.heads()]
+    clocks = [choose_clock(within_reach(block)[0].clocks, time) for block in reader.heads()]
     stamps = [int(clock.stamps.min()) for clock in clocks if clock.source != "none" and clock.stamps.size]
     return min(stamps, default=None)
 
 
 def _dated(text: str) -> Moment | None:
     """Read a date of ISO 8601."""
+    if not text.isprintable():
+        return None
     stamps, good = nanoseconds([pa.array([text], pa.string())], "date")
     return Moment(int(stamps[0]), True) if good[0] else None
 

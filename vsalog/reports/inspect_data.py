@@ -153,6 +153,7 @@ class Inspection(Struct, frozen=True):
     repaired: Repaired | None = None
 
 
+@np.errstate(over="ignore", invalid="ignore", divide="ignore")  # a log may hold any number
 def inspect_recording(recording: Recording, guess: Guess, sample: Sample | None = None, head: int = 0) -> LogReport:
     """Return what is in a recording.
 

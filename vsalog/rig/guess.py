@@ -10,6 +10,7 @@ from collections import defaultdict
 from collections.abc import Sequence
 
 import msgspec
+import numpy as np
 
 from vsalog.recording import Recording
 from vsalog.rig.guess_joint import guess_joint
@@ -22,6 +23,9 @@ __all__ = ["Guess", "JointGuess", "guess_roles"]
 _PLACED = ("position", "deflection")
 
 
+@np.errstate(
+    over="ignore", invalid="ignore", divide="ignore"
+)  # a log may hold any number: what is infinite is no match
 def guess_roles(recording: Recording) -> Guess:
     """Guess the joints of a log, their kinds and the channels of their roles.
 

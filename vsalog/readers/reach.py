@@ -1,0 +1,49 @@
+"""Times that no recording can have: beyond them, differences of stamps would not fit into 64 bits."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from vsalog.readers.base import Block
+from vsalog.recording import Stamps
+
+FARTHEST = 2**62 - 1
+"""Nanoseconds before and after 1970 that a sample may lie: any two such stamps have a difference."""
+BEYOND = "lie before the year 1823 or after 2116, as no recording's can"
+
+# Where these are absurd, there may be another clock that is not.
+_SECOND = ("header", "publish")
+
+
+def within_reach(block: Block) -> tuple[Block, int]:
+    """Leave out samples that a recorder cannot have recorded when it says so; returns how many.
+
+    A header's stamp that is absurd is brought to the border of what can be: so far from the log's time it is not believed.
+
+    Parameters
+    ----------
+    block : Block
+        As a reader gives it.
+    """
+    if all(_near(stamps) for stamps in block.clocks.values()):
+        return block, 0
+    clocks = dict(block.clocks)
+    if len(clocks) > 1:
+        for kind in _SECOND:
+            if kind in clocks:
+                clocks[kind] = np.clip(clocks[kind], -FARTHEST, FARTHEST)
+    good = np.all([(stamps >= -FARTHEST) & (stamps <= FARTHEST) for stamps in clocks.values()], axis=0)
+    return (
+        replace(
+            block,
+            clocks={kind: stamps[good] for kind, stamps in clocks.items()},
+            columns={name: values[good] for name, values in block.columns.items()},
+        ),
+        int(good.size - np.count_nonzero(good)),
+    )
+
+
+def _near(stamps: Stamps) -> bool:
+    return not stamps.size or (int(stamps.min()) >= -FARTHEST and int(stamps.max()) <= FARTHEST)
