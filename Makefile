@@ -1,15 +1,17 @@
 # make demo   the main job on a sample log
 # make test   everything that must hold: style, types, tests
 # make bench  speed, beside a reference in the same run
+# make fuzz SECONDS=3600   hostile logs, rigs and models without end: no crash, no hang, no memory beyond 1 GB
 # make battery SEED=1   hidden effects, and how many of them the diagnosis finds
 
 PYTHON ?= python3
 VENV ?= .venv
 SEED ?= 1
+SECONDS ?= 3600
 BIN = $(VENV)/bin
 MAKEFLAGS += --no-print-directory
 
-.PHONY: demo test lint bench battery samples clean
+.PHONY: demo test lint bench battery fuzz samples clean
 
 demo: $(VENV)/.demo
 	@$(BIN)/vsalog inspect sample_logs/vsa2_exp1.mcap
@@ -33,11 +35,14 @@ bench: $(VENV)/.bench
 battery: $(VENV)/.test
 	$(BIN)/python -m tests.hidden_effects.battery --seed $(SEED) --out battery
 
+fuzz: $(VENV)/.fuzz
+	$(BIN)/python tests/fuzz/run_fuzz.py --seconds $(SECONDS)
+
 samples: $(VENV)/.test
 	$(BIN)/python -m vsalog.simulation.samples sample_logs
 
 clean:
-	rm -rf $(VENV) demo battery build dist *.egg-info .pytest_cache .mypy_cache .ruff_cache .hypothesis
+	rm -rf $(VENV) demo battery .fuzz build dist *.egg-info .pytest_cache .mypy_cache .ruff_cache .hypothesis
 
 $(VENV)/bin/python:
 	@$(PYTHON) -c 'import sys; sys.exit("vsalog needs Python 3.11 or newer; name one: make PYTHON=python3.12" if sys.version_info < (3, 11) else 0)'
@@ -53,4 +58,8 @@ $(VENV)/.test: $(VENV)/bin/python pyproject.toml
 
 $(VENV)/.bench: $(VENV)/bin/python pyproject.toml
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check -e '.[test,benchmark]'
+	@touch $@
+
+$(VENV)/.fuzz: $(VENV)/bin/python pyproject.toml
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check -e '.[test,fuzz]'
 	@touch $@
