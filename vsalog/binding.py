@@ -6,11 +6,12 @@ clock jumps back, the run ends and another begins.
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import replace
 from fnmatch import fnmatchcase
 from pathlib import Path
 from types import MappingProxyType
+from typing import Protocol, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -29,7 +30,14 @@ from vsalog.role_source import constant_of, motor_of, origin_of, source_of
 from vsalog.signals import JointSignals
 
 Array = NDArray[np.float64]
-Flags = NDArray[np.bool_]
+
+
+class _Log(Protocol):
+    @property
+    def path(self) -> Path: ...
+
+
+Log = TypeVar("Log", bound=_Log)
 
 
 def signal_of(spec: str | float | Signal) -> Signal:
@@ -58,8 +66,8 @@ def names_of(paths: Sequence[Path]) -> list[str]:
     return [name.encode("utf-8", "replace").decode() for name in shown]
 
 
-def runs_of(joint: Joint, recording: Recording) -> tuple[Run, ...]:
-    """Return the runs of a joint that apply to a recording; one without a name when the rig has none.
+def runs_of(joint: Joint, log: str) -> tuple[Run, ...]:
+    """Return the runs of a joint that apply to a log of that name; one without a name when the rig has none.
 
     Raises
     ------
@@ -69,12 +77,10 @@ def runs_of(joint: Joint, recording: Recording) -> tuple[Run, ...]:
     runs = () if isinstance(joint, RigidJoint) else joint.run
     if not runs:
         return (Run(),)
-    fitting = tuple(r for r in runs if fnmatchcase(recording.path.name, r.file))
+    fitting = tuple(r for r in runs if fnmatchcase(log, r.file))
     if not fitting:
         patterns = ", ".join(f"'{r.file}'" for r in runs[:5])
-        raise BindingError(
-            f"{recording.path.name}: no run of the rig is for a file of that name (there are {patterns})"
-        )
+        raise BindingError(f"{log}: no run of the rig is for a file of that name (there are {patterns})")
     return fitting
 
 
@@ -132,38 +138,56 @@ def bind(
     offered = offered_roles(joint)
     pieces: list[JointSignals] = []
     names: list[str] = []
-    labels = names_of([r.path for r in recordings])
-    for i, recording in enumerate(recordings):
-        fixed = setpoints[i] if i < len(setpoints) else None
-        for run in runs_of(joint, recording):
-            others = {
-                f"{other}/{role}": b
-                for other, (its, of_it) in neighbours.items()
-                for role, b in _bind_roles(recording, run, of_it, its, None, acting).items()
-            }
-            bound = _bind_roles(recording, run, (*roles, *_beside(offered, roles)), joint, fixed, acting) | others
-            names.append("/".join(p for p in ((labels[i] if len(recordings) > 1 else ""), run.name) if p))
-            signals = _on_one_grid(recording, name, bound, len(names) - 1)
-            piece = _less_series(recording, signals, offered, (*roles, *others))
-            motors = {role: motor_of(joint, role) for role in bound if acting and is_motor_torque(role)}
-            pieces.append(replace(piece, notes=(*piece.notes, *acting_notes(name, motors))))
+    wanted = [*roles, *(f"{other}/{role}" for other, (_, its) in neighbours.items() for role in its)]
+    for recording, run, fixed, run_name in each_run(recordings, joint, setpoints):
+        bound = {
+            named: _bind_role(recording, run, role, its, constant, acting)
+            for named, role, its, constant in roles_of_all(joint, roles, neighbours, fixed)
+        }
+        signals = _on_one_grid(recording, name, bound, len(names))
+        kept = less_series(recording.path.name, signals.roles, offered, wanted)
+        motors = {role: motor_of(joint, role) for role in bound if acting and is_motor_torque(role)}
+        pieces.append(replace(signals, roles=kept, notes=(*signals.notes, *acting_notes(name, motors))))
+        names.append(run_name)
     return _concatenate(name, pieces, tuple(names))
 
 
-def _bind_roles(
-    recording: Recording, run: Run, roles: Collection[str], joint: Joint, fixed: float | None, acting: bool
-) -> dict[str, Bound]:
-    offered = offered_roles(joint)
-    bound = {role: _bind_role(recording, run, role, offered.get(role, Signal()), joint, fixed) for role in roles}
-    if acting:
-        bound |= {role: acting_torque(b, motor_of(joint, role)) for role, b in bound.items() if is_motor_torque(role)}
-    return bound
+def each_run(
+    recordings: Sequence[Log], joint: Joint, setpoints: Sequence[float | None]
+) -> Iterator[tuple[Log, Run, float | None, str]]:
+    """Yield each run of a joint in the logs, with its log, the set-point that is fixed for it and its name.
+
+    Raises
+    ------
+    BindingError
+        The rig has runs, but none is for a file of that name.
+    """
+    labels = names_of([r.path for r in recordings])
+    for i, recording in enumerate(recordings):
+        fixed = setpoints[i] if i < len(setpoints) else None
+        for run in runs_of(joint, recording.path.name):
+            parts = ((labels[i] if len(recordings) > 1 else ""), run.name)
+            yield recording, run, fixed, "/".join(part for part in parts if part)
 
 
-def _bind_role(recording: Recording, run: Run, role: str, signal: Signal, joint: Joint, fixed: float | None) -> Bound:
+def roles_of_all(
+    joint: Joint, roles: Collection[str], neighbours: Neighbours, fixed: float | None
+) -> Iterator[tuple[str, str, Joint, float | None]]:
+    """Yield each role to bind: as it is named among the joint's signals, in its own joint, that joint, and a fixed set-point."""
+    for role in (*roles, *_beside(offered_roles(joint), roles)):
+        yield role, role, joint, fixed
+    for other, (its, of_it) in neighbours.items():
+        for role in of_it:
+            yield f"{other}/{role}", role, its, None
+
+
+def _bind_role(recording: Recording, run: Run, role: str, joint: Joint, fixed: float | None, acting: bool) -> Bound:
+    signal = offered_roles(joint).get(role, Signal())
+    motor = motor_of(joint, role) if acting and is_motor_torque(role) else None
     constant = constant_of(recording, run, role, signal, fixed)
     if constant is not None:
-        return Bound(np.empty(0, np.int64), np.empty(0), 0, constant=constant)
+        bound = Bound(np.empty(0, np.int64), np.empty(0), 0, constant=constant)
+        return bound if motor is None else acting_torque(bound, motor)
     source = source_of(recording, run, role, signal, joint)
     channel = recording.channel(source.channel)
     # First: a sample that stands alone must not become a turn.
@@ -173,7 +197,8 @@ def _bind_role(recording: Recording, run: Run, role: str, signal: Signal, joint:
     if source.turn is not None:
         recorded, wrapped = unwrapped(recorded, source.turn)
     bound = source.bound(channel.stamps, recorded, int(np.median(np.diff(channel.stamps))))
-    return replace(bound, wrapped=wrapped and source.joint_turn, alone=None if alone is None else bound.stamps[alone])
+    bound = replace(bound, wrapped=wrapped and source.joint_turn, alone=None if alone is None else bound.stamps[alone])
+    return bound if motor is None else acting_torque(bound, motor)
 
 
 def _on_one_grid(recording: Recording, joint: str, bound: Mapping[str, Bound], run: int) -> JointSignals:
@@ -208,40 +233,68 @@ def _on_one_grid(recording: Recording, joint: str, bound: Mapping[str, Bound], r
         },
         notes=(
             *binding_notes(joint, segments, {role: tally_of(b) for role, b in moving.items()}, origin),
-            *(f"joint '{joint}': {role} was on another turn than link_position and is turned to it" for role in turned),
+            *turned_notes(joint, turned),
         ),
     )
 
 
-def _less_series(
-    recording: Recording, signals: JointSignals, offered: Mapping[str, Signal], wanted: Collection[str]
-) -> JointSignals:
-    """Take off each deflection what a part in series adds to it under the measured torque."""
-    roles = dict(signals.roles)
-    for role in signals.roles:
+def turned_notes(joint: str, turned: Collection[str]) -> Iterator[str]:
+    """Say of roles that they were turned by whole turns."""
+    for role in turned:
+        yield f"joint '{joint}': {role} was on another turn than link_position and is turned to it"
+
+
+def less_series(
+    log: str, recorded: Mapping[str, Array], offered: Mapping[str, Signal], wanted: Collection[str]
+) -> dict[str, Array]:
+    """Take off each deflection what a part in series adds to it under the measured torque, and keep the wanted roles.
+
+    Raises
+    ------
+    BindingError
+        There is no torque sensor to tell.
+    """
+    roles = dict(recorded)
+    for role in recorded:
         stiffness = offered[role].series_stiffness if role in offered else None
         if stiffness is None:
             continue
         sensor = role.replace("deflection", "torque_sensor")
         if sensor not in roles:
-            raise BindingError(
-                f"{recording.path.name}: {role} has a series_stiffness, which needs a {sensor} in the rig too"
-            )
+            raise BindingError(f"{log}: {role} has a series_stiffness, which needs a {sensor} in the rig too")
         roles[role] = roles[role] - roles[sensor] / stiffness
-    return replace(signals, roles={role: roles[role] for role in roles if role in wanted})
+    return {role: roles[role] for role in roles if role in wanted}
 
 
-def _concatenate(name: str, pieces: Sequence[JointSignals], run_names: tuple[str, ...]) -> JointSignals:
-    first = pieces[0]
-    periods = np.array([p.period for p in pieces])
+def refuse_other_rates(name: str, runs: Sequence[float]) -> None:
+    """Refuse runs whose periods [s] differ.
+
+    Raises
+    ------
+    BindingError
+        They do.
+    """
+    periods = np.array(runs)
     if np.ptp(periods) > EVEN * periods[0]:
         raise BindingError(
             f"joint '{name}': the runs were sampled at different rates"
             f" ({1.0 / periods.max():.4g} to {1.0 / periods.min():.4g} Hz); estimate them one by one"
         )
+
+
+def least_steps(runs: Sequence[Mapping[str, float]], roles: Collection[str]) -> dict[str, float]:
+    """Return role → resolution over all runs: the least that could be told."""
+    if len(runs) == 1:
+        return dict(runs[0])
+    steps = {role: [run[role] for run in runs if run.get(role, 0.0) > 0.0] for role in roles}
+    return {role: min(found) for role, found in steps.items() if found}
+
+
+def _concatenate(name: str, pieces: Sequence[JointSignals], run_names: tuple[str, ...]) -> JointSignals:
+    first = pieces[0]
+    refuse_other_rates(name, [p.period for p in pieces])
     if len(pieces) == 1:
         return replace(first, run_names=run_names)
-    steps = {role: [p.resolution[role] for p in pieces if p.resolution.get(role, 0.0) > 0.0] for role in first.roles}
     return JointSignals(
         name,
         first.period,
@@ -251,6 +304,6 @@ def _concatenate(name: str, pieces: Sequence[JointSignals], run_names: tuple[str
         np.concatenate([p.starts for p in pieces]),
         np.concatenate([p.run for p in pieces]),
         run_names,
-        {role: min(found) for role, found in steps.items() if found},
+        least_steps([p.resolution for p in pieces], first.roles),
         tuple(note for p in pieces for note in p.notes),
     )

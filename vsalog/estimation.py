@@ -18,8 +18,10 @@ from vsalog.estimators.grioli_bicchi import told_by_the_link
 from vsalog.estimators.needs import meaning
 from vsalog.estimators.regression import BLOCK
 from vsalog.estimators.tuning import Tuning, read_tuning
+from vsalog.long_recording import LongRecording
+from vsalog.long_signals import LongSignals
 from vsalog.model import JointModel
-from vsalog.neighbours import own_and_others
+from vsalog.neighbours import Neighbours, own_and_others
 from vsalog.recording import Recording
 from vsalog.rig.schema import Joint, RigFile
 from vsalog.signals import JointSignals
@@ -194,7 +196,7 @@ def _refuse(device: Device, missing: Collection[str]) -> None:
 
 
 def estimate_joint(
-    recordings: Sequence[Recording],
+    recordings: Sequence[Recording | LongRecording],
     name: str,
     joint: Joint,
     choice: Choice,
@@ -208,7 +210,7 @@ def estimate_joint(
 
     Parameters
     ----------
-    recordings : in order; what is learnt from one goes on in the next
+    recordings : in order; what is learnt from one goes on in the next; where one is long, memory does not grow with them
     name, joint : of the rig
     choice : the estimator, of `choose`
     setpoints : a fixed set-point per recording [SI], None for none
@@ -222,15 +224,17 @@ def estimate_joint(
         The recordings do not fit the rig, or the signals do not fit the estimator.
     """
     own, neighbours = own_and_others(choice.roles, {} if rig is None else rig.joint)
-    signals = bind(recordings, name, joint, own, setpoints, neighbours=neighbours)
-    device = device_of(name, joint, signals.roles, rig)
-    refuse_dead_sensors(choice.name, signals)
-    warnings = [*signals.notes, *signal_warnings(device, signals)]
+    signals = _bound(recordings, name, joint, own, setpoints, neighbours)
+    # Filters, scales and priors are derived from it.
+    look = signals if isinstance(signals, JointSignals) else signals.look()
+    device = device_of(name, joint, look.roles, rig)
+    refuse_dead_sensors(choice.name, look)
+    warnings = [*signals.notes, *signal_warnings(device, look)]
     kept: list[Trace] = []
     summarizer = Summarizer(device)
     # Where numbers run out of range the estimate is infinite or none, and the trace says so; numpy need not.
     with np.errstate(over="ignore", invalid="ignore", divide="ignore"):
-        fold = choice.method.build(device, signals, choice.tuning)
+        fold = choice.method.build(device, look, choice.tuning)
         fold.conditioner.check_length(signals.longest_run)
         state = _fold(fold, signals, block, (kept.append if sink is None else sink), summarizer)
         summary = summarizer.result(signals)
@@ -246,7 +250,25 @@ def estimate_joint(
         )
 
 
-def _fold(fold: Fold, signals: JointSignals, block: int, sink: Sink, summarizer: Summarizer):  # type: ignore[no-untyped-def]
+def _bound(
+    recordings: Sequence[Recording | LongRecording],
+    name: str,
+    joint: Joint,
+    roles: tuple[str, ...],
+    setpoints: Sequence[float | None],
+    neighbours: Neighbours,
+) -> JointSignals | LongSignals:
+    """Bind a joint's roles, in a temporary file where a recording is too long for memory."""
+    short = [recording for recording in recordings if isinstance(recording, Recording)]
+    if len(short) == len(recordings):
+        return bind(short, name, joint, roles, setpoints, neighbours=neighbours)
+    from vsalog.long_binding import bind_long
+
+    long = [LongRecording.of_short(r) if isinstance(r, Recording) else r for r in recordings]
+    return bind_long(long, name, joint, roles, setpoints, neighbours=neighbours)
+
+
+def _fold(fold: Fold, signals: JointSignals | LongSignals, block: int, sink: Sink, summarizer: Summarizer):  # type: ignore[no-untyped-def]
     state = fold.start()
     for last in range(fold.passes - 1, -1, -1):
 

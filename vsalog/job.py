@@ -21,9 +21,10 @@ from vsalog.estimation import (
     estimate_joint,
     pick_joints,
 )
+from vsalog.long_recording import LongRecording
 from vsalog.model import UNITS, ModelFile
 from vsalog.neighbours import own_and_others
-from vsalog.readers import open_reader, read
+from vsalog.readers import open_reader, read_within
 from vsalog.recording import Recording
 from vsalog.rig import Rig
 from vsalog.rig.find import find_rig
@@ -32,6 +33,12 @@ from vsalog.trace import Trace
 Progress = Callable[[str], None]
 
 MOST_JOINTS_TOLD = 3
+# Bytes of samples that are held in memory; what is beyond is worked on in a temporary file.
+ROOM = 256 * 2**20
+LONG_NOTE = (
+    "{}: is too long for memory, so what its filters and scales are derived from, and what is warned of, was told from stretches"
+    " spread over it"
+)
 
 
 @dataclass(frozen=True, slots=True)
@@ -76,7 +83,7 @@ class Job:
     """
 
     logs: tuple[Path, ...]
-    recordings: tuple[Recording, ...]
+    recordings: tuple[Recording | LongRecording, ...]
     rig: Rig
     guessed: bool
     choices: Mapping[str, Choice]
@@ -158,10 +165,10 @@ def prepare(logs: Sequence[Path | Recording], options: Options, progress: Progre
         raise ReadError("no log was given")
     warnings: list[str] = []
     rig, guessed = _rig(logs[0], options), False
-    read_all: list[Recording] | None = None
+    read_all: list[Recording | LongRecording] | None = None
     if rig is None:
-        read_all = [_read(log, None, options, progress) for log in logs]
-        rig, remarks = _guess(read_all[0])
+        read_all = _read_all(logs, [None] * len(logs), options, progress)
+        rig, remarks = _guess(_looked_at(read_all[0]))
         guessed = True
         warnings += remarks
     rig = rig.with_settings({key: value for key, value in options.set.items() if key != "setpoint"})
@@ -178,12 +185,11 @@ def prepare(logs: Sequence[Path | Recording], options: Options, progress: Progre
         ) from None
     warnings += [f"left out: {reason}" for reason in left_out.values()]
     if read_all is None:
-        read_all = []
-        for log in logs:
-            name = _path(log).name
-            wanted = set().union(*(_channels(rig, n, name, c.roles) for n, c in choices.items()))
-            read_all.append(_read(log, wanted, options, progress))
-    warnings += [f"{r.path.name}: {note}" for r in read_all for note in r.notes]
+        names = [_path(log).name for log in logs]
+        wanted = [set().union(*(_channels(rig, n, name, c.roles) for n, c in choices.items())) for name in names]
+        read_all = _read_all(logs, wanted, options, progress)
+    warnings += [f"{r.path.name}: {note}" for r in map(_looked_at, read_all) for note in r.notes]
+    warnings += [LONG_NOTE.format(r.path.name) for r in read_all if isinstance(r, LongRecording)]
     paths = tuple(_path(log) for log in logs)
     return Job(paths, tuple(read_all), rig, guessed, choices, setpoints, tuple(warnings), options)
 
@@ -199,11 +205,27 @@ def _path(log: Path | Recording) -> Path:
     return log.path if isinstance(log, Recording) else log
 
 
-def _read(log: Path | Recording, wanted: set[str] | None, options: Options, progress: Progress) -> Recording:
+def _read_all(
+    logs: Sequence[Path | Recording], wanted: Sequence[set[str] | None], options: Options, progress: Progress
+) -> list[Recording | LongRecording]:
+    """Read logs; of those whose samples do not fit in memory together, the later ones go to temporary files."""
+    found: list[Recording | LongRecording] = []
+    room = ROOM
+    for log, channels in zip(logs, wanted, strict=True):
+        found.append(_read(log, channels, options, progress, room))
+        if isinstance(found[-1], Recording):
+            room = max(0, room - sum(c.values.nbytes + c.stamps.nbytes for c in found[-1].channels.values()))
+    return found
+
+
+def _read(
+    log: Path | Recording, wanted: set[str] | None, options: Options, progress: Progress, room: int
+) -> Recording | LongRecording:
     if isinstance(log, Recording):
         return log
     progress(f"reading {log.name}")
-    recording = read(log, wanted, options.time, options.rate, options.start, options.end)
+    found = read_within(room, log, wanted, options.time, options.rate, options.start, options.end)
+    recording = _looked_at(found)
     missing = sorted((wanted or set()) - set(recording.channels) - set(recording.unread))
     if missing:
         known = open_reader(log, options.rate).catalogue()
@@ -216,7 +238,12 @@ def _read(log: Path | Recording, wanted: set[str] | None, options: Options, prog
                 f"{log.name}: there is no channel '{missing[0]}'{did_you_mean(missing[0], known.channels) or '.'}"
                 f" 'vsalog inspect {log.name}' lists all {len(known.channels)}"
             )
-    return recording
+    return found
+
+
+def _looked_at(recording: Recording | LongRecording) -> Recording:
+    """Return a recording, of a long one what was looked at."""
+    return recording if isinstance(recording, Recording) else recording.look
 
 
 def _rig(log: Path | Recording, options: Options) -> Rig | None:

@@ -13,6 +13,7 @@ from vsalog.estimators.device import Device
 from vsalog.trace import Trace
 
 if TYPE_CHECKING:
+    from vsalog.long_signals import LongSignals
     from vsalog.signals import JointSignals
 
 Array = NDArray[np.float64]
@@ -117,7 +118,7 @@ class Summarizer:
             s.torque_sum += float(np.sum(fed[both]))
             s.torque_square += float(np.sum(fed[both] ** 2))
 
-    def result(self, signals: JointSignals) -> JointSummary:
+    def result(self, signals: JointSignals | LongSignals) -> JointSummary:
         """Return the figures."""
         parts = tuple(_figures(name, s) for name, s in self.sums.items())
         return JointSummary(
