@@ -50,7 +50,10 @@ class _Topic:
         except DefinitionError:
             self._decoders = None
             return
-        self._decoders = [RosDecoder(root, not self._ros1, "t", None, remember=fast) for fast in (True, False)]
+        self._decoders = [
+            RosDecoder(root, not self._ros1, "t", None, remember, one_by_one)
+            for remember, one_by_one in ((True, False), (True, True), (False, False))
+        ]
         types = dict(STORES[self._ros1].fielddefs)
         if text.strip():
             for part in [get_types_from_msg(text, self._name)] if language == "msg" else _idl(text):
@@ -65,12 +68,15 @@ class _Topic:
     def compare(self, messages):
         if self._decoders is None or not len(messages):
             return
-        fast, slow = (decoder.decode(messages) for decoder in self._decoders)
-        if fast.good.tolist() != slow.good.tolist() or set(fast.columns) != set(slow.columns):
-            self.wrong.append(f"{self._topic}: fast and slow differ in what they can read")
-            return
-        if (fast.stamps is None) != (slow.stamps is None) or not np.array_equal(fast.stamps, slow.stamps):
-            self.wrong.append(f"{self._topic}: stamps differ")
+        fast, *others = every = [decoder.decode(messages) for decoder in self._decoders]
+        for slow in others:
+            if fast.good.tolist() != slow.good.tolist() or set(fast.columns) != set(slow.columns):
+                self.wrong.append(f"{self._topic}: fast and slow differ in what they can read")
+                return
+            if (fast.stamps is None) != (slow.stamps is None) or not np.array_equal(fast.stamps, slow.stamps):
+                self.wrong.append(f"{self._topic}: stamps differ")
+        if any(decoder.unread != self._decoders[-1].unread for decoder in self._decoders):
+            self.wrong.append(f"{self._topic}: fast and slow differ in what is no signal")
         for i, raw in enumerate(messages):
             read = self._store.deserialize_ros1 if self._ros1 else self._store.deserialize_cdr
             try:
@@ -84,7 +90,7 @@ class _Topic:
                 continue
             expected = {f"t.{path}": value for path, value in numbers(self._store, message, self._name).items()}
             for name in fast.columns.keys() | expected.keys():
-                values = [one.columns[name][i] if name in one.columns else np.nan for one in (fast, slow)]
+                values = [one.columns[name][i] if name in one.columns else np.nan for one in every]
                 self.count += name in expected
                 if not all(same_number(value, expected.get(name, np.nan)) for value in values):
                     self.wrong.append(f"{self._topic}: {name} of message {i}: {values}, not {expected.get(name)}")

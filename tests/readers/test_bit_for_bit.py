@@ -35,8 +35,9 @@ def check(definition, seed, language, shapes=3, alike=3):
     ]
     text = definition.idl() if language == "idl" else definition.ros(ros1)
     root = parse_definition("a/T0", text, "idl" if language == "idl" else "msg", ros1)
-    for remember in (True, False):
-        decoder = RosDecoder(root, not ros1, "t", None, remember)
+    unread = []
+    for remember, one_by_one in ((True, False), (False, False), (True, True)):
+        decoder = RosDecoder(root, not ros1, "t", None, remember, one_by_one)
         half = len(raws) // 2
         for part, some in ((messages[:half], raws[:half]), (messages[half:], raws[half:])):
             decoded = decoder.decode(Messages.of(some))
@@ -49,6 +50,8 @@ def check(definition, seed, language, shapes=3, alike=3):
                 if decoded.stamps is not None and hasattr(message, "header"):
                     stamp = message.header.stamp
                     assert decoded.stamps[i] == stamp.sec * 10**9 + stamp.nanosec
+        unread.append(decoder.unread)
+    assert unread[0] == unread[1] == unread[2]
 
 
 @pytest.mark.parametrize("language", ["ros1", "ros2", "idl"])

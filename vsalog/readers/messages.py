@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vsalog.readers.definitions import Struct, Time
+from vsalog.readers.irregular import IrregularDecoder
 from vsalog.readers.layout import (
     MAX_FIELDS,
     Bytes,
@@ -29,6 +30,10 @@ from vsalog.recording import Stamps, Values
 MAX_LAYOUTS, MAX_NUMBERS = 64, 2**17
 """Shapes of one length, and numbers in all shapes, that are remembered per message type; beyond, messages of a new shape are
 walked one by one."""
+
+FEW, LONELY, MOST_MISSES = 32, 16, 1
+"""A shape that so few messages of a batch have is not worth its while. After so many of these, messages that few others
+resemble are walked one by one, and no more than so many others in a row are tried among the messages of one length."""
 
 
 @dataclass(slots=True)
@@ -116,10 +121,18 @@ class RosDecoder:
         Channels to decode; None is all of them.
     remember : bool
         For tests: without, every message is walked on its own.
+    one_by_one : bool
+        For tests: every message is walked by compiled loops.
     """
 
     def __init__(
-        self, root: Struct, cdr: bool, prefix: str, wanted: Collection[str] | None, remember: bool = True
+        self,
+        root: Struct,
+        cdr: bool,
+        prefix: str,
+        wanted: Collection[str] | None,
+        remember: bool = True,
+        one_by_one: bool = False,
     ) -> None:
         self.root = root
         self.cdr = cdr
@@ -130,31 +143,82 @@ class RosDecoder:
         self._shapes: dict[int, list[_Shape]] = {}
         self._spare = MAX_NUMBERS if remember else 0
         self._patience = 3
+        self._lonely = LONELY if one_by_one else 0
+        self._few = 2**62 if one_by_one else FEW
+        self._remember = remember
+        self._irregular: IrregularDecoder | None = None
 
     def decode(self, messages: Messages) -> Decoded:
         """Decode a batch of messages."""
         result = Decoded(good=np.zeros(len(messages), dtype=bool))
+        left = []
         for rows in messages.by_length():
-            self._decode_alike(messages.some(rows), rows, result)
+            unlike = rows.size < self._few and self._one_by_one()
+            left.append(rows if unlike else self._decode_alike(messages.some(rows), rows, result))
+        rest = np.sort(np.concatenate(left)) if left else np.arange(0)
+        if rest.size:
+            odd = self._decode_unlike(messages.some(rest), rest, result)
+            for part in messages.some(odd).by_length():
+                self._decode_alike(messages.some(odd[part]), odd[part], result, odd=True)
         return result
 
-    def _decode_alike(self, messages: Messages, rows: Integers, result: Decoded) -> None:
-        """Decode messages of equal length; `rows` tells where they go in the result."""
-        length, start = int(messages.length[0]), messages.start
-        known = self._shapes.setdefault(length, [])
+    def _one_by_one(self) -> bool:
+        """Tell whether messages differ so much in shape that they are better walked one by one, by compiled loops."""
+        if self._irregular is None and self._lonely >= LONELY and self._remember:
+            self._irregular = IrregularDecoder(self.root, self.cdr, self._is_wanted)
+            self._shapes.clear()  # those that are worth their while are soon learnt again
+        return self._irregular is not None and self._irregular.able
+
+    def _is_wanted(self, path: str) -> bool:
+        return self.wanted is None or f"{self.prefix}.{path}" in self.wanted
+
+    def _decode_unlike(self, messages: Messages, rows: Integers, result: Decoded) -> Integers:
+        """Decode messages of any shapes; `rows` tells where they go in the result. Returns the rows of those that are odd."""
+        assert self._irregular is not None
+        for found in self._irregular.decode(messages):
+            own = rows[found.rows]
+            result.good[own] = True
+            if found.stamps is not None:
+                _put_stamps(found.stamps, own, result)
+            for path, values in found.columns.items():
+                name = f"{self.prefix}.{path}"
+                if self._has_room(name, found.units.get(path), result):
+                    _put(name, values, own, result)
+        for path, reason in self._irregular.unread.items():
+            self.unread.setdefault(f"{self.prefix}.{path}", reason)
+        return rows[~result.good[rows]]
+
+    def _decode_alike(self, messages: Messages, rows: Integers, result: Decoded, odd: bool = False) -> Integers:
+        """Decode messages of equal length; `rows` tells where they go in the result.
+
+        Returns the rows of those that are better walked one by one; none where they are `odd`.
+        """
+        length, start, data, misses = int(messages.length[0]), messages.start, messages.data, 0
+        known = self._shapes.get(length, [])
         for shape in known:
-            start, rows = self._take_matching(shape, messages.data, start, rows, result)
+            if len(rows):
+                start, rows = self._take_matching(shape, data, start, rows, result)
         while len(rows):
-            learnt = self._learn(messages.data[start[0] : start[0] + length].tobytes())
+            if misses > MOST_MISSES and not odd and self._one_by_one():
+                return rows
+            learnt = self._learn(data[start[0] : start[0] + length].tobytes())
             if learnt is None:
-                start, rows = start[1:], rows[1:]
-            elif len(known) < MAX_LAYOUTS and self._spare > 0:
+                start, rows, misses = start[1:], rows[1:], misses + 1
+                continue
+            if len(known) >= MAX_LAYOUTS or self._spare <= 0:
+                self._store(learnt, data, start[:1], rows[:1], result)
+                start, rows, misses = start[1:], rows[1:], misses + 1
+                continue
+            before = len(rows)
+            start, rows = self._take_matching(learnt, data, start, rows, result)
+            lonely = before - len(rows) < self._few
+            self._lonely += lonely
+            misses += lonely
+            if not lonely or not self._one_by_one():
                 self._spare -= 1 + len(learnt.layout.fields)
+                known = self._shapes.setdefault(length, [])
                 known.append(learnt)
-                start, rows = self._take_matching(learnt, messages.data, start, rows, result)
-            else:
-                self._store(learnt, messages.data, start[:1], rows[:1], result)
-                start, rows = start[1:], rows[1:]
+        return rows
 
     def _learn(self, raw: bytes) -> _Shape | None:
         if not self._patience:
@@ -192,31 +256,43 @@ class RosDecoder:
         return start, rows
 
     def _store(self, shape: _Shape, data: Bytes, start: Integers, rows: Integers, result: Decoded) -> None:
-        count = len(result.good)
         result.good[rows] = True
         if shape.layout.stamp is not None:
-            stamps = nanoseconds(data, start, shape.layout.stamp)
-            if rows.size == count:
-                result.stamps = stamps
-            else:
-                if result.stamps is None:
-                    result.stamps = np.zeros(count, dtype=np.int64)
-                result.stamps[rows] = stamps
+            _put_stamps(nanoseconds(data, start, shape.layout.stamp), rows, result)
         ready = doubles(data, start, shape.doubles)
         for name, one, number in shape.fields:
-            if name not in result.columns:
-                if len(result.columns) >= MAX_FIELDS:
-                    self.unread.setdefault(self.prefix, f"more than {MAX_FIELDS} different fields")
-                    continue
-                if one.unit is not None:
-                    result.units[name] = one.unit
-                if rows.size < count:
-                    result.columns[name] = np.full(count, np.nan)
-            values = column(data, start, one) if number < 0 else ready[number]
-            if rows.size == count:
-                result.columns[name] = values
-            else:
-                result.columns[name][rows] = values
+            if self._has_room(name, one.unit, result):
+                _put(name, column(data, start, one) if number < 0 else ready[number], rows, result)
+
+    def _has_room(self, name: str, unit: str | None, result: Decoded) -> bool:
+        """Tell whether a column can be in the result, and keep its unit; that there are too many is noted."""
+        if name in result.columns:
+            return True
+        if len(result.columns) >= MAX_FIELDS:
+            self.unread.setdefault(self.prefix, f"more than {MAX_FIELDS} different fields")
+            return False
+        if unit is not None:
+            result.units[name] = unit
+        return True
+
+
+def _put(name: str, values: Values, rows: Integers, result: Decoded) -> None:
+    """Put some messages' numbers into a column of the result."""
+    if rows.size == len(result.good):
+        result.columns[name] = values
+        return
+    if name not in result.columns:
+        result.columns[name] = np.full(len(result.good), np.nan)
+    result.columns[name][rows] = values
+
+
+def _put_stamps(stamps: Stamps, rows: Integers, result: Decoded) -> None:
+    if rows.size == len(result.good):
+        result.stamps = stamps
+        return
+    if result.stamps is None:
+        result.stamps = np.zeros(len(result.good), dtype=np.int64)
+    result.stamps[rows] = stamps
 
 
 def _has_stamp(root: Struct) -> bool:

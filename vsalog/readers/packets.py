@@ -78,8 +78,9 @@ class Messages:
 
     def by_length(self) -> Iterator[Integers]:
         """Yield the indices of the messages of each length, in order."""
-        if self.length.size and np.all(self.length == self.length[0]):
-            yield np.arange(self.length.size)
+        if np.all(self.length == self.length[:1]):
+            if self.length.size:
+                yield np.arange(self.length.size)
             return
         order = np.argsort(self.length, kind="stable")
         ends = np.flatnonzero(np.diff(self.length[order])) + 1

@@ -1,0 +1,157 @@
+"""A message definition as a list of steps, for the compiled walk through messages that have no shape in common.
+
+It does what `vsalog.readers.layout.learn` does, in the same order, for the types that it can be written down for.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vsalog.readers.definitions import Array, Node, Scalar, Struct, Text, Time
+from vsalog.readers.known_units import unit_of
+from vsalog.readers.layout import LABEL_FIELDS
+
+STRUCT, END, NUMBER, TIME, STAMP, TEXT, TEXTS, NUMBERS, LOOP, NEXT, UNUSED, DONE = range(12)
+"""Steps. Each has numbers a, b, c and d, of which b is the place, a count is -1 where the message says it, and d how many arrays
+of texts may name the elements. `NUMBER`: a bytes. `TEXTS`: a count, c rank among the arrays of texts of the struct, -1
+where they can name nothing. `NUMBERS`: a count, c bytes. `LOOP`: a count, c the step behind its `NEXT`; `NEXT`: a its step.
+`STRUCT`, `END`: a how many arrays of texts may name something; `UNUSED`, for those that did not: a the same, c rank."""
+
+_MOST_STEPS = 2000
+_DEEPEST = 32
+
+
+@dataclass(frozen=True, slots=True)
+class Place:
+    """Where in a definition numbers or texts come from.
+
+    Attributes
+    ----------
+    path : str
+        From the innermost element of an array that it is in, or from the message, on.
+    code : str
+        NumPy type with byte order as of `vsalog.readers.layout.Field`, "" for texts.
+    unit : str or None
+        As the message type implies.
+    array : bool
+        It is an array, whose elements have names or numbers.
+    """
+
+    path: str
+    code: str
+    unit: str | None
+    array: bool = False
+
+
+@dataclass(frozen=True, slots=True)
+class Program:
+    """A definition, flattened.
+
+    Attributes
+    ----------
+    steps : int64 array, shape (n, 5)
+        What to do, and a, b, c, d of it.
+    places : tuple of Place
+        By number.
+    """
+
+    steps: NDArray[np.int64]
+    places: tuple[Place, ...]
+
+
+class _TooLargeError(Exception):
+    """A definition cannot be written as a program of reasonable length."""
+
+
+def program_of(root: Struct) -> Program | None:
+    """Return the program of a message type; None where it would be too long, or names come behind what they may name."""
+    writer = _Writer()
+    try:
+        writer.struct(root, "", None)
+        writer.add(DONE)
+    except _TooLargeError:
+        return None
+    return Program(np.array(writer.steps, dtype=np.int64), tuple(writer.places))
+
+
+class _Writer:
+    def __init__(self) -> None:
+        self.steps: list[tuple[int, int, int, int, int]] = []
+        self.places: list[Place] = []
+        self.depth = 0
+        self.stamped = False
+
+    def add(self, op: int, a: int = 0, b: int = 0, c: int = 0, d: int = 0) -> int:
+        if len(self.steps) >= _MOST_STEPS:
+            raise _TooLargeError
+        self.steps.append((op, a, b, c, d))
+        return len(self.steps) - 1
+
+    def place(self, path: str, code: str, unit: str | None, array: bool = False) -> int:
+        self.places.append(Place(path, code, unit, array))
+        return len(self.places) - 1
+
+    def struct(self, node: Struct, path: str, unit: str | None) -> None:
+        ranks = _ranks(node) if node.named else {}
+        if ranks:
+            self.add(STRUCT, len(ranks))
+        for field, child in node.fields:
+            child_path = f"{path}.{field}" if path or self.depth else field
+            child_unit = unit_of(node.name, field) or unit
+            if isinstance(child, Array):
+                self.array(child, child_path, child_unit, ranks.get(field, -1), len(ranks))
+            else:
+                self.node(child, child_path, child_unit)
+        for field, rank in ranks.items():
+            own = f"{path}.{field}" if path or self.depth else field
+            self.add(UNUSED, len(ranks), self.place(own, "", None), rank)
+        if ranks:
+            self.add(END, len(ranks))
+
+    def node(self, node: Node, path: str, unit: str | None) -> None:
+        if isinstance(node, Scalar):
+            self.add(NUMBER, node.size, self.place(path, "<" + node.code, unit))
+        elif isinstance(node, Time):
+            stamp = path in ("header.stamp", "stamp") and not self.depth and not self.stamped
+            self.stamped = self.stamped or stamp
+            self.add(STAMP if stamp else TIME, 0, self.place(path, "<i4,<u4", "s"))
+        elif isinstance(node, Text):
+            silent = path in ("header.frame_id", "frame_id") and not self.depth
+            self.add(TEXT, 0, -1 if silent else self.place(path, "", None))
+        elif isinstance(node, Struct):
+            self.struct(node, path, unit)
+        else:
+            raise _TooLargeError  # an array of arrays: no definition has one
+
+    def array(self, node: Array, path: str, unit: str | None, rank: int, ranks: int) -> None:
+        count = -1 if node.count is None else node.count
+        if isinstance(node.element, Text):
+            self.add(TEXTS, count, self.place(path, "", None) if rank < 0 else -1, rank, ranks)
+        elif isinstance(node.element, Scalar):
+            place = self.place(path, "<" + node.element.code, unit, array=True)
+            self.add(NUMBERS, count, place, node.element.size, ranks)
+        else:
+            at = self.add(LOOP, count, self.place(path, "", None, array=True), 0, ranks)
+            self.depth += 1
+            if self.depth > _DEEPEST:
+                raise _TooLargeError
+            self.node(node.element, "", unit)
+            self.depth -= 1
+            self.add(NEXT, at, self.steps[at][2])
+            self.steps[at] = (*self.steps[at][:3], len(self.steps), ranks)
+
+
+def _ranks(node: Struct) -> dict[str, int]:
+    """Return the arrays of texts of a struct, in the order in which they are asked for names."""
+    arrays = [(field, child) for field, child in node.fields if isinstance(child, Array)]
+    texts = [field for field, child in arrays if isinstance(child, Array) and isinstance(child.element, Text)]
+    if [field for field, _ in arrays][: len(texts)] != texts:
+        raise _TooLargeError
+    return {field: rank for rank, field in enumerate(sorted(texts, key=_usual))}
+
+
+def _usual(field: str) -> int:
+    return LABEL_FIELDS.index(field) if field in LABEL_FIELDS else len(LABEL_FIELDS)

@@ -1,0 +1,438 @@
+"""Where the numbers lie in messages that have no shape in common, found by a compiled walk along `message_program`.
+
+What is odd (damage, another byte order, names that are not plain, more parts than usual) is left to
+`vsalog.readers.layout.learn`, which knows what to say of it.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from vsalog.readers.packets import Bytes, Integers
+
+MOST_FOUND = 4096
+"""Numbers of one message that are found, at most."""
+
+_IDS, _LABELS, _POOL, _HELD, _DEEPEST = 2**15, 2**13, 2**18, 4096, 64
+_MOST_LABELS, _MOST_INDEXED = 1024, 64  # as in vsalog.readers.layout and vsalog.readers.base
+_MOST_TAKEN = 8192  # steps; MAX_STEPS of vsalog.readers.layout counts in another way, and much further
+_STRUCT, _END, _NUMBER, _TIME, _STAMP, _TEXT, _TEXTS, _NUMBERS, _LOOP, _NEXT, _UNUSED, _DONE = range(12)
+# Columns of the arrays below.
+_COUNT, _INDEX, _OUTER, _SILENT, _NAMED = range(5)
+_SIZE, _AT, _USABLE, _USED = range(4)
+_N_IDS, _N_LABELS, _N_POOL, _SERIAL = range(4)
+_UNKNOWN = 2
+
+
+class Found(NamedTuple):
+    """What was found in messages, in their order.
+
+    Attributes
+    ----------
+    number : int64 array, shape (m,)
+        What it is, by the numbers of `Memory`.
+    row : int64 array, shape (m,)
+        Which message it is in.
+    at : int64 array, shape (m,)
+        Where it lies in the buffer; of what is no signal, how many values it has.
+    """
+
+    number: Integers
+    row: Integers
+    at: Integers
+
+
+class _Tables(NamedTuple):
+    """What was met so far; see `Memory`. `found` and `labels` are hash tables of numbers, `spans` where labels lie in `pool`."""
+
+    keys: Integers
+    counters: Integers
+    found: Integers
+    spans: Integers
+    labels: Integers
+    pool: Bytes
+
+
+class _Work(NamedTuple):
+    """What a walk keeps: texts that may be names, the loops and the arrays of texts it is in, and how many texts were held."""
+
+    held: Integers
+    loops: Integers
+    texts: Integers
+    tops: Integers
+
+
+class Memory:
+    """What was met so far: names, and what is numbered by what is around it, place and name.
+
+    Attributes
+    ----------
+    keys : int64 array, shape (n, 3)
+        Of each number: the number of what is around it, 0 for the message; the place; and the name: 0 for none, -1 - i for the
+        index i, or the number of a label.
+    """
+
+    def __init__(self) -> None:
+        self.keys = np.zeros((_IDS, 3), np.int64)
+        counters = np.array([1, 1, 0, 0], np.int64)
+        tables = np.full(4 * _IDS, -1, np.int64), np.zeros((_LABELS, 3), np.int64), np.full(4 * _LABELS, -1, np.int64)
+        self._tables = _Tables(self.keys, counters, *tables, np.zeros(_POOL, np.uint8))
+        self._work = _Work(*(np.zeros(shape, np.int64) for shape in ((_HELD, 3), (_DEEPEST, 5), (_HELD, 4), _HELD)))
+
+    def label(self, number: int) -> str:
+        """Return a label by its number."""
+        at, length, _ = self._tables.spans[number].tolist()
+        return self._tables.pool[at : at + length].tobytes().decode("ascii")
+
+    def scan(
+        self, steps: Integers, cdr: bool, data: Bytes, start: Integers, length: Integers, found: Found
+    ) -> tuple[NDArray[np.bool_], Integers, int]:
+        """Walk messages until there is no room for another one's numbers.
+
+        Parameters
+        ----------
+        steps : int64 array, shape (k, 5)
+            Of a `vsalog.readers.message_program.Program`.
+        cdr : bool
+            ROS 2's encoding, or ROS 1's.
+        data : uint8 array
+            Where messages lie.
+        start, length : int64 arrays, shape (n,)
+            Of each.
+        found : Found
+            Room for what will be found, for `MOST_FOUND` at least.
+
+        Returns
+        -------
+        bool array, shape (k,)
+            Which of the messages that were walked are sound and not odd.
+        int64 array, shape (k,)
+            Where their time stamps lie in `data`, -1 for none.
+        int
+            How much was found in them.
+        """
+        data = data.view()
+        data.flags.writeable = False  # always, so that the loops are compiled once
+        good, stamps = np.zeros(start.size, np.bool_), np.full(start.size, -1, np.int64)
+        walked, count = _scan(steps, cdr, data, start, length, good, stamps, found, self._tables, self._work)
+        return good[:walked], stamps[:walked], int(count)
+
+
+@njit(cache=True, nogil=True)
+def _scan(
+    steps: Integers,
+    cdr: bool,
+    data: Bytes,
+    start: Integers,
+    length: Integers,
+    good: NDArray[np.bool_],
+    stamps: Integers,
+    found: Found,
+    tables: _Tables,
+    work: _Work,
+) -> tuple[int, int]:
+    """Walk messages as long as there is room; returns how many, and how much was found."""
+    count = 0
+    for row in range(start.size):
+        if count + MOST_FOUND > found.at.size:
+            return row, count
+        part = Found(
+            found.number[count : count + MOST_FOUND],
+            found.row[count : count + MOST_FOUND],
+            found.at[count : count + MOST_FOUND],
+        )
+        more, stamps[row] = _walk(steps, cdr, data, start[row], start[row] + length[row], part, tables, work)
+        if more >= 0:
+            part.row[:more] = row
+            good[row] = True
+            count += more
+    return start.size, count
+
+
+@njit(cache=True, nogil=True)
+def _walk(
+    steps: Integers, cdr: bool, data: Bytes, begin: int, end: int, found: Found, tables: _Tables, work: _Work
+) -> tuple[int, int]:
+    """Walk one message; returns how much was found, -1 where it is odd, and where its time stamp lies."""
+    stamp, at, count = -1, begin, 0
+    if cdr:
+        if end - begin < 4 or data[at] != 0 or data[at + 1] != 1:
+            return -1, -1
+        at += 4
+    origin = at  # alignment counts from here
+    step, outer, depth, n_texts, n_held, n_tops = 0, 0, 0, 0, 0, 0
+    silent = False
+    for _ in range(_MOST_TAKEN):
+        op, a, place, c = steps[step, 0], steps[step, 1], steps[step, 2], steps[step, 3]
+        noted, unheard = -1, silent  # where something lies that was found; it is not to be told
+        step += 1
+        if op == _DONE:
+            return (count if 0 <= end - at <= (3 if cdr else 0) else -1), stamp
+        if op in (_NUMBER, _TIME, _STAMP):
+            at = _aligned(at, origin, a if op == _NUMBER else 4, cdr)
+            if op == _STAMP:
+                stamp = at
+            else:
+                noted = at
+            at += a if op == _NUMBER else 8
+        elif op == _TEXT:
+            at, _ = _text(data, at, origin, end, cdr)
+            noted = 0 if place >= 0 else -1
+        elif op == _STRUCT and not silent:
+            if n_texts + a > work.texts.shape[0]:
+                return -1, -1
+            work.tops[n_tops] = n_held
+            n_texts, n_tops = n_texts + a, n_tops + 1
+        elif op == _UNUSED and not silent:
+            text = work.texts[n_texts - a + c]
+            noted = 0 if text[_SIZE] and not text[_USED] else -1
+        elif op == _END and not silent:
+            n_texts, n_tops = n_texts - a, n_tops - 1
+            n_held = work.tops[n_tops]
+        elif op == _NEXT:
+            loop = work.loops[depth - 1]
+            loop[_INDEX] += 1
+            if loop[_INDEX] < loop[_COUNT]:
+                step = a + 1
+                if not silent:
+                    name = _name(work, loop[_NAMED], loop[_INDEX])
+                    outer = _number_of(tables, loop[_OUTER], place, name)
+            else:
+                depth -= 1
+                outer, silent = loop[_OUTER], loop[_SILENT] != 0
+        elif op in (_TEXTS, _NUMBERS, _LOOP):
+            n = a
+            if n < 0:
+                at = _aligned(at, origin, 4, cdr)
+                n = _word(data, at, end)
+                at += 4
+            if n < 0 or n > end - begin:
+                return -1, -1
+            base = n_texts - steps[step - 1, 4]
+            if op == _TEXTS:
+                named = c >= 0 and not silent  # they may name elements of other arrays
+                at, n_held = _hold(data, at, origin, end, cdr, n, work, n_held, named)
+                if named and at >= 0:
+                    text = work.texts[base + c]
+                    text[_SIZE], text[_AT], text[_USED] = n, n_held - n, 0
+                    text[_USABLE] = _UNKNOWN if n <= _MOST_LABELS else 0
+                elif n and c < 0:
+                    noted = 0
+            else:
+                by, quiet = -1, silent
+                if not silent:
+                    by = _named(data, n, base, n_texts, tables, work)
+                    if by < -1:
+                        return -1, -1
+                    if by < 0 and n > _MOST_INDEXED:
+                        quiet, noted = True, n
+                if op == _NUMBERS and n:
+                    at = _aligned(at, origin, c, cdr)
+                    if at + n * c > end:
+                        return -1, -1
+                    if not quiet:
+                        names = work.held[:0]
+                        if by >= 0:
+                            names = work.held[work.texts[by, _AT] : work.texts[by, _AT] + n]
+                        count = _add_all(found, count, tables, outer, place, names, n, at, c)
+                    at += n * c
+                elif op == _LOOP and n:
+                    loop = work.loops[depth]
+                    loop[_COUNT], loop[_INDEX], loop[_NAMED], loop[_OUTER], loop[_SILENT] = n, -1, by, outer, silent
+                    depth += 1
+                    step = c - 1
+                elif op == _LOOP:
+                    step = c
+                silent = quiet if op == _LOOP and n else silent
+        if noted >= 0 and not unheard:
+            count = _add(found, count, tables, outer, place, noted)
+        if at < 0 or at > end or count < 0 or outer < 0:
+            return -1, -1
+    return -1, -1
+
+
+@njit(cache=True, nogil=True)
+def _aligned(at: int, origin: int, size: int, cdr: bool) -> int:
+    return origin + ((at - origin + size - 1) & -size) if cdr else at
+
+
+@njit(cache=True, nogil=True)
+def _word(data: Bytes, at: int, end: int) -> int:
+    """Read an unsigned number of four bytes; -1 where it does not end within the message."""
+    if at + 4 > end:
+        return -1
+    value = np.int64(0)
+    for i in range(at + 3, at - 1, -1):
+        value = (value << 8) | np.int64(data[i])
+    return int(value)
+
+
+@njit(cache=True, nogil=True)
+def _text(data: Bytes, at: int, origin: int, end: int, cdr: bool) -> tuple[int, int]:
+    """Return where a text ends, -1 where that is not within the message, and how long it is."""
+    at = _aligned(at, origin, 4, cdr)
+    length = _word(data, at, end)
+    return (at + 4 + length if 0 <= length <= end - at - 4 else -1), length
+
+
+@njit(cache=True, nogil=True)
+def _hold(
+    data: Bytes, at: int, origin: int, end: int, cdr: bool, n: int, work: _Work, held: int, keep: bool
+) -> tuple[int, int]:
+    """Pass by texts, of which some are kept; returns where they end, -1 where they do not, and how many are held in all."""
+    if keep and held + n > work.held.shape[0]:
+        return -1, held
+    texts = work.held
+    for _ in range(n):
+        at, length = _text(data, at, origin, end, cdr)
+        if at < 0:
+            break
+        if keep:
+            begin = at - length
+            while length and data[begin + length - 1] == 0:
+                length -= 1
+            texts[held, 0], texts[held, 1] = begin, length
+            held += 1
+    return at, held
+
+
+@njit(cache=True, nogil=True)
+def _named(data: Bytes, n: int, base: int, top: int, tables: _Tables, work: _Work) -> int:
+    """Return which array of texts names the elements of an array; -1 for none, -2 where a text is not plain."""
+    found = -1
+    for k in range(base, top):
+        text = work.texts[k]
+        if text[_SIZE] != n or not n:
+            continue
+        text[_USED] = 1
+        if found < 0 and text[_USABLE] == _UNKNOWN:
+            usable = _usable(data, text, tables, work)
+            if usable < 0:
+                return -2
+            text[_USABLE] = usable
+        if found < 0 and text[_USABLE] == 1:
+            found = k
+    return found
+
+
+@njit(cache=True, nogil=True)
+def _usable(data: Bytes, text: Integers, tables: _Tables, work: _Work) -> int:
+    """Tell whether texts can name the elements of an array: none empty, all different; -1 where one is not plain."""
+    tables.counters[_SERIAL] += 1
+    held = work.held[text[_AT] : text[_AT] + text[_SIZE]]
+    # Taken out of the tuple once: that counts references.
+    counters, spans, labels, pool = tables.counters, tables.spans, tables.labels, tables.pool
+    usable = 1
+    for i in range(held.shape[0]):
+        label = _label_of(data, held[i, 0], held[i, 1], counters, spans, labels, pool)
+        if label < 0:
+            return -1
+        if held[i, 1] == 0 or spans[label, 2] == counters[_SERIAL]:
+            usable = 0
+        spans[label, 2] = counters[_SERIAL]
+        held[i, 2] = label
+    return usable
+
+
+@njit(cache=True, nogil=True)
+def _name(work: _Work, named: int, i: int) -> int:
+    """Return the name of an array's element: the number of its label, or of its index."""
+    return int(work.held[work.texts[named, _AT] + i, 2]) if named >= 0 else -1 - i
+
+
+@njit(cache=True, nogil=True)
+def _add(found: Found, count: int, tables: _Tables, outer: int, place: int, at: int) -> int:
+    """Note something without a name that was found; returns how much was, -1 where there is no room."""
+    number = _number_of(tables, outer, place, 0)
+    if number < 0 or not 0 <= count < found.at.size:
+        return -1
+    found.number[count], found.at[count] = number, at
+    return count + 1
+
+
+@njit(cache=True, nogil=True)
+def _add_all(
+    found: Found, count: int, tables: _Tables, outer: int, place: int, names: Integers, n: int, at: int, size: int
+) -> int:
+    """Note the n numbers of an array, which `names` name, or their indices where there are none."""
+    numbers, places, keys, counters, known = found.number, found.at, tables.keys, tables.counters, tables.found
+    if not 0 <= count <= places.size - n:
+        return -1
+    for i in range(n):
+        name = names[i, 2] if names.shape[0] else -1 - i
+        number = _number_in(keys, counters, known, outer, place, name)
+        if number < 0:
+            return -1
+        numbers[count + i], places[count + i] = number, at + i * size
+    return count + n
+
+
+@njit(cache=True, nogil=True)
+def _number_of(tables: _Tables, outer: int, place: int, name: int) -> int:
+    """Return the number of something, a new one where it was never met; -1 where there is no room."""
+    return int(_number_in(tables.keys, tables.counters, tables.found, outer, place, name))
+
+
+@njit(cache=True, nogil=True)
+def _number_in(keys: Integers, counters: Integers, found: Integers, outer: int, place: int, name: int) -> int:
+    mask = found.size - 1
+    mixed = outer * 0x9E3779B1 + place * 0x85EBCA6B + name * 0x27D4EB2F
+    at = (mixed ^ (mixed >> 15) ^ (mixed >> 29)) & mask
+    while found[at] >= 0:
+        k = found[at]
+        if keys[k, 0] == outer and keys[k, 1] == place and keys[k, 2] == name:
+            return int(k)
+        at = (at + 1) & mask
+    k = counters[_N_IDS]
+    if k == keys.shape[0]:
+        return -1
+    keys[k, 0], keys[k, 1], keys[k, 2] = outer, place, name
+    counters[_N_IDS] = k + 1
+    found[at] = k
+    return int(k)
+
+
+@njit(cache=True, nogil=True)
+def _label_of(
+    data: Bytes, begin: int, length: int, counters: Integers, spans: Integers, labels: Integers, pool: Bytes
+) -> int:
+    """Return the number of a text; -1 where it is not plain or there is no room."""
+    mixed = np.int64(2166136261)
+    for i in range(begin, begin + length):
+        if data[i] < 32 or data[i] > 126:
+            return -1
+        mixed = ((mixed ^ np.int64(data[i])) * 16777619) & 0xFFFFFFFF
+    mask = labels.size - 1
+    slot = (mixed ^ (mixed >> 13)) & mask
+    while labels[slot] >= 0:
+        k = labels[slot]
+        if spans[k, 1] == length and _same(pool, spans[k, 0], data, begin, length):
+            return int(k)
+        slot = (slot + 1) & mask
+    k, at = counters[_N_LABELS], counters[_N_POOL]
+    if k == spans.shape[0] or at + length > pool.size:
+        return -1
+    spans[k, 0], spans[k, 1] = at, length
+    pool[at : at + length] = data[begin : begin + length]
+    counters[_N_LABELS], counters[_N_POOL] = k + 1, at + length
+    labels[slot] = k
+    return int(k)
+
+
+@njit(cache=True, nogil=True)
+def _same(one: Bytes, at: int, other: Bytes, begin: int, length: int) -> bool:
+    same = True
+    for i in range(length):
+        same = same and one[at + i] == other[begin + i]
+    return same
+
+
+@njit(cache=True, nogil=True)
+def scatter(values: NDArray[np.float64], line: Integers, row: Integers, out: NDArray[np.float64]) -> None:
+    """Put values into the lines and rows of a table that they belong to."""
+    for k in range(values.size):
+        out[line[k], row[k]] = values[k]
