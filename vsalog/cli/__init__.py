@@ -71,7 +71,7 @@ def _run() -> int:
         error.show()
         return error.exit_code
     except (click.Abort, KeyboardInterrupt):
-        click.echo("vsalog: interrupted; nothing was written", err=True)
+        click.echo("vsalog: interrupted; no file is half written", err=True)
         return 130
     except BrokenPipeError:
         return 0  # whoever read our output has had enough of it

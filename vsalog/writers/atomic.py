@@ -3,12 +3,57 @@
 from __future__ import annotations
 
 import os
-import tempfile
+import secrets
+import signal
+import threading
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
 
 from vsalog.errors import WriteError
+
+_INTERRUPTIONS = tuple(getattr(signal, name) for name in ("SIGINT", "SIGTERM", "SIGHUP") if hasattr(signal, name))
+
+
+class _Group(threading.local):
+    """What this thread has written and not yet shown: temporary paths and what they will become; None outside of a group."""
+
+    ready: list[tuple[Path, Path]] | None = None
+
+
+_group = _Group()
+
+
+@contextmanager
+def together() -> Iterator[None]:
+    """Let all files that are written within appear at one moment, when all went well, and none of them otherwise.
+
+    Groups within a group are part of it.
+
+    Raises
+    ------
+    WriteError
+        A file cannot be put where it belongs.
+    """
+    if _group.ready is not None:
+        yield
+        return
+    ready = _group.ready = []
+    try:
+        yield
+        with _uninterrupted():
+            while ready:
+                temporary, path = ready[0]
+                try:
+                    temporary.replace(path)
+                except OSError as error:
+                    raise WriteError(f"{path}: cannot be written: {error.strerror or error}") from error
+                del ready[0]
+    finally:
+        _group.ready = None
+        for temporary, _ in ready:
+            with suppress(OSError):
+                temporary.unlink()
 
 
 @contextmanager
@@ -21,23 +66,23 @@ def atomic_path(path: Path) -> Iterator[Path]:
         The folder is not there or cannot be written to, or the disk is full.
     """
     check_path(path)
-    temporary: Path | None = None
-    try:
-        handle, name = tempfile.mkstemp(prefix=".vsalog-", suffix=".part", dir=path.parent)
-        os.close(handle)
-        temporary = Path(name)
-        yield temporary
-        umask = os.umask(0)
-        os.umask(umask)
-        temporary.chmod(0o666 & ~umask)
-        temporary.replace(path)
-        temporary = None
-    except OSError as error:
-        raise WriteError(f"{path}: cannot be written: {error.strerror or error}") from error
-    finally:
-        if temporary is not None:
-            with suppress(OSError):
-                temporary.unlink()
+    # The name is known before the file is there: an interrupt in between leaves nothing that nobody knows of.
+    temporary = path.parent / f".vsalog-{secrets.token_hex(8)}.part"
+    with together():
+        try:
+            os.close(os.open(temporary, os.O_CREAT | os.O_EXCL | os.O_WRONLY, 0o600))
+            yield temporary
+            umask = os.umask(0)
+            os.umask(umask)
+            temporary.chmod(0o666 & ~umask)
+            assert _group.ready is not None
+            _group.ready.append((temporary, path))
+        except OSError as error:
+            _remove(temporary)
+            raise WriteError(f"{path}: cannot be written: {error.strerror or error}") from error
+        except BaseException:
+            _remove(temporary)
+            raise
 
 
 def check_path(path: Path) -> None:
@@ -60,3 +105,26 @@ def write_text(path: Path, text: str) -> None:
     """Write a text file atomically, as UTF-8."""
     with atomic_path(path) as temporary:
         temporary.write_text(text, encoding="utf-8")
+
+
+def _remove(path: Path) -> None:
+    with suppress(OSError):
+        path.unlink()
+
+
+@contextmanager
+def _uninterrupted() -> Iterator[None]:
+    """Put Ctrl-C and a request to end off until all is done; only the main thread is told of them."""
+    if threading.current_thread() is not threading.main_thread():
+        yield
+        return
+    late: list[int] = []
+    before = {number: signal.signal(number, lambda number, _: late.append(number)) for number in _INTERRUPTIONS}
+    try:
+        yield
+    finally:
+        for number, handler in before.items():
+            if handler is not None:  # it was not Python's
+                signal.signal(number, handler)
+    if late:
+        signal.raise_signal(late[0])

@@ -14,7 +14,7 @@ from vsalog.diagnosis.evidence import JointEvidence
 from vsalog.errors import WriteError
 from vsalog.reports.page_diagnosis import write_diagnosis_page
 from vsalog.reports.page_text import plain
-from vsalog.writers.atomic import check_path, write_text
+from vsalog.writers.atomic import check_path, together, write_text
 
 
 @dataclass(frozen=True, slots=True)
@@ -78,15 +78,16 @@ def write_diagnosis(
     proposed = outputs.scenario if scenario_toml is not None else None
     for path in (outputs.document, outputs.page, outputs.rig, *([proposed] if proposed else [])):
         check_path(path)
-    write_diagnosis_page(outputs.page, diagnosis, evidence, extended_rig_toml)
-    if extended_rig_toml is not None:
-        write_text(outputs.rig, _heading(diagnosis) + extended_rig_toml)
-        became = replace(outputs, rig_is="written")
-    else:
-        became = replace(outputs, rig_is="old" if outputs.rig.exists() else "none")
-    if proposed is not None and scenario_toml is not None:
-        write_text(proposed, scenario_toml)
-    write_text(outputs.document, msgspec.json.format(msgspec.json.encode(diagnosis), indent=2).decode() + "\n")
+    with together():
+        write_diagnosis_page(outputs.page, diagnosis, evidence, extended_rig_toml)
+        if extended_rig_toml is not None:
+            write_text(outputs.rig, _heading(diagnosis) + extended_rig_toml)
+            became = replace(outputs, rig_is="written")
+        else:
+            became = replace(outputs, rig_is="old" if outputs.rig.exists() else "none")
+        if proposed is not None and scenario_toml is not None:
+            write_text(proposed, scenario_toml)
+        write_text(outputs.document, msgspec.json.format(msgspec.json.encode(diagnosis), indent=2).decode() + "\n")
     return replace(became, scenario=proposed)
 
 

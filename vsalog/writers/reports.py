@@ -13,7 +13,7 @@ from vsalog.reports.drawings import Drawings
 from vsalog.reports.page import write_page
 from vsalog.reports.paper_figures import check_matplotlib, write_figures
 from vsalog.validation.document import Report
-from vsalog.writers.atomic import write_text
+from vsalog.writers.atomic import together, write_text
 
 
 @dataclass(frozen=True, slots=True)
@@ -70,5 +70,6 @@ def write_report(report: Report, drawings: Drawings, outputs: Outputs) -> None:
     title = f"{report.model} against {', '.join(log.log for log in report.logs)}"
     if outputs.figures is not None:
         write_figures(outputs.figures, drawings.paper(), report)
-    write_page(outputs.page, title, report, drawings.page())
-    write_text(outputs.document, msgspec.json.format(msgspec.json.encode(report), indent=2).decode() + "\n")
+    with together():
+        write_page(outputs.page, title, report, drawings.page())
+        write_text(outputs.document, msgspec.json.format(msgspec.json.encode(report), indent=2).decode() + "\n")
