@@ -38,8 +38,9 @@ def together() -> Iterator[None]:
     if _group.ready is not None:
         yield
         return
-    ready = _group.ready = []
+    ready: list[tuple[Path, Path]] = []
     try:
+        _group.ready = ready
         yield
         with _uninterrupted():
             while ready:

@@ -1,0 +1,158 @@
+"""Ctrl-C at any moment of a run, two runs into one place: what lies there is whole, of one run, and nothing is left over.
+
+Only some moments are tried; ``VSALOG_MOMENTS=1000`` tries so many of the lines that are executed while results are written.
+"""
+
+import os
+import signal
+import subprocess
+import sys
+import time
+from concurrent.futures import ThreadPoolExecutor
+
+import numpy as np
+import pyarrow.parquet as pq
+import pytest
+from command_line import vsalog_run
+
+from vsalog.cli import _run
+from vsalog.model import ModelFile
+
+MOMENTS = int(os.environ.get("VSALOG_MOMENTS", "6"))
+RIG = """
+[joint.knee]
+kind = "elastic"
+[joint.knee.motor]
+inertia = 0.1
+[joint.knee.signals]
+motor_position = "theta"
+motor_torque = "tau"
+link_position = "q"
+torque_sensor = "sensor"
+"""
+COMMAND = [sys.executable, "-c", "from vsalog.cli import main; main()"]
+
+
+def lay(folder, name="log.csv", stiffness=20.0, rows=1200):
+    t = np.arange(rows) * 2e-3
+    theta, q = 0.3 * np.sin(6.0 * t), 0.4 * np.sin(6.0 * t + 0.3)
+    tau = stiffness * (q - theta)
+    table = np.column_stack([t, theta, -0.1 * 36 * theta - tau, q, tau])
+    np.savetxt(
+        folder / name, table, "%.9g", ",", header="time [s],theta [rad],tau [N·m],q [rad],sensor [N·m]", comments=""
+    )
+    (folder / "rig.toml").write_text(RIG)
+
+
+def call(monkeypatch, capsys, *args):
+    monkeypatch.setattr(sys, "argv", ["vsalog", *map(str, args)])
+    code = _run()
+    return code, capsys.readouterr().err
+
+
+class Interrupted:
+    """Sends this process a Ctrl-C when so many lines of the writers were executed; counts them otherwise."""
+
+    def __init__(self, at=None):
+        self.at, self.count = at, 0
+
+    def __enter__(self):
+        self.before = sys.gettrace()
+        sys.settrace(self._call)
+        return self
+
+    def __exit__(self, *_):
+        sys.settrace(self.before)
+
+    def _call(self, frame, event, _):
+        # Where the group puts signals off a line is as good as another.
+        return self._line if "/vsalog/writers/" in frame.f_code.co_filename else None
+
+    def _line(self, frame, event, _):
+        if event == "line":
+            self.count += 1
+            if self.count == self.at:
+                signal.raise_signal(signal.SIGINT)
+        return self._line
+
+
+RUNS = {
+    "estimate": (
+        ["estimate", "log.csv", "-e", "direct", "-o", "out/", "--mcap", "out/log.mcap", "--report", "out/page.html"],
+        4,
+    ),
+    "validate": (["validate", "log.model.toml", "log.csv", "--no-modalities", "-o", "out"], 2),
+    "repair": (["inspect", "log.csv", "--repair", "out/log.mcap"], 1),
+    "simulate": (["simulate", "sea", "--duration", "0.2", "-o", "out/log.csv"], 2),
+    "init": (["init", "log.csv", "-o", "out/rig.toml"], 1),
+}
+
+
+@pytest.mark.parametrize("name", RUNS)
+def test_an_interrupt_while_results_are_written(name, tmp_path, monkeypatch, capsys):
+    """All of them are there or none is, whatever the moment."""
+    args, files = RUNS[name]
+    monkeypatch.chdir(tmp_path)
+    lay(tmp_path, rows=300)
+    if name == "validate":
+        assert call(monkeypatch, capsys, "estimate", "log.csv", "-e", "direct")[0] == 0
+    before = set(tmp_path.rglob("*"))
+    moments, outcomes = None, set()
+    at = None
+    while moments is None or at <= moments:
+        (tmp_path / "out").mkdir()
+        with Interrupted(at) as interrupted:
+            code, err = call(monkeypatch, capsys, *args)
+        found = sorted(set(tmp_path.rglob("*")) - before)
+        assert len(found) - 1 in (0, files), (at, found)
+        assert not [p for p in found if p.name.startswith(".")], (at, found)
+        if at is None:
+            assert (code, len(found) - 1) == (0, files), err
+            moments = interrupted.count
+        else:
+            reached = interrupted.count >= at  # the first run imports what later ones have
+            assert code == (130 if reached else 0), (at, code, err)
+            assert not reached or err.splitlines()[-1] == "vsalog: interrupted; no file is half written"
+            assert "Traceback" not in err
+            outcomes.add((code, len(found) - 1))
+        for path in found[::-1]:
+            path.rmdir() if path.is_dir() else path.unlink()
+        step = max(1, moments // MOMENTS)
+        at = 1 if at is None else at + step
+    assert (130, 0) in outcomes
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_an_interrupt_at_any_other_moment(number, tmp_path):
+    """As a user presses it: while libraries are imported, the log is read, the joint is estimated."""
+    lay(tmp_path, rows=60_000)
+    before = set(tmp_path.rglob("*"))
+    for moment in (0.15, 0.8, 1.5) if number == signal.SIGINT else (0.9,):
+        process = subprocess.Popen([*COMMAND, "estimate", "log.csv"], cwd=tmp_path, stderr=subprocess.PIPE, text=True)
+        time.sleep(moment)
+        process.send_signal(number)
+        _, err = process.communicate(timeout=60)
+        assert process.returncode in (0, 130, 143, -signal.SIGINT, -signal.SIGTERM), err
+        left = {p.name for p in set(tmp_path.rglob("*")) - before}
+        assert left in (set(), {"log.stiffness.parquet", "log.model.toml"}), left
+        if process.returncode > 0:
+            assert "Traceback" not in err
+
+
+def test_two_runs_into_one_place(tmp_path):
+    """Each replaces the other's files as a whole: what is there in the end is one run's trace, and one run's model."""
+    folders = []
+    for i, stiffness in enumerate((20.0, 90.0)):
+        folders.append(tmp_path / f"in{i}")
+        folders[i].mkdir()
+        lay(folders[i], stiffness=stiffness)
+    out = tmp_path / "out"
+    out.mkdir()
+    args = ("estimate", "log.csv", "-e", "direct", "-o", out)
+    with ThreadPoolExecutor(2) as pool:
+        for run in pool.map(lambda folder: vsalog_run(*args, cwd=folder), folders):
+            assert run.returncode == 0, run.stderr
+    assert sorted(p.name for p in out.iterdir()) == ["log.model.toml", "log.stiffness.parquet"]
+    told = pq.read_table(out / "log.stiffness.parquet")["stiffness"].to_numpy()
+    assert min(abs(np.nanmedian(told) - k) for k in (20.0, 90.0)) < 1.0
+    ModelFile.load(out / "log.model.toml")
