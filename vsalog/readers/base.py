@@ -14,6 +14,9 @@ BLOCK_ROWS = 8192
 MAX_ARRAY = 64
 """Arrays with more values than this are images, clouds or maps, not signals."""
 
+NO_TIME = "without a time left out"
+"""How notes of rows end that a table's clock says nothing of."""
+
 CLOCKS = ("header", "log", "publish", "column", "rate", "none")
 """Kinds of time stamps, best first."""
 

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vsalog.errors import ReadError
-from vsalog.readers.base import Block, Reader, plural
+from vsalog.readers.base import NO_TIME, Block, Reader, plural
 from vsalog.readers.reach import BEYOND, within_reach
 from vsalog.readers.spool import Column, Kind, Spool, SpooledColumn, in_memory, parts
 from vsalog.readers.timing import YEAR_2000, Clock, Order, choose_clock, put_in_order
@@ -203,8 +203,13 @@ def gather(
             for each in gathered.values():
                 each.to_disk(spool)
         one.add(block)
-    if absurd and not any(one.count for one in gathered.values()):
-        raise ReadError(f"{path}: the times of all samples {BEYOND}")
+    if not any(one.count for one in gathered.values()):
+        if absurd:
+            raise ReadError(f"{path}: the times of all samples {BEYOND}")
+        if timeless := [note for note in reader.notes if note.endswith(NO_TIME)]:
+            raise ReadError(
+                f"{path}: its time column holds no time that can be read, or none within 292 years of 1970: {timeless[0]}"
+            )
     if absurd:
         reader.notes.append(f"{plural(absurd, 'sample')} left out whose times {BEYOND}")
     for one in gathered.values():
@@ -234,6 +239,10 @@ def recording_of(path: Path, reader: Reader, gathered: Mapping[str, Gathered], t
         stream, stamps = _stream(name, one, channels, time)
         streams[name] = stream
         notes += remarks(stream)
+        if stream.time_source == "column" and stream.conflicts > stream.count:
+            # What is left would look like a log of few samples, far apart.
+            reader.unread.update(dict.fromkeys((c for c in channels if channels[c].stream == name), _coarse(stream)))
+            channels = {c: channel for c, channel in channels.items() if channel.stream != name}
         if len(stamps):
             dates.append(bool(stamps[0] >= YEAR_2000))
     return Recording(
@@ -245,6 +254,15 @@ def recording_of(path: Path, reader: Reader, gathered: Mapping[str, Gathered], t
         rig_text=reader.rig_text,
         notes=tuple(dict.fromkeys(notes)),
         absolute_time=all(dates),
+    )
+
+
+def _coarse(stream: Stream) -> str:
+    """Say why a clock cannot be used that most samples share their stamp with others on."""
+    rows = stream.count + stream.conflicts + stream.duplicates
+    return (
+        f"its times are no clock: {plural(stream.count, 'stamp')} for {plural(rows, 'row')}, as when seconds since 1970 are"
+        " rounded to 32 bits or a few digits; write the time with all its digits, or leave the column out and give --rate"
     )
 
 

@@ -13,7 +13,7 @@ import pyarrow.parquet as pq
 from numpy.typing import NDArray
 
 from vsalog.errors import ReadError
-from vsalog.readers.base import Block, Catalogue, ChannelInfo, first_of_each, plural
+from vsalog.readers.base import NO_TIME, Block, Catalogue, ChannelInfo, first_of_each, plural
 from vsalog.readers.headers import printable_cell, unique_names
 from vsalog.readers.row_clock import ROW_NOTE, row_clock
 from vsalog.readers.time_columns import find_clocks, nanoseconds
@@ -130,7 +130,7 @@ class ParquetReader:
                     yield block
                 dropped += missing
         if dropped:
-            self.notes.append(f"{plural(dropped, 'row')} without a time left out")
+            self.notes.append(f"{plural(dropped, 'row')} {NO_TIME}")
 
     def _batches(self, columns: list[str]) -> Iterator[tuple[int, pa.RecordBatch]]:
         """Yield the number of the first row and the rows, without those of damaged row groups, which are noted.

@@ -13,6 +13,8 @@ FARTHEST = 2**62 - 1
 """Nanoseconds before and after 1970 that a sample may lie: any two such stamps have a difference."""
 BEYOND = "lie before the year 1823 or after 2116, as no recording's can"
 
+# A recorder's own clock counts from 1970: what is ahead of that was beyond 64 bits.
+_LEAST = {"log": 0}
 # Where these are absurd, there may be another clock that is not.
 _SECOND = ("header", "publish")
 
@@ -27,14 +29,14 @@ def within_reach(block: Block) -> tuple[Block, int]:
     block : Block
         As a reader gives it.
     """
-    if all(_near(stamps) for stamps in block.clocks.values()):
+    if all(_near(stamps, kind) for kind, stamps in block.clocks.items()):
         return block, 0
     clocks = dict(block.clocks)
     if len(clocks) > 1:
         for kind in _SECOND:
             if kind in clocks:
                 clocks[kind] = np.clip(clocks[kind], -FARTHEST, FARTHEST)
-    good = np.all([(stamps >= -FARTHEST) & (stamps <= FARTHEST) for stamps in clocks.values()], axis=0)
+    good = np.all([(s >= _LEAST.get(kind, -FARTHEST)) & (s <= FARTHEST) for kind, s in clocks.items()], axis=0)
     return (
         replace(
             block,
@@ -45,5 +47,5 @@ def within_reach(block: Block) -> tuple[Block, int]:
     )
 
 
-def _near(stamps: Stamps) -> bool:
-    return not stamps.size or (int(stamps.min()) >= -FARTHEST and int(stamps.max()) <= FARTHEST)
+def _near(stamps: Stamps, kind: str) -> bool:
+    return not stamps.size or (int(stamps.min()) >= _LEAST.get(kind, -FARTHEST) and int(stamps.max()) <= FARTHEST)

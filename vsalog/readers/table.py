@@ -10,7 +10,7 @@ import pyarrow as pa
 from numpy.typing import NDArray
 
 from vsalog.errors import ReadError
-from vsalog.readers.base import Block, Catalogue, ChannelInfo, first_of_each, plural
+from vsalog.readers.base import NO_TIME, Block, Catalogue, ChannelInfo, first_of_each, plural
 from vsalog.readers.headers import printable_cell
 from vsalog.readers.row_clock import ROW_NOTE, row_clock
 from vsalog.readers.sparse import group_by_blanks
@@ -207,7 +207,7 @@ class TableReader:
     def _report(self, dropped: int) -> None:
         """Tell what was wrong with the cells."""
         if dropped:
-            self.notes.append(f"{plural(dropped, 'row')} without a time left out")
+            self.notes.append(f"{plural(dropped, 'row')} {NO_TIME}")
         for name, cells in self._counts.items():
             if cells.text:
                 self.unread[name] = cells.text
