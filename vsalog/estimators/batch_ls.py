@@ -10,11 +10,12 @@ from collections.abc import Collection
 
 from vsalog.estimators import qr_rls
 from vsalog.estimators.device import Device
+from vsalog.estimators.first_look import first_look
 from vsalog.estimators.known import conditioner_of
 from vsalog.estimators.regression import RegressionFold
 from vsalog.estimators.solvers import QrSolver, least_samples
 from vsalog.estimators.tuning import Tuning
-from vsalog.estimators.windows import motor_window, smoothed_away
+from vsalog.estimators.windows import motor_window
 from vsalog.signals import JointSignals
 
 NAME = "batch-ls"
@@ -35,9 +36,9 @@ def roles(device: Device, offered: Collection[str], tuning: BatchLsTuning) -> tu
 
 def build(device: Device, signals: JointSignals, tuning: BatchLsTuning) -> RegressionFold:
     """Assemble the estimator for a joint's signals."""
-    remarks = smoothed_away(device, signals, tuning)
+    look = first_look(device, signals, tuning)
     tuning = motor_window(device, signals, tuning)
     conditioner = conditioner_of(device, signals, tuning, roles(device, signals.roles, tuning), motor=True)
     equations = qr_rls.integrated_equations(device, signals, tuning, conditioner)
     solver = QrSolver(1.0, integral=True, least=least_samples(conditioner))
-    return RegressionFold(NAME, "INTEGRATED", device, conditioner, equations, solver, passes=2, remarks=remarks)
+    return RegressionFold(NAME, "INTEGRATED", device, conditioner, equations, solver, passes=2, look=look)

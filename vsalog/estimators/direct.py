@@ -12,13 +12,13 @@ from typing import Annotated, ClassVar, Literal
 from msgspec import Meta
 
 from vsalog.estimators.device import Device
+from vsalog.estimators.first_look import first_look
 from vsalog.estimators.known import conditioner_of
 from vsalog.estimators.needs import deflection_roles, require
 from vsalog.estimators.regression import RegressionFold, Solver
 from vsalog.estimators.residual_rls import sensor_equations, sensor_role
 from vsalog.estimators.solvers import QrSolver, RlsSolver, least_samples
 from vsalog.estimators.tuning import RlsTuning
-from vsalog.estimators.windows import smoothed_away
 from vsalog.signals import JointSignals
 
 # Of a prior covariance; the product of two small numbers must not become zero.
@@ -66,5 +66,5 @@ def build(device: Device, signals: JointSignals, tuning: DirectTuning) -> Regres
         if tuning.solver == "qr"
         else RlsSolver(p0, tuning.c, least)
     )
-    equations, remarks = sensor_equations(device, signals, tuning), smoothed_away(device, signals, tuning)
-    return RegressionFold(NAME, "SENSOR", device, conditioner, equations, solver, remarks=remarks)
+    equations, look = sensor_equations(device, signals, tuning, conditioner), first_look(device, signals, tuning)
+    return RegressionFold(NAME, "SENSOR", device, conditioner, equations, solver, look=look)

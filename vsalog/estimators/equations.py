@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vsalog.basis import PolynomialBasis
+from vsalog.estimators.bend import Bend
 from vsalog.estimators.device import TransmissionView, deflection_of
 from vsalog.estimators.known import Known
 from vsalog.estimators.regression import EquationRows
@@ -57,6 +58,7 @@ class TorqueEquation:
     basis: PolynomialBasis
     torque: Callable[[Conditioned], Array]
     known: tuple[Known, ...] = ()
+    bends: tuple[Bend, ...] = ()
 
     leading: ClassVar[int] = 0
     parameters: ClassVar[tuple[str, ...]] = ()
@@ -88,7 +90,8 @@ class TorqueEquation:
         fed = {t.name: y if alone else np.full_like(y, np.nan) for t in self.transmissions}
         if not alone:
             fed["total"] = y
-        return tuple(states), EquationRows(F, y, use, np.zeros_like(use), fed, {}, doubted=doubted)
+        rows = EquationRows(F, y, use, np.zeros_like(use), fed, {}, doubted=doubted, bends=self.bends)
+        return tuple(states), rows
 
 
 @dataclass(frozen=True, slots=True)
@@ -108,6 +111,7 @@ class ResidualEquation(OfOneTransmission):
     period: float
     matched: bool
     known: Known | None = None
+    bends: tuple[Bend, ...] = ()
 
     leading: ClassVar[int] = 0
     parameters: ClassVar[tuple[str, ...]] = ()
@@ -135,6 +139,7 @@ class ResidualEquation(OfOneTransmission):
             {self.view.name: r_e},
             {self.view.name: {"residual": r_e}},
             doubted=doubted,
+            bends=self.bends,
         )
         return (residual, lag, after, lagged_doubt[0]), rows
 

@@ -19,7 +19,8 @@ from vsalog.estimators.following import ObserverFold, ObserverState, ObserverTun
 from vsalog.estimators.known import known_of
 from vsalog.estimators.needs import require
 from vsalog.estimators.net_torque import NetTorque, doubt_role, extended, way_role
-from vsalog.estimators.windows import ENOUGH, noisy_rates, suitable_windows, with_window
+from vsalog.estimators.sensor_error import ENOUGH
+from vsalog.estimators.windows import noisy_rates, suitable_windows, with_window
 from vsalog.filters.derivatives import Derivatives
 from vsalog.mechanics.friction import rubs
 from vsalog.signals import JointSignals

@@ -9,19 +9,19 @@ from __future__ import annotations
 from collections.abc import Collection
 from typing import Annotated
 
-import numpy as np
 from msgspec import Meta
 
 from vsalog.estimators.device import Device
 from vsalog.estimators.equations import IntegratedMotorEquation
+from vsalog.estimators.first_look import first_look
 from vsalog.estimators.known import conditioner_of, known_of
 from vsalog.estimators.needs import deflection_roles, require
 from vsalog.estimators.regression import RegressionFold
+from vsalog.estimators.sensor_error import ENOUGH, sensor_error
 from vsalog.estimators.solvers import QrSolver, least_samples
 from vsalog.estimators.tuning import Positive, Tuning, largest_regressor
-from vsalog.estimators.windows import motor_window, smoothed_away
+from vsalog.estimators.windows import motor_window
 from vsalog.filters.conditioning import Conditioner
-from vsalog.resolution import sensor_noise
 from vsalog.signals import JointSignals
 
 NAME = "qr-rls"
@@ -65,14 +65,14 @@ def roles(device: Device, offered: Collection[str], tuning: Tuning, name: str = 
 
 def build(device: Device, signals: JointSignals, tuning: QrRlsTuning) -> RegressionFold:
     """Assemble the estimator for a joint's signals."""
-    remarks = smoothed_away(device, signals, tuning)
+    look = first_look(device, signals, tuning)
     tuning = motor_window(device, signals, tuning)
     p0 = tuning.p0 if tuning.p0 is not None else WEAK / largest_regressor(device, signals) ** 2
     conditioner = conditioner_of(device, signals, tuning, roles(device, signals.roles, tuning), motor=True)
     leading = IntegratedMotorEquation.leading
     solver = QrSolver(tuning.forgetting, leading, p0, integral=True, least=least_samples(conditioner))
     equations = integrated_equations(device, signals, tuning, conditioner)
-    return RegressionFold(NAME, "INTEGRATED", device, conditioner, equations, solver, remarks=remarks)
+    return RegressionFold(NAME, "INTEGRATED", device, conditioner, equations, solver, look=look)
 
 
 def integrated_equations(
@@ -98,5 +98,4 @@ def velocity_noise(signals: JointSignals, role: str, conditioner: Conditioner) -
     """
     if conditioner.kind == "kinematic":
         return 0.0
-    noise = sensor_noise(signals.roles[role], signals.resolution.get(role, 0.0), 0.0)
-    return noise * float(np.linalg.norm(conditioner.weights[1]))
+    return sensor_error(signals.roles[role][:ENOUGH], conditioner.window).rms(conditioner.weights[1])

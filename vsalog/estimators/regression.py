@@ -13,7 +13,9 @@ from typing import Any, ClassVar, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
+from vsalog.estimators.bend import Bend
 from vsalog.estimators.device import Device, TransmissionView, deflection_of
+from vsalog.estimators.first_look import NOTHING_SEEN, FirstLook
 from vsalog.estimators.region import Region
 from vsalog.filters.conditioning import Conditioned, Conditioner, ConditionerState
 from vsalog.filters.direction import direction_start, loading_block
@@ -42,7 +44,8 @@ class EquationRows:
     the flexibility torque the estimator is fed with; `extra` are further columns of the trace, per transmission. Where the
     leading unknowns are parameters of the motor, the flexibility torque is `dynamics` times these unknowns plus `fed`. `doubted`
     marks where what the rig knows beside the springs is in doubt, so that nothing is learnt; None where it never can be.
-    `noisy` is the variance of the noise in each regressor, shape (n,), where that bends a fit which takes them for exact.
+    `noisy` is the variance of the noise in each regressor, shape (n,), where that bends a fit which takes them for exact; `bends`
+    is, per transmission, what noise of its deflection does (`bend.py`).
     """
 
     F: Array
@@ -54,6 +57,7 @@ class EquationRows:
     dynamics: Array | None = None
     doubted: Flags | None = None
     noisy: Array | None = None
+    bends: tuple[Bend, ...] = ()
 
 
 class Equation(Protocol):
@@ -117,7 +121,7 @@ class RegressionFold:
     ----------
     passes : how often the signals are gone through: once, or twice when nothing is given out before all is known
     chosen : what of the tuning was derived from the log beside what the filters and the solver know
-    remarks : what was noticed of the tuning before the first sample
+    look : what was seen of the log before the first sample
     """
 
     def __init__(
@@ -131,11 +135,11 @@ class RegressionFold:
         *,
         passes: int = 1,
         chosen: Mapping[str, float] = MappingProxyType({}),
-        remarks: tuple[str, ...] = (),
+        look: FirstLook = NOTHING_SEEN,
     ) -> None:
         self.name, self.modality, self.device, self.conditioner = name, modality, device, conditioner
         self.equations, self.solver, self.passes = equations, solver, passes
-        self.chosen, self.remarks = chosen, remarks
+        self.chosen, self.look = chosen, look
 
     @property
     def derived(self) -> dict[str, float]:
@@ -239,7 +243,7 @@ class RegressionFold:
             phi_fit, c_fit = deflection_of(block.fit, view), block.fit.get("setpoint")
             state.regions[view.name], seen = state.regions[view.name].block(phi_fit, c_fit, use, phi, c)
             with np.errstate(invalid="ignore"):
-                excited = seen & (std < SUPPORTED_SHARE * np.abs(sigma))
+                excited = seen & (std < SUPPORTED_SHARE * np.abs(sigma)) & (view.name not in self.look.blind)
             columns[view.name] = {
                 "deflection": phi,
                 "flexibility_torque": self._fed(rows.fed[view.name]),
@@ -303,8 +307,8 @@ class RegressionFold:
         return {f"coefficient_{h}": unknowns[:, first + h] for h in range(self.device.basis.size)}
 
     def warnings(self, state: FoldState) -> tuple[str, ...]:
-        """Say what was noticed of the tuning, and where most of a log could not be learnt from, because the rig is in doubt."""
-        return self.remarks + tuple(
+        """Say what the first look showed, and where most of a log could not be learnt from, because the rig is in doubt."""
+        return self.look.remarks + tuple(
             f"joint '{self.device.joint}', transmission {names}: for {count / state.seen:.0%} of the time the torque of friction"
             " or hysteresis that the rig has is not known, because the motor stands or is slower than its encoder can tell, or"
             " the deflection has not yet moved through its loop; nothing is learnt there"

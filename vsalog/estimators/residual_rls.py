@@ -13,15 +13,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vsalog.errors import EstimatorError
+from vsalog.estimators.bend import bend_of_residual, bend_of_torque
 from vsalog.estimators.device import Device, TransmissionView, deflection_of
 from vsalog.estimators.equations import ResidualEquation, TorqueEquation
+from vsalog.estimators.first_look import first_look
 from vsalog.estimators.known import conditioner_of, known_of
 from vsalog.estimators.needs import deflection_roles, require
 from vsalog.estimators.regression import Equation, RegressionFold
 from vsalog.estimators.solvers import RlsSolver, least_samples
 from vsalog.estimators.tuning import Modality, Positive, RlsTuning, Tuning
-from vsalog.estimators.windows import WINDOWS, motor_window, smoothed_away
-from vsalog.filters.conditioning import Conditioned
+from vsalog.estimators.windows import WINDOWS, motor_window
+from vsalog.filters.conditioning import Conditioned, Conditioner
 from vsalog.filters.savitzky_golay import savgol_cutoff
 from vsalog.mechanics.transmissions import flexibility_torque
 from vsalog.rig.schema import UnknownTransmission
@@ -29,6 +31,8 @@ from vsalog.signals import JointSignals
 
 # No motor's inertia, damping or gear ratio is larger, in SI.
 HUGEST = 1e30
+# Than the filter before it the residual is so much faster.
+FASTER = 3.0
 
 NAME = "residual-rls"
 SUMMARY = "motor-side residual and enhanced RLS (Flacco 2012); needs the motor's inertia, no torque sensor"
@@ -41,8 +45,8 @@ class ResidualRlsTuning(RlsTuning, frozen=True, forbid_unknown_fields=True, kw_o
     ----------
     modality : where the torque comes from: RESIDUAL (the motor equation), SENSOR (the torque sensor) or MODEL (the rig's
         nominal transmission)
-    bandwidth : K_I of the residual [rad/s]; when absent that of the Savitzky–Golay filter before it, beyond which there is
-        nothing to pass
+    bandwidth : K_I of the residual [rad/s]; when absent three times that of the Savitzky–Golay filter before it, which then
+        decides what passes, and the residual's lag is short beside its window
     matched : pass the regressors through the residual's lag too; the paper does not
     """
 
@@ -83,7 +87,7 @@ def build(device: Device, signals: JointSignals, tuning: ResidualRlsTuning) -> R
         The modality needs a motor inertia or a nominal transmission that the rig does not give, or the samples cannot follow
         the bandwidth.
     """
-    remarks, chosen = smoothed_away(device, signals, tuning), {}
+    look, chosen = first_look(device, signals, tuning), {}
     if tuning.modality == "RESIDUAL":
         tuning = motor_window(device, signals, tuning)
         chosen["bandwidth"] = bandwidth = _bandwidth(signals, tuning)
@@ -91,21 +95,21 @@ def build(device: Device, signals: JointSignals, tuning: ResidualRlsTuning) -> R
     # A residual is noisy: the many terms of a basis would follow its noise until there is enough of it to average.
     p0 = tuning.initial_covariance(device, signals, 0.01 if tuning.modality == "RESIDUAL" else 1e-3)
     needed = roles(device, signals.roles, tuning)
-    equations = _equations(device, signals, tuning)
     conditioner = (
         tuning.conditioner(needed, signals)
         if tuning.modality == "MODEL"
         else conditioner_of(device, signals, tuning, needed, motor=tuning.modality == "RESIDUAL")
     )
     solver = RlsSolver(p0, tuning.c, least_samples(conditioner))
-    return RegressionFold(NAME, tuning.modality, device, conditioner, equations, solver, chosen=chosen, remarks=remarks)
+    equations = _equations(device, signals, tuning, conditioner)
+    return RegressionFold(NAME, tuning.modality, device, conditioner, equations, solver, chosen=chosen, look=look)
 
 
 def _bandwidth(signals: JointSignals, tuning: ResidualRlsTuning) -> float:
-    """Return the residual's bandwidth [rad/s], as asked for or that of the filter before it."""
+    """Return the residual's bandwidth [rad/s], as asked for or by the filter before it."""
     if tuning.bandwidth is None:
         window = WINDOWS[0] if tuning.window is None else round(tuning.window / signals.period) + 1
-        return savgol_cutoff(max(window, tuning.degree + 1), tuning.degree) / signals.period
+        return FASTER * savgol_cutoff(max(window, tuning.degree + 1), tuning.degree) / signals.period
     slowest, fastest = 1.0 / (signals.longest_run * signals.period), np.pi / signals.period
     if not slowest <= tuning.bandwidth <= fastest:
         raise EstimatorError(
@@ -115,24 +119,30 @@ def _bandwidth(signals: JointSignals, tuning: ResidualRlsTuning) -> float:
     return tuning.bandwidth
 
 
-def _equations(device: Device, signals: JointSignals, tuning: ResidualRlsTuning) -> tuple[Equation, ...]:
+def _equations(
+    device: Device, signals: JointSignals, tuning: ResidualRlsTuning, conditioner: Conditioner
+) -> tuple[Equation, ...]:
     if tuning.modality == "RESIDUAL":
-        return tuple(_residual(device, view, signals, tuning) for view in device.transmissions)
+        return tuple(_residual(device, view, signals, tuning, conditioner) for view in device.transmissions)
     if tuning.modality == "MODEL":
         return tuple(_model(device, view) for view in device.transmissions)
-    return sensor_equations(device, signals, tuning)
+    return sensor_equations(device, signals, tuning, conditioner)
 
 
-def sensor_equations(device: Device, signals: JointSignals, tuning: Tuning) -> tuple[Equation, ...]:
+def sensor_equations(
+    device: Device, signals: JointSignals, tuning: Tuning, conditioner: Conditioner
+) -> tuple[Equation, ...]:
     """One equation per sensor: one for each transmission, or one that sees the sum of both."""
     views = device.transmissions
     sensors = [sensor_role(view, signals.roles) for view in views]
     known = [known_of(device, v, signals, tuning, s, motor=False) for v, s in zip(views, sensors, strict=True)]
+    bends = [bend_of_torque(signals, v, conditioner) for v in views]
     if len(views) > 1 and len(set(sensors)) == 1:
-        return (TorqueEquation(views, device.basis, _column(sensors[0]), tuple(k for k in known if k is not None)),)
+        both = tuple(k for k in known if k is not None), tuple(b for b in bends if b is not None)
+        return (TorqueEquation(views, device.basis, _column(sensors[0]), *both),)
     return tuple(
-        TorqueEquation((v,), device.basis, _column(s), () if k is None else (k,))
-        for v, s, k in zip(views, sensors, known, strict=True)
+        TorqueEquation((v,), device.basis, _column(s), () if k is None else (k,), () if b is None else (b,))
+        for v, s, k, b in zip(views, sensors, known, bends, strict=True)
     )
 
 
@@ -160,7 +170,9 @@ def _model(device: Device, view: TransmissionView) -> Equation:
     return TorqueEquation((view,), device.basis, torque)
 
 
-def _residual(device: Device, view: TransmissionView, signals: JointSignals, tuning: ResidualRlsTuning) -> Equation:
+def _residual(
+    device: Device, view: TransmissionView, signals: JointSignals, tuning: ResidualRlsTuning, conditioner: Conditioner
+) -> Equation:
     motor = "motor" if len(device.transmissions) == 1 else f"motor_{view.name}"
     for name in ("inertia", "damping", "gear_ratio"):
         value = getattr(view.motor, name)
@@ -176,13 +188,16 @@ def _residual(device: Device, view: TransmissionView, signals: JointSignals, tun
             f"joint '{device.joint}': {NAME} (RESIDUAL) needs the motor's inertia: set"
             f" [joint.{device.joint}.{motor}] inertia in the rig, or use --estimator qr-rls, which estimates it"
         )
+    damping, rate = view.motor.reflected_damping, tuning.bandwidth
+    bend = bend_of_residual(signals, view, conditioner, (inertia, damping), rate, tuning.matched)
     return ResidualEquation(
         view,
         device.basis,
         inertia,
-        view.motor.reflected_damping,
-        tuning.bandwidth,
+        damping,
+        rate,
         signals.period,
         tuning.matched,
         known_of(device, view, signals, tuning, view.motor_torque, motor=True),
+        () if bend is None else (bend,),
     )

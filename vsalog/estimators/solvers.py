@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from vsalog.estimators.bend import bent_block
 from vsalog.estimators.noise import SAMPLES, NoiseState, noise_block, noise_now, noise_start
 from vsalog.estimators.qr import QrState, qr_block
 from vsalog.estimators.regression import EquationRows
@@ -35,26 +36,28 @@ class RlsSolver:
     c: float
     least: int = SAMPLES
 
-    def start(self, size: int) -> tuple[RlsState, NoiseState]:
+    def start(self, size: int) -> tuple[RlsState, NoiseState, Array]:
         """Return the state before the first sample."""
-        return RlsState.start(size, self.p0), noise_start(size)
+        return RlsState.start(size, self.p0), noise_start(size), np.zeros(size)
 
     def block(
-        self, state: tuple[RlsState, NoiseState], rows: EquationRows, use: Flags, E: Array, spread: Flags
-    ) -> tuple[tuple[RlsState, NoiseState], Array, Array, Array, Mapping[str, Array]]:
+        self, state: tuple[RlsState, NoiseState, Array], rows: EquationRows, use: Flags, E: Array, spread: Flags
+    ) -> tuple[tuple[RlsState, NoiseState, Array], Array, Array, Array, Mapping[str, Array]]:
         """Learn from a block and evaluate E ξ̂ after each sample."""
         rls, values, directions, pulled, unknowns, left, factor = rls_block(
             state[0], rows.F, rows.y, use, E, spread, self.c, self.p0
         )
         noise, made = noise_block(state[1], rows.F, rows.y, left, use, rows.fresh, directions, False, 1.0, self.least)
+        bent, score = bent_block(state[2], E[:, spread], rows.bends, unknowns, np.isfinite(left), 1.0)
+        made += _along(directions, score)
         values[_untold(unknowns)] = np.nan
-        return (rls, noise), values, _spread(made, pulled, spread), unknowns, {"stability_factor": factor}
+        return (rls, noise, bent), values, _spread(made, pulled, spread), unknowns, {"stability_factor": factor}
 
-    def solution(self, state: tuple[RlsState, NoiseState]) -> tuple[Array, Array, float]:
+    def solution(self, state: tuple[RlsState, NoiseState, Array]) -> tuple[Array, Array, float]:
         """Return ξ̂, its covariance, and the standard deviation of a left-over."""
         M, variance = noise_now(state[1], False, self.least)
         P = self.c * state[0].P
-        return state[0].alpha.copy(), P @ M @ P, variance**0.5
+        return state[0].alpha.copy(), P @ (M + np.outer(state[2], state[2])) @ P, variance**0.5
 
 
 @dataclass(frozen=True, slots=True)
@@ -76,13 +79,13 @@ class QrSolver:
     integral: bool = False
     least: int = SAMPLES
 
-    def start(self, size: int) -> tuple[QrState, NoiseState]:
+    def start(self, size: int) -> tuple[QrState, NoiseState, Array]:
         """Return the state before the first sample."""
-        return QrState.start(size, self.leading, self.p0), noise_start(size)
+        return QrState.start(size, self.leading, self.p0), noise_start(size), np.zeros(size)
 
     def block(
-        self, state: tuple[QrState, NoiseState], rows: EquationRows, use: Flags, E: Array, spread: Flags
-    ) -> tuple[tuple[QrState, NoiseState], Array, Array, Array, Mapping[str, Array]]:
+        self, state: tuple[QrState, NoiseState, Array], rows: EquationRows, use: Flags, E: Array, spread: Flags
+    ) -> tuple[tuple[QrState, NoiseState, Array], Array, Array, Array, Mapping[str, Array]]:
         """Learn from a block and evaluate E ξ̂ after each sample."""
         qr, values, directions, pulled, unknowns, left = qr_block(
             state[0], rows.F, rows.y, use, rows.fresh, E, spread, self.forgetting, self.leading, self.p0
@@ -93,8 +96,11 @@ class QrSolver:
         if rows.noisy is not None:
             learnt = state[1].samples + np.cumsum(np.isfinite(left))
             made += self._bent(directions, unknowns, learnt, rows.noisy) ** 2
+        discount = self.forgetting**2
+        bent, score = bent_block(state[2], E[:, spread], rows.bends, unknowns, np.isfinite(left), discount)
+        made += _along(directions, score)
         values[_untold(unknowns[:, self.leading :])] = np.nan
-        return (qr, noise), values, _spread(made, pulled, spread), unknowns, {}
+        return (qr, noise, bent), values, _spread(made, pulled, spread), unknowns, {}
 
     def _bent(self, directions: Array, unknowns: Array, learnt: Array, noisy: Array) -> Array:
         """Return what noise in regressors that count as exact bends functionals by, to first order, shape (N, m)."""
@@ -102,7 +108,7 @@ class QrSolver:
         remembered = learnt if discount == 1.0 else (1.0 - discount**learnt) / (1.0 - discount)
         return np.asarray(np.einsum("kmi,ki->km", directions, noisy * unknowns) * remembered[:, None])
 
-    def solution(self, state: tuple[QrState, NoiseState]) -> tuple[Array, Array, float]:
+    def solution(self, state: tuple[QrState, NoiseState, Array]) -> tuple[Array, Array, float]:
         """Return ξ̂, its covariance, and the standard deviation of a left-over; NaN where the data do not determine them."""
         xi = state[0].solve()
         if np.isnan(xi).any():
@@ -110,7 +116,7 @@ class QrSolver:
         M, variance = noise_now(state[1], self.integral, self.least)
         half = np.linalg.inv(state[0].Rp[:, :-1])
         P = half @ half.T
-        return xi, P @ M @ P, variance**0.5
+        return xi, P @ (M + np.outer(state[2], state[2])) @ P, variance**0.5
 
 
 def least_samples(filters: Conditioner) -> int:
@@ -121,6 +127,11 @@ def least_samples(filters: Conditioner) -> int:
 def _untold(coefficients: Array) -> Flags:
     """Tell the samples, shape (N,), at which the coefficients are still the zeros that a recursion begins with: no estimate."""
     return ~np.asarray(coefficients.any(axis=1))
+
+
+def _along(directions: Array, score: Array) -> Array:
+    """Return the squares of what a score moves functionals by, shape (N, m)."""
+    return np.asarray(np.einsum("kmi,ki->km", directions, score) ** 2)
 
 
 def _spread(made: Array, pulled: Array, spread: Flags) -> Array:

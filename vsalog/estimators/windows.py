@@ -12,9 +12,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vsalog.estimators.device import Device, TransmissionView, deflection_of, spread
+from vsalog.estimators.sensor_error import ENOUGH, sensor_error
 from vsalog.estimators.tuning import Tuning
 from vsalog.filters.savitzky_golay import savgol_filter, savgol_weights
-from vsalog.resolution import sensor_noise
 from vsalog.signals import JointSignals
 
 Array = NDArray[np.float64]
@@ -24,18 +24,14 @@ T = TypeVar("T", bound=Tuning)
 WINDOWS = (51, 101, 201, 401, 801, 1601)
 # A rate is quiet when its noise is this part of it or less: a stiffness then loses its square, 0.25 %.
 QUIET = 0.05
+# What noise that two sides of an equation share may bend a stiffness by, as a part of it.
+BENT = 0.01
 # A rate that has more noise than this part of it tells nothing of the motion.
 LOUD = 0.5
 # A window is short enough for a motion when the rate keeps this part of its power.
 KEPT = 0.98
-# A window that was asked for and leaves less of it is told.
-SMOOTHED = 0.8
 # A run loses half a window at either end: no window is longer than this part of the longest run.
 PART_OF_RUN = 0.1
-# So many samples of a log tell which windows suit it.
-ENOUGH = 1 << 16
-# A signal without noise and steps has some: this part of its largest value.
-LEAST_NOISE = 1e-9
 
 
 def suitable_windows(device: Device, signals: JointSignals, tuning: Tuning) -> list[int]:
@@ -49,7 +45,7 @@ def suitable_windows(device: Device, signals: JointSignals, tuning: Tuning) -> l
     quiet: list[int] = []
     powers = np.zeros(len(device.transmissions))
     for window in fitting:
-        rates, noises = _rates(device, signals[:ENOUGH], savgol_weights(window, tuning.degree, 1, signals.period)[1:])
+        rates, noises = rates_of(device, signals[:ENOUGH], savgol_weights(window, tuning.degree, 1, signals.period))
         if np.all(noises <= QUIET * rates) and np.all(rates**2 >= KEPT * powers):
             quiet.append(window)
             powers = np.maximum(powers, rates**2)
@@ -64,50 +60,46 @@ def motor_window(device: Device, signals: JointSignals, tuning: T) -> T:
     """
     if tuning.window is not None or tuning.filter != "savitzky-golay":
         return tuning
-    part = _most_moved(signals, [view.motor_position for view in device.transmissions])
+    part = most_moved(signals, [view.motor_position for view in device.transmissions])
     longest = signals.longest_run
-    found, before = WINDOWS[0], np.zeros(len(device.transmissions))
+    found, sure = WINDOWS[0], np.zeros(len(device.transmissions))
     for window in (w for w in WINDOWS if w == found or w <= PART_OF_RUN * longest):
         weights = savgol_weights(window, tuning.degree, 2, signals.period)
-        rates, noises = _rates(device, part, weights[1:2])
+        rates, noises = rates_of(device, part, weights[:2])
         if np.any(noises > LOUD * rates):
             continue  # noise does not tell what motion a window would have to keep
-        if np.any(rates**2 - noises**2 < KEPT * before):
+        if np.any(rates**2 - noises**2 < sure):
             break
-        found, before = window, rates**2 - noises**2
+        # How large noise is, is known no better than to its own size.
+        found, sure = window, np.maximum(sure, KEPT * (rates**2 - noises**2) - noises**2)
         if all(_quiet(view, part, weights) for view in device.transmissions):
             break
     return with_window(tuning, signals, found)
 
 
-def _most_moved(signals: JointSignals, roles: Collection[str]) -> JointSignals:
+def most_moved(signals: JointSignals, roles: Collection[str]) -> JointSignals:
     """Return the stretch of a log in which some motor moves most."""
     spreads = [sum(spread(b.roles[r]) for r in roles) for b in signals.blocks(ENOUGH)]
     first = int(np.argmax(spreads)) * ENOUGH
     return signals[first : first + ENOUGH]
 
 
-def _moved(device: Device, signals: JointSignals) -> set[str]:
-    """Return the roles that the deflections are made of."""
-    return {role for view in device.transmissions for role in view.deflection_roles(signals.roles)}
-
-
 def _quiet(view: TransmissionView, signals: JointSignals, weights: Array) -> bool:
     """Tell whether what the steps of a motor's encoder make of its torque, or of its speed, is small."""
     theta, torque = signals.roles[view.motor_position], signals.roles[view.motor_torque]
-    noise = sensor_noise(theta, signals.resolution.get(view.motor_position, 0.0), LEAST_NOISE)
-    inertia = view.motor.reflected_inertia
+    added, inertia = sensor_error(theta, weights.shape[1]), view.motor.reflected_inertia
     if inertia is not None:
-        return bool(inertia * noise * np.linalg.norm(weights[2]) <= QUIET * spread(torque))
+        # Noise that the deflection shares with B θ̈ does not average out.
+        bent = inertia * abs(added.product(weights[0], weights[2]))
+        moved = spread(deflection_of(signals.roles, view)) * spread(torque)
+        return bool(inertia * added.rms(weights[2]) <= QUIET * spread(torque) and bent <= BENT * moved)
     speed = savgol_filter(theta, weights[1:2])[0]
-    return not np.isfinite(speed).any() or bool(
-        noise * np.linalg.norm(weights[1]) <= QUIET * np.sqrt(np.nanmean(speed**2))
-    )
+    return not np.isfinite(speed).any() or bool(added.rms(weights[1]) <= QUIET * np.sqrt(np.nanmean(speed**2)))
 
 
 def noisy_rates(device: Device, signals: JointSignals, tuning: Tuning, window: int) -> list[str]:
     """Say where a window of so many samples leaves φ̇ noisy, and what that costs."""
-    rates, noises = _rates(device, signals[:ENOUGH], savgol_weights(window, tuning.degree, 1, signals.period)[1:])
+    rates, noises = rates_of(device, signals[:ENOUGH], savgol_weights(window, tuning.degree, 1, signals.period))
     return [
         f"joint '{device.joint}', transmission {view.name}: {noise / rate:.0%} of the deflection's rate is the encoders' noise,"
         " which bends the stiffness more than its standard deviation says; move the joint faster, or filter longer (--tune"
@@ -117,38 +109,20 @@ def noisy_rates(device: Device, signals: JointSignals, tuning: Tuning, window: i
     ]
 
 
-def smoothed_away(device: Device, signals: JointSignals, tuning: Tuning) -> tuple[str, ...]:
-    """Say where a window that was asked for smooths the motion away; nothing of the motion is known where noise is louder."""
-    if tuning.window is None or tuning.filter == "kinematic":
-        return ()
-    asked, part = 2 * round(0.5 * tuning.window / signals.period) + 1, _most_moved(signals, _moved(device, signals))
-    if asked <= WINDOWS[0] or asked > len(part) or tuning.degree >= WINDOWS[0]:
-        return ()
-    before, now = (
-        _rates(device, part, savgol_weights(window, tuning.degree, 1, signals.period)[1:])
-        for window in (WINDOWS[0], asked)
-    )
-    return tuple(
-        f"joint '{device.joint}', transmission {view.name}: a window of {tuning.window:g} s smooths the motion away:"
-        f" {left / moved:.0%} of the deflection's rate is left, and the stiffness is that of the smoothed motion; shorten it, or"
-        " leave it out to have it chosen by the log"
-        for view, moved, noise, left in zip(device.transmissions, *before, now[0], strict=True)
-        if noise < LOUD * moved and left**2 < SMOOTHED * (moved**2 - noise**2)
-    )
-
-
 def with_window(tuning: T, signals: JointSignals, window: int) -> T:
     """Return the tuning with a window of so many samples."""
     return msgspec.structs.replace(tuning, window=(window - 1) * signals.period)
 
 
-def _rates(device: Device, signals: JointSignals, weights: Array) -> tuple[Array, Array]:
-    """Return φ̇ of each transmission and what noise makes of it, root mean squares [rad/s]; zero where nothing is known."""
+def rates_of(device: Device, signals: JointSignals, weights: Array) -> tuple[Array, Array]:
+    """Return φ̇ of each transmission and what noise makes of it, root mean squares [rad/s]; zero where nothing is known.
+
+    `weights` are those of value and first derivative.
+    """
     rates, noises = [], []
     for view in device.transmissions:
-        phi = deflection_of(signals.roles, view)
-        steps = [signals.resolution.get(role, 0.0) for role in view.deflection_roles(signals.roles)]
-        found = savgol_filter(phi, weights)[0]
+        found = savgol_filter(deflection_of(signals.roles, view), weights[1:])[0]
         rates.append(np.sqrt(np.nanmean(found**2)) if np.isfinite(found).any() else 0.0)
-        noises.append(sensor_noise(phi, float(np.linalg.norm(steps)), LEAST_NOISE) * np.linalg.norm(weights))
+        added = (sensor_error(signals.roles[role], weights.shape[1]) for role in view.deflection_roles(signals.roles))
+        noises.append(np.sqrt(sum(sensor.product(weights[1], weights[1]) for sensor in added)))
     return np.array(rates), np.array(noises)

@@ -1,0 +1,128 @@
+"""Motions of few encoder steps: what an encoder adds behind a filter, what that bends a fit by, and what is said of it."""
+
+import numpy as np
+import pytest
+from scipy.signal import savgol_filter as scipys
+
+from vsalog.binding import offered_roles
+from vsalog.estimators.bend import Bend, bent_block
+from vsalog.estimators.sensor_error import sensor_error
+from vsalog.filters.savitzky_golay import savgol_weights
+from vsalog.reproduce.measure import Setting, assemble, estimate, with_noise
+from vsalog.rig import Rig
+from vsalog.simulation.scenario import Scenario
+from vsalog.simulation.simulate import simulate
+
+PERIOD = 1e-3
+TIME = np.arange(20_000) * PERIOD
+
+
+def behind(window, error):
+    """What scipy's filter makes of an error: value, first and second derivative, where the window is whole."""
+    inner = slice(window, -window)
+    return [scipys(error, window, 5, deriv=d, delta=PERIOD)[inner] for d in range(3)]
+
+
+@pytest.mark.parametrize("steps", [2.5, 6.0, 20.0, 300.0])
+@pytest.mark.parametrize("window", [51, 201])
+def test_what_an_encoder_adds_is_what_it_adds(steps, window):
+    """Known motion, rounded here: the error is there to be filtered; told from the rounded samples alone."""
+    motion = steps * np.sin(2 * np.pi * 0.83 * TIME) + 0.4 * steps * np.sin(2 * np.pi * 0.31 * TIME + 1.0)
+    recorded = np.round(motion)
+    value, rate, acceleration = behind(window, recorded - motion)
+    weights = savgol_weights(window, 5, 2, PERIOD)
+    told = sensor_error(recorded, window)
+    white = 12.0**-0.5
+    assert told.rms(weights[1]) == pytest.approx(np.std(rate), rel=0.35)
+    assert told.product(weights[0], weights[2]) == pytest.approx(np.mean(value * acceleration), rel=0.6)
+    if steps < 10.0 and window == 51:
+        # Steps that are taken one by one are far from white.
+        assert np.std(rate) > 1.5 * white * np.linalg.norm(weights[1])
+
+
+def test_white_noise_is_told_by_its_size():
+    recorded = np.sin(TIME) + np.random.default_rng(3).normal(0.0, 0.01, TIME.size)
+    weights = savgol_weights(51, 5, 2, PERIOD)
+    told = sensor_error(recorded, 51)
+    assert told.rms(weights[0]) == pytest.approx(0.01 * np.linalg.norm(weights[0]), rel=0.05)
+    assert sensor_error(np.full(100, np.nan), 51).rms(weights[0]) == 0.0
+
+
+@pytest.mark.parametrize("discount", [1.0, 0.999])
+def test_a_bent_fit_is_bent_by_what_is_counted(discount):
+    """A line through noisy abscissae, noise shared with the ordinate: attenuation and its opposite, in expectation."""
+    rng = np.random.default_rng(0)
+    x, stiffness, sigma, shared = rng.normal(0.0, 1.0, 4000), 2.0, 0.1, 0.3
+    weights = discount ** np.arange(x.size)[::-1]
+    slopes = []
+    for _ in range(200):
+        e = rng.normal(0.0, sigma, x.size)
+        seen, y = x + e, stiffness * x + shared * e
+        slopes.append(np.sum(weights * seen * y) / np.sum(weights * seen * seen))
+    state, score = bent_block(
+        np.zeros(1),
+        np.ones((x.size, 1, 1)),
+        (Bend(sigma**2, 0.0),),
+        np.full((x.size, 1), stiffness),
+        np.ones(x.size, dtype=bool),
+        discount,
+    )
+    _, other = bent_block(
+        np.zeros(1),
+        np.ones((x.size, 1, 1)),
+        (Bend(0.0, shared * sigma**2),),
+        np.full((x.size, 1), stiffness),
+        np.ones(x.size, dtype=bool),
+        discount,
+    )
+    information = np.sum(weights * (x**2 + sigma**2))
+    assert (other[-1, 0] - score[-1, 0]) / information == pytest.approx(np.mean(slopes) - stiffness, rel=0.05)
+    np.testing.assert_array_equal(state, score[-1])
+
+
+def test_blocks_of_any_size_sum_up_to_the_same_bits():
+    rng = np.random.default_rng(1)
+    slopes, unknowns, use = rng.normal(size=(300, 2, 3)), rng.normal(size=(300, 3)), rng.random(300) > 0.1
+    bends = (Bend(0.2, 0.1), Bend(0.3))
+    _, whole = bent_block(np.zeros(3), slopes, bends, unknowns, use, 0.99)
+    state, parts = np.zeros(3), []
+    for k in range(0, 300, 7):
+        part = slice(k, k + 7)
+        state, score = bent_block(state, slopes[part], bends, unknowns[part], use[part], 0.99)
+        parts.append(score)
+    np.testing.assert_array_equal(np.concatenate(parts), whole)
+
+
+def small(preset, share):
+    """A preset's first experiment with its motors' torques made smaller."""
+    rig = Rig.preset(preset).file
+    joint = next(iter(rig.joint))
+    inputs = Scenario.find(f"{preset}-exp1", rig).lasting(20.0, None).inputs(rig)[joint]
+    drives = {role: (lambda t, x=x: share * np.asarray(x(t))) for role, x in inputs.items()}
+    (sensed,) = with_noise(simulate(rig, {joint: drives}, 20.0, ideal=True), (900,))
+    return joint, sensed
+
+
+@pytest.mark.parametrize(("share", "estimator"), [(s, e) for s in (0.1, 0.03) for e in ("residual-rls", "qr-rls")])
+def test_a_small_motion_is_estimated_or_said_to_be_uncertain(share, estimator):
+    joint, sensed = small("vsa2", share)
+    trace, held = estimate(sensed, Setting("", estimator, {}), joint), []
+    for name in ("1", "2"):
+        found, true = trace[name], sensed.truth[f"stiffness_{name}"]
+        told = np.asarray(found["excited"], dtype=bool)
+        assert told.mean() > 0.3
+        error = np.abs(found["stiffness"] - true)[told]
+        assert np.median(error / found["stiffness_std"][told]) < 1.96
+        if estimator == "residual-rls":
+            assert np.median(error / true[told]) < 0.03
+        held.append(np.mean(error < 1.96 * found["stiffness_std"][told]))
+    assert np.mean(held) > 0.8
+
+
+@pytest.mark.parametrize("estimator", ["direct", "residual-rls", "qr-rls", "batch-ls"])
+def test_a_deflection_of_a_few_steps_supports_nothing(estimator):
+    joint, sensed = small("sea", 0.003)
+    fold, signals = assemble(sensed, Setting("", estimator, {}), joint)
+    assert "deflection spans" in " ".join(fold.warnings(fold.start()))
+    assert not np.any(estimate(sensed, Setting("", estimator, {}), joint)["1"]["excited"])
+    assert set(offered_roles(sensed.rig.joint[joint])) <= set(signals.roles)

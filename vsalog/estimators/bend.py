@@ -1,0 +1,120 @@
+"""What noise in regressors bends a fit by that takes them for exact: errors in variables, to first order.
+
+Where a deflection's noise e enters the regressors F as ∂F/∂φ e and the torque y as ε, the normal equations are off by what
+does not average out, Σ ∂F/∂φ (E[e ε] − E[e²] σ) with the stiffness σ: noise of the deflection itself makes a spring look softer,
+and noise of a motor's encoder, which the motor equation differentiates twice, makes it look stiffer. Both are counted as if they
+never cancelled.
+(Söderström, "Errors-in-variables methods in system identification", Automatica 43(6), 2007.)
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.signal import lfilter
+
+from vsalog.estimators.device import TransmissionView
+from vsalog.estimators.sensor_error import ENOUGH, SensorError, sensor_error
+from vsalog.filters.conditioning import Conditioner
+from vsalog.signals import JointSignals
+
+Array = NDArray[np.float64]
+Flags = NDArray[np.bool_]
+
+# A lag is followed until this part of it is left.
+FORGOTTEN = 1e-6
+
+
+@dataclass(frozen=True, slots=True)
+class Bend:
+    """Noise of one transmission's deflection behind the filters.
+
+    Attributes
+    ----------
+    own : its variance [rad²]
+    shared : size of its covariance with the noise of the torque it is fitted to [rad·N·m]
+    """
+
+    own: float
+    shared: float = 0.0
+
+
+def bend_of_torque(signals: JointSignals, view: TransmissionView, conditioner: Conditioner) -> Bend | None:
+    """Return what bends a fit to a torque that is measured or known; None where the filter depends on the motion."""
+    if conditioner.kind == "kinematic":
+        return None
+    return Bend(_own(signals, view, conditioner, conditioner.weights[0]))
+
+
+def bend_of_residual(
+    signals: JointSignals,
+    view: TransmissionView,
+    conditioner: Conditioner,
+    motor: tuple[float, float],
+    bandwidth: float,
+    matched: bool,
+) -> Bend | None:
+    """Return what bends a fit to the residual of the motor equation; None where the filter depends on the motion.
+
+    Parameters
+    ----------
+    motor : reflected inertia [kg·m²] and damping [N·m·s/rad]
+    bandwidth : K_I [rad/s]
+    matched : whether the regressors pass through the residual's lag too
+    """
+    if conditioner.kind == "kinematic":
+        return None
+    (inertia, damping), turn = motor, bandwidth * signals.period
+    left = (2.0 - turn) / (2.0 + turn)
+    tail = int(np.ceil(np.log(FORGOTTEN) / np.log(max(abs(left), FORGOTTEN))))
+    position, velocity = (np.concatenate((w, np.zeros(tail))) for w in conditioner.weights[:2])
+
+    def lag(x: Array) -> Array:
+        return np.asarray(lfilter([1.0 - 0.5 * (1.0 + left)] * 2, [1.0, -left], x))
+
+    # Behind the lag θ̈ is K_I times what the lag takes from θ̇ (Flacco 2012 eq. 15).
+    slow = lag(velocity)
+    torque = inertia * bandwidth * (velocity - slow) + damping * slow
+    seen = lag(position) if matched else position
+    moved = view.motor_position in view.deflection_roles(signals.roles)
+    shared = _error(signals, view.motor_position, conditioner).product(seen, torque) if moved else 0.0
+    return Bend(_own(signals, view, conditioner, seen), abs(shared))
+
+
+def bent_block(
+    state: Array, slopes: Array, bends: Sequence[Bend], unknowns: Array, use: Flags, discount: float
+) -> tuple[Array, Array]:
+    """Sum up what noise adds to the normal equations.
+
+    Parameters
+    ----------
+    state : shape (n,), the sum so far
+    slopes : shape (N, transmissions, n), ∂F/∂φ of each transmission at each sample
+    bends : of each transmission
+    unknowns : shape (N, n)
+    use : shape (N,), samples that are learnt from
+    discount : what a sample's weight is multiplied with in the next
+
+    Returns
+    -------
+    state, and the sum after each sample, shape (N, n)
+    """
+    added = np.zeros_like(unknowns)
+    for i, bend in enumerate(bends):
+        stiffness = np.abs((slopes[:, i] * unknowns).sum(axis=1))
+        added += slopes[:, i] * (bend.own * stiffness + bend.shared)[:, None]
+    added[~(use & np.isfinite(added).all(axis=1))] = 0.0
+    summed, _ = lfilter([1.0], [1.0, -discount], added, axis=0, zi=discount * state[None])
+    return np.array(summed[-1]) if summed.size else state, np.asarray(summed)
+
+
+def _own(signals: JointSignals, view: TransmissionView, conditioner: Conditioner, seen: Array) -> float:
+    """Return the variance of a deflection's noise behind a filter [rad²]."""
+    return sum(_error(signals, role, conditioner).product(seen, seen) for role in view.deflection_roles(signals.roles))
+
+
+def _error(signals: JointSignals, role: str, conditioner: Conditioner) -> SensorError:
+    return sensor_error(signals.roles[role][:ENOUGH], conditioner.window)

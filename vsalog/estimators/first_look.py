@@ -1,0 +1,73 @@
+"""What a log shows before the first sample is learnt from: deflections too small to be seen, motion that a filter takes away."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from vsalog.estimators.device import Device, TransmissionView, deflection_of
+from vsalog.estimators.tuning import Tuning
+from vsalog.estimators.windows import LOUD, WINDOWS, most_moved, rates_of
+from vsalog.filters.savitzky_golay import savgol_weights
+from vsalog.resolution import step_of
+from vsalog.signals import JointSignals
+
+# A window that was asked for and leaves less of the deflection's rate is told, as a part of its power.
+SMOOTHED = 0.8
+# A deflection that spans fewer of its encoders' steps has no course that a function could be fitted to.
+FEWEST_STEPS = 4.0
+
+
+@dataclass(frozen=True, slots=True)
+class FirstLook:
+    """What was noticed, and the transmissions whose deflection is too small for its encoders."""
+
+    remarks: tuple[str, ...] = ()
+    blind: frozenset[str] = frozenset()
+
+
+NOTHING_SEEN = FirstLook()
+
+
+def first_look(device: Device, signals: JointSignals, tuning: Tuning) -> FirstLook:
+    """Look at a log as it is bound, with the window that was asked for."""
+    spans = {view.name: _span(view, signals) for view in device.transmissions}
+    blind = {name: span for name, span in spans.items() if span < FEWEST_STEPS}
+    told = [
+        f"joint '{device.joint}', transmission {name}: the deflection spans {span:.1f} of its encoders' steps, too few to tell a"
+        " stiffness; move the joint more"
+        for name, span in blind.items()
+    ]
+    return FirstLook((*told, *_smoothed_away(device, signals, tuning)), frozenset(blind))
+
+
+def _span(view: TransmissionView, signals: JointSignals) -> float:
+    """Return how many steps a deflection spans; infinite where a sensor has none."""
+    steps = [step_of(signals.roles[role]) for role in view.deflection_roles(signals.roles)]
+    phi = deflection_of(signals.roles, view)
+    finite = phi[np.isfinite(phi)]
+    if not finite.size or any(step is None for step in steps):
+        return np.inf
+    return float(np.ptp(finite) / np.linalg.norm(np.array(steps, dtype=np.float64)))
+
+
+def _smoothed_away(device: Device, signals: JointSignals, tuning: Tuning) -> list[str]:
+    """Say where a window that was asked for smooths the motion away; nothing of the motion is known where noise is louder."""
+    if tuning.window is None or tuning.filter == "kinematic":
+        return []
+    moved = {role for view in device.transmissions for role in view.deflection_roles(signals.roles)}
+    asked, part = 2 * round(0.5 * tuning.window / signals.period) + 1, most_moved(signals, moved)
+    if asked <= WINDOWS[0] or asked > len(part) or tuning.degree >= WINDOWS[0]:
+        return []
+    before, now = (
+        rates_of(device, part, savgol_weights(window, tuning.degree, 1, signals.period))
+        for window in (WINDOWS[0], asked)
+    )
+    return [
+        f"joint '{device.joint}', transmission {view.name}: a window of {tuning.window:g} s smooths the motion away:"
+        f" {left / rate:.0%} of the deflection's rate is left, and the stiffness is that of the smoothed motion; shorten it, or"
+        " leave it out to have it chosen by the log"
+        for view, rate, noise, left in zip(device.transmissions, *before, now[0], strict=True)
+        if noise < LOUD * rate and left**2 < SMOOTHED * (rate**2 - noise**2)
+    ]

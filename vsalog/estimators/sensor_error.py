@@ -1,0 +1,82 @@
+"""What an encoder adds to a position, as it comes out of a filter.
+
+White noise is told by its size. An encoder's steps are not white: where a motion takes few of them in a filter's window, what
+they add changes as slowly as the motion, passes the filter, and is largest in the rates where the position jumps. So they are
+tried out on the log's own motion, which is smoothed and rounded to the steps once more, between the levels.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.signal import oaconvolve
+
+from vsalog.filters.savitzky_golay import savgol_filter, savgol_weights
+from vsalog.resolution import noise_of, step_of
+
+Array = NDArray[np.float64]
+
+# So many samples of a log tell what its sensors add.
+ENOUGH = 1 << 16
+# So much of a step the motion is shifted by before it is rounded again.
+SHIFTS = (0.25, 0.75)
+# What is looked at is the motion behind a filter so many times as long, of this degree: one as long still has the steps in it.
+LONGER, DEGREE = 4, 5
+# What a sensor without noise and steps adds: this part of its largest value.
+LEAST_NOISE = 1e-9
+
+
+@dataclass(frozen=True, slots=True)
+class SensorError:
+    """What a sensor adds to a signal.
+
+    Attributes
+    ----------
+    white : standard deviation of white noise; 0 where steps are what it adds
+    rounding : samples of what rounding adds, one series per shift; none where noise is white
+    """
+
+    white: float
+    rounding: tuple[Array, ...] = ()
+
+    def product(self, a: Array, b: Array) -> float:
+        """Return the mean product of what two filters make of it; their weights, of one length, as `savgol_filter` takes them."""
+        if not self.rounding:
+            return self.white**2 * float(a @ b)
+        both = np.stack((a, b))
+        products = []
+        for series in self.rounding:
+            x, y = savgol_filter(series, both)
+            products.append(float(np.mean(x * y)) if x.size else 0.0)
+        return float(np.mean(products))
+
+    def rms(self, weights: Array) -> float:
+        """Return the root mean square of what a filter makes of it."""
+        return float(np.sqrt(self.product(weights, weights)))
+
+
+def sensor_error(values: Array, window: int) -> SensorError:
+    """Tell what a sensor adds to a signal.
+
+    Parameters
+    ----------
+    values : shape (N,), NaN where there is none
+    window : samples in the window of the filters that come after
+    """
+    finite = np.isfinite(values)
+    if not finite.any():
+        return SensorError(0.0)
+    step, noise = step_of(values), noise_of(values) or 0.0
+    if step is None or noise > step:
+        return SensorError(max(noise, LEAST_NOISE * float(np.abs(values[finite]).max()), LEAST_NOISE))
+    whole = values if finite.all() else np.interp(np.arange(values.size), np.flatnonzero(finite), values[finite])
+    longer = min(LONGER * (window - 1) + 1, whole.size)
+    motion = oaconvolve(whole, savgol_weights(longer, min(DEGREE, longer - 1))[0][::-1], mode="valid")
+    series = []
+    for shift in SHIFTS:
+        moved = motion / step + shift
+        rounding = step * (np.round(moved) - moved)
+        series.append(rounding - rounding.mean() if rounding.size else rounding)
+    return SensorError(0.0, tuple(series))
