@@ -111,6 +111,11 @@ class Job:
             )
         return out
 
+    @property
+    def is_long(self) -> bool:
+        """Whether a log is too long for memory."""
+        return any(isinstance(recording, LongRecording) for recording in self.recordings)
+
     def provenance(self) -> dict[str, str]:
         """Return what a result says of where it came from: version, rig, settings, and the input's hashes."""
         settings = {

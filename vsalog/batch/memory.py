@@ -16,6 +16,10 @@ BASE = 330 * MIB
 # Beyond that, bytes per byte of log, as measured over formats (docs/batch.md), with room.
 FACTORS = {"estimate": 6.0, "validate": 10.0, "diagnose": 60.0}
 PAGE_FACTOR = 25.0
+# No more than that, however long a log is, where it is worked on in a temporary file and figures are drawn of thinned traces;
+# MATLAB's files are read as a whole.
+MOST, MOST_PAGE = 1000 * MIB, 2500 * MIB
+WHOLE = ".mat"
 # A worker that needed more than this is replaced: memory that was used once is hardly given back.
 LARGE = 1024 * MIB
 # Of what is free.
@@ -25,8 +29,13 @@ _UNITS = {"": 1, "k": 10**3, "m": 10**6, "g": 10**9, "t": 10**12, "ki": 2**10, "
 
 def expected(log: Log, settings: Settings) -> int:
     """Return the bytes that a log is expected to need, those of the worker itself included."""
-    factor = FACTORS[settings.do] + (PAGE_FACTOR if settings.report and settings.do == "estimate" else 0.0)
-    return BASE + round(factor * log.size)
+    need = FACTORS[settings.do] * log.size
+    if settings.do != "estimate":
+        return BASE + round(need)
+    page = PAGE_FACTOR * log.size if settings.report else 0.0
+    if not log.name.lower().endswith(WHOLE):
+        need, page = min(need, MOST), min(page, MOST_PAGE)
+    return BASE + round(need + page)
 
 
 def parse_size(text: str) -> int:

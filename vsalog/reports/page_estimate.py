@@ -26,10 +26,14 @@ Array = NDArray[np.float64]
 
 SUPERSCRIPTS = str.maketrans("0123456789", "⁰¹²³⁴⁵⁶⁷⁸⁹")
 PARAMETERS = ("motor_inertia", "motor_damping")
+# Rows of a joint's trace that figures are drawn of: over an hour at 1 kHz. A longer trace is thinned.
+MOST_ROWS = 4 * 2**20
 
 
 def evidence_of(trace: Path, estimate: JointEstimate, setpoint_unit: str = "rad") -> JointEvidence:
     """Read what the figures draw back out of a trace's file, column by column: an hour's trace is never held twice.
+
+    Of a longer one every so many rows are read (`thinned`).
 
     Parameters
     ----------
@@ -41,7 +45,7 @@ def evidence_of(trace: Path, estimate: JointEstimate, setpoint_unit: str = "rad"
     -------
     The joint's evidence
     """
-    columns = TraceColumns(trace, estimate.joint)
+    columns = TraceColumns(trace, estimate.joint, thinned(estimate))
     names = [t.transmission for t in _apart(estimate.summary.transmissions)]
     time = columns.of(names[0], "time")
     setpoint = columns.of(names[0], "setpoint") if "setpoint" in columns.known else None
@@ -72,18 +76,39 @@ def _part(columns: TraceColumns, n: str, estimate: JointEstimate) -> Transmissio
     )
 
 
-class TraceColumns:
-    """Columns of one joint in a trace's file, read when asked for."""
+def thinned(estimate: JointEstimate) -> int:
+    """Return that figures are drawn of every so many rows of a joint's trace; 1 for all."""
+    return max(1, -(-max(t.samples for t in estimate.summary.transmissions) // MOST_ROWS))
 
-    def __init__(self, trace: Path, joint: str) -> None:
-        self.trace, self.joint = trace, joint
+
+class TraceColumns:
+    """Columns of one joint in a trace's file, read when asked for: every so many rows."""
+
+    def __init__(self, trace: Path, joint: str, every: int = 1) -> None:
+        self.trace, self.joint, self.every = trace, joint, every
         self.known = tuple(pq.read_schema(trace).names)
 
     def of(self, transmission: str, column: str) -> Array:
         """Return a column of a transmission, shape (N,), NaN where it is null."""
+        if self.every > 1:
+            return self._some_of(transmission, column)
         wanted = [("joint", "==", self.joint), ("transmission", "==", transmission)]
         values = pq.read_table(self.trace, columns=[column], filters=wanted)[column]
         return np.asarray(pc.cast(values, "float64").to_numpy(), dtype=np.float64)
+
+    def _some_of(self, transmission: str, column: str) -> Array:
+        """Read a part of the file after the other, and keep every so many rows."""
+        found, skip = [], 0
+        with pq.ParquetFile(self.trace) as file:
+            for batch in file.iter_batches(columns=[column, "joint", "transmission"]):
+                own = pc.and_(
+                    pc.equal(batch["joint"].cast("string"), self.joint),
+                    pc.equal(batch["transmission"].cast("string"), transmission),
+                )
+                values = pc.cast(batch[column].filter(own), "float64").to_numpy(zero_copy_only=False)
+                found.append(values[skip :: self.every].copy())
+                skip = (skip - values.size) % self.every
+        return np.concatenate(found).astype(np.float64)
 
 
 class Convergence(Mapping[str, Array]):
@@ -174,5 +199,7 @@ def _about(estimate: JointEstimate) -> str:
         if s.period > 0.0
         else escaped(estimate.estimator)
     )
+    if s.transmissions and thinned(estimate) > 1:
+        words += f" The figures are drawn of one sample in {thinned(estimate)}."
     tables = summary_table(_apart(s.transmissions)) + motor_table(estimate.model.motor)
     return f"<p>{words}</p>{tables}{warnings_box(estimate.warnings)}"

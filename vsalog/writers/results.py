@@ -83,6 +83,11 @@ def write_results(job: Job, outputs: Outputs, progress: Callable[[str], None] = 
     VsalogError
         The estimation failed, or a file cannot be written.
     """
+    if outputs.mcap is not None and job.is_long:
+        raise WriteError(
+            f"{outputs.mcap}: the log is too long for its trace to be held in memory, as --mcap does; choose a part of it with"
+            " --start and --end, or leave --mcap out: the Parquet trace is written in any case"
+        )
     provenance = job.provenance()
     kept: list[Trace] = []
     with ExitStack() as stack:

@@ -1,0 +1,350 @@
+"""Logs that are too long for memory: the same numbers as in memory, and memory that does not grow with them."""
+
+from __future__ import annotations
+
+import errno
+import json
+import subprocess
+import sys
+from pathlib import Path
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from vsalog import job, long_binding, long_signals
+from vsalog.binding import bind
+from vsalog.errors import ReadError, WriteError
+from vsalog.job import Options, prepare
+from vsalog.long_binding import bind_long
+from vsalog.long_recording import LongRecording
+from vsalog.long_signals import LongSignals
+from vsalog.readers import long_log, read, read_within, spool
+from vsalog.readers.base import Block
+from vsalog.readers.collect import collect
+from vsalog.readers.long_log import collect_within
+from vsalog.rig import Rig
+from vsalog.writers.results import Outputs, write_results
+
+START, MS = 1_700_000_000_000_000_000, 1_000_000
+RIG = """
+[joint.j]
+kind = "elastic"
+[joint.j.motor]
+inertia = 0.08
+damping = 0.4
+torque_gain = 1.1
+torque_delay = "2 ms"
+[joint.j.signals]
+motor_position = { channel = "motor.position", unit = "deg", delay = "0.3 ms" }
+link_position = { channel = "link.position", unit = "deg", offset = 0.2, drift = 1e-6 }
+motor_torque = "motor.torque"
+"""
+
+
+@pytest.fixture
+def small(monkeypatch):
+    """Small pieces, so that short logs have many edges."""
+    monkeypatch.setattr(spool, "PART", 97)
+    monkeypatch.setattr(spool, "EXTENT", 50)
+    monkeypatch.setattr(long_binding, "PART", 101)
+    monkeypatch.setattr(job, "ROOM", 0)
+
+
+def reader_of(blocks):
+    """Return a reader of blocks: (stream, clocks, columns)."""
+
+    def read_blocks(wanted):
+        for stream, clocks, columns in blocks:
+            yield Block(stream, "T", {k: np.asarray(v, np.int64) for k, v in clocks.items()}, columns)
+
+    return SimpleNamespace(format="mcap", notes=[], unread={}, rig_text=None, blocks=read_blocks)
+
+
+def assert_same_recording(blocks, time="auto"):
+    whole = collect(Path("x"), reader_of(blocks), None, time)
+    long = collect_within(Path("x"), reader_of(blocks), None, time, 0)
+    assert isinstance(long, LongRecording)
+    assert list(whole.channels) == list(long.columns) == list(long.look.channels)
+    for name, channel in whole.channels.items():
+        for found in (long.columns[name], long.look.channels[name]):
+            np.testing.assert_array_equal(found.stamps[:], channel.stamps)
+            np.testing.assert_array_equal(found.values[:], channel.values)
+    assert repr(long.look.streams) == repr(whole.streams)
+    assert long.look.notes == whole.notes
+    assert long.look.absolute_time == whole.absolute_time
+    return long
+
+
+@st.composite
+def streams(draw):
+    """Blocks of two streams with stamps out of order, copies, conflicts and clocks and columns that not all blocks have."""
+    rng = np.random.default_rng(draw(st.integers(0, 2**32)))
+    late, coarse = draw(st.sampled_from([0, 3, 40])), draw(st.sampled_from([1, 4]))
+    header, publish = draw(st.sampled_from(["good", "zero at the end", "none"])), draw(st.booleans())
+    blocks = []
+    for stream in ("a", "b"):
+        at = 0
+        for k in range(draw(st.integers(1, 6))):
+            count = int(rng.integers(1, 120))
+            at += count
+            log = START + MS * (np.arange(at - count, at) // coarse)
+            stamps = log - MS * rng.integers(0, late + 1, count)
+            clocks = {"log": log}
+            if header != "none":
+                clocks["header"] = np.where((k > 2) & (header != "good"), 0, stamps)
+            if publish:
+                clocks["publish"] = log if k < 2 else log + 5
+            columns = {f"{stream}.x": rng.integers(0, 2, count).astype(float)}
+            if k:
+                columns[f"{stream}.y"] = np.where(rng.random(count) < 0.3, np.nan, 1.0)
+            blocks.append((stream, clocks, columns))
+    return blocks
+
+
+@given(streams(), st.sampled_from(["auto", "log", "publish", "header"]))
+@settings(max_examples=40)
+def test_columns_clocks_and_order_are_those_in_memory(blocks, time):
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(spool, "PART", 97)
+        patch.setattr(spool, "EXTENT", 50)
+        assert_same_recording(blocks, time)
+
+
+def test_samples_that_are_much_too_late_are_held_in_memory_and_told(small, monkeypatch):
+    monkeypatch.setattr(long_log, "MOST_WAITING", 100)
+    x = np.arange(400.0)
+    late = np.r_[np.arange(200, 400), np.arange(200)] * MS + START
+    blocks = [("a", {"log": late[i : i + 100]}, {"a.x": x[i : i + 100]}) for i in range(0, 400, 100)]
+    recording = collect_within(Path("x"), reader_of(blocks), None, "auto", 0)
+    assert not isinstance(recording, LongRecording)
+    np.testing.assert_array_equal(recording.channels["a.x"].values, np.r_[x[200:], x[:200]])
+    assert "0.399 s out of order, so all of the log is held in memory" in recording.notes[-1]
+
+
+@pytest.mark.parametrize("name", ["sea_exp2.bag", "sea_exp1.csv"])
+def test_a_part_of_a_log_is_that_in_memory(samples, name):
+    whole = read(samples / name, start="1", end="2.5")
+    long = read_within(0, samples / name, start="1", end="2.5")
+    assert repr(long.look.streams) == repr(whole.streams)
+    assert long.look.unread == whole.unread
+    for channel, found in whole.channels.items():
+        np.testing.assert_array_equal(long.columns[channel].stamps[:], found.stamps)
+        np.testing.assert_array_equal(long.columns[channel].values[:], found.values)
+    for limits in (("100", None), ("1.00001", "1.00002")):
+        messages = []
+        for how in (read, lambda *a: read_within(0, *a)):
+            with pytest.raises(ReadError) as refused:
+                how(samples / name, None, "auto", None, *limits)
+            messages.append(str(refused.value))
+        assert messages[0] == messages[1]
+
+
+def hard_log():
+    """Return blocks of a log in which two encoders of different rate turn on and on, with a gap, a silence and wild samples."""
+    rng = np.random.default_rng(3)
+    t = np.delete(np.arange(6000) * 1e-3, np.s_[2500:2620])
+    slow = np.delete(np.arange(1500) * 4e-3 + 5e-4, np.s_[900:904])
+    deflection = 0.05 * np.sin(9.0 * t)
+    motor = np.mod(np.rad2deg(6.0 * t + 0.3), 360.0)
+    link = np.mod(np.rad2deg(6.0 * slow + 0.05 * np.sin(9.0 * slow)) - 40.0, 360.0)
+    motor[[7, 1212, 4000]] = 0.0
+    motor[3000:3010] = np.nan
+    motor[4999] = np.nan
+    torque = 20.0 * deflection + 0.02 * rng.normal(size=t.size)
+    blocks = []
+    for i in range(0, 6000, 300):
+        stamps = START + np.round(t[i : i + 300] * 1e9).astype(np.int64)
+        order = np.arange(stamps.size)
+        order[5:9] = order[5:9][::-1]
+        values = {"motor.position": motor[i : i + 300][order], "motor.torque": torque[i : i + 300][order]}
+        if stamps.size:
+            blocks.append(("motor", {"log": stamps[order]}, values))
+        mine = (slow * 1000 >= i) & (slow * 1000 < i + 300)
+        stamps = START + np.round(slow[mine] * 1e9).astype(np.int64)
+        blocks.append(("link", {"log": stamps}, {"link.position": link[mine]}))
+    return blocks
+
+
+def assert_same_signals(whole, long, rows=None):
+    found = rows if rows is not None else long[:]
+    assert len(whole) == len(long)
+    assert long.longest_run == whole.longest_run
+    assert long.period == whole.period
+    for name in ("stamps", "time", "starts", "run"):
+        np.testing.assert_array_equal(getattr(found, name), getattr(whole, name), err_msg=name)
+    assert list(found.roles) == list(whole.roles)
+    for role, values in whole.roles.items():
+        np.testing.assert_array_equal(found.roles[role], values, err_msg=role)
+    assert found.resolution == whole.resolution
+    assert long.notes == whole.notes
+    assert long.run_names == whole.run_names
+
+
+@pytest.mark.parametrize("blocks", ["hard", "shifted"])
+def test_bound_rows_are_those_in_memory_bit_for_bit(small, blocks):
+    rig = Rig.from_toml(RIG)
+    made = hard_log()
+    if blocks == "shifted":  # no grid of its own, and a motor that begins on another turn
+        made = [(s, {"log": c["log"] + 7 * (np.arange(len(c["log"])) % 2) * 10_000}, v) for s, c, v in made]
+    whole = collect(Path("x"), reader_of(made), None, "auto")
+    long = assert_same_recording(made)
+    roles = ("motor_position", "link_position", "motor_torque")
+    expected = bind([whole, whole], "j", rig.joints["j"], roles)
+    bound = bind_long([long, LongRecording.of_short(whole)], "j", rig.joints["j"], roles)
+    assert_same_signals(expected, bound)
+    # What makes this log a hard one is there.
+    assert np.ptp(expected.roles["link_position"]) > 4.0 * np.pi
+    assert np.count_nonzero(expected.starts) >= 6
+    said = " ".join(expected.notes)
+    assert all(words in said for words in ("gaps", "stand alone", "no finite number", "turned to it")), said
+    pieces = list(bound.blocks(83))
+    np.testing.assert_array_equal(
+        np.concatenate([p.roles["link_position"] for p in pieces]), bound[:].roles["link_position"]
+    )
+
+
+@pytest.mark.parametrize(
+    ("names", "options"),
+    [
+        (["vsa2_exp1.mcap"], {}),
+        (["sea_exp2.bag"], {"estimator": "batch-ls"}),
+        (["awas_exp1.mcap", "awas_exp2.mcap"], {"start": "1", "end": "5"}),
+    ],
+)
+def test_estimates_are_those_in_memory(monkeypatch, samples, names, options):
+    logs = [samples / name for name in names]
+    (expected,) = prepare(logs, Options(**options)).run()
+    for module, name, value in ((spool, "PART", 997), (spool, "EXTENT", 500), (long_binding, "PART", 1013)):
+        monkeypatch.setattr(module, name, value)
+    monkeypatch.setattr(job, "ROOM", 0)
+    prepared = prepare(logs, Options(**options))
+    assert prepared.is_long
+    assert "too long for memory" in " ".join(prepared.warnings)
+    (found,) = prepared.run()
+    assert repr(found.model) == repr(expected.model)
+    assert repr(found.summary) == repr(expected.summary)
+    assert found.warnings == expected.warnings
+    assert found.settings == expected.settings
+    np.testing.assert_array_equal(found.trace.time, expected.trace.time)
+    for name, columns in expected.trace.transmissions.items():
+        for column, values in columns.items():
+            np.testing.assert_array_equal(found.trace[name][column], values)
+
+
+def test_a_later_log_is_long_when_the_first_fills_the_memory(monkeypatch, samples):
+    monkeypatch.setattr(job, "ROOM", 10**6)
+    prepared = prepare([samples / "awas_exp2.mcap"] * 2, Options())
+    assert [isinstance(r, LongRecording) for r in prepared.recordings] == [False, True]
+
+
+def test_a_look_has_the_whole_range_and_is_bounded(monkeypatch):
+    monkeypatch.setattr(long_signals, "STRETCH", 100)
+    monkeypatch.setattr(long_signals, "LONGEST", 200)
+    rng = np.random.default_rng(0)
+    signals = LongSignals("j", ("link_position", "motor_position"))
+    signals.begin_run(0)
+    q = 0.01 * rng.normal(size=100_000)
+    theta = q + 0.01 * rng.normal(size=q.size)
+    q[33_333], q[77_777], theta[51_234], theta[9_999] = 5.0, -5.0, -4.0, np.nan
+    starts = np.zeros(q.size, dtype=bool)
+    starts[[0, 10, 40_000, 41_000]] = True
+    signals.append(np.arange(q.size) * MS, {"link_position": q, "motor_position": theta}, starts)
+    signals.period = 1e-3
+    look = signals.look()
+    assert len(look) <= 100 * (long_signals.STRETCHES + 3 + 6)
+    for role, values in (("link_position", q), ("motor_position", theta)):
+        assert np.nanmin(look.roles[role]) == np.nanmin(values)
+        assert np.nanmax(look.roles[role]) == np.nanmax(values)
+    phi = look.roles["link_position"] - look.roles["motor_position"]
+    assert (np.nanmin(phi), np.nanmax(phi)) == (np.nanmin(q - theta), np.nanmax(q - theta))
+    # Rows are those of the log, and a run begins wherever rows were left out.
+    rows = look.stamps // MS
+    np.testing.assert_array_equal(look.roles["link_position"], q[rows])
+    np.testing.assert_array_equal(look.starts, starts[rows] | np.append(True, np.diff(rows) != 1))
+    assert 41_000 in rows
+    assert 41_199 in rows
+
+
+def test_what_needs_the_whole_trace_in_memory_is_refused_at_once(monkeypatch, samples, tmp_path):
+    monkeypatch.setattr(job, "ROOM", 0)
+    prepared = prepare([samples / "sea_exp1.csv"], Options())
+    outputs = Outputs(tmp_path / "a.parquet", tmp_path / "a.toml", mcap=tmp_path / "a.mcap")
+    with pytest.raises(WriteError, match="--start and --end"):
+        write_results(prepared, outputs)
+    assert not list(tmp_path.iterdir())
+
+
+def test_a_full_disk_is_told_with_what_to_do(monkeypatch, samples):
+    monkeypatch.setattr(job, "ROOM", 0)
+
+    class Full:
+        def seek(self, at):
+            return at
+
+        def write(self, data):
+            raise OSError(errno.ENOSPC, "No space left on device")
+
+    monkeypatch.setattr(spool.tempfile, "TemporaryFile", lambda **_: Full())
+    with pytest.raises(ReadError, match=r"No space left on device; set TMPDIR"):
+        prepare([samples / "vsa2_exp1.mcap"], Options())
+
+
+def test_figures_of_a_long_trace_are_drawn_of_a_part_of_its_rows(monkeypatch, samples, tmp_path):
+    from vsalog.reports import page_estimate
+
+    outputs = Outputs(tmp_path / "a.parquet", tmp_path / "a.toml", page=tmp_path / "a.html")
+    prepared = prepare([samples / "vsa2_exp1.mcap"], Options())
+    monkeypatch.setattr(page_estimate, "MOST_ROWS", 3000)
+    (estimate,) = write_results(prepared, outputs)
+    every = page_estimate.thinned(estimate)
+    assert every == 7
+    for transmission in ("1", "2"):
+        whole = page_estimate.TraceColumns(outputs.trace, estimate.joint).of(transmission, "stiffness")
+        some = page_estimate.TraceColumns(outputs.trace, estimate.joint, every).of(transmission, "stiffness")
+        np.testing.assert_array_equal(some, whole[::every])
+    assert "one sample in 7" in outputs.page.read_text(encoding="utf-8")
+
+
+MEMORY = """
+import json, resource, sys
+from pathlib import Path
+import numpy as np, pyarrow as pa, pyarrow.parquet as pq
+from vsalog import job, long_recording, long_signals
+from vsalog.writers.results import Outputs, write_results
+
+job.ROOM = int(sys.argv[1])
+# In proportion to logs of minutes instead of hours.
+long_recording.LOOK_BYTES, long_signals.STRETCH, long_signals.LONGEST = 2**20, 8192, 16384
+rig = 'preset = "sea"\\n[joint.sea.signals]\\nmotor_position = "m"\\nlink_position = "l"\\nmotor_torque = "t"\\n'
+peaks = []
+for count in (300_000, 1_200_000):
+    log = Path("log.parquet")
+    with pq.ParquetWriter(log, pa.schema([("time", pa.float64()), *((c, pa.float64()) for c in "mlt")])) as writer:
+        for first in range(0, count, 50_000):
+            t = np.arange(first, first + 50_000) * 1e-3
+            phi, q = 0.06 * np.sin(1.3 * t) + 0.02 * np.sin(8.0 * t), 0.5 * np.sin(1.3 * t)
+            writer.write_table(pa.table({"time": t, "m": q - phi, "l": q, "t": -20.0 * phi - 2000.0 * phi**3}))
+    prepared = job.prepare([log], job.Options(rig=job.Rig.from_toml(rig), estimator="residual-rls"))
+    write_results(prepared, Outputs(Path("t.parquet"), Path("m.toml")))
+    peaks.append(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * (1 if sys.platform == "darwin" else 1024))
+print(json.dumps([prepared.is_long, peaks]))
+"""
+
+
+def grown(room, folder):
+    """Return by how many bytes the peak of memory grows from a log to one four times as long, by 29 MB of columns."""
+    pytest.importorskip("resource")
+    done = subprocess.run(
+        [sys.executable, "-c", MEMORY, str(room)], cwd=folder, capture_output=True, text=True, check=False
+    )
+    assert done.returncode == 0, done.stderr
+    is_long, (short, long) = json.loads(done.stdout)
+    assert is_long == (room == 2**20)
+    return long - short
+
+
+def test_memory_does_not_grow_with_the_log(tmp_path):
+    assert grown(2**20, tmp_path) < 35e6
