@@ -11,12 +11,13 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 from vsalog import job, long_binding, long_signals
 from vsalog.binding import bind
 from vsalog.errors import ReadError, WriteError
+from vsalog.grid import after_long_silence
 from vsalog.job import Options, prepare
 from vsalog.long_binding import bind_long
 from vsalog.long_recording import LongRecording
@@ -105,12 +106,52 @@ def streams(draw):
 
 
 @given(streams(), st.sampled_from(["auto", "log", "publish", "header"]))
-@settings(max_examples=40)
+@settings(max_examples=80)
 def test_columns_clocks_and_order_are_those_in_memory(blocks, time):
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(spool, "PART", 97)
         patch.setattr(spool, "EXTENT", 50)
         assert_same_recording(blocks, time)
+
+
+def test_header_stamps_are_judged_over_all_of_a_stream(small):
+    at = START + MS * np.arange(600)
+    header = np.where(np.arange(600) % 100 == 50, 0, at)
+    blocks = [
+        ("a", {"log": at[i : i + 60], "header": header[i : i + 60]}, {"a.x": np.ones(60)}) for i in range(0, 600, 60)
+    ]
+    long = assert_same_recording(blocks)
+    assert long.look.streams["a"].time_reason == "6 of its 600 header stamps are zero"
+
+
+@example([True] * 3 + [False] * 3, [3])
+@given(st.lists(st.booleans(), min_size=1, max_size=60), st.lists(st.integers(0, 60), max_size=6))
+def test_a_silence_ends_where_it_ends_however_it_is_cut(missing, cuts):
+    x = np.where(missing, np.nan, 1.0)
+    expected = np.zeros(x.size, dtype=bool)
+    for i in range(1, x.size):  # by the definition, one sample after the other
+        before = next((k for k in range(i, 0, -1) if not np.isnan(x[k - 1])), 0)
+        expected[i] = not np.isnan(x[i]) and i - before >= 3
+    found, silence = [], 0
+    for part in np.split(x, sorted(cuts)):
+        if part.size:
+            starts, silence = after_long_silence({"x": part}, silence)
+            found.append(starts)
+    np.testing.assert_array_equal(np.concatenate(found), expected)
+
+
+def test_samples_that_stand_alone_are_found_at_every_edge(small):
+    rng = np.random.default_rng(1)
+    t = np.arange(3000) * 1e-3
+    x = np.sin(3.0 * t) + 1e-3 * rng.normal(size=t.size)
+    wild = [0, 97, 193, 194, 485, 970, 971, 2999]
+    x[wild] = 50.0
+    x[289:293] = 30.0  # a push: four samples, two on either side of an edge
+    blocks = [("motor", {"log": START + MS * np.arange(t.size)}, {"motor.position": x})]
+    long = assert_same_recording(blocks)
+    signals = Rig.from_toml('[joint.j]\nkind = "elastic"\n[joint.j.signals]\nmotor_position = "motor.position"')
+    found = bind_long([long], "j", signals.joints["j"], ("motor_position",))
+    assert np.flatnonzero(np.isnan(found[:].roles["motor_position"])).tolist() == wild
 
 
 def test_samples_that_are_much_too_late_are_held_in_memory_and_told(small, monkeypatch):
