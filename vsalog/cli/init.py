@@ -37,6 +37,7 @@ def init(
     from vsalog.rig.guess import guess_roles
     from vsalog.rig.load import Rig, preset_text
     from vsalog.rig.template import preset_template, rig_template
+    from vsalog.units import shown
     from vsalog.writers.atomic import write_text
 
     if output is not None and output.exists() and not force:
@@ -56,4 +57,5 @@ def init(
         click.echo(text, nl=False)
         return
     write_text(output, text)
-    click.echo(f"{output} written; look it over, then run 'vsalog estimate {log.name} --rig {output}'", err=True)
+    name, written = shown(log.name), shown(str(output))
+    click.echo(f"{written} written; look it over, then run 'vsalog estimate {name} --rig {written}'", err=True)

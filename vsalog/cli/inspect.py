@@ -48,8 +48,7 @@ def inspect(
     Of logs above 128 MB a sample is read: stretches from the begin to the end, some 32 MB. --full reads all; so do
     --start and --end, since a part may be too short for a sample.
     """
-    import msgspec
-
+    from vsalog.documents import document_text
     from vsalog.readers import read
     from vsalog.readers.sampling import read_sample
     from vsalog.reports.inspect import console_for_stdout, print_report
@@ -74,8 +73,7 @@ def inspect(
         written = repair(logs[0], repaired, rate)
         click.echo(told(written), err=True)
     if as_json:
-        document = msgspec.json.format(msgspec.json.encode(Inspection(tuple(reports), written)), indent=2)
-        click.echo(document.decode())
+        click.echo(document_text(Inspection(tuple(reports), written)), nl=False)
         return
     console = console_for_stdout()
     for i, report in enumerate(reports):

@@ -7,7 +7,6 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-import msgspec
 import numpy as np
 from numpy.typing import NDArray
 from rich.console import Console
@@ -15,6 +14,7 @@ from rich.markup import escape
 from rich.table import Table
 
 from vsalog.comparison import Comparison, Run
+from vsalog.documents import document_text
 from vsalog.estimation import JointEstimate
 from vsalog.reports.estimate import _plain as plain
 from vsalog.validation.evidence import JointEvidence, TransmissionEvidence, setpoint_unit
@@ -59,7 +59,7 @@ def print_comparison(found: Comparison) -> None:
 
 def print_json(found: Comparison) -> None:
     """Print the comparison as one JSON document."""
-    sys.stdout.buffer.write(msgspec.json.format(msgspec.json.encode(found), indent=2) + b"\n")
+    sys.stdout.buffer.write(document_text(found).encode())
     sys.stdout.buffer.flush()
 
 

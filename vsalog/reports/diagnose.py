@@ -7,12 +7,12 @@ import sys
 import textwrap
 from collections.abc import Iterator, Sequence
 
-import msgspec
 from rich.console import Console
 from rich.markup import escape
 from rich.table import Table
 
 from vsalog.diagnosis.document import Diagnosis, FoundCause, Gain, SignalError
+from vsalog.documents import document_text
 from vsalog.reports.diagnosis_words import (
     confidence_text,
     open_experiment,
@@ -55,7 +55,7 @@ def print_report(diagnosis: Diagnosis, outputs: Outputs) -> None:
 
 def print_json(diagnosis: Diagnosis, outputs: Outputs) -> None:
     """Print the diagnosis as one JSON document."""
-    sys.stdout.buffer.write(msgspec.json.format(msgspec.json.encode(diagnosis), indent=2) + b"\n")
+    sys.stdout.buffer.write(document_text(diagnosis).encode())
     sys.stdout.buffer.flush()
 
 

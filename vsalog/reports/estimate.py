@@ -7,12 +7,12 @@ from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from types import TracebackType
 
-import msgspec
 from rich.console import Console
 from rich.markup import escape
 from rich.status import Status
 from rich.table import Table
 
+from vsalog.documents import document_text
 from vsalog.estimation import JointEstimate
 from vsalog.job import Job
 from vsalog.summary import TransmissionSummary
@@ -155,4 +155,4 @@ def print_json(job: Job, estimates: Sequence[JointEstimate], outputs: Outputs) -
         ],
         "warnings": list(job.warnings),
     }
-    sys.stdout.write(msgspec.json.format(msgspec.json.encode(document), indent=2).decode() + "\n")
+    sys.stdout.write(document_text(document))

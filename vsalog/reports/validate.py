@@ -5,11 +5,11 @@ from __future__ import annotations
 import math
 import sys
 
-import msgspec
 from rich.console import Console
 from rich.markup import escape
 from rich.table import Table
 
+from vsalog.documents import document_text
 from vsalog.reports.estimate import _plain as plain
 from vsalog.reports.page_tables import LEAST_R2, MOST_MSREP, MOST_NRMSE
 from vsalog.validation.document import Comparison, Figure, JointReport, Report, Score
@@ -68,7 +68,7 @@ def _overview(report: Report) -> Table:
 
 def print_json(report: Report, outputs: Outputs) -> None:
     """Print the report as one JSON document."""
-    sys.stdout.buffer.write(msgspec.json.format(msgspec.json.encode(report), indent=2) + b"\n")
+    sys.stdout.buffer.write(document_text(report).encode())
     sys.stdout.buffer.flush()
 
 

@@ -7,10 +7,9 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Literal
 
-import msgspec
-
 from vsalog.diagnosis.document import Diagnosis
 from vsalog.diagnosis.evidence import JointEvidence
+from vsalog.documents import document_text
 from vsalog.errors import WriteError
 from vsalog.reports.page_diagnosis import write_diagnosis_page
 from vsalog.reports.page_text import plain
@@ -87,7 +86,7 @@ def write_diagnosis(
             became = replace(outputs, rig_is="old" if outputs.rig.exists() else "none")
         if proposed is not None and scenario_toml is not None:
             write_text(proposed, scenario_toml)
-        write_text(outputs.document, msgspec.json.format(msgspec.json.encode(diagnosis), indent=2).decode() + "\n")
+        write_text(outputs.document, document_text(diagnosis))
     return replace(became, scenario=proposed)
 
 

@@ -6,8 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-import msgspec
-
+from vsalog.documents import document_text
 from vsalog.errors import WriteError
 from vsalog.reports.drawings import Drawings
 from vsalog.reports.page import write_page
@@ -72,4 +71,4 @@ def write_report(report: Report, drawings: Drawings, outputs: Outputs) -> None:
         write_figures(outputs.figures, drawings.paper(), report)
     with together():
         write_page(outputs.page, title, report, drawings.page())
-        write_text(outputs.document, msgspec.json.format(msgspec.json.encode(report), indent=2).decode() + "\n")
+        write_text(outputs.document, document_text(report))
