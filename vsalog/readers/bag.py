@@ -11,8 +11,10 @@ import numpy as np
 
 from vsalog.errors import ReadError
 from vsalog.readers.base import BLOCK_ROWS, Block, Catalogue, ChannelInfo, plural
+from vsalog.readers.chunk_index import IndexContradictsError, Needed, Part
 from vsalog.readers.compression import DamagedDataError, decompress_message, unfolded_size
 from vsalog.readers.definitions import DefinitionError, normal_type, parse_definition
+from vsalog.readers.delays import LEAST_BYTES, Delays, Promise
 from vsalog.readers.json_messages import JsonDecoder
 from vsalog.readers.layout import printable
 from vsalog.readers.messages import Decoder, RosDecoder
@@ -83,12 +85,20 @@ class Container(Protocol):
         """Return how many messages connections have, at most, where the container says so at once."""
         ...
 
-    def packets(self, ids: Collection[int]) -> Iterator[Packet]:
-        """Yield the messages of some connections in the order of the file."""
+    def size(self) -> int:
+        """Return how many bytes there are."""
         ...
 
-    def narrow(self, low: int, high: int) -> bool:
-        """From now on pass by messages whose log time surely lies outside of a window [ns]; tells whether that can be done."""
+    def packets(self, ids: Collection[int], needed: Needed | None = None) -> Iterator[Packet]:
+        """Yield the messages of some connections in the order of the file; perhaps without those not `needed` by then."""
+        ...
+
+    def glimpses(self, ids: Collection[int]) -> Iterator[Packet]:
+        """Yield some messages of connections from all over the file, where they can be had without reading it all."""
+        ...
+
+    def narrow(self, part: Part) -> bool:
+        """From now on pass by messages that are surely in no part of the log; tells whether that can be done."""
         ...
 
 
@@ -133,6 +143,8 @@ class BagReader:
         self.format = container.format
         self.notes = container.notes
         self.unread: dict[str, str] = {}
+        self._promise: Promise | None = None
+        self._narrowed = False
 
     @property
     def rig_text(self) -> str | None:
@@ -162,25 +174,44 @@ class BagReader:
         return self._blocks(None if wanted is None else frozenset(wanted), first_only=False)
 
     def narrow(self, low: int, high: int, time: str, wanted: Collection[str] | None) -> bool:
-        """Pass by what surely lies outside of a window [ns], where the wanted streams are surely on the log's clock.
+        """Pass by what lies outside of a window [ns]; tells whether anything will be.
 
-        Returns whether anything will be passed by: header stamps may be far from the log's times.
+        Where streams have header stamps, samples from all over the log tell how far these are from the log's times. `blocks`
+        then raises ReadError where they turn out to be farther: all has to be read.
         """
-        if time not in ("auto", "log"):
+        if time == "publish":
             return False
-        if time == "auto":
-            batches = self._batches(None if wanted is None else frozenset(wanted)).values()
-            if any(batch.decoder.stamped for batch in batches):
-                return False
-        return self._container.narrow(low, high)
+        batches = self._batches(None if wanted is None else frozenset(wanted))
+        stamped = {number: batch for number, batch in batches.items() if batch.decoder.stamped}
+        if time == "log" or not stamped:
+            self._narrowed = self._container.narrow(Part(low, high))
+            return self._narrowed
+        delays = self._sampled(stamped) if self._container.size() >= LEAST_BYTES else None
+        if delays is None:
+            return False
+        rare = delays.rare({batch.stream for batch in stamped.values()})
+        self._promise = Promise(delays, rare)
+        throughout = frozenset(number for number, batch in stamped.items() if batch.stream in rare)
+        self._narrowed = self._container.narrow(Part(*delays.widened(low, high), throughout))
+        return self._narrowed
+
+    def _sampled(self, batches: Mapping[int, _Batch]) -> Delays | None:
+        """Return how far header stamps are from the log's times in samples; None where these may not be believed."""
+        delays = Delays()
+        for packet in map(plain, self._container.glimpses(batches.keys())):
+            for batch, rows in _shared_out(packet, batches):
+                decoded = batch.decoder.decode(packet.messages.some(rows))
+                good = rows[decoded.good]
+                stamps = np.zeros(good.size, np.int64) if decoded.stamps is None else decoded.stamps[decoded.good]
+                if not delays.add(batch.stream, stamps, packet.log[good]):
+                    return None
+        return None if delays.standing() else delays
 
     def _blocks(self, wanted: frozenset[str] | None, first_only: bool) -> Iterator[Block]:
         batches = self._batches(wanted)
         damaged: Counter[str] = Counter()
         total: Counter[str] = Counter()
-        packets = self._container.packets(batches.keys())
-        if first_only:
-            packets = self._first_of(packets, batches.keys())
+        packets = self._first_of(batches.keys()) if first_only else self._container.packets(batches.keys())
         for packet in _plain_packets(packets):
             for batch, rows in _shared_out(packet, batches):
                 if rows.size >= MANY:
@@ -199,15 +230,22 @@ class BagReader:
         for batch in {id(batch): batch for batch in batches.values()}.values():
             if batch.messages:
                 yield self._flush(batch, total, damaged)
+        if self._promise is not None:
+            self._promise.end()
         self._report(batches, total, damaged)
 
-    def _first_of(self, packets: Iterator[Packet], ids: Collection[int]) -> Iterator[Packet]:
+    def _first_of(self, ids: Collection[int]) -> Iterator[Packet]:
         """Yield the first messages of each connection; ends where the container says that no more come."""
         counts = self._container.counts()
         missing = {number: min(CATALOGUE_MESSAGES, counts.get(number, CATALOGUE_MESSAGES)) for number in ids}
         missing = {number: count for number, count in missing.items() if count}
+        packets = self._container.packets(ids, lambda number: number in missing or not missing)
         while missing:
-            packet = next(packets, None)
+            try:
+                packet = next(packets, None)
+            except IndexContradictsError:
+                packets = self._container.packets(ids)
+                continue
             if packet is None:
                 return
             taken = []
@@ -289,6 +327,8 @@ class BagReader:
             clocks["publish"] = clocks["log"] if np.array_equal(publish, clocks["log"]) else publish
         if decoded.stamps is not None:
             clocks["header"] = decoded.stamps
+            if self._promise is not None:
+                self._promise.keep(batch.stream, decoded.stamps[decoded.good], clocks["log"][decoded.good])
         columns: dict[str, Values] = decoded.columns
         if not decoded.good.all():
             alike = clocks.get("publish") is clocks["log"]
@@ -302,9 +342,13 @@ class BagReader:
         return Block(batch.stream, batch.type, clocks, columns, units, expected=batch.expected)
 
     def _report(self, batches: Mapping[int, _Batch], total: Counter[str], damaged: Counter[str]) -> None:
-        for stream in dict.fromkeys(batch.stream for batch in batches.values()):
+        expected: Counter[str] = Counter()
+        for batch in batches.values():
+            expected[batch.stream] += batch.expected
+        for stream in expected:
             if not total[stream]:
-                self.unread.setdefault(stream, "no messages")
+                if not self._narrowed or (not expected[stream] and self._container.counts()):
+                    self.unread.setdefault(stream, "no messages")
             elif damaged[stream] == total[stream]:
                 self.unread.setdefault(stream, "no message fits the definition in the log")
             elif damaged[stream]:

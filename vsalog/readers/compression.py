@@ -47,6 +47,34 @@ def decompress(kind: str, data: bytes, size: int) -> bytes:
     return whole
 
 
+def beginning(kind: str, data: bytes, most: int) -> bytes:
+    """Return what comes first out of compressed data, of which there may be only a beginning; "" where nothing does.
+
+    Parameters
+    ----------
+    kind, data : as for `decompress`
+    most : int
+        So many bytes, or little more, are enough.
+    """
+    try:
+        if kind == "zstd":
+            import zstandard
+
+            with zstandard.ZstdDecompressor().stream_reader(data) as reader:
+                return reader.read(most)
+        if kind == "lz4":
+            from lz4.frame import LZ4FrameDecompressor
+
+            return bytes(LZ4FrameDecompressor().decompress(data, max_length=most))
+        if kind == "bz2":
+            return bz2.BZ2Decompressor().decompress(data, max_length=most)
+    except (
+        Exception
+    ):  # each compression library has exceptions of its own; what is damaged here will be told when it is read
+        return b""
+    return data[:most] if kind in ("", "none") else b""
+
+
 def refuse_bomb(compressed: int, size: int) -> None:
     """Raise DamagedDataError where data announce more bytes than any recording has."""
     if size > MAX_BYTES:

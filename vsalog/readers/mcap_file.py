@@ -22,9 +22,10 @@ from numpy.typing import NDArray
 from vsalog.errors import ReadError
 from vsalog.readers.bag import Connection
 from vsalog.readers.base import plural
-from vsalog.readers.compression import DamagedDataError, decompress
+from vsalog.readers.chunk_index import Chunk, Needed, Part, some_of
+from vsalog.readers.compression import DamagedDataError, beginning, decompress
 from vsalog.readers.mcap_scan import ends_whole, messages_in, others_in
-from vsalog.readers.mcap_summary import states_checksum, summary_records
+from vsalog.readers.mcap_summary import chunk_in, states_checksum, summary_records, vouched
 from vsalog.readers.mcap_walk import CHANNEL, CHUNK, MAGIC, MESSAGE, METADATA, SCHEMA, Walk
 from vsalog.readers.packets import PACKED, Packet, RawMessage, ahead, packet_of
 
@@ -36,7 +37,7 @@ _LANGUAGES = {"ros1msg": "msg", "ros2msg": "msg", "ros2idl": "idl", "omgidl": "i
 _MOST_TEXT = 64 * 2**20
 _HEAD = struct.Struct("<BQ")
 _MESSAGE_HEAD = struct.Struct("<HIQQ")
-_CHUNK_TIMES = struct.Struct("<QQQ")
+_GLIMPSE = 128 * 1024
 _CHUNK_HEAD = struct.Struct("<QQQII")
 
 
@@ -66,8 +67,9 @@ class McapContainer:
         self._rig_text: str | None = None
         self._scanned = False
         self._text = 0
-        self._chunks: dict[int, tuple[int, int]] = {}
-        self._window: tuple[int, int] | None = None
+        self._chunks: dict[int, Chunk] = {}
+        self._vouched = False
+        self._part: Part | None = None
 
     @property
     def rig_text(self) -> str | None:
@@ -85,22 +87,35 @@ class McapContainer:
         self._scan()
         return self._counts
 
-    def narrow(self, low: int, high: int) -> bool:
-        """Pass by chunks without a message in a window [ns], where the summary at the end tells of chunks."""
+    def size(self) -> int:
+        """Return how many bytes the file has."""
+        return self.path.stat().st_size
+
+    def narrow(self, part: Part) -> bool:
+        """Pass by chunks without a message of a part of the log, where the summary at the end tells of chunks."""
         self._scan()
-        self._window = low, high
+        self._part = part
         return bool(self._chunks)
 
-    def packets(self, ids: Collection[int]) -> Iterator[Packet]:
-        """Yield the messages of some channels in the order of the file; what is damaged is skipped and noted."""
-        wanted = np.zeros(2**16, dtype=np.bool_)
-        wanted[list(ids)] = True
-        return ahead(self._packets(wanted))
+    def glimpses(self, ids: Collection[int]) -> Iterator[Packet]:
+        """Yield the first messages of chunks from all over the file."""
+        self._scan()
+        wanted = _flags(ids)
+        with _open(self.path) as file:
+            for position in some_of(self._chunks, ids):
+                file.seek(position + _HEAD.size)
+                head = _chunk_head(file.read(_GLIMPSE))
+                if head is not None:
+                    yield messages_in(np.frombuffer(beginning(*head, _GLIMPSE), np.uint8), wanted)
 
-    def _packets(self, wanted: NDArray[np.bool_]) -> Iterator[Packet]:
+    def packets(self, ids: Collection[int], needed: Needed | None = None) -> Iterator[Packet]:
+        """Yield the messages of some channels in the order of the file; what is damaged is skipped and noted."""
+        return ahead(self._packets(_flags(ids), needed))
+
+    def _packets(self, wanted: NDArray[np.bool_], needed: Needed | None) -> Iterator[Packet]:
         loose: list[RawMessage] = []  # outside of chunks
         count = 0
-        for record, content in self.records():
+        for record, content in self.records(needed):
             if loose and (record == CHUNK or len(loose) >= PACKED):
                 yield packet_of(loose)
                 loose = []
@@ -117,7 +132,7 @@ class McapContainer:
         if loose:
             yield packet_of(loose)
         expected = sum(self._counts.get(number, 0) for number in np.flatnonzero(wanted).tolist())
-        if count < expected and self._window is None:
+        if count < expected and self._part is None and needed is None:
             self._note(f"{expected - count} of {plural(expected, 'message')} that the summary counts were not found")
 
     def _connection(self, channel: Channel) -> Connection:
@@ -159,8 +174,8 @@ class McapContainer:
                 if kind == _STATISTICS:
                     statistics = Statistics.read(ReadDataStream(BytesIO(content)))
                 elif kind == _CHUNK_INDEX:
-                    first, last, position = _CHUNK_TIMES.unpack_from(content)
-                    self._chunks[position] = first, last
+                    position, chunk = chunk_in(content)
+                    self._chunks[position] = chunk
                 elif kind == _METADATA_INDEX:
                     metadata.append(MetadataIndex.read(ReadDataStream(BytesIO(content))))
                 else:
@@ -175,6 +190,7 @@ class McapContainer:
                 file.seek(index.offset)
                 kind, length = _HEAD.unpack(file.read(_HEAD.size))
                 self._keep(kind, file.read(min(length, index.length)))
+            self._vouched = vouched(file)
         self._counts = {number: statistics.channel_message_counts.get(number, 0) for number in self.channels}
         return True
 
@@ -198,13 +214,19 @@ class McapContainer:
         except (ValueError, struct.error, McapError):  # its messages will be reported as missing
             self._note("a damaged channel, schema or metadata record was skipped")
 
-    def records(self) -> Iterator[tuple[int, bytes]]:
-        """Yield the records of the data section, a chunk as its own records, decompressed; notes what was skipped."""
+    def records(self, needed: Needed | None = None) -> Iterator[tuple[int, bytes]]:
+        """Yield the records of the data section, a chunk as its own records, decompressed; notes what was skipped.
+
+        Chunks that hold nothing of what is `needed` by then may be passed by.
+        """
         chunks = 0
         damage: list[str] = []
         with _open(self.path) as file:
             passed = self._passed_by(file)
-            walk = Walk(file, verify=not passed and states_checksum(file), passed=passed)
+            whole = not passed and needed is None
+            walk = Walk(
+                file, whole and states_checksum(file), lambda at: at in passed or not self._may_hold(at, needed)
+            )
             for record, content, position in walk.records():
                 if record != CHUNK:
                     yield record, content
@@ -227,17 +249,21 @@ class McapContainer:
 
     def _passed_by(self, file: IO[bytes]) -> frozenset[int]:
         """Return where chunks are that surely hold no message in the window: summary and chunk agree on their times."""
-        if self._window is None:
+        if self._part is None:
             return frozenset()
-        low, high = self._window
         found = []
-        for position, times in self._chunks.items():
-            if times[1] and not (times[0] <= high and times[1] >= low):
+        for position, chunk in self._chunks.items():
+            if chunk.last and self._part.leaves_out(chunk):
                 file.seek(position)
                 head = file.read(_HEAD.size + 16)
-                if head[:1] == bytes([CHUNK]) and head[_HEAD.size :] == struct.pack("<QQ", *times):
+                if head[:1] == bytes([CHUNK]) and head[_HEAD.size :] == struct.pack("<QQ", chunk.first, chunk.last):
                     found.append(position)
         return frozenset(found)
+
+    def _may_hold(self, position: int, needed: Needed | None) -> bool:
+        """Tell whether a chunk may hold messages of what is needed: so a summary says whose checksum is right."""
+        known = None if needed is None or not self._vouched else self._chunks.get(position)
+        return known is None or needed is None or known.may_hold(needed)
 
     def _note(self, text: str) -> None:
         if text not in self.notes:
@@ -259,6 +285,21 @@ def _open(path: Path) -> IO[bytes]:
         raise ReadError(f"{path}: is no MCAP file")
     file.seek(0)
     return file
+
+
+def _flags(ids: Collection[int]) -> NDArray[np.bool_]:
+    """Return of each channel that there can be whether it is among some."""
+    flags = np.zeros(2**16, dtype=np.bool_)
+    flags[list(ids)] = True
+    return flags
+
+
+def _chunk_head(content: bytes) -> tuple[str, bytes] | None:
+    """Return a chunk's compression and what there is of its compressed records."""
+    if len(content) < _CHUNK_HEAD.size:
+        return None
+    start = _CHUNK_HEAD.size + _CHUNK_HEAD.unpack_from(content)[4] + 8
+    return content[_CHUNK_HEAD.size : start - 8].decode("ascii", "replace"), content[start:]
 
 
 def _chunk_data(content: bytes) -> bytes:

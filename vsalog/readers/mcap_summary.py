@@ -9,11 +9,14 @@ from typing import IO
 
 import numpy as np
 
+from vsalog.readers.chunk_index import Chunk
 from vsalog.readers.mcap_scan import others_in
 from vsalog.readers.mcap_walk import DATA_END, FOOTER, MAGIC
 
 _HEAD = struct.Struct("<BQ")
 _FOOTER = struct.Struct("<BQQQI")
+_CHUNK_INDEX = struct.Struct("<QQQQI")
+_OFFSET = struct.Struct("<HQ")
 _MOST_BYTES = 256 * 2**20
 
 
@@ -37,6 +40,20 @@ def summary_records(file: IO[bytes]) -> Iterator[tuple[int, bytes]] | None:
     if checksum and zlib.crc32(section[:-4]) != checksum:
         return None
     return others_in(np.frombuffer(section[: position - start], np.uint8))
+
+
+def vouched(file: IO[bytes]) -> bool:
+    """Tell whether the summary has a checksum."""
+    found = _footer(file)
+    return found is not None and found[2] != 0
+
+
+def chunk_in(content: bytes) -> tuple[int, Chunk]:
+    """Return the position of the chunk that a chunk index record is of, and what the record tells of it."""
+    first, last, position, _, size = _CHUNK_INDEX.unpack_from(content)
+    offsets = content[_CHUNK_INDEX.size : _CHUNK_INDEX.size + size]
+    channels = frozenset(channel for channel, _ in _OFFSET.iter_unpack(offsets[: size // _OFFSET.size * _OFFSET.size]))
+    return position, Chunk(first, last, channels or None)
 
 
 def states_checksum(file: IO[bytes]) -> bool:

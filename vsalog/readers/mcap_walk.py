@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import struct
 import zlib
-from collections.abc import Collection, Iterator
+from collections.abc import Callable, Collection, Iterator
 from typing import IO
 
 import numpy as np
@@ -55,8 +55,8 @@ class Walk:
         Opened.
     verify : bool
         Compute the checksum of the data section.
-    passed : collection of int
-        Positions of chunks that are passed by unread.
+    passed : function
+        Tells of a chunk's position whether it is passed by unread.
     kept : collection of int
         Kinds of records that are handed over; the others are passed by.
 
@@ -73,7 +73,11 @@ class Walk:
     """
 
     def __init__(
-        self, file: IO[bytes], verify: bool, passed: Collection[int] = (), kept: Collection[int] = KEPT
+        self,
+        file: IO[bytes],
+        verify: bool,
+        passed: Callable[[int], bool] = lambda position: False,
+        kept: Collection[int] = KEPT,
     ) -> None:
         self.skipped: list[tuple[int, int]] = []
         self.unknown = 0
@@ -103,7 +107,7 @@ class Walk:
                 self.skipped.append((position, following))
                 position = following
                 continue
-            if kind == CHUNK and position in self._passed:
+            if kind == CHUNK and self._passed(position):
                 position += _HEAD.size + length
                 continue
             keep = kind in self._kept and (kind != ATTACHMENT or length <= MAX_BYTES)

@@ -13,10 +13,12 @@ import numpy as np
 
 from vsalog.errors import ReadError
 from vsalog.readers.bag import CATALOGUE_MESSAGES, Connection
+from vsalog.readers.chunk_index import Chunk, Needed, Part, some_of
+from vsalog.readers.compression import beginning
 from vsalog.readers.definitions import DefinitionError, ros1_checksum
 from vsalog.readers.layout import printable
 from vsalog.readers.packets import PACKED, Packet, RawMessage, ahead, packet_of
-from vsalog.readers.rosbag1_index import IndexCheck
+from vsalog.readers.rosbag1_index import IndexCheck, chunk_told
 from vsalog.readers.rosbag1_scan import connections_in, messages_in
 from vsalog.readers.rosbag1_walk import (
     BAG_HEADER,
@@ -34,6 +36,7 @@ from vsalog.readers.rosbag1_walk import (
 
 MAGIC = b"#ROSBAG V"
 _MOST_CONNECTIONS = 2**16
+_GLIMPSE = 128 * 1024
 
 Found = dict[int, tuple[Connection, bool]]
 """Connections by number, and whether what a bag tells twice of each agrees."""
@@ -57,6 +60,8 @@ class Rosbag1Container:
         self.notes: list[str] = []
         self._connections: dict[int, Connection] | None = None
         self._counts: Counter[int] = Counter()
+        self._chunks: dict[int, Chunk] = {}
+        self._part: Part | None = None
 
     def connections(self) -> list[Connection]:
         """Return the bag's connections, from its index or else by walking the bag."""
@@ -74,20 +79,51 @@ class Rosbag1Container:
         self.connections()
         return {number: max(count, CATALOGUE_MESSAGES) for number, count in self._counts.items()}
 
-    def narrow(self, low: int, high: int) -> bool:
-        """Return False: all is read."""
-        return False
+    def size(self) -> int:
+        """Return how many bytes the bag has."""
+        return self.path.stat().st_size
 
-    def packets(self, ids: Collection[int]) -> Iterator[Packet]:
-        """Yield the messages of some connections in the order of the file; what is damaged is skipped and noted."""
-        return ahead(self._packets(ids))
+    def narrow(self, part: Part) -> bool:
+        """Pass by chunks without a message of a part of the log, where the index tells of chunks."""
+        self.connections()
+        self._part = part
+        return bool(self._chunks)
 
-    def _packets(self, ids: Collection[int]) -> Iterator[Packet]:
+    def glimpses(self, ids: Collection[int]) -> Iterator[Packet]:
+        """Yield the first messages of chunks from all over the bag."""
+        self.connections()
         wanted = np.array(sorted(ids), dtype=np.int64)
-        loose: list[RawMessage] = []  # outside of chunks
-        check = IndexCheck(wanted)
         with self._open() as file:
             walk = Walk(file)
+            for position in some_of(self._chunks, ids):
+                found = walk.beginning(position, _GLIMPSE)
+                if found is not None:
+                    yield messages_in(np.frombuffer(beginning(*found, _GLIMPSE), np.uint8), wanted)[0]
+
+    def packets(self, ids: Collection[int], needed: Needed | None = None) -> Iterator[Packet]:
+        """Yield the messages of some connections in the order of the file; what is damaged is skipped and noted.
+
+        Raises
+        ------
+        IndexContradictsError
+            Only a part is read, and the index tells two things of what is in it.
+        """
+        return ahead(self._packets(ids, needed))
+
+    def _packets(self, ids: Collection[int], needed: Needed | None) -> Iterator[Packet]:
+        wanted = np.array(sorted(ids), dtype=np.int64)
+        loose: list[RawMessage] = []  # outside of chunks
+        part = self._part
+        whole = part is None and needed is None
+
+        def leaves_out(chunk: Chunk) -> bool:
+            outside = part is not None and part.leaves_out(chunk)
+            return outside or (needed is not None and not chunk.may_hold(needed))
+
+        check = IndexCheck(wanted, None if whole else leaves_out)
+        with self._open() as file:
+            known = {} if whole else self._chunks
+            walk = Walk(file, lambda at: at in known and leaves_out(known[at]))
             for header, data in walk.records():
                 kind = op(header)
                 if loose and (kind == CHUNK or len(loose) >= PACKED):
@@ -109,6 +145,8 @@ class Rosbag1Container:
                         loose.append((one, seconds * 1_000_000_000 + fraction, 0, data))
                 elif kind == BAG_HEADER:
                     self._note_index(struct.unpack("<Q", header[b"index_pos"])[0])
+                elif walk.passing:
+                    check.passed(header, data)
                 else:
                     check.record(header, data)
         if loose:
@@ -178,11 +216,16 @@ class Rosbag1Container:
             if op(inner) == CHUNK_INFO:
                 for connection, number_of in struct.iter_unpack("<II", data[: len(data) // 8 * 8]):
                     self._counts[connection] += number_of
+                if told := chunk_told(inner, data):
+                    self._chunks[told[0]] = told[1]
             elif op(inner) == CONNECTION:
                 self._keep_all(found, inner, data)
             else:
                 break
-        return found if len(found) == number(header, b"conn_count") and not walk.skipped else {}
+        if len(found) == number(header, b"conn_count") and not walk.skipped:
+            return found
+        self._chunks = {}
+        return {}
 
     def _note(self, text: str) -> None:
         if text not in self.notes:

@@ -2,11 +2,17 @@
 
 from __future__ import annotations
 
+import struct
+from collections.abc import Callable
+
 import numpy as np
 
 from vsalog.readers.base import plural
+from vsalog.readers.chunk_index import Chunk, IndexContradictsError
 from vsalog.readers.packets import Integers, Packet
 from vsalog.readers.rosbag1_walk import CHUNK_INFO, INDEX, Header, number, op
+
+_TIME = _COUNT = struct.Struct("<II")
 
 
 class IndexCheck:
@@ -16,10 +22,13 @@ class IndexCheck:
     ----------
     wanted : int64 array, sorted
         Connections that are read.
+    leaves_out : function or None
+        Where not all of the log is read: tells of what is in a chunk whether that is passed by.
     """
 
-    def __init__(self, wanted: Integers) -> None:
+    def __init__(self, wanted: Integers, leaves_out: Callable[[Chunk], bool] | None = None) -> None:
         self._wanted = wanted
+        self._leaves_out = leaves_out
         self._last: Packet | None = None
         self._found = self._expected = self._differing = 0
 
@@ -39,15 +48,41 @@ class IndexCheck:
             count = np.frombuffer(data, "<u4").reshape(-1, 2).astype(np.int64)
             self._expected += int(count[np.isin(count[:, 0], self._wanted), 1].sum())
 
+    def passed(self, header: Header, data: bytes) -> None:
+        """Take note of a record of the index of a chunk that was passed by.
+
+        Raises
+        ------
+        IndexContradictsError
+            A message that is not to be passed by is in it.
+        """
+        if op(header) != INDEX or self._leaves_out is None:
+            return
+        connection, times = number(header, b"conn"), _times(data)
+        own = Chunk(int(times.min()), int(times.max()), frozenset([connection])) if times.size else None
+        if own is not None and connection in self._wanted and not self._leaves_out(own):
+            raise IndexContradictsError("the bag's index contradicts itself")
+
     def notes(self) -> list[str]:
         """Return in words what differs."""
         notes = []
-        if self._found < self._expected:
+        if self._found < self._expected and self._leaves_out is None:
             missing = self._expected - self._found
             notes.append(f"{missing} of {plural(self._expected, 'message')} that the index counts were not found")
         if self._differing:
             notes.append(f"the log times of {plural(self._differing, 'message')} differ from those in the index")
         return notes
+
+
+def chunk_told(header: Header, data: bytes) -> tuple[int, Chunk] | None:
+    """Return the position of the chunk that a record of the index is of, and what is told of it; None where it makes no sense."""
+    times = [header.get(name, b"") for name in (b"start_time", b"end_time")]
+    if any(len(time) != 8 for time in times) or len(data) % 8:
+        return None
+    first, last = (seconds * 1_000_000_000 + fraction for seconds, fraction in map(_TIME.unpack, times))
+    position = int.from_bytes(header[b"chunk_pos"], "little")
+    connections = frozenset(connection for connection, count in _COUNT.iter_unpack(data) if count)
+    return (position, Chunk(first, last, connections)) if 0 < first <= last else None
 
 
 def _times(data: bytes) -> Integers:

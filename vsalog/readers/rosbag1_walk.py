@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import re
 import struct
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from typing import IO
 
 from vsalog.readers.base import plural
@@ -44,11 +44,15 @@ class Walk:
     ----------
     file : binary file
         Opened.
+    passed : function
+        Tells of a chunk's position whether it is passed by unread.
 
     Attributes
     ----------
     chunks : int
         Chunks seen.
+    passing : bool
+        The last chunk was passed by.
     damage : list of str
         Chunks that cannot be read, and why.
     skipped : list of (int, int)
@@ -57,8 +61,10 @@ class Walk:
         Where reading ended and the size of the file, where no record follows up to its end.
     """
 
-    def __init__(self, file: IO[bytes]) -> None:
+    def __init__(self, file: IO[bytes], passed: Callable[[int], bool] = lambda position: False) -> None:
         self.chunks = 0
+        self.passing = False
+        self._passed = passed
         self.damage: list[str] = []
         self.skipped: list[tuple[int, int]] = []
         self.cut: tuple[int, int] | None = None
@@ -68,6 +74,9 @@ class Walk:
     def records(self, position: int = len(VERSION)) -> Iterator[tuple[Header, bytes]]:
         """Yield header and data of the records from a position on, the data of chunks decompressed."""
         while position < self._size:
+            if self._passed(position) and (end := self._chunk_end(position)):
+                position, self.passing = end, True
+                continue
             record = self._record(position)
             if record is not None:
                 header, data, end = record
@@ -81,6 +90,7 @@ class Walk:
                 except DamagedDataError as error:
                     self.damage.append(f"at byte {position}: {error}")
                 else:
+                    self.passing = False
                     yield header, data
                     position = end
                     continue
@@ -94,6 +104,23 @@ class Walk:
             if record is None:
                 self.skipped.append((position, following))
             position = following
+
+    def beginning(self, position: int, size: int) -> tuple[str, bytes] | None:
+        """Return the compression and the first bytes of the data of the chunk at a position; None where there is none."""
+        found = self._header(position)
+        if found is None or op(found[0]) != CHUNK:
+            return None
+        header, start, length = found
+        self._file.seek(start)
+        return _compression(header), self._file.read(min(length, size))
+
+    def _chunk_end(self, position: int) -> int:
+        """Return where the chunk at a position ends, 0 where there is none or nothing follows it."""
+        found = self._header(position)
+        if found is None or op(found[0]) != CHUNK:
+            return 0
+        end = found[1] + found[2]
+        return end if self._header(end) is not None else 0
 
     def notes(self) -> list[str]:
         """Return in words what was damaged."""

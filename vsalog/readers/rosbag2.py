@@ -6,11 +6,13 @@ import re
 import tempfile
 from collections.abc import Collection, Iterator, Mapping
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 
 from vsalog.errors import ReadError
 from vsalog.readers.bag import ZSTD_MAGIC, Connection, Container
 from vsalog.readers.base import plural
+from vsalog.readers.chunk_index import Needed, Part
 from vsalog.readers.compression import FREE_BYTES, MAX_RATIO
 from vsalog.readers.mcap_file import McapContainer
 from vsalog.readers.mcap_walk import MAGIC as MCAP_MAGIC
@@ -68,13 +70,21 @@ class CompressedContainer:
         """Return how many messages connections have, where the file says so."""
         return self.inner.counts()
 
-    def narrow(self, low: int, high: int) -> bool:
-        """Pass by what lies outside of a window."""
-        return self.inner.narrow(low, high)
+    def size(self) -> int:
+        """Return how many bytes there are, decompressed."""
+        return self.inner.size()
 
-    def packets(self, ids: Collection[int]) -> Iterator[Packet]:
+    def narrow(self, part: Part) -> bool:
+        """Pass by what lies outside of a part of the log."""
+        return self.inner.narrow(part)
+
+    def glimpses(self, ids: Collection[int]) -> Iterator[Packet]:
+        """Yield messages from all over the file."""
+        return self.inner.glimpses(ids)
+
+    def packets(self, ids: Collection[int], needed: Needed | None = None) -> Iterator[Packet]:
         """Yield the messages of some connections."""
-        return self.inner.packets(ids)
+        return self.inner.packets(ids, needed)
 
 
 class FolderContainer:
@@ -129,19 +139,45 @@ class FolderContainer:
             for number, count in container.counts().items()
         }
 
-    def narrow(self, low: int, high: int) -> bool:
-        """Pass by what lies outside of a window, in all files that can."""
-        able = [part.narrow(low, high) for part in self.parts]
+    def _numbered(self) -> Iterator[tuple[int, Container]]:
+        """Yield each file with what is added to its connections' numbers."""
+        for part, container in enumerate(self.parts):
+            yield part * _IDS_PER_FILE, container
+
+    def size(self) -> int:
+        """Return how many bytes all files have."""
+        return sum(container.size() for container in self.parts)
+
+    def narrow(self, part: Part) -> bool:
+        """Pass by what lies outside of a part of the log, in all files that can."""
+        able = [
+            container.narrow(replace(part, throughout=frozenset(_own(first, part.throughout))))
+            for first, container in self._numbered()
+        ]
         return any(able)
 
-    def packets(self, ids: Collection[int]) -> Iterator[Packet]:
+    def glimpses(self, ids: Collection[int]) -> Iterator[Packet]:
+        """Yield messages from all over each file."""
+        for first, container in self._numbered():
+            for packet in container.glimpses(_own(first, ids)):
+                yield replace(packet, connection=packet.connection + first)
+
+    def packets(self, ids: Collection[int], needed: Needed | None = None) -> Iterator[Packet]:
         """Yield the messages of some connections, file by file."""
-        for part, container in enumerate(self.parts):
-            first = part * _IDS_PER_FILE
-            own = [number - first for number in ids if first <= number < first + _IDS_PER_FILE]
-            for packet in container.packets(own):
+        for first, container in self._numbered():
+            mine = None if needed is None else partial(_shifted, needed, first)
+            for packet in container.packets(_own(first, ids), mine):
                 yield replace(packet, connection=packet.connection + first)
             self.notes.extend(note for note in container.notes if note not in self.notes)
+
+
+def _own(first: int, ids: Collection[int]) -> list[int]:
+    """Return a file's own numbers of those connections that are in it."""
+    return [number - first for number in ids if first <= number < first + _IDS_PER_FILE]
+
+
+def _shifted(needed: Needed, first: int, number: int) -> bool:
+    return needed(first + number)
 
 
 def bag_file(path: Path, shown: Path) -> Container:

@@ -5,7 +5,8 @@ from __future__ import annotations
 import shutil
 import sqlite3
 import tempfile
-from collections.abc import Collection, Iterator, Mapping
+from collections.abc import Collection, Iterator, Mapping, Sequence
+from itertools import islice
 from pathlib import Path
 from typing import Any
 from urllib.parse import quote
@@ -15,6 +16,7 @@ import numpy as np
 from vsalog.errors import ReadError
 from vsalog.readers.bag import CATALOGUE_MESSAGES, Connection
 from vsalog.readers.base import plural
+from vsalog.readers.chunk_index import GLIMPSES, Needed, Part
 from vsalog.readers.compression import MAX_BYTES
 from vsalog.readers.packets import PACKED, PACKED_BYTES, Messages, Packet
 
@@ -28,6 +30,11 @@ _MOST_TOPICS = 2**16
 # Behind a stretch of rows that cannot be read, the next is looked for this part of the stretch farther on.
 _STEP = 200
 _LAST_ROW = 2**62
+# So many rows are read at once, to begin with and at most.
+_FIRST_AT_ONCE, _MOST_AT_ONCE = 16, 256
+
+_Rows = tuple[tuple[Any, ...], tuple[int, ...], tuple[bytes, ...]]
+"""Topics, times and messages."""
 
 
 class SqliteContainer:
@@ -47,7 +54,7 @@ class SqliteContainer:
         self.path = path
         self.notes: list[str] = []
         self._folder: tempfile.TemporaryDirectory[str] | None = None
-        self._window: tuple[int, int] | None = None
+        self._part: Part | None = None
         self._database = self._connect()
 
     def connections(self) -> list[Connection]:
@@ -67,12 +74,28 @@ class SqliteContainer:
         except (*_DAMAGE, TypeError, ValueError):
             return {}
 
-    def narrow(self, low: int, high: int) -> bool:
-        """Pass by rows outside of a window [ns]."""
-        self._window = low, high
+    def size(self) -> int:
+        """Return how many bytes the file has."""
+        return self.path.stat().st_size
+
+    def narrow(self, part: Part) -> bool:
+        """Pass by rows outside of a part of the log."""
+        self._part = part
         return True
 
-    def packets(self, ids: Collection[int]) -> Iterator[Packet]:
+    def glimpses(self, ids: Collection[int]) -> Iterator[Packet]:
+        """Yield some rows from all over the file; where rows cannot be read, none."""
+        query = "SELECT topic_id, timestamp, data FROM messages WHERE rowid >= ? ORDER BY rowid LIMIT 32"
+        try:
+            ends = self._database.execute("SELECT min(rowid), max(rowid) FROM messages").fetchone()
+            for row in np.linspace(ends[0] or 0, max((ends[1] or 0) - 31, 0), GLIMPSES).astype(np.int64).tolist():
+                rows = [r for r in self._database.execute(query, (row,)) if r[0] in ids and type(r[2]) is bytes]
+                if rows and all(type(time) is int for _, time, _ in rows):
+                    yield _packet(*map(list, zip(*rows, strict=True)))
+        except _DAMAGE:
+            return
+
+    def packets(self, ids: Collection[int], needed: Needed | None = None) -> Iterator[Packet]:
         """Yield the messages of some topics in the order of the file; rows that cannot be read are skipped and noted.
 
         Raises
@@ -87,14 +110,17 @@ class SqliteContainer:
         connection: list[int] = []
         log: list[int] = []
         content: list[bytes] = []
-        for topic, time, data in self._rows(ids):
-            if topic not in wanted:
-                strangers += 1
-                continue
-            connection.append(topic)
-            log.append(time)
-            content.append(data)
-            size += len(data)
+        for topics, times, messages in self._rows(ids):
+            if not wanted.issuperset(topics):
+                known = [row for row in zip(topics, times, messages, strict=True) if row[0] in wanted]
+                strangers += len(topics) - len(known)
+                if not known:
+                    continue
+                topics, times, messages = zip(*known, strict=True)
+            connection += topics
+            log += times
+            content += messages
+            size += sum(map(len, messages))
             if len(content) >= PACKED or size >= PACKED_BYTES:
                 yield _packet(connection, log, content)
                 connection, log, content, size = [], [], [], 0
@@ -103,30 +129,36 @@ class SqliteContainer:
         if strangers:
             self._note(f"{plural(strangers, 'message')} of topics that the bag does not name skipped")
 
-    def _rows(self, ids: Collection[int]) -> Iterator[tuple[Any, int, bytes]]:
-        """Yield topic, time and message of rows. Not by `fetchmany`: images may be among them, and an error would lose some."""
+    def _rows(self, ids: Collection[int]) -> Iterator[_Rows]:
+        """Yield rows, some at a time, but one at a time once there was an error, which would lose those that came with it."""
         only = self._only(ids)
         query = f"SELECT rowid, topic_id, timestamp, data FROM messages WHERE rowid > ? {only} ORDER BY rowid"
         start, last, lost, stretch = -1, -1, 0, 0
-        first, count, nonsense = 0, 0, 0
+        first, count, nonsense, at_once = 0, 0, 0, _FIRST_AT_ONCE
         most = self.path.stat().st_size  # more rows than bytes come only of pages that contain themselves
         while start < _LAST_ROW and count < most:
             try:
-                for number, topic, time, data in self._database.execute(query, (start,)):
-                    first = first or number
-                    count += 1
-                    if type(data) is bytes and type(time) is int:
-                        # Damaged row numbers may go anywhere; those of the following rows tell again where reading is.
-                        last = number
-                        yield topic, time, data
-                    else:
-                        nonsense += 1
-                    if count >= most:
-                        break
+                cursor = self._database.execute(query, (start,))
+                while count < most and (rows := list(islice(cursor, at_once))):
+                    first = first or rows[0][0]
+                    count += len(rows)
+                    numbers, topics, times, messages = zip(*rows, strict=True)
+                    if set(map(type, messages)) != {bytes} or set(map(type, times)) != {int}:
+                        good = [row for row in rows if type(row[3]) is bytes and type(row[2]) is int]
+                        nonsense += len(rows) - len(good)
+                        if not good:
+                            continue
+                        numbers, topics, times, messages = zip(*good, strict=True)
+                    # Damaged row numbers may go anywhere; those of the following rows tell again where reading is.
+                    last = numbers[-1]
+                    at_once = 1 if at_once == 1 else _at_once(messages)
+                    yield topics, times, messages
                 break
             except _DAMAGE as error:
                 self._refuse(error)
-                if last > start:
+                if at_once > 1:
+                    start, at_once = last, 1
+                elif last > start:
                     start, stretch = last, 0
                 else:
                     step = 1 + stretch // _STEP
@@ -142,10 +174,26 @@ class SqliteContainer:
 
     def _only(self, ids: Collection[int]) -> str:
         """Return the condition that chooses topics and times; no topics where all are wanted: strangers are to be seen."""
-        when = "AND timestamp BETWEEN {} AND {}".format(*self._window) if self._window else ""
+        when = ""
+        if self._part is not None:
+            rows = self._rows_within(self._part)
+            times = f"timestamp BETWEEN {self._part.low} AND {self._part.high}"
+            when = f"AND ({times} OR topic_id IN ({_listed(self._part.throughout)})) {rows}"
         if set(ids) >= {number for number, *_ in self._topics()}:
             return when
-        return f"AND topic_id IN ({','.join(str(int(number)) for number in ids)}) {when}"
+        return f"AND topic_id IN ({_listed(ids)}) {when}"
+
+    def _rows_within(self, part: Part) -> str:
+        """Return the condition that chooses rows between the first and the last that lie in a part, where an index tells them."""
+        query = f"SELECT min(rowid), max(rowid) FROM messages WHERE timestamp BETWEEN {part.low} AND {part.high}"
+        try:
+            plan = self._database.execute(f"EXPLAIN QUERY PLAN {query}").fetchall()
+            if part.throughout or not any("INDEX" in str(step[-1]) for step in plan):
+                return ""
+            first, last = self._database.execute(query).fetchone()
+        except _DAMAGE:
+            return ""
+        return f"AND rowid BETWEEN {int(first or 0)} AND {int(last or 0)}"
 
     def _refuse(self, error: Exception) -> None:
         """Raise ReadError where another try would fail the same way."""
@@ -227,6 +275,16 @@ class SqliteContainer:
     def _note(self, text: str) -> None:
         if text not in self.notes:
             self.notes.append(text)
+
+
+def _listed(ids: Collection[int]) -> str:
+    return ",".join(str(int(number)) for number in ids)
+
+
+def _at_once(messages: Sequence[bytes]) -> int:
+    """Return how many rows to read at once, of the size of those that were: there may be images among them."""
+    size = sum(map(len, messages)) // len(messages)
+    return max(2, min(_MOST_AT_ONCE, PACKED_BYTES // (size + 1)))
 
 
 def _tables(database: sqlite3.Connection) -> set[str]:
