@@ -46,13 +46,13 @@ def compare(
     from vsalog.job import Options
     from vsalog.reports.compare import print_comparison, print_json, write_comparison_page
     from vsalog.reports.estimate import Progress
-    from vsalog.writers.reports import keep_inputs
+    from vsalog.writers.reports import inputs_of, keep_inputs
 
     asked = [name for text in estimators for name in text.split(",") if name.strip()]
     if estimators and not asked:
         raise click.BadParameter(f"'{estimators[0]}' names no estimator", param_hint="-e")
     if report is not None:
-        keep_inputs([report], logs)
+        keep_inputs([report], inputs_of(logs, rig))
     with Progress() as progress:
         with progress.saying_when_compiling():
             options = Options(rig, joints, "auto", {}, settings, rate, time, start, end)

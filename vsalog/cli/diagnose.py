@@ -63,15 +63,14 @@ def diagnose(
     from vsalog.diagnosis.run import diagnose as run
     from vsalog.reports.diagnose import print_json, print_report
     from vsalog.reports.estimate import Progress
-    from vsalog.rig.find import rig_beside
     from vsalog.writers.diagnosis import Outputs, write_diagnosis
-    from vsalog.writers.reports import keep_inputs
+    from vsalog.writers.reports import inputs_of, keep_inputs
 
     options = Options(rig, joints, settings, rate, time, suggest, start, end)
     outputs = Outputs.within(output, suggest)
-    inputs = (log, holdout, Path(rig) if rig is not None else rig_beside(log))
+    inputs = inputs_of([log] if holdout is None else [log, holdout], rig)
     written = (outputs.document, outputs.page, outputs.rig, outputs.scenario)
-    keep_inputs([path for path in written if path is not None], [path for path in inputs if path is not None])
+    keep_inputs([path for path in written if path is not None], inputs)
     with Progress() as progress:
         with progress.saying_when_compiling():
             outcome = run(log, holdout, options, progress.say)

@@ -94,6 +94,7 @@ def estimate(
     """
     from vsalog.job import Options, prepare
     from vsalog.reports.estimate import Progress, print_json, print_summary
+    from vsalog.writers.reports import inputs_of, keep_inputs
     from vsalog.writers.results import Outputs, write_results
 
     preset = {} if preset_tuning is None else {"preset": preset_tuning}
@@ -109,6 +110,8 @@ def estimate(
     elif not logs:
         raise click.UsageError("name a log, or a trace with --from")
     outputs = Outputs.named(logs, output, mcap, report, figures)
+    inputs = [*inputs_of(logs, rig), *([source] if source is not None else [])]
+    keep_inputs([path for path in (outputs.trace, outputs.model, mcap, report) if path is not None], inputs)
     if figures is not None:
         from vsalog.reports.paper_figures import check_matplotlib
 

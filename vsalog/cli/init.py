@@ -39,9 +39,12 @@ def init(
     from vsalog.rig.template import preset_template, rig_template
     from vsalog.units import shown
     from vsalog.writers.atomic import write_text
+    from vsalog.writers.reports import keep_inputs
 
     if output is not None and output.exists() and not force:
         raise WriteError(f"{output.name} is there already; --force overwrites it")
+    if output is not None:
+        keep_inputs([output], [log, *(log.iterdir() if log.is_dir() else ())])
     if preset is not None:
         preset_text(preset)  # a name mistyped is told before a long log is read
     recording = read(log, None, time, rate, start, end)

@@ -87,11 +87,11 @@ def validate(
     from vsalog.validation.frozen import frozen
     from vsalog.validation.run import Options
     from vsalog.validation.run import validate as run
-    from vsalog.writers.reports import Outputs, keep_inputs, write_report
+    from vsalog.writers.reports import Outputs, inputs_of, keep_inputs, write_report
 
     options = Options(rig, joints, settings, rate, time, modalities, max_nrmse, max_msrep, start, end)
     outputs = Outputs.within(output, figures)
-    keep_inputs([outputs.document, outputs.page], [model, *logs])
+    keep_inputs([outputs.document, outputs.page], [model, *inputs_of(logs, rig)])
     drawings = Drawings(frozen(model), joints, len(logs), figures is not None)
     with Progress() as progress:
         with progress.saying_when_compiling():

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -11,6 +11,7 @@ from vsalog.errors import WriteError
 from vsalog.reports.drawings import Drawings
 from vsalog.reports.page import write_page
 from vsalog.reports.paper_figures import check_matplotlib, write_figures
+from vsalog.rig.find import rig_beside
 from vsalog.validation.document import Report
 from vsalog.writers.atomic import together, write_text
 
@@ -38,6 +39,14 @@ class Outputs:
         return cls(where / "report.json", where / "report.html", figures)
 
 
+def inputs_of(logs: Iterable[Path], rig: str | Path | None = None) -> list[Path]:
+    """Return the files that a command reads: the logs, what a bag's folder holds, the rig that is given or lies beside them."""
+    logs = list(logs)
+    parts = [part for log in logs if log.is_dir() for part in log.iterdir()]
+    rigs = [rig_beside(log) for log in logs] if rig is None else [Path(rig)]
+    return [*logs, *parts, *(path for path in rigs if path is not None)]
+
+
 def keep_inputs(outputs: Sequence[Path], inputs: Sequence[Path]) -> None:
     """Refuse to write over what is read, before anything is done.
 
@@ -49,7 +58,7 @@ def keep_inputs(outputs: Sequence[Path], inputs: Sequence[Path]) -> None:
     for output in outputs:
         for given in inputs:
             if output.exists() and given.exists() and output.samefile(given):
-                raise WriteError(f"{output}: is what is read; choose another place for the report")
+                raise WriteError(f"{output}: is what is read; choose another place for what is written")
         if output.is_dir():
             raise WriteError(f"{output}: is a folder; name a file")
 

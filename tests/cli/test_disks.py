@@ -1,0 +1,171 @@
+"""Read-only and full disks, and outputs that are inputs, for every command that writes: one line, nothing half written."""
+
+import hashlib
+import json
+import os
+import subprocess
+import sys
+import tempfile
+
+import numpy as np
+import pytest
+from command_line import vsalog_run
+
+RIG = """
+[joint.knee]
+kind = "elastic"
+[joint.knee.motor]
+inertia = 0.1
+[joint.knee.signals]
+motor_position = "theta"
+motor_torque = "tau"
+link_position = "q"
+torque_sensor = "sensor"
+"""
+COMMANDS = {
+    "estimate": [
+        "estimate",
+        "log.csv",
+        "-e",
+        "direct",
+        "-o",
+        "DISK/",
+        "--report",
+        "DISK/page.html",
+        "--mcap",
+        "DISK/x.mcap",
+    ],
+    "validate": ["validate", "log.model.toml", "log.csv", "--no-modalities", "-o", "DISK"],
+    "diagnose": ["diagnose", "log.csv", "-o", "DISK"],
+    "simulate": ["simulate", "sea", "--duration", "2", "-o", "DISK/sim.csv"],
+    "a ROS 2 bag": ["simulate", "sea", "--duration", "2", "-o", "DISK/sim/"],
+    "init": ["init", "log.csv", "-o", "DISK/new.toml"],
+    "repair": ["inspect", "log.csv", "--repair", "DISK/repaired.mcap"],
+}
+# One process does all: what takes its time is to import the libraries.
+PLAY = """
+import contextlib, io, json, os, sys
+from vsalog.cli import _run
+disk, commands = sys.argv[1], json.loads(sys.argv[2])
+for name, words in commands.items():
+    sys.argv = ["vsalog", *(w.replace("DISK", disk) for w in words)]
+    out, err = io.TextIOWrapper(io.BytesIO(), "utf-8"), io.TextIOWrapper(io.BytesIO(), "utf-8")
+    with contextlib.redirect_stdout(out), contextlib.redirect_stderr(err):
+        code = _run()
+    out.flush(), err.flush()
+    said = [stream.buffer.getvalue().decode() for stream in (out, err)]
+    print(json.dumps([name, code, *said, sorted(set(os.listdir(disk)) - {"filler"})]))
+"""
+SCRIPT = """
+set -e
+mkdir full readonly
+mount -t tmpfs -o size=64k none full
+cat /dev/zero > full/filler || true
+mount -t tmpfs none readonly
+mount -o remount,ro readonly
+"$PYTHON" -c "$PLAY" full "$COMMANDS"
+"$PYTHON" -c "$PLAY" readonly "$COMMANDS"
+"""
+
+
+def lay(folder):
+    t = np.arange(1000) * 2e-3
+    theta, q = 0.3 * np.sin(6.0 * t), 0.4 * np.sin(6.0 * t + 0.3)
+    sensor = 20.0 * (q - theta) + 0.01 * np.random.default_rng(1).standard_normal(t.size)
+    columns = np.column_stack([t, theta, -0.1 * 36 * theta - sensor, q, sensor])
+    header = "time [s],theta [rad],tau [N·m],q [rad],sensor [N·m]"
+    np.savetxt(folder / "log.csv", columns, "%.9g", ",", header=header, comments="")
+    (folder / "rig.toml").write_text(RIG)
+    done = vsalog_run("estimate", "log.csv", "-e", "direct", cwd=folder)
+    assert done.returncode == 0, done.stderr
+
+
+@pytest.fixture(scope="module")
+def said(tmp_path_factory):
+    """What the commands say where the disk is full, and where it is read-only; None where no disk may be mounted."""
+    folder = tmp_path_factory.mktemp("disks")
+    lay(folder)
+    with tempfile.TemporaryFile() as nowhere:
+        probe = subprocess.run(
+            ["unshare", "-rm", "mount", "-t", "tmpfs", "none", "/mnt"], stdout=nowhere, stderr=nowhere
+        )
+    if probe.returncode != 0:
+        return None
+    more = {"PYTHON": sys.executable, "PLAY": PLAY, "COMMANDS": json.dumps(COMMANDS)}
+    done = subprocess.run(
+        ["unshare", "-rm", "sh", "-c", SCRIPT],
+        cwd=folder,
+        capture_output=True,
+        text=True,
+        env=os.environ | more,
+        timeout=200,
+    )
+    assert done.returncode == 0, done.stderr
+    rows = [json.loads(line) for line in done.stdout.splitlines()]
+    return {(disk, row[0]): row[1:] for disk, part in (("full", rows[:7]), ("readonly", rows[7:])) for row in part}
+
+
+@pytest.mark.parametrize("disk", ["full", "readonly"])
+@pytest.mark.parametrize("name", COMMANDS)
+def test_a_disk_that_takes_nothing(said, name, disk):
+    if said is None:
+        pytest.skip("no disks may be mounted here")
+    code, out, err, left = said[disk, name]
+    assert (code, out) == (2, ""), err
+    *_, last = err.strip().splitlines()
+    assert ("No space left" if disk == "full" else "Read-only file system") in last or (disk, name) == (
+        "full",
+        "a ROS 2 bag",
+    )
+    assert "Traceback" not in err
+    assert not left
+
+
+ALSO_INPUTS = [
+    ["estimate", "log.csv", "--mcap", "rig.toml", "--rig", "rig.toml"],
+    ["estimate", "log.csv", "--report", "rig.toml"],
+    ["estimate", "log.csv", "-o", "rig.toml"],
+    ["estimate", "--from", "log.stiffness.parquet", "--report", "log.stiffness.parquet"],
+    ["estimate", "bag", "--rig", "sea", "--mcap", "bag/bag.db3"],
+    ["estimate", "log.csv", "--report", "hard.csv"],
+    ["estimate", "log.csv", "-o", "soft.csv"],
+    ["validate", "report.json", "log.csv", "--no-modalities"],
+    ["validate", "log.model.toml", "report.html"],
+    ["validate", "log.model.toml", "log.csv", "--rig", "report.json"],
+    ["diagnose", "diagnosis.html"],
+    ["diagnose", "log.csv", "--rig", "extended.rig.toml"],
+    ["inspect", "log.csv", "--repair", "hard.csv"],
+    ["inspect", "log.csv", "--repair", "soft.csv"],
+    ["compare", "log.csv", "--report", "log.csv"],
+    ["compare", "log.csv", "--report", "rig.toml"],
+    ["simulate", "own.rig.toml", "-o", "own.csv"],
+    ["simulate", "--replay", "log.csv", "-o", "log.csv"],
+    ["init", "log.csv", "-o", "log.csv", "--force"],
+    ["init", "log.csv", "-o", "hard.csv", "--force"],
+]
+
+
+@pytest.fixture(scope="module")
+def bench(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("inputs")
+    lay(folder)
+    for name in ("report.html", "diagnosis.html"):
+        (folder / name).write_bytes((folder / "log.csv").read_bytes())
+    (folder / "report.json").write_bytes((folder / "log.model.toml").read_bytes())
+    for name in ("extended.rig.toml", "own.rig.toml"):
+        (folder / name).write_text(RIG)
+    done = vsalog_run("simulate", "sea", "--duration", "0.2", "-o", "bag/", cwd=folder)
+    assert done.returncode == 0, done.stderr
+    (folder / "hard.csv").hardlink_to(folder / "log.csv")
+    (folder / "soft.csv").symlink_to("log.csv")
+    return folder
+
+
+@pytest.mark.parametrize("words", ALSO_INPUTS, ids=" ".join)
+def test_an_output_that_is_also_an_input(words, bench):
+    """Whatever its name, link or not: it is refused, and every file stays as it was."""
+    before = {p.name: hashlib.sha256(p.read_bytes()).digest() for p in bench.rglob("*") if p.is_file()}
+    done = vsalog_run(*words, cwd=bench)
+    assert done.returncode == 2, done.stderr
+    assert "Traceback" not in done.stderr
+    assert {p.name: hashlib.sha256(p.read_bytes()).digest() for p in bench.rglob("*") if p.is_file()} == before
