@@ -14,9 +14,10 @@ import pytest
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
-from vsalog import job, long_binding, long_signals
+from vsalog import checks, job, long_binding, long_signals
 from vsalog.binding import bind
 from vsalog.errors import ReadError, WriteError
+from vsalog.estimators.device import device_of
 from vsalog.grid import after_long_silence
 from vsalog.job import Options, prepare
 from vsalog.long_binding import bind_long
@@ -307,6 +308,23 @@ def test_a_look_has_the_whole_range_and_is_bounded(monkeypatch):
     np.testing.assert_array_equal(look.starts, starts[rows] | np.append(True, np.diff(rows) != 1))
     assert 41_000 in rows
     assert 41_199 in rows
+
+
+def test_an_encoder_that_was_stuck_once_is_told_wherever_that_was(monkeypatch):
+    monkeypatch.setattr(checks, "WHILE", 10_000)
+    t = np.arange(100_000) * 1e-3
+    q = np.round((np.sin(3.0 * t) + 0.05 * np.sin(7.0 * t)) / 1e-4) * 1e-4
+    theta = np.round(np.sin(3.0 * t) / 1e-4) * 1e-4
+    for begin in (62_000, 84_000):
+        q[begin : begin + 900] = q[begin]
+    signals = LongSignals("j", ("link_position", "motor_position"))
+    signals.begin_run(0)
+    signals.period, signals.resolution = 1e-3, {"link_position": 1e-4, "motor_position": 1e-4}
+    signals.append(np.arange(t.size) * MS, {"link_position": q, "motor_position": theta}, t == 0.0)
+    device = device_of("j", Rig.from_toml(RIG).joints["j"])
+    (told,) = checks.passing_warnings(device, signals, ())
+    assert "link_position does not change by a single step from 62 s to 62.9 s" in told
+    assert checks.passing_warnings(device, signals, (told.replace("62", "7.5"),)) == ()
 
 
 def test_what_needs_the_whole_trace_in_memory_is_refused_at_once(monkeypatch, samples, tmp_path):

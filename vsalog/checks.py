@@ -2,18 +2,24 @@
 
 from __future__ import annotations
 
+import re
+from collections.abc import Collection
+
 import numpy as np
 from numpy.typing import NDArray
 
 from vsalog.errors import EstimatorError
 from vsalog.estimators.device import Device, deflection_of, has_deflection
-from vsalog.plausible import implausible
+from vsalog.long_signals import LongSignals
+from vsalog.plausible import implausible, passing
 from vsalog.signals import JointSignals
 
 Array = NDArray[np.float64]
 
 # A measured torque that follows the deflection this closely was not measured: float32 rounding is all that is left.
 COMPUTED = 1e-5
+# So many samples of a long log are looked at together for what befell a sensor for a while.
+WHILE = 2**18
 
 
 def refuse_dead_sensors(estimator: str, signals: JointSignals) -> None:
@@ -64,6 +70,29 @@ def signal_warnings(device: Device, signals: JointSignals) -> tuple[str, ...]:
                 " cannot be told"
             )
     return tuple(dict.fromkeys((*warnings, *implausible(device, signals))))
+
+
+def passing_warnings(device: Device, signals: LongSignals, known: Collection[str]) -> tuple[str, ...]:
+    """Return warnings of what befell a sensor at any time of a log of which only stretches were looked at.
+
+    Parameters
+    ----------
+    device, signals : of a joint
+    known : warnings of the same joint that were given before; of each kind the first is enough
+    """
+    seen = {_kind(warning) for warning in known}
+    found: list[str] = []
+    for block in signals.blocks(WHILE):
+        for warning in passing(device, block):
+            if _kind(warning) not in seen:
+                seen.add(_kind(warning))
+                found.append(warning)
+    return tuple(found)
+
+
+def _kind(warning: str) -> str:
+    """Return a warning without its numbers."""
+    return re.sub(r"\d[\d.e+-]*", "#", warning)
 
 
 def _computed_from(signals: JointSignals, sensor: str, role: str) -> list[str]:

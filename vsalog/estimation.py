@@ -9,7 +9,7 @@ import msgspec
 import numpy as np
 
 from vsalog.binding import bind, offered_roles
-from vsalog.checks import refuse_dead_sensors, signal_warnings
+from vsalog.checks import passing_warnings, refuse_dead_sensors, signal_warnings
 from vsalog.errors import EstimatorError, VsalogError, did_you_mean
 from vsalog.estimators import Fold, Method, method
 from vsalog.estimators.acceleration_group import senses_acceleration
@@ -230,6 +230,8 @@ def estimate_joint(
     device = device_of(name, joint, look.roles, rig)
     refuse_dead_sensors(choice.name, look)
     warnings = [*signals.notes, *signal_warnings(device, look)]
+    if isinstance(signals, LongSignals):
+        warnings += passing_warnings(device, signals, warnings)
     kept: list[Trace] = []
     summarizer = Summarizer(device)
     # Where numbers run out of range the estimate is infinite or none, and the trace says so; numpy need not.

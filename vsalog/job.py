@@ -36,8 +36,8 @@ MOST_JOINTS_TOLD = 3
 # Bytes of samples that are held in memory; what is beyond is worked on in a temporary file.
 ROOM = 256 * 2**20
 LONG_NOTE = (
-    "{}: is too long for memory, so what its filters and scales are derived from, and what is warned of, was told from stretches"
-    " spread over it"
+    "{}: is too long for memory, so what its filters and scales are derived from, and whether its signals are plausible, was told"
+    " from stretches spread over it"
 )
 
 

@@ -39,14 +39,23 @@ FEWEST, ENOUGH = 50, 100_000
 def implausible(device: Device, signals: JointSignals) -> Iterator[str]:
     """Yield warnings of what is possible and not plausible."""
     yield from _off_centre(device, signals)
-    for view in device.transmissions:
-        if {"link_position", view.motor_position} <= set(signals.roles):
-            yield from _opposed(signals, view)
-            yield from _stuck(signals, view)
+    for view in _with_both_positions(device, signals):
+        yield from _opposed(signals, view)
     yield from _too_far(device, signals)
+    yield from passing(device, signals)
+
+
+def passing(device: Device, signals: JointSignals) -> Iterator[str]:
+    """Yield warnings of what may befall a sensor for a while, and is told from that while."""
+    for view in _with_both_positions(device, signals):
+        yield from _stuck(signals, view)
     for role in signals.roles:
         if role.startswith(("torque_sensor", "link_position", "motor_position", "deflection")):
             yield from _clipped(signals, role)
+
+
+def _with_both_positions(device: Device, signals: JointSignals) -> list[TransmissionView]:
+    return [view for view in device.transmissions if {"link_position", view.motor_position} <= set(signals.roles)]
 
 
 def _span(x: Array, share: float = 0.01) -> tuple[float, float]:
