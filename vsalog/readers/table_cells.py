@@ -11,6 +11,9 @@ from vsalog.recording import Values
 
 _CELL = NUMBER.replace("^", "^(", 1)[:-1] + r"|[+-]?(?i:inf|infinity)|[+-]?(?i:nan))$"
 
+_FEW = 16
+_NOTHING = pa.scalar(None, pa.string())
+
 
 class Cells:
     """Turns the cells of a column into numbers and counts those that are none."""
@@ -31,10 +34,11 @@ class Cells:
 
     def convert(self, cells: pa.Array) -> Values:
         """Return the numbers in a stretch of the column, NaN where there is none."""
-        try:
-            numbers = pc.cast(cells, pa.float64())
-            bad = 0
-        except pa.ArrowInvalid:
+        numbers, bad = _all_numbers(cells), 0
+        if numbers is None:
+            cells = pc.ascii_trim_whitespace(cells)
+            numbers = _all_numbers(pc.if_else(pc.equal(cells, ""), _NOTHING, cells))
+        if numbers is None:
             numbers, bad = self._convert_carefully(cells)
         self.good += len(numbers) - numbers.null_count
         self.bad += bad
@@ -42,7 +46,6 @@ class Cells:
         return np.array(numbers.to_numpy(zero_copy_only=False), dtype=np.float64)
 
     def _convert_carefully(self, cells: pa.Array) -> tuple[pa.Array, int]:
-        cells = pc.ascii_trim_whitespace(cells)
         cells = pc.replace_substring_regex(cells, "^(?i:true)$", "1")
         cells = pc.replace_substring_regex(cells, "^(?i:false)$", "0")
         number = pc.match_substring_regex(cells, _CELL)
@@ -53,8 +56,16 @@ class Cells:
             at = int(pc.index(wrong, True).as_py())
             self.first_row = self.rows + at
             self.first = bytes(pc.cast(cells[at], pa.binary()).as_py()).decode("utf-8", "replace")
-        nothing = pa.scalar(None, pa.string())
-        return pc.cast(pc.if_else(pc.fill_null(number, False), cells, nothing), pa.float64()), count
+        return pc.cast(pc.if_else(pc.fill_null(number, False), cells, _NOTHING), pa.float64()), count
+
+
+def _all_numbers(cells: pa.Array) -> pa.Array | None:
+    """Return cells as numbers; None where one of them is none."""
+    try:
+        pc.cast(cells[:_FEW], pa.float64())  # to tell of each cell that it is no number takes long
+        return pc.cast(cells, pa.float64())
+    except pa.ArrowInvalid:
+        return None
 
 
 def numbers_and_words(column: pa.Array) -> tuple[int, int]:
