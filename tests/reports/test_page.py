@@ -89,4 +89,10 @@ def test_a_browser_draws_it_without_complaint_and_without_a_network(tmp_path, sa
     document, said = browsed(hostile, tmp_path / "profile")
     assert said == []
     assert "main-svg" in document
+    assert "'unsafe-inline'" not in document.split("script-src ")[1].split(";")[0]
+    text = hostile.read_text(encoding="utf-8")
+    hostile.write_text(text.replace("</body>", "<script>document.title = 'run'</script></body>"), encoding="utf-8")
+    document, said = browsed(hostile, tmp_path / "profile")
+    assert "<title>run</title>" not in document  # a script that got in all the same
+    assert any("Content Security Policy" in line for line in said)
     assert "<img src=" not in document.replace('<img src="data:', "")

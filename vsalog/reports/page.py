@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import base64
 import gzip
+import hashlib
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cache
@@ -35,7 +36,8 @@ from vsalog.writers.atomic import write_text
 
 # Pixel columns of a figure over time: as many as a wide screen has, fewer where many figures share the page.
 MOST_COLUMNS, LEAST_COLUMNS, ALL_COLUMNS = 1200, 240, 5000
-POLICY = "default-src 'none'; script-src 'unsafe-inline' 'unsafe-eval'; style-src 'unsafe-inline'; img-src data: blob:"
+POLICY = "default-src 'none'; script-src {scripts} 'unsafe-eval'; style-src 'unsafe-inline'; img-src data: blob:"
+"""No other script runs than those whose checksums are named, even if one got in; plotly's surfaces make functions of texts."""
 
 FOOTER = (
     "<p class=keys>Figures: drag to zoom, double-click to see all again. With the keyboard: Tab to a figure, arrow keys move,"
@@ -149,7 +151,7 @@ def assembled(title: str, kind: str, top: str, sections: Sequence[Section], bott
         (
             "<!doctype html>",
             '<html lang="en"><head><meta charset="utf-8">',
-            f'<meta http-equiv="Content-Security-Policy" content="{POLICY}">',
+            f'<meta http-equiv="Content-Security-Policy" content="{_policy()}">',
             '<meta name="viewport" content="width=device-width, initial-scale=1">',
             '<meta name="color-scheme" content="light dark">',
             f"<title>{escaped(title)}</title>",
@@ -249,5 +251,16 @@ def _asset(file: str) -> str:
 @cache
 def _library() -> str:
     """Plotly's script, compressed, as base64."""
-    script = resources.files("plotly").joinpath("package_data", "plotly.min.js").read_bytes()
-    return base64.b64encode(gzip.compress(script, 6, mtime=0)).decode("ascii")
+    return base64.b64encode(gzip.compress(_plotly(), 6, mtime=0)).decode("ascii")
+
+
+def _plotly() -> bytes:
+    return resources.files("plotly").joinpath("package_data", "plotly.min.js").read_bytes()
+
+
+@cache
+def _policy() -> str:
+    """Return the page's content security policy."""
+    scripts = (_asset("page.js").encode(), _plotly())
+    digests = (base64.b64encode(hashlib.sha256(script).digest()).decode("ascii") for script in scripts)
+    return POLICY.format(scripts=" ".join(f"'sha256-{digest}'" for digest in digests))
