@@ -343,6 +343,9 @@ def test_a_full_disk_is_told_with_what_to_do(monkeypatch, samples):
         def seek(self, at):
             return at
 
+        def close(self):
+            pass
+
         def write(self, data):
             raise OSError(errno.ENOSPC, "No space left on device")
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import tempfile
+import weakref
 from collections.abc import Iterator
 from typing import Any, Protocol
 
@@ -15,7 +16,7 @@ from vsalog.errors import ReadError
 Values = NDArray[Any]
 Kind = type[np.int64 | np.float64]
 
-EXTENT = 2**14
+EXTENT = 2**13
 """Values of a column that lie together in the file."""
 
 PART = 2**16
@@ -49,6 +50,7 @@ class Spool:
             self._file: Any = tempfile.TemporaryFile(dir=self.folder, buffering=0)  # noqa: SIM115
         except OSError as error:
             raise self._refusal(error) from error
+        weakref.finalize(self, self._file.close)
 
     def append(self, data: Values) -> int:
         """Write values behind all others and return where they begin.
