@@ -116,3 +116,14 @@ def test_without_fsspec_the_extra_is_named(memory, monkeypatch):
     monkeypatch.setitem(sys.modules, "fsspec", None)
     with pytest.raises(ReadError, match=r"vsalog\[remote\]"):
         read(memory)
+
+
+def test_results_of_an_address_are_named_after_its_log_and_lie_in_the_current_folder(tmp_path, monkeypatch):
+    remote._fetched.cache_clear()
+    sample = Path(__file__).parents[2] / "sample_logs" / "vsa2_exp1.mcap"
+    fsspec.filesystem("memory").pipe(f"/{tmp_path.name}/run.7.mcap", sample.read_bytes())
+    monkeypatch.chdir(tmp_path)
+    done = CliRunner().invoke(cli, ["estimate", f"memory://{tmp_path.name}/run.7.mcap"])
+    fsspec.filesystem("memory").rm(f"/{tmp_path.name}", recursive=True)
+    assert done.exit_code == 0, done.output
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["run.7.model.toml", "run.7.stiffness.parquet"]
