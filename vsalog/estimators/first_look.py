@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
 from vsalog.estimators.device import Device, TransmissionView, deflection_of
 from vsalog.estimators.tuning import Tuning
@@ -13,10 +14,13 @@ from vsalog.filters.savitzky_golay import savgol_weights
 from vsalog.resolution import step_of
 from vsalog.signals import JointSignals
 
+Array = NDArray[np.float64]
+
 # A window that was asked for and leaves less of the deflection's rate is told, as a part of its power.
 SMOOTHED = 0.8
-# A deflection that spans fewer of its encoders' steps has no course that a function could be fitted to.
-FEWEST_STEPS = 4.0
+# A deflection that spans fewer of its encoders' steps has no course that a function could be fitted to, unless both positions
+# pass so many steps that these even out.
+FEWEST_STEPS, EVENED_OUT = 4.0, 40.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -43,13 +47,20 @@ def first_look(device: Device, signals: JointSignals, tuning: Tuning) -> FirstLo
 
 
 def _span(view: TransmissionView, signals: JointSignals) -> float:
-    """Return how many steps a deflection spans; infinite where a sensor has none."""
-    steps = [step_of(signals.roles[role]) for role in view.deflection_roles(signals.roles)]
-    phi = deflection_of(signals.roles, view)
-    finite = phi[np.isfinite(phi)]
-    if not finite.size or any(step is None for step in steps):
+    """Return how many steps a deflection spans; infinite where a sensor has none, or steps even out."""
+    roles = view.deflection_roles(signals.roles)
+    steps = [step_of(signals.roles[role]) for role in roles]
+    if any(step is None for step in steps):
         return np.inf
-    return float(np.ptp(finite) / np.linalg.norm(np.array(steps, dtype=np.float64)))
+    passed = [_range(signals.roles[role]) / step for role, step in zip(roles, steps, strict=True) if step]
+    if len(roles) > 1 and min(passed) > EVENED_OUT:
+        return np.inf
+    return _range(deflection_of(signals.roles, view)) / float(np.linalg.norm(np.array(steps, dtype=np.float64)))
+
+
+def _range(x: Array) -> float:
+    finite = x[np.isfinite(x)]
+    return float(np.ptp(finite)) if finite.size else np.inf
 
 
 def _smoothed_away(device: Device, signals: JointSignals, tuning: Tuning) -> list[str]:

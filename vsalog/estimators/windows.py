@@ -62,19 +62,22 @@ def motor_window(device: Device, signals: JointSignals, tuning: T) -> T:
         return tuning
     part = most_moved(signals, [view.motor_position for view in device.transmissions])
     longest = signals.longest_run
-    found, sure = WINDOWS[0], np.zeros(len(device.transmissions))
-    for window in (w for w in WINDOWS if w == found or w <= PART_OF_RUN * longest):
+    found, anyhow, sure = None, None, np.zeros(len(device.transmissions))
+    for window in (w for w in WINDOWS if w == WINDOWS[0] or w <= PART_OF_RUN * longest):
         weights = savgol_weights(window, tuning.degree, 2, signals.period)
         rates, noises = rates_of(device, part, weights[:2])
+        quiet = all(_quiet(view, part, weights) for view in device.transmissions)
         if np.any(noises > LOUD * rates):
-            continue  # noise does not tell what motion a window would have to keep
+            # Noise does not tell what motion a window would have to keep.
+            anyhow = window if quiet and anyhow is None else anyhow
+            continue
         if np.any(rates**2 - noises**2 < sure):
             break
         # How large noise is, is known no better than to its own size.
         found, sure = window, np.maximum(sure, KEPT * (rates**2 - noises**2) - noises**2)
-        if all(_quiet(view, part, weights) for view in device.transmissions):
+        if quiet:
             break
-    return with_window(tuning, signals, found)
+    return with_window(tuning, signals, found or anyhow or WINDOWS[0])
 
 
 def most_moved(signals: JointSignals, roles: Collection[str]) -> JointSignals:

@@ -186,8 +186,7 @@ VSA2_TRUTH, VSA2_AFTER = "stiffness_total", 2.0
 
 
 TOO_SHORT = (
-    "for such encoders the default takes single steps for motion that a longer window would not keep: one step in 51 ms is a"
-    " speed of its own, and the residual takes B times that for torque; `--tune window=0.5` is below"
+    "with such encoders the deflection is no larger than a step or two, and the trace supports none of it (`excited` is false)"
 )
 
 
