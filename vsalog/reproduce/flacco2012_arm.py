@@ -24,7 +24,7 @@ CHOSEN = (
 REASON = (
     "the motors move slower than in the single joint (0.1–0.3 Hz), so their encoders' steps come one by one and are"
     " differentiated into torque; vsalog's default finds the windows that see past them (0.2 and 0.4 s), and with one of 0.05 s"
-    " its errors are as large. The square wave's jumps add the causal filter's lag"
+    " its errors are larger. The square wave's jumps add the causal filter's lag"
 )
 REMARK = (
     "no number is printed for the arm: the text finds it very similar to the single joint, whose Table 1 value this is"
