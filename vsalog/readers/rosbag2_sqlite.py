@@ -69,8 +69,8 @@ class SqliteContainer:
     def counts(self) -> Mapping[int, int]:
         """Return how many rows there are in all: no topic has more, and to count those of each would take long."""
         try:
-            (rows,) = self._database.execute("SELECT max(rowid) - min(rowid) + 1 FROM messages").fetchone()
-            return {number: max(int(rows or 0), CATALOGUE_MESSAGES) for number, *_ in self._topics()}
+            first, last = self._ends()
+            return {number: max(last - first + 1, CATALOGUE_MESSAGES) for number, *_ in self._topics()}
         except (*_DAMAGE, TypeError, ValueError):
             return {}
 
@@ -87,8 +87,8 @@ class SqliteContainer:
         """Yield some rows from all over the file; where rows cannot be read, none."""
         query = "SELECT topic_id, timestamp, data FROM messages WHERE rowid >= ? ORDER BY rowid LIMIT 32"
         try:
-            ends = self._database.execute("SELECT min(rowid), max(rowid) FROM messages").fetchone()
-            for row in np.linspace(ends[0] or 0, max((ends[1] or 0) - 31, 0), GLIMPSES).astype(np.int64).tolist():
+            first, last = self._ends()
+            for row in np.linspace(first, max(last - 31, first), GLIMPSES).astype(np.int64).tolist():
                 rows = [r for r in self._database.execute(query, (row,)) if r[0] in ids and type(r[2]) is bytes]
                 if rows and all(type(time) is int for _, time, _ in rows):
                     yield _packet(*map(list, zip(*rows, strict=True)))
@@ -171,6 +171,14 @@ class SqliteContainer:
             self._note(f"{plural(lost, 'row')} of the database cannot be read, the rest was")
         elif not only and last - first + 1 > count:
             self._note(f"{plural(last - first + 1 - count, 'row')} of the database missing between others")
+
+    def _ends(self) -> tuple[int, int]:
+        """Return the first and the last row number; asked for in one, all rows would be looked at."""
+        ends = (
+            self._database.execute(f"SELECT {which}(rowid) FROM messages").fetchone()[0] for which in ("min", "max")
+        )
+        first, last = (int(end or 0) for end in ends)
+        return first, last
 
     def _only(self, ids: Collection[int]) -> str:
         """Return the condition that chooses topics and times; no topics where all are wanted: strangers are to be seen."""
