@@ -9,6 +9,7 @@ import subprocess
 import sys
 import time
 from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
 
 import numpy as np
 import pyarrow.parquet as pq
@@ -120,6 +121,25 @@ def test_an_interrupt_while_results_are_written(name, tmp_path, monkeypatch, cap
         step = max(1, moments // MOMENTS)
         at = 1 if at is None else at + step
     assert (130, 0) in outcomes
+
+
+@pytest.mark.parametrize("name", ["estimate", "simulate"])
+def test_an_interrupt_between_one_file_and_the_next(name, tmp_path, monkeypatch, capsys):
+    """It waits until all are there."""
+    args, files = RUNS[name]
+    monkeypatch.chdir(tmp_path)
+    lay(tmp_path, rows=300)
+    (tmp_path / "out").mkdir()
+
+    def interrupted(path, target, replace=Path.replace):
+        replace(path, target)
+        signal.raise_signal(signal.SIGINT)
+
+    monkeypatch.setattr(Path, "replace", interrupted)
+    code, err = call(monkeypatch, capsys, *args)
+    assert code == 130, err
+    assert len(list((tmp_path / "out").iterdir())) == files
+    assert signal.getsignal(signal.SIGINT) is signal.default_int_handler
 
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
