@@ -68,6 +68,13 @@ def test_time_as_dates_with_gaps(tmp_path):
     assert any("1 row without a time" in note for note in recording.notes)
 
 
+def test_a_time_that_is_a_signalling_nan_is_none(tmp_path):
+    times = np.array([0.1, 0.2, 0.3, 0.4])
+    times[1:2] = np.frombuffer(b"\1\0\0\0\0\0\xf0\x7f")
+    recording = read(parquet(tmp_path, {"time [s]": pa.array(times), "x": pa.array([1.0, 2.0, 3.0, 4.0])}))
+    assert recording.channel("x").values.tolist() == [1, 3, 4]
+
+
 def test_a_trace_of_several_parts_is_several_streams(tmp_path):
     columns = {
         "stamp": pa.array(np.repeat(np.arange(3) * 1_000_000, 2)),
