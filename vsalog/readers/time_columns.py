@@ -296,9 +296,8 @@ def _scaled(array: pa.Array, digits: int) -> tuple[Stamps, NDArray[np.bool_]]:
         exact = _exact(trimmed(array), digits)
         if exact is not None:
             return exact
-    with np.errstate(
-        over="ignore"
-    ):  # nonsense becomes infinite, and no stamp; a NaN may be one that signals
+    # Nonsense becomes infinite, and no stamp; a NaN may be of the kind that signals.
+    with np.errstate(over="ignore", invalid="ignore"):
         values = _floats(array) * 10.0**digits
     good = np.isfinite(values) & (np.abs(values) < 2.0**63)
     return np.rint(np.where(good, values, 0.0)).astype(np.int64), good
