@@ -68,6 +68,7 @@ def test_time_as_dates_with_gaps(tmp_path):
     assert any("1 row without a time" in note for note in recording.notes)
 
 
+@pytest.mark.filterwarnings("error")
 def test_a_time_that_is_a_signalling_nan_is_none(tmp_path):
     times = np.array([0.1, 0.2, 0.3, 0.4])
     times[1:2] = np.frombuffer(b"\1\0\0\0\0\0\xf0\x7f")
