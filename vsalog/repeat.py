@@ -11,6 +11,7 @@ import pyarrow.parquet as pq
 
 from vsalog.errors import ReadError
 from vsalog.job import Options, sha256
+from vsalog.readers.opened import for_arrow
 from vsalog.rig import Rig
 
 
@@ -30,7 +31,7 @@ def repeated(result: Path, logs: Sequence[Path] = ()) -> tuple[tuple[Path, ...],
         The rig in it does not load.
     """
     try:
-        metadata = pq.read_schema(result).metadata or {}
+        metadata = pq.read_schema(for_arrow(result)).metadata or {}
     except OSError as error:
         raise ReadError(f"{result}: cannot be read: {error.strerror or error}") from error
     except pa.ArrowInvalid as error:

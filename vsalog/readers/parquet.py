@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from vsalog.errors import ReadError
 from vsalog.readers.base import NO_TIME, Block, Catalogue, ChannelInfo, first_of_each, plural
 from vsalog.readers.headers import printable_cell, unique_names
+from vsalog.readers.opened import for_arrow
 from vsalog.readers.row_clock import ROW_NOTE, row_clock
 from vsalog.readers.time_columns import find_clocks, nanoseconds
 from vsalog.readers.time_dates import in_nanoseconds
@@ -53,7 +54,7 @@ class ParquetReader:
         self.notes: list[str] = []
         self.unread: dict[str, str] = {}
         try:
-            self._file = pq.ParquetFile(path, page_checksum_verification=True)
+            self._file = pq.ParquetFile(for_arrow(path), page_checksum_verification=True)
             sample = self._sample()
         except (pa.ArrowException, OSError) as error:
             raise ReadError(f"{path}: the Parquet file cannot be read: {error}") from error

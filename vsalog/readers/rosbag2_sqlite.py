@@ -9,7 +9,6 @@ from collections.abc import Collection, Iterator, Mapping, Sequence
 from itertools import islice
 from pathlib import Path
 from typing import Any
-from urllib.parse import quote
 
 import numpy as np
 
@@ -18,6 +17,7 @@ from vsalog.readers.bag import CATALOGUE_MESSAGES, Connection
 from vsalog.readers.base import plural
 from vsalog.readers.chunk_index import GLIMPSES, Needed, Part
 from vsalog.readers.compression import MAX_BYTES
+from vsalog.readers.opened import for_sqlite
 from vsalog.readers.packets import PACKED, PACKED_BYTES, Messages, Packet
 
 SQLITE_MAGIC = b"SQLite format 3\0"
@@ -229,7 +229,7 @@ class SqliteContainer:
 
     def _checked(self, path: Path) -> sqlite3.Connection:
         """Open a database for reading only and see that it holds a bag."""
-        database = sqlite3.connect(f"file:{quote(str(path.absolute()))}?mode=ro", uri=True)
+        database = sqlite3.connect(f"{for_sqlite(path)}?mode=ro", uri=True)
         database.text_factory = lambda raw: raw.decode("utf-8", "replace")
         database.setlimit(sqlite3.SQLITE_LIMIT_LENGTH, MAX_BYTES)
         try:

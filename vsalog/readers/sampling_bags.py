@@ -10,12 +10,12 @@ from collections.abc import Iterator, Sequence
 from contextlib import closing
 from pathlib import Path
 from typing import BinaryIO
-from urllib.parse import quote
 
 import numpy as np
 from rosbags.rosbag1.reader import Header, ReaderError, RecordType
 
 from vsalog.readers.layout import printable
+from vsalog.readers.opened import for_sqlite
 from vsalog.readers.sampling import STRETCHES, Cut, Piece, chosen_pieces, copy_pieces
 from vsalog.readers.sampling_mcap import MAGIC as MCAP_MAGIC
 from vsalog.readers.sampling_mcap import cut_mcap
@@ -61,8 +61,8 @@ def cut_sqlite(source: Path, target: Path, budget: int) -> Cut | None:
         if file.read(len(_SQLITE)) != _SQLITE:
             return None  # compressed as a whole
     try:
-        with closing(sqlite3.connect(f"file:{quote(str(target))}", uri=True)) as database:
-            database.execute("ATTACH ? AS log", (f"file:{quote(str(source.absolute()))}?mode=ro",))
+        with closing(sqlite3.connect(for_sqlite(target), uri=True)) as database:
+            database.execute("ATTACH ? AS log", (f"{for_sqlite(source)}?mode=ro",))
             for (table,) in database.execute("SELECT name FROM log.sqlite_master WHERE type = 'table'").fetchall():
                 if table in ("topics", "message_definitions"):
                     database.execute(f"CREATE TABLE {table} AS SELECT * FROM log.{table}")

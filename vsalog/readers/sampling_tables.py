@@ -9,6 +9,7 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
 
+from vsalog.readers.opened import for_arrow
 from vsalog.readers.sampling import STRETCHES, Cut, Piece, chosen_pieces, copy_pieces
 from vsalog.readers.table import TableReader
 from vsalog.readers.text_source import open_text, read_beginning
@@ -19,7 +20,7 @@ _LONGEST_LINE = 2**20
 def cut_parquet(source: Path, target: Path, budget: int) -> Cut | None:
     """Cut stretches of row groups out of a Parquet file. See `sampling.Cutter`."""
     try:
-        with pq.ParquetFile(source) as file:
+        with pq.ParquetFile(for_arrow(source)) as file:
             groups = [file.metadata.row_group(i) for i in range(file.num_row_groups)]
             sizes = [sum(group.column(i).total_compressed_size for i in range(group.num_columns)) for group in groups]
             pieces, stretches = (
@@ -27,7 +28,7 @@ def cut_parquet(source: Path, target: Path, budget: int) -> Cut | None:
             )
             if not pieces:
                 return None
-            with pq.ParquetWriter(target, file.schema_arrow) as writer:
+            with target.open("wb") as part, pq.ParquetWriter(part, file.schema_arrow) as writer:
                 for piece in pieces:
                     writer.write_table(file.read_row_group(piece.position))
             totals = {source.stem: file.metadata.num_rows}

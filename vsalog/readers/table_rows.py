@@ -14,6 +14,7 @@ import pyarrow.csv as pacsv
 from vsalog.errors import ReadError
 from vsalog.readers.base import plural
 from vsalog.readers.headers import printable_cell
+from vsalog.readers.opened import is_text
 from vsalog.readers.table_dialect import Dialect
 from vsalog.readers.table_text import WHITESPACE, is_comment
 from vsalog.readers.text_source import BoundedGzip, TextSource, open_text
@@ -81,7 +82,7 @@ class Rows:
         source: Any = text
         if plain:
             # Arrow reads ahead in a thread of its own. It must not need the interpreter, which may be gone by then at exit.
-            source = pa.memory_map(str(self._path)) if _arrow_can_open(self._path) else file
+            source = pa.memory_map(str(self._path)) if is_text(self._path) else file
         return pacsv.open_csv(
             source,
             read_options=pacsv.ReadOptions(
@@ -172,12 +173,3 @@ def pointed(cells: pa.Array, dialect: Dialect) -> pa.Array:
         apart = pc.fill_null(pc.match_substring_regex(cells, _GROUPED[dialect.grouping]), False)
         cells = pc.if_else(apart, pc.replace_substring(cells, dialect.grouping, ""), cells)
     return pc.replace_substring(cells, ",", ".") if dialect.decimal_comma else cells
-
-
-def _arrow_can_open(path: Path) -> bool:
-    """Tell whether a path is one that Arrow can be given: file names may hold bytes that are no text."""
-    try:
-        str(path).encode("utf-8")
-    except UnicodeEncodeError:
-        return False
-    return True

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from vsalog.estimation import JointEstimate
 from vsalog.job import Job
+from vsalog.readers.opened import for_arrow
 from vsalog.reports.page import Part, Section, assembled, columns_for, joint_charts, provenance
 from vsalog.reports.page_tables import motor_table, summary_table, warnings_box
 from vsalog.reports.page_text import escaped, name
@@ -86,20 +87,20 @@ class TraceColumns:
 
     def __init__(self, trace: Path, joint: str, every: int = 1) -> None:
         self.trace, self.joint, self.every = trace, joint, every
-        self.known = tuple(pq.read_schema(trace).names)
+        self.known = tuple(pq.read_schema(for_arrow(trace)).names)
 
     def of(self, transmission: str, column: str) -> Array:
         """Return a column of a transmission, shape (N,), NaN where it is null."""
         if self.every > 1:
             return self._some_of(transmission, column)
         wanted = [("joint", "==", self.joint), ("transmission", "==", transmission)]
-        values = pq.read_table(self.trace, columns=[column], filters=wanted)[column]
+        values = pq.read_table(for_arrow(self.trace), columns=[column], filters=wanted)[column]
         return np.asarray(pc.cast(values, "float64").to_numpy(), dtype=np.float64)
 
     def _some_of(self, transmission: str, column: str) -> Array:
         """Read a part of the file after the other, and keep every so many rows."""
         found, skip = [], 0
-        with pq.ParquetFile(self.trace) as file:
+        with pq.ParquetFile(for_arrow(self.trace)) as file:
             for batch in file.iter_batches(columns=[column, "joint", "transmission"]):
                 own = pc.and_(
                     pc.equal(batch["joint"].cast("string"), self.joint),
