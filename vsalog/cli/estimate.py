@@ -45,7 +45,7 @@ from vsalog.cli.pairs import pairs
     "--mcap",
     type=click.Path(path_type=Path),
     metavar="FILE",
-    help="Write the trace as an MCAP log too, for Foxglove or PlotJuggler.",
+    help="Write the trace as an MCAP log too, for Foxglove or PlotJuggler; not of logs that are too long for memory.",
 )
 @click.option(
     "--report",
