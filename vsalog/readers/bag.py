@@ -13,13 +13,12 @@ from vsalog.errors import ReadError
 from vsalog.readers.base import BLOCK_ROWS, Block, Catalogue, ChannelInfo, plural
 from vsalog.readers.chunk_index import IndexContradictsError, Needed, Part
 from vsalog.readers.compression import DamagedDataError, decompress_message, unfolded_size
-from vsalog.readers.definitions import DefinitionError, normal_type, parse_definition
+from vsalog.readers.decoders import decoder_of
+from vsalog.readers.definitions import DefinitionError, normal_type
 from vsalog.readers.delays import LEAST_BYTES, Delays, Promise
-from vsalog.readers.json_messages import JsonDecoder
 from vsalog.readers.layout import printable
-from vsalog.readers.messages import Decoder, RosDecoder
+from vsalog.readers.messages import Decoder
 from vsalog.readers.packets import Integers, Messages, Packet
-from vsalog.readers.protobuf_messages import ProtobufDecoder
 from vsalog.recording import Stamps, Values
 
 BLOCK_BYTES = 16 * 2**20
@@ -278,7 +277,7 @@ class BagReader:
                 )
             if key not in shared:
                 try:
-                    decoder = _decoder(connection, stream, wanted)
+                    decoder = decoder_of(connection, stream, wanted)
                 except DefinitionError as error:
                     self.unread.setdefault(stream, str(error))
                     continue
@@ -420,24 +419,3 @@ def _stated_units(batch: _Batch, columns: Collection[str]) -> dict[str, str]:
             same = (column for column in columns if column == name or column.startswith((name + "[", name + ".")))
             units.update(dict.fromkeys(same, printable(unit)))
     return units
-
-
-def _decoder(connection: Connection, stream: str, wanted: frozenset[str] | None) -> Decoder:
-    """Return what decodes a connection's messages.
-
-    Raises
-    ------
-    DefinitionError
-        Nothing does; its text says why.
-    """
-    if connection.encoding == "json":
-        return JsonDecoder(stream, wanted)
-    if connection.encoding == connection.language == "protobuf":
-        return ProtobufDecoder(connection.type, connection.definition.encode("latin-1"), stream, wanted)
-    if connection.encoding not in ("cdr", "ros1"):
-        raise DefinitionError(f"messages encoded as '{printable(connection.encoding)}' are not supported")
-    if connection.definition.strip() and connection.language not in ("msg", "idl"):
-        raise DefinitionError("its definition is in a language that is not supported")
-    ros1 = connection.encoding == "ros1"
-    root = parse_definition(connection.type, connection.definition, connection.language, ros1)
-    return RosDecoder(root, not ros1, stream, wanted)

@@ -1,0 +1,35 @@
+"""Which decoder a connection's messages need."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from vsalog.readers.definitions import DefinitionError, parse_definition
+from vsalog.readers.json_messages import JsonDecoder
+from vsalog.readers.layout import printable
+from vsalog.readers.messages import Decoder, RosDecoder
+from vsalog.readers.protobuf_messages import ProtobufDecoder
+
+if TYPE_CHECKING:
+    from vsalog.readers.bag import Connection
+
+
+def decoder_of(connection: Connection, stream: str, wanted: frozenset[str] | None) -> Decoder:
+    """Return what decodes a connection's messages.
+
+    Raises
+    ------
+    DefinitionError
+        Nothing does; its text says why.
+    """
+    if connection.encoding == "json":
+        return JsonDecoder(stream, wanted)
+    if connection.encoding == connection.language == "protobuf":
+        return ProtobufDecoder(connection.type, connection.definition.encode("latin-1"), stream, wanted)
+    if connection.encoding not in ("cdr", "ros1"):
+        raise DefinitionError(f"messages encoded as '{printable(connection.encoding)}' are not supported")
+    if connection.definition.strip() and connection.language not in ("msg", "idl"):
+        raise DefinitionError("its definition is in a language that is not supported")
+    ros1 = connection.encoding == "ros1"
+    root = parse_definition(connection.type, connection.definition, connection.language, ros1)
+    return RosDecoder(root, not ros1, stream, wanted)
