@@ -222,6 +222,20 @@ def test_damage_is_no_crash_and_no_wrong_value(tmp_path, write):
     assert most > 30  # of which a part was damaged, and the rest read
 
 
+def test_pages_that_are_no_longer_taken_for_some_are_missed(tmp_path, monkeypatch):
+    path = parquet(tmp_path, {"time [s]": pa.array(np.arange(30.0)), "x": pa.array(np.arange(30.0))}, row_group_size=10)
+    own = pq.ParquetFile.iter_batches
+    monkeypatch.setattr(pq.ParquetFile, "iter_batches", lambda *a, **k: (batch[:8] for batch in own(*a, **k)))
+    assert "6 rows of those that the file counts were not found" in read(path).notes
+
+
+def test_a_name_that_is_no_text_is_refused(tmp_path):
+    path = parquet(tmp_path, {"time [s]": pa.array([0.0, 1.0]), "xyz": pa.array([1.0, 2.0])}, store_schema=False)
+    path.write_bytes(path.read_bytes().replace(b"xyz", b"\xd6\xd6\xd6"))
+    with pytest.raises(ReadError, match="cannot be read"):
+        read(path)
+
+
 def test_a_damaged_row_group_moves_no_row(tmp_path):
     path = tmp_path / "log"
     pq.write_table(

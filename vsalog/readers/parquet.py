@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from vsalog.errors import ReadError
 from vsalog.readers.base import NO_TIME, Block, Catalogue, ChannelInfo, first_of_each, plural
+from vsalog.readers.compression import MAX_BYTES, MAX_RATIO
 from vsalog.readers.headers import printable_cell, unique_names
 from vsalog.readers.opened import for_arrow
 from vsalog.readers.row_clock import ROW_NOTE, row_clock
@@ -55,8 +56,9 @@ class ParquetReader:
         self.unread: dict[str, str] = {}
         try:
             self._file = pq.ParquetFile(for_arrow(path), page_checksum_verification=True)
+            self._refuse_bombs()
             sample = self._sample()
-        except (pa.ArrowException, OSError) as error:
+        except (pa.ArrowException, OSError, UnicodeError) as error:  # a column's name may have become no text
             raise ReadError(f"{path}: the Parquet file cannot be read: {error}") from error
         schema = self._file.schema_arrow
         pairs = [split_header(name) for name in schema.names]
@@ -77,6 +79,26 @@ class ParquetReader:
         self._streams = [_text(field.metadata, STREAM) or path.stem for field in schema]
         # A trace carries the rig of the log that it was estimated from, whose channels it does not have.
         self.rig_text = None if self._keys else _text(schema.metadata, RIG)
+
+    def _refuse_bombs(self) -> None:
+        """Refuse a file that would take far more memory than any recording: Arrow decompresses a page as a whole.
+
+        Raises
+        ------
+        ReadError
+            A column announces more than `MAX_BYTES` in a row group, and more than `MAX_RATIO` times what it takes.
+        """
+        for number in range(self._file.num_row_groups):
+            group = self._file.metadata.row_group(number)
+            if group.total_byte_size <= MAX_BYTES:
+                continue
+            for column in map(group.column, range(group.num_columns)):
+                if column.total_uncompressed_size > max(MAX_BYTES, MAX_RATIO * column.total_compressed_size):
+                    raise ReadError(
+                        f"{self.path}: column '{printable_cell(column.path_in_schema)}' announces"
+                        f" {column.total_uncompressed_size} bytes out of {column.total_compressed_size}: no recording is"
+                        " compressed so much"
+                    )
 
     def _sample(self) -> pa.RecordBatch | None:
         """Return the first rows that can be read, None where there are no rows.
@@ -142,7 +164,7 @@ class ParquetReader:
             No row group can be read.
         """
         groups, damage = self._file.num_row_groups, list[str]()
-        begin = 0
+        begin = missing = 0
         for group in range(groups):
             row, begin = begin, begin + self._file.metadata.row_group(group).num_rows
             try:
@@ -151,10 +173,15 @@ class ParquetReader:
                     row += batch.num_rows
             except (pa.ArrowException, OSError) as error:
                 damage.append(printable_cell(str(error)))
+            else:
+                missing += begin - row  # where a page has become one of a kind that is passed by
         if damage and len(damage) == groups:
             raise ReadError(f"{self.path}: the Parquet file is damaged: {damage[0]}")
         if damage:
             note = f"{len(damage)} of {plural(groups, 'row group')} damaged, the rest was read ({damage[0]})"
+            self.notes += [note] if note not in self.notes else []
+        if missing > 0:
+            note = f"{plural(missing, 'row')} of those that the file counts were not found"
             self.notes += [note] if note not in self.notes else []
 
     def _block(
