@@ -10,9 +10,12 @@ import struct
 import subprocess
 import sys
 import zlib
+from io import BytesIO
 
 import lz4.frame
 import numpy as np
+import pyarrow as pa
+import pyarrow.parquet as pq
 import pytest
 import zstandard
 from random_messages import STORES
@@ -153,6 +156,14 @@ def empty_parts():
     return log.bytes()
 
 
+def large_page():
+    """A table of one cell, which Arrow would decompress as a whole whether it is a signal or not."""
+    file = BytesIO()
+    cell = pa.array([bytes(300 * 2**20)], pa.binary())
+    pq.write_table(pa.table({"time": [0.0], "x": [1.0], "b": cell}), file, compression="zstd", use_dictionary=False)
+    return file.getvalue()
+
+
 RULE = "=" * 80 + "\nMSG: a/"
 TYPES = "".join(f"{RULE}T{i}\nT{i + 1} x\nT{i + 1} y\n" for i in range(1, 40)) + f"{RULE}T40\n"
 CHAIN = "".join(f"{RULE}T{i}\nT{i + 1} x\n" for i in range(300)) + f"{RULE}T300\nfloat64 x\n"
@@ -171,6 +182,7 @@ BOMBS = {
     "images": (large_messages, "array of 12582912 values"),
     "whole": (lambda: zeros(zstandard.ZstdCompressor().compressobj(), 128), "refused.*grows more than 1000 times"),
     "empty-parts": (empty_parts, "larger than 8 MiB"),
+    "parquet-page": (large_page, "refused.*compressed so much"),
     "recursive": (lambda: defined("T t"), "contains itself"),
     "doubling": (lambda: defined("T1 x\nT1 y\n" + TYPES), "no message fits"),
     "long": (lambda: defined("".join(f"float64 x{i}\n" for i in range(100_000))), "so many are not read"),
