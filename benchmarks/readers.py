@@ -259,7 +259,7 @@ def told(ending: str, seconds: dict[str, float], peak: int) -> bool:
     ratio = seconds["rosbags"] / own
     good = ratio >= TARGETS[ending] and peak <= MEMORY
     line = (
-        f"{ending:7}vsalog {own:6.2f} s, {peak / 2**20:5.0f} MiB; rosbags {seconds['rosbags']:6.2f} s: {ratio:5.1f} x"
+        f"{ending:9}vsalog {own:6.2f} s, {peak / 2**20:5.0f} MiB; rosbags {seconds['rosbags']:6.2f} s: {ratio:5.1f} x"
     )
     if "rerun" in seconds:
         good &= seconds["rerun"] / own >= RERUN
