@@ -12,6 +12,7 @@ import sys
 import zlib
 from io import BytesIO
 
+import h5py
 import lz4.frame
 import numpy as np
 import pyarrow as pa
@@ -156,6 +157,16 @@ def empty_parts():
     return log.bytes()
 
 
+def large_chunk():
+    """A part of a MATLAB v7.3 variable that should be 2400 bytes."""
+    file = BytesIO()
+    with h5py.File(file, "w", userblock_size=512) as target:
+        data = target.create_dataset("x", shape=(1, 300), dtype="f8", chunks=(1, 300), compression="gzip")
+        data.attrs["MATLAB_class"] = np.bytes_("double")
+        data.id.write_direct_chunk((0, 0), zeros(zlib.compressobj(), 300))
+    return b"MATLAB 7.3 MAT-file".ljust(124) + b"\0\2IM" + file.getvalue()[128:]
+
+
 def large_page():
     """A table of one cell, which Arrow would decompress as a whole whether it is a signal or not."""
     file = BytesIO()
@@ -182,6 +193,7 @@ BOMBS = {
     "images": (large_messages, "array of 12582912 values"),
     "whole": (lambda: zeros(zstandard.ZstdCompressor().compressobj(), 128), "refused.*grows more than 1000 times"),
     "empty-parts": (empty_parts, "larger than 8 MiB"),
+    "matlab-chunk": (large_chunk, "refused.*larger than it should"),
     "parquet-page": (large_page, "refused.*compressed so much"),
     "recursive": (lambda: defined("T t"), "contains itself"),
     "doubling": (lambda: defined("T1 x\nT1 y\n" + TYPES), "no message fits"),

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import zlib
+from contextlib import suppress
+from math import prod
 from pathlib import Path
 from typing import Any
 
@@ -25,6 +28,8 @@ _TYPES = {
     },
 }
 """MATLAB's classes of numbers; in these old layouts nothing else vouches for what describes the numbers."""
+_GROWTH = 1032
+"""How many times larger zlib can make anything."""
 _OWN = "#"
 """MATLAB's own groups: what references point to, and its objects."""
 
@@ -125,4 +130,32 @@ class _Walk:
         if node.nbytes > self._allowed:
             raise ValueError(f"it announces {node.nbytes} bytes: no recording is compressed so much")
         self._allowed -= node.nbytes
+        if node.chunks is not None:
+            self._refuse_bombs(node)
         return np.asarray(node[()])
+
+    def _refuse_bombs(self, node: Any) -> None:
+        """Refuse chunks that become larger than they should: HDF5's library decompresses whatever there is.
+
+        Raises
+        ------
+        ValueError
+            A chunk does, or is not compressed as MATLAB does it.
+        """
+        kinds, plan = self._h5py.h5z, node.id.get_create_plist()
+        filters = [plan.get_filter(i)[0] for i in range(plan.get_nfilters())]
+        known = (kinds.FILTER_DEFLATE, kinds.FILTER_SHUFFLE, kinds.FILTER_FLETCHER32)
+        if not set(filters) <= set(known) or len(set(filters)) < len(filters):
+            raise ValueError("it is not compressed as MATLAB does it")
+        size = prod(node.chunks) * node.dtype.itemsize
+        if size > MAX_BYTES:
+            raise ValueError(f"its parts announce {size} bytes each: no recording has such")
+        if kinds.FILTER_DEFLATE not in filters or _GROWTH * node.id.get_storage_size() <= MAX_BYTES:
+            return
+        large: list[Any] = []
+        node.id.chunk_iter(lambda chunk: large.append(chunk) if _GROWTH * chunk.size > MAX_BYTES else None)
+        for chunk in large:
+            _, raw = node.id.read_direct_chunk(chunk.chunk_offset)
+            with suppress(zlib.error):  # the library will say so
+                if len(zlib.decompressobj().decompress(raw, size + 1)) > size:
+                    raise ValueError("a part of it becomes larger than it should when it is decompressed")
