@@ -34,7 +34,7 @@ def main() -> int:
     runs = [(t, False, 1 / (1 + (t in COMPILED))) for t in chosen] + [(t, True, 0.5) for t in chosen if t in COMPILED]
     for target, compiled, share in runs:
         spend(target, compiled, asked.seconds * share / len(chosen), asked.folder)
-    found = sorted((asked.folder / "findings").glob("*.txt")) + sorted((asked.folder / "findings").glob("*-*-*"))
+    found = sorted((asked.folder / "findings").iterdir())
     for path in found:
         print(path)
     return 1 if found else 0
