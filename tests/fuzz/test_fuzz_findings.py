@@ -77,7 +77,7 @@ def test_numbers_whose_squares_are_infinite(tmp_path, value):
         inspected(read(path))
 
 
-@pytest.mark.parametrize("word", ["9e999999", "-9e999999", "\udcbe", "1\x00", "nan", "inf", "1e19"])
+@pytest.mark.parametrize("word", ["9e999999", "-9e999999", "\udcbe", "1\x00", "nan", "sNaN", "inf", "1e19"])
 def test_moments_that_are_none(word):
     with pytest.raises(ReadError, match="is no time"):
         Moment.parse(word, "start")

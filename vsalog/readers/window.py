@@ -66,6 +66,8 @@ class Moment:
             return _dated(text) or _with_unit(text, name)
         if abs(number.adjusted()) > _MOST_DIGITS:
             number = Decimal("inf") if number.adjusted() > 0 else Decimal(0)
+        if number.is_snan():
+            number = Decimal("nan")  # the other kind refuses to be multiplied
         unit = epoch_unit(abs(float(number))) if number.is_finite() else None
         scale = Decimal(10) ** {"s": 9, "ms": 6, "us": 3, "ns": 0}[unit or "s"]
         return cls(_whole(number * scale, text, name), unit is not None)
