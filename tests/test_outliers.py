@@ -144,8 +144,9 @@ NOISES = {
 
 
 @settings(max_examples=150)
-@given(st.sampled_from(sorted(NOISES)), st.integers(100, 6000), st.integers(0, 2**31), st.floats(1e-6, 1e6))
+@given(st.sampled_from(sorted(NOISES)), st.integers(300, 6000), st.integers(0, 2**31), st.floats(1e-6, 1e6))
 def test_pure_noise_stays(kind, n, seed, scale):
+    """Of enough samples: by chance two levels may come as three samples in a hundred, which nobody could tell from wrong ones."""
     assert indices(scale * NOISES[kind](np.random.default_rng(seed), n)) == []
 
 

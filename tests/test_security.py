@@ -91,6 +91,7 @@ found, watching = [], [False]
 SENT = ("socket.connect", "socket.bind", "socket.getaddrinfo", "urllib.Request", "ftplib.connect", "smtplib.connect")
 RUN = ("subprocess.Popen", "os.system", "os.exec", "os.posix_spawn", "os.fork", "os.forkpty", "pty.spawn", "pickle.find_class",
        "marshal.loads", "code.__new__", "ctypes.dlopen", "sqlite3.enable_load_extension", "sqlite3.load_extension")
+AT = ("os.remove", "os.rmdir")  # whose last argument is the folder that a name is relative to
 CHANGED = ("os.remove", "os.rename", "os.rmdir", "os.mkdir", "os.chmod", "os.link", "os.symlink", "os.truncate", "shutil.move")
 
 def hook(event, args):
@@ -102,7 +103,8 @@ def hook(event, args):
         if writes and not path.startswith(allowed) and "__pycache__" not in path:
             found.append([event, path])
     elif event in CHANGED and isinstance(args[0], (str, bytes)):
-        path = os.path.realpath(os.fsdecode(args[0]))
+        beside = f"/proc/self/fd/{args[-1]}" if isinstance(args[-1], int) and args[-1] >= 0 and event in AT else ""
+        path = os.path.realpath(os.path.join(beside, os.fsdecode(args[0])))
         if not path.startswith(allowed) and "__pycache__" not in path:
             found.append([event, path])
     elif event in SENT + RUN:

@@ -10,7 +10,7 @@ import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
-from vsalog.errors import EstimatorError, VsalogError
+from vsalog.errors import BindingError, EstimatorError, FilterError, VsalogError
 from vsalog.estimation import PAPER, PRESET, JointEstimate, no_preset
 from vsalog.estimators import method
 from vsalog.estimators.tuning import read_tuning
@@ -39,6 +39,7 @@ USUAL = (
     "impedance-coupled",
     "grioli-bicchi",
     "grioli-parametric",
+    "acceleration-observer",
     "pam-ukf",
     "pam-model",
 )
@@ -163,7 +164,7 @@ def compare(
             job = prepare(logs, chosen, progress)
             progress(f"estimating by {contender.label}")
             runs.append(Run(contender, job, job.run()))
-        except EstimatorError as error:
+        except (BindingError, EstimatorError, FilterError) as error:
             left_out[contender.label] = str(error)
     if not runs:
         # Of the usual ones the first's reason tells enough.

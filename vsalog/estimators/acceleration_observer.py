@@ -314,7 +314,13 @@ class AccelerationFold:
         for k, frequency in enumerate(choices):
             observer = self._observer(member.motor, float(frequency))
             noise[k] = error_variances(observer, np.zeros(4), 1)[-1, :3, 4] @ inputs**2
-        return float(choices[np.flatnonzero(noise <= NOISE_WORTH**2 * noise.min())[0]])
+        worth = np.flatnonzero(noise <= NOISE_WORTH**2 * noise.min())
+        if not worth.size:
+            raise EstimatorError(
+                f"joint '{self.device.joint}': with this tuning no observer's noise can be told; leave out damping and"
+                " reach, or bring them nearer to what they are by default"
+            )
+        return float(choices[worth[0]])
 
     def _variances(self, signals: JointSignals) -> Array:
         """Return the variances of this joint's observer since its start, see `error_variances`."""

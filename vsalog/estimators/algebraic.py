@@ -22,14 +22,16 @@ from numpy.typing import NDArray
 
 from vsalog.basis import PolynomialBasis
 from vsalog.errors import EstimatorError, FilterError
+from vsalog.estimators.bend import Bend, bend_of_filters
 from vsalog.estimators.device import Device, TransmissionView, deflection_of
 from vsalog.estimators.equations import OfOneTransmission, regressors
+from vsalog.estimators.first_look import first_look
 from vsalog.estimators.known import Known, conditioner_of, known_of
 from vsalog.estimators.needs import deflection_roles, require
 from vsalog.estimators.regression import EquationRows, RegressionFold
-from vsalog.estimators.solvers import RlsSolver
+from vsalog.estimators.solvers import WINDOWS, RlsSolver, least_samples
 from vsalog.estimators.tuning import Positive, RlsTuning
-from vsalog.filters.conditioning import Conditioned
+from vsalog.filters.conditioning import Conditioned, Conditioner
 from vsalog.signals import JointSignals
 
 Array = NDArray[np.float64]
@@ -82,10 +84,12 @@ def build(device: Device, signals: JointSignals, tuning: AlgebraicTuning) -> Reg
     taps = round(tuning.span / signals.period) + 1
     _check_span(signals, tuning.span, taps)
     weights = fir_weights(taps, signals.period)
-    equations = tuple(_equation(device, view, signals, tuning, weights) for view in device.transmissions)
-    solver = RlsSolver(tuning.initial_covariance(device, signals, 0.01), tuning.c)
+    look = first_look(device, signals, tuning)
     conditioner = conditioner_of(device, signals, tuning, roles(device, signals.roles, tuning), motor=True)
-    return RegressionFold(NAME, "RESIDUAL", device, conditioner, equations, solver)
+    equations = tuple(_equation(device, view, signals, tuning, weights, conditioner) for view in device.transmissions)
+    least = least_samples(conditioner) + WINDOWS * taps
+    solver = RlsSolver(tuning.initial_covariance(device, signals, 0.01), tuning.c, least)
+    return RegressionFold(NAME, "RESIDUAL", device, conditioner, equations, solver, look=look)
 
 
 def fir_weights(taps: int, period: float) -> Array:
@@ -121,7 +125,12 @@ def _check_span(signals: JointSignals, span: float, taps: int) -> None:
 
 
 def _equation(
-    device: Device, view: TransmissionView, signals: JointSignals, tuning: AlgebraicTuning, weights: Array
+    device: Device,
+    view: TransmissionView,
+    signals: JointSignals,
+    tuning: AlgebraicTuning,
+    weights: Array,
+    conditioner: Conditioner,
 ) -> AlgebraicEquation:
     inertia = view.motor.reflected_inertia
     if inertia is None:
@@ -131,7 +140,13 @@ def _equation(
             " use --estimator qr-rls, which estimates it"
         )
     known = known_of(device, view, signals, tuning, view.motor_torque, motor=True)
-    return AlgebraicEquation(view, device.basis, inertia, view.motor.reflected_damping, weights, known)
+    damping = view.motor.reflected_damping
+    bends: tuple[Bend, ...] = ()
+    if conditioner.kind != "kinematic":
+        before = conditioner.weights[0]
+        both = np.convolve(before, weights[0]), np.convolve(before, inertia * weights[2] + damping * weights[1])
+        bends = (bend_of_filters(signals, view, *both),)
+    return AlgebraicEquation(view, device.basis, inertia, damping, weights, known, bends)
 
 
 @dataclass(frozen=True, slots=True)
@@ -147,6 +162,7 @@ class AlgebraicEquation(OfOneTransmission):
     damping: float
     weights: Array
     known: Known | None = None
+    bends: tuple[Bend, ...] = ()
 
     leading: ClassVar[int] = 0
     parameters: ClassVar[tuple[str, ...]] = ()
@@ -189,6 +205,7 @@ class AlgebraicEquation(OfOneTransmission):
             {self.view.name: np.full_like(y, np.nan)},
             {self.view.name: {"residual": y}},
             doubted=doubted,
+            bends=self.bends,
         )
         return (joined[joined.shape[0] - held.shape[0] :].copy(), origin, after), rows
 

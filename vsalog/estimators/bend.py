@@ -84,6 +84,20 @@ def bend_of_residual(
     return Bend(_own(signals, view, conditioner, seen), abs(shared))
 
 
+def bend_of_filters(signals: JointSignals, view: TransmissionView, seen: Array, torque: Array) -> Bend:
+    """Return what bends a fit whose regressors and torque come out of other filters.
+
+    Parameters
+    ----------
+    seen : weights of the filter that the regressors pass
+    torque : weights of the filter that makes a torque of the motor's position, as many
+    """
+    roles = view.deflection_roles(signals.roles)
+    errors = {role: sensor_error(signals.roles[role][:ENOUGH], seen.size) for role in roles}
+    shared = abs(errors[view.motor_position].product(seen, torque)) if view.motor_position in errors else 0.0
+    return Bend(sum(error.product(seen, seen) for error in errors.values()), shared)
+
+
 def bent_block(
     state: Array, slopes: Array, bends: Sequence[Bend], unknowns: Array, use: Flags, discount: float
 ) -> tuple[Array, Array]:

@@ -19,6 +19,7 @@ from vsalog.estimators.regression import RegressionFold, Solver
 from vsalog.estimators.residual_rls import sensor_equations, sensor_role
 from vsalog.estimators.solvers import QrSolver, RlsSolver, least_samples
 from vsalog.estimators.tuning import RlsTuning
+from vsalog.estimators.windows import keeping_window
 from vsalog.signals import JointSignals
 
 # Of a prior covariance; the product of two small numbers must not become zero.
@@ -58,6 +59,8 @@ def roles(device: Device, offered: Collection[str], tuning: DirectTuning) -> tup
 
 def build(device: Device, signals: JointSignals, tuning: DirectTuning) -> RegressionFold:
     """Assemble the estimator for a joint's signals."""
+    look = first_look(device, signals, tuning)
+    tuning = keeping_window(device, signals, tuning, tuning.default_window)
     needed = roles(device, signals.roles, tuning)
     conditioner = conditioner_of(device, signals, tuning, needed, motor=False)
     p0, least = tuning.initial_covariance(device, signals), least_samples(conditioner)
@@ -66,5 +69,5 @@ def build(device: Device, signals: JointSignals, tuning: DirectTuning) -> Regres
         if tuning.solver == "qr"
         else RlsSolver(p0, tuning.c, least)
     )
-    equations, look = sensor_equations(device, signals, tuning, conditioner), first_look(device, signals, tuning)
+    equations = sensor_equations(device, signals, tuning, conditioner)
     return RegressionFold(NAME, "SENSOR", device, conditioner, equations, solver, look=look)

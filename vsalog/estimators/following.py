@@ -260,7 +260,8 @@ def prediction_error(known: Rates, found: Array, ahead: int) -> float:
     By a whole filter's window ahead, for within one the filter makes noise alike.
     """
     error = known.torque[ahead:] - found[:-ahead] * known.deflection[ahead:]
-    return float(np.nanmean(error**2) / np.nanvar(known.torque))
+    told = error[np.isfinite(error)]
+    return float(np.mean(told**2) / np.nanvar(known.torque)) if told.size else np.inf
 
 
 def left_over(known: Rates, found: Array, noise: float) -> tuple[float, float]:

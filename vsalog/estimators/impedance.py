@@ -17,6 +17,7 @@ from vsalog.estimators.borne_torque import BorneTorque
 from vsalog.estimators.device import Device
 from vsalog.estimators.following import LEAST_NOISE, Columns, ObserverFold, ObserverState, ObserverTuning
 from vsalog.estimators.needs import require
+from vsalog.estimators.windows import keeping_window
 from vsalog.filters.derivatives import Derivatives
 from vsalog.filters.link_ekf import DECAY, MOBILITY, VELOCITY, LinkNoise, LinkState, anew, estimate_link, link_start
 from vsalog.filters.savitzky_golay import savgol_filter
@@ -81,7 +82,7 @@ def build(device: Device, signals: JointSignals, tuning: ImpedanceTuning) -> Imp
     EstimatorError
         A signal never changes.
     """
-    return ImpedanceFold(device, signals, tuning)
+    return ImpedanceFold(device, signals, keeping_window(device, signals, tuning, tuning.default_window))
 
 
 class ImpedanceFold(ObserverFold):

@@ -296,7 +296,8 @@ class ImpedanceCoupledFold:
                     - link[:-ahead, 1] * known.acceleration[ahead:]
                 )
                 left = spring - stiffness[:-ahead, 0] * known.deflection[ahead:]
-                error += float(np.nanmean(left**2))
+                told = left[np.isfinite(left)]
+                error += float(np.mean(told**2)) if told.size else np.inf
             off.append(error)
         return float(1.0 / (MEMORIES[int(np.argmin(off))] * speed))
 

@@ -26,7 +26,7 @@ from vsalog.trace import Trace
 Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]
 
-# A stiffness counts as supported when its standard deviation is below this share of it.
+# A stiffness counts as supported when its standard deviation is below this share of it; a negative one never does.
 SUPPORTED_SHARE = 0.2
 # A deflection that comes back by this share of the deflection scale has turned.
 BAND = 0.01
@@ -243,7 +243,7 @@ class RegressionFold:
             phi_fit, c_fit = deflection_of(block.fit, view), block.fit.get("setpoint")
             state.regions[view.name], seen = state.regions[view.name].block(phi_fit, c_fit, use, phi, c)
             with np.errstate(invalid="ignore"):
-                excited = seen & (std < SUPPORTED_SHARE * np.abs(sigma)) & (view.name not in self.look.blind)
+                excited = seen & (std < SUPPORTED_SHARE * sigma) & (view.name not in self.look.blind)
             columns[view.name] = {
                 "deflection": phi,
                 "flexibility_torque": self._fed(rows.fed[view.name]),

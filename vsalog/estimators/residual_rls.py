@@ -22,7 +22,7 @@ from vsalog.estimators.needs import deflection_roles, require
 from vsalog.estimators.regression import Equation, RegressionFold
 from vsalog.estimators.solvers import RlsSolver, least_samples
 from vsalog.estimators.tuning import Modality, Positive, RlsTuning, Tuning
-from vsalog.estimators.windows import WINDOWS, motor_window
+from vsalog.estimators.windows import WINDOWS, keeping_window, motor_window
 from vsalog.filters.conditioning import Conditioned, Conditioner
 from vsalog.filters.savitzky_golay import savgol_cutoff
 from vsalog.mechanics.transmissions import flexibility_torque
@@ -92,6 +92,8 @@ def build(device: Device, signals: JointSignals, tuning: ResidualRlsTuning) -> R
         tuning = motor_window(device, signals, tuning)
         chosen["bandwidth"] = bandwidth = _bandwidth(signals, tuning)
         tuning = msgspec.structs.replace(tuning, bandwidth=bandwidth)
+    else:
+        tuning = keeping_window(device, signals, tuning, tuning.default_window)
     # A residual is noisy: the many terms of a basis would follow its noise until there is enough of it to average.
     p0 = tuning.initial_covariance(device, signals, 0.01 if tuning.modality == "RESIDUAL" else 1e-3)
     needed = roles(device, signals.roles, tuning)
@@ -109,6 +111,8 @@ def _bandwidth(signals: JointSignals, tuning: ResidualRlsTuning) -> float:
     """Return the residual's bandwidth [rad/s], as asked for or by the filter before it."""
     if tuning.bandwidth is None:
         window = WINDOWS[0] if tuning.window is None else round(tuning.window / signals.period) + 1
+        # A window longer than the log is refused with the filter.
+        window = min(window, signals.longest_run)
         return FASTER * savgol_cutoff(max(window, tuning.degree + 1), tuning.degree) / signals.period
     slowest, fastest = 1.0 / (signals.longest_run * signals.period), np.pi / signals.period
     if not slowest <= tuning.bandwidth <= fastest:

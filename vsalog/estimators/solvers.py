@@ -103,10 +103,21 @@ class QrSolver:
         return (qr, noise, bent), values, _spread(made, pulled, spread), unknowns, {}
 
     def _bent(self, directions: Array, unknowns: Array, learnt: Array, noisy: Array) -> Array:
-        """Return what noise in regressors that count as exact bends functionals by, to first order, shape (N, m)."""
+        """Return what noise in regressors that count as exact bends functionals by, shape (N, m).
+
+        To first order, P N ξ̂ with the noise's energy N; but what noise has made of an unknown is not what it would be without,
+        which is larger by 1 − r, the part r of its regressor's information that is noise. Nothing is known where that is all.
+        """
         discount = self.forgetting**2
         remembered = learnt if discount == 1.0 else (1.0 - discount**learnt) / (1.0 - discount)
-        return np.asarray(np.einsum("kmi,ki->km", directions, noisy * unknowns) * remembered[:, None])
+        bent = np.einsum("kmi,ki->km", directions, noisy * unknowns) * remembered[:, None]
+        if not self.leading:
+            return np.asarray(bent)
+        # The last functionals are the leading unknowns behind the constant, and their directions the columns of P.
+        own = directions[:, 1 - self.leading :, 1 : self.leading]
+        part = (np.diagonal(own, axis1=1, axis2=2) * noisy[1 : self.leading]).max(axis=1) * remembered
+        with np.errstate(divide="ignore"):
+            return np.asarray(bent / np.maximum(1.0 - part, 0.0)[:, None])
 
     def solution(self, state: tuple[QrState, NoiseState, Array]) -> tuple[Array, Array, float]:
         """Return ξ̂, its covariance, and the standard deviation of a left-over; NaN where the data do not determine them."""

@@ -22,6 +22,11 @@ T = TypeVar("T", bound=Tuning)
 
 # Windows that are tried, in samples.
 WINDOWS = (51, 101, 201, 401, 801, 1601)
+# And where even the first of them takes away of the motion, because samples are few: more than this part of a rate's power, which
+# is little, for what bends a stiffness is its share of the amplitude.
+SHORTER, ALL = (7, 13, 25), 0.9995
+# No joint's motion is taken away by a window as short as this [s]; a still shorter one keeps noise, and jolts of friction.
+SHORT_ENOUGH = 0.15
 # A rate is quiet when its noise is this part of it or less: a stiffness then loses its square, 0.25 %.
 QUIET = 0.05
 # What noise that two sides of an equation share may bend a stiffness by, as a part of it.
@@ -43,30 +48,62 @@ def suitable_windows(device: Device, signals: JointSignals, tuning: Tuning) -> l
         return [2 * round(0.5 * tuning.window / signals.period) + 1]
     fitting = [w for w in WINDOWS if w > tuning.degree and w <= PART_OF_RUN * signals.longest_run] or [WINDOWS[0]]
     quiet: list[int] = []
-    powers = np.zeros(len(device.transmissions))
-    for window in fitting:
+    sure = np.zeros(len(device.transmissions))
+    for window in (*_shorter(signals, tuning, WINDOWS[0]), *fitting):
         rates, noises = rates_of(device, signals[:ENOUGH], savgol_weights(window, tuning.degree, 1, signals.period))
-        if np.all(noises <= QUIET * rates) and np.all(rates**2 >= KEPT * powers):
+        if np.all(noises <= QUIET * rates) and np.all(rates**2 - noises**2 >= sure):
             quiet.append(window)
-            powers = np.maximum(powers, rates**2)
-    return quiet or fitting[-1:]
+            sure = np.maximum(sure, ALL * (rates**2 - noises**2) - noises**2)
+    usual = [window for window in quiet if window >= WINDOWS[0]]
+    return usual or quiet[-1:] or fitting[-1:]
+
+
+def keeping_window(device: Device, signals: JointSignals, tuning: T, usual: int) -> T:
+    """Return the tuning with a window of `usual` samples, or the longest shorter one where that takes away of the motion.
+
+    Where a window is given, or another filter, nothing is changed.
+    """
+    if tuning.window is not None or tuning.filter != "savitzky-golay":
+        return tuning
+    part = most_moved(signals, {r for view in device.transmissions for r in view.deflection_roles(signals.roles)})
+    found, sure = None, np.zeros(len(device.transmissions))
+    for window in (*_shorter(signals, tuning, usual), usual):
+        rates, noises = rates_of(device, part, savgol_weights(window, tuning.degree, 1, signals.period))
+        if np.any(noises > LOUD * rates):
+            continue
+        if np.any(rates**2 - noises**2 < sure):
+            break
+        found, sure = window, np.maximum(sure, ALL * (rates**2 - noises**2) - noises**2)
+    return with_window(tuning, signals, found or usual)
+
+
+def _shorter(signals: JointSignals, tuning: Tuning, usual: int) -> list[int]:
+    """Return the windows shorter than a usual one that a polynomial of the degree can be fitted to with something left over.
+
+    A log that is too short for the usual one is refused rather than filtered hardly at all.
+    """
+    if usual * signals.period <= SHORT_ENOUGH or signals.longest_run < usual:
+        return []
+    return [window for window in SHORTER if tuning.degree + 1 < window < usual]
 
 
 def motor_window(device: Device, signals: JointSignals, tuning: T) -> T:
-    """Return the tuning with the shortest window behind which a motor's encoder makes little of its torque.
+    """Return the tuning with the shortest window of 51 samples or more behind which a motor's encoder makes little of its torque.
 
     What B θ̈ has of the steps is held against the motor's torque; where the rig does not have B, their share of θ̇ counts.
-    A window has to keep the motion, and be short for the runs. Where a window is given, or another filter, nothing is changed.
+    A window has to keep the motion, where need be a shorter one, and be short for the runs. Where a window is given, or another
+    filter, nothing is changed.
     """
     if tuning.window is not None or tuning.filter != "savitzky-golay":
         return tuning
     part = most_moved(signals, [view.motor_position for view in device.transmissions])
     longest = signals.longest_run
     found, anyhow, sure = None, None, np.zeros(len(device.transmissions))
-    for window in (w for w in WINDOWS if w == WINDOWS[0] or w <= PART_OF_RUN * longest):
+    usual = (w for w in WINDOWS if w == WINDOWS[0] or w <= PART_OF_RUN * longest)
+    for window in (*_shorter(signals, tuning, WINDOWS[0]), *usual):
         weights = savgol_weights(window, tuning.degree, 2, signals.period)
         rates, noises = rates_of(device, part, weights[:2])
-        quiet = all(_quiet(view, part, weights) for view in device.transmissions)
+        quiet = window >= WINDOWS[0] and all(_quiet(view, part, weights) for view in device.transmissions)
         if np.any(noises > LOUD * rates):
             # Noise does not tell what motion a window would have to keep.
             anyhow = window if quiet and anyhow is None else anyhow
@@ -74,7 +111,8 @@ def motor_window(device: Device, signals: JointSignals, tuning: T) -> T:
         if np.any(rates**2 - noises**2 < sure):
             break
         # How large noise is, is known no better than to its own size.
-        found, sure = window, np.maximum(sure, KEPT * (rates**2 - noises**2) - noises**2)
+        part_kept = ALL if window < WINDOWS[0] else KEPT
+        found, sure = window, np.maximum(sure, part_kept * (rates**2 - noises**2) - noises**2)
         if quiet:
             break
     return with_window(tuning, signals, found or anyhow or WINDOWS[0])
