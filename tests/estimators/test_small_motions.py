@@ -2,9 +2,11 @@
 
 import numpy as np
 import pytest
+from msgspec.structs import replace
 from scipy.signal import savgol_filter as scipys
 
 from vsalog.binding import offered_roles
+from vsalog.errors import EstimatorError
 from vsalog.estimators.bend import Bend, bent_block
 from vsalog.estimators.sensor_error import sensor_error
 from vsalog.filters.savitzky_golay import savgol_weights
@@ -126,3 +128,43 @@ def test_a_deflection_of_a_few_steps_supports_nothing(estimator):
     assert "deflection spans" in " ".join(fold.warnings(fold.start()))
     assert not np.any(estimate(sensed, Setting("", estimator, {}), joint)["1"]["excited"])
     assert set(offered_roles(sensed.rig.joint[joint])) <= set(signals.roles)
+
+
+@pytest.mark.parametrize(
+    ("preset", "estimator", "most"),
+    [("vsa2", "residual-rls", 0.01), ("vsa2", "direct", 0.007), ("cubic-antagonist", "residual-rls", 0.002)],
+)
+def test_few_samples_per_second_are_not_smoothed_away(preset, estimator, most):
+    """At 50 Hz 51 samples last a second, as long as the motion's period."""
+    rig = Rig.preset(preset).file
+    joint = next(iter(rig.joint))
+    scenario = Scenario.find(f"{preset}-exp1", rig).lasting(20.0, None)
+    (sensed,) = with_noise(simulate(rig, scenario.inputs(rig), 20.0, period=0.02, ideal=True), (3,))
+    fold, _ = assemble(sensed, Setting("", estimator, {}), joint)
+    assert fold.conditioner.window < 51
+    trace = estimate(sensed, Setting("", estimator, {}), joint)
+    for name in ("1", "2"):
+        told = np.asarray(trace[name]["excited"], dtype=bool)
+        off = np.abs(trace[name]["stiffness"] / sensed.truth[f"stiffness_{name}"] - 1.0)[told]
+        assert told.mean() > 0.5
+        assert np.median(off) < most
+    with pytest.raises(EstimatorError, match="cannot follow"):
+        assemble(sensed, Setting("", "residual-rls", {"bandwidth": 300.0}), joint)
+
+
+def test_coarse_encoders_widen_the_band_of_the_algebraic_estimate():
+    """200 pulses per turn: steps of 0.03 rad pass its short filters."""
+    rig = Rig.preset("sea").file
+    coarse = {"resolution": 2 * np.pi / 200}
+    signals = replace(
+        rig.joint["sea"].signals,
+        motor_position=replace(rig.joint["sea"].signals.motor_position, **coarse),
+        link_position=replace(rig.joint["sea"].signals.link_position, **coarse),
+    )
+    rig = replace(rig, joint={"sea": replace(rig.joint["sea"], signals=signals)})
+    inputs = Scenario.find("sea-exp1", rig).lasting(20.0, None).inputs(rig)
+    (sensed,) = with_noise(simulate(rig, inputs, 20.0, ideal=True), (3,))
+    found = estimate(sensed, Setting("", "algebraic", {}), "sea")["1"]
+    error = np.abs(found["stiffness"] - sensed.truth["stiffness"])
+    told = np.asarray(found["excited"], dtype=bool)
+    assert np.mean(error[told] < 1.96 * found["stiffness_std"][told]) > 0.8 if told.any() else True

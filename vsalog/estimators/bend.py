@@ -13,11 +13,12 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from numba import njit
 from numpy.typing import NDArray
-from scipy.signal import lfilter
 
 from vsalog.estimators.device import TransmissionView
 from vsalog.estimators.sensor_error import ENOUGH, SensorError, sensor_error
+from vsalog.estimators.torque import lag_block
 from vsalog.filters.conditioning import Conditioner
 from vsalog.signals import JointSignals
 
@@ -68,17 +69,14 @@ def bend_of_residual(
     if conditioner.kind == "kinematic":
         return None
     (inertia, damping), turn = motor, bandwidth * signals.period
-    left = (2.0 - turn) / (2.0 + turn)
-    tail = int(np.ceil(np.log(FORGOTTEN) / np.log(max(abs(left), FORGOTTEN))))
-    position, velocity = (np.concatenate((w, np.zeros(tail))) for w in conditioner.weights[:2])
-
-    def lag(x: Array) -> Array:
-        return np.asarray(lfilter([1.0 - 0.5 * (1.0 + left)] * 2, [1.0, -left], x))
-
+    tail = int(np.ceil(-np.log(FORGOTTEN) * max(1.0 / turn, 1.0)))
+    # The weights as the filter's answer to a single sample, which the lag begins before.
+    answers = np.concatenate((np.zeros((1, 2)), conditioner.weights[:2].T[::-1], np.zeros((tail, 2))))
+    _, slow = lag_block(np.zeros((2, 2)), answers, np.ones(len(answers), dtype=np.bool_), bandwidth, signals.period)
+    (position, velocity), (late, slower) = answers.T[:, ::-1], slow.T[:, ::-1]
     # Behind the lag θ̈ is K_I times what the lag takes from θ̇ (Flacco 2012 eq. 15).
-    slow = lag(velocity)
-    torque = inertia * bandwidth * (velocity - slow) + damping * slow
-    seen = lag(position) if matched else position
+    torque = inertia * bandwidth * (velocity - slower) + damping * slower
+    seen = late if matched else position
     moved = view.motor_position in view.deflection_roles(signals.roles)
     shared = _error(signals, view.motor_position, conditioner).product(seen, torque) if moved else 0.0
     return Bend(_own(signals, view, conditioner, seen), abs(shared))
@@ -121,8 +119,17 @@ def bent_block(
         stiffness = np.abs((slopes[:, i] * unknowns).sum(axis=1))
         added += slopes[:, i] * (bend.own * stiffness + bend.shared)[:, None]
     added[~(use & np.isfinite(added).all(axis=1))] = 0.0
-    summed, _ = lfilter([1.0], [1.0, -discount], added, axis=0, zi=discount * state[None])
-    return np.array(summed[-1]) if summed.size else state, np.asarray(summed)
+    summed = np.empty_like(added)
+    _sum_up(added, discount, state, summed)
+    return summed[-1].copy() if len(summed) else state, summed
+
+
+@njit(cache=True, nogil=True)
+def _sum_up(added: Array, discount: float, state: Array, summed: Array) -> None:
+    for k in range(added.shape[0]):
+        for i in range(added.shape[1]):
+            before = state[i] if k == 0 else summed[k - 1, i]
+            summed[k, i] = discount * before + added[k, i]
 
 
 def _own(signals: JointSignals, view: TransmissionView, conditioner: Conditioner, seen: Array) -> float:
