@@ -12,8 +12,7 @@ from urllib.parse import quote
 
 from vsalog.batch.records import Do, Record
 from vsalog.batch.summary import rows_of
-from vsalog.reports.page_figures import number
-from vsalog.reports.page_text import escaped, name
+from vsalog.reports.page_text import escaped, name, number
 
 NAME = "index.html"
 # Beyond this a browser is no help, and the table is there to be queried.

@@ -7,7 +7,9 @@ from datetime import date
 from pathlib import Path
 from typing import Any
 
+import msgspec
 import pyarrow as pa
+import pyarrow.json as pj
 import pyarrow.parquet as pq
 
 from vsalog.batch.records import Do, Record
@@ -98,6 +100,7 @@ FIGURES: dict[Do, tuple[tuple[str, pa.DataType, str], ...]] = {
         ("next_experiment", _TEXT, ""),
     ),
 }  # fmt: skip
+EPOCH = date(1970, 1, 1)
 FILES = ("trace", "model", "report", "document", "rig")
 
 
@@ -157,7 +160,22 @@ def write_summary(records: Iterable[Record], do: Do, path: Path) -> None:
     OSError
         It cannot be written.
     """
-    table = pa.Table.from_pylist(list(rows_of(records)), schema=summary_schema(do))
+    table = _table(list(rows_of(records)), summary_schema(do))
     # Opened here: Arrow cannot be given a name whose bytes are no text.
     with path.open("wb") as file:
         pq.write_table(table, file, compression="zstd", write_page_checksum=True)
+
+
+def _table(rows: list[dict[str, Any]], schema: pa.Schema) -> pa.Table:
+    """Return rows as a table, by way of JSON: `Table.from_pylist` imports pandas, to see whether it was given any; a second."""
+    if not rows:
+        return schema.empty_table()
+    # Arrow's reader takes the days since the epoch for a date.
+    days = ({**row, "date": None if row["date"] is None else (row["date"] - EPOCH).days} for row in rows)
+    lines = b"\n".join(map(msgspec.json.encode, days))
+    table = pj.read_json(
+        pa.BufferReader(lines),
+        pj.ReadOptions(use_threads=False, block_size=len(lines) + 1),
+        pj.ParseOptions(explicit_schema=pa.schema(list(schema)), unexpected_field_behavior="ignore"),
+    )
+    return table.select(schema.names).cast(schema)

@@ -83,6 +83,6 @@ def sensor_error(values: Array, window: int) -> SensorError:
 
 def _smoothed(x: Array, weights: Array) -> Array:
     """Return what `savgol_filter` does, but for rounding, in a time that hardly depends on the window."""
-    size = x.size + weights.size - 1
+    size = 1 << (x.size + weights.size - 2).bit_length()
     spectrum = np.fft.rfft(x, size) * np.fft.rfft(weights[::-1], size)
     return np.fft.irfft(spectrum, size)[weights.size - 1 : x.size]

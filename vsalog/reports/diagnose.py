@@ -24,8 +24,7 @@ from vsalog.reports.diagnosis_words import (
     unexplained_words,
     unit_of,
 )
-from vsalog.reports.page_figures import number
-from vsalog.reports.page_text import plain
+from vsalog.reports.page_text import number, plain
 from vsalog.writers.diagnosis import Outputs
 
 # Columns from which on the causes are a table, below which tables stand close, and those of a pipe.

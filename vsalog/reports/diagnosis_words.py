@@ -5,8 +5,8 @@ from __future__ import annotations
 import math
 
 from vsalog.diagnosis.document import Diagnosis, FoundCause, Gain, Number, Unexplained
-from vsalog.reports.page_figures import number
 from vsalog.reports.page_tables import unit_text
+from vsalog.reports.page_text import number
 
 # A parameter is printed with an interval of so many standard deviations: 95 % of a normal distribution.
 HALF = 1.96

@@ -10,7 +10,8 @@ from numpy.typing import NDArray
 from vsalog.model import JointModel, TransmissionModel
 from vsalog.reports.page_charts import Axes, Chart, Curve, Surface
 from vsalog.reports.page_decimate import extent, scattered
-from vsalog.reports.page_figures import DEFLECTION, TORQUE, measured_name, number, span_words
+from vsalog.reports.page_figures import DEFLECTION, TORQUE, measured_name, span_words
+from vsalog.reports.page_text import number
 from vsalog.validation.evidence import JointEvidence, TransmissionEvidence
 
 Array = NDArray[np.float64]

@@ -13,7 +13,8 @@ from vsalog.diagnosis.evidence import CauseEvidence, JointEvidence
 from vsalog.reports.diagnosis_words import share_text, signal_name, unit_of
 from vsalog.reports.page_charts import Axes, Chart, Curve
 from vsalog.reports.page_decimate import decimated, gaps_of, one_after_the_other, scattered
-from vsalog.reports.page_figures import number, span_words
+from vsalog.reports.page_figures import span_words
+from vsalog.reports.page_text import number
 
 Array = NDArray[np.float64]
 

@@ -10,7 +10,7 @@ import numpy as np
 from vsalog.diagnosis.document import EquationError, Gain
 from vsalog.reports.diagnosis_words import reduction_text, signal_name
 from vsalog.reports.page_charts import Axes, Chart, Curve
-from vsalog.reports.page_figures import number
+from vsalog.reports.page_text import number
 
 # An error below this part of the noise cannot be drawn on a logarithmic axis.
 LEAST = 1e-3

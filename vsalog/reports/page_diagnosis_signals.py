@@ -12,7 +12,8 @@ from vsalog.diagnosis.evidence import JointEvidence, SignalEvidence
 from vsalog.reports.diagnosis_words import signal_name, unit_of
 from vsalog.reports.page_charts import Axes, Chart, Curve
 from vsalog.reports.page_decimate import GAP_PERIODS, decimated, gaps_of, one_after_the_other
-from vsalog.reports.page_figures import TIME, number, span_words
+from vsalog.reports.page_figures import TIME, span_words
+from vsalog.reports.page_text import number
 
 Array = NDArray[np.float64]
 

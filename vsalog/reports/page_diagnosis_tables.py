@@ -15,8 +15,7 @@ from vsalog.reports.diagnosis_words import (
     signal_name,
     unit_of,
 )
-from vsalog.reports.page_figures import number
-from vsalog.reports.page_text import escaped, name
+from vsalog.reports.page_text import escaped, name, number
 
 # A share below this has no bar that could be seen.
 LEAST_BAR = 0.004

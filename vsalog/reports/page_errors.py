@@ -11,7 +11,8 @@ from scipy import special
 from vsalog.reports.page_characteristic import setpoint_label
 from vsalog.reports.page_charts import Axes, Chart, Curve
 from vsalog.reports.page_decimate import gaps_of
-from vsalog.reports.page_figures import DEFLECTION, number
+from vsalog.reports.page_figures import DEFLECTION
+from vsalog.reports.page_text import number
 from vsalog.validation.document import Figure
 from vsalog.validation.evidence import JointEvidence, TransmissionEvidence
 from vsalog.validation.scores import bins_of

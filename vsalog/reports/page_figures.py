@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from vsalog.reports.page_charts import Axes, Chart, Curve
 from vsalog.reports.page_decimate import band, decimated, extent, gaps_of, spans
+from vsalog.reports.page_text import number
 from vsalog.validation.evidence import JointEvidence, TransmissionEvidence
 
 Array = NDArray[np.float64]
@@ -34,16 +35,6 @@ MOST_PARAMETERS = 7
 def measured_name(part: TransmissionEvidence) -> str:
     """Return what the torque was held against, in words."""
     return MEASURED.get(part.measured_by, "measured")
-
-
-def number(value: float, digits: int = 3) -> str:
-    """Return a number as people read it: without an exponent where it need not have one."""
-    if not np.isfinite(value):
-        return "–"
-    text = f"{value:.{digits}g}"
-    if "e" in text and 1e-4 <= abs(value) < 1e6:
-        text = f"{value:.0f}" if abs(value) >= 1.0 else f"{value:.6f}".rstrip("0")
-    return text.replace("-", "−")
 
 
 def span_words(values: Array, unit: str) -> str:

@@ -5,8 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 
-from vsalog.reports.page_figures import number
-from vsalog.reports.page_text import escaped, name, table
+from vsalog.reports.page_text import escaped, name, number, table
 from vsalog.summary import TransmissionSummary
 from vsalog.validation.document import Comparison, Figure, JointReport, Report, Score, TransmissionReport
 from vsalog.validation.verdict import overview

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import html
 import json
+import math
 import unicodedata
 from collections.abc import Iterable, Sequence
 from typing import Any
@@ -61,3 +62,13 @@ def table(caption: str, heads: Sequence[str], rows: Iterable[Sequence[str]], tex
         f'<div class="scroll" tabindex="0" role="region" aria-label="{escaped(caption)}"><table>'
         f"<caption>{escaped(caption)}</caption><thead><tr>{head}</tr></thead><tbody>{''.join(body)}</tbody></table></div>"
     )
+
+
+def number(value: float, digits: int = 3) -> str:
+    """Return a number as people read it: without an exponent where it need not have one."""
+    if not math.isfinite(value):
+        return "–"
+    text = f"{value:.{digits}g}"
+    if "e" in text and 1e-4 <= abs(value) < 1e6:
+        text = f"{value:.0f}" if abs(value) >= 1.0 else f"{value:.6f}".rstrip("0")
+    return text.replace("-", "−")

@@ -185,7 +185,7 @@ DEFAULT = Setting("vsalog's default", "residual-rls", {})
 VSA2_TRUTH, VSA2_AFTER = "stiffness_total", 2.0
 
 
-TOO_SHORT = "with such encoders the deflection is no larger than a step or two, and the trace supports none of it: `excited` is false"
+TOO_SHORT = "with such encoders the deflection is no larger than a step or two, and the trace supports none of it"
 
 
 def sweep_vsa2(study: Study) -> Result:
