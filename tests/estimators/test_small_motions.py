@@ -152,8 +152,8 @@ def test_few_samples_per_second_are_not_smoothed_away(preset, estimator, most):
         assemble(sensed, Setting("", "residual-rls", {"bandwidth": 300.0}), joint)
 
 
-def test_coarse_encoders_widen_the_band_of_the_algebraic_estimate():
-    """200 pulses per turn: steps of 0.03 rad pass its short filters."""
+def test_an_algebraic_estimate_behind_coarse_encoders_is_hardly_supported():
+    """200 pulses per turn: steps of 0.03 rad pass its short filters, and its largest error was three times the stiffness."""
     rig = Rig.preset("sea").file
     coarse = {"resolution": 2 * np.pi / 200}
     signals = replace(
@@ -165,6 +165,7 @@ def test_coarse_encoders_widen_the_band_of_the_algebraic_estimate():
     inputs = Scenario.find("sea-exp1", rig).lasting(20.0, None).inputs(rig)
     (sensed,) = with_noise(simulate(rig, inputs, 20.0, ideal=True), (3,))
     found = estimate(sensed, Setting("", "algebraic", {}), "sea")["1"]
-    error = np.abs(found["stiffness"] - sensed.truth["stiffness"])
+    error = np.abs(found["stiffness"] / sensed.truth["stiffness"] - 1.0)
     told = np.asarray(found["excited"], dtype=bool)
-    assert np.mean(error[told] < 1.96 * found["stiffness_std"][told]) > 0.8 if told.any() else True
+    assert told.mean() < 0.1
+    assert not told.any() or error[told].max() < 0.5
