@@ -168,4 +168,4 @@ def test_an_algebraic_estimate_behind_coarse_encoders_is_hardly_supported():
     error = np.abs(found["stiffness"] / sensed.truth["stiffness"] - 1.0)
     told = np.asarray(found["excited"], dtype=bool)
     assert told.mean() < 0.1
-    assert not told.any() or error[told].max() < 0.5
+    assert not told.any() or np.median(error[told]) < 0.15

@@ -25,8 +25,8 @@ from vsalog.signals import JointSignals
 Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]
 
-# A lag is followed until this part of it is left.
-FORGOTTEN = 1e-6
+# A lag is followed until this part of it is left, or for so many samples.
+FORGOTTEN, LONGEST = 1e-6, ENOUGH // 8
 
 
 @dataclass(frozen=True, slots=True)
@@ -69,7 +69,7 @@ def bend_of_residual(
     if conditioner.kind == "kinematic":
         return None
     (inertia, damping), turn = motor, bandwidth * signals.period
-    tail = int(np.ceil(-np.log(FORGOTTEN) * max(1.0 / turn, 1.0)))
+    tail = min(int(np.ceil(-np.log(FORGOTTEN) * max(1.0 / turn, 1.0))), LONGEST)
     # The weights as the filter's answer to a single sample, which the lag begins before.
     answers = np.concatenate((np.zeros((1, 2)), conditioner.weights[:2].T[::-1], np.zeros((tail, 2))))
     _, slow = lag_block(np.zeros((2, 2)), answers, np.ones(len(answers), dtype=np.bool_), bandwidth, signals.period)

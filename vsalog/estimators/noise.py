@@ -154,7 +154,10 @@ def noise_block(
 
 
 def noise_now(state: NoiseState, integral: bool, least: float = SAMPLES) -> tuple[Array, float]:
-    """Return the covariance of the score, shape (n, n), and the variance of a single left-over; NaN while not known."""
+    """Return the covariance of the score, shape (n, n), and the variance of a single left-over.
+
+    NaN while not known; of fewer than `least` samples nothing is. `integral` as for `noise_block`.
+    """
     new = state.copied()
     if state.samples >= least:
         _look(new, integral)

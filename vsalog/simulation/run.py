@@ -117,7 +117,7 @@ class Job:
         WriteError
             A file cannot be written.
         """
-        write_log(recording, self.files, self.rig_text)
+        write_log(recording, self.files, _as_recorded(self.rig_text, recording))
 
 
 def prepare(source: str, options: Options) -> Job:
@@ -180,6 +180,21 @@ def _memory() -> float:
         return float(os.sysconf("SC_PAGE_SIZE")) * float(os.sysconf("SC_PHYS_PAGES"))
     except (AttributeError, ValueError, OSError):
         return USUAL_MEMORY
+
+
+def _as_recorded(text: str, recording: Recording) -> str:
+    """Return a log's rig without the roles of which nothing was recorded: a motor that is moved as prescribed has no torque."""
+    rig = Rig.from_toml(text, "the log's rig")
+    joints = {}
+    for name, joint in rig.joints.items():
+        named = {role: signal.channel for role, signal in named_signals(joint).items()}
+        absent = {role for role, channel in named.items() if channel is not None and channel not in recording.channels}
+        if absent:
+            signals = msgspec.structs.replace(joint.signals, **dict.fromkeys(absent))
+            joints[name] = msgspec.structs.replace(joint, signals=signals)
+    if not joints:
+        return text
+    return Rig(msgspec.structs.replace(rig.file, joint={**rig.joints, **joints}), rig.where).to_toml()
 
 
 def _text(source: str, rig: Rig) -> str:
