@@ -42,6 +42,13 @@ def test_a_bandwidth_that_samples_cannot_follow_is_refused(run, samples, tmp_pat
     assert not (tmp_path / "out.parquet").exists()
 
 
+@pytest.mark.parametrize(("estimator", "name"), [("impedance", "alpha"), ("grioli-bicchi", "window"), ("direct", "c")])
+def test_infinity_is_no_value(run, samples, estimator, name):
+    done = run("estimate", samples / "vsa2_exp1.mcap", "-e", estimator, "--tune", f"{name}=inf")
+    assert done.returncode == 2
+    assert f"--tune {name}" in done.stderr
+
+
 @pytest.mark.parametrize("estimator", ["residual-rls", "qr-rls", "batch-ls"])
 def test_a_window_longer_than_the_motion_is_told(run, samples, tmp_path, estimator):
     log, out = samples / "vsa2_exp1.mcap", tmp_path / "out.parquet"

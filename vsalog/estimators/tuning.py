@@ -16,6 +16,8 @@ from vsalog.signals import JointSignals
 
 # Functions of the basis beyond this, or below its reciprocal, cannot be squared and summed up safely.
 LARGEST = 1e50
+# What of a tuning infinity has a meaning for: a prior that weighs nothing.
+MAY_BE_INFINITE = ("p0",)
 
 Positive = Annotated[float, Meta(gt=0.0)]
 T = TypeVar("T", bound="Tuning")
@@ -131,9 +133,14 @@ def read_tuning(kind: type[T], estimator: str, values: Mapping[str, str]) -> T:
                 f" It has: {', '.join(known)}"
             )
     try:
-        return msgspec.convert(dict(values), kind, strict=False)
+        tuned = msgspec.convert(dict(values), kind, strict=False)
     except msgspec.ValidationError as error:
         raise EstimatorError(f"{estimator}: --tune {_where(error)}: {error}") from error
+    for name in values:
+        value = getattr(tuned, name)
+        if name not in MAY_BE_INFINITE and isinstance(value, float) and not np.isfinite(value):
+            raise EstimatorError(f"{estimator}: --tune {name}: has to be a finite number, not {value}")
+    return tuned
 
 
 def _where(error: msgspec.ValidationError) -> str:
