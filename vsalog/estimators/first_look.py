@@ -69,7 +69,7 @@ def _smoothed_away(device: Device, signals: JointSignals, tuning: Tuning) -> lis
         return []
     moved = {role for view in device.transmissions for role in view.deflection_roles(signals.roles)}
     asked, part = 2 * round(0.5 * tuning.window / signals.period) + 1, most_moved(signals, moved)
-    if asked <= WINDOWS[0] or asked > len(part) or tuning.degree >= WINDOWS[0]:
+    if asked <= WINDOWS[0] or asked > len(part):
         return []
     before, now = (
         rates_of(device, part, savgol_weights(window, tuning.degree, 1, signals.period))

@@ -48,8 +48,10 @@ class RlsSolver:
             state[0], rows.F, rows.y, use, E, spread, self.c, self.p0
         )
         noise, made = noise_block(state[1], rows.F, rows.y, left, use, rows.fresh, directions, False, 1.0, self.least)
-        bent, score = bent_block(state[2], E[:, spread], rows.bends, unknowns, np.isfinite(left), 1.0)
-        made += _along(directions, score)
+        bent = state[2]
+        if rows.bends:
+            bent, score = bent_block(bent, E[:, spread], rows.bends, unknowns, np.isfinite(left), 1.0)
+            made += _along(directions, score)
         values[_untold(unknowns)] = np.nan
         return (rls, noise, bent), values, _spread(made, pulled, spread), unknowns, {"stability_factor": factor}
 
@@ -96,9 +98,11 @@ class QrSolver:
         if rows.noisy is not None:
             learnt = state[1].samples + np.cumsum(np.isfinite(left))
             made += self._bent(directions, unknowns, learnt, rows.noisy) ** 2
-        discount = self.forgetting**2
-        bent, score = bent_block(state[2], E[:, spread], rows.bends, unknowns, np.isfinite(left), discount)
-        made += _along(directions, score)
+        bent = state[2]
+        if rows.bends:
+            discount = self.forgetting**2
+            bent, score = bent_block(bent, E[:, spread], rows.bends, unknowns, np.isfinite(left), discount)
+            made += _along(directions, score)
         values[_untold(unknowns[:, self.leading :])] = np.nan
         return (qr, noise, bent), values, _spread(made, pulled, spread), unknowns, {}
 

@@ -63,11 +63,12 @@ def keeping_window(device: Device, signals: JointSignals, tuning: T, usual: int)
 
     Where a window is given, or another filter, nothing is changed.
     """
-    if tuning.window is not None or tuning.filter != "savitzky-golay":
+    shorter = _shorter(signals, tuning, usual)
+    if tuning.window is not None or tuning.filter != "savitzky-golay" or not shorter:
         return tuning
     part = most_moved(signals, {r for view in device.transmissions for r in view.deflection_roles(signals.roles)})
     found, sure = None, np.zeros(len(device.transmissions))
-    for window in (*_shorter(signals, tuning, usual), usual):
+    for window in (*shorter, usual):
         rates, noises = rates_of(device, part, savgol_weights(window, tuning.degree, 1, signals.period))
         if np.any(noises > LOUD * rates):
             continue

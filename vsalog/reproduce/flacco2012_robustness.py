@@ -183,9 +183,9 @@ def _rls(F: Array, y: Array, slope: Array, use: NDArray[np.bool_], a: float | No
 LONGER = Setting("vsalog, window of 0.5 s", "residual-rls", {"window": 0.5})
 DEFAULT = Setting("vsalog's default", "residual-rls", {})
 VSA2_TRUTH, VSA2_AFTER = "stiffness_total", 2.0
-
-
-TOO_SHORT = "with such encoders the deflection is no larger than a step or two, and the trace supports none of it"
+TOO_COARSE = (
+    "with such encoders the deflection is no larger than a step or two, and the trace supports hardly any of it"
+)
 
 
 def sweep_vsa2(study: Study) -> Result:
@@ -286,7 +286,7 @@ def _statements(common: Row, found: Mapping[str, Sequence[Spread]]) -> list[Row]
             of=f"{modality}, {pulses} pulses",
             ours=spread,
             printed="drawn, without numbers",
-            remark=TOO_SHORT if default and pulses < 1024 and spread.median > GOOD else "",
+            remark=TOO_COARSE if default and pulses < 1024 and spread.median > GOOD else "",
         )
         for modality, spreads in found.items()
         for pulses, spread in zip(PULSES, spreads, strict=True)

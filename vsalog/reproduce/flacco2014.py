@@ -62,7 +62,9 @@ IDEAL_SETTINGS: Mapping[str, tuple[Setting, ...]] = {
         Setting("vsalog's default", "batch-ls", {}),
     ),
     "residual-rls": (
-        Setting("the paper's", "residual-rls", {**TRANSPARENT, "p0": 1e6, "c": 1e-5, "matched": False}),
+        Setting(
+            "the paper's", "residual-rls", {**TRANSPARENT, "bandwidth": 300.0, "p0": 1e6, "c": 1e-5, "matched": False}
+        ),
         Setting("vsalog's default", "residual-rls", {}),
     ),
 }

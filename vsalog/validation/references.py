@@ -31,7 +31,7 @@ Deviations = NDArray[np.float32]
 
 # The filter of every signal, forwards and backwards alike: what `estimate` learns with.
 WINDOW, DEGREE = 51, 5
-# Of the residual [rad/s], as for residual-rls.
+# Of the residual [rad/s] (Flacco 2012 §6.1).
 BANDWIDTH = 300.0
 BLOCK = 1 << 16
 
