@@ -16,7 +16,7 @@ from vsalog.cli import cli
 from vsalog.estimators import method
 from vsalog.estimators.borne_torque import BorneTorque, LoadFriction, Weight
 from vsalog.estimators.device import device_of
-from vsalog.estimators.following import Rates, left_over
+from vsalog.estimators.rates import RateNoise, Rates, left_over
 from vsalog.estimators.tuning import Tuning, read_tuning
 from vsalog.estimators.windows import WINDOWS, noisy_rates, suitable_windows
 from vsalog.filters.derivatives import Derivatives
@@ -184,21 +184,42 @@ def test_the_torque_and_its_rate_are_those_of_the_equation_of_motion():
 
 
 @pytest.mark.parametrize("difference", [None, T])
-def test_the_noise_of_a_rate_is_what_white_noise_makes_of_it(joint, difference):
+def test_the_noise_of_rates_is_what_white_noise_makes_of_them(joint, difference):
     _, signals = signals_of(joint)
     rng = np.random.default_rng(2)
-    noise = {"motor_position": 1e-4, "motor_torque": 0.2}
-    values = {r: s * rng.standard_normal(len(signals)) for r, s in noise.items()}
-    signals = replace(signals, roles={**values, "link_position": np.zeros(len(signals))})
+    noise = {"motor_position": 1e-4, "motor_torque": 0.2, "link_position": 2e-4}
+    signals = replace(signals, roles={r: s * rng.standard_normal(len(signals)) for r, s in noise.items()})
     spec, _ = signals_of(joint)
     borne = BorneTorque(
         device_of("arm", spec).transmissions[0], {"motor_position": (0.0, D, B), "motor_torque": (-1.0,)}
     )
     filters = Derivatives(borne.orders(signals.roles), T, 0.05, 5)
     part = filters.whole(signals)
-    rate = borne.rate(part.of) if difference is None else np.diff(borne.samples(part)[0]) / T
-    expected, _ = borne.rate_noise(filters.weights, noise, difference)
-    assert np.nanstd(rate) == pytest.approx(expected, rel=0.1)
+    if difference is None:
+        rates = [borne.rate(part.of), borne.deflection(part.of, 1)]
+    else:
+        rates = [np.diff(v) / T for v in borne.samples(part)]
+    torque, deflection = (r[np.isfinite(r)] for r in rates)
+    told = borne.rate_noise(signals, filters.weights, difference)
+    assert told.torque == pytest.approx(np.var(torque), rel=0.2)
+    assert told.deflection == pytest.approx(np.var(deflection), rel=0.2)
+    assert told.shared == pytest.approx(np.mean(torque * deflection), rel=0.3)
+    assert told.left(50.0) == pytest.approx(np.var(torque - 50.0 * deflection), rel=0.2)
+
+
+def test_noise_bends_a_followed_stiffness_as_much_as_is_told():
+    """White noise on both rates of a swinging spring, some of it shared: the observer's average over many noises."""
+    rng, n, K = np.random.default_rng(9), 200_000, 30.0
+    rate = np.cos(np.arange(n) * 0.01)
+    e, own = 0.3 * rng.standard_normal(n), rng.standard_normal(n)
+    noise = RateNoise(1.0 + 20.0**2 * 0.09, 0.09, 20.0 * 0.09)
+    rates = rate + e, K * rate + own + 20.0 * e
+    # The observer's average over all of it: Σ sgn φ̇ Σ̇ / Σ |φ̇|.
+    found = np.sum(np.sign(rates[0]) * rates[1]) / np.sum(np.abs(rates[0]))
+    speed = np.sum(rates[0] ** 2) / np.sum(np.abs(rates[0]))
+    told = float(noise.bent(np.array(K))) / speed**2
+    assert abs(found - K) > 0.3
+    assert 1.0 < told / abs(found - K) < 4.0
 
 
 def test_derivatives_are_scipy_s_and_no_window_reaches_over_a_gap(joint):
@@ -234,6 +255,9 @@ def test_what_noise_explains_is_no_spread_of_the_stiffness():
     alike, within = left_over(known, np.full(rate.size, K), 0.0)
     assert within == pytest.approx(2.0 / np.sqrt(0.5), rel=0.02)
     assert alike < 1.3
+    # What grows with the rate is the stiffness's own, even where noise is taken to be large.
+    known = Rates((K + 3.0 * rng.standard_normal(rate.size)) * rate + left, rate)
+    assert left_over(known, np.full(rate.size, K), 10.0)[1] == pytest.approx(3.0, rel=0.1)
 
 
 def assembled(name, spec, signals, **tune):

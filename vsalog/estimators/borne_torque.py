@@ -13,9 +13,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vsalog.estimators.device import Device, TransmissionView, deflection_of
+from vsalog.estimators.rates import RateNoise
+from vsalog.estimators.sensor_error import ENOUGH, sensor_error
 from vsalog.filters.derivatives import Differentiated
 from vsalog.mechanics.links import link_inertia, link_weight
 from vsalog.rig.schema import Link, UnknownTransmission
+from vsalog.signals import JointSignals
 
 Array = NDArray[np.float64]
 
@@ -114,22 +117,27 @@ class BorneTorque:
         """Return φ [rad], or a derivative of it, shape (N,)."""
         return deflection_of({role: values[order] for role, values in of.items() if order < len(values)}, self.view)
 
-    def rate_noise(self, weights: Array, noise: Mapping[str, float], difference: float | None) -> tuple[float, float]:
-        """Return what white noise of the signals makes of Σ̇ and, per radian, of φ̇, standard deviations.
+    def rate_noise(self, signals: JointSignals, weights: Array, difference: float | None) -> RateNoise:
+        """Return what the sensors make of Σ̇ and φ̇.
 
         Parameters
         ----------
+        signals : of the log
         weights : of the filter, shape (order + 1, window)
-        noise : role → standard deviation of its samples
         difference : T [s] where rates are differences of neighbouring samples; None where the filter gives them
         """
-        if difference is not None and self.measured:
-            step = 2.0**0.5 / difference
-            return step * sum(noise[r] for r in self.terms), step
-        square = 0.0
-        for role, coefficients in self.terms.items():
-            square += float(np.sum(_rate_weights(coefficients, weights, difference) ** 2)) * noise[role] ** 2
-        return square**0.5, float(np.linalg.norm(_rate_weights((1.0,), weights, difference)))
+        moving = self.view.deflection_roles(signals.roles)
+        torque = deflection = shared = 0.0
+        for role in dict.fromkeys((*self.terms, *moving)):
+            error = sensor_error(signals.roles[role][:ENOUGH], weights.shape[1])
+            bare = difference if self.measured else None
+            a = _rate_weights(self.terms.get(role, ()), weights, difference, bare)
+            b = _rate_weights((1.0,) if role in moving else (), weights, difference, bare)
+            b = -b if role == self.view.motor_position else b
+            torque += error.product(a, a)
+            deflection += error.product(b, b)
+            shared += error.product(a, b)
+        return RateNoise(torque, deflection, shared)
 
     def _sum(self, of: Mapping[str, Array], more: int) -> Array:
         return np.asarray(
@@ -143,10 +151,13 @@ class BorneTorque:
         return np.asarray(1.0 / (1.0 - self.friction.load * of[self.friction.way][0] * np.sign(known)))
 
 
-def _rate_weights(coefficients: tuple[float, ...], weights: Array, difference: float | None) -> Array:
+def _rate_weights(terms: tuple[float, ...], weights: Array, difference: float | None, bare: float | None) -> Array:
+    """Return the weights of a sum of derivatives' rate: filtered, or a difference of what is filtered, or of bare samples."""
     if difference is None:
-        return np.asarray(sum(c * weights[n + 1] for n, c in enumerate(coefficients)))
-    value = np.asarray(sum(c * weights[n] for n, c in enumerate(coefficients)))
+        return np.asarray(sum((c * weights[n + 1] for n, c in enumerate(terms)), np.zeros(weights.shape[1])))
+    value = sum((c * weights[n] for n, c in enumerate(terms)), np.zeros(weights.shape[1]))
+    if bare is not None:
+        value = np.array([terms[0] if terms else 0.0])
     return np.asarray((np.append(value, 0.0) - np.append(0.0, value)) / difference)
 
 

@@ -13,16 +13,14 @@ from typing import Any, Literal, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from vsalog.correlation import effective_samples
-from vsalog.errors import EstimatorError
 from vsalog.estimators.borne_torque import BorneTorque
-from vsalog.estimators.device import Device, deflection_of
+from vsalog.estimators.device import Device, spread
+from vsalog.estimators.rates import Rates, left_over, prediction_error, typical_speed
 from vsalog.estimators.regression import SUPPORTED_SHARE
 from vsalog.estimators.tuning import Positive, Tuning
 from vsalog.filters.derivatives import Derivatives, DerivativesState, Differentiated
 from vsalog.filters.stiffness_observer import observe_stiffness, observer_start
 from vsalog.model import JointModel, basis_spec
-from vsalog.resolution import sensor_noise
 from vsalog.signals import JointSignals
 from vsalog.trace import Trace
 
@@ -34,8 +32,10 @@ Columns = dict[str, NDArray[Any]]
 MEMORIES = tuple(np.geomspace(0.003, 3.0, 13).tolist())
 # What has been learnt counts when so much of the memory is filled.
 FILLED = 0.95
-# A signal without noise and steps has some: this part of its largest value.
-LEAST_NOISE = 1e-9
+# A rate's noise swings so often within a filter's window.
+SWINGS = 6.0
+# What was learnt longer ago than so many memories, and the time the deflection takes to swing to and fro, is not of now.
+RESTED = 5.0
 
 
 class ObserverTuning(Tuning, frozen=True, forbid_unknown_fields=True, kw_only=True):
@@ -61,26 +61,23 @@ class ObserverTuning(Tuning, frozen=True, forbid_unknown_fields=True, kw_only=Tr
         return self.window if self.window is not None else (self.default_window - 1) * signals.period
 
 
-class Rates(NamedTuple):
-    """Σ̇ [N·m/s] and φ̇ [rad/s] of one transmission, shape (N,) each."""
+class Observers(NamedTuple):
+    """Of one transmission: the observer, one twice as fast, and the speed and the time that it remembers, observed alike."""
 
-    torque: Array
-    deflection: Array
-
-    @property
-    def use(self) -> Flags:
-        """Where both are known, shape (N,)."""
-        return np.isfinite(self.torque) & np.isfinite(self.deflection)
+    slow: Array
+    fast: Array
+    speed: Array
+    when: Array
 
 
 @dataclass(slots=True)
 class ObserverState:
-    """Where the fold stands: of the filters, of each transmission's observer and one twice as fast, the last sample's torque and
-    deflection, and what a method has beside.
+    """Where the fold stands: of the filters, of each transmission's observers, the last sample's torque and deflection, and what
+    a method has beside.
     """
 
     filters: DerivativesState
-    observers: dict[str, tuple[Array, Array]]
+    observers: dict[str, Observers]
     last: dict[str, tuple[float, float]] = field(default_factory=dict)
     beside: Any = None
 
@@ -116,7 +113,9 @@ class ObserverFold:
         filtered = [Rates(t.rate(whole.of), t.deflection(whole.of, 1)) for t in torques]
         speed = typical_speed(device, filtered)
         self.alpha = tuning.alpha if tuning.alpha is not None else self._best_alpha(filtered, speed)
-        self.alike, self.within = self._left_over(signals, whole)
+        self.rate_noise = {t.view.name: t.rate_noise(signals, conditioner.weights, self.difference) for t in torques}
+        self.alike, self.within = self._left_over(whole)
+        self.swing = np.pi * max(spread(t.deflection(whole.of, 0)) for t in torques) / speed
 
     @property
     def derived(self) -> dict[str, float]:
@@ -125,7 +124,7 @@ class ObserverFold:
 
     def start(self) -> ObserverState:
         """Return the state before the first sample."""
-        observers = {t.view.name: (observer_start(), observer_start()) for t in self.torques}
+        observers = {t.view.name: Observers(*(observer_start() for _ in Observers._fields)) for t in self.torques}
         return ObserverState(self.conditioner.start(), observers, beside=self.start_beside())
 
     def freeze(self, state: ObserverState) -> ObserverState:
@@ -182,17 +181,32 @@ class ObserverFold:
 
     def _observed(self, state: ObserverState, part: Differentiated, borne: BorneTorque) -> Columns:
         name, rates = borne.view.name, self._rates(state, part, borne)
-        slow, fast = state.observers[name]
-        stiffness, deviation, learnt, slow = observe_stiffness(slow, *rates, rates.use, self.alpha, self.period)
-        quick, _, _, fast = observe_stiffness(fast, *rates, rates.use, 2.0 * self.alpha, self.period)
-        state.observers[name] = slow, fast
+        before, use = state.observers[name], rates.use
+        stiffness, deviation, learnt, slow = observe_stiffness(before.slow, *rates, use, self.alpha, self.period)
+        quick, _, _, fast = observe_stiffness(before.fast, *rates, use, 2.0 * self.alpha, self.period)
+        # With a torque whose rate is |φ̇| φ̇, or t φ̇, it remembers |φ̇|, or when it learnt.
+        rate = rates.deflection
+        speed, _, _, speeds = observe_stiffness(before.speed, np.abs(rate) * rate, rate, use, self.alpha, self.period)
+        when, _, _, times = observe_stiffness(before.when, part.rows.time * rate, rate, use, self.alpha, self.period)
+        state.observers[name] = Observers(slow, fast, speeds, times)
         # An observer is late; one that is half as late lies between it and the truth. And it averages over whole swings.
-        std = np.sqrt(deviation**2 * self.alike + (quick - stiffness) ** 2 + self.within**2)
+        late, noise = quick - stiffness, self.rate_noise[name]
+        learning = np.maximum(deviation**2 * self.alike, self._least_variance(noise.left(stiffness), speed))
+        std = np.sqrt(learning + late**2 + (noise.bent(stiffness) / speed**2) ** 2 + self.within**2)
         # None at all is what a gain beyond all numbers leaves, and no certainty.
         std[std == 0.0] = np.nan
+        fresh = np.abs(part.rows.time - when) <= RESTED / (self.alpha * speed) + self.swing
         return columns(
-            borne.deflection(part.of, 0), borne.torque(part.of), stiffness, std, rates.use & (learnt >= FILLED)
+            borne.deflection(part.of, 0), borne.torque(part.of), stiffness, std, use & (learnt >= FILLED) & fresh
         )
+
+    def _least_variance(self, noise: Array, speed: Array) -> Array:
+        """Return what the noise of the rates makes of a stiffness, at least.
+
+        Within a window it swings to and fro, and what is summed up of it over a longer memory goes back again.
+        """
+        swings = SWINGS / (self.alpha * speed * self.conditioner.window * self.period)
+        return noise / speed**2 / (1.0 + swings**2)
 
     def _rates(self, state: ObserverState, part: Differentiated, borne: BorneTorque) -> Rates:
         if self.difference is None:
@@ -212,7 +226,7 @@ class ObserverFold:
                 off[i] += prediction_error(known, found, self.conditioner.window)
         return float(1.0 / (MEMORIES[int(np.argmin(off))] * speed))
 
-    def _left_over(self, signals: JointSignals, whole: Differentiated) -> tuple[float, float]:
+    def _left_over(self, whole: Differentiated) -> tuple[float, float]:
         """Return `left_over` of the transmission for which it is most."""
         alike, within = 1.0, 0.0
         for borne in self.torques:
@@ -221,68 +235,10 @@ class ObserverFold:
                 known = Rates(*(np.diff(v, prepend=np.nan) / self.period for v in borne.samples(whole)))
             known = Rates(*(v[known.use] for v in known))
             found = observe_stiffness(observer_start(), *known, known.use, self.alpha, self.period)[0]
-            noise = signal_noise(signals, borne.terms)
-            torque_noise, gain = borne.rate_noise(self.conditioner.weights, noise, self.difference)
-            steps = [signals.resolution.get(role, 0.0) for role in borne.view.deflection_roles(signals.roles)]
-            phi_noise = sensor_noise(
-                deflection_of(signals.roles, borne.view), float(np.linalg.norm(steps)), LEAST_NOISE
-            )
-            share, spread = left_over(known, found, np.hypot(torque_noise, np.nanmedian(found) * gain * phi_noise))
+            noise = self.rate_noise[borne.view.name].left(float(np.nanmedian(found)))
+            share, spread = left_over(known, found, float(noise) ** 0.5)
             alike, within = max(alike, share), max(within, spread)
         return alike, within
-
-
-def typical_speed(device: Device, rates: Iterable[Rates]) -> float:
-    """Return the root mean square of φ̇ of all transmissions [rad/s].
-
-    Raises
-    ------
-    EstimatorError
-        The deflection never changes.
-    """
-    all_of_them = np.concatenate([r.deflection for r in rates])
-    speed = float(np.sqrt(np.nanmean(all_of_them**2))) if np.isfinite(all_of_them).any() else 0.0
-    if not speed > 0.0:
-        raise EstimatorError(
-            f"joint '{device.joint}': the deflection never changes, and so nothing tells the stiffness"
-        )
-    return speed
-
-
-def signal_noise(signals: JointSignals, roles: Iterable[str]) -> dict[str, float]:
-    """Return what each sensor adds to its signal, one standard deviation, by role."""
-    return {r: sensor_noise(signals.roles[r], signals.resolution.get(r, 0.0), LEAST_NOISE) for r in roles}
-
-
-def prediction_error(known: Rates, found: Array, ahead: int) -> float:
-    """Return how far a stiffness that was known `ahead` samples before misses Σ̇, mean square, as a share of Σ̇'s variance.
-
-    By a whole filter's window ahead, for within one the filter makes noise alike.
-    """
-    error = known.torque[ahead:] - found[:-ahead] * known.deflection[ahead:]
-    told = error[np.isfinite(error)]
-    return float(np.mean(told**2) / np.nanvar(known.torque)) if told.size else np.inf
-
-
-def left_over(known: Rates, found: Array, noise: float) -> tuple[float, float]:
-    """Look at what an observer's predictions leave of the torque's rate.
-
-    Parameters
-    ----------
-    known : rates that are all finite
-    found : shape (N,), the stiffness observed [N·m/rad]
-    noise : what the sensors' noise makes of Σ̇ − K φ̇, one standard deviation [N·m/s]
-
-    Returns
-    -------
-    alike : for how many samples what moves the observer stays alike, at least 1
-    within : how much the stiffness differs from the observer's average of it [N·m/rad], root mean square: what is left over but
-        for noise, over the deflection's rate
-    """
-    left = np.nan_to_num(known.torque - found * known.deflection)
-    alike = left.size / effective_samples(left * np.sign(known.deflection))
-    more = max(0.0, float(np.mean(left**2)) - float(noise) ** 2)
-    return max(1.0, alike), float(np.sqrt(more / np.mean(known.deflection**2)))
 
 
 def columns(phi: Array, torque: Array, stiffness: Array, std: Array, excited: Flags) -> Columns:

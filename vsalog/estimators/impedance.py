@@ -15,9 +15,10 @@ from numpy.typing import NDArray
 
 from vsalog.estimators.borne_torque import BorneTorque
 from vsalog.estimators.device import Device
-from vsalog.estimators.following import LEAST_NOISE, Columns, ObserverFold, ObserverState, ObserverTuning
+from vsalog.estimators.following import Columns, ObserverFold, ObserverState, ObserverTuning
 from vsalog.estimators.needs import require
-from vsalog.estimators.windows import keeping_window
+from vsalog.estimators.sensor_error import LEAST_NOISE
+from vsalog.estimators.windows import keeping_window, rms
 from vsalog.filters.derivatives import Derivatives
 from vsalog.filters.link_ekf import DECAY, MOBILITY, VELOCITY, LinkNoise, LinkState, anew, estimate_link, link_start
 from vsalog.filters.savitzky_golay import savgol_filter
@@ -161,16 +162,12 @@ class ImpedanceFold(ObserverFold):
         """Derive the noise of the link's filter from the log: its sensors', and what 1/I and N/I can be at most."""
         q, u = signals.roles["link_position"], self._acting(signals)
         _, rate, acceleration = savgol_filter(q, self.conditioner.weights)
-        size = _rms(acceleration)
+        size = rms(acceleration)
         return LinkNoise(
             position=sensor_noise(q, signals.resolution.get("link_position", 0.0), LEAST_NOISE),
             torque=sensor_noise(u, 0.0, LEAST_NOISE),
-            velocity=ROOM * _rms(rate),
-            mobility=ROOM * size / max(_rms(u - np.nanmean(u)), 1e-300),
-            decay=ROOM * size / max(_rms(rate), 1e-300),
+            velocity=ROOM * rms(rate),
+            mobility=ROOM * size / max(rms(u - np.nanmean(u)), 1e-300),
+            decay=ROOM * size / max(rms(rate), 1e-300),
             wander=tuning.wander,
         )
-
-
-def _rms(values: Array) -> float:
-    return float(np.sqrt(np.nanmean(values**2))) if np.isfinite(values).any() else 0.0

@@ -6,7 +6,7 @@ fed with what the other finds. The paper gives it to show what its decoupled obs
 
 from __future__ import annotations
 
-from collections.abc import Collection
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass
 from typing import Annotated, ClassVar, NamedTuple
 
@@ -22,16 +22,15 @@ from vsalog.estimators.following import (
     MEMORIES,
     Columns,
     ObserverTuning,
-    Rates,
     columns,
-    left_over,
-    signal_noise,
-    typical_speed,
 )
 from vsalog.estimators.needs import require
-from vsalog.estimators.windows import suitable_windows, with_window
+from vsalog.estimators.rates import Rates, left_over, typical_speed
+from vsalog.estimators.sensor_error import ENOUGH, sensor_error
+from vsalog.estimators.windows import KEPT, LOUD, QUIET, rates_of, rms, suitable_windows, with_window
 from vsalog.filters.coupled_observer import CoupledNoise, CoupledState, coupled_start, observe_coupled
 from vsalog.filters.derivatives import Derivatives, DerivativesState, Differentiated
+from vsalog.filters.savitzky_golay import savgol_filter, savgol_weights
 from vsalog.model import JointModel, basis_spec
 from vsalog.signals import JointSignals
 from vsalog.trace import Trace
@@ -47,6 +46,8 @@ ANOTHER_GUESS = 2.0
 MET = 0.1
 # No noise and no guess is smaller.
 LEAST = 1e-12
+# What is all noise is counted as this part of it.
+NEARLY_ALL = 0.999
 # Values before the first sample of a run.
 UNKNOWN = (np.nan,) * 4
 
@@ -143,7 +144,7 @@ class ImpedanceCoupledFold:
                 f"joint '{device.joint}': external_torque never changes, and without a push whose size is known nothing tells"
                 f" inertia, damping and stiffness apart from any multiple of all three; {NAME} cannot begin"
             )
-        tuning = with_window(tuning, signals, suitable_windows(device, signals, tuning)[0])
+        tuning = with_window(tuning, signals, quiet_window(device, signals, tuning))
         orders = dict.fromkeys((*self.view.deflection_roles(signals.roles), "external_torque"), 1) | {
             "link_position": 3
         }
@@ -163,6 +164,7 @@ class ImpedanceCoupledFold:
         self.alike, self.within = self._left_over(signals, known)
         # What the spring is beside its average goes into the link, as far as φ̇ looks like q⃛ or q̈: it may altogether.
         self.shares = sizes[2] / np.array(sizes[:2])
+        self.noisy = self._noisy(signals, sizes)
 
     @property
     def derived(self) -> dict[str, float]:
@@ -251,21 +253,29 @@ class ImpedanceCoupledFold:
         # An observer is late and averages over whole swings; what depends on the guess is as doubtful as the guess, and what the
         # link's inertia is in doubt of may be the spring's.
         doubt = link[:, 2] / self.shares[0]
-        std = np.sqrt(deviation**2 * self.alike + late**2 + apart**2 + doubt**2 + self.within**2)
+        # What noise in q⃛, q̈ and φ̇ takes away of I, N and K, each may take from K.
+        bent = np.hypot(self.noisy[2] * K, np.linalg.norm(self.noisy[:2] * link[:, :2] / self.shares, axis=1))
+        std = np.sqrt(deviation**2 * self.alike + late**2 + apart**2 + doubt**2 + bent**2 + self.within**2)
         taken = link[:, 0] * part.of["link_position"][2] + link[:, 1] * part.of["link_position"][1]
         torque = part.of["external_torque"][0] - self._weighs(part) - taken
-        supported = motion.use & (learnt >= FILLED) & (link[:, 0] > 0.0)
-        spread = np.sqrt(link[:, 2:] ** 2 + (other[:, :2] - link[:, :2]) ** 2 + (self.within * self.shares) ** 2)
+        known = bool(np.all(self.noisy < LOUD**2))
+        supported = motion.use & (learnt >= FILLED) & (link[:, 0] > 0.0) & known
+        spread = np.sqrt(
+            link[:, 2:] ** 2
+            + (other[:, :2] - link[:, :2]) ** 2
+            + (self.within * self.shares) ** 2
+            + (bent[:, None] * self.shares) ** 2
+        )
         phi = deflection_of({r: v[0] for r, v in part.of.items()}, self.view)
         own = columns(phi, torque, K, std, supported)
         # Neither is known without the other.
-        known = np.where(own["excited"], 1.0, np.nan)
+        found = np.where(own["excited"], 1.0, np.nan)
         return (slow, fast, far), {
             **own,
-            "link_inertia": known * link[:, 0],
-            "link_inertia_std": known * spread[:, 0],
-            "link_damping": known * link[:, 1],
-            "link_damping_std": known * spread[:, 1],
+            "link_inertia": found * link[:, 0],
+            "link_inertia_std": found * spread[:, 0],
+            "link_damping": found * link[:, 1],
+            "link_damping_std": found * spread[:, 1],
         }
 
     def _motion(self, part: Differentiated, last: tuple[float, ...]) -> tuple[Motion, tuple[float, ...]]:
@@ -301,14 +311,46 @@ class ImpedanceCoupledFold:
             off.append(error)
         return float(1.0 / (MEMORIES[int(np.argmin(off))] * speed))
 
+    def _noisy(self, signals: JointSignals, sizes: Sequence[float]) -> Array:
+        """Return which share of the power of q⃛, q̈ and φ̇ is noise, below 1."""
+        q, weights = signals.roles["link_position"], self.conditioner.weights
+        added = [sensor_error(q[:ENOUGH], self.conditioner.window).rms(w) for w in (weights[3], weights[2])]
+        _, (noise,) = rates_of(self.device, signals[:ENOUGH], weights[:2])
+        return np.minimum(np.array([*added, noise]) / sizes, NEARLY_ALL) ** 2
+
     def _left_over(self, signals: JointSignals, known: Motion) -> tuple[float, float]:
-        """Return `following.left_over` of what the loop takes for the spring's."""
+        """Return `rates.left_over` of what the loop takes for the spring's."""
         stiffness, link, _ = observe_coupled(self._loops()[0], *known, known.use, self.alpha, self.period, self.noise)
         spring = known.f - link[:, 0] * known.jerk - link[:, 1] * known.acceleration
-        gains = np.linalg.norm(self.conditioner.weights, axis=1)
-        noise = signal_noise(signals, ("external_torque", "link_position"))
-        rate = np.hypot(gains[1] * noise["external_torque"], self.guess[0] * gains[3] * noise["link_position"])
+        push, q = (
+            sensor_error(signals.roles[role][:ENOUGH], self.conditioner.window)
+            for role in ("external_torque", "link_position")
+        )
+        weights = self.conditioner.weights
+        rate = np.hypot(push.rms(weights[1]), self.guess[0] * q.rms(weights[3]))
         return left_over(Rates(spring, known.deflection), stiffness[:, 0], float(rate))
+
+
+def quiet_window(device: Device, signals: JointSignals, tuning: ImpedanceCoupledTuning) -> int:
+    """Return the shortest window, in samples, that leaves φ̇ and q⃛ quiet and keeps the motion.
+
+    Where none does, that of those quiet in φ̇ behind which the least part of q⃛ is noise.
+    """
+    windows, shares, kept = suitable_windows(device, signals, tuning), [], -np.inf
+    q = signals.roles["link_position"][:ENOUGH]
+    for window in windows:
+        weights = savgol_weights(window, tuning.degree, 3, signals.period)[3:]
+        jerk, noise = rms(savgol_filter(q, weights)[0]), sensor_error(q, window).rms(weights[0])
+        motion = jerk**2 - noise**2
+        if motion < kept:
+            break
+        shares.append(noise / max(jerk, noise, LEAST))
+        if shares[-1] <= QUIET:
+            break
+        if shares[-1] <= LOUD:
+            # How large noise is, is known no better than to its own size.
+            kept = max(kept, KEPT * motion - noise**2)
+    return windows[int(np.argmin(shares))]
 
 
 def unexplained(known: Motion) -> float:

@@ -5,7 +5,7 @@ motion.
 from __future__ import annotations
 
 from collections.abc import Collection
-from typing import TypeVar
+from typing import NamedTuple, TypeVar
 
 import msgspec
 import numpy as np
@@ -39,6 +39,34 @@ KEPT = 0.98
 PART_OF_RUN = 0.1
 
 
+class Behind(NamedTuple):
+    """What is behind a window: φ̇ of each transmission and what noise makes of it, root mean squares [rad/s]."""
+
+    window: int
+    rates: Array
+    noises: Array
+
+    @property
+    def quiet(self) -> bool:
+        """Whether noise is a small part of every rate."""
+        return bool(np.all(self.noises <= QUIET * self.rates))
+
+    @property
+    def loud(self) -> bool:
+        """Whether noise is so much of some rate that it does not tell what motion a window would have to keep."""
+        return bool(np.any(self.noises > LOUD * self.rates))
+
+    @property
+    def motion(self) -> Array:
+        """What is no noise, mean squares."""
+        return self.rates**2 - self.noises**2
+
+    @property
+    def surely(self) -> Array:
+        """What a longer window has to keep: how large noise is, is known no better than to its own size."""
+        return (ALL if self.window < WINDOWS[0] else KEPT) * self.motion - self.noises**2
+
+
 def suitable_windows(device: Device, signals: JointSignals, tuning: Tuning) -> list[int]:
     """Return the windows, in samples, that leave φ̇ of every transmission quiet and keep the motion, shortest first.
 
@@ -50,10 +78,10 @@ def suitable_windows(device: Device, signals: JointSignals, tuning: Tuning) -> l
     quiet: list[int] = []
     sure = np.zeros(len(device.transmissions))
     for window in (*_shorter(signals, tuning, WINDOWS[0]), *fitting):
-        rates, noises = rates_of(device, signals[:ENOUGH], savgol_weights(window, tuning.degree, 1, signals.period))
-        if np.all(noises <= QUIET * rates) and np.all(rates**2 - noises**2 >= sure):
+        behind = _behind(device, signals[:ENOUGH], tuning, window)
+        if behind.quiet and np.all(behind.motion >= sure):
             quiet.append(window)
-            sure = np.maximum(sure, ALL * (rates**2 - noises**2) - noises**2)
+            sure = np.maximum(sure, behind.surely)
     usual = [window for window in quiet if window >= WINDOWS[0]]
     return usual or quiet[-1:] or fitting[-1:]
 
@@ -67,15 +95,15 @@ def keeping_window(device: Device, signals: JointSignals, tuning: T, usual: int)
     if tuning.window is not None or tuning.filter != "savitzky-golay" or not shorter:
         return tuning
     part = most_moved(signals, {r for view in device.transmissions for r in view.deflection_roles(signals.roles)})
-    found, sure = None, np.zeros(len(device.transmissions))
+    found, sure = usual, np.zeros(len(device.transmissions))
     for window in (*shorter, usual):
-        rates, noises = rates_of(device, part, savgol_weights(window, tuning.degree, 1, signals.period))
-        if np.any(noises > LOUD * rates):
+        behind = _behind(device, part, tuning, window)
+        if behind.loud:
             continue
-        if np.any(rates**2 - noises**2 < sure):
+        if np.any(behind.motion < sure):
             break
-        found, sure = window, np.maximum(sure, ALL * (rates**2 - noises**2) - noises**2)
-    return with_window(tuning, signals, found or usual)
+        found, sure = window, np.maximum(sure, behind.surely)
+    return with_window(tuning, signals, found)
 
 
 def _shorter(signals: JointSignals, tuning: Tuning, usual: int) -> list[int]:
@@ -102,18 +130,14 @@ def motor_window(device: Device, signals: JointSignals, tuning: T) -> T:
     found, anyhow, sure = None, None, np.zeros(len(device.transmissions))
     usual = (w for w in WINDOWS if w == WINDOWS[0] or w <= PART_OF_RUN * longest)
     for window in (*_shorter(signals, tuning, WINDOWS[0]), *usual):
-        weights = savgol_weights(window, tuning.degree, 2, signals.period)
-        rates, noises = rates_of(device, part, weights[:2])
-        quiet = window >= WINDOWS[0] and all(_quiet(view, part, weights) for view in device.transmissions)
-        if np.any(noises > LOUD * rates):
-            # Noise does not tell what motion a window would have to keep.
+        behind = _behind(device, part, tuning, window)
+        quiet = window >= WINDOWS[0] and _quiet(device, part, tuning, window)
+        if behind.loud:
             anyhow = window if quiet and anyhow is None else anyhow
             continue
-        if np.any(rates**2 - noises**2 < sure):
+        if np.any(behind.motion < sure):
             break
-        # How large noise is, is known no better than to its own size.
-        part_kept = ALL if window < WINDOWS[0] else KEPT
-        found, sure = window, np.maximum(sure, part_kept * (rates**2 - noises**2) - noises**2)
+        found, sure = window, np.maximum(sure, behind.surely)
         if quiet:
             break
     return with_window(tuning, signals, found or anyhow or WINDOWS[0])
@@ -126,8 +150,18 @@ def most_moved(signals: JointSignals, roles: Collection[str]) -> JointSignals:
     return signals[first : first + ENOUGH]
 
 
-def _quiet(view: TransmissionView, signals: JointSignals, weights: Array) -> bool:
-    """Tell whether what the steps of a motor's encoder make of its torque, or of its speed, is small."""
+def _behind(device: Device, signals: JointSignals, tuning: Tuning, window: int) -> Behind:
+    weights = savgol_weights(window, tuning.degree, 1, signals.period)
+    return Behind(window, *rates_of(device, signals, weights))
+
+
+def _quiet(device: Device, signals: JointSignals, tuning: Tuning, window: int) -> bool:
+    """Tell whether what the steps of the motors' encoders make of their torques, or of their speeds, is small."""
+    weights = savgol_weights(window, tuning.degree, 2, signals.period)
+    return all(_quiet_motor(view, signals, weights) for view in device.transmissions)
+
+
+def _quiet_motor(view: TransmissionView, signals: JointSignals, weights: Array) -> bool:
     theta, torque = signals.roles[view.motor_position], signals.roles[view.motor_torque]
     added, inertia = sensor_error(theta, weights.shape[1]), view.motor.reflected_inertia
     if inertia is not None:
@@ -135,8 +169,7 @@ def _quiet(view: TransmissionView, signals: JointSignals, weights: Array) -> boo
         bent = inertia * abs(added.product(weights[0], weights[2]))
         moved = spread(deflection_of(signals.roles, view)) * spread(torque)
         return bool(inertia * added.rms(weights[2]) <= QUIET * spread(torque) and bent <= BENT * moved)
-    speed = savgol_filter(theta, weights[1:2])[0]
-    return not np.isfinite(speed).any() or bool(added.rms(weights[1]) <= QUIET * np.sqrt(np.nanmean(speed**2)))
+    return not (speed := rms(savgol_filter(theta, weights[1:2])[0])) or bool(added.rms(weights[1]) <= QUIET * speed)
 
 
 def noisy_rates(device: Device, signals: JointSignals, tuning: Tuning, window: int) -> list[str]:
@@ -163,8 +196,12 @@ def rates_of(device: Device, signals: JointSignals, weights: Array) -> tuple[Arr
     """
     rates, noises = [], []
     for view in device.transmissions:
-        found = savgol_filter(deflection_of(signals.roles, view), weights[1:])[0]
-        rates.append(np.sqrt(np.nanmean(found**2)) if np.isfinite(found).any() else 0.0)
+        rates.append(rms(savgol_filter(deflection_of(signals.roles, view), weights[1:])[0]))
         added = (sensor_error(signals.roles[role], weights.shape[1]) for role in view.deflection_roles(signals.roles))
         noises.append(np.sqrt(sum(sensor.product(weights[1], weights[1]) for sensor in added)))
     return np.array(rates), np.array(noises)
+
+
+def rms(values: Array) -> float:
+    """Return the root mean square of what is finite; zero where nothing is."""
+    return float(np.sqrt(np.nanmean(values**2))) if np.isfinite(values).any() else 0.0
