@@ -79,6 +79,21 @@ def test_memory_bounds_what_goes_on_at_a_time(play):
     assert "--memory" in records["a"].reason
 
 
+def leave(pipe):
+    os._exit(7)
+
+
+@pytest.mark.parametrize("dead", [False, True])
+def test_workers_that_cannot_live_are_told(monkeypatch, dead):
+    """Also where they are gone before they are asked."""
+    monkeypatch.setattr(pool, "serve", leave)
+    with pool.Pool(1, 10**12) as workers:
+        if dead:
+            workers._workers[0].process.join()
+        with pytest.raises(BatchError, match=r"no worker could be started: .* code 7"):
+            workers.check(Settings())
+
+
 BUSY = """
 import os, sys, time
 import msgspec
@@ -89,8 +104,8 @@ from vsalog.batch.worker import TASK
 
 log = Log(name="x", where=b"pipe", remote=False, size=1)
 task = Task(log=log, settings=Settings(), out=b"out", vsalog=__version__, keep=False)
-pool = Pool(2, 10**12)
-idle, busy = pool._start(), pool._start()
+pool = Pool(2, 10**12).__enter__()
+idle, busy = pool._workers
 busy.pipe.send_bytes(TASK + msgspec.json.encode(task))
 print(idle.process.pid, busy.process.pid, flush=True)
 time.sleep(60)

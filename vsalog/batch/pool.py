@@ -67,6 +67,9 @@ class Pool:
         self._workers: list[_Worker] = []
 
     def __enter__(self) -> Pool:
+        # All of them, so that they load side by side, and while others prepare.
+        for _ in range(self.jobs):
+            self._start()
         return self
 
     def __exit__(
@@ -87,13 +90,12 @@ class Pool:
         BatchError
             It cannot.
         """
-        # All of them, so that they load side by side.
-        worker, *_ = [self._start() for _ in range(self.jobs)]
-        worker.pipe.send_bytes(CHECK + msgspec.json.encode(settings))
+        worker = self._workers[0]
         try:
+            worker.pipe.send_bytes(CHECK + msgspec.json.encode(settings))
             while (message := worker.pipe.recv_bytes())[:1] == COMPILING:
                 pass
-        except EOFError:
+        except (EOFError, OSError):
             raise BatchError(f"no worker could be started: it {_ended(worker.process)}") from None
         if said := message[1:].decode():
             raise BatchError(said)
@@ -112,9 +114,9 @@ class Pool:
             waiting.insert(0, waiting.pop(_lukewarm(waiting)))
         while waiting or any(w.job for w in self._workers):
             yield from self._refused(waiting)
+            self._grow(waiting)
             if warm or not any(w.job for w in self._workers):
                 self._hand_out(waiting, 1 if not warm else self.jobs)
-            self._grow(waiting)
             for worker in self._ready():
                 message = self._message(worker)
                 if message == COMPILING:
@@ -154,13 +156,13 @@ class Pool:
         free = [w for w in self._workers if not w.job]
         count = len(busy)
         for job in list(waiting):
-            if count >= min(most, self.jobs):
+            if not free or count >= most:
                 return
             if (job.deaths and count) or job.need > left:
                 continue
             while len(free) > 1 and job.need + (len(free) - 1) * BASE > left:
                 self._dismiss(free.pop(0))
-            worker = free.pop() if free else self._start()
+            worker = free.pop()
             waiting.remove(job)
             worker.job, worker.begun = job, time.monotonic()
             with suppress(OSError):  # one that died is noticed by its pipe
@@ -170,7 +172,7 @@ class Pool:
                 return
 
     def _grow(self, waiting: list[_Job]) -> None:
-        """Start workers that will be needed while the first log is still being done."""
+        """Start workers in the place of those that died or were let go, as far as there is work and memory for them."""
         busy = sum(1 for w in self._workers if w.job)
         least = min((job.need for job in waiting), default=0)
         while len(self._workers) < min(self.jobs, len(waiting) + busy):

@@ -135,6 +135,10 @@ def run_batch(asked: Asked, watch: Watch) -> Outcome:
     store = open_store(asked.out)
     _check_place(store, asked)
     with _executor(asked, watch, len(plan.logs)) as executor:
+        # What makes the table and the page in the end takes time to import; here that passes while the workers load.
+        import vsalog.batch.index_page
+        import vsalog.batch.summary  # noqa: F401
+
         executor.check(asked.settings)
         if isinstance(store, LocalStore):
             _make(store)
