@@ -48,21 +48,12 @@ def processes():
 
 @contextmanager
 def cluster(folder, environment=None):
-    """A scheduler and two workers; gives its address and the workers."""
+    """A scheduler and two workers; gives its address, itself and the workers."""
     with processes() as begin:
         where = ["--scheduler-file", folder / "scheduler.json"]
         quiet = {"env": environment or os.environ, "stdout": subprocess.DEVNULL, "cwd": folder}
-        begin(
-            "-m",
-            "distributed.cli.dask_scheduler",
-            "--host",
-            "127.0.0.1",
-            "--port",
-            "0",
-            "--no-dashboard",
-            *where,
-            **quiet,
-        )
+        local = ["--host", "127.0.0.1", "--port", "0", "--no-dashboard"]
+        scheduler = begin("-m", "distributed.cli.dask_scheduler", *local, *where, **quiet)
         workers = [
             begin(
                 "-m", "distributed.cli.dask_worker", "--nthreads", "1", "--no-nanny", "--no-dashboard",
@@ -73,7 +64,15 @@ def cluster(folder, environment=None):
         deadline = time.monotonic() + 30.0
         while not (folder / "scheduler.json").exists() and time.monotonic() < deadline:
             time.sleep(0.05)
-        yield json.loads((folder / "scheduler.json").read_text())["address"], workers
+        yield json.loads((folder / "scheduler.json").read_text())["address"], scheduler, workers
+
+
+def wait_for_records(out, count):
+    """Wait until so many logs are finished; returns how many are."""
+    deadline = time.monotonic() + 60.0
+    while (found := len(list(out.glob("records/*")))) < count and time.monotonic() < deadline:
+        time.sleep(0.02)
+    return found
 
 
 @contextmanager
@@ -98,18 +97,44 @@ def object_store():
 def test_a_worker_that_is_killed_loses_nothing_and_the_cluster_makes_the_same(tmp_path, here):
     make_logs(tmp_path / "logs", 8, rows=8000)
     (tmp_path / "logs" / "day0" / "broken.csv").write_bytes(b"\x89PNG")
-    with cluster(tmp_path) as (address, workers):
+    with cluster(tmp_path) as (address, _, workers):
         do_batch(tmp_path / "logs", out=tmp_path / "here")
         running = start("logs", "-o", "there", "--scheduler", address, cwd=tmp_path)
-        deadline = time.monotonic() + 60.0
-        while len(list((tmp_path / "there").glob("records/*"))) < 2 and time.monotonic() < deadline:
-            time.sleep(0.02)
+        wait_for_records(tmp_path / "there", 2)
         workers[0].send_signal(signal.SIGKILL)
-        left = 9 - len(list((tmp_path / "there").glob("records/*")))
+        left = 9 - wait_for_records(tmp_path / "there", 0)
         _, err = running.communicate(timeout=90)
         assert running.returncode == 2, err
         assert left > 0  # it was killed in mid-run
     same(contents(tmp_path / "there"), contents(tmp_path / "here"))
+
+
+def test_a_scheduler_that_is_killed_ends_the_run_and_another_one_goes_on(tmp_path, here):
+    """Its workers may still be writing what they had begun when the next run is there."""
+    make_logs(tmp_path / "logs", 12, rows=8000)
+    there = tmp_path / "there"
+    with cluster(tmp_path) as (address, scheduler, _):
+        do_batch(tmp_path / "logs", out=tmp_path / "here")
+        whole = contents(tmp_path / "here")
+        running = start("logs", "-o", "there", "--scheduler", address, cwd=tmp_path)
+        wait_for_records(there, 3)
+        scheduler.kill()
+        out, err = running.communicate(timeout=60)
+        finished = wait_for_records(there, 0)
+        assert (running.returncode, out) == (2, ""), err
+        assert finished < 12  # it was killed in mid-run
+        assert len(err.strip().splitlines()) == 1, err
+        assert "the connection to the scheduler was lost" in err
+        assert "--resume" in err
+        left = contents(there)
+        assert not [name for name in left if name.startswith("traces/") and left[name] != whole[name]]
+        assert not [name for name in left if name.startswith("records/") and left[name] != whole[name]]
+        (tmp_path / "scheduler.json").unlink()
+        with cluster(tmp_path) as (other, _, _):
+            code, out, err = batch("logs", "-o", "there", "--resume", "--scheduler", other, cwd=tmp_path)
+    assert code == 0, err
+    assert "of them before" in out
+    same(contents(there), whole)
 
 
 def test_an_object_store_holds_the_same_as_a_folder(tmp_path, here, monkeypatch):

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
+import logging
 from collections.abc import Callable, Iterator, Sequence
-from concurrent.futures import CancelledError
 from importlib import import_module
 from types import TracebackType
 from typing import Any
@@ -21,6 +21,8 @@ PATIENCE = 15
 RETRIES = 2
 # Tasks the scheduler knows at a time; so many that no worker ever waits for the next.
 AHEAD = 2000
+# Dask's word for a task that failed; where fetching a result fails and it is any other, nobody answers.
+ERRED = "error"
 
 
 class Cluster:
@@ -45,6 +47,7 @@ class Cluster:
             distributed: Any = import_module("distributed")
         except ImportError:
             raise BatchError("--scheduler needs Dask: pip install 'vsalog[dask]'") from None
+        _silence()
         self.address, self.say, self._distributed = address, say, distributed
         try:
             self._client: Any = distributed.Client(address, timeout=PATIENCE, set_as_default=False, name="vsalog-batch")
@@ -63,6 +66,10 @@ class Cluster:
         self._client.close(timeout=5)
 
     @property
+    def _lost(self) -> str:
+        return f"{self.address}: the connection to the scheduler was lost"
+
+    @property
     def jobs(self) -> int:
         """How many logs are worked on at a time."""
         return sum(self._client.nthreads().values())
@@ -73,32 +80,33 @@ class Cluster:
         Raises
         ------
         BatchError
-            It cannot, or the scheduler has no worker.
+            It cannot, or the scheduler has no worker, or is gone.
         """
-        if not self.jobs:
-            self.say(f"{self.address} has no worker yet; waiting for one")
-            try:
-                self._client.wait_for_workers(1, timeout=PATIENCE * 4)
-            except TimeoutError:
-                raise BatchError(
-                    f"{self.address}: the scheduler has no workers; start some with 'dask worker'"
-                ) from None
-        future = self._client.submit(check_json, msgspec.json.encode(settings), pure=False)
+        try:
+            self._wait_for_worker()
+            future = self._client.submit(check_json, msgspec.json.encode(settings), pure=False)
+        except OSError as error:
+            raise BatchError(self._lost) from error
         try:
             said = future.result()
         except Exception as error:
+            if future.status != ERRED:
+                raise BatchError(self._lost) from error
             raise BatchError(f"{self.address}: the workers cannot run vsalog: {_told(error)}") from error
         if said:
             raise BatchError(said)
 
-    def run(self, tasks: Sequence[Task]) -> Iterator[tuple[Task, Answer]]:
-        """Do tasks; yield each with its answer as soon as it is there.
+    def _wait_for_worker(self) -> None:
+        if self.jobs:
+            return
+        self.say(f"{self.address} has no worker yet; waiting for one")
+        try:
+            self._client.wait_for_workers(1, timeout=PATIENCE * 4)
+        except TimeoutError:
+            raise BatchError(f"{self.address}: the scheduler has no workers; start some with 'dask worker'") from None
 
-        Raises
-        ------
-        BatchError
-            The connection to the scheduler was lost.
-        """
+    def run(self, tasks: Sequence[Task]) -> Iterator[tuple[Task, Answer]]:
+        """Do tasks; yield each with its answer as soon as it is there."""
         # Large ones first, so that the last ones end together.
         waiting = sorted(tasks, key=lambda task: (task.log.size, task.log.name))
         known: dict[str, Task] = {}
@@ -119,13 +127,19 @@ class Cluster:
 
     def _answer(self, future: Any, task: Task) -> Answer:
         try:
-            return msgspec.json.decode(future.result(), type=Answer)
-        except CancelledError:
-            raise BatchError(
-                f"{self.address}: the connection to the scheduler was lost; run again with --resume"
-            ) from None
+            answer = future.result()
         except Exception as error:
+            if future.status != ERRED:
+                return Answer(stop=f"{self._lost}, and with it what was being worked on")
             return Answer(record=failed(task.log, task.settings, "killed", _told(error), __version__))
+        return msgspec.json.decode(answer, type=Answer)
+
+
+def _silence() -> None:
+    """Keep what Dask logs, which is tracebacks, from the terminal: what matters comes as exceptions, and is told in a line."""
+    for name in logging.root.manager.loggerDict:
+        if name.split(".")[0] == "distributed":
+            logging.getLogger(name).setLevel(logging.CRITICAL)
 
 
 def _told(error: Exception) -> str:
