@@ -19,6 +19,7 @@ from vsalog.readers.chunk_index import GLIMPSES, Needed, Part
 from vsalog.readers.compression import MAX_BYTES
 from vsalog.readers.opened import for_sqlite
 from vsalog.readers.packets import PACKED, PACKED_BYTES, Messages, Packet
+from vsalog.readers.sqlite_ranges import bounded, ranges
 
 SQLITE_MAGIC = b"SQLite format 3\0"
 
@@ -30,6 +31,8 @@ _MOST_TOPICS = 2**16
 # Behind a stretch of rows that cannot be read, the next is looked for this part of the stretch farther on.
 _STEP = 200
 _LAST_ROW = 2**62
+# To read a row takes SQLite some thirty steps, and a row takes more than ten bytes.
+_STEPS_PER_BYTE = 30
 # So many rows are read at once, to begin with and at most.
 _FIRST_AT_ONCE, _MOST_AT_ONCE = 16, 256
 
@@ -105,46 +108,58 @@ class SqliteContainer:
         """
         if not ids:
             return
-        wanted = frozenset(ids)
-        strangers = size = 0
-        connection: list[int] = []
-        log: list[int] = []
-        content: list[bytes] = []
-        for topics, times, messages in self._rows(ids):
-            if not wanted.issuperset(topics):
-                known = [row for row in zip(topics, times, messages, strict=True) if row[0] in wanted]
-                strangers += len(topics) - len(known)
-                if not known:
-                    continue
-                topics, times, messages = zip(*known, strict=True)
-            connection += topics
-            log += times
-            content += messages
-            size += sum(map(len, messages))
-            if len(content) >= PACKED or size >= PACKED_BYTES:
-                yield _packet(connection, log, content)
-                connection, log, content, size = [], [], [], 0
-        if content:
-            yield _packet(connection, log, content)
+        wanted = np.array(sorted(ids), dtype=np.int64)
+        strangers = 0
+        for packet in self._all(ids):
+            known = np.isin(packet.connection, wanted)
+            if known.all():
+                yield packet
+                continue
+            rows = np.flatnonzero(known)
+            strangers += known.size - rows.size
+            if rows.size:
+                messages = packet.messages.some(rows)
+                yield Packet(packet.connection[rows], packet.log[rows], packet.publish[rows], messages)
         if strangers:
             self._note(f"{plural(strangers, 'message')} of topics that the bag does not name skipped")
 
-    def _rows(self, ids: Collection[int]) -> Iterator[_Rows]:
-        """Yield rows, some at a time, but one at a time once there was an error, which would lose those that came with it."""
-        only = self._only(ids)
+    def _all(self, ids: Collection[int]) -> Iterator[Packet]:
+        """Yield packets of rows that are asked for: by ranges as far as all is sound, then row by row."""
+        only, within = self._only(ids), self._within()
+        first, last = within or self._numbered()
+        done = -1
+        for end, packet in ranges(self._database, first, last, only):
+            done = end
+            yield packet
+        if within:
+            only += f" AND rowid BETWEEN {first} AND {last}"
+        with bounded(self._database, _STEPS_PER_BYTE * self.size()):
+            yield from _together(self._rows(only, first, done))
+
+    def _rows(self, only: str, first: int, start: int) -> Iterator[_Rows]:
+        """Yield rows, some at a time, but one at a time once there was an error, which would lose those that came with it.
+
+        Parameters
+        ----------
+        only : str
+            The condition that chooses them.
+        first, start : int
+            From the first row to `start` all was read; -1 where nothing was.
+        """
         query = f"SELECT rowid, topic_id, timestamp, data FROM messages WHERE rowid > ? {only} ORDER BY rowid"
-        start, last, lost, stretch = -1, -1, 0, 0
-        first, count, nonsense, at_once = 0, 0, 0, _FIRST_AT_ONCE
-        most = self.path.stat().st_size  # more rows than bytes come only of pages that contain themselves
+        last, lost, stretch = start, 0, 0
+        count = 0 if start < 0 else start - first + 1
+        nonsense, at_once = 0, _FIRST_AT_ONCE
+        most = self.size()  # more rows than bytes come only of pages that are there several times
         while start < _LAST_ROW and count < most:
             try:
                 cursor = self._database.execute(query, (start,))
                 while count < most and (rows := list(islice(cursor, at_once))):
-                    first = first or rows[0][0]
+                    first = first if count else rows[0][0]
                     count += len(rows)
                     numbers, topics, times, messages = zip(*rows, strict=True)
-                    if set(map(type, messages)) != {bytes} or set(map(type, times)) != {int}:
-                        good = [row for row in rows if type(row[3]) is bytes and type(row[2]) is int]
+                    if set(map(type, messages)) != {bytes} or set(map(type, topics + times)) != {int}:
+                        good = [row for row in rows if tuple(map(type, row[1:])) == (int, int, bytes)]
                         nonsense += len(rows) - len(good)
                         if not good:
                             continue
@@ -156,7 +171,9 @@ class SqliteContainer:
                 break
             except _DAMAGE as error:
                 self._refuse(error)
-                if at_once > 1:
+                if _code(error) == sqlite3.SQLITE_INTERRUPT:
+                    count = most
+                elif at_once > 1:
                     start, at_once = last, 1
                 elif last > start:
                     start, stretch = last, 0
@@ -164,8 +181,10 @@ class SqliteContainer:
                     step = 1 + stretch // _STEP
                     start, lost, stretch = start + step, lost + step, stretch + step
         if nonsense:
-            self._note(f"{plural(nonsense, 'row')} without a time or a message skipped")
-        if start >= _LAST_ROW:
+            self._note(f"{plural(nonsense, 'row')} without a topic, a time or a message skipped")
+        if count >= most:
+            self._note("the database is damaged and leads to the same rows again and again: reading it was given up")
+        elif start >= _LAST_ROW:
             self._note("the end of the database cannot be read (was it cut off?), what is ahead of it was")
         elif lost:
             self._note(f"{plural(lost, 'row')} of the database cannot be read, the rest was")
@@ -180,32 +199,43 @@ class SqliteContainer:
         first, last = (int(end or 0) for end in ends)
         return first, last
 
+    def _numbered(self) -> tuple[int, int]:
+        """Return the first and the last row; none where they are not numbered as recorders do: their ends are not sure."""
+        try:
+            first, last = self._ends()
+        except (*_DAMAGE, TypeError, ValueError):
+            return 0, -1
+        return (first, last) if first in (0, 1) else (0, -1)
+
     def _only(self, ids: Collection[int]) -> str:
         """Return the condition that chooses topics and times; no topics where all are wanted: strangers are to be seen."""
         when = ""
         if self._part is not None:
-            rows = self._rows_within(self._part)
             times = f"timestamp BETWEEN {self._part.low} AND {self._part.high}"
-            when = f"AND ({times} OR topic_id IN ({_listed(self._part.throughout)})) {rows}"
+            when = f"AND ({times} OR topic_id IN ({_listed(self._part.throughout)}))"
         if set(ids) >= {number for number, *_ in self._topics()}:
             return when
         return f"AND topic_id IN ({_listed(ids)}) {when}"
 
-    def _rows_within(self, part: Part) -> str:
-        """Return the condition that chooses rows between the first and the last that lie in a part, where an index tells them."""
+    def _within(self) -> tuple[int, int] | None:
+        """Return the first and the last row that lie in the part of the log, where there is one and an index tells them."""
+        part = self._part
+        if part is None or part.throughout:
+            return None
         query = f"SELECT min(rowid), max(rowid) FROM messages WHERE timestamp BETWEEN {part.low} AND {part.high}"
         try:
             plan = self._database.execute(f"EXPLAIN QUERY PLAN {query}").fetchall()
-            if part.throughout or not any("INDEX" in str(step[-1]) for step in plan):
-                return ""
-            first, last = self._database.execute(query).fetchone()
+            if not any("INDEX" in str(step[-1]) for step in plan):
+                return None
+            with bounded(self._database, _STEPS_PER_BYTE * self.size()):
+                first, last = self._database.execute(query).fetchone()
         except _DAMAGE:
-            return ""
-        return f"AND rowid BETWEEN {int(first or 0)} AND {int(last or 0)}"
+            return None
+        return int(first or 0), int(last or 0)
 
     def _refuse(self, error: Exception) -> None:
         """Raise ReadError where another try would fail the same way."""
-        code = getattr(error, "sqlite_errorcode", 0) & 0xFF
+        code = _code(error)
         if code in (sqlite3.SQLITE_BUSY, sqlite3.SQLITE_LOCKED):
             raise ReadError(f"{self.path}: is locked by a program that writes it; try again later") from error
         if code == sqlite3.SQLITE_ERROR:
@@ -285,6 +315,11 @@ class SqliteContainer:
             self.notes.append(text)
 
 
+def _code(error: Exception) -> int:
+    """Return SQLite's code of an error, 0 where it has none."""
+    return getattr(error, "sqlite_errorcode", 0) & 0xFF
+
+
 def _listed(ids: Collection[int]) -> str:
     return ",".join(str(int(number)) for number in ids)
 
@@ -297,6 +332,24 @@ def _at_once(messages: Sequence[bytes]) -> int:
 
 def _tables(database: sqlite3.Connection) -> set[str]:
     return {row[0] for row in database.execute("SELECT name FROM sqlite_master WHERE type = 'table'")}
+
+
+def _together(rows: Iterator[_Rows]) -> Iterator[Packet]:
+    """Yield packets of rows that come some at a time."""
+    connection: list[int] = []
+    log: list[int] = []
+    content: list[bytes] = []
+    size = 0
+    for topics, times, messages in rows:
+        connection += topics
+        log += times
+        content += messages
+        size += sum(map(len, messages))
+        if len(content) >= PACKED or size >= PACKED_BYTES:
+            yield _packet(connection, log, content)
+            connection, log, content, size = [], [], [], 0
+    if content:
+        yield _packet(connection, log, content)
 
 
 def _packet(connection: list[int], log: list[int], content: list[bytes]) -> Packet:

@@ -1,0 +1,186 @@
+"""Rows of SQLite bags that are read many at once: the same as read one by one, of any rows, and as soon of any file."""
+
+import sqlite3
+import struct
+import time
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+import vsalog.readers.rosbag2_sqlite as rosbag2_sqlite
+import vsalog.readers.sqlite_ranges as sqlite_ranges
+from vsalog.readers.chunk_index import Part
+from vsalog.readers.rosbag2_sqlite import SqliteContainer
+from vsalog.readers.sqlite_ranges import ranges
+
+AFFINITIES = ("topic_id INTEGER, timestamp INTEGER, data BLOB", "topic_id, timestamp, data")
+TOPICS = (1, 2, 5)
+PAGE, WAYS = 4096, 500
+
+
+def write(path, rows, columns=AFFINITIES[0], encoding="UTF-8"):
+    """Write a bag's database; rows of number, topic, time and message."""
+    path.unlink(missing_ok=True)
+    database = sqlite3.connect(path)
+    database.execute(f"PRAGMA encoding = '{encoding}'")
+    database.execute("PRAGMA synchronous = OFF")
+    database.execute("CREATE TABLE topics(id INTEGER PRIMARY KEY, name, type, serialization_format)")
+    database.executemany("INSERT INTO topics VALUES (?, ?, 'a/T', 'cdr')", [(n, f"/t{n}") for n in TOPICS])
+    database.execute(f"CREATE TABLE messages(id INTEGER PRIMARY KEY, {columns})")
+    database.execute("CREATE INDEX timestamp_idx ON messages (timestamp ASC)")
+    database.executemany("INSERT OR REPLACE INTO messages VALUES (?, ?, ?, ?)", rows)
+    database.commit()
+    database.close()
+    return path
+
+
+def found(container, ids=TOPICS):
+    """Return topic, time and message of what a container yields."""
+    packets = list(container.packets(ids))
+    return [
+        row
+        for packet in packets
+        for row in zip(packet.connection.tolist(), packet.log.tolist(), packet.messages, strict=True)
+    ]
+
+
+def sound(count, size=20):
+    """Return rows as a recorder writes them, with messages of any bytes and up to a size."""
+    rng = np.random.default_rng(count)
+    return [(i, TOPICS[i % 3], 10**18 + i, rng.bytes(int(rng.integers(0, size)))) for i in range(1, count + 1)]
+
+
+@pytest.fixture
+def by_range(monkeypatch):
+    """Return how many rows were read by ranges, in all that is done by then."""
+    seen = []
+
+    def spied(*asked):
+        for end, packet in ranges(*asked):
+            seen.append(len(packet.messages))
+            yield end, packet
+
+    monkeypatch.setattr(rosbag2_sqlite, "ranges", spied)
+    return lambda: sum(seen)
+
+
+cells = st.one_of(
+    st.integers(-(2**63), 2**63 - 1),
+    st.sampled_from(TOPICS),
+    st.binary(max_size=12),
+    st.text(max_size=4),
+    st.none(),
+    st.floats(),
+)
+odd_rows = st.lists(st.tuples(st.integers(0, 40), cells, cells, cells), max_size=3)
+
+
+@settings(max_examples=200, deadline=None)
+@given(odd_rows, st.sampled_from(AFFINITIES), st.integers(0, 30), st.sampled_from([TOPICS, (2,), (1, 5)]))
+def test_rows_of_any_kind(tmp_path_factory, odd, columns, count, ids):
+    path = write(tmp_path_factory.getbasetemp() / "any.db3", sound(count) + odd, columns)
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(sqlite_ranges, "FIRST_ROWS", 3)
+        patch.setattr(sqlite_ranges, "PACKED", 7)
+        container = SqliteContainer(path)
+        rows = sqlite3.connect(path).execute("SELECT topic_id, timestamp, data FROM messages ORDER BY rowid").fetchall()
+        proper = [row for row in rows if tuple(map(type, row)) == (int, int, bytes)]
+        assert found(container, ids) == [row for row in proper if row[0] in ids]
+        if ids == TOPICS and len(proper) < len(rows):
+            assert any("without a topic, a time or a message skipped" in note for note in container.notes)
+
+
+@pytest.mark.parametrize("columns", AFFINITIES)
+@pytest.mark.parametrize("odd", ["1", b"1", 1.0, None, ""])
+@pytest.mark.parametrize("place", [1, 2, 3])
+def test_one_cell_of_another_type(tmp_path, columns, odd, place):
+    rows = sound(50)
+    rows[30] = (*rows[30][:place], odd, *rows[30][place + 1 :])
+    path = write(tmp_path / "bag.db3", rows, columns)
+    stored = sqlite3.connect(path).execute("SELECT topic_id, timestamp, data FROM messages ORDER BY rowid").fetchall()
+    assert found(SqliteContainer(path)) == [row for row in stored if tuple(map(type, row)) == (int, int, bytes)]
+
+
+@pytest.mark.parametrize("ids", [TOPICS, (1, 5)])
+def test_a_sound_bag_is_read_by_ranges(tmp_path, by_range, ids):
+    rows = sound(40_000)
+    container = SqliteContainer(write(tmp_path / "bag.db3", rows))
+    expected = [row[1:] for row in rows if row[1] in ids]
+    assert found(container, ids) == expected
+    assert by_range() == len(expected)
+    assert not container.notes
+
+
+def test_a_part_of_a_log(tmp_path, by_range):
+    rows = sound(3000)
+    container = SqliteContainer(write(tmp_path / "bag.db3", rows))
+    container.narrow(Part(10**18 + 1001, 10**18 + 2000))
+    assert found(container) == [row[1:] for row in rows[1000:2000]]
+    assert by_range() == 1000
+    container.narrow(Part(10**18 + 1001, 10**18 + 2000, frozenset([2])))
+    assert found(container) == [row[1:] for row in rows if 1001 <= row[0] <= 2000 or row[1] == 2]
+
+
+def test_rows_from_a_gap_on_are_looked_at_one_by_one(tmp_path, by_range):
+    rows = sound(1000)
+    del rows[700:710]
+    container = SqliteContainer(write(tmp_path / "bag.db3", rows))
+    assert found(container) == [row[1:] for row in rows]
+    assert by_range() == 64  # the next range holds the gap
+    assert container.notes == ["10 rows of the database missing between others"]
+
+
+def test_numbers_may_begin_anywhere(tmp_path):
+    for first in (0, 5):
+        rows = [(number + first - 1, *row) for number, *row in sound(500)]
+        container = SqliteContainer(write(tmp_path / "bag.db3", rows))
+        assert found(container) == [row[1:] for row in rows]
+        assert not container.notes
+
+
+def test_texts_of_two_bytes_a_character(tmp_path):
+    rows = sound(500)
+    container = SqliteContainer(write(tmp_path / "bag.db3", rows, encoding="UTF-16le"))
+    assert found(container) == [row[1:] for row in rows]
+
+
+def test_large_messages_among_small_ones(tmp_path, by_range, monkeypatch):
+    monkeypatch.setattr(sqlite_ranges, "PACKED_BYTES", 2**16)
+    monkeypatch.setattr(sqlite_ranges, "MOST_BYTES", 2**17)
+    rows = sound(2000)
+    for at in (900, 905, 1200):
+        rows[at] = (*rows[at][:3], bytes(2**16))
+    rows[1500] = (*rows[1500][:3], bytes(2**18))  # beyond all bounds of a range
+    container = SqliteContainer(write(tmp_path / "bag.db3", rows))
+    assert found(container) == [row[1:] for row in rows]
+    assert 1200 < by_range() <= 1500
+
+
+@pytest.fixture
+def endless(tmp_path):
+    """Return a bag of a few pages in which each inner page leads to the next one hundreds of times: 10^9 rows, as it seems."""
+    path = write(tmp_path / "bag.db3", sound(2000))
+    with sqlite3.connect(path) as database:
+        (root,) = database.execute("SELECT rootpage FROM sqlite_master WHERE name = 'messages'").fetchone()
+    raw = bytearray(path.read_bytes())
+    leaves = [page for page in range(1, len(raw) // PAGE + 1) if raw[(page - 1) * PAGE] == 13 and page != 1]
+    *inner, leaf = [root, *leaves[-4:]]
+    for page, child in zip(inner, [*inner[1:], leaf], strict=True):
+        cell = struct.pack(">IB", child, 1)
+        start = PAGE - WAYS * len(cell)
+        head = struct.pack(">BHHHBI", 5, 0, WAYS, start, 0, child)
+        places = struct.pack(f">{WAYS}H", *range(start, PAGE, len(cell)))
+        raw[(page - 1) * PAGE : page * PAGE] = (head + places).ljust(start, b"\0") + cell * WAYS
+    path.write_bytes(raw)
+    return path
+
+
+@pytest.mark.parametrize("ids", [TOPICS, (1, 2), (99,)])
+def test_pages_that_lead_to_one_page_many_times_take_no_time(endless, ids):
+    begin = time.perf_counter()
+    container = SqliteContainer(endless)
+    assert len(found(container, ids)) <= endless.stat().st_size + 256
+    assert time.perf_counter() - begin < 5
+    assert any("again and again" in note for note in container.notes)
