@@ -1,33 +1,47 @@
-"""`vsalog simulate` in this process."""
+"""Commands in this process, which spares an interpreter's start; and a folder with a log and its rig."""
 
 import json
 import sys
 
 import pytest
+from knee import lay
 
 from vsalog.cli import _run
 
 
 @pytest.fixture
-def call(monkeypatch, capsys):
-    """Run the command line in this process, which spares an interpreter's start; returns exit code, stdout and stderr."""
+def command(monkeypatch, capsys):
+    """Run `vsalog ARGS` in a folder; returns exit code, stdout and stderr."""
 
-    def call(*args, cwd):
+    def command(*args, cwd):
         monkeypatch.chdir(cwd)
-        monkeypatch.setattr(sys, "argv", ["vsalog", "simulate", *map(str, args)])
+        monkeypatch.setattr(sys, "argv", ["vsalog", *map(str, args)])
         code = _run()
         return code, *capsys.readouterr()
 
-    return call
+    return command
 
 
 @pytest.fixture
-def done(call):
-    """Run a command that must succeed; returns the JSON document on its stdout, or its text, None where there is none."""
+def simulate(command):
+    """Run `vsalog simulate ARGS`."""
+    return lambda *args, cwd: command("simulate", *args, cwd=cwd)
+
+
+@pytest.fixture
+def done(simulate):
+    """Run `vsalog simulate ARGS`, which must succeed; returns the JSON on stdout, or its text, None where there is none."""
 
     def done(*args, cwd):
-        code, out, err = call(*args, cwd=cwd)
+        code, out, err = simulate(*args, cwd=cwd)
         assert code == 0, err
         return json.loads(out) if out.startswith("{") else out or None
 
     return done
+
+
+@pytest.fixture
+def bench(tmp_path):
+    """A folder with a log and its rig."""
+    lay(tmp_path)
+    return tmp_path

@@ -5,7 +5,6 @@ Whole commands, every format: a right result, a right result with a note, or one
 
 import json
 import struct
-import sys
 
 import numpy as np
 import pyarrow as pa
@@ -15,8 +14,6 @@ from mcap.writer import Writer
 from rosbags import rosbag1
 from rosbags.typesys import Stores, get_typestore
 from scipy.io import savemat
-
-from vsalog.cli import _run
 
 ROWS, STEP, STIFFNESS = 1000, 2_000_000, 20.0
 RIG = """
@@ -148,12 +145,11 @@ def lay(folder, write, *args):
 
 
 @pytest.fixture
-def call(monkeypatch, capsys):
+def call(command):
+    """Run `vsalog ARGS`, which must neither fail nor warn."""
+
     def call(*args, cwd):
-        monkeypatch.chdir(cwd)
-        monkeypatch.setattr(sys, "argv", ["vsalog", *args])
-        code = _run()
-        out, err = capsys.readouterr()
+        code, out, err = command(*args, cwd=cwd)
         assert "Traceback" not in err
         assert "Warning" not in err
         return code, out, err

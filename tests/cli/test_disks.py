@@ -7,21 +7,10 @@ import subprocess
 import sys
 import tempfile
 
-import numpy as np
 import pytest
 from command_line import vsalog_run
+from knee import RIG, lay
 
-RIG = """
-[joint.knee]
-kind = "elastic"
-[joint.knee.motor]
-inertia = 0.1
-[joint.knee.signals]
-motor_position = "theta"
-motor_torque = "tau"
-link_position = "q"
-torque_sensor = "sensor"
-"""
 COMMANDS = {
     "estimate": [
         "estimate",
@@ -69,14 +58,8 @@ mount -o remount,ro readonly
 """
 
 
-def lay(folder):
-    t = np.arange(1000) * 2e-3
-    theta, q = 0.3 * np.sin(6.0 * t), 0.4 * np.sin(6.0 * t + 0.3)
-    sensor = 20.0 * (q - theta) + 0.01 * np.random.default_rng(1).standard_normal(t.size)
-    columns = np.column_stack([t, theta, -0.1 * 36 * theta - sensor, q, sensor])
-    header = "time [s],theta [rad],tau [N·m],q [rad],sensor [N·m]"
-    np.savetxt(folder / "log.csv", columns, "%.9g", ",", header=header, comments="")
-    (folder / "rig.toml").write_text(RIG)
+def lay_with_model(folder):
+    lay(folder)
     done = vsalog_run("estimate", "log.csv", "-e", "direct", cwd=folder)
     assert done.returncode == 0, done.stderr
 
@@ -85,7 +68,7 @@ def lay(folder):
 def said(tmp_path_factory):
     """What the commands say where the disk is full, and where it is read-only; None where no disk may be mounted."""
     folder = tmp_path_factory.mktemp("disks")
-    lay(folder)
+    lay_with_model(folder)
     with tempfile.TemporaryFile() as nowhere:
         probe = subprocess.run(
             ["unshare", "-rm", "mount", "-t", "tmpfs", "none", "/mnt"], stdout=nowhere, stderr=nowhere
@@ -149,9 +132,9 @@ ALSO_INPUTS = [
 
 
 @pytest.fixture(scope="module")
-def bench(tmp_path_factory):
+def inputs(tmp_path_factory):
     folder = tmp_path_factory.mktemp("inputs")
-    lay(folder)
+    lay_with_model(folder)
     for name in ("report.html", "diagnosis.html"):
         (folder / name).write_bytes((folder / "log.csv").read_bytes())
     (folder / "report.json").write_bytes((folder / "log.model.toml").read_bytes())
@@ -165,10 +148,10 @@ def bench(tmp_path_factory):
 
 
 @pytest.mark.parametrize("words", ALSO_INPUTS, ids=" ".join)
-def test_an_output_that_is_also_an_input(words, bench):
+def test_an_output_that_is_also_an_input(words, inputs):
     """Whatever its name, link or not: it is refused, and every file stays as it was."""
-    before = {p.name: hashlib.sha256(p.read_bytes()).digest() for p in bench.rglob("*") if p.is_file()}
-    done = vsalog_run(*words, cwd=bench)
+    before = {p.name: hashlib.sha256(p.read_bytes()).digest() for p in inputs.rglob("*") if p.is_file()}
+    done = vsalog_run(*words, cwd=inputs)
     assert done.returncode == 2, done.stderr
     assert "Traceback" not in done.stderr
-    assert {p.name: hashlib.sha256(p.read_bytes()).digest() for p in bench.rglob("*") if p.is_file()} == before
+    assert {p.name: hashlib.sha256(p.read_bytes()).digest() for p in inputs.rglob("*") if p.is_file()} == before

@@ -15,40 +15,12 @@ import numpy as np
 import pyarrow.parquet as pq
 import pytest
 from command_line import vsalog_run
+from knee import lay
 
-from vsalog.cli import _run
 from vsalog.model import ModelFile
 
 MOMENTS = int(os.environ.get("VSALOG_MOMENTS", "4"))
-RIG = """
-[joint.knee]
-kind = "elastic"
-[joint.knee.motor]
-inertia = 0.1
-[joint.knee.signals]
-motor_position = "theta"
-motor_torque = "tau"
-link_position = "q"
-torque_sensor = "sensor"
-"""
 COMMAND = [sys.executable, "-c", "from vsalog.cli import main; main()"]
-
-
-def lay(folder, name="log.csv", stiffness=20.0, rows=1200):
-    t = np.arange(rows) * 2e-3
-    theta, q = 0.3 * np.sin(6.0 * t), 0.4 * np.sin(6.0 * t + 0.3)
-    tau = stiffness * (q - theta)
-    table = np.column_stack([t, theta, -0.1 * 36 * theta - tau, q, tau])
-    np.savetxt(
-        folder / name, table, "%.9g", ",", header="time [s],theta [rad],tau [N·m],q [rad],sensor [N·m]", comments=""
-    )
-    (folder / "rig.toml").write_text(RIG)
-
-
-def call(monkeypatch, capsys, *args):
-    monkeypatch.setattr(sys, "argv", ["vsalog", *map(str, args)])
-    code = _run()
-    return code, capsys.readouterr().err
 
 
 class Interrupted:
@@ -87,20 +59,19 @@ RUNS = {
 
 
 @pytest.mark.parametrize("name", RUNS)
-def test_an_interrupt_while_results_are_written(name, tmp_path, monkeypatch, capsys):
+def test_an_interrupt_while_results_are_written(name, tmp_path, command):
     """All of them are there or none is, whatever the moment."""
     args, files = RUNS[name]
-    monkeypatch.chdir(tmp_path)
     lay(tmp_path, rows=300)
     if name == "validate":
-        assert call(monkeypatch, capsys, "estimate", "log.csv", "-e", "direct")[0] == 0
+        assert command("estimate", "log.csv", "-e", "direct", cwd=tmp_path)[0] == 0
     before = set(tmp_path.rglob("*"))
     moments, outcomes = None, set()
     at = None
     while moments is None or at <= moments:
         (tmp_path / "out").mkdir()
         with Interrupted(at) as interrupted:
-            code, err = call(monkeypatch, capsys, *args)
+            code, _, err = command(*args, cwd=tmp_path)
         found = sorted(set(tmp_path.rglob("*")) - before)
         assert len(found) - 1 in (0, files), (at, found)
         assert not [p for p in found if p.name.startswith(".")], (at, found)
@@ -121,10 +92,9 @@ def test_an_interrupt_while_results_are_written(name, tmp_path, monkeypatch, cap
 
 
 @pytest.mark.parametrize("name", ["estimate", "simulate"])
-def test_an_interrupt_between_one_file_and_the_next(name, tmp_path, monkeypatch, capsys):
+def test_an_interrupt_between_one_file_and_the_next(name, tmp_path, monkeypatch, command):
     """It waits until all are there."""
     args, files = RUNS[name]
-    monkeypatch.chdir(tmp_path)
     lay(tmp_path, rows=300)
     (tmp_path / "out").mkdir()
 
@@ -133,7 +103,7 @@ def test_an_interrupt_between_one_file_and_the_next(name, tmp_path, monkeypatch,
         signal.raise_signal(signal.SIGINT)
 
     monkeypatch.setattr(Path, "replace", interrupted)
-    code, err = call(monkeypatch, capsys, *args)
+    code, _, err = command(*args, cwd=tmp_path)
     assert code == 130, err
     assert len(list((tmp_path / "out").iterdir())) == files
     assert signal.getsignal(signal.SIGINT) is signal.default_int_handler

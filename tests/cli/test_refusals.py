@@ -4,39 +4,7 @@ import os
 
 import numpy as np
 import pytest
-
-RIG = """
-[joint.knee]
-kind = "elastic"
-[joint.knee.motor]
-inertia = 0.1
-[joint.knee.signals]
-motor_position = "theta"
-motor_torque = "tau"
-link_position = "q"
-torque_sensor = "sensor"
-"""
-
-
-def table(path, count=3000, header="time [s],theta [rad],tau [N·m],q [rad],sensor [N·m]", **columns):
-    t = np.arange(count) * 1e-3
-    data = {
-        "time": t,
-        "theta": 0.3 * np.sin(6.0 * t),
-        "tau": 2.0 * np.sin(6.0 * t),
-        "q": 0.4 * np.sin(6.0 * t),
-        "sensor": 10.0 * np.sin(6.0 * t) + 0.01 * np.cos(40.0 * t),
-    }
-    data.update(columns)
-    rows = zip(*(data[k] for k in ("time", "theta", "tau", "q", "sensor")), strict=True)
-    path.write_text("\n".join([header, *(",".join(str(v) for v in row) for row in rows)]))
-
-
-@pytest.fixture
-def bench(tmp_path):
-    table(tmp_path / "log.csv")
-    (tmp_path / "rig.toml").write_text(RIG)
-    return tmp_path
+from knee import RIG, write_log
 
 
 def test_the_bench_itself_works(run, bench):
@@ -60,7 +28,7 @@ def test_a_file_of_another_kind(refused, bench):
 
 
 def test_a_channel_that_is_text(refused, bench):
-    table(bench / "log.csv", tau=["idle"] * 3000)
+    write_log(bench / "log.csv", tau=["idle"] * 3000)
     message = refused("estimate", "log.csv", cwd=bench)
     assert "'tau'" in message
     assert "text" in message
@@ -72,7 +40,7 @@ def test_a_missing_channel_and_what_may_have_been_meant(refused, bench):
 
 
 def test_a_unit_that_does_not_fit(refused, bench):
-    table(bench / "log.csv", header="time [s],theta [m],tau [N·m],q [rad],sensor [N·m]")
+    write_log(bench / "log.csv", header="time [s],theta [m],tau [N·m],q [rad],sensor [N·m]")
     message = refused("estimate", "log.csv", cwd=bench)
     assert "theta" in message
     assert "'m'" in message
@@ -108,7 +76,7 @@ def test_a_key_that_is_not_one(refused, bench):
 
 
 def test_a_log_shorter_than_the_window(refused, bench):
-    table(bench / "log.csv", count=40)
+    write_log(bench / "log.csv", rows=40)
     message = refused("estimate", "log.csv", "-e", "qr-rls", cwd=bench)
     assert "40 samples" in message
     assert "window" in message
@@ -154,7 +122,7 @@ def test_no_time_column(refused, bench):
 
 def test_a_time_column_that_runs_backwards(refused, run, bench):
     t = np.arange(3000) * 1e-3
-    table(bench / "log.csv", time=np.concatenate((t[:5], t[::-1][5:])))
+    write_log(bench / "log.csv", time=np.concatenate((t[:5], t[::-1][5:])))
     lines = (bench / "log.csv").read_text().splitlines()
     (bench / "log.csv").write_text("\n".join([*lines[:1], "# a remark", *lines[1:]]))
     message = refused("estimate", "log.csv", cwd=bench)
@@ -187,14 +155,14 @@ def test_the_metadata_of_a_bag_is_no_log(refused, tmp_path):
 def test_stretches_without_numbers_are_left_out_and_said(run, bench, value):
     t = np.arange(3000) * 1e-3
     torque = [value if 1000 <= k < 1100 else str(2.0 * np.sin(6.0 * a)) for k, a in enumerate(t)]
-    table(bench / "log.csv", tau=torque)
+    write_log(bench / "log.csv", tau=torque)
     done = run("estimate", "log.csv", cwd=bench)
     assert done.returncode == 0, done.stderr
     assert "100 of 3000 samples of motor_torque are no finite number" in done.stderr
 
 
 def test_a_channel_of_nothing_but_nan(refused, bench):
-    table(bench / "log.csv", tau=["nan"] * 3000)
+    write_log(bench / "log.csv", tau=["nan"] * 3000)
     message = refused("estimate", "log.csv", cwd=bench)
     assert "tau" in message
 
@@ -203,7 +171,7 @@ def test_a_joint_that_stands_still(run, bench):
     """Constant signals tell nothing: the trace is there, and says so on every row."""
     import pyarrow.parquet as pq
 
-    table(bench / "log.csv", theta=[0.1] * 3000, q=[0.1] * 3000, tau=[0.0] * 3000)
+    write_log(bench / "log.csv", theta=[0.1] * 3000, q=[0.1] * 3000, tau=[0.0] * 3000)
     done = run("estimate", "log.csv", cwd=bench)
     assert done.returncode == 0, done.stderr
     assert "never changes" in done.stderr
@@ -273,7 +241,7 @@ def test_no_log_at_all(run, tmp_path):
 
 def test_hostile_names_do_not_reach_the_terminal_or_the_disk(run, tmp_path):
     """A joint's name is text from a file: no escape sequence is printed, no path is made of it."""
-    table(tmp_path / "log.csv")
+    write_log(tmp_path / "log.csv")
     name = "../../\\u001b[31mevil[bold]"
     (tmp_path / "rig.toml").write_text(RIG.replace("[joint.knee", f'[joint."{name}"'))
     done = run("estimate", "log.csv", "--mcap", "out.mcap")

@@ -285,7 +285,7 @@ def test_names_are_never_paths(done, tmp_path):
         (("rig.toml", "--scenario", "own.csv.toml", "-o", "own.csv"), "is what the simulation reads"),
     ],
 )
-def test_what_cannot_be_is_refused_before_anything_is_written(args, words, call, bench):
+def test_what_cannot_be_is_refused_before_anything_is_written(args, words, simulate, bench):
     (bench / "there").mkdir()
     (bench / "there.rig.toml").write_text(ELASTIC)
     (bench / "lame.toml").write_text(ELASTIC.replace("inertia = 0.01", ""))
@@ -295,7 +295,7 @@ def test_what_cannot_be_is_refused_before_anything_is_written(args, words, call,
         '[[joint.elbow.motor_torque]]\ntype = "csv"\nfile = "own.csv"\ncolumn = "tau"\n'
     )
     before = {p: p.read_bytes() for p in bench.iterdir() if p.is_file()}
-    code, out, err = call(*args, cwd=bench)
+    code, out, err = simulate(*args, cwd=bench)
     assert (code, out) == (2, "")
     assert words in err
     assert {p: p.read_bytes() for p in bench.iterdir() if p.is_file()} == before

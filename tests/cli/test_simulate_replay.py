@@ -32,8 +32,8 @@ def bench(tmp_path, done):
     return tmp_path
 
 
-def test_a_log_s_own_rig_is_played_on_its_own_inputs(done, call, samples, tmp_path):
-    code, out, err = call("--replay", samples / "vsa2_exp1.mcap", "--window", "200 ms", cwd=tmp_path)
+def test_a_log_s_own_rig_is_played_on_its_own_inputs(done, simulate, samples, tmp_path):
+    code, out, err = simulate("--replay", samples / "vsa2_exp1.mcap", "--window", "200 ms", cwd=tmp_path)
     assert (code, out) == (0, "")
     assert "driven by motor_torque_1, motor_torque_2; begun 101 times" in err
     assert [p.name for p in tmp_path.iterdir()] == ["vsa2_exp1-replay.mcap"]
@@ -98,10 +98,10 @@ def test_a_friction_that_the_rig_lacks_shows_until_it_is_told(done, bench):
     assert errors[0] > 10.0 * errors[1]
 
 
-def test_a_motor_without_a_recorded_torque_moves_as_recorded(call, bench):
+def test_a_motor_without_a_recorded_torque_moves_as_recorded(simulate, bench):
     rig = "".join(line for line in RIG.splitlines(keepends=True) if not line.startswith("motor_torque"))
     (bench / "rig.toml").write_text(rig)
-    code, _, err = call("--replay", "log.csv", cwd=bench)
+    code, _, err = simulate("--replay", "log.csv", cwd=bench)
     assert code == 0, err
     assert "driven by the measured motor_position" in err
     assert "motor_position:" not in err.replace("by the measured motor_position", "")
@@ -118,14 +118,14 @@ def test_joints_of_a_chain_and_their_names(done, tmp_path):
         assert f"/measured/{joint}/link_position.data" in log.channels
 
 
-def test_a_sensor_that_the_log_lacks_is_left_out_unless_the_replay_needs_it(done, call, bench):
+def test_a_sensor_that_the_log_lacks_is_left_out_unless_the_replay_needs_it(done, simulate, bench):
     lines = (bench / "log.csv").read_text().splitlines()
     (bench / "log.csv").write_text("\n".join(line.rpartition(",")[0] for line in lines) + "\n")
     assert "sensor" not in (bench / "log.csv").read_text()
     document = done("--replay", "log.csv", "--json", cwd=bench)
     assert set(document["joints"]["elbow"]["rms_error"]) == {"motor_position", "link_position"}
     (bench / "log.csv").write_text("\n".join(line.rpartition(",")[0] for line in lines).replace("tau", "tua") + "\n")
-    code, _, err = call("--replay", "log.csv", cwd=bench)
+    code, _, err = simulate("--replay", "log.csv", cwd=bench)
     assert code == 2
     assert "there is no channel 'tau', did you mean 'tua'?" in err
 
@@ -149,11 +149,11 @@ def test_a_sensor_that_the_log_lacks_is_left_out_unless_the_replay_needs_it(done
         (("rig.toml", "--window", "1"), "--window does nothing without --replay"),
     ],
 )
-def test_what_cannot_be_replayed_is_refused(args, words, call, bench):
+def test_what_cannot_be_replayed_is_refused(args, words, simulate, bench):
     (bench / "lost").mkdir()
     (bench / "lost" / "log.csv").write_bytes((bench / "log.csv").read_bytes())
     before = {p: p.read_bytes() for p in bench.rglob("*") if p.is_file()}
-    code, out, err = call(*args, cwd=bench)
+    code, out, err = simulate(*args, cwd=bench)
     assert (code, out) == (2, "")
     assert words in err
     assert {p: p.read_bytes() for p in bench.rglob("*") if p.is_file()} == before
