@@ -50,8 +50,18 @@ def test_what_is_not_used_teaches_nothing():
     assert np.isnan(observed(rate, rate, 10.0, use & False)[0]).all()
 
 
+def link_step(x, torque):
+    """One sample by the implicit midpoint rule: q̈ = a u − b (q̇ + ½ T q̈)."""
+    q, v, a, b = x
+    acceleration = (a * torque - b * v) / (1 + b * T / 2)
+    return np.array([q + T * v + T**2 / 2 * acceleration, v + T * acceleration, a, b])
+
+
 def textbook(q, u, noise):
-    """An extended Kalman filter in matrices, updates in Joseph's form (e.g. Bar-Shalom, Li, Kirubarajan 2001)."""
+    """An extended Kalman filter in matrices, updates in Joseph's form (e.g. Bar-Shalom, Li, Kirubarajan 2001).
+
+    The torque's noise acts through 1/I, whose square's expectation is that of the estimate and its variance.
+    """
     x = np.array([q[0], 0.0, 0.0, 0.0])
     P = np.diag([noise.position, noise.velocity, noise.mobility, noise.decay]) ** 2
     Q = np.diag([0.0, 0.0, (noise.wander * noise.mobility) ** 2 * T, (noise.wander * noise.decay) ** 2 * T])
@@ -59,11 +69,14 @@ def textbook(q, u, noise):
     out = [x]
     for k in range(1, q.size):
         torque = 0.5 * (u[k - 1] + u[k])
-        _, v, a, b = x
-        accelerate = np.array([[T**2 / 2], [T], [0.0], [0.0]])
-        F = one + np.array([[0.0, T, 0.0, 0.0], *np.zeros((3, 4))]) + accelerate @ np.array([[0.0, -b, torque, -v]])
-        x = x + np.array([T * v, 0.0, 0.0, 0.0]) + accelerate[:, 0] * (a * torque - b * v)
-        P = F @ P @ F.T + Q + (a * noise.torque) ** 2 * accelerate @ accelerate.T
+        a, b = x[2:]
+        # Derivatives of the step by differences of complex numbers, exact to rounding.
+        F = np.column_stack([link_step(x + 1e-30j * one[i], torque).imag / 1e-30 for i in range(4)])
+        accelerate = np.array([[T**2 / 2], [T], [0.0], [0.0]]) / (1 + b * T / 2)
+        x = link_step(x, torque)
+        P = F @ P @ F.T
+        P_a = P[2, 2]
+        P = P + Q + (a**2 + P_a) * noise.torque**2 * accelerate @ accelerate.T
         K = P @ H.T / (H @ P @ H.T + noise.position**2)
         x = x + K[:, 0] * (q[k] - x[0])
         P = (one - K @ H) @ P @ (one - K @ H).T + K @ K.T * noise.position**2
@@ -203,3 +216,78 @@ def test_serio_s_simulated_experiment_is_met():
     assert len(rows) == 3
     for row in rows:
         assert row.ours.median <= row.printed, row.quantity
+
+
+def swinging(period, count, noise=0.0, rest=0.0, inertia=0.05, damping=0.4, seed=0):
+    """A link that rests for a while and is then swung, solved here: its position and the torque on it, with noise."""
+    t, rng = np.arange(count) * period, np.random.default_rng(seed)
+
+    def force(s):
+        after = np.maximum(s - rest, 0.0)
+        return 0.8 * np.sin(9.0 * after) + 0.5 * np.sin(23.0 * after)
+
+    def motion(s, y):
+        return [y[1], (force(s) - damping * y[1]) / inertia]
+
+    q = solve_ivp(motion, (0.0, t[-1]), [0.0, 0.0], t_eval=t, rtol=1e-9, atol=1e-12, max_step=period).y[0]
+    return q + 1e-5 * rng.standard_normal(count), force(t) + noise * rng.standard_normal(count)
+
+
+def test_a_link_at_rest_does_not_teach_that_nothing_moves_it():
+    """What is noise of the torque would otherwise be taken for a torque that leaves the link where it is."""
+    q, u = swinging(T, 6000, noise=0.05, rest=3.0)
+    q = np.round(q / 2e-4) * 2e-4
+    noise = LinkNoise(6e-5, 0.05, 5.0, 200.0, 200.0, 1e-4)
+    x, P, excess, _ = estimate_link(link_start(noise), q, u, T, noise, 1e4)
+    a, std = x[-1, 2], np.sqrt(P[-1, 2, 2])
+    assert abs(a - 20.0) < 3.0 * std
+    assert 1.0 / a == pytest.approx(0.05, rel=0.03)
+    assert excess[-1] < 2.0
+
+
+def test_few_samples_of_a_damped_link_are_enough():
+    """At 40 Hz N/I = 8 1/s slows the link by a fifth within a sample."""
+    q, u = swinging(0.025, 800)
+    noise = LinkNoise(1e-5, 1e-4, 5.0, 200.0, 200.0, 0.0)
+    x, _, _, _ = estimate_link(link_start(noise), q, u, 0.025, noise, 1e4)
+    assert 1.0 / x[-1, 2] == pytest.approx(0.05, rel=0.04)
+    assert x[-1, 3] / x[-1, 2] == pytest.approx(0.4, rel=0.04)
+
+
+def test_a_filter_that_came_to_something_impossible_begins_anew():
+    """A torque of the wrong sign: 1/I would be negative."""
+    q, u = swinging(T, 6000)
+    noise = LinkNoise(1e-5, 0.01, 5.0, 200.0, 200.0, 1e-4)
+    x, _, excess, state = estimate_link(link_start(noise), q, -u, T, noise, 1e4)
+    assert state.last[3] > 3
+    assert np.isinf(excess[-1])
+    assert np.isnan(x).any(axis=1).sum() == state.last[3]
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_what_the_torque_s_noise_bends_is_told(tmp_path, run, seed):
+    """A torque sensor half as noisy as the torque: the inertia comes out too large, and roughly by how much is told."""
+    q, u = swinging(0.01, 1500, noise=0.25, seed=seed)
+    rng = np.random.default_rng(seed)
+    columns = {
+        "time": np.arange(q.size) * 0.01,
+        "q": q,
+        "theta": 0.3 * np.sin(2.0 * np.arange(q.size) * 0.01),
+        "torque": -u,
+    }
+    columns["theta"] += 1e-5 * rng.standard_normal(q.size)
+    header = ",".join(columns)
+    np.savetxt(tmp_path / "arm.csv", np.column_stack(list(columns.values())), delimiter=",", header=header, comments="")
+    (tmp_path / "arm.rig.toml").write_text(
+        """[joint.arm]
+kind = "elastic"
+[joint.arm.signals]
+link_position = "q"
+motor_position = "theta"
+torque_sensor = "torque"
+"""
+    )
+    trace, _ = estimated(tmp_path / "arm.csv", tmp_path)
+    inertia, std = numbers(trace["link_inertia"])[-1], numbers(trace["link_inertia_std"])[-1]
+    assert inertia > 1.02 * 0.05
+    assert abs(inertia - 0.05) < 2.5 * std

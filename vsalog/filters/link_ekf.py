@@ -4,7 +4,8 @@ The link obeys I q̈ + N q̇ = u (eq. 10), u what acts on it. With a = 1/I and b
 
     q⁺ = q + T q̇ + ½ T² q̈,    q̇⁺ = q̇ + T q̈,
 
-a and b nearly constant. The link's position alone is measured.
+with q̈ in its middle: u the mean of both samples, and the velocity there q̇ + ½ T q̈, so that q̈ = (a u − b q̇) / (1 + ½ b T); with
+the velocity at its beginning a and b would be off by ½ b T. Both are nearly constant. The link's position alone is measured.
 
 Print of Serio 2011: eq. 11 calls 1/I x₃ and N/I x₄, but eq. 12 has q̈ = −x₃ q̇ − x₄ u: the two have changed places there, and u has
 the wrong sign.
@@ -22,6 +23,12 @@ Array = NDArray[np.float64]
 
 # Order of the state: position, velocity, a = 1/I, b = N/I.
 POSITION, VELOCITY, MOBILITY, DECAY = range(4)
+# The mean of the innovations begins as if it were of so many that are as large as noise makes them.
+FIRST = 20.0
+# A filter may lose its way so often before the link is known; what does so more often is no such link.
+MOST_LOST = 3
+# What is negative by so many standard deviations is impossible.
+SURELY = 6.0
 
 
 class LinkState(NamedTuple):
@@ -31,7 +38,8 @@ class LinkState(NamedTuple):
     ----------
     x : shape (4,), q [rad], q̇ [rad/s], 1/I [1/(kg·m²)], N/I [1/s]
     P : shape (4, 4), their covariance
-    last : shape (3,), the last u [N·m], the running mean of normalised squared innovations, and whether a run has begun
+    last : shape (5,), the last u [N·m], the running mean of normalised squared innovations, whether a run has begun, how often
+        1/I and N/I were forgotten because they had come to be impossible, and of how many innovations the mean is
     """
 
     x: Array
@@ -49,6 +57,7 @@ class LinkNoise(NamedTuple):
     velocity : of the velocity when a run begins [rad/s]
     mobility, decay : of a and b before anything is known
     wander : per second, share of these by which a and b may change
+    first_mobility, first_decay : a and b to begin with
     """
 
     position: float
@@ -57,17 +66,21 @@ class LinkNoise(NamedTuple):
     mobility: float
     decay: float
     wander: float
+    first_mobility: float = 0.0
+    first_decay: float = 0.0
 
 
 def link_start(noise: LinkNoise) -> LinkState:
-    """Return the state before the first sample: nothing is known, a = b = 0 as in the paper."""
+    """Return the state before the first sample: nothing is known. The paper begins with a = b = 0."""
     P = np.diag([0.0, 0.0, noise.mobility**2, noise.decay**2])
-    return LinkState(np.zeros(4), P, np.array([0.0, 1.0, 0.0]))
+    return LinkState(
+        np.array([0.0, 0.0, noise.first_mobility, noise.first_decay]), P, np.array([0.0, 1.0, 0.0, 0.0, FIRST])
+    )
 
 
 def anew(state: LinkState) -> LinkState:
     """Return the state at the beginning of another run: the link lies elsewhere, and is the same."""
-    return LinkState(state.x, state.P, np.array([0.0, state.last[1], 0.0]))
+    return LinkState(state.x, state.P, np.array([0.0, state.last[1], 0.0, *state.last[3:]]))
 
 
 def estimate_link(
@@ -86,9 +99,9 @@ def estimate_link(
 
     Returns
     -------
-    x : shape (N, 4), states
+    x : shape (N, 4), states; NaN where the filter begins anew
     P : shape (N, 4, 4), covariances, as much larger as innovations are larger than the filter believes
-    excess : shape (N,), that factor, at least 1
+    excess : shape (N,), that factor, at least 1; infinite once the filter has begun anew more than `MOST_LOST` times
     state : to go on with
     """
     x, P, last = state.x.copy(), state.P.copy(), state.last.copy()
@@ -102,7 +115,7 @@ def _run(
     x: Array, P: Array, last: Array, q: Array, u: Array, T: float, noise: Array, memory: float,
     xs: Array, Ps: Array, excess: Array,
 ) -> None:  # fmt: skip
-    r, torque, velocity, mobility, decay, wander = noise
+    r, torque, velocity, mobility, decay, wander, first_a, first_b = noise
     F, G, H = np.eye(4), np.zeros(4), np.zeros(4)
     for k in range(q.size):
         if last[2] == 0.0:
@@ -119,28 +132,51 @@ def _run(
             known = not np.isnan(acting)
             if not known:
                 acting = 0.0
-            acceleration = x[2] * acting - x[3] * x[1]
-            G[0], G[1] = 0.5 * T * T, T
+            slower = 1.0 / (1.0 + 0.5 * x[3] * T)
+            acceleration = slower * (x[2] * acting - x[3] * x[1])
+            middle = x[1] + 0.5 * T * acceleration
+            # What a force does: to position and velocity.
+            G[0], G[1] = 0.5 * T * T * slower, T * slower
             for i in range(2):
                 F[i, 1] = (1.0 if i == 1 else T) - G[i] * x[3]
-                F[i, 2], F[i, 3] = G[i] * acting, -G[i] * x[1]
-            x[0] += T * x[1] + G[0] * acceleration
-            x[1] += G[1] * acceleration
+                F[i, 2], F[i, 3] = G[i] * acting, -G[i] * middle
+            x[0] += T * x[1] + 0.5 * T * T * acceleration
+            x[1] += T * acceleration
             P[:, :] = F @ P @ F.T
-            doubt = x[2] * torque if known else velocity / T
+            # The torque's noise acts through a, which is in doubt itself: a link at rest must not teach that a is nothing.
+            doubt = (x[2] * x[2] + P[2, 2]) * torque * torque if known else (velocity / T) ** 2
             for i in range(2):
                 for j in range(2):
-                    P[i, j] += doubt * doubt * G[i] * G[j]
+                    P[i, j] += doubt * G[i] * G[j]
             P[2, 2] += (wander * mobility) ** 2 * T
             P[3, 3] += (wander * decay) ** 2 * T
             if not np.isnan(q[k]):
                 innovation, variance = q[k] - x[0], P[0, 0] + r * r
-                last[1] += (innovation * innovation / variance - last[1]) / memory
+                last[4] = min(last[4] + 1.0, memory)
+                last[1] += (innovation * innovation / variance - last[1]) / last[4]
                 H[:] = P[:, 0] / variance
                 x += H * innovation
                 for i in range(4):
                     for j in range(4):
                         P[i, j] -= H[i] * H[j] * variance
+            if _impossible(x, P, T):
+                x[:], P[:, :] = 0.0, 0.0
+                x[2], P[2, 2], x[3], P[3, 3] = first_a, mobility * mobility, first_b, decay * decay
+                # Where the link is, the next sample tells.
+                last[1], last[2], last[4] = 1.0, 0.0, FIRST
+                last[3] += 1.0
+                xs[k], Ps[k], excess[k] = np.nan, np.nan, 1.0
+                last[0] = u[k]
+                continue
         last[0] = u[k]
-        excess[k] = max(1.0, last[1])
+        excess[k] = max(1.0, last[1]) if last[3] <= MOST_LOST else np.inf
         xs[k], Ps[k] = x, P * excess[k]
+
+
+@njit(cache=True, error_model="numpy", nogil=True)
+def _impossible(x: Array, P: Array, T: float) -> bool:
+    """Tell whether the filter has lost its way: 1/I or N/I surely negative, a link that would come to rest within a sample."""
+    for i in (2, 3):
+        if x[i] < 0.0 and x[i] * x[i] > SURELY * SURELY * P[i, i]:
+            return True
+    return not (np.isfinite(x).all() and np.isfinite(P).all() and abs(x[3]) * T < 1.0)

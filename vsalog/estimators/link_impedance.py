@@ -1,0 +1,209 @@
+"""Inertia and damping of the link under a measured torque, as the trace has them: the filter, its noise, and what is in doubt.
+
+Serio, Grioli, Sardellitti, Tsagarakis, Bicchi (2011), §III-B, eq. 10–12, 21–25.
+"""
+
+from __future__ import annotations
+
+from itertools import pairwise
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vsalog.estimators.device import Device
+from vsalog.estimators.following import Columns
+from vsalog.estimators.regression import SUPPORTED_SHARE
+from vsalog.estimators.sensor_error import ENOUGH, LEAST_NOISE, sensor_error
+from vsalog.estimators.windows import most_moved, rms
+from vsalog.filters.link_ekf import (
+    DECAY,
+    MOBILITY,
+    MOST_LOST,
+    VELOCITY,
+    LinkNoise,
+    LinkState,
+    anew,
+    estimate_link,
+    link_start,
+)
+from vsalog.filters.savitzky_golay import savgol_filter
+from vsalog.mechanics.links import link_weight
+from vsalog.resolution import sensor_noise
+from vsalog.signals import JointSignals
+
+Array = NDArray[np.float64]
+
+# 1/I and N/I may be so many times what accelerations, velocities and torques of the log are in proportion.
+ROOM = 10.0
+# 1/I is known when it is so many times its standard deviation: below, its inverse is anything.
+KNOWN = 3.0
+# Innovations whose mean square is so many times what noise makes of them are of a link that is another than is assumed.
+MOST_EXCESS = 4.0
+# Inertia and damping are known no better than to this share.
+FLOOR = 1e-3
+# The torque's noise is tried out on so many samples, in so many pairs of opposite sign.
+TRIED, PAIRS = 1 << 14, 3
+
+
+class LinkImpedance:
+    """The link's filter of one joint.
+
+    Parameters
+    ----------
+    device : of the joint
+    signals : the whole log, with link_position
+    weights : of a filter, shape (3 or more, window), that gives the position's derivatives
+    wander : share by which I and N may change within a second
+    memory : time over which innovations are averaged [s]
+    """
+
+    def __init__(self, device: Device, signals: JointSignals, weights: Array, wander: float, memory: float) -> None:
+        self.device, self.period = device, signals.period
+        self.memory = max(memory / signals.period, 10.0)
+        q, u = signals.roles["link_position"], self._acting(signals)
+        _, rate, acceleration = savgol_filter(q, weights[:3])
+        self.noise = _noise(signals, u, savgol_filter(u, weights[:1])[0], rate, acceleration, wander)
+        self.doubt = np.maximum(
+            self._bent(most_moved(signals, ["link_position"])[:TRIED]),
+            max(FLOOR, _between(q, weights[2], acceleration)),
+        )
+
+    def start(self) -> LinkState:
+        """Return the state before the first sample."""
+        return link_start(self.noise)
+
+    def block(self, state: LinkState, rows: JointSignals, begins: bool) -> tuple[LinkState, Columns]:
+        """Return the new state and the columns: link_velocity [rad/s], link_inertia [kg·m²], link_damping [N·m·s/rad].
+
+        Parameters
+        ----------
+        state : of `start` or the block before
+        rows : signals as they were recorded, never across a gap
+        begins : whether a run begins with them
+        """
+        x, P, excess, after = estimate_link(
+            anew(state) if begins else state, rows.roles["link_position"], self._acting(rows),
+            self.period, self.noise, self.memory,
+        )  # fmt: skip
+        a, b = x[:, MOBILITY], x[:, DECAY]
+        var_a, var_b, both = P[:, MOBILITY, MOBILITY], P[:, DECAY, DECAY], P[:, MOBILITY, DECAY]
+        with np.errstate(divide="ignore", invalid="ignore"):
+            known = (a > KNOWN * np.sqrt(var_a)) & (excess <= MOST_EXCESS)
+            inertia, damping = 1.0 / a, b / a
+            inertia_std = np.hypot(np.sqrt(var_a) / a**2, self.doubt[0] * inertia)
+            damping_std = np.sqrt(np.maximum(var_b - 2.0 * damping * both + damping**2 * var_a, 0.0)) / a
+            damping_std = np.hypot(damping_std, self.doubt[1] * damping)
+        told = {"link_inertia": (inertia, inertia_std, 0), "link_damping": (damping, damping_std, 1)}
+        columns = {"link_velocity": x[:, VELOCITY]}
+        for name, (value, std, i) in told.items():
+            given = known & bool(self.doubt[i] < SUPPORTED_SHARE)
+            columns |= {name: np.where(given, value, np.nan), f"{name}_std": np.where(given, std, np.nan)}
+        return after, columns
+
+    def warnings(self, state: LinkState) -> tuple[str, ...]:
+        """Say what could not be found, and why."""
+        excess, lost, joint = float(state.last[1]), int(state.last[3]), self.device.joint
+        if lost > MOST_LOST:
+            how = f"the filter began anew {lost} times, because inertia and damping had come to be negative"
+        elif excess > MOST_EXCESS:
+            how = f"innovations are {excess**0.5:.2g} times as large as noise makes them"
+        elif not np.all(self.doubt < SUPPORTED_SHARE):
+            found = zip(("inertia", "damping"), self.doubt, strict=True)
+            lacking = " and ".join(name for name, doubt in found if not doubt < SUPPORTED_SHARE)
+            return (
+                f"joint '{joint}': noise of the torque sensor, or samples that are too few for the motion, bend the link's"
+                f" {lacking} by more than {SUPPORTED_SHARE:.0%}: left out; move the link harder, or record faster",
+            )
+        else:
+            return ()
+        return (
+            f"joint '{joint}': the link does not move as an inertia and a damping under the measured torque would ({how}):"
+            " weight, friction or a push may be missing in the rig, encoder and torque sensor disagree in sign, or samples be"
+            " too few for the motion; inertia and damping are left out where that is so",
+        )
+
+    def _acting(self, rows: JointSignals) -> Array:
+        """Return the torque that turns the link: a push from outside, less its weight and what the transmissions take."""
+        u = -np.sum([rows.roles[v.torque_sensor] for v in self.device.transmissions], axis=0)
+        if "external_torque" in rows.roles:
+            u = u + rows.roles["external_torque"]
+        link = self.device.link
+        if link is not None and link.gravity_torque:
+            u = u - link_weight(link) * np.sin(rows.roles["link_position"] - link.gravity_angle)
+        return np.asarray(u)
+
+    def _bent(self, part: JointSignals) -> Array:
+        """Return by which share the torque's noise bends I and N: by about as much as so much more noise does.
+
+        The filter takes the torque for exact where it multiplies 1/I. Noise of either sign moves its estimates to either side;
+        the mean of both is what it bends.
+        (Cook and Stefanski, "Simulation-extrapolation estimation in parametric measurement error models", JASA 89, 1994.)
+        """
+        u = self._acting(part)
+        before = self._ends(part, u)
+        more = self.noise.torque * np.random.default_rng(0).standard_normal((PAIRS, u.size))
+        tried = [self._ends(part, u + sign * extra) for extra in more for sign in (-1.0, 1.0)]
+        with np.errstate(divide="ignore", invalid="ignore"):
+            shares = np.abs(np.mean(tried, axis=0) / before - 1.0)
+        return np.asarray(np.where(np.isfinite(shares), shares, np.inf))
+
+    def _ends(self, part: JointSignals, torque: Array) -> Array:
+        """Return I and N as they are at the end of a stretch."""
+        state = self.start()
+        for run in _runs(part):
+            q, u = part.roles["link_position"][run], torque[run]
+            *_, state = estimate_link(anew(state), q, u, self.period, self.noise, self.memory)
+        with np.errstate(divide="ignore", invalid="ignore"):
+            return np.asarray(np.array([1.0, state.x[DECAY]]) / state.x[MOBILITY])
+
+
+def _between(position: Array, weights: Array, acceleration: Array) -> float:
+    """Return what it costs that the torque between two samples is taken as their mean: T² ω² / 6 of what moves with ω.
+
+    An inertia is learnt from accelerations, and so ω is theirs; T ω is how much they differ from one sample to the next.
+    """
+    error = sensor_error(position[:ENOUGH], weights.size)
+    change = rms(np.diff(acceleration)) ** 2 - error.rms(np.append(weights, 0.0) - np.append(0.0, weights)) ** 2
+    power = rms(acceleration) ** 2 - error.rms(weights) ** 2
+    return max(change, 0.0) / power / 6.0 if power > 0.0 else np.inf
+
+
+def _runs(signals: JointSignals) -> list[slice]:
+    edges = sorted({0, *np.flatnonzero(signals.starts).tolist(), len(signals)})
+    return [slice(a, b) for a, b in pairwise(edges)]
+
+
+def _noise(
+    signals: JointSignals, u: Array, torque: Array, rate: Array, acceleration: Array, wander: float
+) -> LinkNoise:
+    """Derive the noise of the link's filter from the log: its sensors', and what 1/I and N/I can be at most.
+
+    Parameters
+    ----------
+    u : shape (N,), the torque as it was recorded
+    torque, rate, acceleration : of the link, behind one filter
+    """
+    q = signals.roles["link_position"]
+    mobility = ROOM * rms(acceleration) / max(rms(u - np.nanmean(u)), 1e-300)
+    decay = ROOM * rms(acceleration) / max(rms(rate), 1e-300)
+    # Taken for linear around a = b = 0, as the paper begins, the link may be lost before it is found.
+    first = _least_squares(acceleration, torque, rate)
+    return LinkNoise(
+        position=sensor_noise(q, signals.resolution.get("link_position", 0.0), LEAST_NOISE),
+        torque=sensor_noise(u, 0.0, LEAST_NOISE),
+        velocity=ROOM * rms(rate),
+        mobility=mobility,
+        decay=decay,
+        wander=wander,
+        first_mobility=float(np.clip(first[0], 0.0, mobility)),
+        first_decay=float(np.clip(first[1], 0.0, decay)),
+    )
+
+
+def _least_squares(acceleration: Array, torque: Array, rate: Array) -> Array:
+    """Return 1/I and N/I of q̈ = u / I − q̇ N / I, all behind one filter."""
+    known = np.isfinite(acceleration) & np.isfinite(torque) & np.isfinite(rate)
+    regressors = np.column_stack((torque, -rate))[known]
+    if not known.any():
+        return np.zeros(2)
+    return np.asarray(np.linalg.lstsq(regressors, acceleration[known], rcond=None)[0])
