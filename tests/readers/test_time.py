@@ -11,7 +11,8 @@ from hypothesis import strategies as st
 from write_logs import MS, START, McapLog, joint_state
 
 from vsalog.errors import ReadError
-from vsalog.readers import read
+from vsalog.long_recording import LongRecording
+from vsalog.readers import read, read_within
 from vsalog.readers.timing import ONE_DAY, choose_clock, implausible, put_in_order
 
 
@@ -102,3 +103,17 @@ def test_order_keeps_the_first_of_each_stamp(samples):
     np.testing.assert_array_equal(values[kept], [first[s] for s in sorted(first)])
     assert (order.duplicates, order.conflicts) == (duplicates, conflicts)
     assert order.inversions == sum(b < a for a, b in pairwise(stamps))
+
+
+ROUNDED = "time,a\n" + "".join(f"{1.7e9 + 64 * (k // 8)},{k}\n" for k in range(4000))
+
+
+def test_a_clock_lost_to_rounding_is_refused_in_memory_and_on_disk(tmp_path):
+    path = tmp_path / "log.csv"
+    path.write_text(ROUNDED)
+    short, long = read(path), read_within(0, path)
+    assert isinstance(long, LongRecording)
+    for recording in (short, long.look):
+        assert not recording.channels
+        assert "500 stamps for 4000 rows" in recording.unread["a"]
+    assert not long.columns

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping
+from collections.abc import Callable, Collection, Mapping
 from dataclasses import dataclass, field, replace
+from functools import partial
 from pathlib import Path
 from typing import Generic, TypeVar
 
@@ -15,7 +16,7 @@ from vsalog.readers.base import NO_TIME, Block, Reader, plural
 from vsalog.readers.reach import BEYOND, within_reach
 from vsalog.readers.spool import Column, Kind, Spool, SpooledColumn, in_memory, parts
 from vsalog.readers.timing import YEAR_2000, Clock, Order, choose_clock, put_in_order
-from vsalog.recording import Channel, Recording, Stamps, Stream
+from vsalog.recording import Channel, Recording, Stream
 
 # Beyond so many bytes of samples, a log that grows so many times is a bomb.
 FREE_BYTES, MOST_TIMES = 256 * 2**20, 100
@@ -156,6 +157,15 @@ class Gathered:
         return self.columns.pop(name).whole(self.count)
 
 
+@dataclass(frozen=True, slots=True)
+class Placed:
+    """A stream on its clock and in order: what is known of it, its stamps, and its columns by name."""
+
+    stream: Stream
+    stamps: Column
+    columns: dict[str, Column]
+
+
 def gather(
     path: Path, reader: Reader, wanted: Collection[str] | None, room: int | None = None
 ) -> tuple[dict[str, Gathered], Spool | None]:
@@ -231,21 +241,52 @@ def collect(path: Path, reader: Reader, wanted: Collection[str] | None, time: st
 
 def recording_of(path: Path, reader: Reader, gathered: Mapping[str, Gathered], time: str) -> Recording:
     """Put gathered streams, in memory, on their clocks and in order."""
+    outline, samples = assembled(path, reader, gathered, partial(_placed, time=time))
+    filled = {
+        name: replace(outline.channels[name], stamps=in_memory(stamps), values=in_memory(values))
+        for name, (stamps, values) in samples.items()
+    }
+    return replace(outline, channels=filled)
+
+
+def assembled(
+    path: Path, reader: Reader, gathered: Mapping[str, Gathered], place: Callable[[str, Gathered], Placed]
+) -> tuple[Recording, dict[str, tuple[Column, Column]]]:
+    """Make a recording of gathered streams.
+
+    Parameters
+    ----------
+    path, reader, gathered : as `gather` has them
+    place : function
+        Puts a stream, by its name, on its clock and in order.
+
+    Returns
+    -------
+    outline : Recording
+        Without samples.
+    samples : dict of str to (Column, Column)
+        Stamps and values of its channels.
+    """
     channels: dict[str, Channel] = {}
+    samples: dict[str, tuple[Column, Column]] = {}
     streams: dict[str, Stream] = {}
     notes = list(reader.notes)
     dates: list[bool] = []
     for name, one in gathered.items():
-        stream, stamps = _stream(name, one, channels, time)
-        streams[name] = stream
-        notes += remarks(stream)
-        if stream.time_source == "column" and stream.conflicts > stream.count:
+        placed = place(name, one)
+        streams[name] = placed.stream
+        notes += remarks(placed.stream)
+        if len(placed.stamps):
+            dates.append(bool(placed.stamps[:1][0] >= YEAR_2000))
+        if placed.stream.time_source == "column" and placed.stream.conflicts > placed.stream.count:
             # What is left would look like a log of few samples, far apart.
-            reader.unread.update(dict.fromkeys((c for c in channels if channels[c].stream == name), _coarse(stream)))
-            channels = {c: channel for c, channel in channels.items() if channel.stream != name}
-        if len(stamps):
-            dates.append(bool(stamps[0] >= YEAR_2000))
-    return Recording(
+            reader.unread.update(dict.fromkeys(placed.columns, _coarse(placed.stream)))
+            continue
+        for column, values in placed.columns.items():
+            none = np.empty(0, np.int64), np.empty(0)
+            channels[column] = Channel(column, *none, one.units.get(column), name, one.type)
+            samples[column] = placed.stamps, values
+    outline = Recording(
         path=path,
         format=reader.format,
         channels=channels,
@@ -255,6 +296,7 @@ def recording_of(path: Path, reader: Reader, gathered: Mapping[str, Gathered], t
         notes=tuple(dict.fromkeys(notes)),
         absolute_time=all(dates),
     )
+    return outline, samples
 
 
 def _coarse(stream: Stream) -> str:
@@ -272,25 +314,17 @@ def _bytes_of(path: Path) -> int:
     return sum(file.stat().st_size for file in files if file.is_file())
 
 
-def _stream(name: str, one: Gathered, channels: dict[str, Channel], time: str) -> tuple[Stream, Stamps]:
-    """Put a stream on its clock and in order; its channels go to `channels`."""
+def _placed(name: str, one: Gathered, time: str) -> Placed:
+    """Put a stream on its clock and in order."""
     clock = choose_clock({kind: in_memory(stamps) for kind, stamps in one.joined_clocks().items()}, time)
     if clock.source == "none":
         clock = replace(clock, reason=one.timeless)
     columns = {column: in_memory(one.take_column(column)) for column in list(one.columns)}
     order = put_in_order(clock.stamps, list(columns.values()))
-    stamps = clock.stamps if order.keep is None else clock.stamps[order.keep]
-    for column in list(columns):
-        values = columns.pop(column)
-        channels[column] = Channel(
-            name=column,
-            stamps=stamps,
-            values=values if order.keep is None else values[order.keep],
-            unit=one.units.get(column),
-            stream=name,
-            type=one.type,
-        )
-    return summary(name, one.type, len(stamps), clock, order), stamps
+    stamps = order.kept(clock.stamps)
+    # Taken one by one, so that there are not two of each at once.
+    kept: dict[str, Column] = {column: order.kept(columns.pop(column)) for column in list(columns)}
+    return Placed(summary(name, one.type, len(stamps), clock, order), stamps, kept)
 
 
 def summary(name: str, kind: str, count: int, clock: Clock, order: Order) -> Stream:

@@ -10,10 +10,10 @@ import numpy as np
 
 from vsalog.long_recording import LongChannel, LongRecording
 from vsalog.readers.base import Reader
-from vsalog.readers.collect import Gathered, gather, recording_of, remarks, summary
+from vsalog.readers.collect import Gathered, Placed, assembled, gather, recording_of, summary
 from vsalog.readers.spool import Column, Spool, SpooledColumn, Values, parts
-from vsalog.readers.timing import YEAR_2000, Clock, HeaderStamps, Order, choose_source, delay_of, put_in_order
-from vsalog.recording import Channel, Recording, Stream
+from vsalog.readers.timing import Clock, HeaderStamps, Order, choose_source, delay_of, put_in_order
+from vsalog.recording import Recording
 
 # So many samples of a stream may wait for others that are late before the log is sorted in memory.
 MOST_WAITING = 2**22
@@ -47,33 +47,15 @@ def _long(path: Path, reader: Reader, gathered: Mapping[str, Gathered], spool: S
     disorder = {name: _Disorder.of(stamps) for name, (_, stamps) in clocks.items()}
     for name, found in disorder.items():
         found.refuse(name)
-    columns: dict[str, LongChannel] = {}
-    channels: dict[str, Channel] = {}
-    streams: dict[str, Stream] = {}
-    notes, dates = list(reader.notes), []
-    for name, one in gathered.items():
+
+    def placed(name: str, one: Gathered) -> Placed:
         clock, recorded = clocks[name]
-        values = {column: one.take_column(column) for column in list(one.columns)}
-        stamps, values, order = disorder[name].put_right(recorded, values, spool)
-        streams[name] = summary(name, one.type, len(stamps), clock, order)
-        notes += remarks(streams[name])
-        if len(stamps):
-            dates.append(bool(stamps[0:1][0] >= YEAR_2000))
-        for column, its in values.items():
-            columns[column] = LongChannel(stamps, its)
-            none = np.empty(0, np.int64), np.empty(0)
-            channels[column] = Channel(column, *none, one.units.get(column), name, one.type)
-    outline = Recording(
-        path=path,
-        format=reader.format,
-        channels=channels,
-        streams=streams,
-        unread={name: reason for name, reason in reader.unread.items() if name not in channels},
-        rig_text=reader.rig_text,
-        notes=tuple(dict.fromkeys(notes)),
-        absolute_time=all(dates),
-    )
-    return LongRecording.of(outline, columns)
+        columns = {column: one.take_column(column) for column in list(one.columns)}
+        stamps, columns, order = disorder[name].put_right(recorded, columns, spool)
+        return Placed(summary(name, one.type, len(stamps), clock, order), stamps, columns)
+
+    outline, samples = assembled(path, reader, gathered, placed)
+    return LongRecording.of(outline, {name: LongChannel(*columns) for name, columns in samples.items()})
 
 
 def _clock(one: Gathered, time: str) -> tuple[Clock, Column]:
@@ -163,10 +145,9 @@ class _Disorder:
             if not done.stamps.size:
                 continue
             order = put_in_order(done.stamps, list(done.columns.values()))
-            rows = slice(None) if order.keep is None else order.keep
-            sorted_stamps.add(len(sorted_stamps), done.stamps[rows])
+            sorted_stamps.add(len(sorted_stamps), order.kept(done.stamps))
             for name, column in sorted_columns.items():
-                column.add(len(column), done.columns[name][rows])
+                column.add(len(column), order.kept(done.columns[name]))
             duplicates, conflicts = duplicates + order.duplicates, conflicts + order.conflicts
         return sorted_stamps, {**sorted_columns}, Order(None, self.inversions, duplicates, conflicts)
 

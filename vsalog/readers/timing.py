@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Collection, Mapping
 from dataclasses import dataclass
+from typing import TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,6 +16,8 @@ YEAR_2000 = 946_684_800_000_000_000
 """Nanoseconds since the epoch; stamps before it are not dates."""
 
 ONE_DAY = 86_400_000_000_000
+
+Number = TypeVar("Number", np.int64, np.float64)
 
 
 @dataclass(frozen=True, slots=True)
@@ -56,6 +59,10 @@ class Order:
     inversions: int
     duplicates: int
     conflicts: int
+
+    def kept(self, values: NDArray[Number]) -> NDArray[Number]:
+        """Return the values that are kept, in order."""
+        return values if self.keep is None else values[self.keep]
 
 
 def choose_clock(clocks: Mapping[str, Stamps], time: str) -> Clock:
