@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Collection
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from functools import partial
 from os import PathLike
 from pathlib import Path
@@ -100,7 +100,7 @@ def read(
     """
     from vsalog.readers.collect import collect
 
-    recording = _read(path, wanted, time, rate, start, end, collect)
+    recording = _read(path, _Asked(collect, wanted, time, rate, start, end))
     assert isinstance(recording, Recording)
     return recording
 
@@ -117,27 +117,31 @@ def read_within(
     """Read a log as `read` does, into a temporary file where its samples would take more than `room` bytes of memory."""
     from vsalog.readers.long_log import collect_within
 
-    return _read(path, wanted, time, rate, start, end, partial(collect_within, room=room))
+    return _read(path, _Asked(partial(collect_within, room=room), wanted, time, rate, start, end))
 
 
-def _read(
-    path: str | PathLike[str],
-    wanted: Collection[str] | None,
-    time: str,
-    rate: float | None,
-    start: str | float | None,
-    end: str | float | None,
-    collect: Collect,
-) -> Recording | LongRecording:
+@dataclass(frozen=True, slots=True)
+class _Asked:
+    """What is asked for of a log, see `read`; `collect` makes a recording of it."""
+
+    collect: Collect
+    wanted: Collection[str] | None
+    time: str
+    rate: float | None
+    start: str | float | None
+    end: str | float | None
+
+
+def _read(path: str | PathLike[str], asked: _Asked) -> Recording | LongRecording:
     """Read a log from wherever it is."""
     from vsalog.readers.remote import download_note, local
 
-    if time not in TIMES:
-        raise ReadError(f"time is one of {', '.join(TIMES)}, not '{time}'")
-    path, wanted = Path(path), None if wanted is None else frozenset(wanted)
+    if asked.time not in TIMES:
+        raise ReadError(f"time is one of {', '.join(TIMES)}, not '{asked.time}'")
+    path = Path(path)
     file = local(path)
     try:
-        recording = _read_file(file, wanted, time, rate, start, end, collect)
+        recording = _read_file(file, asked)
     except ReadError as error:
         raise (error if file is path else ReadError(str(error).replace(str(file), str(path)))) from None
     if file is path:
@@ -147,31 +151,24 @@ def _read(
     return told if isinstance(recording, Recording) else replace(recording, look=told)
 
 
-def _read_file(
-    path: Path,
-    wanted: frozenset[str] | None,
-    time: str,
-    rate: float | None,
-    start: str | float | None,
-    end: str | float | None,
-    collect: Collect,
-) -> Recording | LongRecording:
+def _read_file(path: Path, asked: _Asked) -> Recording | LongRecording:
     """Read a log of this computer."""
-    if start is None and end is None:
-        return collect(path, open_reader(path, rate), wanted, time)
+    wanted, time = None if asked.wanted is None else frozenset(asked.wanted), asked.time
+    if asked.start is None and asked.end is None:
+        return asked.collect(path, open_reader(path, asked.rate), wanted, time)
     from vsalog.readers.bag import BagReader
     from vsalog.readers.window import Window
 
-    first = open_reader(path, rate)
-    bounds = Window.parse(start, end).bounds(first, path, time)
-    part = open_reader(path, rate)
+    first = open_reader(path, asked.rate)
+    bounds = Window.parse(asked.start, asked.end).bounds(first, path, time)
+    part = open_reader(path, asked.rate)
     if isinstance(part, BagReader) and part.narrow(*bounds, time, wanted):
         known = {name for name in first.catalogue().channels if wanted is None or name in wanted}
         try:
-            return _cut(collect(path, part, wanted, time), *bounds, known)
+            return _cut(asked.collect(path, part, wanted, time), *bounds, known)
         except ReadError:  # nothing lies there: what the whole log has tells where to look
-            part = open_reader(path, rate)
-    return _cut(collect(path, part, wanted, time), *bounds)
+            part = open_reader(path, asked.rate)
+    return _cut(asked.collect(path, part, wanted, time), *bounds)
 
 
 def _cut(

@@ -68,9 +68,7 @@ def beginning(kind: str, data: bytes, most: int) -> bytes:
             return bytes(LZ4FrameDecompressor().decompress(data, max_length=most))
         if kind == "bz2":
             return bz2.BZ2Decompressor().decompress(data, max_length=most)
-    except (
-        Exception
-    ):  # each compression library has exceptions of its own; what is damaged here will be told when it is read
+    except Exception:  # each compression library has its own; that the data are damaged is told when they are read
         return b""
     return data[:most] if kind in ("", "none") else b""
 
