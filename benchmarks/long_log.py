@@ -13,7 +13,6 @@ folder. Exits with 1 where a target is missed.
 from __future__ import annotations
 
 import argparse
-import os
 import struct
 import subprocess
 import sys
@@ -29,16 +28,13 @@ from typing import IO, Any
 
 import numpy as np
 
+from benchmarks.estimated import DAMPING, INERTIA, RATE, START, estimate, make_apart, measured
 from benchmarks.measure import machine
 
-VSALOG = str(Path(sys.executable).with_name("vsalog"))
-RATE, START = 1000, 1_700_000_000 * 10**9
-MIB = 2**20
 # Targets: peak of memory, and how much more than its share of the time the longest log may take.
 MOST_MEMORY, MOST_TIME = 10**9, 1.3
 # Seconds in a chunk of the file, and in what is computed at once.
 CHUNK, AT_ONCE = 1, 20
-STEP = 2.0 * np.pi / 36_000
 
 # Topic → element and the role whose recorded quantity it holds.
 TOPICS = {
@@ -48,8 +44,8 @@ TOPICS = {
     "/lever": ("lever", "setpoint", "position"),
 }
 FIELDS = ("position", "velocity", "effort")
-# τ_e = (K_0 + K_C c) φ + K_3 φ³ [SI], with the lever arm c; and the motor's inertia and damping.
-K_0, K_C, K_3, INERTIA, DAMPING = 10.0, 100.0, 2000.0, 0.08, 0.4
+# τ_e = (K_0 + K_C c) φ + K_3 φ³ [SI], with the lever arm c.
+K_0, K_C, K_3 = 10.0, 100.0, 2000.0
 RIG = f"""name = "long"
 
 [joint.elbow]
@@ -81,22 +77,12 @@ def stiffness(phi, c):
     return K_0 + K_C * c + 3.0 * K_3 * phi**2
 
 
-def measured(t, rng) -> dict[str, np.ndarray]:
-    """Return what the sensors say at times t [s], by role: closed-form motion, steps and noise."""
-
-    def motion(*sines):
-        w = [(a, 2.0 * np.pi * f) for a, f in sines]
-        value = sum(a * np.sin(v * t) for a, v in w)
-        return value, sum(a * v * np.cos(v * t) for a, v in w), sum(-a * v * v * np.sin(v * t) for a, v in w)
-
-    phi, phi_1, phi_2 = motion((0.06, 0.2), (0.02, 1.3))
-    q, q_1, q_2 = motion((0.5, 0.2), (0.1, 1.3))
-    torque = (K_0 + K_C * lever_arm(t)) * phi + K_3 * phi**3
+def sensed(t, rng) -> dict[str, np.ndarray]:
+    """Return what the sensors say at times t [s], by role."""
+    c = lever_arm(t)
     return {
-        "motor_position": np.round((q - phi) / STEP) * STEP,
-        "motor_torque": INERTIA * (q_2 - phi_2) + DAMPING * (q_1 - phi_1) - torque + 0.02 * rng.normal(size=t.size),
-        "link_position": np.round(q / STEP) * STEP,
-        "setpoint": np.round(lever_arm(t) / 1e-6) * 1e-6,
+        **measured(t, lambda phi: (K_0 + K_C * c) * phi + K_3 * phi**3, rng),
+        "setpoint": np.round(c / 1e-6) * 1e-6,
     }
 
 
@@ -230,7 +216,7 @@ def make(path: Path, seconds: int) -> None:
         log.begin()
         for begin in range(0, seconds, AT_ONCE):
             ticks = np.arange(begin * RATE, min(begin + AT_ONCE, seconds) * RATE, dtype=np.int64)
-            stamps, roles = START + ticks * (10**9 // RATE), measured(ticks / RATE, rng)
+            stamps, roles = START + ticks * (10**9 // RATE), sensed(ticks / RATE, rng)
             filled = [one.fill(int(ticks[0]), stamps, roles[one.role], rng) for one in topics]
             records = np.stack([rows for rows, _ in filled], axis=1)
             times = np.stack([received for _, received in filled], axis=1)
@@ -238,26 +224,6 @@ def make(path: Path, seconds: int) -> None:
                 part = slice(first, first + CHUNK * RATE)
                 log.add(records[part], times[part], compressor)
         log.end()
-
-
-def estimate(log: Path, estimator: str) -> tuple[float, int, Path]:
-    """Run the command; return the time [s], the peak of resident memory [bytes] and the trace."""
-    trace = log.with_suffix(".stiffness.parquet")
-    start = time.perf_counter()
-    # What it spools goes beside the log.
-    process = subprocess.Popen(
-        [VSALOG, "estimate", str(log), "-e", estimator, "-o", str(trace)],
-        stdout=subprocess.DEVNULL,
-        stderr=subprocess.PIPE,
-        env={**os.environ, "TMPDIR": str(log.parent)},
-    )
-    assert process.stderr is not None
-    said = process.stderr.read()
-    _, status, usage = os.wait4(process.pid, 0)
-    if status != 0:
-        sys.exit(f"vsalog estimate failed: {said.decode()}")
-    unit = 1 if sys.platform == "darwin" else 1024
-    return time.perf_counter() - start, usage.ru_maxrss * unit, trace
 
 
 def error(trace: Path) -> tuple[float, float, int]:
@@ -280,14 +246,13 @@ def measure(folder: Path, hours: float, estimator: str, keep: bool) -> Iterator[
     """Make a log, estimate it and yield what there is to say."""
     log = folder / f"long-{hours:g}h.mcap"
     start = time.perf_counter()
-    # In a process of its own: a child's peak counts from that of the parent it was forked from.
-    command = [sys.executable, "-m", "benchmarks.long_log", "--make", str(log), str(round(hours * 3600))]
-    subprocess.run(command, check=True)
+    make_apart("benchmarks.long_log", log, round(hours * 3600))
     yield "making the log [s]", time.perf_counter() - start
     yield "log on disk [GB]", log.stat().st_size / 1e9
-    taken, peak, trace = estimate(log, estimator)
-    yield "time of vsalog estimate [s]", taken
-    yield "peak of resident memory [MB]", peak / 1e6
+    done = estimate(log, estimator)
+    trace = done.trace
+    yield "time of vsalog estimate [s]", done.seconds
+    yield "peak of resident memory [MB]", done.peak / 1e6
     yield "trace on disk [GB]", trace.stat().st_size / 1e9
     code = f"from benchmarks.long_log import *; print(*error(Path({str(trace)!r})))"
     said = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout.split()

@@ -11,48 +11,25 @@ grows beyond these arrays.
 from __future__ import annotations
 
 import argparse
-import os
 import subprocess
 import sys
 import tempfile
-import time
 from pathlib import Path
 
+import numpy as np
+
+from benchmarks.estimated import MIB, RATE, START, estimate, make_apart, measured
 from benchmarks.measure import machine
 
-VSALOG = str(Path(sys.executable).with_name("vsalog"))
-MIB = 2**20
-RATE = 1000
 SHORT = 20 * RATE
 ROLES = {"motor_position": "rad", "link_position": "rad", "motor_torque": "N*m"}
 
 
 def make(path: Path, rows: int) -> None:
     """Write a log: the rig `sea` moving as two sines per coordinate, with encoders of 36 000 steps and torque noise."""
-    import numpy as np
-
-    rng = np.random.default_rng(1)
-    t = np.arange(rows) / RATE
-
-    def motion(*sines: tuple[float, float]):
-        """Value, first and second derivative of a sum of (amplitude, frequency)."""
-        w = [(a, 2.0 * np.pi * f) for a, f in sines]
-        return (
-            sum(a * np.sin(v * t) for a, v in w),
-            sum(a * v * np.cos(v * t) for a, v in w),
-            sum(-a * v * v * np.sin(v * t) for a, v in w),
-        )
-
-    phi, phi_1, phi_2 = motion((0.06, 0.2), (0.02, 1.3))
-    q, q_1, q_2 = motion((0.5, 0.2), (0.1, 1.3))
-    torque = 20.0 * phi + 2000.0 * phi**3
-    step = 2.0 * np.pi / 36_000
-    columns = {
-        "motor_position": np.round((q - phi) / step) * step,
-        "link_position": np.round(q / step) * step,
-        "motor_torque": 0.08 * (q_2 - phi_2) + 0.4 * (q_1 - phi_1) - torque + 0.02 * rng.normal(size=rows),
-    }
-    stamps = np.arange(rows, dtype=np.int64) * (10**9 // RATE) + 1_700_000_000 * 10**9
+    ticks = np.arange(rows, dtype=np.int64)
+    columns = measured(ticks / RATE, lambda phi: 20.0 * phi + 2000.0 * phi**3, np.random.default_rng(1))
+    stamps = START + ticks * (10**9 // RATE)
     (_write_mcap if path.suffix == ".mcap" else _write_parquet)(path, stamps, columns)
 
 
@@ -63,7 +40,7 @@ def _write_parquet(path: Path, stamps, columns) -> None:
     fields = [pa.field("time", pa.timestamp("ns"))]
     fields += [pa.field(role, pa.float64(), metadata={"unit": unit}) for role, unit in ROLES.items()]
     table = pa.Table.from_arrays(
-        [pa.array(stamps, pa.timestamp("ns")), *map(pa.array, columns.values())], schema=pa.schema(fields)
+        [pa.array(stamps, pa.timestamp("ns")), *(pa.array(columns[role]) for role in ROLES)], schema=pa.schema(fields)
     )
     pq.write_table(table, path, compression="zstd", row_group_size=65536)
 
@@ -91,25 +68,6 @@ def write_rig(path: Path, kind: str) -> None:
         }
     lines = ['preset = "sea"', "", "[joint.sea.signals]", *(f'{role} = "{name}"' for role, name in names.items())]
     path.write_text("\n".join(lines) + "\n", encoding="utf-8")
-
-
-def estimate(log: Path, estimator: str) -> tuple[float, int, Path]:
-    """Run the command; return the time [s], the peak of resident memory [bytes] and the trace."""
-    trace = log.with_suffix(".stiffness.parquet")
-    rig = log.with_name("rig.toml")
-    start = time.perf_counter()
-    process = subprocess.Popen(
-        [VSALOG, "estimate", str(log), "--rig", str(rig), "-e", estimator, "-o", str(trace)],
-        stdout=subprocess.DEVNULL,
-        stderr=subprocess.PIPE,
-    )
-    assert process.stderr is not None
-    said = process.stderr.read()
-    _, status, usage = os.wait4(process.pid, 0)
-    if status != 0:
-        sys.exit(f"vsalog estimate failed: {said.decode()}")
-    unit = 1 if sys.platform == "darwin" else 1024
-    return time.perf_counter() - start, usage.ru_maxrss * unit, trace
 
 
 def output_size(trace: Path) -> tuple[int, int, str]:
@@ -142,18 +100,19 @@ def main() -> int:
         peaks = {}
         for count in (SHORT, rows):
             log = folder / f"log-{count}.{asked.format}"
-            # In a process of its own: a child's peak counts from that of the parent it was forked from.
-            subprocess.run([sys.executable, "-m", "benchmarks.memory", "--make", str(log), str(count)], check=True)
+            make_apart("benchmarks.memory", log, count)
+            options = (asked.estimator, "--rig", str(folder / "rig.toml"))
             if count == SHORT:  # compiles, where that is still to be done
-                estimate(log, asked.estimator)
-            taken, peaks[count], trace = estimate(log, asked.estimator)
-        size, on_disk, shape = output_size(trace)
+                estimate(log, *options)
+            done = estimate(log, *options)
+            peaks[count] = done.peak
+        size, on_disk, shape = output_size(done.trace)
         log_size = log.stat().st_size
     columns = rows * 8 * (len(ROLES) + 1)
     grown = peaks[rows] - peaks[SHORT]
     met = grown <= columns + size
     print(
-        f"\n{asked.estimator} on {rows} samples of {len(ROLES)} channels at {RATE} Hz ({asked.format}): {taken:.1f} s\n"
+        f"\n{asked.estimator} on {rows} samples of {len(ROLES)} channels at {RATE} Hz ({asked.format}): {done.seconds:.1f} s\n"
     )
     for text, value in (
         ("log on disk", log_size),
