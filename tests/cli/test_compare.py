@@ -4,6 +4,7 @@ import json
 
 import numpy as np
 import pytest
+from knee import lay
 
 import vsalog
 
@@ -80,6 +81,25 @@ def test_one_that_was_named_and_is_not_allowed_is_left_out_too(run, samples):
     assert "motor_torque" in found["left_out"]["qr-rls"]
     told = run("compare", samples / "desr_foot" / "desr_foot.mat", "-e", "qr-rls,direct")
     assert "qr-rls" in told.stdout + told.stderr
+
+
+def test_what_the_log_is_too_short_for_is_left_out(command, tmp_path):
+    """60 samples: more than the smoother's window of 51, fewer than the 0.15 s at 1 kHz of `algebraic`'s filters."""
+    lay(tmp_path, rows=60)
+    code, out, err = command("compare", "log.csv", "--json", cwd=tmp_path)
+    assert code == 0, err
+    found = json.loads(out)
+    there = {row["estimator"] for row in found["rows"]}
+    assert {"residual-rls", "qr-rls", "batch-ls", "direct"} <= there
+    assert "has 60 samples, but" in found["left_out"]["algebraic"]
+    assert not there & set(found["left_out"])
+    code, out, _ = command("compare", "log.csv", "-e", "algebraic,direct", cwd=tmp_path)
+    assert code == 0
+    assert "left out: algebraic" in out
+    assert "60 samples" in out
+    code, out, err = command("compare", "log.csv", "-e", "algebraic", cwd=tmp_path)
+    assert (code, out) == (2, "")
+    assert "60 samples" in err
 
 
 def test_an_estimator_that_is_named_twice_runs_once(run, log):
