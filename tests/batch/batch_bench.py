@@ -16,7 +16,7 @@ import pyarrow.parquet as pq
 from vsalog.batch.records import Answer, Record, Settings, Task
 from vsalog.batch.run import Asked, run_batch
 from vsalog.batch.work import check_json, do_json
-from vsalog.batch.worker import ANSWER, TASK
+from vsalog.batch.worker import ANSWER, BEGUN, TASK
 from vsalog.errors import BatchError
 
 RIG = """
@@ -71,6 +71,7 @@ def serve_by_name(pipe):
         message = pipe.recv_bytes()
         if message[:1] != TASK:
             continue
+        pipe.send_bytes(BEGUN)
         task, began = msgspec.json.decode(message[1:], type=Task), time.time()
         if "deadly" in task.log.name:
             with Path(os.fsdecode(task.log.where)).open("a") as file:

@@ -5,7 +5,6 @@ import base64
 import hashlib
 import os
 import re
-import signal
 import time
 from html.parser import HTMLParser
 from pathlib import Path
@@ -17,7 +16,9 @@ import pytest
 from batch_bench import RIG, batch, contents, do_batch, make_log, make_logs, private_disk, same, start, summary
 
 import vsalog.batch
+from vsalog.batch.lock import locked
 from vsalog.batch.records import Settings
+from vsalog.batch.storage import LocalStore
 
 JOINT = "</script><script>alert(1)</script><img src=x onerror=alert(2)> \"'` ../../x=y"
 EVIL = f"{JOINT}\n\x00\x1b[31m"  # joints have to be printable
@@ -141,16 +142,16 @@ def test_names_with_line_ends_and_without_text(tmp_path):
 def test_two_runs_into_one_folder(tmp_path, here):
     """The second is refused while the first runs; a run that was killed locks nobody out."""
     make_logs(tmp_path / "logs", 4, rows=20_000)
-    first = start("logs", "-o", "out", "-j", "1", cwd=tmp_path)
+    killed = start("logs", "-o", "out", "-j", "1", cwd=tmp_path)
     deadline = time.monotonic() + 30.0
     while not (tmp_path / "out" / "batch.json").exists() and time.monotonic() < deadline:
         time.sleep(0.02)
-    code, out, err = batch("logs", "-o", "out", "--resume", "-j", "1", cwd=tmp_path)
-    assert first.poll() is None
+    killed.kill()
+    killed.communicate()
+    with locked(LocalStore(tmp_path / "out"), None):
+        code, out, err = batch("logs", "-o", "out", "--resume", "-j", "1", cwd=tmp_path)
     assert (code, out) == (2, "")
-    assert f"another run is writing there (process {first.pid}" in err
-    first.send_signal(signal.SIGKILL)
-    first.communicate()
+    assert f"another run is writing there (process {os.getpid()}" in err
     outcome, _ = do_batch(tmp_path / "logs", out=tmp_path / "out", resume=True)
     assert outcome.code == 0
 

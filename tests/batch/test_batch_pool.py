@@ -60,6 +60,16 @@ def test_a_log_without_end_is_given_up(play):
     assert records["a"].status == records["b"].status == "done"
 
 
+def wake_up_late(pipe):
+    time.sleep(2.0)
+    serve_by_name(pipe)
+
+
+def test_the_time_of_a_log_does_not_begin_before_its_worker_is_there(play, monkeypatch):
+    monkeypatch.setattr(pool, "serve", wake_up_late)
+    assert play("a", jobs=1, timeout=1.5)["a"].status == "done"
+
+
 def test_one_log_is_done_alone_first_where_nothing_is_compiled(play, monkeypatch, tmp_path):
     """Until one went well nobody else begins: what has to be compiled is compiled once."""
     monkeypatch.setenv("NUMBA_CACHE_DIR", str(tmp_path))
@@ -92,6 +102,18 @@ def test_workers_that_cannot_live_are_told(monkeypatch, dead):
             workers._workers[0].process.join()
         with pytest.raises(BatchError, match=r"no worker could be started: .* code 7"):
             workers.check(Settings())
+
+
+def test_long_logs_need_no_more_than_what_is_held_in_memory():
+    """But MATLAB's, which are read as a whole; told by where they lie, since a name may have been cut."""
+
+    def need(where, size, **options):
+        return expected(Log(name="…-1a2b3c", where=where, remote=False, size=size), Settings(**options))
+
+    assert need(b"x.mcap", 10**11) == need(b"x.mcap", 10**12) < 1.5e9
+    assert need(b"x.mcap", 10**11, report=True) == need(b"x.mcap", 10**12, report=True) < 4.1e9
+    assert need(b"x.MAT", 10**11) > 10**11
+    assert need(b"x.mcap", 10**11, do="diagnose") > 10**11
 
 
 BUSY = """

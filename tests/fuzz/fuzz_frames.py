@@ -12,6 +12,11 @@ import struct
 _HEAD = struct.Struct("<BH")
 
 
+def sized(content: bytes) -> bytes:
+    """Write bytes after their number in four, as most formats do."""
+    return struct.pack("<I", len(content)) + content
+
+
 def framed(parts) -> bytes:
     """Write (kind, content) as frames; what is longer than a frame can be is cut off."""
     return b"".join(_HEAD.pack(kind, min(len(part), 0xFFFF)) + part[:0xFFFF] for kind, part in parts)

@@ -9,7 +9,7 @@ from pathlib import Path
 import lz4.frame
 import zstandard
 from fuzz_contract import exercise, put
-from fuzz_frames import framed, frames
+from fuzz_frames import framed, frames, sized
 
 MAGIC = b"\x89MCAP0\r\n"
 CHUNK, DATA_END, SUMMARY = 6, 15, 0x80
@@ -73,7 +73,7 @@ def record(kind: int, content: bytes) -> bytes:
 
 
 def text(words: str) -> bytes:
-    return struct.pack("<I", len(words)) + words.encode()
+    return sized(words.encode())
 
 
 def records(data: bytes):

@@ -5,7 +5,7 @@ from __future__ import annotations
 import struct
 
 from fuzz_contract import exercise, put
-from fuzz_frames import framed, frames
+from fuzz_frames import framed, frames, sized
 from fuzz_mcap import assemble, text
 
 ENCODINGS = (
@@ -46,10 +46,6 @@ def log_of(flags: int, parts) -> bytes:
     if flags >= 128:
         found = [(6, bytes([1]) + framed(found))]
     return assemble(4, [*records, *found])
-
-
-def sized(content: bytes) -> bytes:
-    return struct.pack("<I", len(content)) + content
 
 
 def seeds():

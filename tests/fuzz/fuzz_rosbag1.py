@@ -9,7 +9,7 @@ from pathlib import Path
 
 import lz4.frame
 from fuzz_contract import exercise, put
-from fuzz_frames import framed, frames
+from fuzz_frames import framed, frames, sized
 
 VERSION = b"#ROSBAG V2.0\n"
 RECORD, CHUNK, INDEX = range(3)
@@ -58,10 +58,6 @@ def chunk(content: bytes) -> bytes:
 
 def fields(**values: bytes) -> bytes:
     return sized(b"".join(sized(name.encode() + b"=" + value) for name, value in values.items()))
-
-
-def sized(content: bytes) -> bytes:
-    return struct.pack("<I", len(content)) + content
 
 
 def records(raw: bytes):

@@ -9,8 +9,8 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
 from fuzz_contract import exercise, inspected
+from fuzz_frames import sized
 from fuzz_mcap import assemble, text
-from fuzz_messages import sized
 
 from vsalog.errors import ReadError
 from vsalog.readers import read

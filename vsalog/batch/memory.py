@@ -19,7 +19,7 @@ PAGE_FACTOR = 25.0
 # No more than that, however long a log is, where it is worked on in a temporary file and figures are drawn of thinned traces;
 # MATLAB's files are read as a whole.
 MOST, MOST_PAGE = 1000 * MIB, 2500 * MIB
-WHOLE = ".mat"
+WHOLE = b".mat"
 # A worker that needed more than this is replaced: memory that was used once is hardly given back.
 LARGE = 1024 * MIB
 # Of what is free.
@@ -33,7 +33,7 @@ def expected(log: Log, settings: Settings) -> int:
     if settings.do != "estimate":
         return BASE + round(need)
     page = PAGE_FACTOR * log.size if settings.report else 0.0
-    if not log.name.lower().endswith(WHOLE):
+    if not log.where.lower().endswith(WHOLE):
         need, page = min(need, MOST), min(page, MOST_PAGE)
     return BASE + round(need + page)
 

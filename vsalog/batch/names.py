@@ -30,6 +30,11 @@ def decoded(name: str) -> str:
     return unquote(name)
 
 
+def shown(text: str) -> str:
+    """Return what can be written as UTF-8: names of files may hold bytes that are no text."""
+    return text.encode("utf-8", "backslashreplace").decode()
+
+
 def readable(path: bytes) -> str:
     """Return a log's relative path as text that can be encoded: another text for another path.
 

@@ -9,7 +9,7 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from vsalog.batch.names import readable, told_apart
+from vsalog.batch.names import readable, shown, told_apart
 from vsalog.batch.records import Log
 from vsalog.batch.storage import is_address
 from vsalog.errors import BatchError
@@ -77,11 +77,6 @@ def make_plan(asked: Sequence[str], out: str) -> Plan:
         for n, p in zip(names, paths, strict=True)
     ]
     return Plan(tuple(sorted(logs, key=lambda log: log.name)), tuple(notes))
-
-
-def shown(text: str) -> str:
-    """Return a path as text."""
-    return text.encode("utf-8", "backslashreplace").decode()
 
 
 def _listed(text: str) -> list[str]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import multiprocessing
 import os
 import signal
@@ -20,7 +21,7 @@ import vsalog
 from vsalog._version import __version__
 from vsalog.batch.memory import BASE, LARGE, expected, told
 from vsalog.batch.records import Answer, Kind, Settings, Task, failed
-from vsalog.batch.worker import CHECK, COMPILING, PREPARE, TASK, THREADS, serve
+from vsalog.batch.worker import BEGUN, CHECK, COMPILING, PREPARE, TASK, THREADS, serve
 from vsalog.errors import BatchError
 
 # A worker begins anew after so many logs: whatever leaks, leaks for a while only.
@@ -36,7 +37,7 @@ class _Worker:
     process: multiprocessing.process.BaseProcess
     pipe: Connection
     job: _Job | None = None
-    begun: float = 0.0
+    begun: float = math.inf
     done: int = 0
 
 
@@ -105,7 +106,7 @@ class Pool:
 
         Where nothing is compiled yet, one is done alone until one went well, so that loops are compiled once.
         """
-        # A small log warms up; from the large ones down, the last ones end together.
+        # From the large ones down, so that the last ones end together.
         waiting = sorted(
             (_Job(t, expected(t.log, t.settings)) for t in tasks), key=lambda j: (-j.need, j.task.log.name)
         )
@@ -119,6 +120,9 @@ class Pool:
                 self._hand_out(waiting, 1 if not warm else self.jobs)
             for worker in self._ready():
                 message = self._message(worker)
+                if message == BEGUN:
+                    worker.begun = time.monotonic()
+                    continue
                 if message == COMPILING:
                     if not compiling:
                         self.say("first run: compiling the numerical loops takes a few seconds …")
@@ -164,7 +168,8 @@ class Pool:
                 self._dismiss(free.pop(0))
             worker = free.pop()
             waiting.remove(job)
-            worker.job, worker.begun = job, time.monotonic()
+            # It may have to be loaded first, which is no part of a log's time.
+            worker.job, worker.begun = job, math.inf
             with suppress(OSError):  # one that died is noticed by its pipe
                 worker.pipe.send_bytes(TASK + msgspec.json.encode(job.task))
             left, count = left - job.need, count + 1
@@ -199,11 +204,13 @@ class Pool:
         if not busy:
             return []
         found = [busy[pipe] for pipe in wait(list(busy), TICK) if isinstance(pipe, Connection)]
-        if self.timeout is not None:
-            for worker in busy.values():
-                if worker not in found and time.monotonic() - worker.begun > self.timeout:
-                    worker.process.kill()
+        for worker in busy.values():
+            if worker not in found and self._late(worker):
+                worker.process.kill()
         return found
+
+    def _late(self, worker: _Worker) -> bool:
+        return self.timeout is not None and time.monotonic() - worker.begun > self.timeout
 
     def _message(self, worker: _Worker) -> bytes | None:
         """Return what a worker says; nothing when it died."""
@@ -220,7 +227,7 @@ class Pool:
 
     def _mourn(self, worker: _Worker, job: _Job) -> _Job | None:
         """Replace a worker that died; return the job to try it once more, or nothing when it was the second time."""
-        late = self.timeout is not None and time.monotonic() - worker.begun > self.timeout
+        late = self._late(worker)
         self._dismiss(worker)
         job.deaths.append("took too long" if late else _ended(worker.process))
         return None if late or len(job.deaths) > 1 else job

@@ -7,13 +7,13 @@ import time
 from collections.abc import Sequence
 from types import TracebackType
 
-import msgspec
 from rich.console import Console
 from rich.markup import escape
 from rich.progress import BarColumn, Progress, TaskID, TextColumn, TimeElapsedColumn
 
 from vsalog.batch.records import Answer, Do, Log
 from vsalog.batch.run import Outcome
+from vsalog.documents import document_text
 from vsalog.reports.page_text import plain
 
 # Seconds between lines where there is no terminal, and failures that are told one by one.
@@ -151,6 +151,6 @@ def print_json(outcome: Outcome, do: Do) -> None:
         "seconds": outcome.seconds,
         "outputs": {"traces": f"{where}/traces", "summary": f"{where}/summary.parquet", "page": f"{where}/index.html"},
     }
-    sys.stdout.write(msgspec.json.format(msgspec.json.encode(document), indent=2).decode() + "\n")
+    sys.stdout.write(document_text(document))
     if outcome.failures:
         print(plain(failure_words(outcome)), file=sys.stderr)

@@ -16,7 +16,6 @@ from vsalog._version import __version__
 from vsalog.batch import memory
 from vsalog.batch.lock import locked, one_after_the_other
 from vsalog.batch.plan import Plan, make_plan
-from vsalog.batch.plan import shown as shown_path
 from vsalog.batch.records import VERSION, Answer, Do, Log, Record, Settings, Task
 from vsalog.batch.storage import LocalStore, Store, StoreError, is_address, open_store
 from vsalog.batch.work import MANIFEST, RECORDS, parsed, record_name, write_record
@@ -171,12 +170,12 @@ def _make(store: LocalStore) -> None:
     try:
         store.root.mkdir(parents=True, exist_ok=True)
     except OSError as error:
-        raise StoreError(f"{shown_path(store.shown)}: cannot be made a folder: {error.strerror}") from error
+        raise StoreError(f"{store.shown}: cannot be made a folder: {error.strerror}") from error
 
 
 def _check_place(store: Store, asked: Asked) -> Manifest | None:
     """Refuse a place where something else is, or a batch that nobody said should go on."""
-    data, where = store.read(MANIFEST), shown_path(store.shown)
+    data, where = store.read(MANIFEST), store.shown
     if data is None:
         if not store.empty():
             raise BatchError(f"{where}: is not empty, and holds no batch; name a new folder with -o")

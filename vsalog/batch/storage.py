@@ -11,6 +11,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, Protocol
 
+from vsalog.batch.names import shown
 from vsalog.errors import BatchError
 
 # Files that are being written: beside the data set and not in it, since readers take all files of a data set for data.
@@ -96,7 +97,7 @@ class LocalStore:
     """A folder."""
 
     def __init__(self, root: Path) -> None:
-        self.root, self.shown = root, str(root).encode("utf-8", "backslashreplace").decode()
+        self.root, self.shown = root, shown(str(root))
 
     def put(self, source: Path, name: str) -> None:
         """See `Store`."""
@@ -172,8 +173,8 @@ class RemoteStore:
     """An address that fsspec opens; object stores show an object when it is whole."""
 
     def __init__(self, address: str) -> None:
-        self.shown = address.rstrip("/")
-        self.system, self.root = file_system(self.shown)
+        self.shown = shown(address.rstrip("/"))
+        self.system, self.root = file_system(address.rstrip("/"))
 
     def _at(self, name: str) -> str:
         return f"{self.root}/{name}"

@@ -13,7 +13,7 @@ from typing import Any
 import msgspec
 
 from vsalog._version import __version__
-from vsalog.batch.names import encoded
+from vsalog.batch.names import encoded, shown
 from vsalog.batch.one_log import Result, check, run_one
 from vsalog.batch.records import Answer, Joint, Kind, Log, Output, Record, Settings, Task, failed
 from vsalog.batch.remote_plan import fetched
@@ -75,7 +75,7 @@ def _done(task: Task, store: Store, start: float) -> tuple[Record, bool]:
     log, settings = task.log, task.settings
 
     def gone(kind: Kind, reason: str) -> tuple[Record, bool]:
-        return failed(log, settings, kind, _text(reason), __version__, time.perf_counter() - start), False
+        return failed(log, settings, kind, shown(reason), __version__, time.perf_counter() - start), False
 
     try:
         with fetched(log) as path:
@@ -109,7 +109,7 @@ def _explaining(run: Callable[[], Result], path: Path, log: Log) -> Result:
 
     def told(value: Any) -> Any:
         if isinstance(value, str):
-            return _text(value.replace(str(path), log.name))
+            return shown(value.replace(str(path), log.name))
         if isinstance(value, dict):
             return {told(key): told(item) for key, item in value.items()}
         return [told(item) for item in value] if isinstance(value, list | tuple) else value
@@ -120,11 +120,6 @@ def _explaining(run: Callable[[], Result], path: Path, log: Log) -> Result:
         raise type(error)(told(str(error))) from error
     joints = tuple(Joint(joint=told(j.joint), figures=told(j.figures)) for j in result.joints)
     return replaced(result, warnings=tuple(told(result.warnings)), joints=joints)
-
-
-def _text(text: str) -> str:
-    """Return what can be written as UTF-8: names of files may hold bytes that are no text."""
-    return text.encode("utf-8", "backslashreplace").decode()
 
 
 def write_record(store: Store, record: Record) -> None:

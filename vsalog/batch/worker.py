@@ -13,7 +13,7 @@ from typing import Any
 
 # First byte of what goes through the pipe.
 TASK, CHECK, PREPARE = b"t", b"c", b"p"
-ANSWER, COMPILING = b"a", b"n"
+BEGUN, ANSWER, COMPILING = b"b", b"a", b"n"
 
 # One thread per worker: the cores are shared among workers, not within one.
 LIBRARIES = ("OPENBLAS", "OMP", "MKL", "NUMEXPR", "NUMBA")
@@ -44,6 +44,7 @@ def serve(pipe: Connection) -> None:
                 continue
             from vsalog.batch.work import do_json
 
+            pipe.send_bytes(BEGUN)
             pipe.send_bytes(ANSWER + do_json(body))
     os._exit(0)
 
