@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import gzip
-import zlib
 from pathlib import Path
 
 from vsalog.errors import ReadError
@@ -90,11 +88,16 @@ def _sniff_head(path: Path, head: bytes) -> str:
 
 
 def _gzip_head(path: Path) -> bytes:
+    from vsalog.readers.text_source import open_text, read_beginning
+
     try:
-        with gzip.open(path, "rb") as file:
-            return file.read(HEAD_BYTES)
-    except (OSError, EOFError, zlib.error) as error:
-        raise ReadError(f"{path}: is compressed with gzip, but damaged: {error}") from error
+        with open_text(path) as file:
+            head = read_beginning(file, HEAD_BYTES)
+    except OSError as error:
+        raise ReadError(f"{path}: cannot be opened: {error.strerror or error}") from error
+    if not head:
+        raise ReadError(f"{path}: is compressed with gzip, but damaged: nothing comes out of it")
+    return head
 
 
 def looks_like_text(head: bytes) -> bool:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import codecs
-import gzip
 import io
 import zlib
 from pathlib import Path
@@ -12,8 +11,14 @@ from typing import IO, cast
 from vsalog.errors import ReadError
 from vsalog.readers.compression import FREE_BYTES
 
-_PIECE, _COMPRESSED_PIECE = 1 << 20, 1 << 16  # of a damaged compressed file, the last piece is lost
+DAMAGE = (EOFError, zlib.error)
+"""What a damaged compressed file raises."""
+
+_PIECE, _COMPRESSED_PIECE = 1 << 20, 1 << 16
 _GZIP = b"\x1f\x8b"
+_WITH_HEAD = 16 + zlib.MAX_WBITS
+"""Tells zlib that there is gzip's header, and its checksum behind."""
+_LONGEST_LINE = 1 << 24
 _MOST_RATIO = 200
 """Tables become ten times smaller; what becomes so much smaller is no recording but a bomb."""
 
@@ -32,8 +37,8 @@ def open_text(path: Path) -> IO[bytes]:
     return cast(IO[bytes], BoundedGzip(path, file)) if compressed else file
 
 
-class BoundedGzip(gzip.GzipFile):
-    """A compressed file that refuses to become much larger than any recording would.
+class BoundedGzip(io.RawIOBase):
+    """A compressed file: all that comes out ahead of damage, and no more than any recording would hold.
 
     Parameters
     ----------
@@ -44,25 +49,67 @@ class BoundedGzip(gzip.GzipFile):
     """
 
     def __init__(self, path: Path, file: IO[bytes]) -> None:
-        super().__init__(fileobj=file, mode="rb")
+        super().__init__()
         self._path = path
         self._compressed = file
+        self._stream = zlib.decompressobj(_WITH_HEAD)
+        self._left = b""
+        self._size = 0
 
-    def read(self, size: int | None = -1) -> bytes:
-        """Read some bytes.
+    def readable(self) -> bool:
+        """Tell that the file can be read."""
+        return True
+
+    def readinto(self, buffer: bytearray) -> int:  # type: ignore[override]
+        """Fill `buffer`; return how many bytes were written, 0 at the end.
 
         Raises
         ------
+        zlib.error, EOFError
+            The file is damaged or cut off here.
         ReadError
             Too much came out so far.
         """
-        data = super().read(size)
-        if self.tell() > max(FREE_BYTES, _MOST_RATIO * self._compressed.tell()):
+        data = b""
+        while not data and self._more():
+            data = self._some(len(buffer))
+        self._size += len(data)
+        if self._size > max(FREE_BYTES, _MOST_RATIO * self._compressed.tell()):
             raise ReadError(
                 f"{self._path}: becomes more than {_MOST_RATIO} times larger when it is decompressed, as no recording does;"
                 " if it is one, decompress it first"
             )
-        return data
+        buffer[: len(data)] = data
+        return len(data)
+
+    def _more(self) -> bool:
+        """Tell whether more is to come, and have some of it at hand."""
+        self._left = self._left or self._compressed.read(_COMPRESSED_PIECE)
+        if not self._stream.eof:
+            return True
+        while self._left and not (left := self._left.lstrip(b"\0")):  # files may be filled up with zeros
+            self._left = self._compressed.read(_COMPRESSED_PIECE)
+        if self._left:
+            self._left, self._stream = left, zlib.decompressobj(_WITH_HEAD)
+        return bool(self._left)
+
+    def _some(self, most: int) -> bytes:
+        """Return what comes out next; of damaged bytes, ever fewer are taken until they end ahead of the damage."""
+        taken = len(self._left)
+        while True:
+            stream = self._stream.copy()
+            try:
+                data = stream.decompress(self._left[:taken], most)
+            except zlib.error:
+                if taken == 1:
+                    raise
+                taken //= 2
+                continue
+            if not taken and not data:
+                raise EOFError("it ends too early")
+            self._left = (stream.unconsumed_tail or stream.unused_data) + self._left[taken:]
+            self._stream = stream
+            return data
 
     def close(self) -> None:
         """Close the compressed file too."""
@@ -77,7 +124,7 @@ def read_beginning(source: IO[bytes], most: int) -> bytes:
     while size < most:
         try:
             part = source.read(min(16 * 1024, most - size))
-        except (EOFError, zlib.error, gzip.BadGzipFile):
+        except DAMAGE:
             break
         if not part:
             break
@@ -109,7 +156,6 @@ class TextSource(io.RawIOBase):
         self._file = file
         self._decoder = codecs.getincrementaldecoder(encoding)("replace")
         self._squeeze = squeeze
-        self._piece = _COMPRESSED_PIECE if isinstance(file, BoundedGzip) else _PIECE
         self._ready = b""
         self._line = ""
         self._ended = False
@@ -130,18 +176,20 @@ class TextSource(io.RawIOBase):
 
     def _fill(self) -> None:
         try:
-            raw = self._file.read(self._piece)
-        except (EOFError, zlib.error, gzip.BadGzipFile) as error:
+            raw = self._file.read(_PIECE)
+        except DAMAGE as error:
             raw, self.damage = b"", _words(error)
         self._ended = not raw
         text = self._line + self._decoder.decode(raw, final=self._ended)
-        self._line = ""
         if self._squeeze:
-            text = text.replace("\r\n", "\n").replace("\r", "\n") if self._ended or not text.endswith("\r") else text
-            cut = len(text) if self._ended else text.rfind("\n") + 1
-            text, self._line = text[:cut], text[cut:]
-            text = _squeezed(text)
-        self._ready = text.encode("utf-8")
+            half = "\r" * (text.endswith("\r") and not self._ended)  # its "\n" may be still to come
+            text = text.removesuffix(half).replace("\r\n", "\n").replace("\r", "\n") + half
+        end = text.rfind("\n") if self._squeeze else max(text.rfind("\n"), text.rfind("\r"))
+        # A line that is not whole waits for its end, which never comes where the file is damaged: half a number is another one.
+        whole = self._ended and not self.damage
+        cut = len(text) if whole or len(text) > _LONGEST_LINE else end + 1
+        text, self._line = text[:cut], text[cut:]
+        self._ready = (_squeezed(text) if self._squeeze else text).encode("utf-8")
 
 
 def _squeezed(text: str) -> str:
@@ -153,7 +201,7 @@ def _squeezed(text: str) -> str:
 
 
 def _words(error: Exception) -> str:
-    if "CRC" in str(error):
+    if "data check" in str(error) or "length check" in str(error):
         return "the checksum of the compressed file does not match: some of its bytes have changed, values may be wrong"
     if isinstance(error, zlib.error):
         return f"the compressed file is damaged ({error}): read up to there, of which the last values may be wrong"
