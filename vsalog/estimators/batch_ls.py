@@ -10,6 +10,7 @@ from collections.abc import Collection
 
 from vsalog.estimators import qr_rls
 from vsalog.estimators.device import Device
+from vsalog.estimators.equations import IntegratedMotorEquation
 from vsalog.estimators.first_look import first_look
 from vsalog.estimators.known import conditioner_of
 from vsalog.estimators.regression import RegressionFold
@@ -40,5 +41,5 @@ def build(device: Device, signals: JointSignals, tuning: BatchLsTuning) -> Regre
     tuning = motor_window(device, signals, tuning)
     conditioner = conditioner_of(device, signals, tuning, roles(device, signals.roles, tuning), motor=True)
     equations = qr_rls.integrated_equations(device, signals, tuning, conditioner)
-    solver = QrSolver(1.0, integral=True, least=least_samples(conditioner))
+    solver = QrSolver(1.0, IntegratedMotorEquation.leading, integral=True, least=least_samples(conditioner))
     return RegressionFold(NAME, "INTEGRATED", device, conditioner, equations, solver, passes=2, look=look)

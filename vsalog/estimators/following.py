@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from vsalog.estimators.borne_torque import BorneTorque
 from vsalog.estimators.device import Device, spread
+from vsalog.estimators.first_look import first_look
 from vsalog.estimators.rates import Rates, left_over, prediction_error, typical_speed
 from vsalog.estimators.regression import SUPPORTED_SHARE
 from vsalog.estimators.tuning import Positive, Tuning
@@ -109,12 +110,13 @@ class ObserverFold:
         self.name, self.modality, self.device, self.period, self.tuning = name, modality, device, signals.period, tuning
         self.torques, self.conditioner = torques, conditioner
         self.difference = signals.period if tuning.derivative == "difference" else None
+        self.look = first_look(device, signals, tuning)
         whole = conditioner.whole(signals)
         filtered = [Rates(t.rate(whole.of), t.deflection(whole.of, 1)) for t in torques]
         speed = typical_speed(device, filtered)
         self.alpha = tuning.alpha if tuning.alpha is not None else self._best_alpha(filtered, speed)
         self.rate_noise = {t.view.name: t.rate_noise(signals, conditioner.weights, self.difference) for t in torques}
-        self.alike, self.within = self._left_over(whole)
+        self.alike, self.within = self._left_over(whole, speed)
         self.swing = np.pi * max(spread(t.deflection(whole.of, 0)) for t in torques) / speed
 
     @property
@@ -141,7 +143,7 @@ class ObserverFold:
 
     def warnings(self, state: ObserverState) -> tuple[str, ...]:
         """Say what a person should know of what was learnt."""
-        return ()
+        return self.look.remarks
 
     def model(self, state: ObserverState) -> JointModel:
         """Return a model without transmissions: the stiffness is followed, not modelled."""
@@ -196,8 +198,9 @@ class ObserverFold:
         # None at all is what a gain beyond all numbers leaves, and no certainty.
         std[std == 0.0] = np.nan
         fresh = np.abs(part.rows.time - when) <= RESTED / (self.alpha * speed) + self.swing
+        seen = name not in self.look.blind
         return columns(
-            borne.deflection(part.of, 0), borne.torque(part.of), stiffness, std, use & (learnt >= FILLED) & fresh
+            borne.deflection(part.of, 0), borne.torque(part.of), stiffness, std, use & (learnt >= FILLED) & fresh & seen
         )
 
     def _least_variance(self, noise: Array, speed: Array) -> Array:
@@ -219,14 +222,16 @@ class ObserverFold:
 
     def _best_alpha(self, rates: Iterable[Rates], speed: float) -> float:
         """Return the gain of the observer that predicts best: a long memory averages noise, a short one follows the stiffness."""
-        off = np.zeros(len(MEMORIES))
+        shortest = self.conditioner.window * self.period / SWINGS
+        memories = [memory for memory in MEMORIES if memory >= shortest] or [shortest]
+        off = np.zeros(len(memories))
         for known in rates:
-            for i, memory in enumerate(MEMORIES):
+            for i, memory in enumerate(memories):
                 found = observe_stiffness(observer_start(), *known, known.use, 1.0 / (memory * speed), self.period)[0]
                 off[i] += prediction_error(known, found, self.conditioner.window)
-        return float(1.0 / (MEMORIES[int(np.argmin(off))] * speed))
+        return float(1.0 / (memories[int(np.argmin(off))] * speed))
 
-    def _left_over(self, whole: Differentiated) -> tuple[float, float]:
+    def _left_over(self, whole: Differentiated, speed: float) -> tuple[float, float]:
         """Return `left_over` of the transmission for which it is most."""
         alike, within = 1.0, 0.0
         for borne in self.torques:
@@ -235,6 +240,9 @@ class ObserverFold:
                 known = Rates(*(np.diff(v, prepend=np.nan) / self.period for v in borne.samples(whole)))
             known = Rates(*(v[known.use] for v in known))
             found = observe_stiffness(observer_start(), *known, known.use, self.alpha, self.period)[0]
+            if SWINGS / (self.alpha * speed) < self.conditioner.window * self.period:
+                # It follows every swing of the noise and leaves nothing over: but of what it knew a window before.
+                known, found = Rates(*(v[self.conditioner.window :] for v in known)), found[: -self.conditioner.window]
             noise = self.rate_noise[borne.view.name].left(float(np.nanmedian(found)))
             share, spread = left_over(known, found, float(noise) ** 0.5)
             alike, within = max(alike, share), max(within, spread)

@@ -131,7 +131,7 @@ class GrioliBicchiFold(ObserverFold):
 
     def warnings(self, state: ObserverState) -> tuple[str, ...]:
         """Say what the torque leaves out."""
-        said, joint, link = [], self.device.joint, self.device.link
+        said, joint, link = list(super().warnings(state)), self.device.joint, self.device.link
         if self.side == "link" and not self.pushed:
             said.append(
                 f"joint '{joint}': there is no external_torque, and the link is taken to be driven by its transmission alone;"

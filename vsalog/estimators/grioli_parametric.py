@@ -17,6 +17,7 @@ from vsalog.basis import PolynomialBasis
 from vsalog.errors import EstimatorError
 from vsalog.estimators.borne_torque import effects_left_in
 from vsalog.estimators.device import Device, TransmissionView, deflection_of
+from vsalog.estimators.first_look import first_look
 from vsalog.estimators.needs import deflection_roles, require
 from vsalog.estimators.regression import EquationRows, FoldState, RegressionFold
 from vsalog.estimators.residual_rls import sensor_role
@@ -74,13 +75,14 @@ def build(device: Device, signals: JointSignals, tuning: GrioliParametricTuning)
             f"joint '{device.joint}': a basis with branches jumps from one to the other, and {NAME} learns from rates; leave"
             f" branches out of [joint.{device.joint}.basis], or use --estimator direct"
         )
+    look = first_look(device, signals, tuning)
     tuning = with_window(tuning, signals, suitable_windows(device, signals, tuning)[0])
     needed = roles(device, signals.roles, tuning)
     p0 = tuning.p0 if tuning.p0 is not None else 1e4 / largest_regressor(device, signals) ** 2
     functions, sensors = BasisFunctions(device), [sensor_role(v, signals.roles) for v in device.transmissions]
     conditioner = tuning.conditioner(needed, signals, rates=(*sensors, *functions.roles), before=functions)
     solver = QrSolver(tuning.forgetting, 0, p0, least=least_samples(conditioner))
-    fold = RateFold(NAME, "SENSOR", device, conditioner, rate_equations(device, signals), solver)
+    fold = RateFold(NAME, "SENSOR", device, conditioner, rate_equations(device, signals), solver, look=look)
     fold.noisy = noisy_rates(device, signals, tuning, conditioner.window)
     return fold
 

@@ -102,8 +102,10 @@ class ImpedanceFold(ObserverFold):
 
     def warnings(self, state: ObserverState) -> tuple[str, ...]:
         """Say what the link's filter could not find."""
+        said = super().warnings(state)
         if self.link is None:
             return (
+                *said,
                 f"joint '{self.device.joint}': without link_position the link's inertia and damping are not estimated",
             )
-        return self.link.warnings(state.beside)
+        return (*said, *self.link.warnings(state.beside))

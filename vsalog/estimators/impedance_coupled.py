@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from vsalog.errors import EstimatorError
 from vsalog.estimators.borne_torque import Weight, carried_by, effects_left_in
 from vsalog.estimators.device import Device, deflection_of
+from vsalog.estimators.first_look import first_look
 from vsalog.estimators.following import (
     FILLED,
     MEMORIES,
@@ -144,6 +145,7 @@ class ImpedanceCoupledFold:
                 f"joint '{device.joint}': external_torque never changes, and without a push whose size is known nothing tells"
                 f" inertia, damping and stiffness apart from any multiple of all three; {NAME} cannot begin"
             )
+        self.look = first_look(device, signals, tuning)
         tuning = with_window(tuning, signals, quiet_window(device, signals, tuning))
         orders = dict.fromkeys((*self.view.deflection_roles(signals.roles), "external_torque"), 1) | {
             "link_position": 3
@@ -193,7 +195,7 @@ class ImpedanceCoupledFold:
 
     def warnings(self, state: ImpedanceCoupledState) -> tuple[str, ...]:
         """Say whether the loop depends on what it began with."""
-        said = effects_left_in(NAME, self.device)
+        said = [*self.look.remarks, *effects_left_in(NAME, self.device)]
         inertia, other = float(state.loops[0].link[0]), float(state.loops[2].link[0])
         if inertia <= 0.0 or abs(inertia - other) > MET * inertia:
             said.append(
@@ -258,7 +260,7 @@ class ImpedanceCoupledFold:
         std = np.sqrt(deviation**2 * self.alike + late**2 + apart**2 + doubt**2 + bent**2 + self.within**2)
         taken = link[:, 0] * part.of["link_position"][2] + link[:, 1] * part.of["link_position"][1]
         torque = part.of["external_torque"][0] - self._weighs(part) - taken
-        known = bool(np.all(self.noisy < LOUD**2))
+        known = bool(np.all(self.noisy < LOUD**2)) and not self.look.blind
         supported = motion.use & (learnt >= FILLED) & (link[:, 0] > 0.0) & known
         spread = np.sqrt(
             link[:, 2:] ** 2

@@ -18,6 +18,8 @@ from vsalog.filters.conditioning import Conditioner
 Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]
 
+# Noise that is this part of a regressor's information or more leaves nothing known of its unknown.
+MOST = 0.5
 # What happens within so many of a filter's windows does not tell how large slow noise is.
 WINDOWS = 5
 
@@ -110,7 +112,8 @@ class QrSolver:
         """Return what noise in regressors that count as exact bends functionals by, shape (N, m).
 
         To first order, P N ξ̂ with the noise's energy N; but what noise has made of an unknown is not what it would be without,
-        which is larger by 1 − r, the part r of its regressor's information that is noise. Nothing is known where that is all.
+        which is larger by 1 − r, the part r of its regressor's information that is noise. Where that is most of it, this is no
+        first order any more, and nothing is known.
         """
         discount = self.forgetting**2
         remembered = learnt if discount == 1.0 else (1.0 - discount**learnt) / (1.0 - discount)
@@ -120,8 +123,7 @@ class QrSolver:
         # The last functionals are the leading unknowns behind the constant, and their directions the columns of P.
         own = directions[:, 1 - self.leading :, 1 : self.leading]
         part = (np.diagonal(own, axis1=1, axis2=2) * noisy[1 : self.leading]).max(axis=1) * remembered
-        with np.errstate(divide="ignore"):
-            return np.asarray(bent / np.maximum(1.0 - part, 0.0)[:, None])
+        return np.asarray(np.where(part[:, None] < MOST, bent / np.maximum(1.0 - part, 1.0 - MOST)[:, None], np.inf))
 
     def solution(self, state: tuple[QrState, NoiseState, Array]) -> tuple[Array, Array, float]:
         """Return ξ̂, its covariance, and the standard deviation of a left-over; NaN where the data do not determine them."""
