@@ -57,6 +57,7 @@ def spend(target: str, compiled: bool, seconds: float, folder: Path) -> None:
                 *(sys.executable, str(HERE / "run_target.py"), target, str(corpus)),
                 f"-max_total_time={left:.0f}",
                 f"-timeout={SECONDS_EACH}",
+                f"-report_slow_units={SECONDS_EACH}",  # what takes less is no finding: the machine may be busy
                 f"-rss_limit_mb={MEGABYTES}",
                 f"-max_len={LONGEST}",
                 f"-artifact_prefix={folder / 'findings'}/{target}-",
