@@ -28,6 +28,9 @@ Flags = NDArray[np.bool_]
 
 # A stiffness counts as supported when its standard deviation is below this share of it; a negative one never does.
 SUPPORTED_SHARE = 0.2
+# And when it has been for a filter's window, or so many samples: even where a model is hardly known, a standard deviation may
+# pass near zero for a moment.
+LASTING = 25
 # A deflection that comes back by this share of the deflection scale has turned.
 BAND = 0.01
 # Of a log; beyond it a person is told that what the rig knows is in doubt.
@@ -102,7 +105,9 @@ class Solver(Protocol):
 
 @dataclass(slots=True)
 class FoldState:
-    """States of the filters, of each equation and its solver, the regions seen so far, and the samples seen and doubted."""
+    """States of the filters, of each equation and its solver, the regions seen so far, the samples seen and doubted, and for how
+    many samples each stiffness has been supported.
+    """
 
     filters: ConditionerState
     equations: list[Any]
@@ -112,6 +117,7 @@ class FoldState:
     learning: bool
     seen: int = 0
     doubted: dict[str, int] = field(default_factory=dict)
+    supported: dict[str, int] = field(default_factory=dict)
 
 
 class RegressionFold:
@@ -187,6 +193,7 @@ class RegressionFold:
             state.learning,
             state.seen,
             dict(state.doubted),
+            dict(state.supported),
         )
         traces = []
         for block in ready:
@@ -243,7 +250,11 @@ class RegressionFold:
             phi_fit, c_fit = deflection_of(block.fit, view), block.fit.get("setpoint")
             state.regions[view.name], seen = state.regions[view.name].block(phi_fit, c_fit, use, phi, c)
             with np.errstate(invalid="ignore"):
-                excited = seen & (std < SUPPORTED_SHARE * sigma) & (view.name not in self.look.blind)
+                supported = (std < SUPPORTED_SHARE * sigma) & (view.name not in self.look.blind)
+            length = lengths(supported, state.supported.get(view.name, 0))
+            if length.size:
+                state.supported[view.name] = int(length[-1])
+            excited = seen & (length >= max(self.conditioner.window, LASTING))
             columns[view.name] = {
                 "deflection": phi,
                 "flexibility_torque": self._fed(rows.fed[view.name]),
@@ -349,6 +360,12 @@ class RegressionFold:
             transmission=tuple(parts),
             motor=motor,
         )
+
+
+def lengths(flags: Flags, before: int) -> NDArray[np.int64]:
+    """Return for how many samples each of the flags has been set without a break, `before` at the sample before the first."""
+    index = np.arange(1, flags.size + 1)
+    return np.where(flags, index - np.maximum.accumulate(np.where(flags, -before, index)), 0)
 
 
 def _total(columns: Mapping[str, Mapping[str, Any]], variance: Array, device: Device) -> dict[str, Any]:

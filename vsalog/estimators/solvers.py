@@ -99,7 +99,7 @@ class QrSolver:
         )
         if rows.noisy is not None:
             learnt = state[1].samples + np.cumsum(np.isfinite(left))
-            made += self._bent(directions, unknowns, learnt, rows.noisy) ** 2
+            made += self._bent(directions, unknowns, learnt, rows.noisy, values[:, spread]) ** 2
         bent = state[2]
         if rows.bends:
             discount = self.forgetting**2
@@ -108,22 +108,21 @@ class QrSolver:
         values[_untold(unknowns[:, self.leading :])] = np.nan
         return (qr, noise, bent), values, _spread(made, pulled, spread), unknowns, {}
 
-    def _bent(self, directions: Array, unknowns: Array, learnt: Array, noisy: Array) -> Array:
-        """Return what noise in regressors that count as exact bends functionals by, shape (N, m).
+    def _bent(self, directions: Array, unknowns: Array, learnt: Array, noisy: Array, values: Array) -> Array:
+        """Return what noise in regressors that count as exact bends functionals of these values by, shape (N, m).
 
         To first order, P N ξ̂ with the noise's energy N; but what noise has made of an unknown is not what it would be without,
-        which is larger by 1 − r, the part r of its regressor's information that is noise. Where that is most of it, this is no
-        first order any more, and nothing is known.
+        which is larger by 1 − r, the part r of its regressor's information that is noise. A functional that this leaves as it
+        is by chance is bent by the next order, r of itself. Where noise is most of the information nothing is known.
         """
         discount = self.forgetting**2
         remembered = learnt if discount == 1.0 else (1.0 - discount**learnt) / (1.0 - discount)
         bent = np.einsum("kmi,ki->km", directions, noisy * unknowns) * remembered[:, None]
-        if not self.leading:
-            return np.asarray(bent)
         # The last functionals are the leading unknowns behind the constant, and their directions the columns of P.
         own = directions[:, 1 - self.leading :, 1 : self.leading]
         part = (np.diagonal(own, axis1=1, axis2=2) * noisy[1 : self.leading]).max(axis=1) * remembered
-        return np.asarray(np.where(part[:, None] < MOST, bent / np.maximum(1.0 - part, 1.0 - MOST)[:, None], np.inf))
+        bent = np.hypot(bent / np.maximum(1.0 - part, 1.0 - MOST)[:, None], part[:, None] * values)
+        return np.asarray(np.where(part[:, None] < MOST, bent, np.inf))
 
     def solution(self, state: tuple[QrState, NoiseState, Array]) -> tuple[Array, Array, float]:
         """Return ξ̂, its covariance, and the standard deviation of a left-over; NaN where the data do not determine them."""
