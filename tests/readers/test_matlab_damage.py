@@ -73,6 +73,15 @@ def test_what_contradicts_itself_is_left_out(tmp_path, name):
         read(path)
 
 
+def test_a_file_without_variables_says_so(tmp_path):
+    path = tmp_path / "log"
+    path.write_bytes(HEADER)
+    assert any("holds no variables" in note for note in read(path).notes)
+    path.write_bytes(HEADER[:100])
+    with pytest.raises(ReadError, match="cut off within its header"):
+        read(path)
+
+
 def test_any_changed_bytes_are_read_or_refused(tmp_path):
     """Without compression nothing vouches for a file's parts."""
     file = BytesIO()

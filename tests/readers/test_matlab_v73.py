@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import sys
 
 import h5py
@@ -159,3 +160,54 @@ def test_without_h5py_it_is_said_what_to_do(tmp_path, monkeypatch):
     with pytest.raises(ReadError, match=r"vsalog\[matlab\]") as caught:
         read(path)
     assert "-v7" in str(caught.value)
+
+
+def test_a_changed_byte_never_takes_samples_away_without_a_word(tmp_path):
+    """Nothing vouches for what describes the numbers in HDF5's older layouts, which MATLAB writes."""
+    small = {name: value for name, value in CONTENT.items() if name != "image"}
+    path = Matlab(tmp_path / "log").save(small)
+    raw, sound, said = path.read_bytes(), content(read(path)), set(read(path).notes)
+    rng, unseen = np.random.default_rng(11), 0
+    # Most of the file is empty: only bytes that are something, or lie beside these, are changed.
+    filled = np.flatnonzero(np.convolve(np.frombuffer(raw, np.uint8) > 0, np.ones(5), "same"))
+    for place in rng.choice(filled[filled > 512], 700, replace=False).tolist():
+        bad = bytearray(raw)
+        bad[place] ^= int(rng.integers(1, 256))
+        path.write_bytes(bad)
+        try:
+            recording = read(path)
+        except ReadError:
+            continue
+        found = content(recording)
+        if not set(recording.notes) - said:
+            lost = {name for name in sound.keys() - found.keys() if not name.startswith(tuple(recording.unread))}
+            assert len(lost) <= len(found.keys() - sound.keys()), place  # they may have another name
+            unseen += any(found[name][0] != sound[name][0] for name in found.keys() & sound.keys())
+    assert not unseen
+
+
+def test_a_dataset_without_values_is_no_row_of_zeros(tmp_path):
+    log = Matlab(tmp_path / "log")
+    chunked = log.file.create_dataset("y", shape=(20, 1), chunks=(10, 1), dtype="f8")
+    chunked[:10] = 1.0
+    for made in (chunked, log.file.create_dataset("z", shape=(20, 1), dtype="f8")):
+        made.attrs["MATLAB_class"] = np.bytes_("double")
+    recording = read(log.save({"x": T}))
+    assert list(recording.channels) == ["x"]
+    assert any(
+        "2 variables of the MATLAB file left out (parts of its values are missing)" in note for note in recording.notes
+    )
+
+
+def test_members_that_are_listed_but_not_found_are_told(tmp_path):
+    path = Matlab(tmp_path / "log").save(CONTENT)
+    raw, sound, told = path.read_bytes(), read(path), 0
+    for tree in re.finditer(b"TREE\0\0", raw):  # groups; the first name that the tree leads to lies far off
+        bad = bytearray(raw)
+        bad[tree.start() + 25] ^= 254
+        path.write_bytes(bad)
+        recording = read(path)
+        lost = sound.channels.keys() - recording.channels.keys()
+        assert not lost or any("left out" in note for note in recording.notes)
+        told += bool(lost)
+    assert told > 1

@@ -32,6 +32,8 @@ def load(path: Path, notes: list[str]) -> dict[str, Any]:
     try:
         with path.open("rb") as file:
             header = file.read(_HEADER)
+            if len(header) < _HEADER:
+                raise ReadError(f"{path}: the MATLAB file is cut off within its header; there are no variables in it")
             order = ">" if header[126:128] == b"MI" else "<"
             for element in _elements(file, order, damage):
                 try:
@@ -45,6 +47,8 @@ def load(path: Path, notes: list[str]) -> dict[str, Any]:
         raise ReadError(f"{path}: cannot be read: {error.strerror or error}") from error
     if damage and not found:
         raise ReadError(f"{path}: the MATLAB file is damaged: {damage[0]}")
+    if not found:
+        notes.append("the MATLAB file holds no variables (was it cut off?)")
     if damage:
         notes.append(f"{plural(len(damage), 'variable')} of the MATLAB file damaged, the rest was read ({damage[0]})")
     return found

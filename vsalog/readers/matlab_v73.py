@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import zlib
 from contextlib import suppress
+from itertools import product
 from math import prod
 from pathlib import Path
 from typing import Any
@@ -81,7 +82,8 @@ class _Walk:
         for name in group:
             if depth == 0 and name.startswith(_OWN):
                 continue
-            if isinstance(group.get(name, getlink=True), self._h5py.HardLink):
+            # There is no link where the name is listed, but damage lets it not be found.
+            if isinstance(group.get(name, getlink=True), self._h5py.HardLink | None):
                 self._add(found, str(name), group, depth)
         return found
 
@@ -104,6 +106,8 @@ class _Walk:
             return [self._value(node.file[reference], depth + 1) for reference in self._array(node).T.flat[:MAX_ARRAY]]
         if "MATLAB_empty" in node.attrs:
             return np.zeros((0, 0))
+        if not kind:
+            raise ValueError("it does not say what kind of array it is")
         if bytes(kind) not in _TYPES:
             return None
         if not node.id.get_type().equal(getattr(self._h5py.h5t, _TYPES[bytes(kind)])):
@@ -132,6 +136,9 @@ class _Walk:
         self._allowed -= node.nbytes
         if node.chunks is not None:
             self._refuse_bombs(node)
+            _refuse_gaps(node)
+        elif node.nbytes and not node.id.get_storage_size():
+            raise ValueError("its values are missing")
         return np.asarray(node[()])
 
     def _refuse_bombs(self, node: Any) -> None:
@@ -159,3 +166,27 @@ class _Walk:
             with suppress(zlib.error):  # the library will say so
                 if len(zlib.decompressobj().decompress(raw, size + 1)) > size:
                     raise ValueError("a part of it becomes larger than it should when it is decompressed")
+
+
+def _refuse_gaps(node: Any) -> None:
+    """Refuse a dataset that lacks chunks, for which HDF5's library gives zeros, or has some of another size than it should.
+
+    Raises
+    ------
+    ValueError
+        It does.
+    """
+    lines = [range(0, size, step) for size, step in zip(node.shape, node.chunks, strict=True)]
+    if node.id.get_num_chunks() < prod(map(len, lines)):
+        raise ValueError("parts of its values are missing")
+    if not node.id.get_create_plist().get_nfilters():  # or it was lost that there are filters
+        sizes: set[int] = set()
+        node.id.chunk_iter(lambda chunk: sizes.add(chunk.size))
+        if sizes != {prod(node.chunks) * node.dtype.itemsize}:
+            raise ValueError("parts of its values are not as large as they should be")
+    for place in product(*lines):
+        # Found as the library finds it: what lists the chunks may be sound where what leads to them is not.
+        try:
+            node.id.read_direct_chunk(place)
+        except Exception as error:  # HDF5's library raises whatever damage provokes
+            raise ValueError("parts of its values are missing") from error
