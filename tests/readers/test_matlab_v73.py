@@ -206,7 +206,10 @@ def test_members_that_are_listed_but_not_found_are_told(tmp_path):
         bad = bytearray(raw)
         bad[tree.start() + 25] ^= 254
         path.write_bytes(bad)
-        recording = read(path)
+        try:
+            recording = read(path)
+        except ReadError:  # that of the file itself
+            continue
         lost = sound.channels.keys() - recording.channels.keys()
         assert not lost or any("left out" in note for note in recording.notes)
         told += bool(lost)
