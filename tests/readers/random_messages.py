@@ -106,14 +106,27 @@ def numbers(store, message, name, path=""):
 def _float(store, value, kind):
     """Return a number; a byte is signed in ROS 1 and unsigned in ROS 2, which the library mixes up."""
     if kind in ("byte", "octet"):
-        ros1 = store.fielddefs["std_msgs/msg/Header"][1][0][0] == "seq"
-        return float(int(value) % 256 - 256 * (ros1 and int(value) % 256 > 127))
+        return float(int(value) % 256 - 256 * (_is_ros1(store) and int(value) % 256 > 127))
     return float(value)
+
+
+def _is_ros1(store):
+    return store.fielddefs["std_msgs/msg/Header"][1][0][0] == "seq"
+
+
+def nanoseconds(store, value, name=TIMES[0]):
+    """Return a time or a duration; the library takes those of ROS 1 for those of ROS 2, which have other signs."""
+    seconds, fraction = value.sec, value.nanosec
+    if _is_ros1(store) and name == TIMES[0]:
+        seconds %= 2**32
+    if _is_ros1(store) and name == TIMES[1]:
+        fraction -= 2**32 * (fraction >= 2**31)
+    return seconds * 10**9 + fraction
 
 
 def part(store, value, name, path):
     if name in TIMES:
-        return {path: (value.sec * 10**9 + value.nanosec) * 1e-9} if path not in ("header.stamp", "stamp") else {}
+        return {path: nanoseconds(store, value, name) * 1e-9} if path not in ("header.stamp", "stamp") else {}
     return numbers(store, value, name, path)
 
 

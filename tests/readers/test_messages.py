@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import struct
+
 import numpy as np
 import pytest
-from random_messages import STORES, make, numbers, same_number
+from random_messages import STORES, make, nanoseconds, numbers, same_number
 
 from vsalog.readers import messages
 from vsalog.readers.definitions import DefinitionError, parse_definition
@@ -46,7 +48,7 @@ def test_every_type_decodes_as_rosbags_does(ros1):
             assert all(np.isnan(rest) for rest in got.values()), (name, got)
             if decoded.stamps is not None:
                 stamp = message.header.stamp if hasattr(message, "header") else message.stamp
-                assert decoded.stamps[i] == stamp.sec * 10**9 + stamp.nanosec
+                assert decoded.stamps[i] == nanoseconds(store, stamp)
             checked += len(expected)
     assert checked > 4000
 
@@ -166,3 +168,19 @@ def test_names_in_another_order_in_every_message_are_not_learnt_one_by_one(monke
         expected = numbers(store, message, name)
         assert all(same_number(decoded.columns[f"j.{path}"][i], value) for path, value in expected.items())
         assert np.isfinite([values[i] for values in decoded.columns.values()]).sum() == len(expected)
+
+
+@pytest.mark.parametrize("one_by_one", [False, True])
+@pytest.mark.parametrize("ros1", [False, True])
+def test_seconds_beyond_2038(ros1, one_by_one):
+    """ROS 1 counts a date's seconds without a sign, those of a duration and its nanoseconds with one."""
+    date, duration = ("time", "duration") if ros1 else ("builtin_interfaces/Time", "builtin_interfaces/Duration")
+    root = parse_definition("a/msg/T", f"{date} stamp\n{date} when\n{duration} ago\n", "msg", ros1)
+    seconds = 2**31 + 5
+    raw = (b"" if ros1 else b"\0\1\0\0") + struct.pack("<IIIIii", seconds, 7, seconds, 500_000_000, -1, -250_000_000)
+    decoded = RosDecoder(root, not ros1, "t", None, one_by_one=one_by_one).decode(Messages.of([raw] * 3))
+    shown = seconds if ros1 else seconds - 2**32
+    assert decoded.stamps.tolist() == [shown * 10**9 + 7] * 3
+    assert decoded.columns["t.when"].tolist() == pytest.approx([shown + 0.5] * 3, abs=1e-6)
+    ago = -1.25 if ros1 else -1 + (2**32 - 250_000_000) / 1e9
+    assert decoded.columns["t.ago"].tolist() == pytest.approx([ago] * 3)

@@ -9,7 +9,11 @@ from dataclasses import dataclass
 from functools import cache, lru_cache
 from typing import Any
 
-TIMES = ("builtin_interfaces/msg/Time", "builtin_interfaces/msg/Duration")
+# Seconds and nanoseconds in ROS 1, where a date is unsigned and a duration signed, and in ROS 2.
+TIMES = {
+    "builtin_interfaces/msg/Time": (("u4", "u4"), ("i4", "u4")),
+    "builtin_interfaces/msg/Duration": (("i4", "i4"), ("i4", "u4")),
+}
 
 # Name in a definition → NumPy type code without the byte order.
 SCALARS = {
@@ -57,7 +61,14 @@ class Text:
 
 @dataclass(frozen=True, slots=True)
 class Time:
-    """Seconds (int32) and nanoseconds (uint32)."""
+    """Seconds and nanoseconds, four bytes each, of NumPy types `seconds` and `fraction` (without the byte order)."""
+
+    seconds: str
+    fraction: str
+
+    def code(self, order: str) -> str:
+        """Return both types with a byte order, ``<i4,<u4``."""
+        return f"{order}{self.seconds},{order}{self.fraction}"
 
 
 @dataclass(frozen=True, slots=True)
@@ -218,7 +229,7 @@ class _Builder:
         if kind == _BASIC:
             return self.basic(detail[0])
         if kind == _MESSAGE:
-            return Time() if detail in TIMES else self.struct(detail, outer)
+            return Time(*TIMES[detail][0 if self.ros1 else 1]) if detail in TIMES else self.struct(detail, outer)
         return Array(self.node(detail[0], outer), detail[1] if kind == _FIXED_ARRAY else None)
 
     def basic(self, name: str) -> Node:

@@ -67,7 +67,7 @@ class IrregularDecoder:
         self.able = program is not None
         if program is None:
             return
-        self._steps, self._places = program.steps, program.places
+        self._steps, self._places, self._stamp = program.steps, program.places, program.stamp
         self._codes = sorted({place.code for place in program.places if place.code})
         self._memory = Memory()
         self._paths: dict[int, str] = {0: ""}
@@ -87,7 +87,7 @@ class IrregularDecoder:
             columns, units = self._columns(messages, number, row, at, rows.size)
             times = None
             if rows.size and stamps[rows[0]] >= 0:
-                times = nanoseconds(messages.data, stamps[rows], Field("", 0, "<i4,<u4", "s"))
+                times = nanoseconds(messages.data, stamps[rows], Field("", 0, self._stamp, "s"))
             yield Numbers(rows + begin, times, columns, units)
             begin += good.size
 

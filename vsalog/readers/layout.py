@@ -99,7 +99,7 @@ def _equal(data: Bytes, start: Integers, mask: Bytes, sample: Bytes) -> NDArray[
 
 def column(data: Bytes, start: Integers, field: Field) -> NDArray[np.float64]:
     """Return a field's values [as recorded, times in s], shape (n,), of the messages that begin at `start`, shape (n,)."""
-    if field.code.startswith((">i4,", "<i4,")):
+    if "," in field.code:
         return np.asarray(nanoseconds(data, start, field) * 1e-9, dtype=np.float64)
     numbers = _numbers(data, start, field.offset, field.code)
     if field.code[1] != "f":
@@ -117,10 +117,9 @@ def doubles(data: Bytes, start: Integers, offsets: Integers) -> NDArray[np.float
 
 def nanoseconds(data: Bytes, start: Integers, field: Field) -> NDArray[np.int64]:
     """Return a time field's values [ns], shape (n,), exact."""
-    order = field.code[0]
-    seconds = _numbers(data, start, field.offset, f"{order}i4").astype(np.int64)
-    fraction = _numbers(data, start, field.offset + 4, f"{order}u4").astype(np.int64)
-    return seconds * 1_000_000_000 + fraction
+    seconds, fraction = field.code.split(",")
+    whole = _numbers(data, start, field.offset, seconds).astype(np.int64)
+    return whole * 1_000_000_000 + _numbers(data, start, field.offset + 4, fraction).astype(np.int64)
 
 
 def _numbers(data: Bytes, start: Integers, offset: int, code: str) -> NDArray[Any]:
@@ -287,7 +286,7 @@ class _Walk:
             self._emit(path, self.order + node.code, unit)
             self._advance(node.size)
         elif isinstance(node, Time):
-            self._time(path)
+            self._time(path, node.code(self.order))
         elif isinstance(node, Text):
             self._text()
             if self.emitting and path not in ("header.frame_id", "frame_id"):
@@ -297,9 +296,8 @@ class _Walk:
         else:
             self._array(node, path, unit, {}, False)
 
-    def _time(self, path: str) -> None:
+    def _time(self, path: str, code: str) -> None:
         self._align(4)
-        code = f"{self.order}i4,{self.order}u4"
         if path in ("header.stamp", "stamp") and self.stamp is None and self.emitting:
             self.stamp = Field(path, self.pos, code, "s")
         else:

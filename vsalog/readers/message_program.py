@@ -56,10 +56,13 @@ class Program:
         What to do, and a, b, c, d of it.
     places : tuple of Place
         By number.
+    stamp : str
+        The type of the header's time stamp, "" where there is none.
     """
 
     steps: NDArray[np.int64]
     places: tuple[Place, ...]
+    stamp: str
 
 
 class _TooLargeError(Exception):
@@ -74,7 +77,7 @@ def program_of(root: Struct) -> Program | None:
         writer.add(DONE)
     except _TooLargeError:
         return None
-    return Program(np.array(writer.steps, dtype=np.int64), tuple(writer.places))
+    return Program(np.array(writer.steps, dtype=np.int64), tuple(writer.places), writer.stamp)
 
 
 class _Writer:
@@ -82,7 +85,7 @@ class _Writer:
         self.steps: list[tuple[int, int, int, int, int]] = []
         self.places: list[Place] = []
         self.depth = 0
-        self.stamped = False
+        self.stamp = ""
 
     def add(self, op: int, a: int = 0, b: int = 0, c: int = 0, d: int = 0) -> int:
         if len(self.steps) >= _MOST_STEPS:
@@ -115,9 +118,10 @@ class _Writer:
         if isinstance(node, Scalar):
             self.add(NUMBER, node.size, self.place(path, "<" + node.code, unit))
         elif isinstance(node, Time):
-            stamp = path in ("header.stamp", "stamp") and not self.depth and not self.stamped
-            self.stamped = self.stamped or stamp
-            self.add(STAMP if stamp else TIME, 0, self.place(path, "<i4,<u4", "s"))
+            code = node.code("<")
+            is_stamp = path in ("header.stamp", "stamp") and not self.depth and not self.stamp
+            self.stamp = code if is_stamp else self.stamp
+            self.add(STAMP if is_stamp else TIME, 0, self.place(path, code, "s"))
         elif isinstance(node, Text):
             silent = path in ("header.frame_id", "frame_id") and not self.depth
             self.add(TEXT, 0, -1 if silent else self.place(path, "", None))
