@@ -113,3 +113,12 @@ def _computed(signals: JointSignals, sensor: str, name: str, x: Array) -> list[s
         f"joint '{signals.joint}': {sensor} is exactly {factor:.6g} times {name}: it was computed from it, not measured."
         " The stiffness below is the constant someone put into that computation; it validates nothing"
     ]
+
+
+def whole_windows(signals: JointSignals, window: int) -> float:
+    """Return in which share of the windows of so many samples none is missing."""
+    missing = np.logical_or.reduce([~np.isfinite(values) for values in signals.roles.values()])
+    if not missing.any() or window > missing.size:
+        return 1.0
+    before = np.append(0, np.cumsum(missing))
+    return float(np.mean(before[window:] == before[:-window]))

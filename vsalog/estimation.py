@@ -9,7 +9,7 @@ import msgspec
 import numpy as np
 
 from vsalog.binding import bind, offered_roles
-from vsalog.checks import passing_warnings, refuse_dead_sensors, signal_warnings
+from vsalog.checks import passing_warnings, refuse_dead_sensors, signal_warnings, whole_windows
 from vsalog.errors import EstimatorError, VsalogError, did_you_mean
 from vsalog.estimators import Fold, Method, method
 from vsalog.estimators.acceleration_group import senses_acceleration
@@ -239,7 +239,7 @@ def estimate_joint(
         fold = choice.method.build(device, look, choice.tuning)
         fold.conditioner.check_length(signals.longest_run)
         state = _fold(fold, signals, block, (kept.append if sink is None else sink), summarizer)
-        summary = summarizer.result(signals)
+        summary = summarizer.result(signals, whole_windows(look, fold.conditioner.window))
         return JointEstimate(
             name,
             choice.name,

@@ -20,6 +20,8 @@ Array = NDArray[np.float64]
 
 # Supported rows kept for the quantiles.
 QUANTILE_SAMPLES = 20_000
+# Where the filters' windows are whole for a smaller part of the rows, that is why a log supports little.
+TORN = 0.5
 
 
 class TransmissionSummary(msgspec.Struct, frozen=True, kw_only=True):
@@ -118,15 +120,15 @@ class Summarizer:
             s.torque_sum += float(np.sum(fed[both]))
             s.torque_square += float(np.sum(fed[both] ** 2))
 
-    def result(self, signals: JointSignals | LongSignals) -> JointSummary:
-        """Return the figures."""
+    def result(self, signals: JointSignals | LongSignals, whole: float = 1.0) -> JointSummary:
+        """Return the figures; `whole` is the share of the filters' windows in which no sample is missing."""
         parts = tuple(_figures(name, s) for name, s in self.sums.items())
         return JointSummary(
             joint=self.device.joint,
             duration=len(signals) * signals.period,
             period=signals.period,
             transmissions=parts,
-            warnings=tuple(_warnings(self.device.joint, 0 not in self.device.basis.powers, parts)),
+            warnings=tuple(_warnings(self.device.joint, 0 not in self.device.basis.powers, parts, whole)),
         )
 
 
@@ -162,13 +164,18 @@ def _known(x: float) -> float | None:
     return float(x) if np.isfinite(x) else None
 
 
-def _warnings(joint: str, odd: bool, parts: tuple[TransmissionSummary, ...]) -> list[str]:
+def _warnings(joint: str, odd: bool, parts: tuple[TransmissionSummary, ...], whole: float) -> list[str]:
     warnings = []
     for p in parts:
         where = f"joint '{joint}', transmission {p.transmission}"
         if p.transmission == "total":
             continue
-        if p.excited_share == 0.0:
+        if p.excited_share < TORN and whole < TORN:
+            warnings.append(
+                f"{where}: samples are missing so often that the filters' windows are whole for {whole:.0%} of"
+                " the time only; shorten them (--tune window=SECONDS), or mend the log"
+            )
+        elif p.excited_share == 0.0:
             warnings.append(
                 f"{where}: the data never support an estimate (standard deviation above a fifth of the stiffness"
                 " everywhere): move the joint more, or fit fewer terms ([joint.….basis] order in the rig)"

@@ -58,3 +58,58 @@ def test_a_window_longer_than_the_motion_is_told(run, samples, tmp_path, estimat
     quiet = run("estimate", log, "-e", estimator, "--tune", "window=0.1", "-o", out)
     assert "smooths" not in quiet.stdout + quiet.stderr
     assert np.isfinite(pq.read_table(out)["stiffness"].to_numpy(zero_copy_only=False)).any()
+
+
+@pytest.mark.parametrize(
+    ("estimator", "asked", "words"),
+    [
+        ("residual-rls", "p0=abc", "--tune p0=abc: has to be a number above 0"),
+        ("residual-rls", "degree=31", "--tune degree=31: has to be a whole number at least 1 and at most 30"),
+        ("residual-rls", "c=2", "a number above 0 and at most 1"),
+        ("residual-rls", "matched=7", "true or false"),
+        ("direct", "filter=foo", "one of: "),
+        ("impedance", "filter=kinematic", "--tune rates come from"),
+    ],
+)
+def test_what_a_value_has_to_be_is_said_in_words(run, samples, estimator, asked, words):
+    done = run("estimate", samples / "vsa2_exp1.mcap", "-e", estimator, "--tune", asked)
+    assert done.returncode == 2
+    assert words in " ".join(done.stderr.split())
+
+
+@pytest.mark.parametrize("role", ["motor position", "torque sensor"])
+def test_samples_that_are_missing_are_not_blamed_on_the_motion(run, samples, tmp_path, role):
+    """Every tenth sample of one signal is no number: no filter's window is whole."""
+    header, *lines = (samples / "sea_exp1.csv").read_text().splitlines()
+    column = next(i for i, name in enumerate(header.split(",")) if name.startswith(role))
+    rows = [line.split(",") for line in lines]
+    for row in rows[::10]:
+        row[column] = "nan"
+    (tmp_path / "log.csv").write_text("\n".join([header, *map(",".join, rows)]) + "\n")
+    done = run("estimate", tmp_path / "log.csv", "--rig", samples / "sea_exp1.rig.toml", "-e", "direct")
+    said = " ".join((done.stdout + done.stderr).split())
+    assert "samples are missing so often" in said
+    assert "move the joint more" not in said
+
+
+@pytest.mark.parametrize(("estimator", "log"), [("impedance", "sea_exp1.csv"), ("grioli-bicchi", "vsa2_exp1.mcap")])
+def test_a_gain_without_a_memory_supports_no_noise(run, samples, tmp_path, estimator, log):
+    """What is excited all the same is as far from the rest's median as its band says."""
+    out = tmp_path / "out.parquet"
+    done = run("estimate", samples / log, "-e", estimator, "--tune", "alpha=1e30", "-o", out)
+    assert done.returncode == 0, done.stderr
+    usual = run("estimate", samples / log, "-e", estimator, "-o", tmp_path / "usual.parquet")
+    assert usual.returncode == 0, usual.stderr
+    shares = []
+    for path in (out, tmp_path / "usual.parquet"):
+        table = pq.read_table(path)
+        shares.append(
+            np.mean(
+                [
+                    e
+                    for e, t in zip(*(table[c].to_pylist() for c in ("excited", "transmission")), strict=True)
+                    if t == "total"
+                ]
+            )
+        )
+    assert shares[0] < 0.5 * shares[1]

@@ -35,7 +35,14 @@ BUILT_IN = {
 
 
 class Filters(Protocol):
-    """What an estimator does to signals before it learns from them."""
+    """What an estimator does to signals before it learns from them.
+
+    Attributes
+    ----------
+    window : samples that it looks at together
+    """
+
+    window: int
 
     def check_length(self, longest: int) -> None:
         """Refuse signals whose longest stretch without a gap has too few samples."""

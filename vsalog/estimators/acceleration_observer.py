@@ -108,6 +108,8 @@ def build(device: Device, signals: JointSignals, tuning: AccelerationTuning) -> 
 class _NoFilter:
     """Nothing is filtered before: every sample counts."""
 
+    window = 1
+
     def check_length(self, longest: int) -> None:
         """Any stretch is long enough."""
 

@@ -176,6 +176,8 @@ def _below_outside(role: str, pressure: Array, noise: float, device: Device) -> 
 class _NoFilter:
     """Nothing is filtered before: every sample counts."""
 
+    window = 1
+
     def check_length(self, longest: int) -> None:
         """Any stretch is long enough."""
 

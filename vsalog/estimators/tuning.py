@@ -7,7 +7,7 @@ from typing import Annotated, ClassVar, Literal, TypeVar
 
 import msgspec
 import numpy as np
-from msgspec import Meta
+from msgspec import Meta, inspect
 
 from vsalog.errors import EstimatorError, did_you_mean
 from vsalog.estimators.device import Device, deflection_of, largest
@@ -135,14 +135,46 @@ def read_tuning(kind: type[T], estimator: str, values: Mapping[str, str]) -> T:
     try:
         tuned = msgspec.convert(dict(values), kind, strict=False)
     except msgspec.ValidationError as error:
-        raise EstimatorError(f"{estimator}: --tune {_where(error)}: {error}") from error
+        field = _field(error)
+        said = f"{field}={values[field]}: has to be {_expected(kind, field)}" if field in values else str(error)
+        raise EstimatorError(f"{estimator}: --tune {said}") from error
     for name in values:
         value = getattr(tuned, name)
         if name not in MAY_BE_INFINITE and isinstance(value, float) and not np.isfinite(value):
-            raise EstimatorError(f"{estimator}: --tune {name}: has to be a finite number, not {value}")
+            raise EstimatorError(f"{estimator}: --tune {name}={values[name]}: has to be a finite number")
     return tuned
 
 
-def _where(error: msgspec.ValidationError) -> str:
+def _field(error: msgspec.ValidationError) -> str:
+    """Return the name that an error points at; empty where it points at the values together."""
     text = str(error)
-    return text.rsplit("$.", 1)[-1].rstrip("`") if "$." in text else "value"
+    return text.rsplit("$.", 1)[-1].rstrip("`") if "$." in text else ""
+
+
+def _expected(kind: type[Tuning], name: str) -> str:
+    """Say in words what a value of the tuning has to be."""
+    (found,) = (field.type for field in _fields(kind) if field.name == name)
+    options = found.types if isinstance(found, inspect.UnionType) else (found,)
+    (one,) = (option for option in options if not isinstance(option, inspect.NoneType))
+    if isinstance(one, inspect.LiteralType):
+        return "one of: " + ", ".join(map(str, one.values))
+    if isinstance(one, inspect.BoolType):
+        return "true or false"
+    bounds = [
+        f"{words} {bound:g}"
+        for words, bound in (
+            ("above", getattr(one, "gt", None)),
+            ("at least", getattr(one, "ge", None)),
+            ("below", getattr(one, "lt", None)),
+            ("at most", getattr(one, "le", None)),
+        )
+        if bound is not None
+    ]
+    number = "a whole number" if isinstance(one, inspect.IntType) else "a number"
+    return " ".join((number, " and ".join(bounds))).rstrip()
+
+
+def _fields(kind: type[Tuning]) -> tuple[inspect.Field, ...]:
+    info = inspect.type_info(kind)
+    assert isinstance(info, inspect.StructType)
+    return info.fields
