@@ -241,8 +241,8 @@ def _read(
         if missing[0] not in known.unread:
             raise BindingError(
                 f"{log.name}: there is no channel '{missing[0]}'{did_you_mean(missing[0], known.channels) or '.'}"
-                f" 'vsalog inspect {log.name}' lists all {len(known.channels)}. Leave a role that was not recorded out of the rig:"
-                " another estimator may do without it"
+                f" 'vsalog inspect {log.name}' lists all {len(known.channels)}. Leave a role that was not recorded out of the"
+                " rig: another estimator may do without it"
             )
     return found
 

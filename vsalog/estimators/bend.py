@@ -17,7 +17,7 @@ from numba import njit
 from numpy.typing import NDArray
 
 from vsalog.estimators.device import TransmissionView
-from vsalog.estimators.sensor_error import ENOUGH, SensorError, sensor_error
+from vsalog.estimators.sensor_error import ENOUGH, sensor_error
 from vsalog.estimators.torque import lag_block
 from vsalog.filters.conditioning import Conditioner
 from vsalog.signals import JointSignals
@@ -47,7 +47,7 @@ def bend_of_torque(signals: JointSignals, view: TransmissionView, conditioner: C
     """Return what bends a fit to a torque that is measured or known; None where the filter depends on the motion."""
     if conditioner.kind == "kinematic":
         return None
-    return Bend(_own(signals, view, conditioner, conditioner.weights[0]))
+    return bend_of_filters(signals, view, conditioner.weights[0])
 
 
 def bend_of_residual(
@@ -76,24 +76,28 @@ def bend_of_residual(
     (position, velocity), (late, slower) = answers.T[:, ::-1], slow.T[:, ::-1]
     # Behind the lag θ̈ is K_I times what the lag takes from θ̇ (Flacco 2012 eq. 15).
     torque = inertia * bandwidth * (velocity - slower) + damping * slower
-    seen = late if matched else position
-    moved = view.motor_position in view.deflection_roles(signals.roles)
-    shared = _error(signals, view.motor_position, conditioner).product(seen, torque) if moved else 0.0
-    return Bend(_own(signals, view, conditioner, seen), abs(shared))
+    return bend_of_filters(signals, view, late if matched else position, torque, conditioner.window)
 
 
-def bend_of_filters(signals: JointSignals, view: TransmissionView, seen: Array, torque: Array) -> Bend:
-    """Return what bends a fit whose regressors and torque come out of other filters.
+def bend_of_filters(
+    signals: JointSignals, view: TransmissionView, seen: Array, torque: Array | None = None, window: int | None = None
+) -> Bend:
+    """Return what bends a fit whose regressors and torque come out of filters.
 
     Parameters
     ----------
     seen : weights of the filter that the regressors pass
-    torque : weights of the filter that makes a torque of the motor's position, as many
+    torque : weights of the filter that makes a torque of the motor's position, as many; None where none is made of it
+    window : samples in the window of what of the filters is short, where they have a long tail
     """
     roles = view.deflection_roles(signals.roles)
-    errors = {role: sensor_error(signals.roles[role][:ENOUGH], seen.size) for role in roles}
-    shared = abs(errors[view.motor_position].product(seen, torque)) if view.motor_position in errors else 0.0
-    return Bend(sum(error.product(seen, seen) for error in errors.values()), shared)
+    errors = {role: sensor_error(signals.roles[role][:ENOUGH], window or seen.size) for role in roles}
+    shared = (
+        0.0
+        if torque is None or view.motor_position not in errors
+        else errors[view.motor_position].product(seen, torque)
+    )
+    return Bend(sum(error.product(seen, seen) for error in errors.values()), abs(shared))
 
 
 def bent_block(
@@ -130,12 +134,3 @@ def _sum_up(added: Array, discount: float, state: Array, summed: Array) -> None:
         for i in range(added.shape[1]):
             before = state[i] if k == 0 else summed[k - 1, i]
             summed[k, i] = discount * before + added[k, i]
-
-
-def _own(signals: JointSignals, view: TransmissionView, conditioner: Conditioner, seen: Array) -> float:
-    """Return the variance of a deflection's noise behind a filter [rad²]."""
-    return sum(_error(signals, role, conditioner).product(seen, seen) for role in view.deflection_roles(signals.roles))
-
-
-def _error(signals: JointSignals, role: str, conditioner: Conditioner) -> SensorError:
-    return sensor_error(signals.roles[role][:ENOUGH], conditioner.window)

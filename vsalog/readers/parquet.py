@@ -143,13 +143,16 @@ class ParquetReader:
             i for i in self._number_columns() if wanted is None or any(self._name(i, part) in wanted for part in parts)
         ]
         schema = self._file.schema_arrow
-        needed = [schema.names[i] for i in sorted({*columns, *self._plan.columns(), *self._keys})] or schema.names[:1]
+        gaps = self._with_gaps()
+        streams = [(members, self._tellers(members, gaps)) for members in self._by_stream(columns)]
+        read = {*columns, *self._plan.columns(), *self._keys, *(i for _, tellers in streams for i in tellers)}
+        needed = [schema.names[i] for i in sorted(read)] or schema.names[:1]
         dropped = 0
         for row, batch in self._batches(needed):
             for part, piece in self._split(batch):
                 missing = 0
-                for members in self._by_stream(columns):
-                    block, missing = self._block(piece, part, members, row, wanted)
+                for members, tellers in streams:
+                    block, missing = self._block(piece, part, members, tellers, row, wanted)
                     yield block
                 dropped += missing
         if dropped:
@@ -185,7 +188,13 @@ class ParquetReader:
             self.notes += [note] if note not in self.notes else []
 
     def _block(
-        self, batch: pa.RecordBatch, part: str | None, columns: list[int], row: int, wanted: Collection[str] | None
+        self,
+        batch: pa.RecordBatch,
+        part: str | None,
+        columns: list[int],
+        tellers: list[int],
+        row: int,
+        wanted: Collection[str] | None,
     ) -> tuple[Block, int]:
         """Return a batch as a block, and how many of its rows have no time."""
         good = np.ones(batch.num_rows, dtype=bool)
@@ -204,8 +213,9 @@ class ParquetReader:
                 if unit is not None:
                     units[name] = unit
         missing = int(np.count_nonzero(~good))
-        if columns and _text(self._file.schema_arrow.field(columns[0]).metadata, STREAM):
-            good &= self._present(batch, columns)
+        if tellers:
+            cells = [self._cells(batch, i).is_valid() for i in tellers]
+            good &= np.logical_or.reduce([np.asarray(one.to_numpy(zero_copy_only=False), bool) for one in cells])
         if not good.all():
             stamps = {kind: times[good] for kind, times in stamps.items()}
             values = {name: cells[good] for name, cells in values.items()}
@@ -219,11 +229,25 @@ class ParquetReader:
             streams.setdefault(self._streams[i], []).append(i)
         return list(streams.values()) or [[]]
 
-    def _present(self, batch: pa.RecordBatch, columns: list[int]) -> NDArray[np.bool_]:
-        """Tell which rows any of a stream's columns has a sample in."""
-        found = np.zeros(batch.num_rows, dtype=bool)
-        for i in columns:
-            found |= np.asarray(self._cells(batch, i).is_valid().to_numpy(zero_copy_only=False), bool)
+    def _tellers(self, columns: list[int], gaps: set[str]) -> list[int]:
+        """Return the columns that tell which rows there are for the stream of some columns; none where all are.
+
+        A row is there for a stream where any of its columns has a sample, whichever of them are wanted.
+        """
+        if not columns or not _text(self._file.schema_arrow.field(columns[0]).metadata, STREAM):
+            return []
+        if not gaps.issuperset(self._places[i][0] for i in columns):
+            return []
+        return [i for i in self._number_columns() if self._streams[i] == self._streams[columns[0]]]
+
+    def _with_gaps(self) -> set[str]:
+        """Return the names of the columns of which the footer does not say that no cell is empty."""
+        found: set[str] = set()
+        for number in range(self._file.num_row_groups):
+            group = self._file.metadata.row_group(number)
+            for column in map(group.column, range(group.num_columns)):
+                if column.statistics is None or column.statistics.null_count != 0:
+                    found.add(column.path_in_schema)
         return found
 
     def _cells(self, batch: pa.RecordBatch, column: int) -> pa.Array:
