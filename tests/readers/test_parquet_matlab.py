@@ -259,3 +259,19 @@ def test_a_matlab_bomb_is_refused(tmp_path, monkeypatch):
     recording = read(path)
     assert list(recording.channels) == ["x"]
     assert any("larger than any recording" in note for note in recording.notes)
+
+
+def test_rows_of_a_stream_do_not_depend_on_what_else_is_read(tmp_path):
+    """A row is there for a stream where any of its columns has a sample, even one that nobody asks for."""
+    cells = {"a.x": [1.0, None, 3.0, None], "a.y": [1.0, 2.0, None, None], "b.z": [None, None, None, 4.0]}
+    fields = [pa.field(name, pa.float64(), metadata={"stream": name[0]}) for name in cells]
+    schema = pa.schema([pa.field("time", pa.int64(), metadata={"unit": "ns"}), *fields])
+    path = tmp_path / "log"
+    pq.write_table(pa.table([pa.array(range(4)), *map(pa.array, cells.values())], schema=schema), path)
+    together = read(path)
+    assert together.channel("a.x").stamps.tolist() == together.channel("a.y").stamps.tolist() == [0, 1, 2]
+    assert together.channel("b.z").stamps.tolist() == [3]
+    for name, channel in together.channels.items():
+        alone = read(path, wanted=[name]).channel(name)
+        np.testing.assert_array_equal(alone.stamps, channel.stamps)
+        np.testing.assert_array_equal(alone.values, channel.values)
