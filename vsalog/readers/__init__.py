@@ -15,7 +15,7 @@ from vsalog.recording import Recording
 
 if TYPE_CHECKING:
     from vsalog.long_recording import LongRecording
-    from vsalog.readers.bag import Container
+    from vsalog.readers.container import Container
 
     Collect = Callable[[Path, Reader, Collection[str] | None, str], Recording | LongRecording]
 

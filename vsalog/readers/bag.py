@@ -5,14 +5,14 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Collection, Iterator, Mapping
 from dataclasses import dataclass, field, replace
-from typing import Protocol
 
 import numpy as np
 
 from vsalog.errors import ReadError
 from vsalog.readers.base import BLOCK_ROWS, Block, Catalogue, ChannelInfo, plural
-from vsalog.readers.chunk_index import IndexContradictsError, Needed, Part
+from vsalog.readers.chunk_index import IndexContradictsError, Part
 from vsalog.readers.compression import DamagedDataError, decompress_message, unfolded_size
+from vsalog.readers.container import CATALOGUE_MESSAGES, ZSTD_MAGIC, Connection, Container
 from vsalog.readers.decoders import decoder_of
 from vsalog.readers.definitions import DefinitionError, normal_type
 from vsalog.readers.delays import LEAST_BYTES, Delays, Promise
@@ -21,6 +21,8 @@ from vsalog.readers.messages import Decoder
 from vsalog.readers.packets import Integers, Messages, Packet
 from vsalog.recording import Stamps, Values
 
+__all__ = ["BagReader", "Connection", "Container", "plain"]
+
 BLOCK_BYTES = 16 * 2**20
 # Of wide streams, fewer messages make a block; how wide a stream is, its first block tells.
 BLOCK_VALUES, FIRST_ROWS, LEAST_ROWS = 2**20, 512, 64
@@ -28,77 +30,8 @@ BLOCK_VALUES, FIRST_ROWS, LEAST_ROWS = 2**20, 512, 64
 MANY = 512
 # So many connections are looked for one by one; of more, those that are there are found first.
 FEW = 16
-CATALOGUE_MESSAGES = 20
 # What is beyond is no recording, and would take minutes and memory to prepare for.
 MOST_STREAMS, MOST_TEXT = 4096, 2 * 2**20
-ZSTD_MAGIC = b"\x28\xb5\x2f\xfd"
-
-
-@dataclass(frozen=True, slots=True)
-class Connection:
-    """Who publishes what: one per topic, type, definition and publisher.
-
-    Attributes
-    ----------
-    id : int
-        The container's own number.
-    topic, type : str
-        As in the log.
-    encoding : str
-        Of the messages: ``cdr``, ``ros1``, ``json``, ``protobuf`` …
-    language : str
-        Of the definition: ``msg``, ``idl``, ``protobuf`` or "".
-    definition : str
-        Text, "" where the log has none; descriptors of protobuf with a character for each byte.
-    metadata : mapping of str to str
-        What else the log says; ``unit`` and ``unit:FIELD`` are units.
-    """
-
-    id: int
-    topic: str
-    type: str
-    encoding: str
-    language: str
-    definition: str
-    metadata: Mapping[str, str] = field(default_factory=dict)
-
-
-class Container(Protocol):
-    """A file of serialised messages.
-
-    `has_publish` tells whether it keeps a publish time beside the log time.
-    """
-
-    format: str
-    has_publish: bool
-    notes: list[str]
-
-    @property
-    def rig_text(self) -> str | None: ...  # noqa: D102
-
-    def connections(self) -> list[Connection]:
-        """Return all connections."""
-        ...
-
-    def counts(self) -> Mapping[int, int]:
-        """Return how many messages connections have, at most, where the container says so at once."""
-        ...
-
-    def size(self) -> int:
-        """Return how many bytes there are."""
-        ...
-
-    def packets(self, ids: Collection[int], needed: Needed | None = None) -> Iterator[Packet]:
-        """Yield the messages of some connections in the order of the file; perhaps without those not `needed` by then."""
-        ...
-
-    def glimpses(self, ids: Collection[int]) -> Iterator[Packet]:
-        """Yield some messages of connections from all over the file, where they can be had without reading it all."""
-        ...
-
-    def narrow(self, part: Part) -> bool:
-        """From now on pass by messages that are surely in no part of the log; tells whether that can be done."""
-        ...
 
 
 @dataclass(slots=True)

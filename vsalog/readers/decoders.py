@@ -11,7 +11,7 @@ from vsalog.readers.messages import Decoder, RosDecoder
 from vsalog.readers.protobuf_messages import ProtobufDecoder
 
 if TYPE_CHECKING:
-    from vsalog.readers.bag import Connection
+    from vsalog.readers.container import Connection
 
 
 def decoder_of(connection: Connection, stream: str, wanted: frozenset[str] | None) -> Decoder:

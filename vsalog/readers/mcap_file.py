@@ -20,10 +20,10 @@ from mcap.records import Channel, Metadata, MetadataIndex, Schema, Statistics
 from numpy.typing import NDArray
 
 from vsalog.errors import ReadError
-from vsalog.readers.bag import Connection
 from vsalog.readers.base import plural
 from vsalog.readers.chunk_index import Chunk, Needed, Part, some_of
 from vsalog.readers.compression import DamagedDataError, beginning, decompress
+from vsalog.readers.container import Connection
 from vsalog.readers.mcap_scan import ends_whole, messages_in, others_in
 from vsalog.readers.mcap_summary import chunk_in, states_checksum, summary_records, vouched
 from vsalog.readers.mcap_walk import CHANNEL, CHUNK, MAGIC, MESSAGE, METADATA, SCHEMA, Walk
@@ -42,7 +42,7 @@ _CHUNK_HEAD = struct.Struct("<QQQII")
 
 
 class McapContainer:
-    """One MCAP file; see `vsalog.readers.bag.Container`.
+    """One MCAP file; see `vsalog.readers.container.Container`.
 
     Attributes
     ----------

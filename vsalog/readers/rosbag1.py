@@ -12,9 +12,9 @@ from typing import IO
 import numpy as np
 
 from vsalog.errors import ReadError
-from vsalog.readers.bag import CATALOGUE_MESSAGES, Connection
 from vsalog.readers.chunk_index import Chunk, Needed, Part, some_of
 from vsalog.readers.compression import beginning
+from vsalog.readers.container import CATALOGUE_MESSAGES, Connection
 from vsalog.readers.definitions import DefinitionError, ros1_checksum
 from vsalog.readers.layout import printable
 from vsalog.readers.packets import PACKED, Packet, RawMessage, ahead, packet_of
@@ -43,7 +43,7 @@ Found = dict[int, tuple[Connection, bool]]
 
 
 class Rosbag1Container:
-    """One ROS 1 bag; see `vsalog.readers.bag.Container`.
+    """One ROS 1 bag; see `vsalog.readers.container.Container`.
 
     Raises
     ------
@@ -130,8 +130,8 @@ class Rosbag1Container:
                     yield packet_of(loose)
                     loose = []
                 if kind == CHUNK:
-                    packet, whole, connections = messages_in(np.frombuffer(data, np.uint8), wanted)
-                    if not whole:
+                    packet, sound, connections = messages_in(np.frombuffer(data, np.uint8), wanted)
+                    if not sound:
                         walk.damage.append("a record in a chunk cannot be read")
                     if connections:
                         self._compare(data)
@@ -214,7 +214,7 @@ class Rosbag1Container:
         walk = Walk(file)
         for inner, data in walk.records(struct.unpack("<Q", index)[0]):
             if op(inner) == CHUNK_INFO:
-                for connection, number_of in struct.iter_unpack("<II", data[: len(data) // 8 * 8]):
+                for connection, number_of in struct.iter_unpack("<II", data):
                     self._counts[connection] += number_of
                 if told := chunk_told(inner, data):
                     self._chunks[told[0]] = told[1]
@@ -224,7 +224,7 @@ class Rosbag1Container:
                 break
         if len(found) == number(header, b"conn_count") and not walk.skipped:
             return found
-        self._chunks = {}
+        self._counts, self._chunks = Counter(), {}
         return {}
 
     def _note(self, text: str) -> None:

@@ -77,7 +77,7 @@ class IndexCheck:
 def chunk_told(header: Header, data: bytes) -> tuple[int, Chunk] | None:
     """Return the position of the chunk that a record of the index is of, and what is told of it; None where it makes no sense."""
     times = [header.get(name, b"") for name in (b"start_time", b"end_time")]
-    if any(len(time) != 8 for time in times) or len(data) % 8:
+    if any(len(time) != 8 for time in times):
         return None
     first, last = (seconds * 1_000_000_000 + fraction for seconds, fraction in map(_TIME.unpack, times))
     position = int.from_bytes(header[b"chunk_pos"], "little")

@@ -10,10 +10,10 @@ from functools import partial
 from pathlib import Path
 
 from vsalog.errors import ReadError
-from vsalog.readers.bag import ZSTD_MAGIC, Connection, Container
 from vsalog.readers.base import plural
 from vsalog.readers.chunk_index import Needed, Part
 from vsalog.readers.compression import FREE_BYTES, MAX_RATIO
+from vsalog.readers.container import ZSTD_MAGIC, Connection, Container
 from vsalog.readers.mcap_file import McapContainer
 from vsalog.readers.mcap_walk import MAGIC as MCAP_MAGIC
 from vsalog.readers.packets import Packet
@@ -88,7 +88,7 @@ class CompressedContainer:
 
 
 class FolderContainer:
-    """The files of a ROS 2 bag, which are `parts`, one after the other; see `vsalog.readers.bag.Container`.
+    """The files of a ROS 2 bag, which are `parts`, one after the other; see `vsalog.readers.container.Container`.
 
     Raises
     ------

@@ -13,10 +13,10 @@ from typing import Any
 import numpy as np
 
 from vsalog.errors import ReadError
-from vsalog.readers.bag import CATALOGUE_MESSAGES, Connection
 from vsalog.readers.base import plural
 from vsalog.readers.chunk_index import GLIMPSES, Needed, Part
 from vsalog.readers.compression import MAX_BYTES
+from vsalog.readers.container import CATALOGUE_MESSAGES, Connection
 from vsalog.readers.opened import for_sqlite
 from vsalog.readers.packets import PACKED, PACKED_BYTES, Messages, Packet
 from vsalog.readers.sqlite_ranges import bounded, ranges
@@ -41,7 +41,7 @@ _Rows = tuple[tuple[Any, ...], tuple[int, ...], tuple[bytes, ...]]
 
 
 class SqliteContainer:
-    """One SQLite file of a ROS 2 bag; see `vsalog.readers.bag.Container`.
+    """One SQLite file of a ROS 2 bag; see `vsalog.readers.container.Container`.
 
     Raises
     ------

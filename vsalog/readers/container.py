@@ -1,0 +1,82 @@
+"""What a file of serialised messages is to those who read it: connections, and packets of messages."""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Iterator, Mapping
+from dataclasses import dataclass, field
+from typing import Protocol
+
+from vsalog.readers.chunk_index import Needed, Part
+from vsalog.readers.packets import Packet
+
+CATALOGUE_MESSAGES = 20
+"""So many messages of a connection tell its channels."""
+ZSTD_MAGIC = b"\x28\xb5\x2f\xfd"
+"""How messages and files begin that ROS 2 has compressed."""
+
+
+@dataclass(frozen=True, slots=True)
+class Connection:
+    """Who publishes what: one per topic, type, definition and publisher.
+
+    Attributes
+    ----------
+    id : int
+        The container's own number.
+    topic, type : str
+        As in the log.
+    encoding : str
+        Of the messages: ``cdr``, ``ros1``, ``json``, ``protobuf`` …
+    language : str
+        Of the definition: ``msg``, ``idl``, ``protobuf`` or "".
+    definition : str
+        Text, "" where the log has none; descriptors of protobuf with a character for each byte.
+    metadata : mapping of str to str
+        What else the log says; ``unit`` and ``unit:FIELD`` are units.
+    """
+
+    id: int
+    topic: str
+    type: str
+    encoding: str
+    language: str
+    definition: str
+    metadata: Mapping[str, str] = field(default_factory=dict)
+
+
+class Container(Protocol):
+    """A file of serialised messages.
+
+    `has_publish` tells whether it keeps a publish time beside the log time.
+    """
+
+    format: str
+    has_publish: bool
+    notes: list[str]
+
+    @property
+    def rig_text(self) -> str | None: ...  # noqa: D102
+
+    def connections(self) -> list[Connection]:
+        """Return all connections."""
+        ...
+
+    def counts(self) -> Mapping[int, int]:
+        """Return how many messages connections have, at most, where the container says so at once."""
+        ...
+
+    def size(self) -> int:
+        """Return how many bytes there are."""
+        ...
+
+    def packets(self, ids: Collection[int], needed: Needed | None = None) -> Iterator[Packet]:
+        """Yield the messages of some connections in the order of the file; perhaps without those not `needed` by then."""
+        ...
+
+    def glimpses(self, ids: Collection[int]) -> Iterator[Packet]:
+        """Yield some messages of connections from all over the file, where they can be had without reading it all."""
+        ...
+
+    def narrow(self, part: Part) -> bool:
+        """From now on pass by messages that are surely in no part of the log; tells whether that can be done."""
+        ...
