@@ -203,13 +203,12 @@ def test_options_that_cannot_be(refused, bench, options, said):
     assert said in refused("estimate", "log.csv", *options, cwd=bench)
 
 
-@pytest.mark.parametrize(("value", "said"), [("1e-9", "no observer's noise can be told"), ("0", "`float` > 0.0")])
-def test_an_observer_that_never_settles(refused, simulate, tmp_path, value, said):
+def test_an_observer_that_never_settles(refused, simulate, tmp_path):
     """Its poles lie on the edge of stability: none of the frequencies that are tried has a covariance."""
     assert simulate("kuka-kr15", "--duration", "0.5", "-o", "arm.mcap", cwd=tmp_path)[0] == 0
-    message = refused("estimate", "arm.mcap", "-e", "acceleration-observer", "--tune", f"damping={value}", cwd=tmp_path)
+    message = refused("estimate", "arm.mcap", "-e", "acceleration-observer", "--tune", "damping=1e-9", cwd=tmp_path)
+    assert "no observer's noise can be told" in message
     assert "damping" in message
-    assert said in message
 
 
 @pytest.mark.parametrize("estimator", ["residual-rls", "qr-rls", "direct"])
