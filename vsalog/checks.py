@@ -23,28 +23,41 @@ WHILE = 2**18
 
 
 def refuse_dead_sensors(estimator: str, signals: JointSignals) -> None:
-    """Refuse a torque that never changes: a dead sensor, of which every method would make a stiffness of nothing.
+    """Refuse a torque or a pressure that never changes: a dead sensor, of which every method would make a stiffness of nothing.
 
     Parameters
     ----------
-    estimator : name of the method that reads every torque sensor among the signals
+    estimator : name of the method that reads every sensor among the signals
     signals : of a joint, those that the method reads
 
     Raises
     ------
     EstimatorError
-        A torque sensor never changes.
+        A torque sensor never changes, or a muscle's pressure while its valve moves.
     """
     for role, values in signals.roles.items():
-        if not role.startswith("torque_sensor"):
-            continue
-        finite = values[np.isfinite(values)]
-        if finite.size and np.ptp(finite) == 0.0:
+        if role.startswith("torque_sensor") and _still(values):
             raise EstimatorError(
-                f"joint '{signals.joint}': {role} is {finite[0]:.6g} N·m from beginning to end, as a sensor says that is off or"
-                f" not connected, and {estimator} takes the torque from it. Take an estimator that needs no torque sensor"
+                f"joint '{signals.joint}': {role} is {_first(values):.6g} N·m from beginning to end, as a sensor says that is off"
+                f" or not connected, and {estimator} takes the torque from it. Take an estimator that needs no torque sensor"
                 " (residual-rls, qr-rls), or put the right channel into the rig ('vsalog inspect' shows what each says)"
             )
+        valve = signals.roles.get(role.replace("pressure", "valve"))
+        if role.startswith("pressure") and _still(values) and valve is not None and not _still(valve):
+            raise EstimatorError(
+                f"joint '{signals.joint}': {role} is {_first(values):.6g} Pa from beginning to end while its valve moves, as a"
+                f" sensor says that is off or not connected, and {estimator} takes the joint's state from it. Put the right"
+                " channel into the rig ('vsalog inspect' shows what each says)"
+            )
+
+
+def _still(values: Array) -> bool:
+    finite = values[np.isfinite(values)]
+    return bool(finite.size and np.ptp(finite) == 0.0)
+
+
+def _first(values: Array) -> float:
+    return float(values[np.isfinite(values)][0])
 
 
 def signal_warnings(device: Device, signals: JointSignals) -> tuple[str, ...]:
@@ -62,9 +75,7 @@ def signal_warnings(device: Device, signals: JointSignals) -> tuple[str, ...]:
     for view in device.transmissions:
         if not has_deflection(signals.roles, view):
             continue
-        phi = deflection_of(signals.roles, view)
-        finite = phi[np.isfinite(phi)]
-        if finite.size and np.ptp(finite) == 0.0:
+        if _still(deflection_of(signals.roles, view)):
             warnings.append(
                 f"joint '{signals.joint}': the deflection of transmission {view.name} never changes; its stiffness"
                 " cannot be told"

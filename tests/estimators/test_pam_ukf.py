@@ -165,3 +165,13 @@ def test_pressures_that_cannot_be_absolute_are_refused_and_doubtful_ones_named(f
         assert got == code, err
         assert words in err
         assert ("outside" in err) == bool(words)
+
+
+def test_a_pressure_that_stands_still_while_its_valve_moves_is_refused(folder):
+    """A sensor that is off."""
+    joint, recording = joint_and_recording(folder)
+    off = changed(recording, channel_of(joint, "pressure_1"), lambda values: np.full_like(values, 150e3))
+    with pytest.raises(EstimatorError, match="pressure_1 is 150000 Pa from beginning to end while its valve moves"):
+        estimated(joint, off)
+    closed = changed(off, channel_of(joint, "valve_1"), np.zeros_like)
+    assert estimated(joint, closed).trace is not None
