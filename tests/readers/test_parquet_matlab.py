@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import datetime
+import re
 
 import numpy as np
 import pyarrow as pa
@@ -12,6 +13,7 @@ from scipy.io import savemat
 
 from vsalog.errors import ReadError
 from vsalog.readers import open_reader, read
+from vsalog.readers.parquet_pages import page_sizes
 
 START = 1_700_000_000_123_456_789
 
@@ -275,3 +277,57 @@ def test_rows_of_a_stream_do_not_depend_on_what_else_is_read(tmp_path):
         alone = read(path, wanted=[name]).channel(name)
         np.testing.assert_array_equal(alone.stamps, channel.stamps)
         np.testing.assert_array_equal(alone.values, channel.values)
+
+
+@pytest.mark.parametrize(
+    "options",
+    [
+        {"compression": "zstd"},
+        {"compression": "snappy", "use_dictionary": False, "data_page_size": 4096},
+        {"compression": "gzip", "data_page_version": "2.0", "write_page_checksum": True, "write_page_index": True},
+        {"compression": "none", "store_decimal_as_integer": True},
+    ],
+)
+def test_what_pages_announce_adds_up_to_what_the_footer_says(tmp_path, options):
+    rng, path = np.random.default_rng(1), tmp_path / "log"
+    texts = pa.array(["x" * int(k) for k in rng.integers(0, 2000, 3000)])  # of which the statistics are long
+    table = pa.table({"a": rng.standard_normal(3000), "b": np.arange(3000) % 2 == 0, "c": texts})
+    pq.write_table(table, path, row_group_size=1000, **options)
+    metadata = pq.ParquetFile(path).metadata
+    with path.open("rb") as file:
+        for column in (metadata.row_group(k).column(i) for k in range(3) for i in range(3)):
+            sizes = np.array(list(page_sizes(file, column)))
+            heads = column.total_compressed_size - sizes[:, 1].sum()
+            assert 0 < heads < 5000 * len(sizes)
+            assert sizes[:, 0].sum() + heads == column.total_uncompressed_size
+
+
+def lying(path):
+    """Write a column that a page of 300 MiB is in, and a footer in which it has a thousand bytes."""
+    table = pa.table({"time": [0.0, 1.0], "x": [1.0, 2.0], "b": pa.array([bytes(300 * 2**20), b""], pa.binary())})
+    pq.write_table(table, path, compression="zstd", use_dictionary=False)
+    raw = bytearray(path.read_bytes())
+    footer = len(raw) - 8 - int.from_bytes(raw[-8:-4], "little")
+    group = pq.ParquetFile(path).metadata.row_group(0)
+    for said in (group.column(2).total_uncompressed_size, group.total_byte_size):
+        for at in [m.start() for m in re.finditer(re.escape(varint(said)), bytes(raw)) if m.start() > footer]:
+            raw[at : at + 5] = varint(1000, 5)
+    path.write_bytes(raw)
+
+
+def varint(number, size=0):
+    """Return a number as Thrift's compact protocol writes it, in so many bytes at least."""
+    number *= 2
+    out = bytearray()
+    while number > 127 or len(out) < size - 1:
+        out.append(number & 127 | 128)
+        number >>= 7
+    return bytes([*out, number])
+
+
+def test_a_footer_that_lies_about_a_page(tmp_path):
+    path = tmp_path / "log"
+    lying(path)
+    assert pq.ParquetFile(path).metadata.row_group(0).total_byte_size == 1000
+    with pytest.raises(ReadError, match=r"a page of column 'b' announces 3145728\d\d bytes out of"):
+        read(path)

@@ -17,6 +17,7 @@ from vsalog.readers.base import NO_TIME, Block, Catalogue, ChannelInfo, first_of
 from vsalog.readers.compression import MAX_BYTES, MAX_RATIO
 from vsalog.readers.headers import printable_cell, unique_names
 from vsalog.readers.opened import for_arrow
+from vsalog.readers.parquet_pages import page_sizes
 from vsalog.readers.row_clock import ROW_NOTE, row_clock
 from vsalog.readers.time_columns import find_clocks, nanoseconds
 from vsalog.readers.time_dates import in_nanoseconds
@@ -57,6 +58,7 @@ class ParquetReader:
         try:
             self._file = pq.ParquetFile(for_arrow(path), page_checksum_verification=True)
             self._refuse_bombs()
+            self._absurd = self._absurd_pages()
             sample = self._sample()
         except (pa.ArrowException, OSError, UnicodeError) as error:  # a column's name may have become no text
             raise ReadError(f"{path}: the Parquet file cannot be read: {error}") from error
@@ -100,6 +102,34 @@ class ParquetReader:
                         " compressed so much"
                     )
 
+    def _absurd_pages(self) -> dict[int, str]:
+        """Return the row groups that hold a page which announces what no recording has, and the words for it.
+
+        The footer may say otherwise; a changed byte may be the reason as well.
+        """
+        found: dict[int, str] = {}
+        with self.path.open("rb") as file:
+            for number in range(self._file.num_row_groups):
+                group = self._file.metadata.row_group(number)
+                for column in map(group.column, range(group.num_columns)):
+                    for size, compressed in page_sizes(file, column):
+                        if size > max(MAX_BYTES, MAX_RATIO * compressed):
+                            name = printable_cell(column.path_in_schema)
+                            found[number] = f"a page of column '{name}' announces {size} bytes out of {compressed}"
+        return found
+
+    def _group(self, number: int, rows: int, columns: list[str] | None = None) -> Iterator[pa.RecordBatch]:
+        """Yield batches of a row group.
+
+        Raises
+        ------
+        ArrowException, OSError
+            It is damaged.
+        """
+        if number in self._absurd:
+            raise pa.ArrowInvalid(self._absurd[number])
+        yield from self._file.iter_batches(batch_size=rows, row_groups=[number], columns=columns)
+
     def _sample(self) -> pa.RecordBatch | None:
         """Return the first rows that can be read, None where there are no rows.
 
@@ -110,7 +140,7 @@ class ParquetReader:
         """
         for group in range(self._file.num_row_groups):
             try:
-                return next(self._file.iter_batches(batch_size=SAMPLE_ROWS, row_groups=[group]), None)
+                return next(self._group(group, SAMPLE_ROWS), None)
             except (pa.ArrowException, OSError):
                 if group + 1 == self._file.num_row_groups:
                     raise
@@ -171,7 +201,7 @@ class ParquetReader:
         for group in range(groups):
             row, begin = begin, begin + self._file.metadata.row_group(group).num_rows
             try:
-                for batch in self._file.iter_batches(batch_size=BATCH_ROWS, row_groups=[group], columns=columns):
+                for batch in self._group(group, BATCH_ROWS, columns):
                     yield row, batch
                     row += batch.num_rows
             except (pa.ArrowException, OSError) as error:
