@@ -129,3 +129,13 @@ def test_a_report_is_not_written_by_half(models, tmp_path):
     )
     assert result.exit_code == 2
     assert not list(out.glob("*"))
+
+
+def test_what_is_implausible_of_the_signals_is_said_here_too(models, tmp_path):
+    """The torque sensor ends at 0.2 N·m, as one does that is saturated."""
+
+    def saturated(_i, line, sensor):
+        return [*line[:sensor], str(min(float(line[sensor]), 200.0)), *line[sensor + 1 :]]
+
+    joint = joint_of(models["sea"], table(tmp_path, saturated, 4000), tmp_path)
+    assert "saturated" in " ".join(joint["warnings"])

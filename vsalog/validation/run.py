@@ -18,6 +18,7 @@ from vsalog.estimators.device import Device, device_of
 from vsalog.estimators.needs import require
 from vsalog.job import sha256
 from vsalog.model import JointModel, ModelFile
+from vsalog.plausible import implausible
 from vsalog.readers import open_reader, read
 from vsalog.recording import Recording
 from vsalog.rig import Rig
@@ -151,14 +152,17 @@ def _judge_log(
         _check_fit(file.joint[name], device, rig)
         roles = _roles(device, joint)
         recording = _read(log, joint, roles, name, options)
-        prepared = prepare(device, bind([recording], name, joint, roles))
+        bound = bind([recording], name, joint, roles)
+        doubts = list(implausible(device, bound))
+        prepared = prepare(device, bound)
+        del bound  # what is long is not kept twice
         signals = prepared.signals
         short = len(signals) <= MANY_SAMPLES if options.modalities is None else options.modalities
         truth = {c: recording.channels[c] for c in truth_channels(name) if c in recording.channels}
-        if not short:  # what is long is not kept twice
+        if not short:
             recording = replace(recording, channels=truth)
         judged = judge(file.joint[name], joint, device, prepared, truth, draw)
-        warnings = [*(f"{log.name}: {note}" for note in recording.notes), *signals.notes]
+        warnings = [*(f"{log.name}: {note}" for note in recording.notes), *signals.notes, *doubts]
         learnt_from = digest.result() in file.log.values() and not _other_runs(file, name, joint)
         if learnt_from:
             warnings.insert(0, f"{log.name} is what the model was learnt from: this is no second experiment")
