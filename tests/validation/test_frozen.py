@@ -26,6 +26,14 @@ FAULTS = {
     "small covariance": (of("covariance", [[1.0, 2.0], [3.0, 4.0]]), "not 4 by 4"),
     "ragged covariance": (of("covariance", [[1.0], [3.0, 4.0], [], [1.0]]), "not 4 by 4"),
     "negative variance": (of("covariance", [[-1.0] * 4] * 4), "negative variance"),
+    "asymmetric covariance": (
+        of("covariance", [[float(i == j) + 20.0 * (i < j) for j in range(4)] for i in range(4)]),
+        "not symmetric",
+    ),
+    "impossible correlation": (
+        of("covariance", [[1.0 if i == j else -0.9 for j in range(4)] for i in range(4)]),
+        "negative variance",
+    ),
     "ragged region": (of("region", [[1.0], [1.0, 2.0]]), "region"),
     "region nan": (of("region", [[float("nan")], [1.0]]), "region"),
     "region of nothing": (of("region", [[], []]), "region"),

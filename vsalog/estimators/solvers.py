@@ -61,7 +61,7 @@ class RlsSolver:
         """Return ξ̂, its covariance, and the standard deviation of a left-over."""
         M, variance = noise_now(state[1], False, self.least)
         P = self.c * state[0].P
-        return state[0].alpha.copy(), P @ (M + np.outer(state[2], state[2])) @ P, variance**0.5
+        return state[0].alpha.copy(), _sandwich(P, M + np.outer(state[2], state[2])), variance**0.5
 
 
 @dataclass(frozen=True, slots=True)
@@ -132,12 +132,21 @@ class QrSolver:
         M, variance = noise_now(state[1], self.integral, self.least)
         half = np.linalg.inv(state[0].Rp[:, :-1])
         P = half @ half.T
-        return xi, P @ (M + np.outer(state[2], state[2])) @ P, variance**0.5
+        return xi, _sandwich(P, M + np.outer(state[2], state[2])), variance**0.5
 
 
 def least_samples(filters: Conditioner) -> int:
     """Return how many samples have to be learnt from before anything is said; within a filter's window noise is alike."""
     return max(SAMPLES, 0 if filters.kind == "kinematic" else WINDOWS * filters.window)
+
+
+def _sandwich(P: Array, M: Array) -> Array:
+    """Return P M P as a covariance: symmetric, and with no negative eigenvalue, however ill-conditioned; NaN where unknown."""
+    if not (np.isfinite(P).all() and np.isfinite(M).all()):
+        return np.full(M.shape, np.nan)
+    w, v = np.linalg.eigh(0.5 * (M + M.T))
+    root = P @ (v * np.sqrt(np.maximum(w, 0.0)))
+    return np.asarray(root @ root.T)
 
 
 def _untold(coefficients: Array) -> Flags:

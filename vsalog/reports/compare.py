@@ -54,7 +54,8 @@ def print_comparison(found: Comparison) -> None:
         "agrees: share of the time within 2 standard deviations of the first; differs: root mean square, of the first"
     )
     for name, reason in found.left_out.items():
-        console.print(f"left out: {escape(plain(name))}: {escape(plain(reason))}", soft_wrap=True)
+        said = reason.removeprefix(f"{name}: ")
+        console.print(f"left out: {escape(plain(name))}: {escape(plain(said))}", soft_wrap=True)
 
 
 def print_json(found: Comparison) -> None:

@@ -6,10 +6,17 @@ import math
 from collections.abc import Iterable
 from pathlib import Path
 
+import numpy as np
+from numpy.typing import NDArray
+
 from vsalog.errors import ReadError, RigError
 from vsalog.model import JointModel, ModelFile, TransmissionModel
 from vsalog.rig import Rig
 
+Array = NDArray[np.float64]
+
+# Correlations are known to this.
+ROUNDING = 1e-6
 # Beyond these no torque is left that could be told from infinity, and no power of a deflection.
 LARGEST, HIGHEST_POWER, MOST_SETPOINT_POWERS = 1e100, 100, 100
 LEAST_SCALE = 1e-9
@@ -64,10 +71,27 @@ def _fault(joint: JointModel, part: TransmissionModel) -> str | None:
         return f"{where} has a covariance that is not {size} by {size}"
     if any(part.covariance[i][i] < 0.0 for i in range(size)):
         return f"{where} has a negative variance"
+    if not _is_covariance(np.array(part.covariance)):
+        return f"{where} has a covariance that is none: it is not symmetric, or some direction has a negative variance"
     columns = {len(vertex) for vertex in part.region}
     if len(columns) > 1 or not columns <= {1, 2} or not all(_usable(vertex) for vertex in part.region):
         return f"{where} has a region that is no list of points (deflection) or (deflection, set-point)"
     return None
+
+
+def _is_covariance(matrix: Array) -> bool:
+    """Tell whether a matrix is symmetric and has no negative eigenvalue, but for rounding; what is not known (NaN) is none."""
+    if not np.isfinite(matrix).all():
+        return True
+    # In units of its deviations, for coefficients differ by orders of magnitude.
+    deviations = np.sqrt(np.diagonal(matrix))
+    with np.errstate(divide="ignore", over="ignore", invalid="ignore"):
+        scaled = matrix / deviations / deviations[:, None]
+    known = deviations > 0.0
+    scaled = scaled[np.ix_(known, known)]
+    if not np.isfinite(scaled).all() or not np.allclose(scaled, scaled.T, rtol=0.0, atol=ROUNDING):
+        return False
+    return not matrix[~known].any() and bool(np.linalg.eigvalsh(scaled).min(initial=0.0) > -ROUNDING)
 
 
 def _usable(values: Iterable[float]) -> bool:
