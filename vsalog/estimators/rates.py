@@ -106,9 +106,10 @@ def left_over(known: Rates, found: Array, noise: float) -> tuple[float, float]:
 
 def _growth(left: Array, power: Array) -> float:
     """Return how much what is left over grows with the rate's power, less its uncertainty."""
-    spread, size = float(np.var(power)), left.size
+    spread = float(np.var(power))
     if spread == 0.0:
         return 0.0
-    slope = float(np.mean((left - left.mean()) * (power - power.mean()))) / spread
-    rest = (left - left.mean() - slope * (power - power.mean())) * (power - power.mean())
-    return slope - SURE * float(np.std(rest)) / spread / effective_samples(rest) ** 0.5 if size else 0.0
+    off = power - power.mean()
+    slope = float(np.mean((left - left.mean()) * off)) / spread
+    rest = (left - left.mean() - slope * off) * off
+    return slope - SURE * float(np.std(rest)) / spread / effective_samples(rest) ** 0.5
