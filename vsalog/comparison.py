@@ -10,18 +10,15 @@ import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
-from vsalog.errors import BindingError, EstimatorError, FilterError, VsalogError
+from vsalog.errors import BindingError, EstimatorError, FilterError
 from vsalog.estimation import PAPER, PRESET, JointEstimate, no_preset
 from vsalog.estimators import method
 from vsalog.estimators.tuning import read_tuning
 from vsalog.job import Job, Options, prepare
-from vsalog.readers import open_reader, read
-from vsalog.recording import Recording
-from vsalog.rig.schema import AntagonisticJoint
 from vsalog.trace import Trace
 from vsalog.validation.document import Score
-from vsalog.validation.references import Smoothed, true_stiffness, truth_channels
 from vsalog.validation.scores import score
+from vsalog.witnesses import Witnesses, witnesses_of
 
 Array = NDArray[np.float64]
 Progress = Callable[[str], None]
@@ -98,7 +95,8 @@ class Row(msgspec.Struct, frozen=True, kw_only=True):
     joint, transmission : names
     stiffness_low, stiffness_high : 1 % and 99 % quantile over the supported rows [N·m/rad]
     relative_std : root mean square of stiffness_std / stiffness
-    torque_left : root mean square of what the fit leaves of the torque [N·m]
+    torque_left : root mean square of what the fit leaves of the torque it was fitted to [N·m]
+    off_sensor : root mean square of the fitted torque less the torque sensor's, over the supported rows [N·m]
     excited_share : share of the rows at which the estimate is supported
     agrees_share : share of the rows supported by both at which it agrees with the first estimator within two standard deviations
     difference : root mean square of the difference to the first, relative to the first's stiffness
@@ -112,6 +110,7 @@ class Row(msgspec.Struct, frozen=True, kw_only=True):
     stiffness_high: float | None
     relative_std: float | None
     torque_left: float | None
+    off_sensor: float | None
     excited_share: float
     agrees_share: float | None
     difference: float | None
@@ -138,8 +137,8 @@ class Run:
 
 def compare(
     logs: Sequence[Path], options: Options, asked: Sequence[str], progress: Progress = lambda _: None
-) -> tuple[Comparison, list[Run]]:
-    """Run several estimators.
+) -> tuple[Comparison, list[Run], Witnesses]:
+    """Run several estimators; return what came out, its runs, and what they were held against.
 
     Parameters
     ----------
@@ -170,14 +169,17 @@ def compare(
         # Of the usual ones the first's reason tells enough.
         reasons = list(left_out.values()) if len(left_out) == 1 or not asked else []
         raise EstimatorError(reasons[0] if reasons else "; ".join(f"{name}: {why}" for name, why in left_out.items()))
-    truths = _truths(logs, options, runs[0])
-    rows = [row for run in runs for estimate in run.estimates for row in _rows(run, estimate, runs[0], truths)]
+    joints = {e.joint: runs[0].job.rig.joints[e.joint] for run in runs for e in run.estimates}
+    witnesses = witnesses_of(logs[0], options, joints) if len(logs) == 1 else Witnesses()
+    rows = [row for run in runs for estimate in run.estimates for row in _rows(run, estimate, runs[0], witnesses)]
     warnings = dict.fromkeys(
         w for run in runs for w in (*run.job.warnings, *(w for e in run.estimates for w in e.warnings))
     )
-    return Comparison(
-        logs=tuple(log.name for log in logs), rows=tuple(rows), left_out=left_out, warnings=tuple(warnings)
-    ), runs
+    return (
+        Comparison(logs=tuple(log.name for log in logs), rows=tuple(rows), left_out=left_out, warnings=tuple(warnings)),
+        runs,
+        witnesses,
+    )
 
 
 def _once(contenders: Iterable[Contender]) -> list[Contender]:
@@ -185,24 +187,14 @@ def _once(contenders: Iterable[Contender]) -> list[Contender]:
     return list({(c.name, tuple(sorted(c.tune.items()))): c for c in reversed(list(contenders))}.values())[::-1]
 
 
-def _truths(logs: Sequence[Path], options: Options, run: Run) -> Recording | None:
-    """Return a recording of the simulator's truth, where the one log has one."""
-    if len(logs) != 1:
-        return None
-    try:
-        known = open_reader(logs[0], options.rate).catalogue().channels
-        wanted = {c for e in run.estimates for c in truth_channels(e.joint) if c in known}
-        return read(logs[0], wanted, options.time, options.rate, options.start, options.end) if wanted else None
-    except VsalogError:
-        return None
-
-
-def _rows(run: Run, estimate: JointEstimate, first: Run, truth: Recording | None) -> list[Row]:
+def _rows(run: Run, estimate: JointEstimate, first: Run, witnesses: Witnesses) -> list[Row]:
     reference = next((e for e in first.estimates if e.joint == estimate.joint), None)
-    assert estimate.trace is not None
+    trace = estimate.trace
+    assert trace is not None
     rows = []
     for part in estimate.summary.transmissions:
-        mine = _columns(estimate.trace, part.transmission)
+        mine = _columns(trace, part.transmission)
+        whose = estimate.joint, part.transmission, trace
         agrees, difference = None, None
         if run is not first and reference is not None and reference.trace is not None:
             agrees, difference = _agreement(mine, _columns(reference.trace, part.transmission))
@@ -215,10 +207,11 @@ def _rows(run: Run, estimate: JointEstimate, first: Run, truth: Recording | None
                 stiffness_high=part.stiffness_high,
                 relative_std=part.relative_std,
                 torque_left=part.fit_rms,
+                off_sensor=_off_sensor(witnesses.torque(*whose), mine),
                 excited_share=part.excited_share,
                 agrees_share=agrees,
                 difference=difference,
-                against_truth=None if truth is None else _against(truth, run, estimate, part.transmission, mine),
+                against_truth=_against(trace, witnesses.stiffness(*whose), mine),
             )
         )
     return rows
@@ -226,7 +219,8 @@ def _rows(run: Run, estimate: JointEstimate, first: Run, truth: Recording | None
 
 def _columns(trace: Trace, transmission: str) -> dict[str, Array]:
     columns = trace.transmissions[transmission]
-    return {key: np.asarray(columns[key], dtype=np.float64) for key in ("stiffness", "stiffness_std", "excited")}
+    names = ("stiffness", "stiffness_std", "excited", "flexibility_torque_fit")
+    return {name: np.asarray(columns[name], dtype=np.float64) for name in names}
 
 
 def _agreement(mine: Mapping[str, Array], theirs: Mapping[str, Array]) -> tuple[float | None, float | None]:
@@ -241,14 +235,16 @@ def _agreement(mine: Mapping[str, Array], theirs: Mapping[str, Array]) -> tuple[
     return float(np.mean(np.abs(gap) <= AGREE * spread)), float(np.sqrt(np.mean(relative**2)))
 
 
-def _against(
-    truth: Recording, run: Run, estimate: JointEstimate, transmission: str, mine: Mapping[str, Array]
-) -> Score | None:
-    trace = estimate.trace
-    assert trace is not None
-    two = isinstance(run.job.rig.joints[estimate.joint], AntagonisticJoint)
-    suffix = ("_total" if transmission == "total" else f"_{transmission}") if two else ""
-    stamps = Smoothed(trace.time, trace.stamps, np.zeros(trace.time.size, dtype=np.bool_), {})
-    true = true_stiffness(truth.channels, estimate.joint, suffix, stamps)
+def _against(trace: Trace, true: Array | None, mine: Mapping[str, Array]) -> Score | None:
+    """Score a stiffness by the truth, over what is supported of the log's second half."""
     settled = (mine["excited"] > 0.0) & (trace.time > 0.5 * (trace.time[0] + trace.time[-1]))
     return None if true is None else score(mine["stiffness"][settled], true[settled])
+
+
+def _off_sensor(measured: Array | None, mine: Mapping[str, Array]) -> float | None:
+    """Return how far a fitted torque is off the torque sensor where it is supported, root mean square."""
+    if measured is None:
+        return None
+    off = (mine["flexibility_torque_fit"] - measured)[mine["excited"] > 0.0]
+    off = off[np.isfinite(off)]
+    return float(np.sqrt(np.mean(off**2))) if off.size else None

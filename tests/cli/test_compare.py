@@ -114,3 +114,39 @@ def test_an_estimator_that_is_named_twice_runs_once(run, log):
     )
     rows = [row["estimator"] for row in json.loads(done.stdout)["rows"] if row["transmission"] == "1"]
     assert rows == ["direct", "qr-rls:forgetting=0.99"]
+
+
+def test_fits_are_held_against_the_torque_sensor(run, log):
+    """By hand: the fitted torque less the recorded sensor, where it is supported; noise of 0.02 N·m is left of it."""
+    done = run("compare", log, "-e", "residual-rls,qr-rls,impedance", "--json")
+    assert done.returncode == 0, done.stderr
+    found = {
+        row["estimator"]: row["off_sensor"] for row in json.loads(done.stdout)["rows"] if row["transmission"] == "1"
+    }
+    assert found["impedance"] is None
+    sensor = vsalog.read(log).channels["/joint_torque.effort[transmission]"]
+    for name in ("residual-rls", "qr-rls"):
+        (estimate,) = vsalog.estimate(log, estimator=name)
+        part = estimate.trace["1"]
+        fit, excited = (np.asarray(part[c], dtype=float) for c in ("flexibility_torque_fit", "excited"))
+        seconds = [(s - sensor.stamps[0]) * 1e-9 for s in (estimate.trace.stamps, sensor.stamps)]
+        off = (fit - np.interp(*seconds, sensor.values))[excited > 0]
+        assert found[name] == pytest.approx(np.sqrt(np.nanmean(off**2)), rel=1e-6)
+        assert 0.018 < found[name] < 0.03
+
+
+def test_the_page_begins_with_all_estimators_in_one_figure(run, log, tmp_path):
+    done = run("compare", log, "-e", "residual-rls,direct", "--report", tmp_path / "page.html")
+    assert done.returncode == 0, done.stderr
+    page = (tmp_path / "page.html").read_text()
+    assert page.index("Stiffness by all estimators") < page.index("Torque over time")
+    assert "by every estimator, where it is supported: residual-rls" in page
+    assert "; the truth 20" in page
+
+
+def test_two_sensors_are_added_up(run, samples):
+    done = run("compare", samples / "vsa2_exp1.mcap", "-e", "residual-rls", "--json")
+    off = {row["transmission"]: row["off_sensor"] for row in json.loads(done.stdout)["rows"]}
+    # White noise of 1 mN·m each.
+    assert off["1"] == pytest.approx(1.0e-3, rel=0.1)
+    assert off["total"] == pytest.approx(2.0**0.5 * 1.0e-3, rel=0.1)

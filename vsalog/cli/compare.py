@@ -56,8 +56,8 @@ def compare(
     with Progress() as progress:
         with progress.saying_when_compiling():
             options = Options(rig, joints, "auto", {}, settings, rate, time, start, end)
-            found, runs = run(logs, options, asked, progress.say)
+            found, runs, witnesses = run(logs, options, asked, progress.say)
         if report is not None:
             progress.say("writing the report")
-            write_comparison_page(report, found, runs)
+            write_comparison_page(report, found, runs, witnesses)
     (print_json if as_json else print_comparison)(found)

@@ -112,4 +112,4 @@ def _growth(left: Array, power: Array) -> float:
     off = power - power.mean()
     slope = float(np.mean((left - left.mean()) * off)) / spread
     rest = (left - left.mean() - slope * off) * off
-    return slope - SURE * float(np.std(rest)) / spread / effective_samples(rest) ** 0.5
+    return slope - SURE * float(np.std(rest) / spread / np.sqrt(effective_samples(rest)))

@@ -18,6 +18,7 @@ from vsalog.documents import document_text
 from vsalog.estimation import JointEstimate
 from vsalog.reports.estimate import _plain as plain
 from vsalog.validation.evidence import JointEvidence, TransmissionEvidence, setpoint_unit
+from vsalog.witnesses import Witnesses
 from vsalog.writers.atomic import write_text
 
 
@@ -25,7 +26,7 @@ def print_comparison(found: Comparison) -> None:
     """Print the table for people."""
     console, errors = Console(), Console(stderr=True)
     if not console.is_terminal:
-        console = Console(width=170)
+        console = Console(width=200)
     for warning in found.warnings:
         errors.print(f"[yellow]warning:[/] {escape(plain(warning))}", soft_wrap=True)
     table = Table(box=None, pad_edge=False, padding=(0, 2))
@@ -35,6 +36,7 @@ def print_comparison(found: Comparison) -> None:
         "stiffness [N·m/rad]",
         "± (1 std)",
         "torque left [N·m]",
+        "off sensor [N·m]",
         "supported",
         "agrees",
         "differs",
@@ -46,12 +48,14 @@ def print_comparison(found: Comparison) -> None:
         truth = None if row.against_truth is None else row.against_truth.msrep.value
         table.add_row(
             escape(plain(row.joint)), row.transmission, escape(plain(row.estimator)), span, _percent(row.relative_std),
-            "–" if row.torque_left is None else f"{row.torque_left:.3g}", _percent(row.excited_share),
-            _percent(row.agrees_share), _percent(row.difference), "–" if truth is None else f"{truth:.3g}",
+            _number(row.torque_left), _number(row.off_sensor), _percent(row.excited_share), _percent(row.agrees_share),
+            _percent(row.difference), _number(truth),
         )  # fmt: skip
     console.print(table)
     console.print(
-        "agrees: share of the time within 2 standard deviations of the first; differs: root mean square, of the first"
+        "torque left: of what was fitted to; off sensor: the fitted torque from the torque sensor; agrees: share of the time"
+        " within 2 standard deviations of the first; differs: root mean square, of the first",
+        soft_wrap=True,
     )
     for name, reason in found.left_out.items():
         said = reason.removeprefix(f"{name}: ")
@@ -64,8 +68,8 @@ def print_json(found: Comparison) -> None:
     sys.stdout.buffer.flush()
 
 
-def write_comparison_page(path: Path, found: Comparison, runs: Sequence[Run]) -> None:
-    """Write a page with the figures of every estimator.
+def write_comparison_page(path: Path, found: Comparison, runs: Sequence[Run], witnesses: Witnesses) -> None:
+    """Write a page with one figure of all estimators, and the figures of every single one.
 
     Raises
     ------
@@ -73,11 +77,15 @@ def write_comparison_page(path: Path, found: Comparison, runs: Sequence[Run]) ->
         The file cannot be written.
     """
     from vsalog.reports.page import Part, Section, assembled, columns_for, joint_charts
+    from vsalog.reports.page_comparison import comparison_charts
     from vsalog.reports.page_tables import summary_table, warnings_box
 
     log = ", ".join(found.logs)
     columns = columns_for(sum(len(e.summary.transmissions) for run in runs for e in run.estimates))
     sections = []
+    for name in dict.fromkeys(row.joint for row in found.rows):
+        figures = [Part(part, "", [chart]) for part, chart in comparison_charts(name, runs, witnesses, columns)]
+        sections.append(Section(f"{name} by all", log, "", figures))
     for run in runs:
         for estimate in run.estimates:
             joint = _evidence(estimate, setpoint_unit(run.job.rig.joints[estimate.joint]))
@@ -117,6 +125,10 @@ def _part(columns: Mapping[str, NDArray[Any]], modality: str) -> TransmissionEvi
         of("deflection"), fit, np.full(fit.shape, np.nan), of("residual" if lagged else "flexibility_torque"), modality.lower(),
         of("stiffness"), of("stiffness_std"), None, of("excited") > 0.0,
     )  # fmt: skip
+
+
+def _number(value: float | None) -> str:
+    return "–" if value is None else f"{value:.3g}"
 
 
 def _percent(value: float | None) -> str:
