@@ -186,6 +186,7 @@ class IntegratedMotorEquation(OfOneTransmission):
     period: float
     known: Known | None = None
     velocity_noise: float = 0.0  # standard deviation [rad/s], 0 where it is not known
+    torque_noise: float = 0.0  # of a sample of the motor's torque, standard deviation [N·m]
 
     leading: ClassVar[int] = 3
     parameters: ClassVar[tuple[str, ...]] = ("motor_inertia", "motor_damping")
@@ -230,5 +231,6 @@ class IntegratedMotorEquation(OfOneTransmission):
             fed = np.where(doubted, np.nan, fed)
         noisy = np.zeros(self.size)
         noisy[1] = self.velocity_noise**2
-        rows = EquationRows(F, integrals[:, -1], use, fresh, {view.name: fed}, {}, dynamics, doubted, noisy)
+        walk = self.torque_noise * self.period
+        rows = EquationRows(F, integrals[:, -1], use, fresh, {view.name: fed}, {}, dynamics, doubted, noisy, walk=walk)
         return (integrated, after), rows

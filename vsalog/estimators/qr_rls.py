@@ -17,11 +17,12 @@ from vsalog.estimators.first_look import first_look
 from vsalog.estimators.known import conditioner_of, known_of
 from vsalog.estimators.needs import deflection_roles, require
 from vsalog.estimators.regression import RegressionFold
-from vsalog.estimators.sensor_error import ENOUGH, sensor_error
+from vsalog.estimators.sensor_error import ENOUGH, LEAST_NOISE, sensor_error
 from vsalog.estimators.solvers import QrSolver, least_samples
 from vsalog.estimators.tuning import Positive, Tuning, largest_regressor
 from vsalog.estimators.windows import motor_window
 from vsalog.filters.conditioning import Conditioner
+from vsalog.resolution import sensor_noise
 from vsalog.signals import JointSignals
 
 NAME = "qr-rls"
@@ -86,6 +87,7 @@ def integrated_equations(
             signals.period,
             known_of(device, view, signals, tuning, view.motor_torque, motor=True),
             velocity_noise(signals, view.motor_position, conditioner),
+            sensor_noise(signals.roles[view.motor_torque], signals.resolution.get(view.motor_torque, 0.0), LEAST_NOISE),
         )
         for view in device.transmissions
     )

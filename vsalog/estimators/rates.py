@@ -97,6 +97,8 @@ def left_over(known: Rates, found: Array, noise: float) -> tuple[float, float]:
         for noise, over the deflection's rate; or, where that is more, how what is left over grows with the rate, which needs
         no noise to be known
     """
+    if not known.torque.size:
+        return 1.0, 0.0
     left = np.nan_to_num(known.torque - found * known.deflection)
     alike = max(1.0, left.size / effective_samples(left * np.sign(known.deflection)))
     power = known.deflection**2

@@ -48,7 +48,8 @@ class EquationRows:
     leading unknowns are parameters of the motor, the flexibility torque is `dynamics` times these unknowns plus `fed`. `doubted`
     marks where what the rig knows beside the springs is in doubt, so that nothing is learnt; None where it never can be.
     `noisy` is the variance of the noise in each regressor, shape (n,), where that bends a fit which takes them for exact; `bends`
-    is, per transmission, what noise of its deflection does (`bend.py`).
+    is, per transmission, what noise of its deflection does (`bend.py`). `walk` is the standard deviation of the steps of the
+    random walk that white noise becomes in an integrated y (`walk.py`), 0 where y is no integral.
     """
 
     F: Array
@@ -61,6 +62,7 @@ class EquationRows:
     doubted: Flags | None = None
     noisy: Array | None = None
     bends: tuple[Bend, ...] = ()
+    walk: float = 0.0
 
 
 class Equation(Protocol):

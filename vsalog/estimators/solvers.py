@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,6 +14,7 @@ from vsalog.estimators.noise import SAMPLES, NoiseState, noise_block, noise_now,
 from vsalog.estimators.qr import QrState, qr_block
 from vsalog.estimators.regression import EquationRows
 from vsalog.estimators.rls import RlsState, rls_block
+from vsalog.estimators.walk import WalkState, walk_block, walk_start
 from vsalog.filters.conditioning import Conditioner
 
 Array = NDArray[np.float64]
@@ -64,6 +66,16 @@ class RlsSolver:
         return state[0].alpha.copy(), _sandwich(P, M + np.outer(state[2], state[2])), variance**0.5
 
 
+class QrSolverState(NamedTuple):
+    """Where it stands: the fit, its noise, what bends it, the walk and its steps' standard deviation."""
+
+    qr: QrState
+    noise: NoiseState
+    bent: Array
+    walk: WalkState
+    step: float = 0.0
+
+
 @dataclass(frozen=True, slots=True)
 class QrSolver:
     """QR-RLS (Flacco 2014 eq. 21–23) with forgetting factor λ and a weak prior on all but the leading unknowns.
@@ -83,30 +95,36 @@ class QrSolver:
     integral: bool = False
     least: int = SAMPLES
 
-    def start(self, size: int) -> tuple[QrState, NoiseState, Array]:
+    def start(self, size: int) -> QrSolverState:
         """Return the state before the first sample."""
-        return QrState.start(size, self.leading, self.p0), noise_start(size), np.zeros(size)
+        return QrSolverState(
+            QrState.start(size, self.leading, self.p0), noise_start(size), np.zeros(size), walk_start(size)
+        )
 
     def block(
-        self, state: tuple[QrState, NoiseState, Array], rows: EquationRows, use: Flags, E: Array, spread: Flags
-    ) -> tuple[tuple[QrState, NoiseState, Array], Array, Array, Array, Mapping[str, Array]]:
+        self, state: QrSolverState, rows: EquationRows, use: Flags, E: Array, spread: Flags
+    ) -> tuple[QrSolverState, Array, Array, Array, Mapping[str, Array]]:
         """Learn from a block and evaluate E ξ̂ after each sample."""
         qr, values, directions, pulled, unknowns, left = qr_block(
-            state[0], rows.F, rows.y, use, rows.fresh, E, spread, self.forgetting, self.leading, self.p0
+            state.qr, rows.F, rows.y, use, rows.fresh, E, spread, self.forgetting, self.leading, self.p0
         )
         noise, made = noise_block(
-            state[1], rows.F, rows.y, left, use, rows.fresh, directions, self.integral, self.forgetting, self.least
+            state.noise, rows.F, rows.y, left, use, rows.fresh, directions, self.integral, self.forgetting, self.least
         )
+        walk, discount = state.walk, self.forgetting**2
+        if rows.walk:
+            # A fit to an integral takes most of a walk for its own: left-overs may show too little of it.
+            walk, least = walk_block(walk, rows.F, use, rows.fresh, directions, rows.walk, discount)
+            made = np.maximum(made, least)
         if rows.noisy is not None:
-            learnt = state[1].samples + np.cumsum(np.isfinite(left))
+            learnt = state.noise.samples + np.cumsum(np.isfinite(left))
             made += self._bent(directions, unknowns, learnt, rows.noisy, values[:, spread]) ** 2
-        bent = state[2]
+        bent = state.bent
         if rows.bends:
-            discount = self.forgetting**2
             bent, score = bent_block(bent, E[:, spread], rows.bends, unknowns, np.isfinite(left), discount)
             made += _along(directions, score)
         values[_untold(unknowns[:, self.leading :])] = np.nan
-        return (qr, noise, bent), values, _spread(made, pulled, spread), unknowns, {}
+        return QrSolverState(qr, noise, bent, walk, rows.walk), values, _spread(made, pulled, spread), unknowns, {}
 
     def _bent(self, directions: Array, unknowns: Array, learnt: Array, noisy: Array, values: Array) -> Array:
         """Return what noise in regressors that count as exact bends functionals of these values by, shape (N, m).
@@ -124,15 +142,20 @@ class QrSolver:
         bent = np.hypot(bent / np.maximum(1.0 - part, 1.0 - MOST)[:, None], part[:, None] * values)
         return np.asarray(np.where(part[:, None] < MOST, bent, np.inf))
 
-    def solution(self, state: tuple[QrState, NoiseState, Array]) -> tuple[Array, Array, float]:
+    def solution(self, state: QrSolverState) -> tuple[Array, Array, float]:
         """Return ξ̂, its covariance, and the standard deviation of a left-over; NaN where the data do not determine them."""
-        xi = state[0].solve()
+        xi = state.qr.solve()
         if np.isnan(xi).any():
             return xi, np.full((xi.size, xi.size), np.nan), float("nan")
-        M, variance = noise_now(state[1], self.integral, self.least)
-        half = np.linalg.inv(state[0].Rp[:, :-1])
-        P = half @ half.T
-        return xi, _sandwich(P, M + np.outer(state[2], state[2])), variance**0.5
+        M, variance = noise_now(state.noise, self.integral, self.least)
+        half = np.linalg.inv(state.qr.Rp[:, :-1])
+        P, bent = half @ half.T, np.outer(state.bent, state.bent)
+        told, walk = _sandwich(P, M + bent), state.step**2 * (state.walk.Q + state.walk.done)
+        walked = _sandwich(P, walk + bent)
+        # Of both what is more: coefficient by coefficient, and their correlations as they are.
+        with np.errstate(divide="ignore", invalid="ignore"):
+            more = np.sqrt(np.fmax(np.diagonal(walked) / np.diagonal(told), 1.0))
+        return xi, told * np.outer(more, more), variance**0.5
 
 
 def least_samples(filters: Conditioner) -> int:
