@@ -13,6 +13,7 @@ from vsalog.estimators.device import Device
 from vsalog.estimators.equations import IntegratedMotorEquation
 from vsalog.estimators.first_look import first_look
 from vsalog.estimators.known import conditioner_of
+from vsalog.estimators.ramp import look_for_ramps
 from vsalog.estimators.regression import RegressionFold
 from vsalog.estimators.solvers import QrSolver, least_samples
 from vsalog.estimators.tuning import Tuning
@@ -41,5 +42,6 @@ def build(device: Device, signals: JointSignals, tuning: BatchLsTuning) -> Regre
     tuning = motor_window(device, signals, tuning)
     conditioner = conditioner_of(device, signals, tuning, roles(device, signals.roles, tuning), motor=True)
     equations = qr_rls.integrated_equations(device, signals, tuning, conditioner)
+    look = look.and_also(look_for_ramps(device, signals, conditioner, equations))
     solver = QrSolver(1.0, IntegratedMotorEquation.leading, integral=True, least=least_samples(conditioner))
     return RegressionFold(NAME, "INTEGRATED", device, conditioner, equations, solver, passes=2, look=look)

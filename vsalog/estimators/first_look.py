@@ -25,10 +25,14 @@ FEWEST_STEPS, EVENED_OUT = 4.0, 40.0
 
 @dataclass(frozen=True, slots=True)
 class FirstLook:
-    """What was noticed, and the transmissions whose deflection is too small for its encoders."""
+    """What was noticed, and the transmissions of which nothing can be told: a deflection too small for its encoders, say."""
 
     remarks: tuple[str, ...] = ()
     blind: frozenset[str] = frozenset()
+
+    def and_also(self, other: FirstLook) -> FirstLook:
+        """Return what was noticed in either look."""
+        return FirstLook(self.remarks + other.remarks, self.blind | other.blind)
 
 
 NOTHING_SEEN = FirstLook()

@@ -16,6 +16,7 @@ from vsalog.estimators.equations import IntegratedMotorEquation
 from vsalog.estimators.first_look import first_look
 from vsalog.estimators.known import conditioner_of, known_of
 from vsalog.estimators.needs import deflection_roles, require
+from vsalog.estimators.ramp import look_for_ramps
 from vsalog.estimators.regression import RegressionFold
 from vsalog.estimators.sensor_error import ENOUGH, LEAST_NOISE, sensor_error
 from vsalog.estimators.solvers import QrSolver, least_samples
@@ -73,6 +74,7 @@ def build(device: Device, signals: JointSignals, tuning: QrRlsTuning) -> Regress
     leading = IntegratedMotorEquation.leading
     solver = QrSolver(tuning.forgetting, leading, p0, integral=True, least=least_samples(conditioner))
     equations = integrated_equations(device, signals, tuning, conditioner)
+    look = look.and_also(look_for_ramps(device, signals, conditioner, equations))
     return RegressionFold(NAME, "INTEGRATED", device, conditioner, equations, solver, look=look)
 
 

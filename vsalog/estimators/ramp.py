@@ -1,0 +1,100 @@
+"""An offset of the motor's torque, which an integrated equation makes a ramp that no regressor of it is."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vsalog.estimators.device import Device, deflection_of
+from vsalog.estimators.equations import IntegratedMotorEquation
+from vsalog.estimators.first_look import FirstLook
+from vsalog.estimators.sensor_error import ENOUGH
+from vsalog.filters.conditioning import Conditioned, Conditioner
+from vsalog.signals import JointSignals
+
+Array = NDArray[np.float64]
+
+# A ramp is there when it is so many times what the torque's noise makes of one, as so many walks show, and takes of what is left
+# over; it matters when it changes the stiffness by more than this, in the median.
+SURELY, WALKS, LEFT, MATTERS = 6.0, 30, 0.97, 0.05
+# At so many samples the stiffness is looked at.
+ENOUGH_ROWS = 500
+
+
+def look_for_ramps(
+    device: Device, signals: JointSignals, conditioner: Conditioner, equations: Sequence[IntegratedMotorEquation]
+) -> FirstLook:
+    """Fit the equations once with a ramp and once without; say where it matters.
+
+    Where the basis has a constant term the ramp is among the regressors, and there is nothing to look for.
+    """
+    if 0 in device.basis.powers:
+        return FirstLook()
+    remarks, blind = [], set()
+    _, blocks = conditioner.step(conditioner.start(), signals[:ENOUGH])
+    for equation in equations:
+        parts, slopes, inner = [], [], equation.start()
+        for block in blocks:
+            if len(block.rows):
+                inner, rows = equation.rows(inner, block)
+                parts.append(rows)
+                slopes.append(_slopes(device, equation, block))
+        if not parts:
+            continue
+        F, y, use, fresh = (np.concatenate([getattr(p, n) for p in parts]) for n in ("F", "y", "use", "fresh"))
+        chosen = _longest(use, fresh)
+        offset = _offset(F[chosen], y[chosen], np.concatenate(slopes)[chosen], chosen, equation)
+        if offset is not None:
+            name = equation.view.name
+            blind.add(name)
+            remarks.append(
+                f"joint '{device.joint}', transmission {name}: the motor's torque seems to be off by {offset:+.3g} N·m all along,"
+                " which an integrated equation takes for the spring's: nothing is supported. Set torque_offset of the motor in"
+                " the rig, or offset of its signal, or use --estimator residual-rls"
+            )
+    return FirstLook(tuple(remarks), frozenset(blind))
+
+
+def _slopes(device: Device, equation: IntegratedMotorEquation, block: Conditioned) -> Array:
+    """Return ∂f/∂φ, shape (N, functions)."""
+    phi = deflection_of(block.fit, equation.view)
+    c = block.fit.get("setpoint") if device.basis.setpoint_order > 1 else None
+    found: Array = device.basis.rows(phi, c, 1, block.loading_fit.get(equation.view.name))[:, 1]
+    return found
+
+
+def _longest(use: NDArray[np.bool_], fresh: NDArray[np.bool_]) -> NDArray[Any]:
+    """Return the numbers of the rows of the longest stretch that is integrated in one go."""
+    stretch, numbers = np.cumsum(fresh)[use], np.flatnonzero(use)
+    if not stretch.size:
+        return numbers
+    values, counts = np.unique(stretch, return_counts=True)
+    return numbers[stretch == values[np.argmax(counts)]]
+
+
+def _offset(
+    F: Array, y: Array, slopes: Array, numbers: NDArray[Any], equation: IntegratedMotorEquation
+) -> float | None:
+    """Return the torque's offset [N·m], None where there is none that matters."""
+    if len(y) < 4 * F.shape[1]:
+        return None
+    ramp = (numbers - numbers.mean()) * equation.period
+    size = np.linalg.norm(F, axis=0)
+    size[size == 0.0] = 1.0
+    plain = F / size
+    both = np.column_stack((plain, ramp / np.linalg.norm(ramp)))
+    steps = equation.torque_noise * equation.period * np.random.default_rng(0).standard_normal((len(y), WALKS))
+    wanted = np.column_stack((y, np.cumsum(steps, axis=0)))
+    without, found = (np.linalg.lstsq(A, wanted, rcond=1e-10)[0] for A in (plain, both))
+    left = [float(np.linalg.norm(y - A @ x[:, 0])) for A, x in ((plain, without), (both, found))]
+    if abs(found[-1, 0]) <= SURELY * np.std(found[-1, 1:]) or left[1] > LEFT * left[0]:
+        return None
+    some = slopes[:: max(1, len(slopes) // ENOUGH_ROWS)]
+    springs = slice(equation.leading, F.shape[1])
+    before, after = (some @ (x[springs, 0] / size[springs]) for x in (without, found))
+    if np.median(np.abs(before - after)) <= MATTERS * np.median(np.abs(after)):
+        return None
+    return float(found[-1, 0] / np.linalg.norm(ramp))
