@@ -175,3 +175,22 @@ def test_a_pressure_that_stands_still_while_its_valve_moves_is_refused(folder):
         estimated(joint, off)
     closed = changed(off, channel_of(joint, "valve_1"), np.zeros_like)
     assert estimated(joint, closed).trace is not None
+
+
+def test_what_neither_pressure_nor_valve_tells_is_null(folder):
+    """Half a second of everything is lost: a number would look like an estimate."""
+    joint, recording = joint_and_recording(folder)
+
+    def lose(values):
+        values[4000:4500] = np.nan
+        return values
+
+    lossy = recording
+    for role in ("pressure_1", "valve_1"):
+        lossy = changed(lossy, channel_of(joint, role), lose)
+    trace = estimated(joint, lossy).trace["total"]
+    lost = slice(4001, 4500)
+    assert np.isnan(np.asarray(trace["stiffness"], dtype=float)[lost]).all()
+    assert not np.any(np.asarray(trace["excited"])[lost])
+    assert np.isfinite(np.asarray(trace["stiffness"], dtype=float)[3000:3999]).all()
+    assert np.mean(np.asarray(trace["excited"])[5000:7000]) > 0.9

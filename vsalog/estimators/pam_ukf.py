@@ -234,14 +234,14 @@ class PamEstimate:
             given = [piece.roles.get(role) for role in OTHERS]
             filtered, found = self.fold.block(filtered, *(piece.roles[role] for role in PRESSURES), *given)
             seen, diverged = seen + len(piece), diverged + int(np.count_nonzero(found.diverged))
-            traces.append(Trace.of_rows(piece, {"total": self._columns(found)}))
+            traces.append(Trace.of_rows(piece, {"total": self._columns(found, _blind(piece, self.fold.correct))}))
         return PamFoldState(filtered, seen, diverged), traces
 
     def finish(self, state: PamFoldState) -> tuple[PamFoldState, list[Trace]]:
         """Nothing is held back."""
         return state, []
 
-    def _columns(self, found: UnscentedTrace) -> Mapping[str, Any]:
+    def _columns(self, found: UnscentedTrace, blind: NDArray[np.bool_]) -> Mapping[str, Any]:
         told = self.fold.estimates(found)
         deviation = np.sqrt(np.einsum("nij,nij->ni", found.S, found.S))
         if not self.fold.correct:  # how far a model alone is off nothing tells
@@ -249,7 +249,7 @@ class PamEstimate:
         nothing = np.full(found.x.shape[0], np.nan)
         kind = "stiffness" if self.air == "trapped" else "stiffness_isobaric"
         sigma, std = told[kind], _told(told[f"{kind}_std"])
-        lost = found.diverged
+        lost = found.diverged | blind
         with np.errstate(invalid="ignore"):
             excited = np.isfinite(sigma) & ~lost & (std < SUPPORTED_SHARE * np.abs(sigma))
         states = (
@@ -258,7 +258,7 @@ class PamEstimate:
             *zip(PRESSURES, (PRESSURE_1, PRESSURE_2), strict=True),
         )
         extra = {name: found.x[:, i] for name, i in states} | {f"{name}_std": deviation[:, i] for name, i in states}
-        # Where the filter has lost the joint nothing is told: a number would look like one.
+        # Where the filter has lost the joint, or nobody says what a muscle does, nothing is told: a number would look like one.
         columns = {
             "deflection": nothing,
             "flexibility_torque": told["torque"],
@@ -288,6 +288,16 @@ class PamEstimate:
         return JointModel(
             estimator=self.name, modality="STATES", basis=basis_spec(self.device.basis), transmission=(), motor={}
         )
+
+
+def _blind(rows: JointSignals, correct: bool) -> NDArray[np.bool_]:
+    """Return where nobody says what a muscle does: its pressure is missing, or not corrected with, and its valve's command is."""
+    blind = np.zeros(len(rows), dtype=np.bool_)
+    for pressure, valve in zip(PRESSURES, ("valve_1", "valve_2"), strict=True):
+        command = rows.roles.get(valve)
+        unknown = np.ones(len(rows), dtype=np.bool_) if command is None else np.isnan(command)
+        blind |= unknown & (np.isnan(rows.roles[pressure]) if correct else True)
+    return blind
 
 
 def _told(deviation: Array) -> Array:

@@ -62,8 +62,7 @@ def _slopes(device: Device, equation: IntegratedMotorEquation, block: Conditione
     """Return ∂f/∂φ, shape (N, functions)."""
     phi = deflection_of(block.fit, equation.view)
     c = block.fit.get("setpoint") if device.basis.setpoint_order > 1 else None
-    found: Array = device.basis.rows(phi, c, 1, block.loading_fit.get(equation.view.name))[:, 1]
-    return found
+    return device.basis.rows(phi, c, 1, block.loading_fit.get(equation.view.name))[:, 1]
 
 
 def _longest(use: NDArray[np.bool_], fresh: NDArray[np.bool_]) -> NDArray[Any]:
@@ -72,7 +71,8 @@ def _longest(use: NDArray[np.bool_], fresh: NDArray[np.bool_]) -> NDArray[Any]:
     if not stretch.size:
         return numbers
     values, counts = np.unique(stretch, return_counts=True)
-    return numbers[stretch == values[np.argmax(counts)]]
+    chosen: NDArray[Any] = numbers[stretch == values[np.argmax(counts)]]
+    return chosen
 
 
 def _offset(
