@@ -209,6 +209,8 @@ def test_an_observer_that_never_settles(refused, simulate, tmp_path):
     message = refused("estimate", "arm.mcap", "-e", "acceleration-observer", "--tune", "damping=1e-9", cwd=tmp_path)
     assert "no observer's noise can be told" in message
     assert "damping" in message
+    message = refused("estimate", "arm.mcap", "-e", "acceleration-observer", "--tune", "frequency=2", cwd=tmp_path)
+    assert "ask for a higher frequency" in message
 
 
 @pytest.mark.parametrize("estimator", ["residual-rls", "qr-rls", "direct"])

@@ -367,3 +367,19 @@ def test_what_cannot_be_is_refused_in_words(joint, tmp_path, estimator, tune, ri
     assert refused.exit_code != 0
     assert words in str(refused.exception) + refused.output
     assert not list(tmp_path.glob("*.parquet"))
+
+
+@pytest.mark.parametrize("name", ["grioli-bicchi", "impedance"])
+def test_a_log_with_nothing_but_torn_windows_is_no_crash(tmp_path, run, samples, name):
+    """A sample in a hundred is missing at random from every channel, independently: hardly a window is whole."""
+    header, *lines = (samples / "sea_exp1.csv").read_text().splitlines()
+    rng, rows = np.random.default_rng(0), [line.split(",") for line in lines]
+    for row in rows:
+        for i in range(1, len(row)):
+            if rng.random() < 0.08:
+                row[i] = "nan"
+    (tmp_path / "log.csv").write_text("\n".join([header, *map(",".join, rows)]) + "\n")
+    done = run("estimate", "log.csv", "--rig", samples / "sea_exp1.rig.toml", "-e", name)
+    assert done.returncode in (0, 2)
+    assert "bug" not in done.stderr
+    assert "RuntimeWarning" not in done.stderr

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from vsalog.errors import EstimatorError
 from vsalog.estimators.acceleration_group import NAME, Group, group_of
-from vsalog.estimators.device import Device
+from vsalog.estimators.device import Device, largest
 from vsalog.estimators.net_torque import NetTorque, NetTorqueState, extended
 from vsalog.estimators.tuning import Positive, Tuning
 from vsalog.filters.acceleration_arm import Arm, ArmState, arm_start, axis_rows, observe_arm
@@ -140,6 +140,7 @@ class AccelerationFold:
         self.frequencies = [self._frequency(i, float(usual[i])) for i in range(len(group.members))]
         self.arm = self._with_observers(plain)
         self.variances = self._variances(signals)
+        self.noticed = self._noisy(usual, signals)
 
     @property
     def derived(self) -> dict[str, float]:
@@ -185,8 +186,9 @@ class AccelerationFold:
     def warnings(self, state: AccelerationState) -> tuple[str, ...]:
         """Say where the accelerations do not tell this joint's."""
         if state.masked <= MASKED * state.seen:
-            return ()
+            return self.noticed
         return (
+            *self.noticed,
             f"joint '{self.device.joint}': for {state.masked / state.seen:.1%} of the time nothing is told: samples are missing,"
             f" or the accelerometers lie within {self.tuning.reach:g} m of the joint's axis, or in line with those of others, and"
             " see next to nothing of its acceleration (--tune reach=METRES)",
@@ -245,6 +247,29 @@ class AccelerationFold:
         )
         weights = np.stack((encoder, torque, accelerations[:, place], carried, once), axis=-1)
         return np.asarray(np.sqrt(np.einsum("ns,nsi->ni", weights, table)))
+
+    def _noisy(self, usual: Array, signals: JointSignals) -> tuple[str, ...]:
+        """Say where the deflection is noise; an observer that is made so by its tuning is refused.
+
+        Raises
+        ------
+        EstimatorError
+            The frequency that was asked for is so low that the deflection's noise is larger than the motor's torque deflects the
+            joint.
+        """
+        own, settled = self.group.members[self.group.place], np.array([len(self.variances) - 1])
+        noise = float(self._deviations(usual[None], settled)[0, 4])
+        most = largest(signals.roles[own.view.motor_torque]) / own.motor.K
+        if noise <= most:
+            return ()
+        how = f"a noise of {noise:.2g} rad in the deflection, which the motor's torque never makes larger than {most:.2g} rad"
+        if self.tuning.frequency is not None:
+            frequency = self.frequencies[self.group.place]
+            raise EstimatorError(
+                f"joint '{self.device.joint}': an observer of {frequency:.4g} rad/s would have {how}; ask for a higher frequency,"
+                " or leave it out"
+            )
+        return (f"joint '{self.device.joint}': the motor's encoder leaves {how}: its torque tells nothing",)
 
     def _plain_arm(self) -> Arm:
         """Return the arm as the compiled functions read it, still without observers."""

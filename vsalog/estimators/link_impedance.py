@@ -10,7 +10,7 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
-from vsalog.estimators.device import Device
+from vsalog.estimators.device import Device, spread
 from vsalog.estimators.following import Columns
 from vsalog.estimators.regression import SUPPORTED_SHARE
 from vsalog.estimators.sensor_error import ENOUGH, LEAST_NOISE, sensor_error
@@ -184,7 +184,7 @@ def _noise(
     torque, rate, acceleration : of the link, behind one filter
     """
     q = signals.roles["link_position"]
-    mobility = ROOM * rms(acceleration) / max(rms(u - np.nanmean(u)), 1e-300)
+    mobility = ROOM * rms(acceleration) / max(spread(u), 1e-300)
     decay = ROOM * rms(acceleration) / max(rms(rate), 1e-300)
     # Taken for linear around a = b = 0, as the paper begins, the link may be lost before it is found.
     first = _least_squares(acceleration, torque, rate)
