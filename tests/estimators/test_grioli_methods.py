@@ -383,3 +383,15 @@ def test_a_log_with_nothing_but_torn_windows_is_no_crash(tmp_path, run, samples,
     assert done.returncode in (0, 2)
     assert "bug" not in done.stderr
     assert "RuntimeWarning" not in done.stderr
+
+
+@pytest.mark.parametrize("name", ["grioli-bicchi", "impedance"])
+def test_a_log_of_a_single_window_is_no_crash(tmp_path, run, name):
+    """51 samples."""
+    made = run(
+        "simulate", "vsa2", "--scenario", "multisine", "--rate", "1000", "--duration", "0.05", "-o", "short.mcap"
+    )
+    assert made.returncode == 0, made.stderr
+    done = run("estimate", "short.mcap", "-e", name)
+    assert "bug" not in done.stderr
+    assert "RuntimeWarning" not in done.stderr

@@ -239,12 +239,12 @@ class ObserverFold:
             if self.difference is not None:
                 known = Rates(*(np.diff(v, prepend=np.nan) / self.period for v in borne.samples(whole)))
             known = Rates(*(v[known.use] for v in known))
-            if not known.torque.size:
-                continue
             found = observe_stiffness(observer_start(), *known, known.use, self.alpha, self.period)[0]
             if SWINGS / (self.alpha * speed) < self.conditioner.window * self.period:
                 # It follows every swing of the noise and leaves nothing over: but of what it knew a window before.
                 known, found = Rates(*(v[self.conditioner.window :] for v in known)), found[: -self.conditioner.window]
+            if found.size < 2 or not known.deflection.any():
+                continue
             noise = self.rate_noise[borne.view.name].left(float(np.nanmedian(found)))
             share, spread = left_over(known, found, float(noise) ** 0.5)
             alike, within = max(alike, share), max(within, spread)
