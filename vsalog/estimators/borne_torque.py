@@ -22,8 +22,6 @@ from vsalog.signals import JointSignals
 
 Array = NDArray[np.float64]
 
-# Of free fall [m/s²], as the simulation has it.
-
 
 @dataclass(frozen=True, slots=True)
 class Weight:
@@ -130,9 +128,8 @@ class BorneTorque:
         torque = deflection = shared = 0.0
         for role in dict.fromkeys((*self.terms, *moving)):
             error = sensor_error(signals.roles[role][:ENOUGH], weights.shape[1])
-            bare = difference if self.measured else None
-            a = _rate_weights(self.terms.get(role, ()), weights, difference, bare)
-            b = _rate_weights((1.0,) if role in moving else (), weights, difference, bare)
+            a = _rate_weights(self.terms.get(role, ()), weights, difference, self.measured)
+            b = _rate_weights((1.0,) if role in moving else (), weights, difference, self.measured)
             b = -b if role == self.view.motor_position else b
             torque += error.product(a, a)
             deflection += error.product(b, b)
@@ -151,13 +148,14 @@ class BorneTorque:
         return np.asarray(1.0 / (1.0 - self.friction.load * of[self.friction.way][0] * np.sign(known)))
 
 
-def _rate_weights(terms: tuple[float, ...], weights: Array, difference: float | None, bare: float | None) -> Array:
+def _rate_weights(terms: tuple[float, ...], weights: Array, difference: float | None, bare: bool) -> Array:
     """Return the weights of a sum of derivatives' rate: filtered, or a difference of what is filtered, or of bare samples."""
     if difference is None:
         return np.asarray(sum((c * weights[n + 1] for n, c in enumerate(terms)), np.zeros(weights.shape[1])))
-    value = sum((c * weights[n] for n, c in enumerate(terms)), np.zeros(weights.shape[1]))
-    if bare is not None:
+    if bare:
         value = np.array([terms[0] if terms else 0.0])
+    else:
+        value = sum((c * weights[n] for n, c in enumerate(terms)), np.zeros(weights.shape[1]))
     return np.asarray((np.append(value, 0.0) - np.append(0.0, value)) / difference)
 
 

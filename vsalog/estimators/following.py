@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from vsalog.estimators.borne_torque import BorneTorque
 from vsalog.estimators.device import Device, spread
-from vsalog.estimators.first_look import first_look
+from vsalog.estimators.first_look import FirstLook
 from vsalog.estimators.rates import Rates, left_over, prediction_error, typical_speed
 from vsalog.estimators.regression import SUPPORTED_SHARE
 from vsalog.estimators.tuning import Positive, Tuning
@@ -94,6 +94,7 @@ class ObserverFold:
     tuning : of the method
     torques : what each transmission bears
     conditioner : gives the derivatives these need
+    look : what was seen of the log before the first sample
 
     Raises
     ------
@@ -105,12 +106,12 @@ class ObserverFold:
 
     def __init__(
         self, name: str, modality: str, device: Device, signals: JointSignals, tuning: ObserverTuning,
-        torques: Sequence[BorneTorque], conditioner: Derivatives,
+        torques: Sequence[BorneTorque], conditioner: Derivatives, look: FirstLook,
     ) -> None:  # fmt: skip
         self.name, self.modality, self.device, self.period, self.tuning = name, modality, device, signals.period, tuning
         self.torques, self.conditioner = torques, conditioner
         self.difference = signals.period if tuning.derivative == "difference" else None
-        self.look = first_look(device, signals, tuning)
+        self.look = look
         whole = conditioner.whole(signals)
         filtered = [Rates(t.rate(whole.of), t.deflection(whole.of, 1)) for t in torques]
         speed = typical_speed(device, filtered)

@@ -15,6 +15,7 @@ from msgspec import Meta
 from vsalog.errors import EstimatorError
 from vsalog.estimators.borne_torque import BorneTorque, LoadFriction, carried_by, effects_left_in
 from vsalog.estimators.device import Device, TransmissionView
+from vsalog.estimators.first_look import FirstLook, first_look
 from vsalog.estimators.following import ObserverFold, ObserverState, ObserverTuning
 from vsalog.estimators.known import known_of
 from vsalog.estimators.needs import require
@@ -96,11 +97,12 @@ def build(device: Device, signals: JointSignals, tuning: GrioliBicchiTuning) -> 
     else:
         torques, before = [link_torque(device, signals)], None
     orders = {role: order for t in torques for role, order in t.orders(signals.roles).items()}
+    look = first_look(device, signals, tuning)
 
     def fold(window: int, part: JointSignals) -> GrioliBicchiFold:
         own = with_window(tuning, part, window)
         conditioner = Derivatives(orders, part.period, own.window_for(part), own.degree, before)
-        return GrioliBicchiFold(side, device, part, own, torques, conditioner)
+        return GrioliBicchiFold(side, device, part, own, torques, conditioner, look)
 
     windows, part, least = suitable_windows(device, signals, tuning), signals[:ENOUGH], np.inf
     best = windows[0]
@@ -118,9 +120,9 @@ class GrioliBicchiFold(ObserverFold):
 
     def __init__(
         self, side: str, device: Device, signals: JointSignals, tuning: GrioliBicchiTuning, torques: list[BorneTorque],
-        conditioner: Derivatives,
+        conditioner: Derivatives, look: FirstLook,
     ) -> None:  # fmt: skip
-        super().__init__(NAME, "RESIDUAL", device, signals, tuning, torques, conditioner)
+        super().__init__(NAME, "RESIDUAL", device, signals, tuning, torques, conditioner, look)
         self.side, self.pushed = side, "external_torque" in signals.roles
         self.noisy = noisy_rates(device, signals, tuning, conditioner.window)
 

@@ -13,6 +13,7 @@ from msgspec import Meta
 
 from vsalog.estimators.borne_torque import BorneTorque
 from vsalog.estimators.device import Device
+from vsalog.estimators.first_look import FirstLook, first_look
 from vsalog.estimators.following import Columns, ObserverFold, ObserverState, ObserverTuning
 from vsalog.estimators.link_impedance import LinkImpedance
 from vsalog.estimators.needs import require
@@ -70,20 +71,21 @@ def build(device: Device, signals: JointSignals, tuning: ImpedanceTuning) -> Imp
     EstimatorError
         A signal never changes.
     """
-    return ImpedanceFold(device, signals, keeping_window(device, signals, tuning, tuning.default_window))
+    look = first_look(device, signals, tuning)
+    return ImpedanceFold(device, signals, keeping_window(device, signals, tuning, tuning.default_window), look)
 
 
 class ImpedanceFold(ObserverFold):
     """Both observers as an estimator: that of the stiffness on measured torques, and beside it the link's filter."""
 
-    def __init__(self, device: Device, signals: JointSignals, tuning: ImpedanceTuning) -> None:
+    def __init__(self, device: Device, signals: JointSignals, tuning: ImpedanceTuning, look: FirstLook) -> None:
         torques = [BorneTorque(v, {v.torque_sensor: (1.0,)}, measured=True) for v in device.transmissions]
         orders = {role: order for t in torques for role, order in t.orders(signals.roles).items()}
         moves = "link_position" in signals.roles
         if moves:
             orders["link_position"] = 2
         conditioner = Derivatives(orders, signals.period, tuning.window_for(signals), tuning.degree)
-        super().__init__(NAME, "SENSOR", device, signals, tuning, torques, conditioner)
+        super().__init__(NAME, "SENSOR", device, signals, tuning, torques, conditioner, look)
         self.link = LinkImpedance(device, signals, conditioner.weights, tuning.wander, tuning.memory) if moves else None
 
     @property
