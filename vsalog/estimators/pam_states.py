@@ -83,10 +83,10 @@ class PamFold:
         self.steps = _steps(joint, period)
         least = [LEAST_VOLUME * float(pneu.muscle_volume(m, m.length)) for m in (joint.muscle_1, joint.muscle_2)]
         muscles = np.array([_muscle(joint.muscle_1, joint.valve_1), _muscle(joint.muscle_2, joint.valve_2)])
-        # The last two are room: of the transition's passes, and for a state in the order of the plant.
+        # The last is room of the transition's passes.
         self._model: Any = (
             _air(joint), muscles, _seesaw(joint), _friction(joint), np.array(least), period / self.steps,
-            joint.seesaw.held_at is not None, np.zeros((8, 9)), np.zeros(4),
+            joint.seesaw.held_at is not None, np.zeros((8, 9)),
         )  # fmt: skip
         # One process noise for each of the four cases of valves known and unknown.
         known = [np.where([i & 1, i & 2, 0, 0], [*noise.unknown_flow, 0.0, 0.0], noise.process) for i in range(4)]
@@ -239,7 +239,7 @@ def pam_transition(X: Array, first: int, u: Array, p: Any, Y: Array) -> None:
 
     In passes over all points, since what each pass computes then overlaps.
     """
-    air, muscles, seesaw, friction, least, h, held, W, plant = p
+    air, muscles, seesaw, friction, least, h, held, W = p
     half_step, index, radius, z = 0.0 if held else 0.5 * h, air[6], seesaw[0], h / seesaw[1]
     l0, l1, points = muscles[0, 0], muscles[1, 0], X.shape[1]
     _fill(X, first, u, air, muscles, W)
@@ -258,11 +258,10 @@ def pam_transition(X: Array, first: int, u: Array, p: Any, Y: Array) -> None:
         W[0, j], W[1, j], W[4, j], W[5, j] = p0 + in_0, p1 + in_1, v0, v1
         W[6, j], W[7, j] = p0 + 0.5 * in_0, p1 + 0.5 * in_1
     for j in range(first, points):
-        plant[0], plant[1], plant[2], plant[3] = X[2, j], X[3, j], W[6, j], W[7, j]
-        travel = radius * W[2, j]
-        f1 = _pam._force(muscles[0], W[6, j], l0 - travel, air[1])
-        f2 = _pam._force(muscles[1], W[7, j], l1 + travel, air[1])
-        W[6, j], W[7, j] = f1 - f2, z * _pam._level(plant, f1, f2, air, seesaw, friction)
+        travel, p0, p1 = radius * W[2, j], W[6, j], W[7, j]
+        f1 = _pam._force(0, p0, l0 - travel, muscles, air[1])
+        f2 = _pam._force(1, p1, l1 + travel, muscles, air[1])
+        W[6, j], W[7, j] = f1 - f2, z * _pam._level(X[3, j], p0, p1, f1, f2, air, seesaw, friction)
     damping = 1.0 / (1.0 + z * friction[1])
     for j in range(first, points):
         middle, sine, cosine = X[2, j] + half_step * X[3, j], W[2, j], W[3, j]

@@ -29,7 +29,7 @@ FORWARD, BACKWARD, STICK, FREE = 1, -1, 0, 2
 HALVINGS, MOST_EVENTS = 52, 20
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def _flow(up: float, down: float, air: Array) -> float:
     """Return the mass flow per area from `up` to `down`; see `orifice_flow`."""
     if up < down:
@@ -37,67 +37,71 @@ def _flow(up: float, down: float, air: Array) -> float:
     return _flow_down(up, down, air)
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def _flow_down(high: float, low: float, air: Array) -> float:
     k, ratio = air[3], low / high
     if ratio <= air[4]:
         choked: float = high * air[7]
         return choked
-    inside = max(ratio ** (2.0 / k) - ratio ** ((k + 1.0) / k), 0.0)
+    # r^(2/k) − r^((k+1)/k) with one power only.
+    root = ratio ** (1.0 / k)
+    inside = max(root * (root - ratio), 0.0)
     flow: float = high * np.sqrt(2.0 * k / (k - 1.0) * inside / air[2])
     return flow
 
 
-@njit(cache=True)
-def _force(muscle: Array, pressure: float, length: float, outside: float) -> float:
-    """Return the pull of a muscle; see `contraction_force`."""
-    code, p = muscle[8], pressure - outside
-    c0, c1, c2, c3 = muscle[9], muscle[10], muscle[11], muscle[12]
-    rest = muscle[15]
+@njit(cache=True, error_model="numpy")
+def _force(i: int, pressure: float, length: float, muscles: Array, outside: float) -> float:
+    """Return the pull of the i-th muscle; see `contraction_force`."""
+    code, p = muscles[i, 8], pressure - outside
+    c0, c1, c2, c3 = muscles[i, 9], muscles[i, 10], muscles[i, 11], muscles[i, 12]
+    rest = muscles[i, 15]
     if code == LINEAR_FORCE:
         force = (c0 * length + c1) * pressure + c2 * length + c3
     elif code == BRAID_FORCE:
         force = c0 * p * (c1 * (length / rest) ** 2 - c2)
     elif code == EXPONENTIAL_FORCE:
         contraction = 1.0 - length / rest
-        force = (c0 * p + c1) * np.exp(c2 * contraction) + (c3 * contraction + muscle[13]) * p + muscle[14]
+        force = (c0 * p + c1) * np.exp(c2 * contraction) + (c3 * contraction + muscles[i, 13]) * p + muscles[i, 14]
     else:
         s = length - rest
         force = (c0 + c1 * s * s + c2 * p * s + c3 * p * p) * s
-    result: float = muscle[4] * force
+    result: float = muscles[i, 4] * force
     return result
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def _pulls(x: Array, air: Array, muscles: Array, seesaw: Array) -> tuple[float, float]:
     travel = seesaw[0] * np.sin(x[0])
-    f1 = _force(muscles[0], x[2], muscles[0, 0] - travel, air[1])
-    f2 = _force(muscles[1], x[3], muscles[1, 0] + travel, air[1])
+    f1 = _force(0, x[2], muscles[0, 0] - travel, muscles, air[1])
+    f2 = _force(1, x[3], muscles[1, 0] + travel, muscles, air[1])
     return f1, f2
 
 
-@njit(cache=True)
-def _level(x: Array, f1: float, f2: float, air: Array, seesaw: Array, friction: Array) -> float:
+@njit(cache=True, error_model="numpy")
+def _level(
+    speed: float, p1: float, p2: float, f1: float, f2: float, air: Array, seesaw: Array, friction: Array
+) -> float:
     """Return the dry friction's level; see `friction_level`."""
     if friction[0] == PRESSURE_FRICTION:
-        g1, g2 = max(abs(x[2] - air[1]), friction[4]), max(abs(x[3] - air[1]), friction[4])
+        g1, g2 = max(abs(p1 - air[1]), friction[4]), max(abs(p2 - air[1]), friction[4])
         return float(friction[2] * abs(f1 + f2 - seesaw[3]) + friction[3] * (1.0 / (g1 * g1) + 1.0 / (g2 * g2)))
     if friction[0] == SIMPLE_FRICTION:
         return float(friction[2])
     if friction[0] == TONDU_FRICTION:
-        level: float = (friction[2] - friction[3]) * np.exp(-abs(x[1]) / friction[4]) + friction[3]
+        level: float = (friction[2] - friction[3]) * np.exp(-abs(speed) / friction[4]) + friction[3]
         return level
     return 0.0
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def _drive(x: Array, external: float, f1: float, f2: float, seesaw: Array) -> float:
     """Return the torque on the seesaw but for friction, τ − k_s ψ + τ_ext."""
     drive: float = seesaw[0] * np.cos(x[0]) * (f1 - f2) - seesaw[2] * x[0] + external
     return drive
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def _derivative(
     x: Array, way: int, inputs: Array, air: Array, muscles: Array, seesaw: Array, friction: Array, out: Array
 ) -> None:
@@ -109,7 +113,7 @@ def _derivative(
         f1, f2 = _pulls(x, air, muscles, seesaw)
         torque = _drive(x, inputs[2], f1, f2, seesaw)
         if way != FREE:
-            torque -= friction[1] * x[1] + way * _level(x, f1, f2, air, seesaw, friction)
+            torque -= friction[1] * x[1] + way * _level(x[1], x[2], x[3], f1, f2, air, seesaw, friction)
         out[0], out[1] = x[1], torque / seesaw[1]
     for i in range(2):
         muscle, pressure, side = muscles[i], x[2 + i], -1.0 if i == 0 else 1.0
@@ -126,7 +130,7 @@ def _derivative(
         out[2 + i] = (air[5] * air[2] * flow - air[6] * swelling * pressure) / volume
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def _interpolate(nodes: Array, s: float, out: Array) -> None:
     """Write the inputs at the fraction s of a step into `out`, by the parabola through its begin, middle and end."""
     for i in range(3):
@@ -139,7 +143,7 @@ def _interpolate(nodes: Array, s: float, out: Array) -> None:
         out[i] = min(max(out[i], 0.0), 1.0)
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def _advance(
     x: Array,
     way: int,
@@ -173,7 +177,7 @@ def _advance(
         out[i] = x[i] + h / 6.0 * (work[0, i] + 2.0 * work[1, i] + 2.0 * work[2, i] + work[3, i])
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def _ended(
     x: Array, way: int, external: float, air: Array, muscles: Array, seesaw: Array, friction: Array, held: bool
 ) -> bool:
@@ -183,20 +187,20 @@ def _ended(
     if way != STICK:
         return bool(way * x[1] < 0.0)
     f1, f2 = _pulls(x, air, muscles, seesaw)
-    return abs(_drive(x, external, f1, f2, seesaw)) > _level(x, f1, f2, air, seesaw, friction)
+    return abs(_drive(x, external, f1, f2, seesaw)) > _level(x[1], x[2], x[3], f1, f2, air, seesaw, friction)
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def _way_from_rest(x: Array, external: float, air: Array, muscles: Array, seesaw: Array, friction: Array) -> int:
     """Return what a seesaw at rest does next."""
     f1, f2 = _pulls(x, air, muscles, seesaw)
     drive = _drive(x, external, f1, f2, seesaw)
-    if abs(drive) <= _level(x, f1, f2, air, seesaw, friction):
+    if abs(drive) <= _level(x[1], x[2], x[3], f1, f2, air, seesaw, friction):
         return STICK
     return FORWARD if drive > 0.0 else BACKWARD
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, error_model="numpy")
 def integrate_pam(
     start: Array, inputs: Array, step: float, air: Array, muscles: Array, seesaw: Array, friction: Array, held: bool
 ) -> Array:
