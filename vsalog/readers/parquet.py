@@ -9,23 +9,18 @@ from pathlib import Path
 import numpy as np
 import pyarrow as pa
 import pyarrow.compute as pc
-import pyarrow.parquet as pq
 from numpy.typing import NDArray
 
 from vsalog.errors import ReadError
 from vsalog.readers.base import NO_TIME, Block, Catalogue, ChannelInfo, first_of_each, plural
-from vsalog.readers.compression import MAX_BYTES, MAX_RATIO
 from vsalog.readers.headers import printable_cell, unique_names
-from vsalog.readers.opened import for_arrow
-from vsalog.readers.parquet_pages import page_sizes
+from vsalog.readers.parquet_rows import ParquetRows
 from vsalog.readers.row_clock import ROW_NOTE, row_clock
-from vsalog.readers.time_columns import find_clocks, nanoseconds
+from vsalog.readers.time_columns import ClockPlan, find_clocks, nanoseconds
 from vsalog.readers.time_dates import in_nanoseconds
 from vsalog.recording import Stamps, Values
 from vsalog.units import split_header
 
-BATCH_ROWS = 65_536
-SAMPLE_ROWS = 200
 KEYS = ("joint", "transmission")
 """Text columns of vsalog's own traces: their values name the part of the device a row belongs to."""
 STREAM, RIG = b"stream", b"vsalog.rig"
@@ -56,13 +51,10 @@ class ParquetReader:
         self.notes: list[str] = []
         self.unread: dict[str, str] = {}
         try:
-            self._file = pq.ParquetFile(for_arrow(path), page_checksum_verification=True)
-            self._refuse_bombs()
-            self._absurd = self._absurd_pages()
-            sample = self._sample()
+            self._rows = ParquetRows(path)
         except (pa.ArrowException, OSError, UnicodeError) as error:  # a column's name may have become no text
             raise ReadError(f"{path}: the Parquet file cannot be read: {error}") from error
-        schema = self._file.schema_arrow
+        schema = self._rows.schema
         pairs = [split_header(name) for name in schema.names]
         counted: Counter[str] = Counter()
         self._places = []
@@ -71,8 +63,7 @@ class ParquetReader:
             counted[name] += 1
         self._names = unique_names([name for name, _ in pairs])
         self._units = [_unit(schema.field(i)) or unit for i, (_, unit) in enumerate(pairs)]
-        columns = [] if sample is None else [sample.column(i) for i in range(sample.num_columns)]
-        self._plan = find_clocks(self._names, self._units, columns)
+        self._plan = self._find_clocks(rate)
         self._keys = [
             schema.names.index(key) for key in KEYS if schema.names.count(key) == 1 and _is_text(schema.field(key).type)
         ]
@@ -82,69 +73,28 @@ class ParquetReader:
         # A trace carries the rig of the log that it was estimated from, whose channels it does not have.
         self.rig_text = None if self._keys else _text(schema.metadata, RIG)
 
-    def _refuse_bombs(self) -> None:
-        """Refuse a file that would take far more memory than any recording: Arrow decompresses a page as a whole.
+    def _find_clocks(self, rate: float | None) -> ClockPlan:
+        """Return which columns are the clock.
 
         Raises
         ------
         ReadError
-            A column announces more than `MAX_BYTES` in a row group, and more than `MAX_RATIO` times what it takes.
+            One would be it, but none of its rows can be read, and no rate makes up for it.
         """
-        for number in range(self._file.num_row_groups):
-            group = self._file.metadata.row_group(number)
-            if group.total_byte_size <= MAX_BYTES:
-                continue
-            for column in map(group.column, range(group.num_columns)):
-                if column.total_uncompressed_size > max(MAX_BYTES, MAX_RATIO * column.total_compressed_size):
-                    raise ReadError(
-                        f"{self.path}: column '{printable_cell(column.path_in_schema)}' announces"
-                        f" {column.total_uncompressed_size} bytes out of {column.total_compressed_size}: no recording is"
-                        " compressed so much"
-                    )
-
-    def _absurd_pages(self) -> dict[int, str]:
-        """Return the row groups that hold a page which announces what no recording has, and the words for it.
-
-        The footer may say otherwise; a changed byte may be the reason as well.
-        """
-        found: dict[int, str] = {}
-        with self.path.open("rb") as file:
-            for number in range(self._file.num_row_groups):
-                group = self._file.metadata.row_group(number)
-                for column in map(group.column, range(group.num_columns)):
-                    for size, compressed in page_sizes(file, column):
-                        if size > max(MAX_BYTES, MAX_RATIO * compressed):
-                            name = printable_cell(column.path_in_schema)
-                            found[number] = f"a page of column '{name}' announces {size} bytes out of {compressed}"
-        return found
-
-    def _group(self, number: int, rows: int, columns: list[str] | None = None) -> Iterator[pa.RecordBatch]:
-        """Yield batches of a row group.
-
-        Raises
-        ------
-        ArrowException, OSError
-            It is damaged.
-        """
-        if number in self._absurd:
-            raise pa.ArrowInvalid(self._absurd[number])
-        yield from self._file.iter_batches(batch_size=rows, row_groups=[number], columns=columns)
-
-    def _sample(self) -> pa.RecordBatch | None:
-        """Return the first rows that can be read, None where there are no rows.
-
-        Raises
-        ------
-        ArrowException, OSError
-            There are some, but none can be read.
-        """
-        for group in range(self._file.num_row_groups):
-            try:
-                return next(self._group(group, SAMPLE_ROWS), None)
-            except (pa.ArrowException, OSError):
-                if group + 1 == self._file.num_row_groups:
-                    raise
-        return None
+        sample = self._rows.sample()
+        rows = next((len(cells) for cells in sample if cells is not None), 0)
+        types = [field.type for field in self._rows.schema]
+        empty = [pa.nulls(rows, kind) if cells is None else cells for cells, kind in zip(sample, types, strict=False)]
+        plan = find_clocks(self._names, self._units, empty)
+        if plan.clocks or rate is not None or all(cells is not None for cells in sample):
+            return plan
+        rising = [_rising(rows, kind) if cells is None else cells for cells, kind in zip(sample, types, strict=True)]
+        for i in sorted(find_clocks(self._names, self._units, rising).columns()):
+            raise ReadError(
+                f"{self.path}: the Parquet file is damaged: time column '{printable_cell(self._names[i])}' cannot be read;"
+                " --rate HZ reads the others as evenly sampled"
+            )
+        return plan
 
     def catalogue(self) -> Catalogue:
         """Return the columns."""
@@ -172,7 +122,7 @@ class ParquetReader:
         columns = [
             i for i in self._number_columns() if wanted is None or any(self._name(i, part) in wanted for part in parts)
         ]
-        schema = self._file.schema_arrow
+        schema = self._rows.schema
         gaps = self._with_gaps()
         streams = [(members, self._tellers(members, gaps)) for members in self._by_stream(columns)]
         read = {*columns, *self._plan.columns(), *self._keys, *(i for _, tellers in streams for i in tellers)}
@@ -189,33 +139,16 @@ class ParquetReader:
             self.notes.append(f"{plural(dropped, 'row')} {NO_TIME}")
 
     def _batches(self, columns: list[str]) -> Iterator[tuple[int, pa.RecordBatch]]:
-        """Yield the number of the first row and the rows, without those of damaged row groups, which are noted.
+        """Yield the number of the first row and the rows; what is damaged is noted.
 
         Raises
         ------
         ReadError
-            No row group can be read.
+            Nothing of use can be read.
         """
-        groups, damage = self._file.num_row_groups, list[str]()
-        begin = missing = 0
-        for group in range(groups):
-            row, begin = begin, begin + self._file.metadata.row_group(group).num_rows
-            try:
-                for batch in self._group(group, BATCH_ROWS, columns):
-                    yield row, batch
-                    row += batch.num_rows
-            except (pa.ArrowException, OSError) as error:
-                damage.append(printable_cell(str(error)))
-            else:
-                missing += begin - row  # where a page has become one of a kind that is passed by
-        if damage and len(damage) == groups:
-            raise ReadError(f"{self.path}: the Parquet file is damaged: {damage[0]}")
-        if damage:
-            note = f"{len(damage)} of {plural(groups, 'row group')} damaged, the rest was read ({damage[0]})"
-            self.notes += [note] if note not in self.notes else []
-        if missing > 0:
-            note = f"{plural(missing, 'row')} of those that the file counts were not found"
-            self.notes += [note] if note not in self.notes else []
+        clocks = {self._rows.schema.names[i] for i in (*self._plan.columns(), *self._keys)}
+        yield from self._rows.batches(columns, clocks.intersection(columns))
+        self.notes += [note for note in self._rows.notes if note not in self.notes]
 
     def _block(
         self,
@@ -264,7 +197,7 @@ class ParquetReader:
 
         A row is there for a stream where any of its columns has a sample, whichever of them are wanted.
         """
-        if not columns or not _text(self._file.schema_arrow.field(columns[0]).metadata, STREAM):
+        if not columns or not _text(self._rows.schema.field(columns[0]).metadata, STREAM):
             return []
         if not gaps.issuperset(self._places[i][0] for i in columns):
             return []
@@ -272,13 +205,7 @@ class ParquetReader:
 
     def _with_gaps(self) -> set[str]:
         """Return the names of the columns of which the footer does not say that no cell is empty."""
-        found: set[str] = set()
-        for number in range(self._file.num_row_groups):
-            group = self._file.metadata.row_group(number)
-            for column in map(group.column, range(group.num_columns)):
-                if column.statistics is None or column.statistics.null_count != 0:
-                    found.add(column.path_in_schema)
-        return found
+        return {chunk.path for group in self._rows.groups for chunk in group.chunks if chunk.nulls != 0}
 
     def _cells(self, batch: pa.RecordBatch, column: int) -> pa.Array:
         """Return a column of a batch, by the file's own number: several may have one name."""
@@ -286,7 +213,7 @@ class ParquetReader:
         return batch.column(batch.schema.get_all_field_indices(name)[which])
 
     def _number_columns(self) -> list[int]:
-        schema = self._file.schema_arrow
+        schema = self._rows.schema
         clocks = {*self._plan.columns(), *self._keys}
         return [i for i, field in enumerate(schema) if i not in clocks and _is_number(field.type)]
 
@@ -295,7 +222,7 @@ class ParquetReader:
         clocks = {*self._plan.columns(), *self._keys}
         return {
             self._names[i]: "text" if _is_text(field.type) else f"column of type {field.type}"
-            for i, field in enumerate(self._file.schema_arrow)
+            for i, field in enumerate(self._rows.schema)
             if i not in clocks and not _is_number(field.type)
         }
 
@@ -303,7 +230,7 @@ class ParquetReader:
         """Return the parts of the device that a trace's rows belong to; only None for other tables."""
         if not self._keys:
             return [None]
-        names = [self._file.schema_arrow.names[i] for i in self._keys]
+        names = [self._rows.schema.names[i] for i in self._keys]
         parts: dict[str | None, None] = {}
         for _, batch in self._batches(names):
             parts.update(dict.fromkeys(pc.unique(_part_names(batch, names)).to_pylist()))
@@ -314,7 +241,7 @@ class ParquetReader:
         if not self._keys:
             yield None, batch
             return
-        parts = _part_names(batch, [self._file.schema_arrow.names[i] for i in self._keys])
+        parts = _part_names(batch, [self._rows.schema.names[i] for i in self._keys])
         for part in pc.unique(parts).to_pylist():
             yield part, batch.filter(pc.equal(parts, part))
 
@@ -369,6 +296,14 @@ def _is_number(kind: pa.DataType) -> bool:
         or pa.types.is_decimal(kind)
         or pa.types.is_duration(kind)
     )
+
+
+def _rising(rows: int, kind: pa.DataType) -> pa.Array:
+    """Return cells of a type as a clock would have them, null where numbers cannot be of that type."""
+    try:
+        return pc.cast(pa.array(np.arange(rows) / 1000.0), kind, safe=False)
+    except pa.ArrowException:
+        return pa.nulls(rows, kind)
 
 
 def _numbers(cells: pa.Array) -> NDArray[np.float64]:

@@ -9,7 +9,7 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
 
-from vsalog.readers.opened import for_arrow
+from vsalog.readers.parquet_rows import ParquetRows
 from vsalog.readers.sampling import STRETCHES, Cut, Piece, chosen_pieces, copy_pieces
 from vsalog.readers.table import TableReader
 from vsalog.readers.text_source import open_text, read_beginning
@@ -18,21 +18,20 @@ _LONGEST_LINE = 2**20
 
 
 def cut_parquet(source: Path, target: Path, budget: int) -> Cut | None:
-    """Cut stretches of row groups out of a Parquet file. See `sampling.Cutter`."""
+    """Cut stretches of row groups out of a Parquet file; a damaged one is read as a whole. See `sampling.Cutter`."""
     try:
-        with pq.ParquetFile(for_arrow(source)) as file:
-            groups = [file.metadata.row_group(i) for i in range(file.num_row_groups)]
-            sizes = [sum(group.column(i).total_compressed_size for i in range(group.num_columns)) for group in groups]
-            pieces, stretches = (
-                chosen_pieces([Piece(i, size) for i, size in enumerate(sizes)], budget) if sizes else ([], 0)
-            )
-            if not pieces:
-                return None
-            with target.open("wb") as part, pq.ParquetWriter(part, file.schema_arrow) as writer:
-                for piece in pieces:
-                    writer.write_table(file.read_row_group(piece.position))
-            totals = {source.stem: file.metadata.num_rows}
-    except pa.ArrowException:
+        rows = ParquetRows(source)
+        sizes = [sum(chunk.compressed for chunk in group.chunks) for group in rows.groups]
+        pieces, stretches = (
+            chosen_pieces([Piece(i, size) for i, size in enumerate(sizes)], budget) if sizes else ([], 0)
+        )
+        if not pieces or not rows.sound:
+            return None
+        with target.open("wb") as part, pq.ParquetWriter(part, rows.schema) as writer:
+            for piece in pieces:
+                writer.write_table(rows.file.read_row_group(piece.position))
+        totals = {source.stem: sum(group.rows for group in rows.groups)}
+    except (pa.ArrowException, OSError, UnicodeError):
         return None  # the reader says what is wrong with it
     return Cut(sum(piece.size for piece in pieces), stretches, totals)
 
