@@ -16,6 +16,7 @@ from functools import cache, lru_cache
 from typing import Any, NamedTuple
 
 from vsalog.errors import UnitError
+from vsalog.printable import printable
 from vsalog.unit_tables import ATOMS, KINDS, OFFSET_UNITS, QUANTITIES, Dimension
 
 MAX_UNIT_LENGTH = 64
@@ -177,7 +178,7 @@ def quantity(like: str) -> str:
 
 def shown(text: str) -> str:
     """Return text from a file fit for a message: no control characters, not endless."""
-    safe = "".join(c if c.isprintable() else "�" for c in text)
+    safe = printable(text)
     return safe if len(safe) <= SHOWN else safe[: SHOWN - 1] + "…"
 
 

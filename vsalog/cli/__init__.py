@@ -23,6 +23,7 @@ from vsalog.cli.reproduce import reproduce
 from vsalog.cli.simulate import simulate
 from vsalog.cli.validate import validate
 from vsalog.errors import VsalogError
+from vsalog.printable import printable
 
 
 @click.group(context_settings={"help_option_names": ["-h", "--help"]})
@@ -89,16 +90,11 @@ def _run() -> int:
 def _explain(error: Exception) -> int:
     if isinstance(error, VsalogError | OSError):
         said = str(error) if isinstance(error, VsalogError) else f"{error.filename or 'output'}: {error.strerror}"
-        click.echo(f"vsalog: {_printable(said)}", err=True)
+        click.echo(f"vsalog: {printable(said)}", err=True)
         return 2
     click.echo(
-        f"vsalog: this is a bug in vsalog, not in your log: {type(error).__name__}: {_printable(str(error))}\n"
+        f"vsalog: this is a bug in vsalog, not in your log: {type(error).__name__}: {printable(str(error))}\n"
         "Please report it with what 'vsalog --debug …' prints.",
         err=True,
     )
     return 1
-
-
-def _printable(text: str) -> str:
-    """Return a message without what a terminal would obey: file and channel names may hold anything."""
-    return "".join(c if c.isprintable() else "�" for c in text)

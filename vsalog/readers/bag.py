@@ -9,6 +9,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from vsalog.errors import ReadError
+from vsalog.printable import printable
 from vsalog.readers.base import BLOCK_ROWS, Block, Catalogue, ChannelInfo, plural
 from vsalog.readers.chunk_index import IndexContradictsError, Part
 from vsalog.readers.compression import DamagedDataError, decompress_message, unfolded_size
@@ -16,7 +17,6 @@ from vsalog.readers.container import CATALOGUE_MESSAGES, ZSTD_MAGIC, Connection,
 from vsalog.readers.decoders import decoder_of
 from vsalog.readers.definitions import DefinitionError, normal_type
 from vsalog.readers.delays import LEAST_BYTES, Delays, Promise
-from vsalog.readers.layout import printable
 from vsalog.readers.messages import Decoder
 from vsalog.readers.packets import Integers, Messages, Packet
 from vsalog.recording import Stamps, Values

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
+from vsalog.printable import printable
 from vsalog.readers.definitions import DefinitionError, parse_definition
 from vsalog.readers.json_messages import JsonDecoder
-from vsalog.readers.layout import printable
 from vsalog.readers.messages import Decoder, RosDecoder
 from vsalog.readers.protobuf_messages import ProtobufDecoder
 

@@ -7,8 +7,9 @@ from typing import Any
 
 import numpy as np
 
+from vsalog.printable import printable
 from vsalog.readers.base import MAX_ARRAY
-from vsalog.readers.layout import MAX_FIELDS, best_label_field, printable
+from vsalog.readers.layout import MAX_FIELDS, best_label_field
 from vsalog.readers.messages import Decoded
 from vsalog.readers.packets import Messages
 

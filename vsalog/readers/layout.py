@@ -16,6 +16,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
+from vsalog.printable import printable
 from vsalog.readers.base import MAX_ARRAY
 from vsalog.readers.definitions import Array, Node, Scalar, Struct, Text, Time, is_placeholder
 from vsalog.readers.known_units import unit_of
@@ -190,11 +191,6 @@ def learn(raw: bytes, root: Struct, cdr: bool) -> Layout:
         fields=tuple(walk.fields),
         unread=walk.unread,
     )
-
-
-def printable(text: str) -> str:
-    """Return text from a log with everything replaced that could disturb a terminal."""
-    return "".join(c if c.isprintable() else "�" for c in text)
 
 
 def usable_labels(labels: list[str]) -> bool:

@@ -9,8 +9,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from vsalog.printable import printable
 from vsalog.readers.base import MAX_ARRAY, Block, Catalogue, ChannelInfo, first_of_each
-from vsalog.readers.layout import printable
 from vsalog.readers.row_clock import ROW_NOTE, row_clock
 from vsalog.recording import Stamps, Values
 

@@ -9,6 +9,7 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 
 from vsalog.errors import ReadError
+from vsalog.printable import printable
 from vsalog.readers.base import BLOCK_ROWS, plural
 from vsalog.readers.compression import MAX_BYTES, MAX_RATIO
 from vsalog.readers.headers import printable_cell
@@ -218,7 +219,7 @@ class _Lost:
 
     def add(self, name: str, begin: int, end: int, reason: str) -> None:
         """Note that rows from `begin` on, before `end`, are lost."""
-        self.reasons.setdefault(name, "".join(c if c.isprintable() else "�" for c in reason)[:120])
+        self.reasons.setdefault(name, printable(reason)[:120])
         self._stretches.setdefault(name, []).append((begin, end))
 
     def any_of(self, names: Collection[str], row: int) -> bool:

@@ -7,8 +7,8 @@ from __future__ import annotations
 
 from typing import Any
 
+from vsalog.printable import printable
 from vsalog.readers.definitions import DefinitionError
-from vsalog.readers.layout import printable
 
 MOST_BYTES = 2**20
 """Of a set of descriptors: the largest that are in use, with all they import, have a fifth of it."""

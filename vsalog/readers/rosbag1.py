@@ -12,11 +12,11 @@ from typing import IO
 import numpy as np
 
 from vsalog.errors import ReadError
+from vsalog.printable import printable
 from vsalog.readers.chunk_index import Chunk, Needed, Part, some_of
 from vsalog.readers.compression import beginning
 from vsalog.readers.container import CATALOGUE_MESSAGES, Connection
 from vsalog.readers.definitions import DefinitionError, ros1_checksum
-from vsalog.readers.layout import printable
 from vsalog.readers.packets import PACKED, Packet, RawMessage, ahead, packet_of
 from vsalog.readers.rosbag1_index import IndexCheck, chunk_told
 from vsalog.readers.rosbag1_scan import connections_in, messages_in

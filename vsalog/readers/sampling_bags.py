@@ -14,7 +14,7 @@ from typing import BinaryIO
 import numpy as np
 from rosbags.rosbag1.reader import Header, ReaderError, RecordType
 
-from vsalog.readers.layout import printable
+from vsalog.printable import printable
 from vsalog.readers.opened import for_sqlite
 from vsalog.readers.sampling import STRETCHES, Cut, Piece, chosen_pieces, copy_pieces
 from vsalog.readers.sampling_mcap import MAGIC as MCAP_MAGIC

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import IO, Any
 
-from vsalog.readers.layout import printable
+from vsalog.printable import printable
 from vsalog.readers.sampling import Cut, Piece, chosen_pieces, copy_pieces
 
 MAGIC = b"\x89MCAP0\r\n"

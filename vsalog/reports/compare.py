@@ -16,7 +16,7 @@ from rich.table import Table
 from vsalog.comparison import Comparison, Run
 from vsalog.documents import document_text
 from vsalog.estimation import JointEstimate
-from vsalog.reports.estimate import _plain as plain
+from vsalog.printable import printable
 from vsalog.validation.evidence import JointEvidence, TransmissionEvidence, setpoint_unit
 from vsalog.witnesses import Witnesses
 from vsalog.writers.atomic import write_text
@@ -28,7 +28,7 @@ def print_comparison(found: Comparison) -> None:
     if not console.is_terminal:
         console = Console(width=200)
     for warning in found.warnings:
-        errors.print(f"[yellow]warning:[/] {escape(plain(warning))}", soft_wrap=True)
+        errors.print(f"[yellow]warning:[/] {escape(printable(warning))}", soft_wrap=True)
     table = Table(box=None, pad_edge=False, padding=(0, 2))
     for heading in ("joint", "transmission", "estimator"):
         table.add_column(heading, no_wrap=True)
@@ -47,7 +47,7 @@ def print_comparison(found: Comparison) -> None:
         span = "–" if row.stiffness_low is None else f"{row.stiffness_low:.4g} … {row.stiffness_high:.4g}"
         truth = None if row.against_truth is None else row.against_truth.msrep.value
         table.add_row(
-            escape(plain(row.joint)), row.transmission, escape(plain(row.estimator)), span, _percent(row.relative_std),
+            escape(printable(row.joint)), row.transmission, escape(printable(row.estimator)), span, _percent(row.relative_std),
             _number(row.torque_left), _number(row.off_sensor), _percent(row.excited_share), _percent(row.agrees_share),
             _percent(row.difference), _number(truth),
         )  # fmt: skip
@@ -59,7 +59,7 @@ def print_comparison(found: Comparison) -> None:
     )
     for name, reason in found.left_out.items():
         said = reason.removeprefix(f"{name}: ")
-        console.print(f"left out: {escape(plain(name))}: {escape(plain(said))}", soft_wrap=True)
+        console.print(f"left out: {escape(printable(name))}: {escape(printable(said))}", soft_wrap=True)
 
 
 def print_json(found: Comparison) -> None:

@@ -15,6 +15,7 @@ from rich.table import Table
 from vsalog.documents import document_text
 from vsalog.estimation import JointEstimate
 from vsalog.job import Job
+from vsalog.printable import printable
 from vsalog.summary import TransmissionSummary
 from vsalog.writers.results import Outputs
 
@@ -44,7 +45,7 @@ class Progress:
     def say(self, text: str) -> None:
         """Show what is being done."""
         if self._status is not None:
-            self._status.update(escape(_plain(text)))
+            self._status.update(escape(printable(text)))
 
     @contextmanager
     def saying_when_compiling(self) -> Iterator[None]:
@@ -74,21 +75,22 @@ def print_summary(job: Job, estimates: Sequence[JointEstimate], outputs: Outputs
     if not console.is_terminal:
         console = Console(width=140)
     for warning in [*job.warnings, *(w for e in estimates for w in e.warnings)]:
-        errors.print(f"[yellow]warning:[/] {escape(_plain(warning))}", soft_wrap=True)
+        errors.print(f"[yellow]warning:[/] {escape(printable(warning))}", soft_wrap=True)
     for e in estimates:
         s = e.summary
         console.print(
-            f"[bold]{escape(_plain(e.joint))}[/]: {escape(e.estimator)} ({escape(e.reason)});"
+            f"[bold]{escape(printable(e.joint))}[/]: {escape(e.estimator)} ({escape(e.reason)});"
             f" {s.duration:.4g} s at {1.0 / s.period:.4g} Hz"
         )
         console.print(_table(s.transmissions))
         for line in _motor(e.model.motor):
             console.print(f"  {escape(line)}")
     console.print(
-        f"trace: {escape(_plain(str(outputs.trace)))}   model: {escape(_plain(str(outputs.model)))}", soft_wrap=True
+        f"trace: {escape(printable(str(outputs.trace)))}   model: {escape(printable(str(outputs.model)))}",
+        soft_wrap=True,
     )
     if outputs.mcap is not None:
-        console.print(f"log of the trace: {escape(_plain(str(outputs.mcap)))}", soft_wrap=True)
+        console.print(f"log of the trace: {escape(printable(str(outputs.mcap)))}", soft_wrap=True)
 
 
 def _table(parts: Sequence[TransmissionSummary]) -> Table:
@@ -125,20 +127,15 @@ def _percent(x: float | None) -> str:
     return "–" if x is None else f"{100.0 * x:.2g} %"
 
 
-def _plain(text: str) -> str:
-    """Return text from a log without control characters, which could write over the terminal."""
-    return "".join(c if c.isprintable() else "�" for c in text)
-
-
 def print_json(job: Job, estimates: Sequence[JointEstimate], outputs: Outputs) -> None:
     """Print one JSON document on stdout."""
     document = {
-        "logs": [_plain(str(log)) for log in job.logs],
+        "logs": [printable(str(log)) for log in job.logs],
         "rig": {"name": job.rig.name, "guessed": job.guessed},
         "outputs": {
-            "trace": _plain(str(outputs.trace)),
-            "model": _plain(str(outputs.model)),
-            "mcap": None if outputs.mcap is None else _plain(str(outputs.mcap)),
+            "trace": printable(str(outputs.trace)),
+            "model": printable(str(outputs.model)),
+            "mcap": None if outputs.mcap is None else printable(str(outputs.mcap)),
         },
         "joints": [
             {

@@ -10,9 +10,10 @@ from rich.console import Console, RenderableType
 from rich.table import Table
 from rich.text import Text
 
+from vsalog.printable import printable
 from vsalog.reports.inspect_data import ChannelReport, LogReport, StreamReport
 from vsalog.reports.inspect_head import head_parts
-from vsalog.reports.inspect_text import PIPE_WIDTH, clean, fits, headed, seconds, size
+from vsalog.reports.inspect_text import PIPE_WIDTH, fits, headed, seconds, size
 from vsalog.rig.guess_types import JointGuess
 
 # Fields that are no signal: so many are listed on a terminal, all of them in the JSON document.
@@ -45,7 +46,7 @@ def _parts(report: LogReport, console: Console) -> Iterator[RenderableType]:
     yield from _joints(report)
     yield from _unread(report)
     for note in (*report.notes, *report.warnings):
-        yield Text(f"note: {clean(note)}", style="yellow")
+        yield Text(f"note: {printable(note)}", style="yellow")
 
 
 def _title(report: LogReport) -> Text:
@@ -93,7 +94,7 @@ def _stream_line(stream: StreamReport) -> Text:
     count = _plural(stream.count, "sample")
     if stream.total is not None and stream.total != stream.count:
         count = f"{count} of {stream.total}"
-    facts = [clean(stream.type), count]
+    facts = [printable(stream.type), count]
     if stream.rate is not None:
         jitter = f" ± {seconds(stream.jitter)}" if stream.jitter else ""
         facts.append(f"{stream.rate:.4g} Hz{jitter}")
@@ -110,7 +111,7 @@ def _trouble(stream: StreamReport) -> Iterator[Text]:
     """Yield what was wrong with the stream's stamps."""
     if stream.time_reason:
         source = "no" if stream.time_source == "none" else stream.time_source
-        yield Text(f"  {source} time is used: {clean(stream.time_reason)}", style="yellow")
+        yield Text(f"  {source} time is used: {printable(stream.time_reason)}", style="yellow")
     found = (
         (stream.inversions, "out of order"),
         (stream.duplicates, "dropped as exact copies"),
@@ -127,7 +128,7 @@ def _channels(stream: StreamReport, console: Console) -> Iterator[RenderableType
         yield table
         return
     for channel in stream.channels:
-        yield Text(f"  {clean(channel.name)}", style="bold", overflow="fold")
+        yield Text(f"  {printable(channel.name)}", style="bold", overflow="fold")
         width = max(console.width - 4, 20)
         for line in textwrap.wrap(", ".join(_facts(channel)), width):
             yield Text(f"    {line}")
@@ -145,7 +146,7 @@ def _table(stream: StreamReport) -> Table:
         table.add_column("NaN", no_wrap=True, justify="right")
     table.add_column("probably", no_wrap=True)
     for c in stream.channels:
-        cells = [f"  {clean(c.name)}", clean(c.unit or "–"), _range(c), _number(c.resolution), _number(c.noise)]
+        cells = [f"  {printable(c.name)}", printable(c.unit or "–"), _range(c), _number(c.resolution), _number(c.noise)]
         if has_nan:
             cells.append(f"{100 * c.nan_share:.3g} %" if c.nan_share else "")
         table.add_row(*(Text(cell) for cell in cells), Text(_role(c), style="green"))
@@ -153,7 +154,7 @@ def _table(stream: StreamReport) -> Table:
 
 
 def _facts(channel: ChannelReport) -> Iterator[str]:
-    yield f"unit {clean(channel.unit)}" if channel.unit else "no unit"
+    yield f"unit {printable(channel.unit)}" if channel.unit else "no unit"
     yield f"range {_range(channel)}"
     if channel.resolution is not None:
         yield f"step {_number(channel.resolution)}"
@@ -176,7 +177,7 @@ def _range(channel: ChannelReport) -> str:
 def _role(channel: ChannelReport) -> str:
     if channel.role is None:
         return ""
-    return f"{clean(channel.role.joint)}.{channel.role.role} ({round(100 * channel.role.confidence)} %)"
+    return f"{printable(channel.role.joint)}.{channel.role.role} ({round(100 * channel.role.confidence)} %)"
 
 
 def _joints(report: LogReport) -> Iterator[Text]:
@@ -184,12 +185,12 @@ def _joints(report: LogReport) -> Iterator[Text]:
         yield Text("no channel looks like a joint's position, so no joint was guessed", style="yellow")
         return
     for joints in _alike(report.joints):
-        names = ", ".join(clean(joint.name) for joint in joints)
+        names = ", ".join(printable(joint.name) for joint in joints)
         head = f"{'joint' if len(joints) == 1 else 'joints'} {names}"
         yield headed(head, "bold", f"{joints[0].kind} ({round(100 * joints[0].confidence)} %): {joints[0].reason}")
         yield from (Text(f"  {line}") for line in _reasons(joints[0]))
         yield from (Text(f"  {line}") for line in _missing(joints[0]))
-        yield from (Text(f"  note: {clean(warning)}", style="yellow") for warning in joints[0].warnings)
+        yield from (Text(f"  note: {printable(warning)}", style="yellow") for warning in joints[0].warnings)
     yield Text("'vsalog init LOG' writes these guesses into a rig file", style="dim")
 
 
@@ -205,7 +206,7 @@ def _alike(joints: tuple[JointGuess, ...]) -> list[list[JointGuess]]:
 def _reasons(joint: JointGuess) -> Iterator[str]:
     """Yield why its channels probably have their roles."""
     for role, guess in joint.roles.items():
-        yield f"{role} ({round(100 * guess.confidence)} %): {clean('; '.join(guess.reasons))}"
+        yield f"{role} ({round(100 * guess.confidence)} %): {printable('; '.join(guess.reasons))}"
 
 
 def _missing(joint: JointGuess) -> Iterator[str]:
@@ -215,13 +216,13 @@ def _missing(joint: JointGuess) -> Iterator[str]:
         if "not needed" not in why:
             roles_of.setdefault(why, []).append(role)
     for why, roles in roles_of.items():
-        yield f"{' or '.join(roles)}: {clean(why)}"
+        yield f"{' or '.join(roles)}: {printable(why)}"
 
 
 def _unread(report: LogReport) -> Iterator[Text]:
     shown = list(report.unread.items())[:MAX_UNREAD]
     for name, why in shown:
-        yield Text(f"not read: {clean(name)}: {clean(why)}", style="dim")
+        yield Text(f"not read: {printable(name)}: {printable(why)}", style="dim")
     if len(report.unread) > len(shown):
         yield Text(f"not read: {len(report.unread) - len(shown)} more (--json lists them all)", style="dim")
 

@@ -9,8 +9,9 @@ from rich.console import Console, RenderableType
 from rich.table import Table
 from rich.text import Text
 
+from vsalog.printable import printable
 from vsalog.recording import Recording
-from vsalog.reports.inspect_text import clean, fits, headed
+from vsalog.reports.inspect_text import fits, headed
 
 
 class HeadReport(Struct, frozen=True):
@@ -56,7 +57,7 @@ def head_parts(head: HeadReport, begin: int | None, console: Console) -> Iterato
     table = Table(box=None, padding=(0, 2, 0, 0), pad_edge=False, header_style="dim")
     table.add_column(f"  {unit}", no_wrap=True)
     for name in head.channels:
-        table.add_column(Text(clean(name)), no_wrap=True, justify="right")
+        table.add_column(Text(printable(name)), no_wrap=True, justify="right")
     for time, row in zip(times, head.rows, strict=True):
         table.add_row(f"  {time}", *map(_cell, row))
     if fits(table, console):
@@ -65,7 +66,7 @@ def head_parts(head: HeadReport, begin: int | None, console: Console) -> Iterato
     for time, row in zip(times, head.rows, strict=True):
         yield Text(f"  {unit} {time}", style="dim")
         for name, value in zip(head.channels, row, strict=True):
-            yield Text(f"    {clean(name)}  {_cell(value)}", overflow="fold")
+            yield Text(f"    {printable(name)}  {_cell(value)}", overflow="fold")
 
 
 def _cell(value: float | None) -> str:

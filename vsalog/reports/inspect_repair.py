@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from msgspec import Struct
 
+from vsalog.printable import printable
 from vsalog.readers.base import plural
-from vsalog.reports.inspect_text import clean
 
 
 class Repaired(Struct, frozen=True):
@@ -27,4 +27,4 @@ class Repaired(Struct, frozen=True):
 def told(repaired: Repaired) -> str:
     """Return in words what was written."""
     words = f"{repaired.path}: {plural(repaired.messages, 'message')} of {plural(repaired.channels, 'channel')} written"
-    return "; ".join([words, *map(clean, repaired.notes)])
+    return "; ".join([words, *map(printable, repaired.notes)])

@@ -7,19 +7,16 @@ from rich.measure import Measurement
 from rich.table import Table
 from rich.text import Text
 
+from vsalog.printable import printable
+
 # Wide enough that no line of a pipe is ever broken.
 PIPE_WIDTH = 10_000
-
-
-def clean(text: str) -> str:
-    """Return text from a log with everything replaced that could disturb a terminal."""
-    return "".join(c if c.isprintable() else "�" for c in text)
 
 
 def headed(name: str, style: str, facts: str) -> Text:
     """Return a line that begins with a name."""
     text = Text()
-    text.append(clean(name), style=style)
+    text.append(printable(name), style=style)
     text.append(f"  {facts}")
     return text
 

@@ -10,7 +10,7 @@ from rich.markup import escape
 from rich.table import Table
 
 from vsalog.documents import document_text
-from vsalog.reports.estimate import _plain as plain
+from vsalog.printable import printable
 from vsalog.reports.page_tables import LEAST_R2, MOST_MSREP, MOST_NRMSE
 from vsalog.validation.document import Comparison, Figure, JointReport, Report, Score
 from vsalog.validation.verdict import overview
@@ -31,11 +31,11 @@ def print_report(report: Report, outputs: Outputs) -> None:
     for log in report.logs:
         for joint in log.joints:
             for warning in joint.warnings:
-                errors.print(f"[yellow]warning:[/] {escape(plain(warning))}", soft_wrap=True)
-            name = f"{escape(plain(log.log))}, {escape(plain(joint.joint))}"
+                errors.print(f"[yellow]warning:[/] {escape(printable(warning))}", soft_wrap=True)
+            name = f"{escape(printable(log.log))}, {escape(printable(joint.joint))}"
             console.print(f"[bold]{name}[/]: [{_STYLE[joint.verdict]}]{joint.verdict}[/]")
             for sentence in joint.sentences:
-                console.print(f"  {escape(plain(sentence))}", soft_wrap=True)
+                console.print(f"  {escape(printable(sentence))}", soft_wrap=True)
             console.print(_scores(joint, console.width >= WIDE))
             if any(t.modalities for t in joint.transmissions):
                 console.print(_modalities(joint))
@@ -43,7 +43,8 @@ def print_report(report: Report, outputs: Outputs) -> None:
         met = "met" if threshold.met else "[bold red]missed[/]"
         console.print(f"threshold {threshold.name} ≤ {threshold.limit:g} %: {met}")
     console.print(
-        f"report: {escape(plain(str(outputs.page)))}   data: {escape(plain(str(outputs.document)))}", soft_wrap=True
+        f"report: {escape(printable(str(outputs.page)))}   data: {escape(printable(str(outputs.document)))}",
+        soft_wrap=True,
     )
 
 
@@ -59,7 +60,7 @@ def _overview(report: Report) -> Table:
         told = (
             (_interval(row.score.nrmse), _number(row.score.msrep.value, most=MOST_MSREP)) if row.score else ("–", "–")
         )
-        name, joint = escape(plain(row.log)), escape(plain(row.joint))
+        name, joint = escape(printable(row.log)), escape(printable(row.joint))
         table.add_row(
             name, joint, f"[{style}]{row.verdict}[/]", row.judged_on or "–", *told, f"{100.0 * row.inside:.3g}"
         )

@@ -9,6 +9,7 @@ import re
 import textwrap
 from collections.abc import Iterator
 
+from vsalog.printable import printable
 from vsalog.recording import Recording
 from vsalog.rig.checks import RUN
 from vsalog.rig.guess_types import Guess, JointGuess, RoleGuess
@@ -82,7 +83,7 @@ def toml_key(name: str) -> str:
 
 def _head(recording: Recording, guess: Guess) -> list[str]:
     lines = [
-        f"# Rig of {_plain(recording.path.name)}, guessed by 'vsalog init'.",
+        f"# Rig of {printable(recording.path.name)}, guessed by 'vsalog init'.",
         "# A percentage says how sure a guess is; check them all. Lines that begin with '# key =' are gaps to fill in.",
         '# Numbers are SI; any other unit goes into the text: "7.3 kg*m*mm", "500 N*mm/rad", "deg".',
     ]
@@ -222,7 +223,7 @@ def _channel(joint: Joint, role: str) -> str | None:
 
 
 def _line(text: str, comment: str) -> str:
-    return f"{text:<{COLUMN}}# {_plain(comment)}" if len(text) < COLUMN else f"{text}  # {_plain(comment)}"
+    return f"{text:<{COLUMN}}# {printable(comment)}" if len(text) < COLUMN else f"{text}  # {printable(comment)}"
 
 
 def _gap(key: str, value: str, why: str) -> str:
@@ -230,13 +231,8 @@ def _gap(key: str, value: str, why: str) -> str:
 
 
 def _note(text: str) -> list[str]:
-    return textwrap.wrap(f"Note: {_plain(text)}", 116, initial_indent="# ", subsequent_indent="#   ")
+    return textwrap.wrap(f"Note: {printable(text)}", 116, initial_indent="# ", subsequent_indent="#   ")
 
 
 def _percent(confidence: float) -> str:
     return f"{round(100 * confidence)} %"
-
-
-def _plain(text: str) -> str:
-    """Make a text fit for a comment: one line, no control characters."""
-    return "".join(c if c.isprintable() else "�" for c in text)
