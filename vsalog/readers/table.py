@@ -18,7 +18,8 @@ from vsalog.readers.table_cells import Cells, numbers_and_words
 from vsalog.readers.table_dialect import Dialect, detect
 from vsalog.readers.table_rows import BLOCK_BYTES, NULLS, Rows, pointed
 from vsalog.readers.text_source import BoundedGzip, open_text, read_beginning
-from vsalog.readers.time_columns import find_clocks, looks_like_clock, nanoseconds
+from vsalog.readers.time_columns import find_clocks, folds_of, looks_like_clock, nanoseconds
+from vsalog.readers.time_folds import Folds
 from vsalog.recording import Stamps, Values
 
 HEAD_BYTES = 256 * 1024
@@ -53,8 +54,9 @@ class TableReader:
         self._compressed = False
         self._dialect = self._detect()
         self._sample = _sample_columns(self._dialect)
-        self._plan = find_clocks(self._dialect.names, self._dialect.units, self._sample)
+        self._plan = find_clocks(self._dialect.names, self._dialect.units, self._sample, self._whole)
         self._counts: dict[str, Cells] = {}
+        self._folds: dict[str, Folds] = {}
         clocks = self._plan.columns()
         numbers = [numbers_and_words(column) for column in self._sample]
         if not any(good and (clocks or good > words) for good, words in numbers):
@@ -94,6 +96,7 @@ class TableReader:
         names = self._dialect.names
         columns = [i for i in self._channels if wanted is None or names[i] in wanted]
         self._counts = {names[i]: Cells() for i in columns}
+        self._folds = {kind: folds for kind, clock in self._plan.clocks.items() if (folds := folds_of(clock.form))}
         row, dropped = 0, 0
         rows = Rows(self.path, self._dialect, self._numbers)
         for batch in rows.batches([*columns, *self._plan.columns()]):
@@ -121,6 +124,11 @@ class TableReader:
                 times = {kind: time[filled] for kind, time in stamps.items()}
             stated = {names[i]: unit for i in own if (unit := units[i]) is not None}
             yield Block(stream, "csv", times, cells, stated, self._timeless())
+
+    def _whole(self, column: int) -> Iterator[pa.Array]:
+        """Yield all of a column, part by part."""
+        name = self._dialect.names[column]
+        return (batch.column(name) for batch in Rows(self.path, self._dialect, ()).batches([column]))
 
     def _stream_name(self, number: int, group: list[int]) -> str:
         return self.path.stem if number == 0 else f"{self.path.stem} ({self._dialect.names[group[0]]} …)"
@@ -170,6 +178,8 @@ class TableReader:
         for kind, clock in self._plan.clocks.items():
             cells = [batch.column(self._dialect.names[i]) for i in clock.columns]
             stamps[kind], valid = nanoseconds(cells, clock.form)
+            if kind in self._folds:
+                stamps[kind] = self._folds[kind].unfold(stamps[kind], valid)
             if kind == "header":  # without it there is still the log's time, for all rows then
                 stamps[kind] = np.where(valid, stamps[kind], 0)
             else:
@@ -201,13 +211,18 @@ class TableReader:
         self.notes.append(ROW_NOTE if self._plan.backwards is None else f"{self._timeless()}, so there is no time")
         for name, cells in zip(self._dialect.names, self._sample, strict=True):
             if looks_like_clock(Cells().convert(cells)):
-                self.notes.append(f"column '{name}' rises evenly: if it is the time, call it 'time [s]' in the header")
+                self.notes.append(
+                    f"column '{name}' rises evenly: if it is the time, call it so in the header, with its unit: 'time [s]',"
+                    " 'time [ms]' or 'time [min]'"
+                )
                 break
 
     def _report(self, dropped: int) -> None:
         """Tell what was wrong with the cells."""
         if dropped:
             self.notes.append(f"{plural(dropped, 'row')} {NO_TIME}")
+        for folds in self._folds.values():
+            self.notes += folds.notes()
         for name, cells in self._counts.items():
             if cells.text:
                 self.unread[name] = cells.text

@@ -3,39 +3,41 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field
-from typing import Any
+from functools import partial
 
 import numpy as np
 import pyarrow as pa
 import pyarrow.compute as pc
 from numpy.typing import NDArray
 
-from vsalog.readers.time_dates import dates, in_nanoseconds, integers, scaled, trimmed
+from vsalog.readers.date_order import order_of, possible_orders
+from vsalog.readers.headers import printable_cell
+from vsalog.readers.time_dates import dates, of_day, trimmed
+from vsalog.readers.time_folds import Folds
+from vsalog.readers.time_names import DATED, STEMS, UNITS, plain, rank_of, stated_unit
+from vsalog.readers.time_numbers import floats, is_numeric, multiplied, scaled_up
+from vsalog.readers.time_written import DAY, HOUR, dates_of, without_midnight
 from vsalog.recording import Stamps
 
 # Decimal digits from the unit to the nanosecond.
 _DIGITS = {"s": 9, "ms": 6, "us": 3, "ns": 0}
-_UNIT_NAMES = {
-    "s": "s", "sec": "s", "secs": "s", "second": "s", "seconds": "s",
-    "ms": "ms", "msec": "ms", "msecs": "ms", "millisecond": "ms", "milliseconds": "ms",
-    "us": "us", "µs": "us", "μs": "us", "usec": "us", "microsecond": "us", "microseconds": "us",
-    "ns": "ns", "nsec": "ns", "nanosec": "ns", "nanosecond": "ns", "nanoseconds": "ns",
-}  # fmt: skip
 _WORDS = {"s": "seconds", "ms": "milliseconds", "us": "microseconds", "ns": "nanoseconds"}
+_NANOSECONDS = {"min": 60 * 10**9, "h": HOUR, "d": DAY}
 
-# Best first. What follows the stem may be a unit: time_ms.
-_STEMS = (
-    r"(field\.)?header[._/]stamp",
-    r"__time|%time|stamp|time_?stamp|unix_?time|ros_?time|epoch",
-    r"time|date_?time|(elapsed|relative|rel)_time|time_elapsed|elapsed|(uhr)?zeit|zeitstempel|temps|tiempo|tempo",
-    r"t|secs?|seconds",
-)
-_NAME = [re.compile(rf"^(?:{stem})(?:_(?P<unit>s|secs?|ms|msec|us|usec|ns|nsec))?$") for stem in _STEMS]
 _SECONDS = re.compile(r"^(?P<stem>.*?)(?:^|[._/])(secs?)$")
-_DATE_NAMES = ("date", "datum", "fecha", "data")
+_HOURS, _MINUTES = ("hour", "hours", "hr", "hrs"), ("minute", "minutes", "min", "mins")
+_WHOLE_SECONDS = ("second", "seconds", "sec", "secs")
 _FRACTION = ("nanosec", "nsec", "nsecs", "nanosecs")
+
+# Days that spreadsheets and MATLAB count: those between 2000 and 2050, and the number of 1970-01-01.
+_SERIAL = {"serial": (36_526, 54_789, 25_569), "datenum": (730_486, 748_749, 719_529)}
+_SERIAL_WORDS = {
+    "serial": "days since 1899-12-30, as spreadsheets count them",
+    "datenum": "days since the year 0, as MATLAB counts them",
+}
+_SERIAL_STEP = 2e-5  # days; as seconds they would be samples of more than 50 kHz
 
 # Epoch seconds between 2000 and 2100; in other units by powers of a thousand.
 _EPOCH = (946_684_800, 4_102_444_800)
@@ -48,9 +50,11 @@ class ClockColumn:
     Attributes
     ----------
     columns : tuple of int
-        One column, or seconds and nanoseconds, or date and time of day.
+        One column, or seconds and nanoseconds, or hours, minutes and seconds, or date and time of day.
     form : str
-        ``s``, ``ms``, ``us``, ``ns``, ``date`` (ISO 8601), ``day`` (time of day), ``pair`` or ``date+day``.
+        A unit (``s``, ``ms``, ``us``, ``ns``, ``min``, ``h``, ``d``), ``serial`` or ``datenum`` (days), ``date``, ``day`` (time
+        of day), ``minutes`` (``59:58.5``), ``pair``, ``hms`` or ``date+day``. Behind ``date`` and ``date+day`` may stand the
+        order of day, month and year: ``date mdy``.
     """
 
     columns: tuple[int, ...]
@@ -80,7 +84,19 @@ class ClockPlan:
         return {column for clock in self.clocks.values() for column in clock.columns}
 
 
-def find_clocks(names: Sequence[str], units: Sequence[str | None], sample: Sequence[pa.Array]) -> ClockPlan:
+Rest = Callable[[], Iterable[pa.Array]]
+Whole = Callable[[int], Iterable[pa.Array]]
+"""Gives all of a column, part by part."""
+_MOST_DATES = 1000
+
+
+def _nothing() -> Iterable[pa.Array]:
+    return ()
+
+
+def find_clocks(
+    names: Sequence[str], units: Sequence[str | None], sample: Sequence[pa.Array], whole: Whole | None = None
+) -> ClockPlan:
     """Find the clocks of a table by its headers, checked against its first rows.
 
     Parameters
@@ -89,27 +105,34 @@ def find_clocks(names: Sequence[str], units: Sequence[str | None], sample: Seque
         Of all columns; units None where the header states none.
     sample : sequence of pyarrow arrays
         The columns' first rows.
+    whole : callable, optional
+        Asked for dates whose day and month the first rows do not tell apart.
     """
     pair = _second_and_fraction(names, sample)
-    notes: list[str] = []
-    ranked = sorted((rank, i) for i, name in enumerate(names) if (rank := _rank(name)) is not None and i < len(sample))
-    clocks: list[tuple[int, ClockColumn]] = []
+    parts = _hours_minutes_seconds(names, sample)
+    ranked = sorted(
+        (rank, i) for i, name in enumerate(names) if (rank := rank_of(name)) is not None and i < len(sample)
+    )
+    clocks: list[tuple[int, ClockColumn, tuple[str, ...]]] = []
     for rank, i in ranked:
-        form, note = _form(names[i], units[i], sample[i])
-        if form is not None:
-            clocks.append((rank, _with_date(ClockColumn((i,), form), names, sample)))
-            notes.append(note)
-    if not clocks and pair:
+        if parts and i in parts.columns:
+            continue
+        form, note = _form(names[i], units[i], sample[i], partial(whole, i) if whole else _nothing)
+        if form is not None and (rank != DATED or _is_moment(form, sample[i])):
+            clock, remark = _with_date(ClockColumn((i,), form), names, sample, whole)
+            clocks.append((rank, clock, tuple(said for said in (note, remark) if said)))
+    best = clocks[0][0] if clocks else len(STEMS)
+    if pair and best > 0:
         return ClockPlan({"column": pair})
+    if parts and best > 2:
+        return ClockPlan({"column": parts})
     if not clocks:
         falls = ((i, row) for _, i in ranked if (row := _backwards(sample[i])) is not None)
-        return ClockPlan(backwards=next(falls, None))
-    log = next((c for _, c in clocks if names[c.columns[0]] == "%time"), None)
-    if log is not None and clocks[0][0] == 0:  # an export of rostopic: the header's stamp, and when it was received
+        return ClockPlan(notes=_no_clock(ranked, names, units, sample), backwards=next(falls, None))
+    log = next((c for _, c, _ in clocks if names[c.columns[0]] == "%time"), None)
+    if log is not None and best == 0:  # an export of rostopic: the header's stamp, and when it was received
         return ClockPlan({"header": clocks[0][1], "log": log})
-    if pair and clocks[0][0] > 0:
-        return ClockPlan({"column": pair})
-    return ClockPlan({"column": clocks[0][1]}, tuple(note for note in notes[:1] if note))
+    return ClockPlan({"column": clocks[0][1]}, clocks[0][2])
 
 
 def epoch_unit(size: float) -> str | None:
@@ -141,56 +164,93 @@ def nanoseconds(columns: Sequence[pa.Array], form: str) -> tuple[Stamps, NDArray
     form : str
         As in `ClockColumn`.
     """
-    if form == "pair":
-        seconds, good = _scaled(columns[0], 9)
-        fraction, also = _scaled(columns[1], 0)
+    kind, _, order = form.partition(" ")
+    if kind == "pair":
+        seconds, good = scaled_up(columns[0], 9)
+        fraction, also = scaled_up(columns[1], 0)
         good &= also & (np.abs(seconds // 2 + fraction // 2) < 2**61)  # their sum fits into 64 bits, and is a time
         return np.where(good, seconds, 0) + np.where(good, fraction, 0), good
-    if form == "date+day":
-        joined = pc.binary_join_element_wise(trimmed(columns[0]), trimmed(columns[1]), " ")
-        return dates(joined)
-    if form == "date":
-        return dates(columns[0])
-    if form == "day":
-        return dates(pc.binary_join_element_wise("1970-01-01", trimmed(columns[0]), " "))
-    return _scaled(columns[0], _DIGITS[form])
+    if kind == "hms":
+        each = [multiplied(column, size) for column, size in zip(columns, (HOUR, HOUR / 60, 1e9), strict=True)]
+        good = np.logical_and.reduce([also & (np.abs(part) < 2**61) for part, also in each])
+        return np.where(good, sum(part for part, _ in each), 0), good
+    if kind == "date+day":
+        joined = pc.binary_join_element_wise(without_midnight(trimmed(columns[0])), trimmed(columns[1]), " ")
+        return dates(joined, order)
+    if kind == "date":
+        return dates(columns[0], order)
+    if kind in ("day", "minutes"):
+        text = trimmed(columns[0])
+        return of_day(pc.binary_join_element_wise("0:", text, "") if kind == "minutes" else text)
+    if kind in _SERIAL:
+        return multiplied(columns[0], DAY, _SERIAL[kind][2])
+    if kind in _NANOSECONDS:
+        return multiplied(columns[0], _NANOSECONDS[kind])
+    return scaled_up(columns[0], _DIGITS[kind])
 
 
-def _rank(name: str) -> int | None:
-    """Return how much a name looks like that of a clock: 0 is best, None is not at all."""
-    lowered = name.strip().lower().replace(" ", "_")
-    return next((rank for rank, pattern in enumerate(_NAME) if pattern.match(lowered)), None)
+def folds_of(form: str) -> Folds | None:
+    """Return what makes a clock go on that begins anew at midnight or the like, None for one that does not."""
+    kind = form.partition(" ")[0]
+    if kind in ("day", "hms"):
+        return Folds(DAY, False)
+    if kind == "minutes":
+        return Folds(HOUR, False)
+    return Folds(DAY, True) if kind in ("date", "date+day") else None
 
 
-def _stated_unit(name: str, unit: str | None) -> str | None:
-    if unit is not None:
-        return unit.strip().lower()
-    lowered = name.strip().lower().replace(" ", "_")
-    match = next((match for pattern in _NAME if (match := pattern.match(lowered))), None)
-    return match["unit"] if match else None
-
-
-def _form(name: str, unit: str | None, sample: pa.Array) -> tuple[str | None, str]:
+def _form(name: str, unit: str | None, sample: pa.Array, rest: Rest) -> tuple[str | None, str]:
     """Return how a column tells the time and a note, or None where it does not."""
     kind = sample.type
     if pa.types.is_timestamp(kind) or pa.types.is_date(kind):
         return "date", ""
     if pa.types.is_time(kind) or pa.types.is_duration(kind):
         return "ns", ""
-    if (pa.types.is_string(kind) or pa.types.is_large_string(kind)) and not _numeric(sample):
-        for form in ("date", "day"):
-            _, good = nanoseconds([sample], form)
-            if good.any() and good.mean() > 0.9:
-                return form, ""
-        return None, ""
-    values = _floats(sample)
+    if _is_text(sample):
+        return _written_form(name, sample, rest)
+    values = floats(sample)
     values = values[np.isfinite(values)]
     if not len(values) or not _rising(values):
         return None, ""
-    stated = _stated_unit(name, unit)
+    stated = stated_unit(name, unit)
     if stated is not None:
-        return _UNIT_NAMES.get(stated), ""
+        return UNITS.get(stated), ""
     return _guessed_unit(name, values)
+
+
+def _is_text(sample: pa.Array) -> bool:
+    return (pa.types.is_string(sample.type) or pa.types.is_large_string(sample.type)) and not is_numeric(sample)
+
+
+def _written_form(name: str, sample: pa.Array, rest: Rest) -> tuple[str | None, str]:
+    """Return how dates or times of day are written and a note, None where a text is neither."""
+    if _reads(sample, "date"):
+        return "date", ""
+    order, note = _order(name, sample, rest)
+    if order and _reads(sample, f"date {order}"):
+        return f"date {order}", note
+    if _reads(sample, "day"):
+        return "day", ""
+    if _reads(sample, "minutes"):
+        return "minutes", "times such as 59:58.5 are read as minutes and seconds"
+    return None, ""
+
+
+def _reads(sample: pa.Array, form: str) -> bool:
+    """Tell whether nearly all cells are times in a form."""
+    _, good = nanoseconds([sample], form)
+    return bool(good.any() and good.mean() > 0.9)
+
+
+def _order(name: str, sample: pa.Array, rest: Rest) -> tuple[str, str]:
+    """Return the order of day, month and year in a column's dates and a note, see `date_order`."""
+    dates = dict.fromkeys(dates_of(without_midnight(trimmed(sample))))
+    if len(possible_orders(list(dates))) > 1:
+        for cells in rest():
+            dates |= dict.fromkeys(dates_of(without_midnight(trimmed(cells))))
+            if len(dates) > _MOST_DATES or len(possible_orders(list(dates))) < 2:
+                break
+    return order_of(name, list(dates))
 
 
 def _rising(values: NDArray[np.float64]) -> bool:
@@ -204,7 +264,7 @@ def _rising(values: NDArray[np.float64]) -> bool:
 
 def _backwards(sample: pa.Array) -> int | None:
     """Return the first row that is less than the one before."""
-    values = _floats(sample)
+    values = floats(sample)
     rows = np.flatnonzero(np.isfinite(values))
     falls = np.flatnonzero(np.diff(values[rows]) < 0)
     return int(rows[falls[0] + 1]) if falls.size else None
@@ -217,13 +277,16 @@ def _guessed_unit(name: str, values: NDArray[np.float64]) -> tuple[str, str]:
         return unit, ""
     steps = np.diff(values)
     step = float(np.median(steps[steps > 0])) if (steps > 0).any() else 0.0
+    for form, (first, last, _) in _SERIAL.items():
+        if first <= values.min() and values.max() <= last and 0 < step < _SERIAL_STEP:
+            return form, f"column '{name}' is read as {_SERIAL_WORDS[form]}; call it '{name} [s]' if it is in seconds"
     limits = ((0.5, "s"), (500.0, "ms"), (5e5, "us"))
     unit = next((unit for limit, unit in limits if step <= limit), "ns")
     if unit == "s":
         return unit, ""
     note = (
         f"column '{name}' states no unit and is read as {_WORDS[unit]} because its steps are about {step:g};"
-        f" call it '{name} [s]' if they are seconds"
+        f" write the unit behind its name if it is another one, such as '{name} [s]' or '{name} [min]'"
     )
     return unit, note
 
@@ -238,84 +301,65 @@ def _second_and_fraction(names: Sequence[str], sample: Sequence[pa.Array]) -> Cl
         lead = name[: match.start(2)]
         for ending in _FRACTION:
             other = lowered.get(lead + ending)
-            if other is not None and all(_numeric(sample[c]) for c in (i, other)):
+            if other is not None and all(is_numeric(sample[c]) for c in (i, other)):
                 return ClockColumn((i, other), "pair")
     return None
 
 
-def _with_date(clock: ClockColumn, names: Sequence[str], sample: Sequence[pa.Array]) -> ClockColumn:
-    """Join a time of day with the date in another column, where there is one."""
+def _hours_minutes_seconds(names: Sequence[str], sample: Sequence[pa.Array]) -> ClockColumn | None:
+    """Return the columns of a time that is split into hours, minutes and seconds."""
+    called = [plain(name) for name in names[: len(sample)]]
+    found = [[i for i, name in enumerate(called) if name in known] for known in (_HOURS, _MINUTES, _WHOLE_SECONDS)]
+    columns = tuple(one[0] for one in found if len(one) == 1)
+    return ClockColumn(columns, "hms") if len(columns) == 3 and all(is_numeric(sample[i]) for i in columns) else None
+
+
+def _with_date(
+    clock: ClockColumn, names: Sequence[str], sample: Sequence[pa.Array], whole: Whole | None
+) -> tuple[ClockColumn, str]:
+    """Join a time of day with the date in another column, where there is one; return a note too."""
     if clock.form != "day":
-        return clock
-    for i, name in enumerate(names):
-        if name.strip().lower() in _DATE_NAMES:
-            both = ClockColumn((i, clock.columns[0]), "date+day")
-            _, good = nanoseconds([sample[c] for c in both.columns], both.form)
-            if good.any():
-                return both
-    return clock
+        return clock, ""
+    unread = ""
+    for i, name in enumerate(names[: len(sample)]):
+        if rank_of(name) != DATED:
+            continue
+        order, note = _order(name, sample[i], partial(whole, i) if whole else _nothing)
+        both = ClockColumn((i, clock.columns[0]), f"date+day {order}".strip())
+        _, good = nanoseconds([sample[c] for c in both.columns], both.form)
+        if good.mean() > 0.5:
+            return both, note
+        if _is_text(sample[i]) or plain(name) != "data":
+            unread = unread or (
+                f"the dates in column '{name}' cannot be read ({_first(sample[i])}), so the time of day is taken alone;"
+                " dates such as 2026-01-31 can be read"
+            )
+    return clock, unread
 
 
-def _numeric(sample: pa.Array) -> bool:
-    values = _floats(sample)
-    return bool(len(values)) and np.count_nonzero(np.isfinite(values)) > 0.5 * (len(sample) - sample.null_count)
+def _no_clock(
+    ranked: Sequence[tuple[int, int]], names: Sequence[str], units: Sequence[str | None], sample: Sequence[pa.Array]
+) -> tuple[str, ...]:
+    """Say why columns that are called clocks are none."""
+    for rank, i in ranked:
+        stated = stated_unit(names[i], units[i])
+        if _is_text(sample[i]) and rank != DATED:
+            return (
+                f"the times in column '{names[i]}' cannot be read ({_first(sample[i])}): write seconds, or dates such as"
+                " 2026-01-31 12:00:00.5",
+            )
+        if stated is not None and stated not in UNITS:
+            return (f"column '{names[i]}' is no time: '{stated}' is none of the units s, ms, us, ns, min, h and d",)
+    return ()
 
 
-def _floats(array: pa.Array) -> NDArray[np.float64]:
-    if pa.types.is_string(array.type) or pa.types.is_large_string(array.type):
-        array = _cast_or_null(array, pa.float64())
-    try:
-        return np.asarray(pc.cast(array, pa.float64(), safe=False).to_numpy(zero_copy_only=False), np.float64)
-    except (pa.ArrowInvalid, pa.ArrowNotImplementedError):
-        return np.full(len(array), np.nan)
+def _first(sample: pa.Array) -> str:
+    cell = next((cell for cell in sample.to_pylist() if cell is not None), None)
+    return "all are blank" if cell is None else f"the first: '{printable_cell(str(cell))}'"
 
 
-def _cast_or_null(array: pa.Array, kind: Any) -> pa.Array:
-    """Cast texts; those that cannot be become null."""
-    array = trimmed(array)
-    try:
-        return pc.cast(array, kind)
-    except pa.ArrowInvalid:
-        cells = []
-        for text in array.to_pylist():
-            try:
-                cells.append(pc.cast(pa.scalar(text, pa.string()), kind).as_py() if text else None)
-            except pa.ArrowInvalid:
-                cells.append(None)
-        return pa.array(cells, kind)
-
-
-def _scaled(array: pa.Array, digits: int) -> tuple[Stamps, NDArray[np.bool_]]:
-    """Return numbers times ten to the power of `digits` as integers, exactly where they are written in decimals."""
-    kind = array.type
-    if pa.types.is_time(kind) or pa.types.is_duration(kind):
-        return in_nanoseconds(array)
-    if pa.types.is_integer(kind):
-        return scaled(*integers(array), 10**digits)
-    if pa.types.is_string(kind) or pa.types.is_large_string(kind):
-        exact = _exact(trimmed(array), digits)
-        if exact is not None:
-            return exact
-    # Nonsense becomes infinite, and no stamp; a NaN may be of the kind that signals.
-    with np.errstate(over="ignore", invalid="ignore"):
-        values = _floats(array) * 10.0**digits
-    good = np.isfinite(values) & (np.abs(values) < 2.0**63)
-    return np.rint(np.where(good, values, 0.0)).astype(np.int64), good
-
-
-def _exact(text: pa.Array, digits: int) -> tuple[Stamps, NDArray[np.bool_]] | None:
-    """Scale decimal numbers without floating point; None where some are written in another way."""
-    try:
-        number = pc.cast(text, pa.decimal128(38, 18))
-        number = pc.cast(pc.round(number, digits), pa.decimal128(38, digits), safe=False)
-    except pa.ArrowInvalid:
-        return None
-    good = np.asarray(pc.is_valid(number).to_numpy(zero_copy_only=False), bool)
-    buffer = number.buffers()[1]
-    if buffer is None:
-        return np.zeros(len(number), np.int64), good
-    halves = np.frombuffer(buffer, np.int64)[2 * number.offset : 2 * (number.offset + len(number))].reshape(-1, 2)
-    fits = (halves[:, 1] == np.where(halves[:, 0] < 0, -1, 0)) | ~good
-    if not fits.all():
-        return None
-    return np.where(good, halves[:, 0], 0), good
+def _is_moment(form: str, sample: pa.Array) -> bool:
+    """Tell whether what is called a date tells the time of day as well."""
+    if _is_text(sample):
+        return form.startswith("date") and bool(pc.any(pc.match_substring(sample, ":")).as_py())
+    return form in _SERIAL or pa.types.is_timestamp(sample.type)

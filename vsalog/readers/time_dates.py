@@ -9,42 +9,44 @@ import pyarrow as pa
 import pyarrow.compute as pc
 from numpy.typing import NDArray
 
+from vsalog.readers.time_written import moments, times_of_day
 from vsalog.recording import Stamps
 
 _SHAPE = r"^\d{4}-\d\d-\d\d([T ]\d\d(:?\d\d(:?\d\d([.]\d{1,9})?)?)?)?([+-]\d\d:?\d\d)?$"
 _ZONED = r":?\d\d(\.\d+)?[+-]\d\d:?\d\d$"
 
-# Other ways to write the same, each turned into the one above: what is found, what it becomes.
-_REWRITTEN = (
-    (r"^(\d{4})/(\d\d)/(\d\d)", r"\1-\2-\3"),
-    (r"^(\d\d)\.(\d\d)\.(\d{4})", r"\3-\2-\1"),  # with points the day comes first; with slashes nobody knows
-    (r"^(\d{4})(\d\d)(\d\d)T(\d\d)(\d\d)(\d\d)", r"\1-\2-\3T\4:\5:\6"),
-    (r"(\d),(\d)", r"\1.\2"),
-    (r"\s*(?:[zZ]|(?i:utc|gmt))$", "+00:00"),
-    (r"(:\d\d(?:\.\d+)?)\s+([+-]\d\d)", r"\1\2"),
-    (r"(:\d\d(?:\.\d+)?[+-]\d\d)$", r"\1:00"),
-)
 
-
-def dates(array: pa.Array) -> tuple[Stamps, NDArray[np.bool_]]:
+def dates(array: pa.Array, order: str = "") -> tuple[Stamps, NDArray[np.bool_]]:
     """Return dates [ns since the epoch], and which of them are dates; those without a time zone count as UTC.
 
     Parameters
     ----------
     array : pyarrow array
-        Timestamps, dates, or texts: ISO 8601, ``2026/01/31 …``, ``31.01.2026 …``.
+        Timestamps, dates, or texts.
+    order : str
+        Of day, month and year in ``3/4/2024``, see `time_written.moments`.
     """
     kind = array.type
     if pa.types.is_timestamp(kind) or pa.types.is_date(kind):
         return in_nanoseconds(array)
     text = trimmed(array)
     found = _iso(text)
+    stamps, good = integers(found)
     if found.null_count > text.null_count:
         other = pc.if_else(pc.is_null(found), text, pa.scalar(None, pa.string()))
-        for pattern, becomes in _REWRITTEN:
-            other = pc.replace_substring_regex(other, pattern, becomes)
-        found = pc.coalesce(found, _iso(other))
-    return integers(found)
+        written, also = moments(other, order)
+        stamps, good = np.where(good, stamps, written), good | also
+    return stamps, good
+
+
+def of_day(text: pa.Array) -> tuple[Stamps, NDArray[np.bool_]]:
+    """Return times of day [ns since midnight], and which texts, without blanks around them, are such."""
+    found = _iso(pc.binary_join_element_wise("1970-01-01", text, " "))
+    stamps, good = integers(found)
+    if found.null_count > text.null_count:
+        written, also = times_of_day(pc.if_else(pc.is_null(found), text, pa.scalar(None, pa.string())))
+        stamps, good = np.where(good, stamps, written), good | also
+    return stamps, good
 
 
 def integers(array: pa.Array) -> tuple[Stamps, NDArray[np.bool_]]:

@@ -1,0 +1,263 @@
+"""Times in tables as people and programs write them, held against Python's own dates."""
+
+from __future__ import annotations
+
+from datetime import UTC, date, datetime, timedelta
+
+import pytest
+
+from vsalog.readers import read
+
+S = 10**9
+BEGIN = datetime(2024, 3, 13, 23, 59, 57, 500_000, tzinfo=UTC)
+STEP = timedelta(milliseconds=250)
+ROWS = [BEGIN + i * STEP for i in range(20)]
+
+
+def nanoseconds(moment):
+    return ((moment - datetime(1970, 1, 1, tzinfo=UTC)) // timedelta(microseconds=1)) * 1000
+
+
+@pytest.fixture
+def table(tmp_path):
+    """Read lines as a table."""
+
+    def table(*lines, **options):
+        path = tmp_path / "log.csv"
+        path.write_text("\n".join(lines) + "\n", encoding="utf-8")
+        return read(path, **options)
+
+    return table
+
+
+def stamps(recording, channel="x"):
+    found = recording.channel(channel)
+    assert found.values.tolist() == list(range(len(found.values))), "rows came into another order"
+    return found.stamps.tolist()
+
+
+def since_first(recording):
+    found = stamps(recording)
+    return [stamp - found[0] for stamp in found]
+
+
+DATES = [
+    "%m/%d/%Y",
+    "%d/%m/%Y",
+    "%d-%m-%Y",
+    "%m/%d/%y",
+    "%d/%m/%y",
+    "%Y%m%d",
+    "%d %b %Y",
+    "%d-%b-%Y",
+    "%B %d %Y",
+    "%d.%m.%y",
+    "%Y/%m/%d",
+]
+TIMES = ["%H:%M:%S.%f", "%I:%M:%S.%f %p", "%I:%M:%S.%f%p"]
+
+
+@pytest.mark.parametrize("date", DATES)
+@pytest.mark.parametrize("time", TIMES)
+@pytest.mark.parametrize("columns", [1, 2])
+@pytest.mark.parametrize("padded", [True, False])
+def test_dates_across_midnight(table, date, time, columns, padded):
+    def cell(moment):
+        written = moment.strftime(date), moment.strftime(time)
+        if not padded:
+            written = tuple(text.removeprefix("0").replace("/0", "/") for text in written)
+        return (" " if columns == 1 else ";").join(written)
+
+    header = "Timestamp;x" if columns == 1 else "Date;Time;x"
+    recording = table(header, *(f"{cell(moment)};{i}" for i, moment in enumerate(ROWS)))
+    assert stamps(recording) == [nanoseconds(moment) for moment in ROWS]
+    assert recording.absolute_time
+    assert recording.notes == ()
+
+
+@pytest.mark.parametrize("time", ["%I:%M:%S %p", "%H:%M:%S", "%I:%M %p", "%m/%d/%Y %I:%M:%S %p", "%m/%d/%Y %H:%M"])
+def test_times_without_fractions(table, time):
+    rows = [BEGIN.replace(microsecond=0, second=0) + timedelta(minutes=i) for i in range(5)]
+    written = [f"{moment.strftime(time).lower()},{i}" for i, moment in enumerate(rows)]
+    assert since_first(table("time,x", *written)) == [60 * i * S for i in range(5)]
+
+
+def noon(*hours):
+    return [f"{'Time'},x", *(f"{hour},{i}" for i, hour in enumerate(hours))]
+
+
+def test_noon_and_midnight_of_a_twelve_hour_clock(table):
+    found = stamps(
+        table(*noon("12:00:00 AM", "1:00:00 AM", "11:59:59 AM", "12:00:00 PM", "1:02:03 PM", "11:00:00 p.m."))
+    )
+    assert found == [0, 3600 * S, 43199 * S, 43200 * S, (13 * 3600 + 123) * S, 23 * 3600 * S]
+
+
+@pytest.mark.parametrize(
+    ("first", "second", "order", "month", "day"),
+    [
+        ("3/4/2024", "4/4/2024", "day, month, year", 4, 3),
+        ("3/4/2024", "3/5/2024", "month, day, year", 3, 4),
+        ("03-04-24", "03-05-24", "month, day, year", 3, 4),
+        ("24-03-04", "24-03-05", "year, month, day", 3, 4),
+    ],
+)
+def test_dates_that_could_be_read_in_two_ways_make_the_shortest_log(table, first, second, order, month, day):
+    written = [f"{first if moment < ROWS[10] else second},{moment:%H:%M:%S.%f},{i}" for i, moment in enumerate(ROWS)]
+    recording = table("Date,Time,x", *written)
+    begin = nanoseconds(BEGIN.replace(month=month, day=day))
+    assert stamps(recording) == [begin + i * S // 4 for i in range(20)]
+    assert any(f"'{first}' are read as {order}" in note for note in recording.notes)
+
+
+@pytest.mark.parametrize(("written", "month", "day"), [("3/4/2024", 3, 4), ("3-4-2024", 4, 3)])
+def test_a_single_date_that_nothing_decides_is_told(table, written, month, day):
+    recording = table("Date,Time,x", *(f"{written},12:00:0{i},{i}" for i in range(5)))
+    noon = nanoseconds(datetime(2024, month, day, 12, tzinfo=UTC))
+    assert stamps(recording) == [noon + i * S for i in range(5)]
+    assert any("nothing tells which" in note for note in recording.notes)
+
+
+def test_a_header_that_states_the_order_of_its_dates(table):
+    recording = table("Date (DD/MM/YYYY),Time,x", *(f"3/4/2024,12:00:0{i},{i}" for i in range(5)))
+    assert stamps(recording)[0] == nanoseconds(datetime(2024, 4, 3, 12, tzinfo=UTC))
+    assert recording.notes == ()
+
+
+def test_a_date_far_behind_the_first_rows_decides(table):
+    """The first rows are of 12 March or 3 December; only the next day, deep in the file, tells."""
+    begin = datetime(2024, 3, 12, 22, tzinfo=UTC)
+    rows = [begin + timedelta(seconds=12 * i) for i in range(1000)]
+    recording = table("Date,Time,x", *(f"{m.day}/{m.month}/{m.year},{m:%H:%M:%S},{i}" for i, m in enumerate(rows)))
+    assert stamps(recording) == [nanoseconds(moment) for moment in rows]
+    assert recording.notes == ()
+
+
+@pytest.mark.parametrize("date", ["week 11", "45364", "?"])
+def test_a_date_that_cannot_be_read_is_told_and_midnight_passes(table, date):
+    recording = table("Date,Time,x", *(f"{date},{moment:%H:%M:%S.%f},{i}" for i, moment in enumerate(ROWS)))
+    assert since_first(recording) == [i * S // 4 for i in range(20)]
+    assert any("column 'Date' cannot be read" in note for note in recording.notes)
+    assert any("at midnight once" in note for note in recording.notes)
+
+
+def test_a_date_that_stays_that_of_the_begin(table):
+    recording = table("Date,Time,x", *(f"2024-03-13,{moment:%H:%M:%S.%f},{i}" for i, moment in enumerate(ROWS)))
+    assert stamps(recording) == [nanoseconds(moment) for moment in ROWS]
+    assert any("at midnight once" in note for note in recording.notes)
+
+
+def test_a_date_that_follows_a_sample_late(table):
+    dates = [(moment - 2 * STEP).date() for moment in ROWS]
+    rows = zip(dates, ROWS, strict=True)
+    recording = table("Date,Time,x", *(f"{date},{moment:%H:%M:%S.%f},{i}" for i, (date, moment) in enumerate(rows)))
+    assert stamps(recording) == [nanoseconds(moment) for moment in ROWS]
+
+
+def test_midnights_far_apart_and_late_samples(table):
+    """Three days at 40 s a row; around each midnight two samples come in the wrong order, which are sorted as ever."""
+    rows = [BEGIN.replace(microsecond=0) + timedelta(seconds=40 * i) for i in range(6000)]
+    written = [f"{moment:%H:%M:%S}" for moment in rows]
+    falls = [i for i in range(1, 6000) if rows[i].day != rows[i - 1].day]
+    for i in falls[1:]:
+        written[i - 1], written[i] = written[i], written[i - 1]
+    recording = table("time,x", *(f"{text},{i}" for i, text in enumerate(written)))
+    found = recording.channel("x").stamps
+    assert (found - found[0]).tolist() == [40 * i * S for i in range(6000)]
+    assert recording.streams["log"].inversions == len(falls) - 1
+    assert any(f"at midnight {len(falls)} times" in note for note in recording.notes)
+
+
+def test_a_gap_of_a_night_is_no_step_back(table):
+    recording = table("time,x", *noon("01:00:00", "01:00:01", "23:30:00", "23:30:01")[1:])
+    assert since_first(recording) == [0, S, 81_000 * S, 81_001 * S]
+
+
+@pytest.mark.parametrize(
+    ("date", "hours", "words"), [("2024-10-27 ", 1, "by an hour once"), ("", 12, "by twelve hours once")]
+)
+def test_clocks_that_are_set_back(table, date, hours, words):
+    """By summer time, and at one o'clock where nobody writes AM and PM."""
+    begin = datetime(2024, 10, 27, 12 if hours == 12 else 2, 59, 50, tzinfo=UTC)
+    rows = [begin + timedelta(seconds=i) for i in range(20)]
+    written = [moment - timedelta(hours=hours) * (moment.hour > begin.hour) for moment in rows]
+    recording = table("time,x", *(f"{date}{moment:%H:%M:%S},{i}" for i, moment in enumerate(written)))
+    assert since_first(recording) == [i * S for i in range(20)]
+    assert any(words in note for note in recording.notes)
+
+
+def test_minutes_and_seconds_as_spreadsheets_show_them(table):
+    recording = table(
+        "time,x", *(f"{(3599 + i // 2) // 60 % 60:02d}:{(59 + i // 2) % 60:02d}.{i % 2 * 5},{i}" for i in range(6))
+    )
+    assert since_first(recording) == [i * S // 2 for i in range(6)]
+    assert any("minutes and seconds" in note for note in recording.notes)
+
+
+def test_hours_beyond_a_day_and_before_the_begin(table):
+    assert stamps(table(*noon("-00:00:01.5", "00:00:00", "100:00:00.25"))) == [-3 * S // 2, 0, 360_000 * S + S // 4]
+
+
+def test_hours_minutes_and_seconds_in_columns_of_their_own(table):
+    recording = table("hour,minute,second,x", *(f"{m.hour},{m.minute},{m:%S.%f},{i}" for i, m in enumerate(ROWS)))
+    assert list(recording.channels) == ["x"]
+    assert since_first(recording) == [i * S // 4 for i in range(20)]
+
+
+def test_zones_by_their_names(table):
+    recording = table(*noon("2024-03-13 12:00:00 CET", "2024-03-13 11:00:01 UTC", "2024-03-13 07:00:02 EDT"))
+    assert stamps(recording) == [nanoseconds(datetime(2024, 3, 13, 11, 0, i, tzinfo=UTC)) for i in range(3)]
+
+
+@pytest.mark.parametrize(
+    ("header", "unit"),
+    [(h, u) for u, hs in {
+        60: ["time [min]", "time (min)", "t [minutes]", "time_min", "minutes", "t (min)"],
+        3600: ["t (h)", "time [h]", "hours", "Time (hours)", "elapsed_time_h"],
+        86400: ["time [d]", "time_days"],
+        1: ["seconds", "time [sec]"],
+    }.items() for h in hs],
+)  # fmt: skip
+def test_a_time_in_any_unit(table, header, unit):
+    recording = table(f"{header},x", *(f"{i / 8},{i}" for i in range(20)))
+    assert stamps(recording) == [i * unit * S // 8 for i in range(20)]
+    assert recording.notes == ()
+
+
+def test_whole_seconds_are_seconds_where_the_name_says_so(table):
+    assert stamps(table("seconds,x", *(f"{i},{i}" for i in range(5)))) == [i * S for i in range(5)]
+
+
+def test_a_unit_that_is_no_time_is_told(table):
+    recording = table("time [samples],x", *(f"{i},{i}" for i in range(20)))
+    assert recording.streams["log"].time_source == "none"
+    assert any("'samples' is none of the units" in note for note in recording.notes)
+
+
+def test_a_time_that_cannot_be_read_is_shown(table):
+    recording = table("time,x", "first,0", "second,1", "third,2")
+    assert any("the times in column 'time' cannot be read (the first: 'first')" in note for note in recording.notes)
+
+
+def excel(day):
+    return (day - date(1899, 12, 30)).days
+
+
+def datenum(day):
+    return day.toordinal() + 366
+
+
+@pytest.mark.parametrize("number", [excel, datenum])
+def test_days_as_spreadsheets_and_matlab_count_them(table, number):
+    midnight = datetime(2024, 3, 13, tzinfo=UTC)
+    days = [number(moment.date()) + (moment - midnight) / timedelta(days=1) % 1 for moment in ROWS]
+    recording = table("Time,x", *(f"{day:.12f},{i}" for i, day in enumerate(days)))
+    for found, moment in zip(stamps(recording), ROWS, strict=True):
+        assert found == pytest.approx(nanoseconds(moment), abs=2e-5 * S)
+    assert any("as spreadsheets" in note or "as MATLAB" in note for note in recording.notes)
+
+
+def test_a_signal_called_data_is_no_clock(table):
+    recording = table("data,x", *(f"{i / 10},{i}" for i in range(20)))
+    assert recording.streams["log"].time_source == "none"
+    assert recording.channel("data").values.tolist() == [i / 10 for i in range(20)]

@@ -1,0 +1,92 @@
+"""Clocks on the wall begin anew at midnight, and are set back by an hour in autumn: such a clock made to go on."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vsalog.readers.time_written import DAY, HOUR
+from vsalog.recording import Stamps
+
+_FEW = 10
+"""A clock that is set back goes on within so many of its steps."""
+_SET_BACK = {1: "by an hour {}, as where summer time ends", 12: "by twelve hours {}, as clocks without AM and PM are"}
+
+
+class Folds:
+    """Makes the stamps of a clock go on where the clock goes back, block by block.
+
+    Parameters
+    ----------
+    period : int
+        After how long the clock begins anew [ns].
+    dated : bool
+        Dates stand beside it: it begins anew only where the date stays the same, because it is that of the log's begin.
+    """
+
+    def __init__(self, period: int, dated: bool) -> None:
+        self._period, self._dated = period, dated
+        self._last: int | None = None
+        self._step = 0
+        self._turns = self._lowest = self._hours = 0
+        self._most = 0
+        self._often = dict.fromkeys(_SET_BACK, 0)
+
+    def unfold(self, stamps: Stamps, good: NDArray[np.bool_]) -> Stamps:
+        """Return a block's stamps [ns], shape (n,); those that are not `good` stay as they are."""
+        times = stamps[good]
+        if not times.size:
+            return stamps
+        before = np.concatenate([times[:1] if self._last is None else [self._last], times[:-1]])
+        self._last = int(times[-1])
+        steps = times - before
+        self._step = int(np.median(steps)) or self._step
+        if not (steps < 0).any() and not self._turns and not self._hours:
+            return stamps
+        hours = self._hours_back(steps)
+        back = np.cumsum(hours) + self._hours
+        self._hours = int(back[-1])
+        unfolded = stamps.copy()
+        unfolded[good] = times + back * HOUR + self._periods(times, before, hours > 0) * self._period
+        return unfolded
+
+    def notes(self) -> list[str]:
+        """Return what to tell."""
+        said = []
+        if self._most:
+            often, what = _times(self._most), "at midnight" if self._period == DAY else "after an hour"
+            said.append(f"the time begins anew {what} {often}, and no new date says so: taken as going on")
+        for hours, how in _SET_BACK.items():
+            if self._often[hours]:
+                said.append(f"the time is set back {how.format(_times(self._often[hours]))}: taken as going on")
+        return said
+
+    def _periods(self, times: Stamps, before: Stamps, told: NDArray[np.bool_]) -> Stamps:
+        """Return how often the clock has begun anew at each sample."""
+        steps = times - before
+        near = self._period // 24
+        anew = steps < -self._period // 8  # no sample comes so late
+        if self._dated:
+            anew &= (steps < near - self._period) & (times // DAY == before // DAY)
+        anew &= ~told
+        # A sample from before midnight that comes after it, or a date that follows late.
+        undone = np.abs(steps - self._period) < near
+        turns = self._turns + np.cumsum(anew.astype(np.int64) - undone)
+        lowest = np.minimum(np.minimum.accumulate(turns), self._lowest)
+        self._turns, self._lowest = int(turns[-1]), int(lowest[-1])
+        self._most = max(self._most, int((turns - lowest).max()))
+        return turns - lowest
+
+    def _hours_back(self, steps: Stamps) -> Stamps:
+        """Return by how many hours the clock is set back at each sample."""
+        hours = np.zeros(len(steps), np.int64)
+        near = min(_FEW * self._step, HOUR // 60)
+        for size in _SET_BACK if self._period == DAY else ():
+            back = (steps > -size * HOUR) & (steps <= near - size * HOUR)
+            hours[back] = size
+            self._often[size] += int(np.count_nonzero(back))
+        return hours
+
+
+def _times(count: int) -> str:
+    return "once" if count == 1 else f"{count} times"
