@@ -19,8 +19,10 @@ def reference() -> str:
         "",
         "0: done. 2: the input or the command line is at fault; one line on stderr says what, where and what to do, and",
         "nothing was written. 3: done, but a threshold that was asked for was missed (`validate --max-nrmse`,",
-        "`diagnose --fail-on-cause`). 1: a bug in vsalog; `vsalog --debug …` shows a traceback. `batch`: 2 also where",
-        "some of the logs failed; the others are done.",
+        "`diagnose --fail-on-cause`). 1: a bug in vsalog; `vsalog --debug …` shows a traceback.",
+        "",
+        "Where there is more than one, the others are done all the same: `batch` and `inspect` end with 2 where some of the logs",
+        "failed, `compare` with 1 where a bug ended one of the estimators.",
         "",
     ]
     return "\n".join(parts)

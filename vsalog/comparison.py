@@ -10,7 +10,7 @@ import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
-from vsalog.errors import BindingError, EstimatorError, FilterError
+from vsalog.errors import BindingError, EstimatorError, FilterError, VsalogError
 from vsalog.estimation import PAPER, PRESET, JointEstimate, no_preset
 from vsalog.estimators import method
 from vsalog.estimators.tuning import read_tuning
@@ -118,11 +118,21 @@ class Row(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class Comparison(msgspec.Struct, frozen=True, kw_only=True):
-    """All rows, and the estimators that were left out, with the reason."""
+    """What the estimators found.
+
+    Attributes
+    ----------
+    logs : names
+    rows : all of them
+    left_out : estimators that cannot run on the logs, with the reason
+    failed : estimators that a fault of ours ended, with its words
+    warnings : of all estimators
+    """
 
     logs: tuple[str, ...]
     rows: tuple[Row, ...]
     left_out: dict[str, str]
+    failed: dict[str, str] = {}
     warnings: tuple[str, ...]
 
 
@@ -136,7 +146,11 @@ class Run:
 
 
 def compare(
-    logs: Sequence[Path], options: Options, asked: Sequence[str], progress: Progress = lambda _: None
+    logs: Sequence[Path],
+    options: Options,
+    asked: Sequence[str],
+    progress: Progress = lambda _: None,
+    keep_going: bool = True,
 ) -> tuple[Comparison, list[Run], Witnesses]:
     """Run several estimators; return what came out, its runs, and what they were held against.
 
@@ -146,6 +160,7 @@ def compare(
     options : as for `estimate`; the estimator in it is not looked at
     asked : estimators, `Contender.parse`; all that the logs allow when empty
     progress : told what is being done
+    keep_going : an exception that is no `VsalogError`, a fault of ours, ends its estimator only
 
     Raises
     ------
@@ -153,6 +168,7 @@ def compare(
         There is no such estimator or tuning, or none of the estimators can run on the logs.
     """
     runs: list[Run] = []
+    faults: dict[str, Exception] = {}
     left_out: dict[str, str] = {}
     contenders = _once(Contender.parse(text) for text in asked or USUAL)
     for contender in contenders:
@@ -165,6 +181,14 @@ def compare(
             runs.append(Run(contender, job, job.run()))
         except (BindingError, EstimatorError, FilterError) as error:
             left_out[contender.label] = str(error)
+        except (VsalogError, OSError):
+            raise
+        except Exception as error:
+            if not keep_going:
+                raise
+            faults[contender.label] = error
+    if not runs and faults:
+        raise next(iter(faults.values()))
     if not runs:
         # Of the usual ones the first's reason tells enough.
         reasons = list(left_out.values()) if len(left_out) == 1 or not asked else []
@@ -176,7 +200,13 @@ def compare(
         w for run in runs for w in (*run.job.warnings, *(w for e in run.estimates for w in e.warnings))
     )
     return (
-        Comparison(logs=tuple(log.name for log in logs), rows=tuple(rows), left_out=left_out, warnings=tuple(warnings)),
+        Comparison(
+            logs=tuple(log.name for log in logs),
+            rows=tuple(rows),
+            left_out=left_out,
+            failed={label: f"{type(fault).__name__}: {fault}" for label, fault in faults.items()},
+            warnings=tuple(warnings),
+        ),
         runs,
         witnesses,
     )

@@ -54,6 +54,11 @@ class BatchError(VsalogError):
     """A batch cannot be begun or go on."""
 
 
+def words_of(error: VsalogError | OSError) -> str:
+    """Return what to tell of an error: of one of the system, which file it met."""
+    return str(error) if isinstance(error, VsalogError) else f"{error.filename or 'output'}: {error.strerror}"
+
+
 def did_you_mean(name: str, known: Iterable[str], count: int = 3) -> str:
     """Return ", did you mean 'a' or 'b'?" for the known names nearest to `name`, or "" when none is near.
 

@@ -46,6 +46,32 @@ def test_the_figures_are_those_of_estimate(run, log):
     assert rows[0]["excited_share"] == pytest.approx(b["excited"].mean())
 
 
+def test_a_fault_of_one_estimator_does_not_hide_the_others(log, monkeypatch):
+    from click.testing import CliRunner
+
+    from vsalog.cli import cli
+    from vsalog.job import Job
+
+    sound = Job.run
+
+    def run(job):
+        if job.options.estimator == "direct":
+            raise ZeroDivisionError("in the middle")
+        return sound(job)
+
+    monkeypatch.setattr(Job, "run", run)
+    done = CliRunner().invoke(cli, ["compare", str(log), "-e", "direct,qr-rls", "--json"])
+    assert done.exit_code == 1
+    found = json.loads(done.stdout)
+    assert {row["estimator"] for row in found["rows"]} == {"qr-rls"}
+    assert found["failed"] == {"direct": "ZeroDivisionError: in the middle"}
+    assert "a bug in vsalog" in done.stderr
+    done = CliRunner().invoke(cli, ["compare", str(log), "-e", "direct,qr-rls"])
+    assert (done.exit_code, "failed: direct: ZeroDivisionError: in the middle" in done.stdout) == (1, True)
+    assert "qr-rls" in done.stdout
+    assert isinstance(CliRunner().invoke(cli, ["compare", str(log), "-e", "direct"]).exception, ZeroDivisionError)
+
+
 def test_refusals(run, log, samples):
     for arguments, words in (
         (("compare", log, "-e", "qr-rls:forgetting"), "NAME:KEY=VALUE"),

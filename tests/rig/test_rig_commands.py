@@ -90,9 +90,29 @@ def test_what_cannot_be_done_ends_in_2_with_nothing_on_stdout(arguments, message
     assert "Traceback" not in done.stderr
 
 
-def test_one_unreadable_log_leaves_no_half_answer(log, tmp_path):
-    done = vsalog("inspect", log, tmp_path / "nowhere.csv")
-    assert (done.returncode, done.stdout) == (2, "")
+def test_an_unreadable_log_does_not_hide_the_others(log, tmp_path):
+    nowhere, empty = tmp_path / "nowhere.csv", tmp_path / "empty.csv"
+    empty.write_text("")
+    alone = vsalog("inspect", log)
+    done = vsalog("inspect", nowhere, log, empty, log)
+    assert done.returncode == 2
+    assert done.stdout == f"{alone.stdout}\n{alone.stdout}"
+    assert [line.split(": ")[:2] for line in done.stderr.splitlines()] == [
+        ["vsalog", str(nowhere)],
+        ["vsalog", str(empty)],
+    ]
+
+
+def test_unreadable_logs_stand_in_the_document(log, tmp_path):
+    nowhere = tmp_path / "nowhere.csv"
+    done = vsalog("inspect", nowhere, log, "--json")
+    assert done.returncode == 2
+    document = json.loads(done.stdout)
+    assert [report["path"] for report in document["logs"]] == [str(log)]
+    (one,) = document["unreadable"]
+    assert one["path"] == str(nowhere)
+    assert done.stderr == f"vsalog: {one['error']}\n"
+    assert json.loads(vsalog("inspect", log, "--json").stdout)["unreadable"] == []
 
 
 def test_runs_and_their_unknown_unit_stand_in_the_template():

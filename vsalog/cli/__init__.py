@@ -17,12 +17,13 @@ from vsalog.cli.batch import batch
 from vsalog.cli.compare import compare
 from vsalog.cli.diagnose import diagnose
 from vsalog.cli.estimate import estimate
+from vsalog.cli.faults import bug, debugging
 from vsalog.cli.init import init
 from vsalog.cli.inspect import inspect
 from vsalog.cli.reproduce import reproduce
 from vsalog.cli.simulate import simulate
 from vsalog.cli.validate import validate
-from vsalog.errors import VsalogError
+from vsalog.errors import VsalogError, words_of
 from vsalog.printable import printable
 
 
@@ -81,7 +82,7 @@ def _run() -> int:
     except BrokenPipeError:
         return 0  # whoever read our output has had enough of it
     except Exception as error:
-        if "--debug" in sys.argv:
+        if debugging():
             traceback.print_exc()
         return _explain(error)
     return code if isinstance(code, int) else 0
@@ -89,12 +90,7 @@ def _run() -> int:
 
 def _explain(error: Exception) -> int:
     if isinstance(error, VsalogError | OSError):
-        said = str(error) if isinstance(error, VsalogError) else f"{error.filename or 'output'}: {error.strerror}"
-        click.echo(f"vsalog: {printable(said)}", err=True)
+        click.echo(f"vsalog: {printable(words_of(error))}", err=True)
         return 2
-    click.echo(
-        f"vsalog: this is a bug in vsalog, not in your log: {type(error).__name__}: {printable(str(error))}\n"
-        "Please report it with what 'vsalog --debug …' prints.",
-        err=True,
-    )
+    click.echo(bug(f"{type(error).__name__}: {error}"), err=True)
     return 1

@@ -42,6 +42,7 @@ def compare(
     """Run several estimators on the same LOG and print what each finds: stiffness, uncertainty, what the fit leaves over, and
     how far it agrees with the first; where the log holds a simulator's truth, how far from that.
     """
+    from vsalog.cli.faults import bug, debugging
     from vsalog.comparison import compare as run
     from vsalog.job import Options
     from vsalog.reports.compare import print_comparison, print_json, write_comparison_page
@@ -56,8 +57,11 @@ def compare(
     with Progress() as progress:
         with progress.saying_when_compiling():
             options = Options(rig, joints, "auto", {}, settings, rate, time, start, end)
-            found, runs, witnesses = run(logs, options, asked, progress.say)
+            found, runs, witnesses = run(logs, options, asked, progress.say, keep_going=not debugging())
         if report is not None:
             progress.say("writing the report")
             write_comparison_page(report, found, runs, witnesses)
     (print_json if as_json else print_comparison)(found)
+    if found.failed:
+        click.echo(bug(", ".join(f"{name}: {fault}" for name, fault in found.failed.items())), err=True)
+        raise SystemExit(1)

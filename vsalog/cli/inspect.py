@@ -47,24 +47,36 @@ def inspect(
 
     Of logs above 128 MB a sample is read: stretches from the begin to the end, some 32 MB. --full reads all; so do
     --start and --end, since a part may be too short for a sample.
+
+    Of several logs, one that cannot be read is told on stderr, in JSON under "unreadable"; the others are shown, and
+    the exit code is 2.
     """
     from vsalog.documents import document_text
+    from vsalog.errors import VsalogError, words_of
+    from vsalog.printable import printable
     from vsalog.readers import read
     from vsalog.readers.sampling import read_sample
-    from vsalog.reports.inspect import console_for_stdout, print_report
-    from vsalog.reports.inspect_data import Inspection, inspect_recording
+    from vsalog.reports.inspect import console_for_stdout, print_reports
+    from vsalog.reports.inspect_data import Inspection, LogReport, Unreadable, inspect_recording
     from vsalog.reports.inspect_repair import told
     from vsalog.rig.guess import guess_roles
 
     if repaired is not None and len(logs) > 1:
         raise click.UsageError("--repair writes one file: name one LOG")
-    # All logs are read before anything is printed: an unreadable one must not leave half an answer.
-    reports = []
+    # All logs are read before anything is printed: an unreadable one takes no place between the others.
+    reports: list[LogReport] = []
+    unreadable: list[Unreadable] = []
     for log in logs:
-        if full or start is not None or end is not None:
-            recording, sample = read(log, None, time, rate, start, end), None
-        else:
-            recording, sample = read_sample(log, time, rate)
+        try:
+            if full or start is not None or end is not None:
+                recording, sample = read(log, None, time, rate, start, end), None
+            else:
+                recording, sample = read_sample(log, time, rate)
+        except (VsalogError, OSError) as error:
+            if len(logs) == 1:
+                raise
+            unreadable.append(Unreadable(str(log), words_of(error)))
+            continue
         reports.append(inspect_recording(recording, guess_roles(recording), sample, head))
     written = None
     if repaired is not None:
@@ -73,10 +85,10 @@ def inspect(
         written = repair(logs[0], repaired, rate)
         click.echo(told(written), err=True)
     if as_json:
-        click.echo(document_text(Inspection(tuple(reports), written)), nl=False)
-        return
-    console = console_for_stdout()
-    for i, report in enumerate(reports):
-        if i:
-            console.print()
-        print_report(report, console)
+        click.echo(document_text(Inspection(tuple(reports), written, tuple(unreadable))), nl=False)
+    else:
+        print_reports(reports, console_for_stdout())
+    for one in unreadable:
+        click.echo(f"vsalog: {printable(one.error)}", err=True)
+    if unreadable:
+        raise SystemExit(2)

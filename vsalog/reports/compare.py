@@ -60,6 +60,8 @@ def print_comparison(found: Comparison) -> None:
     for name, reason in found.left_out.items():
         said = reason.removeprefix(f"{name}: ")
         console.print(f"left out: {escape(printable(name))}: {escape(printable(said))}", soft_wrap=True)
+    for name, fault in found.failed.items():
+        console.print(f"failed: {escape(printable(name))}: {escape(printable(fault))}", soft_wrap=True)
 
 
 def print_json(found: Comparison) -> None:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import textwrap
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from datetime import UTC, datetime
 
 from rich.console import Console, RenderableType
@@ -24,6 +24,14 @@ def console_for_stdout() -> Console:
     """Return a console that breaks lines on a terminal only."""
     console = Console(highlight=False, emoji=False, markup=False)
     return console if console.is_terminal else Console(highlight=False, emoji=False, markup=False, width=PIPE_WIDTH)
+
+
+def print_reports(reports: Sequence[LogReport], console: Console) -> None:
+    """Print what is in several logs."""
+    for i, report in enumerate(reports):
+        if i:
+            console.print()
+        print_report(report, console)
 
 
 def print_report(report: LogReport, console: Console) -> None:

@@ -140,6 +140,13 @@ class LogReport(Struct, frozen=True):
     warnings: tuple[str, ...]
 
 
+class Unreadable(Struct, frozen=True):
+    """A log that cannot be read, and why."""
+
+    path: str
+    error: str
+
+
 class Inspection(Struct, frozen=True):
     """The whole answer of `inspect --json`.
 
@@ -147,10 +154,12 @@ class Inspection(Struct, frozen=True):
     ----------
     logs : in the order they were named
     repaired : what was written, where that was asked for
+    unreadable : those of the logs that cannot be read
     """
 
     logs: tuple[LogReport, ...]
     repaired: Repaired | None = None
+    unreadable: tuple[Unreadable, ...] = ()
 
 
 @np.errstate(over="ignore", invalid="ignore", divide="ignore")  # a log may hold any number
