@@ -100,6 +100,36 @@ def test_a_ros1_bag_with_a_bad_chunk(tmp_path):
     assert any("damaged" in note for note in recording.notes)
 
 
+@pytest.mark.parametrize("compression", ["BZ2", "LZ4"])
+def test_of_a_damaged_chunk_is_said_which_it_is_and_what_it_cost(tmp_path, compression):
+    path = write_bag1(tmp_path / "log", rosbag1.Writer.CompressionFormat[compression])
+    with rosbag1.Reader(path) as bag:
+        chunks = sorted(bag.chunk_infos, key=lambda chunk: chunk.pos)
+    lost = sum(chunks[2].connection_counts.values())
+    before = sum(sum(chunk.connection_counts.values()) for chunk in chunks[:2])
+    raw = bytearray(path.read_bytes())
+    end = raw.index(b"op=\x04", chunks[2].pos)  # its index
+    raw[end - 200 : end - 100] = bytes(100)
+    path.write_bytes(raw)
+    recording = read(path)
+    (note,) = recording.notes
+    assert f"1 of {len(chunks)} chunks damaged, {lost} messages lost at most" in note
+    assert f"chunk 3 at byte {chunks[2].pos}: cannot be decompressed" in note
+    kept = np.r_[0:before, before + lost : COUNT]
+    np.testing.assert_array_equal(recording.channel("/joint_states.position[elbow]").values, kept)
+
+
+def test_a_damaged_chunk_of_a_bag_without_index(tmp_path):
+    path = write_bag1(tmp_path / "log", rosbag1.Writer.CompressionFormat.LZ4)
+    with rosbag1.Reader(path) as bag:
+        chunks = sorted(bag.chunk_infos, key=lambda chunk: chunk.pos)
+    raw = bytearray(path.read_bytes())
+    end = raw.index(b"op=\x04", chunks[2].pos)
+    raw[end - 200 : end - 100] = bytes(100)
+    path.write_bytes(raw[: chunks[5].pos])
+    assert any("the index does not tell how many messages are lost" in note for note in read(path).notes)
+
+
 def test_ros1_bags_of_another_version_are_refused(tmp_path):
     path = tmp_path / "log"
     path.write_bytes(b"#ROSBAG V1.2\nwhatever")

@@ -126,16 +126,17 @@ class Rosbag1Container:
             walk = Walk(file, lambda at: at in known and leaves_out(known[at]))
             for header, data in walk.records():
                 kind = op(header)
+                check.damaged(walk.damage)
                 if loose and (kind == CHUNK or len(loose) >= PACKED):
                     yield packet_of(loose)
                     loose = []
                 if kind == CHUNK:
                     packet, sound, connections = messages_in(np.frombuffer(data, np.uint8), wanted)
-                    if not sound:
-                        walk.damage.append("a record in a chunk cannot be read")
                     if connections:
                         self._compare(data)
                     check.chunk(packet)
+                    if not sound:
+                        walk.lose(len(packet.messages), "a record in it cannot be read, nor those behind it")
                     if len(packet.messages):
                         yield packet
                 elif kind == MESSAGE:
@@ -151,7 +152,7 @@ class Rosbag1Container:
                     check.record(header, data)
         if loose:
             yield packet_of(loose)
-        for note in [*walk.notes(), *check.notes()]:
+        for note in [*walk.notes(), *check.notes(walk.damage, walk.chunks)]:
             self._note(note)
 
     def _note_index(self, position: int) -> None:

@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 import struct
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 
 import numpy as np
 
 from vsalog.readers.base import plural
 from vsalog.readers.chunk_index import Chunk, IndexContradictsError
 from vsalog.readers.packets import Integers, Packet
-from vsalog.readers.rosbag1_walk import CHUNK_INFO, INDEX, Header, number, op
+from vsalog.readers.rosbag1_walk import CHUNK_INFO, INDEX, Damage, Header, number, op
 
 _TIME = _COUNT = struct.Struct("<II")
 
@@ -30,12 +30,18 @@ class IndexCheck:
         self._wanted = wanted
         self._leaves_out = leaves_out
         self._last: Packet | None = None
-        self._found = self._expected = self._differing = 0
+        self._found = self._expected = self._differing = self._damaged = 0
+        self._told: dict[int, int] = {}
 
     def chunk(self, packet: Packet) -> None:
         """Take note of the messages found in a chunk; its index follows."""
         self._last = packet
         self._found += len(packet.messages)
+
+    def damaged(self, damage: Sequence[Damage]) -> None:
+        """Take note of the chunks that could not be read so far: the index of the last is not of what was found."""
+        if len(damage) > self._damaged:
+            self._last, self._damaged = None, len(damage)
 
     def record(self, header: Header, data: bytes) -> None:
         """Take note of a record of the index."""
@@ -46,7 +52,9 @@ class IndexCheck:
                 self._differing += _differing(own, _times(data))
         elif op(header) == CHUNK_INFO:
             count = np.frombuffer(data, "<u4").reshape(-1, 2).astype(np.int64)
-            self._expected += int(count[np.isin(count[:, 0], self._wanted), 1].sum())
+            position = int.from_bytes(header[b"chunk_pos"], "little")
+            self._told[position] = int(count[np.isin(count[:, 0], self._wanted), 1].sum())
+            self._expected += self._told[position]
 
     def passed(self, header: Header, data: bytes) -> None:
         """Take note of a record of the index of a chunk that was passed by.
@@ -63,15 +71,25 @@ class IndexCheck:
         if own is not None and connection in self._wanted and not self._leaves_out(own):
             raise IndexContradictsError("the bag's index contradicts itself")
 
-    def notes(self) -> list[str]:
-        """Return in words what differs."""
-        notes = []
-        if self._found < self._expected and self._leaves_out is None:
-            missing = self._expected - self._found
+    def notes(self, damage: Sequence[Damage], chunks: int) -> list[str]:
+        """Return in words what is damaged of so many chunks, and what differs."""
+        lost = sum(max(self._told.get(one.position, 0) - one.read, 0) for one in damage)
+        notes = [self._words(damage, chunks, lost)] if damage else []
+        missing = self._expected - self._found - lost
+        if missing > 0 and self._leaves_out is None:
             notes.append(f"{missing} of {plural(self._expected, 'message')} that the index counts were not found")
         if self._differing:
             notes.append(f"the log times of {plural(self._differing, 'message')} differ from those in the index")
         return notes
+
+    def _words(self, damage: Sequence[Damage], chunks: int, lost: int) -> str:
+        told = all(one.position in self._told for one in damage)
+        much = (
+            f"{plural(lost, 'message')} lost at most" if told else "the index does not tell how many messages are lost"
+        )
+        which = [f"chunk {one.number} at byte {one.position}: {one.reason}" for one in damage[:3]]
+        which += ["…"] if len(damage) > 3 else []
+        return f"{len(damage)} of {plural(chunks, 'chunk')} damaged, {much}, all others were read ({'; '.join(which)})"
 
 
 def chunk_told(header: Header, data: bytes) -> tuple[int, Chunk] | None:

@@ -9,7 +9,7 @@ from __future__ import annotations
 import re
 import struct
 from collections.abc import Callable, Iterator
-from typing import IO
+from typing import IO, NamedTuple
 
 from vsalog.readers.base import plural
 from vsalog.readers.compression import MAX_BYTES, DamagedDataError, decompress
@@ -37,6 +37,15 @@ _LENGTH = struct.Struct("<I")
 _CHUNK_MARK = re.compile(rb"\x04\0\0\0op=\x05")
 
 
+class Damage(NamedTuple):
+    """A chunk that cannot be read: which one, where it begins, how many messages of it were read, and why no more."""
+
+    number: int
+    position: int
+    read: int
+    reason: str
+
+
 class Walk:
     """One pass over the records of a bag.
 
@@ -51,10 +60,12 @@ class Walk:
     ----------
     chunks : int
         Chunks seen.
+    position : int
+        Where the last of them begins.
     passing : bool
         The last chunk was passed by.
-    damage : list of str
-        Chunks that cannot be read, and why.
+    damage : list of Damage
+        Chunks that cannot be read.
     skipped : list of (int, int)
         Stretches of bytes that are no records.
     cut : (int, int) or None
@@ -62,10 +73,10 @@ class Walk:
     """
 
     def __init__(self, file: IO[bytes], passed: Callable[[int], bool] = lambda position: False) -> None:
-        self.chunks = 0
+        self.chunks = self.position = 0
         self.passing = False
         self._passed = passed
-        self.damage: list[str] = []
+        self.damage: list[Damage] = []
         self.skipped: list[tuple[int, int]] = []
         self.cut: tuple[int, int] | None = None
         self._file = file
@@ -84,11 +95,11 @@ class Walk:
                     yield header, data
                     position = end
                     continue
-                self.chunks += 1
+                self.chunks, self.position = self.chunks + 1, position
                 try:
                     data = decompress(_compression(header), data, number(header, b"size"))
                 except DamagedDataError as error:
-                    self.damage.append(f"at byte {position}: {error}")
+                    self.lose(0, f"cannot be decompressed, {error}")
                 else:
                     self.passing = False
                     yield header, data
@@ -104,6 +115,10 @@ class Walk:
             if record is None:
                 self.skipped.append((position, following))
             position = following
+
+    def lose(self, read: int, reason: str) -> None:
+        """Note that no more than so many messages of the last chunk can be read."""
+        self.damage.append(Damage(self.chunks, self.position, read, reason))
 
     def beginning(self, position: int, size: int) -> tuple[str, bytes] | None:
         """Return the compression and the first bytes of the data of the chunk at a position; None where there is none."""
@@ -123,11 +138,8 @@ class Walk:
         return end if self._header(end) is not None else 0
 
     def notes(self) -> list[str]:
-        """Return in words what was damaged."""
+        """Return in words what was damaged between chunks."""
         found = []
-        if self.damage:
-            count = f"{len(self.damage)} of {plural(self.chunks, 'chunk')}"
-            found.append(f"{count} damaged, the rest was read ({'; '.join(self.damage[:3])})")
         if self.skipped:
             count = plural(sum(end - start for start, end in self.skipped), "byte")
             where = ", ".join(str(start) for start, _ in self.skipped[:3]) + (", …" if len(self.skipped) > 3 else "")
