@@ -232,5 +232,8 @@ class IntegratedMotorEquation(OfOneTransmission):
         noisy = np.zeros(self.size)
         noisy[1] = self.velocity_noise**2
         walk = self.torque_noise * self.period
-        rows = EquationRows(F, integrals[:, -1], use, fresh, {view.name: fed}, {}, dynamics, doubted, noisy, walk=walk)
+        fed_to = {view.name: fed}
+        rows = EquationRows(
+            F, integrals[:, -1], use, fresh, fed_to, {}, dynamics, doubted, noisy, walk=walk, period=self.period
+        )
         return (integrated, after), rows

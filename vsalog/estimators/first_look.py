@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
 
 from vsalog.estimators.device import Device, TransmissionView, deflection_of
+from vsalog.estimators.resting import Steps, steps_of
 from vsalog.estimators.tuning import Tuning
 from vsalog.estimators.windows import LOUD, WINDOWS, most_moved, rates_of
 from vsalog.filters.savitzky_golay import savgol_weights
@@ -25,14 +27,17 @@ FEWEST_STEPS, EVENED_OUT = 4.0, 40.0
 
 @dataclass(frozen=True, slots=True)
 class FirstLook:
-    """What was noticed, and the transmissions of which nothing can be told: a deflection too small for its encoders, say."""
+    """What was noticed, the transmissions of which nothing can be told (a deflection too small for its encoders, say), and the
+    steps of the sensors that have any.
+    """
 
     remarks: tuple[str, ...] = ()
     blind: frozenset[str] = frozenset()
+    steps: Mapping[str, Steps] = field(default_factory=dict)
 
     def and_also(self, other: FirstLook) -> FirstLook:
         """Return what was noticed in either look."""
-        return FirstLook(self.remarks + other.remarks, self.blind | other.blind)
+        return FirstLook(self.remarks + other.remarks, self.blind | other.blind, {**self.steps, **other.steps})
 
 
 NOTHING_SEEN = FirstLook()
@@ -47,7 +52,8 @@ def first_look(device: Device, signals: JointSignals, tuning: Tuning) -> FirstLo
         " stiffness; move the joint more"
         for name, span in blind.items()
     ]
-    return FirstLook((*told, *_smoothed_away(device, signals, tuning)), frozenset(blind))
+    steps = steps_of(signals, device.transmissions)
+    return FirstLook((*told, *_smoothed_away(device, signals, tuning)), frozenset(blind), steps)
 
 
 def _span(view: TransmissionView, signals: JointSignals) -> float:

@@ -83,3 +83,9 @@ def _hull(points: Array) -> Array:
         return np.asarray(points[ConvexHull((points - points.min(axis=0)) / span).vertices])
     except QhullError:
         return np.unique(ends, axis=0)
+
+
+def lengths(flags: Flags, before: int) -> NDArray[np.int64]:
+    """Return for how many samples each of the flags has been set without a break, `before` at the sample before the first."""
+    index = np.arange(1, flags.size + 1)
+    return np.where(flags, index - np.maximum.accumulate(np.where(flags, -before, index)), 0)

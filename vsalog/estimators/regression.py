@@ -16,7 +16,8 @@ from numpy.typing import NDArray
 from vsalog.estimators.bend import Bend
 from vsalog.estimators.device import Device, TransmissionView, deflection_of
 from vsalog.estimators.first_look import NOTHING_SEEN, FirstLook
-from vsalog.estimators.region import Region
+from vsalog.estimators.region import Region, lengths
+from vsalog.estimators.resting import Resting, Stay, resting_in
 from vsalog.filters.conditioning import Conditioned, Conditioner, ConditionerState
 from vsalog.filters.direction import direction_start, loading_block
 from vsalog.model import JointModel, TransmissionModel, basis_spec
@@ -49,7 +50,8 @@ class EquationRows:
     marks where what the rig knows beside the springs is in doubt, so that nothing is learnt; None where it never can be.
     `noisy` is the variance of the noise in each regressor, shape (n,), where that bends a fit which takes them for exact; `bends`
     is, per transmission, what noise of its deflection does (`bend.py`). `walk` is the standard deviation of the steps of the
-    random walk that white noise becomes in an integrated y (`walk.py`), 0 where y is no integral.
+    random walk that white noise becomes in an integrated y (`walk.py`), 0 where y is no integral, and `period` [s] that of the
+    samples of an integral, else None. `resting` is where the encoders rest (`resting.py`); None where they have no steps.
     """
 
     F: Array
@@ -63,6 +65,8 @@ class EquationRows:
     noisy: Array | None = None
     bends: tuple[Bend, ...] = ()
     walk: float = 0.0
+    period: float | None = None
+    resting: Resting | None = None
 
 
 class Equation(Protocol):
@@ -107,8 +111,8 @@ class Solver(Protocol):
 
 @dataclass(slots=True)
 class FoldState:
-    """States of the filters, of each equation and its solver, the regions seen so far, the samples seen and doubted, and for how
-    many samples each stiffness has been supported.
+    """States of the filters, of each equation and its solver, the regions seen so far, the samples seen and doubted, for how many
+    samples each stiffness has been supported, and each sensor in the same step.
     """
 
     filters: ConditionerState
@@ -120,6 +124,7 @@ class FoldState:
     seen: int = 0
     doubted: dict[str, int] = field(default_factory=dict)
     supported: dict[str, int] = field(default_factory=dict)
+    stays: dict[tuple[str, str], Stay] = field(default_factory=dict)
 
 
 class RegressionFold:
@@ -196,6 +201,7 @@ class RegressionFold:
             state.seen,
             dict(state.doubted),
             dict(state.supported),
+            dict(state.stays),
         )
         traces = []
         for block in ready:
@@ -207,6 +213,8 @@ class RegressionFold:
             variance = np.zeros(len(block.rows))
             for i, equation in enumerate(self.equations):
                 new.equations[i], rows = equation.rows(new.equations[i], block)
+                resting = resting_in(self.look.steps, block.fit, equation.transmissions, new.stays)
+                rows = replace(rows, resting=resting)
                 new.solvers[i], part, spread = self._solve(new, equation, new.solvers[i], rows, block)
                 columns.update(part)
                 variance += spread
@@ -243,6 +251,12 @@ class RegressionFold:
         E, spread, where = self._functionals(equation, rows, block)
         use = rows.use & state.learning
         solver_state, values, variances, unknowns, extra = self.solver.block(solver_state, rows, use, E, spread)
+        if rows.resting is not None:
+            # σ is asked for at the deflection as it is: where it is hidden in a step, so is σ.
+            count = len(equation.transmissions)
+            each, together = rows.resting.unseen(values[:, 2 : 4 * count : 4], max(self.conditioner.window, LASTING))
+            variances[:, 1 : 4 * count : 4] += each
+            variances[:, 4 * count] += together
         deviations = np.sqrt(variances)
         columns: dict[str, dict[str, Any]] = {}
         for i, view in enumerate(equation.transmissions):
@@ -362,12 +376,6 @@ class RegressionFold:
             transmission=tuple(parts),
             motor=motor,
         )
-
-
-def lengths(flags: Flags, before: int) -> NDArray[np.int64]:
-    """Return for how many samples each of the flags has been set without a break, `before` at the sample before the first."""
-    index = np.arange(1, flags.size + 1)
-    return np.where(flags, index - np.maximum.accumulate(np.where(flags, -before, index)), 0)
 
 
 def _total(columns: Mapping[str, Mapping[str, Any]], variance: Array, device: Device) -> dict[str, Any]:

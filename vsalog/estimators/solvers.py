@@ -13,6 +13,7 @@ from vsalog.estimators.bend import bent_block
 from vsalog.estimators.noise import SAMPLES, NoiseState, noise_block, noise_now, noise_start
 from vsalog.estimators.qr import QrState, qr_block
 from vsalog.estimators.regression import EquationRows
+from vsalog.estimators.resting import RestState, rest_block, rest_covariance
 from vsalog.estimators.rls import RlsState, rls_block
 from vsalog.estimators.walk import WalkState, walk_block, walk_start
 from vsalog.filters.conditioning import Conditioner
@@ -24,6 +25,15 @@ Flags = NDArray[np.bool_]
 MOST = 0.5
 # What happens within so many of a filter's windows does not tell how large slow noise is.
 WINDOWS = 5
+
+
+class RlsSolverState(NamedTuple):
+    """Where it stands: the fit, its noise, what bends it, and what its encoders' steps hide."""
+
+    rls: RlsState
+    noise: NoiseState
+    bent: Array
+    rest: RestState | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -40,40 +50,46 @@ class RlsSolver:
     c: float
     least: int = SAMPLES
 
-    def start(self, size: int) -> tuple[RlsState, NoiseState, Array]:
+    def start(self, size: int) -> RlsSolverState:
         """Return the state before the first sample."""
-        return RlsState.start(size, self.p0), noise_start(size), np.zeros(size)
+        return RlsSolverState(RlsState.start(size, self.p0), noise_start(size), np.zeros(size))
 
     def block(
-        self, state: tuple[RlsState, NoiseState, Array], rows: EquationRows, use: Flags, E: Array, spread: Flags
-    ) -> tuple[tuple[RlsState, NoiseState, Array], Array, Array, Array, Mapping[str, Array]]:
+        self, state: RlsSolverState, rows: EquationRows, use: Flags, E: Array, spread: Flags
+    ) -> tuple[RlsSolverState, Array, Array, Array, Mapping[str, Array]]:
         """Learn from a block and evaluate E ξ̂ after each sample."""
         rls, values, directions, pulled, unknowns, left, factor = rls_block(
-            state[0], rows.F, rows.y, use, E, spread, self.c, self.p0
+            state.rls, rows.F, rows.y, use, E, spread, self.c, self.p0
         )
-        noise, made = noise_block(state[1], rows.F, rows.y, left, use, rows.fresh, directions, False, 1.0, self.least)
-        bent = state[2]
+        noise, made = noise_block(
+            state.noise, rows.F, rows.y, left, use, rows.fresh, directions, False, 1.0, self.least
+        )
+        rest, hidden = _rested(state.rest, rows, np.isfinite(left), E[:, spread], unknowns, directions, 1.0)
+        made = made + hidden
+        bent = state.bent
         if rows.bends:
             bent, score = bent_block(bent, E[:, spread], rows.bends, unknowns, np.isfinite(left), 1.0)
             made += _along(directions, score)
         values[_untold(unknowns)] = np.nan
-        return (rls, noise, bent), values, _spread(made, pulled, spread), unknowns, {"stability_factor": factor}
+        new = RlsSolverState(rls, noise, bent, rest)
+        return new, values, _spread(made, pulled, spread), unknowns, {"stability_factor": factor}
 
-    def solution(self, state: tuple[RlsState, NoiseState, Array]) -> tuple[Array, Array, float]:
+    def solution(self, state: RlsSolverState) -> tuple[Array, Array, float]:
         """Return ξ̂, its covariance, and the standard deviation of a left-over."""
-        M, variance = noise_now(state[1], False, self.least)
-        P = self.c * state[0].P
-        return state[0].alpha.copy(), _sandwich(P, M + np.outer(state[2], state[2])), variance**0.5
+        M, variance = noise_now(state.noise, False, self.least)
+        beside = np.outer(state.bent, state.bent) + rest_covariance(state.rest)
+        return state.rls.alpha.copy(), _sandwich(self.c * state.rls.P, M + beside), variance**0.5
 
 
 class QrSolverState(NamedTuple):
-    """Where it stands: the fit, its noise, what bends it, the walk and its steps' standard deviation."""
+    """Where it stands: the fit, its noise, what bends it, the walk and the size of its steps, what encoders' steps hide."""
 
     qr: QrState
     noise: NoiseState
     bent: Array
     walk: WalkState
     step: float = 0.0
+    rest: RestState | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -116,6 +132,8 @@ class QrSolver:
             # A fit to an integral takes most of a walk for its own: left-overs may show too little of it.
             walk, least = walk_block(walk, rows.F, use, rows.fresh, directions, rows.walk, discount)
             made = np.maximum(made, least)
+        rest, hidden = _rested(state.rest, rows, np.isfinite(left), E[:, spread], unknowns, directions, discount)
+        made = made + hidden
         if rows.noisy is not None:
             learnt = state.noise.samples + np.cumsum(np.isfinite(left))
             made += self._bent(directions, unknowns, learnt, rows.noisy, values[:, spread]) ** 2
@@ -124,7 +142,8 @@ class QrSolver:
             bent, score = bent_block(bent, E[:, spread], rows.bends, unknowns, np.isfinite(left), discount)
             made += _along(directions, score)
         values[_untold(unknowns[:, self.leading :])] = np.nan
-        return QrSolverState(qr, noise, bent, walk, rows.walk), values, _spread(made, pulled, spread), unknowns, {}
+        new = QrSolverState(qr, noise, bent, walk, rows.walk, rest)
+        return new, values, _spread(made, pulled, spread), unknowns, {}
 
     def _bent(self, directions: Array, unknowns: Array, learnt: Array, noisy: Array, values: Array) -> Array:
         """Return what noise in regressors that count as exact bends functionals of these values by, shape (N, m).
@@ -149,18 +168,28 @@ class QrSolver:
             return xi, np.full((xi.size, xi.size), np.nan), float("nan")
         M, variance = noise_now(state.noise, self.integral, self.least)
         half = np.linalg.inv(state.qr.Rp[:, :-1])
-        P, bent = half @ half.T, np.outer(state.bent, state.bent)
-        told, walk = _sandwich(P, M + bent), state.step**2 * (state.walk.Q + state.walk.done)
-        walked = _sandwich(P, walk + bent)
+        P, beside = half @ half.T, np.outer(state.bent, state.bent) + rest_covariance(state.rest)
+        told, walk = _sandwich(P, M + beside), state.step**2 * (state.walk.Q + state.walk.done)
         # Of both what is more: coefficient by coefficient, and their correlations as they are.
         with np.errstate(divide="ignore", invalid="ignore"):
-            more = np.sqrt(np.fmax(np.diagonal(walked) / np.diagonal(told), 1.0))
+            more = np.sqrt(np.fmax(np.diagonal(_sandwich(P, walk + beside)) / np.diagonal(told), 1.0))
         return xi, told * np.outer(more, more), variance**0.5
 
 
 def least_samples(filters: Conditioner) -> int:
     """Return how many samples have to be learnt from before anything is said; within a filter's window noise is alike."""
     return max(SAMPLES, 0 if filters.kind == "kinematic" else WINDOWS * filters.window)
+
+
+def _rested(
+    state: RestState | None, rows: EquationRows, use: Flags, slopes: Array, unknowns: Array, directions: Array,
+    discount: float,
+) -> tuple[RestState | None, Array]:  # fmt: skip
+    """Return what the encoders' steps hide of functionals, a variance each, shape (N, m); nothing where there are no steps."""
+    if rows.resting is None:
+        return state, np.zeros(directions.shape[:2])
+    slopes = slopes[:, : rows.resting.moves.shape[1]]
+    return rest_block(state, rows.F, use, rows.fresh, slopes, unknowns, directions, rows.resting, rows.period, discount)
 
 
 def _sandwich(P: Array, M: Array) -> Array:
