@@ -169,3 +169,15 @@ def test_an_algebraic_estimate_behind_coarse_encoders_is_hardly_supported():
     told = np.asarray(found["excited"], dtype=bool)
     assert told.mean() < 0.1
     assert not told.any() or np.median(error[told]) < 0.15
+
+
+def test_rates_that_are_lost_in_encoders_steps_bend_the_band_too():
+    """A chirp begins slower than the encoders see: a fit of rates looked four times as sure as it was."""
+    rig = Rig.preset("awas").file
+    inputs = Scenario.find("chirp", rig).lasting(8.0, None).inputs(rig)
+    (sensed,) = with_noise(simulate(rig, inputs, 8.0, ideal=True), (3,))
+    found = estimate(sensed, Setting("", "grioli-parametric", {}), "awas")["1"]
+    told = np.asarray(found["excited"], dtype=bool)
+    error = np.abs(found["stiffness"] - sensed.truth["stiffness"])[told]
+    assert told.mean() > 0.3
+    assert np.mean(error < 1.96 * np.asarray(found["stiffness_std"])[told]) > 0.85

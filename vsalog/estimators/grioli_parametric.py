@@ -15,6 +15,7 @@ from msgspec import Meta
 
 from vsalog.basis import PolynomialBasis
 from vsalog.errors import EstimatorError
+from vsalog.estimators.bend import Bend, bend_of_filters
 from vsalog.estimators.borne_torque import effects_left_in
 from vsalog.estimators.device import Device, TransmissionView, deflection_of
 from vsalog.estimators.first_look import first_look
@@ -24,7 +25,7 @@ from vsalog.estimators.residual_rls import sensor_role
 from vsalog.estimators.solvers import QrSolver, least_samples
 from vsalog.estimators.tuning import Positive, Tuning, largest_regressor
 from vsalog.estimators.windows import noisy_rates, suitable_windows, with_window
-from vsalog.filters.conditioning import Conditioned
+from vsalog.filters.conditioning import Conditioned, Conditioner
 from vsalog.signals import JointSignals
 
 NAME = "grioli-parametric"
@@ -82,7 +83,8 @@ def build(device: Device, signals: JointSignals, tuning: GrioliParametricTuning)
     functions, sensors = BasisFunctions(device), [sensor_role(v, signals.roles) for v in device.transmissions]
     conditioner = tuning.conditioner(needed, signals, rates=(*sensors, *functions.roles), before=functions)
     solver = QrSolver(tuning.forgetting, 0, p0, least=least_samples(conditioner))
-    fold = RateFold(NAME, "SENSOR", device, conditioner, rate_equations(device, signals), solver, look=look)
+    equations = rate_equations(device, signals, conditioner)
+    fold = RateFold(NAME, "SENSOR", device, conditioner, equations, solver, look=look)
     fold.noisy = noisy_rates(device, signals, tuning, conditioner.window)
     return fold
 
@@ -97,13 +99,15 @@ class RateFold(RegressionFold):
         return (*super().warnings(state), *self.noisy, *effects_left_in(NAME, self.device))
 
 
-def rate_equations(device: Device, signals: JointSignals) -> tuple[RateEquation, ...]:
+def rate_equations(device: Device, signals: JointSignals, conditioner: Conditioner) -> tuple[RateEquation, ...]:
     """One equation per sensor: one for each transmission, or one that sees the sum of both."""
     views = device.transmissions
     sensors = [sensor_role(view, signals.roles) for view in views]
+    # Noise e of a deflection enters the rate of f as f' ė.
+    bends = tuple(bend_of_filters(signals, view, conditioner.weights[1]) for view in views)
     if len(views) > 1 and len(set(sensors)) == 1:
-        return (RateEquation(views, device.basis, sensors[0]),)
-    return tuple(RateEquation((v,), device.basis, s) for v, s in zip(views, sensors, strict=True))
+        return (RateEquation(views, device.basis, sensors[0], bends),)
+    return tuple(RateEquation((v,), device.basis, s, (b,)) for v, s, b in zip(views, sensors, bends, strict=True))
 
 
 class BasisFunctions:
@@ -146,6 +150,7 @@ class RateEquation:
     transmissions: tuple[TransmissionView, ...]
     basis: PolynomialBasis
     sensor: str
+    bends: tuple[Bend, ...] = ()
 
     leading: ClassVar[int] = 0
     parameters: ClassVar[tuple[str, ...]] = ()
@@ -169,4 +174,4 @@ class RateEquation:
         fed = {v.name: torque if alone else np.full_like(torque, np.nan) for v in self.transmissions}
         if not alone:
             fed["total"] = torque
-        return None, EquationRows(F, y, use, np.zeros_like(use), fed, {})
+        return None, EquationRows(F, y, use, np.zeros_like(use), fed, {}, bends=self.bends)
