@@ -16,7 +16,7 @@ from vsalog.readers.row_clock import ROW_NOTE, row_clock
 from vsalog.readers.sparse import group_by_blanks
 from vsalog.readers.table_cells import Cells, numbers_and_words
 from vsalog.readers.table_dialect import Dialect, detect
-from vsalog.readers.table_rows import BLOCK_BYTES, NULLS, Rows, pointed
+from vsalog.readers.table_rows import BLOCK_BYTES, NULLS, Rows
 from vsalog.readers.text_source import BoundedGzip, open_text, read_beginning
 from vsalog.readers.time_columns import find_clocks, folds_of, looks_like_clock, nanoseconds
 from vsalog.readers.time_folds import Folds
@@ -75,7 +75,7 @@ class TableReader:
             cells = Cells()
             cells.convert(self._sample[i])
             if cells.text:
-                unread[name] = cells.text
+                unread[name] = self._why_unread(name, cells)
             else:
                 channels[name] = ChannelInfo(self._streams[i], "csv", unit)
         return Catalogue(channels, unread)
@@ -195,10 +195,8 @@ class TableReader:
 
     def _note_dialect(self) -> None:
         self.notes += [note for note in (*self._dialect.notes, *self._plan.notes) if note not in self.notes]
-        if self._dialect.decimal_comma and self._dialect.separator == ",":
+        if self._dialect.separator == "," and any(n.decimal_comma for n in self._dialect.notations):
             self.notes.append("the comma in the quoted numbers is read as a decimal mark")
-        if self._dialect.grouping:
-            self.notes.append(f"the '{self._dialect.grouping}' in numbers is read as setting thousands apart")
         if self.rate is not None and self._plan.clocks:
             self.notes.append("the table has a time column: the sample rate that was given is not used")
         sparse = len(set(self._streams.values())) - (self.path.stem in self._streams.values())
@@ -217,6 +215,10 @@ class TableReader:
                 )
                 break
 
+    def _why_unread(self, name: str, cells: Cells) -> str:
+        mixed = self._dialect.notations[self._dialect.names.index(name)].mixed
+        return f"its numbers have units that are not all the same: {mixed}" if mixed else cells.text
+
     def _report(self, dropped: int) -> None:
         """Tell what was wrong with the cells."""
         if dropped:
@@ -225,7 +227,7 @@ class TableReader:
             self.notes += folds.notes()
         for name, cells in self._counts.items():
             if cells.text:
-                self.unread[name] = cells.text
+                self.unread[name] = self._why_unread(name, cells)
             elif cells.bad:
                 self.notes.append(
                     f"column '{name}': {plural(cells.bad, 'cell')} without a number read as NaN"
@@ -235,5 +237,8 @@ class TableReader:
 
 def _sample_columns(dialect: Dialect) -> list[pa.Array]:
     """Return the columns' first cells, as `Rows` would give them."""
-    cells = ([row[i] if row[i] not in NULLS else None for row in dialect.rows] for i in range(len(dialect.names)))
-    return [pointed(pa.array(column, pa.string()), dialect) for column in cells]
+    columns = ([row[i] if row[i] not in NULLS else None for row in dialect.rows] for i in range(len(dialect.names)))
+    return [
+        notation.plain(pa.array(cells, pa.string()))[0]
+        for notation, cells in zip(dialect.notations, columns, strict=True)
+    ]

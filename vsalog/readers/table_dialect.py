@@ -4,30 +4,19 @@ from __future__ import annotations
 
 import codecs
 import re
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
-from vsalog.readers.headers import unique_names
+from vsalog.readers.headers import printable_cell, unique_names
 from vsalog.readers.table_header import find_header
-from vsalog.readers.table_text import (
-    COMMA_NUMBER,
-    GROUPED_BY_COMMA,
-    GROUPED_BY_POINT,
-    POINT_NUMBER,
-    SEPARATORS,
-    is_comment,
-    is_value,
-    most_common_width,
-    split,
-)
+from vsalog.readers.table_notation import Notation, find_notations
+from vsalog.readers.table_text import SEPARATORS, is_comment, is_value, most_common_width, split
 from vsalog.units import split_header
 
 SAMPLE_LINES = 200
 
 _STATED_SEPARATOR = re.compile(r"^sep=(.)$")
 """A first line that spreadsheets write and read."""
-_CERTAIN = 9
-"""One notation has to be so many times as frequent as another."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -42,14 +31,10 @@ class Dialect:
         One of `SEPARATORS`; `WHITESPACE` stands for any run of blanks.
     quoted : bool
         Cells below the header may be in quotes.
-    decimal_comma : bool
-        Numbers are written ``1,5``.
-    grouping : str
-        What sets thousands apart: a comma, a point, or "" for nothing.
     skip_lines : int
         Lines before the first row of values.
-    names, units : tuple
-        Of the columns; units None where the header states none.
+    names, units, notations : tuple
+        Of the columns, and how their numbers are written; units None where neither header nor cells state one.
     rows : tuple of tuple of str
         The first rows.
     lines : tuple of int
@@ -61,11 +46,10 @@ class Dialect:
     encoding: str
     separator: str
     quoted: bool
-    decimal_comma: bool
-    grouping: str
     skip_lines: int
     names: tuple[str, ...]
     units: tuple[str | None, ...]
+    notations: tuple[Notation, ...]
     rows: tuple[tuple[str, ...], ...]
     lines: tuple[int, ...]
     notes: tuple[str, ...]
@@ -95,23 +79,34 @@ def detect(head: bytes, whole: bool) -> Dialect:
     table = [(i, split(line, separator)) for i, line in said]
     rows = [cells for _, cells in table]
     width = most_common_width(rows)
-    decimal_comma, grouping = _decimal_mark(rows)
+    notations, note = find_notations(rows, width, separator)
+    decimal_comma = any(notation.decimal_comma for notation in notations)
     header = find_header(lines, table, width, decimal_comma)
     pairs = [split_header(name) for name in header.names]
+    names = unique_names([name for name, _ in pairs])
+    units = [unit or own for (_, unit), own in zip(pairs, header.units, strict=True)]
+    notes = [one for one in (note, *_units_in_cells(names, units, notations)) if one]
     rest = [(i, cells) for i, cells in table[header.rows :] if len(cells) == width]
     return Dialect(
         encoding=encoding,
         separator=separator,
         quoted=any(_has_quotes(line) for i, line in said if i >= header.skip_lines),
-        decimal_comma=decimal_comma,
-        grouping=grouping,
         skip_lines=header.skip_lines,
-        names=tuple(unique_names([name for name, _ in pairs])),
-        units=tuple(unit or own for (_, unit), own in zip(pairs, header.units, strict=True)),
+        names=tuple(names),
+        units=tuple(notation.unit or unit for notation, unit in zip(notations, units, strict=True)),
+        notations=tuple(notations),
         rows=tuple(tuple(cells) for _, cells in rest),
         lines=tuple(i + 1 for i, _ in rest),
-        notes=header.notes,
+        notes=(*header.notes, *notes),
     )
+
+
+def _units_in_cells(names: Sequence[str], stated: Sequence[str | None], notations: Sequence[Notation]) -> Iterator[str]:
+    """Yield what to tell of columns with a unit behind their numbers."""
+    for name, unit, notation in zip(names, stated, notations, strict=True):
+        if notation.unit and notation.unit != unit:
+            instead = f", not '{printable_cell(unit)}', which its header states" if unit else ""
+            yield f"column '{name}': the unit is '{notation.unit}', as its cells have it{instead}"
 
 
 def detect_encoding(head: bytes) -> str:
@@ -152,17 +147,3 @@ def _has_quotes(line: str) -> bool:
     """Tell whether a line has cells in quotes; a single quote is damage."""
     count = line.count('"')
     return count > 0 and count % 2 == 0
-
-
-def _decimal_mark(rows: Sequence[Sequence[str]]) -> tuple[bool, str]:
-    """Tell whether numbers have a decimal comma, and what sets their thousands apart ("" for nothing)."""
-    cells = [cell for row in rows for cell in row]
-    comma, point, by_point, by_comma = (
-        sum(pattern.match(cell) is not None for cell in cells)
-        for pattern in (COMMA_NUMBER, POINT_NUMBER, GROUPED_BY_POINT, GROUPED_BY_COMMA)
-    )
-    if by_point > by_comma:
-        return True, "."
-    if by_comma:
-        return False, ","
-    return comma > _CERTAIN * point, ""  # a damaged cell is no other notation

@@ -16,6 +16,7 @@ from vsalog.readers.base import plural
 from vsalog.readers.headers import printable_cell
 from vsalog.readers.opened import is_text
 from vsalog.readers.table_dialect import Dialect
+from vsalog.readers.table_notation import Notation
 from vsalog.readers.table_text import WHITESPACE, is_comment
 from vsalog.readers.text_source import BoundedGzip, TextSource, open_text
 
@@ -23,7 +24,6 @@ BLOCK_BYTES = 4 * 2**20
 NULLS = ("", "NA", "N/A", "n/a", "null", "NULL", "None", "none", "-", "--")
 
 _COMMENT = r"^\s*(#|%)"
-_GROUPED = {".": r"^[+-]?\d{1,3}([.]\d{3})+(,\d+)?$", ",": r"^[+-]?\d{1,3}(,\d{3})+([.]\d+)?$"}
 
 
 class Rows:
@@ -49,6 +49,12 @@ class Rows:
         self._path = path
         self._dialect = dialect
         self._numbers = {dialect.names[i] for i in numbers}
+        self._notations = {
+            name: notation
+            for name, notation in zip(dialect.names, dialect.notations, strict=True)
+            if notation != Notation()
+        }
+        self._grouped: dict[str, str] = {}
         self._odd = _OddLines()
 
     def batches(self, columns: Sequence[int]) -> Iterator[pa.RecordBatch]:
@@ -67,13 +73,14 @@ class Rows:
             try:
                 with self._open(file, text, chosen) as reader:
                     for batch in reader:
-                        yield self._pointed(self._without_run_on(self._without_remarks(batch)))
+                        yield self._plain(self._without_run_on(self._without_remarks(batch)))
             except pa.ArrowInvalid as error:
                 raise ReadError(f"{self._path}: cannot be parsed as a table: {error}") from error
             except OSError as error:
                 raise ReadError(f"{self._path}: cannot be read: {error.strerror or error}") from error
             if text.damage:
                 self.notes.append(text.damage)
+        self.notes.extend(self._thousands())
         self.notes.extend(self._odd.notes(len(names)))
 
     def _open(self, file: IO[bytes], text: TextSource, chosen: list[str]) -> pacsv.CSVStreamingReader:
@@ -125,12 +132,23 @@ class Rows:
         self._odd.run_on += int(np.count_nonzero(run_on))
         return batch.filter(pa.array(~run_on)) if run_on.any() else batch
 
-    def _pointed(self, batch: pa.RecordBatch) -> pa.RecordBatch:
-        if not self._dialect.decimal_comma and not self._dialect.grouping:
-            return batch
-        return pa.RecordBatch.from_arrays(
-            [pointed(column, self._dialect) for column in batch.columns], batch.schema.names
-        )
+    def _plain(self, batch: pa.RecordBatch) -> pa.RecordBatch:
+        """Write numbers as programs do."""
+        columns = []
+        for name, column in zip(batch.schema.names, batch.columns, strict=True):
+            notation = self._notations.get(name)
+            if notation is not None:
+                column, grouped = notation.plain(column)
+                if grouped and name not in self._grouped:
+                    self._grouped[name] = grouped
+            columns.append(column)
+        return pa.RecordBatch.from_arrays(columns, batch.schema.names) if self._notations else batch
+
+    def _thousands(self) -> Iterator[str]:
+        """Yield what was taken for thousands."""
+        for name, cell in self._grouped.items():
+            mark = "." if self._notations[name].decimal_comma else ","
+            yield f"column '{name}': the '{mark}' in '{printable_cell(cell)}' is read as setting thousands apart"
 
 
 class _OddLines:
@@ -165,11 +183,3 @@ class _OddLines:
                 f" (the first: '{printable_cell(self.example)}')"
             )
         return notes
-
-
-def pointed(cells: pa.Array, dialect: Dialect) -> pa.Array:
-    """Return cells with numbers as ``1234.5``, however the table writes them."""
-    if dialect.grouping:
-        apart = pc.fill_null(pc.match_substring_regex(cells, _GROUPED[dialect.grouping]), False)
-        cells = pc.if_else(apart, pc.replace_substring(cells, dialect.grouping, ""), cells)
-    return pc.replace_substring(cells, ",", ".") if dialect.decimal_comma else cells

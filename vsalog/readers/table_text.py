@@ -6,18 +6,22 @@ import csv
 import re
 from collections import Counter
 from collections.abc import Sequence
+from functools import lru_cache
+
+from vsalog.unit_tables import OFFSET_UNITS
+from vsalog.units import is_known_by_heart
 
 WHITESPACE = " "
 SEPARATORS = (",", ";", "\t", "|", WHITESPACE)
 
 NUMBER = r"^[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?$"
 COMMA_NUMBER = re.compile(r"^[+-]?\d*,\d+([eE][+-]?\d+)?$")
-POINT_NUMBER = re.compile(r"^[+-]?\d*\.\d+([eE][+-]?\d+)?$")
 GROUPED_BY_POINT = re.compile(r"^[+-]?\d{1,3}(\.\d{3})+,\d+$")
 GROUPED_BY_COMMA = re.compile(r"^[+-]?\d{1,3}(,\d{3})+\.\d+$")
 """Thousands apart and a decimal mark, which leaves no doubt which of the two is which."""
+_QUANTITY = re.compile(r"^([+−-]?(?:\d[\d.,'’ \u00a0\u202f]*|[.,]\d+)(?:[eEdD][+-]?\d+)?)\s*([^\d\s.,:;'].*)?$")
 
-_BLANKS = re.compile(r"\s+(?![\[(])")
+_BLANKS = re.compile(r"[ \t]+(?![\[(])")
 """Between cells; a unit in brackets belongs to the name ahead of it."""
 _NUMBER = re.compile(NUMBER)
 _NOT_A_NUMBER = re.compile(r"^(nan|[+-]?inf(inity)?|n/?a|null|none)$", re.IGNORECASE)
@@ -46,10 +50,32 @@ def split(line: str, separator: str) -> list[str]:
 
 
 def is_value(cell: str, decimal_comma: bool) -> bool:
-    """Tell whether a cell holds a number, a date or a word for none."""
+    """Tell whether a cell holds a number, one with a unit behind it, a date or a word for none."""
     if _NUMBER.match(cell) or _NOT_A_NUMBER.match(cell) or _DATE.match(cell) or GROUPED_BY_COMMA.match(cell):
         return True
-    return decimal_comma and (COMMA_NUMBER.match(cell) or GROUPED_BY_POINT.match(cell)) is not None
+    if decimal_comma and (COMMA_NUMBER.match(cell) or GROUPED_BY_POINT.match(cell)):
+        return True
+    quantity = quantity_of(cell)
+    return quantity is not None and (decimal_comma or "," not in quantity[0])
+
+
+def quantity_of(cell: str) -> tuple[str, str] | None:
+    """Return the number in a cell, in whatever notation, and the unit behind it, "" for none; None where it is neither.
+
+    >>> quantity_of("1.234,5 Nm"), quantity_of("2 apples")
+    (('1.234,5', 'Nm'), None)
+    """
+    if _NUMBER.match(cell):
+        return cell, ""
+    match = _QUANTITY.match(cell)
+    if match is None or (match[2] and not _is_unit(match[2])):
+        return None
+    return match[1].strip(), match[2] or ""
+
+
+@lru_cache(maxsize=4096)
+def _is_unit(text: str) -> bool:
+    return text in OFFSET_UNITS or is_known_by_heart(text)
 
 
 def most_common_width(rows: Sequence[Sequence[str]]) -> int:
