@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shutil
 import sqlite3
 
 import numpy as np
@@ -11,7 +12,8 @@ from rosbags import rosbag1, rosbag2
 from write_logs import JOINT_STATE, MS, START, joint_state, joints_mcap, serialised
 
 from vsalog.errors import ReadError
-from vsalog.readers import open_reader, read
+from vsalog.readers import open_reader, read, sampling
+from vsalog.writers.repair import repair
 
 COUNT = 300
 
@@ -226,6 +228,74 @@ def test_a_database_with_a_log_of_changes_not_written_back(tmp_path):
     writer.execute("INSERT INTO messages(topic_id, timestamp, data) VALUES (1, ?, ?)", (START + COUNT * MS, extra))
     writer.commit()
     check(read(path), COUNT + 1)
+    writer.close()
+
+
+@pytest.fixture
+def unfinished(tmp_path):
+    """A bag whose recorder was killed: part of it is in a log of changes."""
+    folder = write_bag2(tmp_path / "bag", rosbag2.StoragePlugin.SQLITE3)
+    (path,) = (path for path in folder.iterdir() if path.name != "metadata.yaml")
+    writer = sqlite3.connect(path)
+    writer.execute("PRAGMA journal_mode=WAL")
+    for i in (COUNT, COUNT + 1):
+        extra = serialised(joint_state(START + i * MS, ["elbow", "knee"], [i, -i]))
+        writer.execute("INSERT INTO messages(topic_id, timestamp, data) VALUES (1, ?, ?)", (START + i * MS, extra))
+    writer.commit()
+    killed = tmp_path / "killed"
+    killed.mkdir()
+    for name in (path.name, f"{path.name}-wal"):
+        shutil.copy(path.with_name(name), killed / name)
+    writer.close()
+    return killed / path.name
+
+
+def contents(folder):
+    return {path.name: path.read_bytes() for path in folder.iterdir()}
+
+
+@pytest.mark.parametrize("how", ["alone", "folder", "sample", "repaired", "read-only"])
+def test_nothing_is_left_beside_a_database(unfinished, monkeypatch, how):
+    folder, before = unfinished.parent, contents(unfinished.parent)
+    assert f"{unfinished.name}-wal" in before
+    if how == "sample":
+        monkeypatch.setattr(sampling, "SAMPLE_BYTES", 4000)
+        recording, sample = sampling.read_sample(unfinished)
+        assert sample is not None
+        stamps = recording.channel("/joint_states.position[elbow]").stamps
+        assert stamps[-1] == START + (COUNT + 1) * MS  # which is in the log of changes
+    elif how == "repaired":
+        repair(unfinished, folder.parent / "out.mcap")
+        check(read(folder.parent / "out.mcap"), COUNT + 2)
+    elif how == "read-only":
+        for path in (*folder.iterdir(), folder):
+            path.chmod(0o555 if path.is_dir() else 0o444)
+        check(read(unfinished), COUNT + 2)
+    else:
+        check(read(folder if how == "folder" else unfinished), COUNT + 2)
+    assert contents(folder) == before
+
+
+def test_a_database_whose_log_of_changes_is_gone(unfinished):
+    unfinished.with_name(f"{unfinished.name}-wal").unlink()
+    before = contents(unfinished.parent)
+    check(read(unfinished))
+    assert contents(unfinished.parent) == before
+
+
+def test_a_database_that_is_being_written(tmp_path):
+    """The files that the writer has beside it stay as they are, and it can go on."""
+    folder = write_bag2(tmp_path / "bag", rosbag2.StoragePlugin.SQLITE3)
+    (path,) = (path for path in folder.iterdir() if path.name != "metadata.yaml")
+    writer = sqlite3.connect(path)
+    writer.execute("PRAGMA journal_mode=WAL")
+    for i in range(COUNT, COUNT + 3):
+        extra = serialised(joint_state(START + i * MS, ["elbow", "knee"], [i, -i]))
+        writer.execute("INSERT INTO messages(topic_id, timestamp, data) VALUES (1, ?, ?)", (START + i * MS, extra))
+        writer.commit()
+        names = set(contents(folder))
+        check(read(path), i + 1)
+        assert set(contents(folder)) == names
     writer.close()
 
 

@@ -17,8 +17,8 @@ from vsalog.readers.base import plural
 from vsalog.readers.chunk_index import GLIMPSES, Needed, Part
 from vsalog.readers.compression import MAX_BYTES
 from vsalog.readers.container import CATALOGUE_MESSAGES, Connection
-from vsalog.readers.opened import for_sqlite
 from vsalog.readers.packets import PACKED, PACKED_BYTES, Messages, Packet
+from vsalog.readers.sqlite_opened import connect
 from vsalog.readers.sqlite_ranges import bounded, ranges
 
 SQLITE_MAGIC = b"SQLite format 3\0"
@@ -245,7 +245,7 @@ class SqliteContainer:
         try:
             return self._checked(self.path)
         except sqlite3.OperationalError:
-            # A database with a write-ahead log needs a writable folder even to be read: read a copy.
+            # A database that a program is writing may need a writable folder even to be read: read a copy.
             self._folder = tempfile.TemporaryDirectory(prefix="vsalog-")
             copy = Path(self._folder.name) / "bag.db3"
             shutil.copyfile(self.path, copy)
@@ -259,7 +259,7 @@ class SqliteContainer:
 
     def _checked(self, path: Path) -> sqlite3.Connection:
         """Open a database for reading only and see that it holds a bag."""
-        database = sqlite3.connect(f"{for_sqlite(path)}?mode=ro", uri=True)
+        database = connect(path)
         database.text_factory = lambda raw: raw.decode("utf-8", "replace")
         database.setlimit(sqlite3.SQLITE_LIMIT_LENGTH, MAX_BYTES)
         try:

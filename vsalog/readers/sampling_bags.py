@@ -19,6 +19,7 @@ from vsalog.readers.opened import for_sqlite
 from vsalog.readers.sampling import STRETCHES, Cut, Piece, chosen_pieces, copy_pieces
 from vsalog.readers.sampling_mcap import MAGIC as MCAP_MAGIC
 from vsalog.readers.sampling_mcap import cut_mcap
+from vsalog.readers.sqlite_opened import attach
 
 _VERSION = b"#ROSBAG V2.0\n"
 _SQLITE = b"SQLite format 3\0"
@@ -62,7 +63,7 @@ def cut_sqlite(source: Path, target: Path, budget: int) -> Cut | None:
             return None  # compressed as a whole
     try:
         with closing(sqlite3.connect(for_sqlite(target), uri=True)) as database:
-            database.execute("ATTACH ? AS log", (f"{for_sqlite(source)}?mode=ro",))
+            attach(database, source, "log")
             for (table,) in database.execute("SELECT name FROM log.sqlite_master WHERE type = 'table'").fetchall():
                 if table in ("topics", "message_definitions"):
                     database.execute(f"CREATE TABLE {table} AS SELECT * FROM log.{table}")
