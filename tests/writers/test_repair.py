@@ -124,6 +124,29 @@ def test_damage_anywhere_is_no_crash(original, tmp_path):
         assert all(len(a.data) == 1000 for a in attachments)
 
 
+def test_messages_that_do_not_fit_their_definition_are_kept_and_counted(tmp_path):
+    from rosbags.rosbag1 import Writer as Writer1
+    from rosbags.typesys import Stores, get_typestore
+
+    store = get_typestore(Stores.ROS1_NOETIC)
+    expected = [b"\1\2\3" if i % 5 == 0 else np.float64(i).tobytes() for i in range(20)]
+    with Writer1(tmp_path / "log") as writer:
+        good, mixed, bad = (
+            writer.add_connection(t, "std_msgs/msg/Float64", typestore=store) for t in ("/a", "/b", "/c")
+        )
+        for i, raw in enumerate(expected):
+            writer.write(good, START + i, np.float64(i).tobytes())
+            writer.write(mixed, START + i, raw)
+            writer.write(bad, START + i, b"")
+    done = repair(tmp_path / "log", tmp_path / "new.mcap")
+    assert [m[-1] for m in content(tmp_path / "new.mcap")[0] if m[0] == "/b"] == expected
+    assert done.messages == 60
+    assert done.notes == (
+        "/b: 4 of 20 messages do not fit the definition in the log; they were copied as they are",
+        "/c: 20 of 20 messages do not fit the definition in the log; they were copied as they are",
+    )
+
+
 @pytest.mark.parametrize("ros1", [True, False])
 def test_messages_of_bags_are_kept_bit_for_bit(tmp_path, ros1):
     from rosbags.rosbag1 import Writer as Writer1

@@ -75,6 +75,7 @@ class BagReader:
         self.format = container.format
         self.notes = container.notes
         self.unread: dict[str, str] = {}
+        self.unfit: dict[str, str] = {}  # how many messages of a stream do not fit its definition
         self._promise: Promise | None = None
         self._narrowed = False
 
@@ -281,13 +282,15 @@ class BagReader:
             if not total[stream]:
                 if not self._narrowed or (not expected[stream] and self._container.counts()):
                     self.unread.setdefault(stream, "no messages")
-            elif damaged[stream] == total[stream]:
+                continue
+            if damaged[stream]:
+                self.unfit[stream] = (
+                    f"{stream}: {damaged[stream]} of {plural(total[stream], 'message')} do not fit the definition in the log"
+                )
+            if damaged[stream] == total[stream]:
                 self.unread.setdefault(stream, "no message fits the definition in the log")
             elif damaged[stream]:
-                note = (
-                    f"{stream}: {damaged[stream]} of {plural(total[stream], 'message')} do not fit the definition"
-                    " in the log and were left out"
-                )
+                note = f"{self.unfit[stream]} and were left out"
                 if note not in self.notes:
                     self.notes.append(note)
 

@@ -19,7 +19,7 @@ from mcap.writer import CompressionType, Writer
 
 from vsalog.errors import ReadError, WriteError
 from vsalog.readers import open_container, read
-from vsalog.readers.bag import Connection, Container, plain
+from vsalog.readers.bag import BagReader, Connection, Container, plain
 from vsalog.readers.base import plural
 from vsalog.readers.compression import MAX_BYTES
 from vsalog.readers.mcap_file import McapContainer
@@ -84,8 +84,19 @@ def repair(source: Path, target: Path, rate: float | None = None) -> Repaired:
         writer.finish()  # type: ignore[no-untyped-call]
         if not messages:
             raise ReadError(f"{source}: not one message of it can be read: {target.name} was not written")
-    notes = [note for part in [container, *parts] for note in part.notes] + notes
+    notes = [note for part in [container, *parts] for note in part.notes] + notes + _unfit(target)
     return Repaired(str(target), messages, len(definitions.announced), tuple(dict.fromkeys(notes)))
+
+
+def _unfit(target: Path) -> list[str]:
+    """Return notes of the messages that were copied although nobody can decode them."""
+    reader = BagReader(McapContainer(target))
+    try:
+        for _ in reader.blocks(None):
+            pass
+    except ReadError:  # more topics than are ever decoded
+        return []
+    return [f"{words}; they were copied as they are" for words in reader.unfit.values()]
 
 
 def _keep_source(source: Path, target: Path) -> None:
