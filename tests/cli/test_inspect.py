@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gzip
 import json
 import re
 
@@ -11,6 +12,7 @@ from click.testing import CliRunner
 
 from vsalog.cli import cli
 from vsalog.readers import sampling
+from vsalog.reports.inspect_text import seconds
 
 ROWS = 12_000
 
@@ -96,3 +98,71 @@ def test_roles_have_reasons(large):
 def test_what_is_not_at_an_address_is_said():
     done = CliRunner().invoke(cli, ["inspect", "memory://bucket/log.mcap"])
     assert "there is no such file" in str(done.exception or done.output)
+
+
+def test_without_a_time_samples_are_counted(tmp_path):
+    path = tmp_path / "log.csv"
+    path.write_text("a,b\n" + "".join(f"{i},{i * i % 7}\n" for i in range(500)))
+    text = inspect(path)
+    assert text.splitlines()[0].endswith("csv, 500 samples, 1 stream, 2 channels")
+    assert text.count("there is no time column") == 1
+    assert json.loads(inspect(path, "--json"))["logs"][0]["duration"] is None
+
+
+@pytest.mark.parametrize(
+    ("duration", "words"),
+    [
+        (0.25, "250 ms"),
+        (0.9997, "1000 ms"),
+        (90.5, "90.5 s"),
+        (5400, "90 min"),
+        (86_400, "24 h"),
+        (131_400, "36.5 h"),
+        (864_000, "10 d"),
+        (200_000_000, "2315 d"),
+    ],
+)
+def test_durations_have_the_unit_that_reads_best(duration, words):
+    assert seconds(duration) == words
+
+
+@pytest.mark.parametrize(
+    ("late", "words"), [(1, "1 sample came out of order and was"), (2, "2 samples came out of order and were")]
+)
+def test_one_sample_is_singular(tmp_path, late, words):
+    times = [*range(60)]
+    for i in range(late):
+        times[5 * i + 2], times[5 * i + 3] = times[5 * i + 3], times[5 * i + 2]
+    path = tmp_path / "log.csv"
+    path.write_text("time [s],x\n" + "".join(f"{t},{t}\n" for t in times))
+    assert words in inspect(path)
+
+
+def test_of_changed_bytes_it_is_said_before_the_values(tmp_path):
+    """One byte in a stored block of gzip: everything is read, one number is another, and only the checksum knows."""
+    rows = "time [s],x\n" + "".join(f"{i / 100:.2f},{i % 7}\n" for i in range(300))
+    raw = bytearray(gzip.compress(rows.encode(), compresslevel=0))
+    path = tmp_path / "log.csv.gz"
+    path.write_bytes(raw)
+    assert "wrong" not in inspect(path)
+    raw[raw.index(b"0.50,1") + 5] ^= 8  # 1 becomes 9
+    path.write_bytes(raw)
+    lines = inspect(path).splitlines()
+    assert "0 … 9" in "".join(lines)
+    said = [i for i, line in enumerate(lines) if "checksum" in line]
+    assert said == [1]
+    assert lines[1].startswith("warning: ")
+    assert any(line.startswith("log.csv") and line.endswith(", values may be wrong") for line in lines[2:])
+
+
+def test_an_empty_compressed_file_is_empty(tmp_path):
+    path = tmp_path / "log.csv.gz"
+    for raw, words in (
+        (gzip.compress(b""), "is empty"),
+        (gzip.compress(b"")[:-3], "damaged"),
+        (b"\x1f\x8b\x08", "damaged"),
+    ):
+        path.write_bytes(raw)
+        done = CliRunner().invoke(cli, ["inspect", str(path)])
+        assert done.exit_code != 0
+        assert words in str(done.exception or done.output)

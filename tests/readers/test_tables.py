@@ -167,7 +167,7 @@ def test_comments_and_lines_ahead_of_the_header(tmp_path):
     text = "# rig: awas\n% operator, me, you\n\nSetup,A\n\ntime,x,y\n0.0,1,2\n# paused\n0.1,2,3\n0.2,3,4\n"
     recording = read(table(tmp_path, text))
     assert values(recording) == {"x": [1, 2, 3], "y": [2, 3, 4]}
-    assert recording.notes == ("1 line between the rows skipped as remarks (they begin with # or %)",)
+    assert recording.notes == ("1 line between the rows skipped as a remark (it begins with # or %)",)
 
 
 def test_header_in_a_comment(tmp_path):
@@ -190,7 +190,7 @@ def test_bad_cells_text_columns_and_empty_cells(tmp_path):
     assert recording.channel("on").values.tolist() == [1, 0, 1]
     assert recording.unread == {"mode": "text"}
     assert recording.channel("gap").stamps.tolist() == [S // 10]
-    (note,) = (note for note in recording.notes if "streams" not in note)
+    (note,) = (note for note in recording.notes if "stream" not in note)
     assert "column 'x': 1 cell" in note
     assert "row 2" in note
     assert note.isprintable()

@@ -17,6 +17,9 @@ MAX_ARRAY = 64
 NO_TIME = "without a time left out"
 """How notes of rows end that a table's clock says nothing of."""
 
+DOUBTFUL = "values may be wrong"
+"""How notes end of damage that may be in any number, so that it is told ahead of the numbers."""
+
 CLOCKS = ("header", "log", "publish", "column", "rate", "none")
 """Kinds of time stamps, best first."""
 

@@ -351,7 +351,8 @@ def remarks(stream: Stream) -> list[str]:
         remarks.append(f"{stream.name}: {stream.time_source} time is used, as {stream.time_reason}{advice}")
     if stream.inversions:
         remarks.append(
-            f"{stream.name}: {plural(stream.inversions, 'sample')} came out of order and were sorted by time"
+            f"{stream.name}: {plural(stream.inversions, 'sample')} came out of order and"
+            f" {'was' if stream.inversions == 1 else 'were'} sorted by time"
         )
     if stream.duplicates:
         remarks.append(f"{stream.name}: {plural(stream.duplicates, 'exact copy')} of samples dropped")

@@ -88,11 +88,15 @@ def _sniff_head(path: Path, head: bytes) -> str:
 
 
 def _gzip_head(path: Path) -> bytes:
-    from vsalog.readers.text_source import open_text, read_beginning
+    from vsalog.readers.text_source import DAMAGE, open_text, read_beginning
 
     try:
         with open_text(path) as file:
             head = read_beginning(file, HEAD_BYTES)
+            if not head and not file.read(1):
+                raise ReadError(f"{path}: is empty: it is compressed with gzip, and nothing is in it")
+    except DAMAGE:
+        head = b""
     except OSError as error:
         raise ReadError(f"{path}: cannot be opened: {error.strerror or error}") from error
     if not head:

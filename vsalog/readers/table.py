@@ -201,9 +201,8 @@ class TableReader:
             self.notes.append("the table has a time column: the sample rate that was given is not used")
         sparse = len(set(self._streams.values())) - (self.path.stem in self._streams.values())
         if sparse:
-            self.notes.append(
-                f"{plural(sparse, 'group')} of columns with many blank cells read without them, as streams of their own"
-            )
+            apart = "a stream of its own" if sparse == 1 else "streams of their own"
+            self.notes.append(f"{plural(sparse, 'group')} of columns with many blank cells read without them, as {apart}")
         if self._plan.clocks or self.rate is not None:
             return
         self.notes.append(ROW_NOTE if self._plan.backwards is None else f"{self._timeless()}, so there is no time")

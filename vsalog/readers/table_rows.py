@@ -174,7 +174,8 @@ class _OddLines:
         """Return what to tell."""
         notes = []
         if self.remarks:
-            notes.append(f"{plural(self.remarks, 'line')} between the rows skipped as remarks (they begin with # or %)")
+            what = "a remark (it begins" if self.remarks == 1 else "remarks (they begin"
+            notes.append(f"{plural(self.remarks, 'line')} between the rows skipped as {what} with # or %)")
         if self.run_on:
             notes.append(f"{plural(self.run_on, 'row')} skipped that a stray quote runs together with the rows behind")
         if self.count:

@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import IO, cast
 
 from vsalog.errors import ReadError
+from vsalog.readers.base import DOUBTFUL
 from vsalog.readers.compression import FREE_BYTES
 
 DAMAGE = (EOFError, zlib.error)
@@ -202,7 +203,7 @@ def _squeezed(text: str) -> str:
 
 def _words(error: Exception) -> str:
     if "data check" in str(error) or "length check" in str(error):
-        return "the checksum of the compressed file does not match: some of its bytes have changed, values may be wrong"
+        return f"the checksum of the compressed file does not match: some of its bytes have changed, {DOUBTFUL}"
     if isinstance(error, zlib.error):
-        return f"the compressed file is damaged ({error}): read up to there, of which the last values may be wrong"
+        return f"the compressed file is damaged ({error}): read up to there, of which the last {DOUBTFUL}"
     return f"the compressed file is damaged or cut off ({error}): read up to there"

@@ -11,6 +11,7 @@ from rich.table import Table
 from rich.text import Text
 
 from vsalog.printable import printable
+from vsalog.readers.base import DOUBTFUL
 from vsalog.reports.inspect_data import ChannelReport, LogReport, StreamReport
 from vsalog.reports.inspect_head import head_parts
 from vsalog.reports.inspect_text import PIPE_WIDTH, fits, headed, seconds, size
@@ -41,11 +42,13 @@ def print_report(report: LogReport, console: Console) -> None:
 
 
 def _parts(report: LogReport, console: Console) -> Iterator[RenderableType]:
+    doubts = [note for note in report.notes if note.endswith(DOUBTFUL)]
     yield _title(report)
     yield from _sample(report)
+    yield from (Text(f"warning: {printable(doubt)}", style="bold red") for doubt in doubts)
     for stream in report.streams:
         yield Text()
-        yield _stream_line(stream)
+        yield _stream_line(stream, bool(doubts))
         yield from _trouble(stream)
         if stream.channels:
             yield from _channels(stream, console)
@@ -53,7 +56,9 @@ def _parts(report: LogReport, console: Console) -> Iterator[RenderableType]:
     yield from _heads(report, console)
     yield from _joints(report)
     yield from _unread(report)
-    for note in (*report.notes, *report.warnings):
+    for note in dict.fromkeys((*report.notes, *report.warnings)):
+        if note in doubts:
+            continue
         yield Text(f"note: {printable(note)}", style="yellow")
 
 
@@ -62,7 +67,7 @@ def _title(report: LogReport) -> Text:
     text = headed(
         report.path,
         "bold",
-        f"{report.format}, {seconds(report.duration)}, {_plural(len(report.streams), 'stream')}, {_plural(count, 'channel')}",
+        f"{report.format}, {_extent(report)}, {_plural(len(report.streams), 'stream')}, {_plural(count, 'channel')}",
     )
     starts = [s.start for s in report.streams if s.start is not None]
     if report.absolute_time and starts:
@@ -71,6 +76,13 @@ def _title(report: LogReport) -> Text:
     if report.has_rig:
         text.append(", carries a rig", style="green")
     return text
+
+
+def _extent(report: LogReport) -> str:
+    """Return how long a log is, in samples where it has no time."""
+    if report.duration is None:
+        return _plural(max(stream.count for stream in report.streams), "sample")
+    return seconds(report.duration)
 
 
 def _sample(report: LogReport) -> Iterator[Text]:
@@ -98,7 +110,7 @@ def _heads(report: LogReport, console: Console) -> Iterator[RenderableType]:
         yield Text()
 
 
-def _stream_line(stream: StreamReport) -> Text:
+def _stream_line(stream: StreamReport, doubtful: bool) -> Text:
     count = _plural(stream.count, "sample")
     if stream.total is not None and stream.total != stream.count:
         count = f"{count} of {stream.total}"
@@ -112,7 +124,10 @@ def _stream_line(stream: StreamReport) -> Text:
     if stream.delay_median is not None:
         spread = f", spread {seconds(stream.delay_spread)}" if stream.delay_spread is not None else ""
         facts.append(f"log time minus stamp {seconds(stream.delay_median)}{spread}")
-    return headed(stream.name, "bold cyan", ", ".join(f for f in facts if f))
+    line = headed(stream.name, "bold cyan", ", ".join(f for f in facts if f))
+    if doubtful:
+        line.append(f", {DOUBTFUL}", style="bold red")
+    return line
 
 
 def _trouble(stream: StreamReport) -> Iterator[Text]:

@@ -115,7 +115,7 @@ class LogReport(Struct, frozen=True):
     ----------
     path, format : of the log
     absolute_time : whether stamps count from the epoch
-    duration : [s], from the first stamp of all streams to the last
+    duration : [s], from the first stamp of all streams to the last; None where no stream has a time
     has_rig : the log carries a rig
     sample : what all of this was told from; None for the whole log
     streams : with their channels
@@ -129,7 +129,7 @@ class LogReport(Struct, frozen=True):
     path: str
     format: str
     absolute_time: bool
-    duration: float
+    duration: float | None
     has_rig: bool
     sample: SampleReport | None
     streams: tuple[StreamReport, ...]
@@ -206,10 +206,11 @@ def _roles(guess: Guess) -> dict[str, RoleReport]:
     return found
 
 
-def _duration(recording: Recording) -> float:
-    stamps = [c.stamps for c in recording.channels.values() if c.stamps.size]
+def _duration(recording: Recording) -> float | None:
+    timeless = {name for name, stream in recording.streams.items() if stream.time_source == "none"}
+    stamps = [c.stamps for c in recording.channels.values() if c.stamps.size and c.stream not in timeless]
     if not stamps:
-        return 0.0
+        return None if timeless else 0.0
     return float(max(int(s[-1]) for s in stamps) - min(int(s[0]) for s in stamps)) * 1e-9
 
 

@@ -9,6 +9,9 @@ from rich.text import Text
 
 from vsalog.printable import printable
 
+# From how many seconds on a unit reads better than the next smaller one, and how long it is [s].
+_LONG = ((172_800.0, "d", 86_400.0), (7_200.0, "h", 3_600.0), (120.0, "min", 60.0))
+
 # Wide enough that no line of a pipe is ever broken.
 PIPE_WIDTH = 10_000
 
@@ -32,11 +35,17 @@ def seconds(value: float | None) -> str:
     if value is None:
         return "–"
     size = abs(value)
-    if size >= 120.0:
-        return f"{value / 60.0:.3g} min"
+    for least, unit, length in _LONG:
+        if size >= least:
+            return f"{_three_digits(value / length)} {unit}"
     if size >= 1.0 or size == 0.0:
         return f"{value:.4g} s"
-    return f"{value * 1e3:.3g} ms" if size >= 1e-3 else f"{value * 1e6:.3g} µs"
+    return f"{_three_digits(value * 1e3)} ms" if size >= 1e-3 else f"{value * 1e6:.3g} µs"
+
+
+def _three_digits(value: float) -> str:
+    """Write a number with three digits, and more where they stand ahead of the point."""
+    return f"{value:.3g}" if abs(value) < 999.5 else f"{value:.0f}"
 
 
 def size(count: int) -> str:
