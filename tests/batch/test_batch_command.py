@@ -49,6 +49,18 @@ def test_a_thousand_logs_in_small(tmp_path, call):
     assert "4 done (4 of them before), 0 failed" in out
 
 
+def test_one_log_is_one_log(tmp_path, call):
+    (tmp_path / "junk.csv").write_bytes(b"")
+    code, out, err = call("junk.csv", "-o", "out")
+    assert code == 2
+    assert out.startswith("1 log in ")
+    assert err.splitlines()[0].startswith("failed: junk.csv: is empty")
+    assert err.splitlines()[1].startswith("vsalog: 1 of 1 log failed; ")
+    page = (tmp_path / "out" / "index.html").read_text()
+    assert "<h1>1 log</h1>" in page
+    assert "1 log: 0 done, 1 failed." in page
+
+
 @pytest.fixture
 def model(tmp_path, logs):
     """A model, of a log that is not among the others."""

@@ -128,7 +128,7 @@ def test_logs_that_are_gone_stay_and_renamed_ones_are_not_there_twice(tmp_path, 
     (logs / "day1" / "exp1.csv").unlink()
     outcome, watch = do_batch(logs, out=tmp_path / "out", resume=True)
     assert outcome.others == 1
-    assert "what they left stays" in watch.said[-1]
+    assert "1 log of an earlier run" in watch.said[-1]
     there = {path.parent.name for path in (tmp_path / "out").rglob("part.parquet")}
     assert there == {f"log=day{i % 2}%2Fexp{i}.csv" for i in range(1, 6)} | {"log=day0%2Frenamed.csv"}
 

@@ -12,6 +12,7 @@ from urllib.parse import quote
 
 from vsalog.batch.records import Do, Record
 from vsalog.batch.summary import rows_of
+from vsalog.readers.base import plural
 from vsalog.reports.page_text import escaped, name, number
 
 NAME = "index.html"
@@ -104,9 +105,10 @@ def index_page(records: Sequence[Record], do: Do) -> str:
     do : the command that was run
     """
     columns = (*FIRST, *COLUMNS[do], *LAST)
+    logs = plural(len(records), "log")
     bad = sum(r.status == "failed" for r in records)
     missed = sum(not r.met for r in records)
-    told = f"{len(records)} logs: {len(records) - bad} done, {bad} failed."
+    told = f"{logs}: {len(records) - bad} done, {bad} failed."
     if missed:
         told += f" {missed} missed a threshold."
     rows, cut = [], ""
@@ -126,9 +128,9 @@ def index_page(records: Sequence[Record], do: Do) -> str:
             f'<meta http-equiv="Content-Security-Policy" content="{policy}">',
             '<meta name="viewport" content="width=device-width, initial-scale=1">',
             '<meta name="color-scheme" content="light dark">',
-            f"<title>vsalog {do}: {len(records)} logs</title>",
+            f"<title>vsalog {do}: {logs}</title>",
             f"<style>{style}</style></head><body>",
-            f'<header><div><h1>{len(records)} logs</h1><p class="kind">{do}</p></div></header>',
+            f'<header><div><h1>{logs}</h1><p class="kind">{do}</p></div></header>',
             f"<main><p>{told}</p>{cut}",
             '<div class="scroll" tabindex="0" role="region" aria-label="Logs"><table class="logs">',
             f'<thead><tr><th scope="col">log</th>{heads}</tr></thead>',

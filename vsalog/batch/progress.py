@@ -11,9 +11,10 @@ from rich.console import Console
 from rich.markup import escape
 from rich.progress import BarColumn, Progress, TaskID, TextColumn, TimeElapsedColumn
 
-from vsalog.batch.records import Answer, Do, Log
+from vsalog.batch.records import Answer, Do, Log, Record
 from vsalog.batch.run import Outcome
 from vsalog.documents import document_text
+from vsalog.readers.base import plural
 from vsalog.reports.page_text import plain
 
 # Seconds between lines where there is no terminal, and failures that are told one by one.
@@ -77,7 +78,7 @@ class Shown:
         if record is not None and record.status == "failed":
             self._failed += 1
             if self._failed <= MOST_TOLD:
-                self.say(f"failed: {record.log}: {record.reason}")
+                self.say(f"failed: {_reason(record)}")
             elif self._failed == MOST_TOLD + 1:
                 self.say("further failures are not told one by one; summary.parquet and index.html have them")
         if self._bar is not None:
@@ -88,7 +89,7 @@ class Shown:
 
     def _words(self) -> str:
         """Say how many are done, how fast, and how long it still takes, by the size of what is left."""
-        words = f"{self._done} of {self._logs} logs"
+        words = f"{self._done} of {plural(self._logs, 'log')}"
         if self._failed:
             words += f", {self._failed} failed"
         fresh, taken = self._done - self._kept, time.monotonic() - self._start
@@ -96,6 +97,11 @@ class Shown:
             left = taken * (self._bytes - self._done_bytes) / max(self._done_bytes, 1)
             words += f", {fresh / taken:.3g} logs/s, {duration(left)} left"
         return words
+
+
+def _reason(record: Record) -> str:
+    """Return a failed log's name and why it failed; most reasons begin with the name."""
+    return record.reason if record.reason.startswith(f"{record.log}: ") else f"{record.log}: {record.reason}"
 
 
 def duration(seconds: float) -> str:
@@ -110,12 +116,13 @@ def summary_words(outcome: Outcome, do: Do) -> list[str]:
     done = outcome.planned - len(outcome.failures)
     before = f" ({outcome.kept} of them before)" if outcome.kept else ""
     lines = [
-        f"{outcome.planned} logs in {duration(outcome.seconds)}: {done} done{before}, {len(outcome.failures)} failed"
+        f"{plural(outcome.planned, 'log')} in {duration(outcome.seconds)}: {done} done{before},"
+        f" {len(outcome.failures)} failed"
     ]
     if outcome.everything > outcome.planned:
-        lines.append(f"of all shares {outcome.finished} of {outcome.everything} logs are finished")
+        lines.append(f"of all shares {outcome.finished} of {plural(outcome.everything, 'log')} finished")
     if outcome.missed:
-        lines.append(f"{len(outcome.missed)} logs missed the threshold")
+        lines.append(f"{plural(len(outcome.missed), 'log')} missed the threshold")
     where = outcome.where
     places = [f"data set: {where}/traces"] if do == "estimate" else []
     lines.append("   ".join([*places, f"table: {where}/summary.parquet", f"page: {where}/index.html"]))
@@ -134,7 +141,7 @@ def failure_words(outcome: Outcome) -> str:
     """Say how many failed, and where they are listed."""
     count = len(outcome.failures)
     listed = f"{outcome.where}/index.html and {outcome.where}/summary.parquet say which and why"
-    return f"vsalog: {count} of {outcome.planned} logs failed; {listed}"
+    return f"vsalog: {count} of {plural(outcome.planned, 'log')} failed; {listed}"
 
 
 def print_json(outcome: Outcome, do: Do) -> None:

@@ -20,6 +20,7 @@ from vsalog.batch.records import VERSION, Answer, Do, Log, Record, Settings, Tas
 from vsalog.batch.storage import LocalStore, Store, StoreError, is_address, open_store
 from vsalog.batch.work import MANIFEST, RECORDS, parsed, record_name, write_record
 from vsalog.errors import BatchError
+from vsalog.readers.base import plural
 
 if TYPE_CHECKING:
     from vsalog.batch.cluster import Cluster
@@ -217,7 +218,9 @@ def _work(
     watch.begin(plan.logs)
     for task, answer in executor.run(tasks):
         if answer.stop or answer.record is None:
-            raise StoreError(f"{answer.stop} ({len(records)} of {len(tasks)} logs are finished; --resume goes on)")
+            raise StoreError(
+                f"{answer.stop} ({len(records)} of {plural(len(tasks), 'log')} finished; --resume goes on)"
+            )
         record = answer.record
         if not answer.written:
             write_record(store, record)
@@ -251,7 +254,7 @@ def _finish(store: Store, plan: Plan, records: dict[str, Record], asked: Asked, 
     outcome.finished = len(planned & set(everything))
     outcome.others = len(set(everything) - planned)
     if outcome.others:
-        watch.say(f"{outcome.others} logs of an earlier run are not among these; what they left stays")
+        watch.say(f"the data set keeps what {plural(outcome.others, 'log')} of an earlier run left, besides these")
     ordered = [everything[name] for name in sorted(everything)]
     with store.scratch() as folder:
         page, table = folder / index_page.NAME, folder / summary.NAME

@@ -108,6 +108,7 @@ def batch(
     from vsalog.batch.options import settings_of
     from vsalog.batch.progress import Shown, print_json, print_outcome
     from vsalog.batch.run import Asked, run_batch
+    from vsalog.readers.base import plural
 
     given = {
         "--estimator": (estimator is not None, "estimate"),
@@ -152,7 +153,7 @@ def batch(
             if not shown.begun:
                 raise
             shown.say(
-                f"vsalog: interrupted; {shown.done} logs are finished, and the same command with --resume goes on"
+                f"vsalog: interrupted; {plural(shown.done, 'log')} finished, and the same command with --resume goes on"
             )
             context.exit(130)
     (print_json if as_json else print_outcome)(outcome, asked.settings.do)
