@@ -10,8 +10,9 @@ from numpy.typing import NDArray
 
 from vsalog.readers.definitions import Struct, is_placeholder
 from vsalog.readers.layout import Field, Integers, column, nanoseconds
+from vsalog.readers.message_memory import Memory
 from vsalog.readers.message_program import program_of
-from vsalog.readers.message_scan import Found, Memory, scatter
+from vsalog.readers.message_scan import Found, scatter
 from vsalog.readers.packets import Messages
 
 _ROOM = 2**17  # numbers that are found at once

@@ -1,4 +1,4 @@
-"""Where the numbers lie in messages that have no shape in common, found by a compiled walk along `message_program`.
+"""The compiled walk along `message_program` through messages that have no shape in common: where their numbers lie.
 
 What is odd (damage, another byte order, names that are not plain, more parts than usual) is left to
 `vsalog.readers.layout.learn`, which knows what to say of it.
@@ -17,7 +17,6 @@ from vsalog.readers.packets import Bytes, Integers
 MOST_FOUND = 4096
 """Numbers of one message that are found, at most."""
 
-_IDS, _LABELS, _POOL, _HELD, _DEEPEST = 2**15, 2**13, 2**18, 4096, 64
 _MOST_LABELS, _MOST_INDEXED = 1024, 64  # as in vsalog.readers.layout and vsalog.readers.base
 _MOST_TAKEN = 8192  # steps; MAX_STEPS of vsalog.readers.layout counts in another way, and much further
 _STRUCT, _END, _NUMBER, _TIME, _STAMP, _TEXT, _TEXTS, _NUMBERS, _LOOP, _NEXT, _UNUSED, _DONE = range(12)
@@ -28,13 +27,14 @@ _N_IDS, _N_LABELS, _N_POOL, _SERIAL = range(4)
 _UNKNOWN = 2
 
 
+# These are here, and not where they are made, so that numba's cache sees when they change.
 class Found(NamedTuple):
     """What was found in messages, in their order.
 
     Attributes
     ----------
     number : int64 array, shape (m,)
-        What it is, by the numbers of `Memory`.
+        What it is, by the numbers of `vsalog.readers.message_memory.Memory`.
     row : int64 array, shape (m,)
         Which message it is in.
     at : int64 array, shape (m,)
@@ -46,8 +46,11 @@ class Found(NamedTuple):
     at: Integers
 
 
-class _Tables(NamedTuple):
-    """What was met so far; see `Memory`. `found` and `labels` are hash tables of numbers, `spans` where labels lie in `pool`."""
+class Tables(NamedTuple):
+    """What was met so far, see `vsalog.readers.message_memory.Memory`.
+
+    `found` and `labels` are hash tables of numbers, `spans` where labels lie in `pool`.
+    """
 
     keys: Integers
     counters: Integers
@@ -57,7 +60,7 @@ class _Tables(NamedTuple):
     pool: Bytes
 
 
-class _Work(NamedTuple):
+class Work(NamedTuple):
     """What a walk keeps: texts that may be names, the loops and the arrays of texts it is in, and how many texts were held."""
 
     held: Integers
@@ -66,64 +69,8 @@ class _Work(NamedTuple):
     tops: Integers
 
 
-class Memory:
-    """What was met so far: names, and what is numbered by what is around it, place and name.
-
-    Attributes
-    ----------
-    keys : int64 array, shape (n, 3)
-        Of each number: the number of what is around it, 0 for the message; the place; and the name: 0 for none, -1 - i for the
-        index i, or the number of a label.
-    """
-
-    def __init__(self) -> None:
-        self.keys = np.zeros((_IDS, 3), np.int64)
-        counters = np.array([1, 1, 0, 0], np.int64)
-        tables = np.full(4 * _IDS, -1, np.int64), np.zeros((_LABELS, 3), np.int64), np.full(4 * _LABELS, -1, np.int64)
-        self._tables = _Tables(self.keys, counters, *tables, np.zeros(_POOL, np.uint8))
-        self._work = _Work(*(np.zeros(shape, np.int64) for shape in ((_HELD, 3), (_DEEPEST, 5), (_HELD, 4), _HELD)))
-
-    def label(self, number: int) -> str:
-        """Return a label by its number."""
-        at, length, _ = self._tables.spans[number].tolist()
-        return self._tables.pool[at : at + length].tobytes().decode("ascii")
-
-    def scan(
-        self, steps: Integers, cdr: bool, data: Bytes, start: Integers, length: Integers, found: Found
-    ) -> tuple[NDArray[np.bool_], Integers, int]:
-        """Walk messages until there is no room for another one's numbers.
-
-        Parameters
-        ----------
-        steps : int64 array, shape (k, 5)
-            Of a `vsalog.readers.message_program.Program`.
-        cdr : bool
-            ROS 2's encoding, or ROS 1's.
-        data : uint8 array
-            Where messages lie.
-        start, length : int64 arrays, shape (n,)
-            Of each.
-        found : Found
-            Room for what will be found, for `MOST_FOUND` at least.
-
-        Returns
-        -------
-        bool array, shape (k,)
-            Which of the messages that were walked are sound and not odd.
-        int64 array, shape (k,)
-            Where their time stamps lie in `data`, -1 for none.
-        int
-            How much was found in them.
-        """
-        data = data.view()
-        data.flags.writeable = False  # always, so that the loops are compiled once
-        good, stamps = np.zeros(start.size, np.bool_), np.full(start.size, -1, np.int64)
-        walked, count = _scan(steps, cdr, data, start, length, good, stamps, found, self._tables, self._work)
-        return good[:walked], stamps[:walked], int(count)
-
-
 @njit(cache=True, nogil=True)
-def _scan(
+def scan(
     steps: Integers,
     cdr: bool,
     data: Bytes,
@@ -132,8 +79,8 @@ def _scan(
     good: NDArray[np.bool_],
     stamps: Integers,
     found: Found,
-    tables: _Tables,
-    work: _Work,
+    tables: Tables,
+    work: Work,
 ) -> tuple[int, int]:
     """Walk messages as long as there is room; returns how many, and how much was found."""
     count = 0
@@ -155,7 +102,7 @@ def _scan(
 
 @njit(cache=True, nogil=True)
 def _walk(
-    steps: Integers, cdr: bool, data: Bytes, begin: int, end: int, found: Found, tables: _Tables, work: _Work
+    steps: Integers, cdr: bool, data: Bytes, begin: int, end: int, found: Found, tables: Tables, work: Work
 ) -> tuple[int, int]:
     """Walk one message; returns how much was found, -1 where it is odd, and where its time stamp lies."""
     stamp, at, count = -1, begin, 0
@@ -281,7 +228,7 @@ def _text(data: Bytes, at: int, origin: int, end: int, cdr: bool) -> tuple[int, 
 
 @njit(cache=True, nogil=True)
 def _hold(
-    data: Bytes, at: int, origin: int, end: int, cdr: bool, n: int, work: _Work, held: int, keep: bool
+    data: Bytes, at: int, origin: int, end: int, cdr: bool, n: int, work: Work, held: int, keep: bool
 ) -> tuple[int, int]:
     """Pass by texts, of which some are kept; returns where they end, -1 where they do not, and how many are held in all."""
     if keep and held + n > work.held.shape[0]:
@@ -301,7 +248,7 @@ def _hold(
 
 
 @njit(cache=True, nogil=True)
-def _named(data: Bytes, n: int, base: int, top: int, tables: _Tables, work: _Work) -> int:
+def _named(data: Bytes, n: int, base: int, top: int, tables: Tables, work: Work) -> int:
     """Return which array of texts names the elements of an array; -1 for none, -2 where a text is not plain."""
     found = -1
     for k in range(base, top):
@@ -320,7 +267,7 @@ def _named(data: Bytes, n: int, base: int, top: int, tables: _Tables, work: _Wor
 
 
 @njit(cache=True, nogil=True)
-def _usable(data: Bytes, text: Integers, tables: _Tables, work: _Work) -> int:
+def _usable(data: Bytes, text: Integers, tables: Tables, work: Work) -> int:
     """Tell whether texts can name the elements of an array: none empty, all different; -1 where one is not plain."""
     tables.counters[_SERIAL] += 1
     held = work.held[text[_AT] : text[_AT] + text[_SIZE]]
@@ -339,13 +286,13 @@ def _usable(data: Bytes, text: Integers, tables: _Tables, work: _Work) -> int:
 
 
 @njit(cache=True, nogil=True)
-def _name(work: _Work, named: int, i: int) -> int:
+def _name(work: Work, named: int, i: int) -> int:
     """Return the name of an array's element: the number of its label, or of its index."""
     return int(work.held[work.texts[named, _AT] + i, 2]) if named >= 0 else -1 - i
 
 
 @njit(cache=True, nogil=True)
-def _add(found: Found, count: int, tables: _Tables, outer: int, place: int, at: int) -> int:
+def _add(found: Found, count: int, tables: Tables, outer: int, place: int, at: int) -> int:
     """Note something without a name that was found; returns how much was, -1 where there is no room."""
     number = _number_of(tables, outer, place, 0)
     if number < 0 or not 0 <= count < found.at.size:
@@ -356,7 +303,7 @@ def _add(found: Found, count: int, tables: _Tables, outer: int, place: int, at: 
 
 @njit(cache=True, nogil=True)
 def _add_all(
-    found: Found, count: int, tables: _Tables, outer: int, place: int, names: Integers, n: int, at: int, size: int
+    found: Found, count: int, tables: Tables, outer: int, place: int, names: Integers, n: int, at: int, size: int
 ) -> int:
     """Note the n numbers of an array, which `names` name, or their indices where there are none."""
     numbers, places, keys, counters, known = found.number, found.at, tables.keys, tables.counters, tables.found
@@ -372,7 +319,7 @@ def _add_all(
 
 
 @njit(cache=True, nogil=True)
-def _number_of(tables: _Tables, outer: int, place: int, name: int) -> int:
+def _number_of(tables: Tables, outer: int, place: int, name: int) -> int:
     """Return the number of something, a new one where it was never met; -1 where there is no room."""
     return int(_number_in(tables.keys, tables.counters, tables.found, outer, place, name))
 
