@@ -249,3 +249,98 @@ def test_any_number_comes_back_exactly_in_any_notation(tmp_path_factory, cells, 
     np.testing.assert_array_equal(channel.values, cells)
     assert channel.stamps.tolist() == [i * S + S // 4 for i in range(len(cells))]
     assert channel.unit == "Nm"
+
+
+def test_a_log_that_was_appended_to_another_is_put_behind_it(table):
+    """Sorted by time, the two would run through each other."""
+    text = "time,x\n" + "".join(f"{i / 10},{i}\n" for i in range(300)) + "time,x\n"
+    recording = table(text + "".join(f"{i / 10},{1000 + i}\n" for i in range(200)))
+    channel = recording.channel("x")
+    assert channel.values.tolist() == [*range(300), *range(1000, 1200)]
+    steps = np.diff(channel.stamps)
+    assert np.flatnonzero(steps != S // 10).tolist() == [299]
+    assert steps[299] > 2.5 * S / 10, "nothing is to be estimated from one log to the other"
+    assert any("time begins anew once" in note for note in recording.notes)
+
+
+@pytest.mark.parametrize(("row", "stamp"), [(5, "93.0"), (200, "0.0"), (298, "0.0"), (100, "9.7")])
+def test_a_single_stamp_that_is_wrong_moves_no_other_row(table, row, stamp):
+    rows = [f"{i / 10},{i}\n" for i in range(300)]
+    rows[row] = f"{stamp},{row}\n"
+    recording = table("time,x\n" + "".join(rows))
+    channel = recording.channel("x")
+    others = channel.values != row
+    np.testing.assert_array_equal(channel.stamps[others], channel.values[others] * S / 10)
+    assert others.sum() >= 298
+
+
+def test_logs_with_dates_put_together_in_another_order_are_sorted(table):
+    rows = [f"{1494360168 + i / 10:.1f},{i}\n" for i in range(300)]
+    recording = table("time,x\n" + "".join(rows[100:] + rows[:100]))
+    assert recording.channel("x").values.tolist() == list(range(300))
+
+
+@pytest.mark.parametrize(
+    "word",
+    ["#N/A", "-", "—", "NULL", "1.#QNAN", "-1.#IND", "NaN", "-nan(ind)", "#DIV/0!", "nil", "?", "missing", "n/a"],
+)
+def test_words_for_no_number(table, word):
+    recording = table("time,x\n" + "".join(f"{i / 10},{word if i % 20 == 3 else i}\n" for i in range(40)))
+    np.testing.assert_array_equal(recording.channel("x").values, [np.nan if i % 20 == 3 else i for i in range(40)])
+    assert recording.notes == ()
+
+
+def test_commas_between_and_within_numbers_are_refused(table):
+    with pytest.raises(ReadError, match=r"has 2 names, but rows have 4 cells.*semicolons"):
+        table("time,x\n" + "".join(f"0,{i},1,{i}\n" for i in range(9)))
+
+
+def test_hexadecimal_numbers_are_no_signal(table):
+    """Those without letters would be read as decimal ones."""
+    recording = table("time,state,x\n" + "".join(f"{i / 10},{5 * i:02X},{i}\n" for i in range(40)))
+    assert recording.unread == {"state": "hexadecimal numbers"}
+
+
+def test_settings_ahead_of_a_table_with_as_many_cells(table):
+    rows = "".join(f"0.{i},{i}\n" for i in range(9))
+    recording = table("Operator,me\nRig,A\nRate,1000\nTime [s],theta [rad]\n" + rows)
+    assert content(recording) == {"theta": (list(range(9)), "rad")}
+    assert recording.notes == ()
+
+
+def test_an_export_of_labview(table):
+    head = """LabVIEW Measurement\t
+Writer_Version\t2
+Separator\tTab
+Decimal_Separator\t,
+Date\t2024/03/13
+Time\t15:59:59,5
+***End_of_Header***\t
+\t
+Channels\t2
+Samples\t60\t60
+Date\t2024/03/13\t2024/03/13
+Time\t15:59:59,5\t15:59:59,5
+X_Dimension\tTime\tTime
+X0\t0,0\t0,0
+Delta_X\t0,001\t0,001
+***End_of_Header***\t\t\t
+X_Value\tTorque [Nm]\tAngle\tComment
+"""
+    recording = table(head + "".join(f"0,{i:03d}\t{i},5\t1,{i % 7}\t\n" for i in range(60)))
+    assert content(recording) == {
+        "Torque": ([i + 0.5 for i in range(60)], "Nm"),
+        "Angle": ([float(f"1.{i % 7}") for i in range(60)], None),
+    }
+    assert stamps(recording) == [i * S // 1000 for i in range(60)]
+
+
+def test_excel_writes_a_mark_a_separator_and_the_encoding_of_windows(tmp_path):
+    path = tmp_path / "log.csv"
+    for raw in (
+        "\ufeffsep=;\r\nZeit [s];Winkel [°]\r\n0,1;1,5\r\n0,2;2,5\r\n".encode(),
+        "Zeit [s];Winkel [°];\r\n0,1;1,5;\r\n0,2;2,5;\r\n".encode("cp1252"),
+    ):
+        path.write_bytes(raw)
+        assert content(read(path)) == {"Winkel": ([1.5, 2.5], "°")}
+        assert stamps(read(path)) == [S // 10, S // 5]

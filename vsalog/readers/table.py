@@ -16,10 +16,11 @@ from vsalog.readers.row_clock import ROW_NOTE, row_clock
 from vsalog.readers.sparse import group_by_blanks
 from vsalog.readers.table_cells import Cells, numbers_and_words
 from vsalog.readers.table_dialect import Dialect, detect
-from vsalog.readers.table_rows import BLOCK_BYTES, NULLS, Rows
+from vsalog.readers.table_rows import BLOCK_BYTES, Rows
+from vsalog.readers.table_text import NULLS
 from vsalog.readers.text_source import BoundedGzip, open_text, read_beginning
 from vsalog.readers.time_columns import find_clocks, folds_of, looks_like_clock, nanoseconds
-from vsalog.readers.time_folds import Folds
+from vsalog.readers.time_folds import Folds, Restarts
 from vsalog.recording import Stamps, Values
 
 HEAD_BYTES = 256 * 1024
@@ -56,7 +57,7 @@ class TableReader:
         self._sample = _sample_columns(self._dialect)
         self._plan = find_clocks(self._dialect.names, self._dialect.units, self._sample, self._whole)
         self._counts: dict[str, Cells] = {}
-        self._folds: dict[str, Folds] = {}
+        self._folds: dict[str, Folds | Restarts] = {}
         clocks = self._plan.columns()
         numbers = [numbers_and_words(column) for column in self._sample]
         if not any(good and (clocks or good > words) for good, words in numbers):
@@ -96,7 +97,7 @@ class TableReader:
         names = self._dialect.names
         columns = [i for i in self._channels if wanted is None or names[i] in wanted]
         self._counts = {names[i]: Cells() for i in columns}
-        self._folds = {kind: folds for kind, clock in self._plan.clocks.items() if (folds := folds_of(clock.form))}
+        self._folds = {kind: folds_of(clock.form) for kind, clock in self._plan.clocks.items()}
         row, dropped = 0, 0
         rows = Rows(self.path, self._dialect, self._numbers)
         for batch in rows.batches([*columns, *self._plan.columns()]):
@@ -148,6 +149,12 @@ class TableReader:
         dialect = detect(head, whole)
         if not dialect.names or not dialect.rows:
             raise ReadError(f"{self.path}: holds text, but no table: no row of values was found")
+        if dialect.torn:
+            raise ReadError(
+                f"{self.path}: the header has {plural(dialect.torn, 'name')}, but rows have {len(dialect.names)} cells: its"
+                " numbers seem to have decimal commas while commas separate its columns too; export it with semicolons"
+                " between columns, or with decimal points"
+            )
         if len(dialect.names) > MAX_COLUMNS:
             raise ReadError(
                 f"{self.path}: has {len(dialect.names)} columns; more than {MAX_COLUMNS} are no log of a machine"
@@ -178,8 +185,7 @@ class TableReader:
         for kind, clock in self._plan.clocks.items():
             cells = [batch.column(self._dialect.names[i]) for i in clock.columns]
             stamps[kind], valid = nanoseconds(cells, clock.form)
-            if kind in self._folds:
-                stamps[kind] = self._folds[kind].unfold(stamps[kind], valid)
+            stamps[kind] = self._folds[kind].unfold(stamps[kind], valid)
             if kind == "header":  # without it there is still the log's time, for all rows then
                 stamps[kind] = np.where(valid, stamps[kind], 0)
             else:
@@ -202,7 +208,9 @@ class TableReader:
         sparse = len(set(self._streams.values())) - (self.path.stem in self._streams.values())
         if sparse:
             apart = "a stream of its own" if sparse == 1 else "streams of their own"
-            self.notes.append(f"{plural(sparse, 'group')} of columns with many blank cells read without them, as {apart}")
+            self.notes.append(
+                f"{plural(sparse, 'group')} of columns with many blank cells read without them, as {apart}"
+            )
         if self._plan.clocks or self.rate is not None:
             return
         self.notes.append(ROW_NOTE if self._plan.backwards is None else f"{self._timeless()}, so there is no time")
@@ -215,7 +223,10 @@ class TableReader:
                 break
 
     def _why_unread(self, name: str, cells: Cells) -> str:
-        mixed = self._dialect.notations[self._dialect.names.index(name)].mixed
+        notation = self._dialect.notations[self._dialect.names.index(name)]
+        if notation.hexadecimal:
+            return "hexadecimal numbers"
+        mixed = notation.mixed
         return f"its numbers have units that are not all the same: {mixed}" if mixed else cells.text
 
     def _report(self, dropped: int) -> None:

@@ -8,13 +8,14 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 from vsalog.readers.headers import printable_cell, unique_names
-from vsalog.readers.table_header import find_header
+from vsalog.readers.table_header import find_header, without_labview_head
 from vsalog.readers.table_notation import Notation, find_notations
-from vsalog.readers.table_text import SEPARATORS, is_comment, is_value, most_common_width, split
+from vsalog.readers.table_text import SEPARATORS, WHITESPACE, is_comment, is_value, most_common_width, split
 from vsalog.units import split_header
 
 SAMPLE_LINES = 200
 
+_WHOLE = re.compile(r"^[+-]?\d+$")
 _STATED_SEPARATOR = re.compile(r"^sep=(.)$")
 """A first line that spreadsheets write and read."""
 
@@ -41,6 +42,8 @@ class Dialect:
         The lines they stand in, counted from 1.
     notes : tuple of str
         What is worth telling.
+    torn : int
+        How many names there are where commas both separate cells and stand in numbers, so that rows fall apart; else 0.
     """
 
     encoding: str
@@ -53,6 +56,7 @@ class Dialect:
     rows: tuple[tuple[str, ...], ...]
     lines: tuple[int, ...]
     notes: tuple[str, ...]
+    torn: int
 
 
 def detect(head: bytes, whole: bool) -> Dialect:
@@ -74,6 +78,7 @@ def detect(head: bytes, whole: bool) -> Dialect:
     stated = _STATED_SEPARATOR.match(lines[0])
     if stated:
         lines[0] = ""
+    without_labview_head(lines)
     said = [(i, line) for i, line in enumerate(lines) if line.strip() and not is_comment(line)]
     separator = stated[1] if stated else _separator([line for _, line in said])
     table = [(i, split(line, separator)) for i, line in said]
@@ -82,6 +87,7 @@ def detect(head: bytes, whole: bool) -> Dialect:
     notations, note = find_notations(rows, width, separator)
     decimal_comma = any(notation.decimal_comma for notation in notations)
     header = find_header(lines, table, width, decimal_comma)
+    torn = _torn(rows, width) if separator == "," else 0
     pairs = [split_header(name) for name in header.names]
     names = unique_names([name for name, _ in pairs])
     units = [unit or own for (_, unit), own in zip(pairs, header.units, strict=True)]
@@ -98,7 +104,15 @@ def detect(head: bytes, whole: bool) -> Dialect:
         rows=tuple(tuple(cells) for _, cells in rest),
         lines=tuple(i + 1 for i, _ in rest),
         notes=(*header.notes, *notes),
+        torn=torn,
     )
+
+
+def _torn(rows: Sequence[Sequence[str]], width: int) -> int:
+    """Return how many names there are where rows have two cells for each, as decimal commas make of numbers; else 0."""
+    names = next((row for row in rows if 2 * len(row) == width and not any(is_value(cell, False) for cell in row)), [])
+    whole = all(_WHOLE.match(cell) for row in rows if len(row) == width for cell in row)
+    return len(names) if whole else 0
 
 
 def _units_in_cells(names: Sequence[str], stated: Sequence[str | None], notations: Sequence[Notation]) -> Iterator[str]:
@@ -138,7 +152,8 @@ def _separator(lines: Sequence[str]) -> str:
         cells = [cell for row in rows for cell in row if cell]
         values = sum(is_value(cell, separator != ",") for cell in cells) / max(len(cells), 1)
         score = even * (0.05 + values)
-        if score > best_score * 1.001:
+        # Between other marks there are blanks as well, in names and in remarks ahead of the table.
+        if score > best_score * (1.2 if separator == WHITESPACE else 1.001):
             best, best_score = separator, score
     return best
 

@@ -7,9 +7,12 @@ from dataclasses import dataclass
 
 from vsalog.readers.headers import printable_cell
 from vsalog.readers.table_text import SEPARATORS, is_value, split
-from vsalog.units import is_known_by_heart
+from vsalog.readers.time_names import DATED, rank_of
+from vsalog.units import is_known_by_heart, split_header
 
 _NO_UNIT = ("-", "–", "1")
+_LABVIEW_END = "***End_of_Header***"
+_MOST_SETTINGS = 50
 _MOST_ROWS = 3
 """Rows that a header has at most below its first."""
 
@@ -57,6 +60,7 @@ def find_header(lines: Sequence[str], table: Table, width: int, decimal_comma: b
     notes: list[str] = []
     start = next((k for k, (_, cells) in enumerate(table) if len(cells) in (width, width - 1)), 0)
     start = _skip_preamble(table, start, width, decimal_comma)
+    start = _skip_settings(table, start, width, decimal_comma)
     names: list[str] | None = None
     units: list[str | None] = [None] * width
     rest = [cells for _, cells in table[start:]]
@@ -81,6 +85,17 @@ def find_header(lines: Sequence[str], table: Table, width: int, decimal_comma: b
     return Header(names, units, first, table[first][0] if rest else len(lines), tuple(notes))
 
 
+def without_labview_head(lines: list[str]) -> None:
+    """Blank what LabVIEW writes ahead of a table, and call its X_Value what it is."""
+    ends = [i for i, line in enumerate(lines) if line.startswith(_LABVIEW_END)]
+    if not ends:
+        return
+    head = lines[: ends[-1] + 1]
+    lines[: len(head)] = [""] * len(head)
+    if len(head) < len(lines) and any(line.startswith("X_Dimension") and "Time" in line for line in head):
+        lines[len(head)] = lines[len(head)].replace("X_Value", "time [s]")
+
+
 def _skip_preamble(table: Sequence[tuple[int, list[str]]], start: int, width: int, decimal_comma: bool) -> int:
     """Step over lines of text ahead of the header that happen to have nearly as many cells."""
     while start + 2 < len(table):
@@ -90,6 +105,24 @@ def _skip_preamble(table: Sequence[tuple[int, list[str]]], start: int, width: in
             return start
         start += 1
     return start
+
+
+def _skip_settings(table: Table, start: int, width: int, decimal_comma: bool) -> int:
+    """Step over lines that say something of the log in as many cells as it has columns: the header below names a clock."""
+    for k, (_, cells) in enumerate(table[start:], start=start):
+        if len(cells) == width and _names_a_clock(cells, decimal_comma):
+            return k
+        if len(cells) > width or "" in cells or len(set(cells)) < len(cells) or k - start > _MOST_SETTINGS:
+            return start
+        if all(is_value(cell, decimal_comma) for cell in cells):
+            return start
+    return start
+
+
+def _names_a_clock(cells: Sequence[str], decimal_comma: bool) -> bool:
+    return not any(is_value(cell, decimal_comma) for cell in cells) and any(
+        rank not in (None, DATED) for cell in cells for rank in (rank_of(split_header(cell)[0]),)
+    )
 
 
 def _names_columns(rows: Sequence[Sequence[str]], decimal_comma: bool) -> bool:

@@ -26,6 +26,7 @@ _GROUPED = {
 }
 _BLANKS = "['’ \u00a0\u202f]"
 _BLANK_GROUPED = rf"^[+-]?\d{{1,3}}(?:{_BLANKS}\d{{3}})+(?:[.,]\d+)?$"
+_HEXADECIMAL = re.compile(r"^(?:[0-9A-F]{2,}|[0-9a-f]{2,})$")
 _FORTRAN = re.compile(r"^[+-]?(?:\d+\.?\d*|\.\d+)[dD][+-]?\d+$")
 
 
@@ -49,6 +50,8 @@ class Notation:
         Stands behind every number, "" for none.
     mixed : str
         Units that stand behind numbers where they are not all the same.
+    hexadecimal : bool
+        They are written ``1F``, so that those without letters would be read as others.
     """
 
     decimal_comma: bool = False
@@ -58,9 +61,12 @@ class Notation:
     minus: bool = False
     unit: str = ""
     mixed: str = ""
+    hexadecimal: bool = False
 
     def plain(self, cells: pa.Array) -> tuple[pa.Array, str]:
         """Return cells with numbers as ``1234.5``, and the first that sets thousands apart by a point or comma, "" for none."""
+        if self.hexadecimal:
+            return pc.binary_join_element_wise("0x", cells, ""), ""
         if self.minus:
             cells = pc.replace_substring(cells, "−", "-")
         if self.unit:
@@ -127,6 +133,7 @@ class _Column:
     """The first cells of a column, the header's among them, and what they tell of its decimal mark."""
 
     def __init__(self, cells: Sequence[str]) -> None:
+        self._hexadecimal = _are_hexadecimal(cells)
         quantities = [quantity for cell in cells if (quantity := quantity_of(cell))]
         units = Counter(unit for _, unit in quantities).most_common()
         sure = bool(units) and units[0][1] > _CERTAIN * (len(quantities) - units[0][1])
@@ -162,4 +169,13 @@ class _Column:
         """Return how it writes numbers, with a decimal comma by `default` where it does not tell."""
         comma = self.mark == "," or (default and not self.mark)
         grouped = not comma and (self._grouped or self.groups[","] > 0)
-        return Notation(comma, grouped, self._blanks, self._fortran, self._minus, self._unit, self._mixed)
+        return Notation(
+            comma, grouped, self._blanks, self._fortran, self._minus, self._unit, self._mixed, self._hexadecimal
+        )
+
+
+def _are_hexadecimal(cells: Sequence[str]) -> bool:
+    """Tell whether cells, but for a header, are hexadecimal numbers of one length, some with letters."""
+    found = [cell for cell in cells if _HEXADECIMAL.match(cell)]
+    lettered = sum(quantity_of(cell) is None for cell in found)
+    return len(found) >= max(len(cells) - 2, 3) and lettered > 0 and len({len(cell) for cell in found}) == 1

@@ -17,12 +17,10 @@ from vsalog.readers.headers import printable_cell
 from vsalog.readers.opened import is_text
 from vsalog.readers.table_dialect import Dialect
 from vsalog.readers.table_notation import Notation
-from vsalog.readers.table_text import WHITESPACE, is_comment
+from vsalog.readers.table_text import NULLS, WHITESPACE, is_comment
 from vsalog.readers.text_source import BoundedGzip, TextSource, open_text
 
 BLOCK_BYTES = 4 * 2**20
-NULLS = ("", "NA", "N/A", "n/a", "null", "NULL", "None", "none", "-", "--")
-
 _COMMENT = r"^\s*(#|%)"
 
 

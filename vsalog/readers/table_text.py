@@ -12,6 +12,12 @@ from vsalog.unit_tables import OFFSET_UNITS
 from vsalog.units import is_known_by_heart
 
 WHITESPACE = " "
+_NO_NUMBERS = (
+    "NA", "N/A", "n/a", "N.A.", "#N/A", "#NA", "null", "NULL", "Null", "None", "none", "nil", "missing", "-nan", "-NaN",
+    "1.#QNAN", "-1.#QNAN", "1.#IND", "-1.#IND", "nan(ind)", "-nan(ind)", "#DIV/0!", "#VALUE!", "#NUM!", "#REF!", "#NV",
+)  # fmt: skip
+"""What programs write where there is no number."""
+NULLS = ("", "-", "--", "—", "?", "*", *_NO_NUMBERS)
 SEPARATORS = (",", ";", "\t", "|", WHITESPACE)
 
 NUMBER = r"^[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?$"
@@ -51,7 +57,13 @@ def split(line: str, separator: str) -> list[str]:
 
 def is_value(cell: str, decimal_comma: bool) -> bool:
     """Tell whether a cell holds a number, one with a unit behind it, a date or a word for none."""
-    if _NUMBER.match(cell) or _NOT_A_NUMBER.match(cell) or _DATE.match(cell) or GROUPED_BY_COMMA.match(cell):
+    if (
+        _NUMBER.match(cell)
+        or _NOT_A_NUMBER.match(cell)
+        or cell in _NO_NUMBERS
+        or _DATE.match(cell)
+        or GROUPED_BY_COMMA.match(cell)
+    ):
         return True
     if decimal_comma and (COMMA_NUMBER.match(cell) or GROUPED_BY_POINT.match(cell)):
         return True

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from vsalog.readers.date_order import order_of, possible_orders
 from vsalog.readers.headers import printable_cell
 from vsalog.readers.time_dates import dates, of_day, trimmed
-from vsalog.readers.time_folds import Folds
+from vsalog.readers.time_folds import Folds, Restarts
 from vsalog.readers.time_names import DATED, STEMS, UNITS, plain, rank_of, stated_unit
 from vsalog.readers.time_numbers import floats, is_numeric, multiplied, scaled_up
 from vsalog.readers.time_written import DAY, HOUR, dates_of, without_midnight
@@ -189,14 +189,14 @@ def nanoseconds(columns: Sequence[pa.Array], form: str) -> tuple[Stamps, NDArray
     return scaled_up(columns[0], _DIGITS[kind])
 
 
-def folds_of(form: str) -> Folds | None:
-    """Return what makes a clock go on that begins anew at midnight or the like, None for one that does not."""
+def folds_of(form: str) -> Folds | Restarts:
+    """Return what makes a clock go on where it goes back."""
     kind = form.partition(" ")[0]
     if kind in ("day", "hms"):
         return Folds(DAY, False)
     if kind == "minutes":
         return Folds(HOUR, False)
-    return Folds(DAY, True) if kind in ("date", "date+day") else None
+    return Folds(DAY, True) if kind in ("date", "date+day") else Restarts()
 
 
 def _form(name: str, unit: str | None, sample: pa.Array, rest: Rest) -> tuple[str | None, str]:

@@ -1,4 +1,4 @@
-"""Clocks on the wall begin anew at midnight, and are set back by an hour in autumn: such a clock made to go on."""
+"""Clocks that go back, made to go on: at midnight, in autumn by an hour, and where one log was appended to another."""
 
 from __future__ import annotations
 
@@ -10,6 +10,8 @@ from vsalog.recording import Stamps
 
 _FEW = 10
 """A clock that is set back goes on within so many of its steps."""
+_COUNTED = 20 * 365 * DAY
+"""Stamps below it are counted from some start; dates that go back are those of logs that were put together in another order."""
 _SET_BACK = {1: "by an hour {}, as where summer time ends", 12: "by twelve hours {}, as clocks without AM and PM are"}
 
 
@@ -86,6 +88,55 @@ class Folds:
             hours[back] = size
             self._often[size] += int(np.count_nonzero(back))
         return hours
+
+
+class Restarts:
+    """Puts what was appended to a log behind it, block by block: a clock that counts from its start begins anew there."""
+
+    def __init__(self) -> None:
+        self._first: int | None = None
+        self._last = self._step = 0
+        self._shift = self._count = 0
+
+    def unfold(self, stamps: Stamps, good: NDArray[np.bool_]) -> Stamps:
+        """Return a block's stamps [ns], shape (n,), those of a later log behind the earlier ones, with a gap between."""
+        times = stamps[good]
+        if not times.size:
+            return stamps
+        if self._first is None:
+            self._first = self._last = int(times[0])
+        before = np.concatenate([[self._last], times[:-1]])
+        self._last = int(times[-1])
+        falls = times < before
+        if not falls.any() and not self._shift:
+            self._step = int(times[-1]) - int(before[-1])
+            return stamps
+        unfolded = stamps.copy()
+        unfolded[good] = times + self._shifts(times, before, falls)
+        return unfolded
+
+    def notes(self) -> list[str]:
+        """Return what to tell."""
+        if not self._count:
+            return []
+        often = _times(self._count)
+        return [
+            f"the time begins anew {often}, as where a log was appended to another: what follows is put behind, with a gap"
+        ]
+
+    def _shifts(self, times: Stamps, before: Stamps, falls: NDArray[np.bool_]) -> Stamps:
+        """Return by how much each sample is put later."""
+        assert self._first is not None
+        steps = np.clip(times - before, -_COUNTED, _COUNTED)
+        few = _FEW * int(np.median(steps[steps > 0])) if (steps > 0).any() else 0
+        earlier, later = np.append(self._step, steps[:-1]), np.append(steps[1:], 0)
+        # The clock goes on from the first stamps; a single stamp that is wrong, before or here, is left where it is.
+        anew = falls & (-steps > few) & (times <= self._first + few) & (np.maximum(earlier, later) < -steps // 2)
+        anew &= (self._first < _COUNTED) & (-steps < _COUNTED)
+        self._count += int(np.count_nonzero(anew))
+        shifts = self._shift + np.cumsum(np.where(anew, few - steps, 0))
+        self._shift, self._step = int(shifts[-1]), int(steps[-1])
+        return shifts
 
 
 def _times(count: int) -> str:
