@@ -6,11 +6,12 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.compute as pc
 
-from vsalog.readers.table_text import NUMBER
+from vsalog.readers.table_text import LIKE_NUMBERS, NUMBER
 from vsalog.recording import Values
 
 _CELL = NUMBER.replace("^", "^(", 1)[:-1] + r"|[+-]?(?i:inf|infinity)|[+-]?(?i:nan))$"
 
+_EMPTY = pa.array(["", *LIKE_NUMBERS])
 _FEW = 16
 _NOTHING = pa.scalar(None, pa.string())
 
@@ -49,7 +50,7 @@ class Cells:
         cells = pc.replace_substring_regex(cells, "^(?i:true)$", "1")
         cells = pc.replace_substring_regex(cells, "^(?i:false)$", "0")
         number = pc.match_substring_regex(cells, _CELL)
-        empty = pc.equal(cells, "")
+        empty = pc.is_in(cells, _EMPTY)
         wrong = pc.fill_null(pc.and_not(pc.invert(number), empty), False)
         count = int(pc.sum(wrong).as_py() or 0)
         if count and not self.bad:

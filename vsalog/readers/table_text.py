@@ -12,13 +12,15 @@ from vsalog.unit_tables import OFFSET_UNITS
 from vsalog.units import is_known_by_heart
 
 WHITESPACE = " "
-_NO_NUMBERS = (
-    "NA", "N/A", "n/a", "N.A.", "#N/A", "#NA", "null", "NULL", "Null", "None", "none", "nil", "missing", "-nan", "-NaN",
-    "1.#QNAN", "-1.#QNAN", "1.#IND", "-1.#IND", "nan(ind)", "-nan(ind)", "#DIV/0!", "#VALUE!", "#NUM!", "#REF!", "#NV",
-)  # fmt: skip
-"""What programs write where there is no number."""
-NULLS = ("", "-", "--", "—", "?", "*", *_NO_NUMBERS)
 SEPARATORS = (",", ";", "\t", "|", WHITESPACE)
+_WORDS = (
+    "NA", "N/A", "n/a", "N.A.", "#N/A", "#NA", "#NV", "null", "NULL", "Null", "None", "none", "nil", "missing",
+    "#DIV/0!", "#VALUE!", "#NUM!", "#REF!",
+)  # fmt: skip
+NULLS = ("", "-", "--", "?", "*", *_WORDS)
+"""What programs write where there is no number."""
+LIKE_NUMBERS = ("-nan", "-NaN", "nan(ind)", "-nan(ind)", "1.#QNAN", "-1.#QNAN", "1.#IND", "-1.#IND", "—")
+"""The same, but kept apart, as it takes long to tell of each number that it is none of these."""
 
 NUMBER = r"^[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?$"
 COMMA_NUMBER = re.compile(r"^[+-]?\d*,\d+([eE][+-]?\d+)?$")
@@ -60,7 +62,8 @@ def is_value(cell: str, decimal_comma: bool) -> bool:
     if (
         _NUMBER.match(cell)
         or _NOT_A_NUMBER.match(cell)
-        or cell in _NO_NUMBERS
+        or cell in _WORDS
+        or cell in LIKE_NUMBERS
         or _DATE.match(cell)
         or GROUPED_BY_COMMA.match(cell)
     ):
