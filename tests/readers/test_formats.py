@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import gzip
+import os
 import subprocess
 import sys
 
@@ -16,6 +18,12 @@ from vsalog.readers import read
 from vsalog.readers.collect import _Column
 
 
+def test_a_pipe_is_not_waited_for(tmp_path):
+    os.mkfifo(tmp_path / "log.mcap")
+    with pytest.raises(ReadError, match="is a pipe or a device"):
+        read(tmp_path / "log.mcap")
+
+
 @pytest.mark.parametrize(
     ("content", "words"),
     [
@@ -28,6 +36,8 @@ from vsalog.readers.collect import _Column
         (b"PK\x03\x04" + bytes(200), "spreadsheet"),
         (b"ULog\x01\x12\x35" + bytes(200), "ulog2csv"),
         (b"\x1f\x8bnothing", "damaged"),
+        (gzip.compress(b"\x89MCAP0\r\n"), "a log compressed with gzip"),
+        (gzip.compress(b"#ROSBAG V2.0\n"), "a log compressed with gzip"),
         (b"\x89MCAP0\r\n", "cut off"),
         (b"SQLite format 3\0" + b"\xa5" * 5000, "database"),
         (b"\x28\xb5\x2f\xfd" + b"\xa5" * 100, "decompressed"),

@@ -90,6 +90,16 @@ def test_what_cannot_be_done_ends_in_2_with_nothing_on_stdout(arguments, message
     assert "Traceback" not in done.stderr
 
 
+def test_addresses_of_files_here(log, tmp_path):
+    other = log.with_name("a b#.csv")
+    other.write_bytes(log.read_bytes())
+    for address in (f"file://{log}", f"file://localhost{log}", other.as_uri()):
+        done = vsalog("inspect", address, "--json")
+        assert done.returncode == 0, done.stderr
+        (report,) = json.loads(done.stdout)["logs"]
+        assert report["path"] == str(other if "%" in address else log)
+
+
 def test_an_unreadable_log_does_not_hide_the_others(log, tmp_path):
     nowhere, empty = tmp_path / "nowhere.csv", tmp_path / "empty.csv"
     empty.write_text("")

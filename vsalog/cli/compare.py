@@ -6,11 +6,11 @@ from pathlib import Path
 
 import rich_click as click
 
-from vsalog.cli.options import reading_options, rig_options
+from vsalog.cli.options import LogPath, reading_options, rig_options
 
 
 @click.command(short_help="Several estimators on one log, side by side.")
-@click.argument("logs", nargs=-1, required=True, type=click.Path(path_type=Path), metavar="LOG...")
+@click.argument("logs", nargs=-1, required=True, type=LogPath(), metavar="LOG...")
 @click.option(
     "-e",
     "--estimators",

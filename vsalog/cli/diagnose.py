@@ -6,11 +6,11 @@ from pathlib import Path
 
 import rich_click as click
 
-from vsalog.cli.options import reading_options, rig_options
+from vsalog.cli.options import LogPath, reading_options, rig_options
 
 
 @click.command(short_help="What the rig's simulation gets wrong, why, the extended rig, and what it is worth.")
-@click.argument("log", type=click.Path(path_type=Path), metavar="LOG")
+@click.argument("log", type=LogPath(), metavar="LOG")
 @click.option(
     "--holdout",
     type=click.Path(path_type=Path),

@@ -6,12 +6,12 @@ from pathlib import Path
 
 import rich_click as click
 
-from vsalog.cli.options import reading_options, rig_options
+from vsalog.cli.options import LogPath, reading_options, rig_options
 from vsalog.cli.pairs import pairs
 
 
 @click.command()
-@click.argument("logs", nargs=-1, type=click.Path(path_type=Path), metavar="LOG...")
+@click.argument("logs", nargs=-1, type=LogPath(), metavar="LOG...")
 @rig_options(
     "Estimate",
     settings="Change the rig for this run, e.g. joint.elbow.motor.inertia='7.3 kg*m*mm'; setpoint=33mm fixes the set-point"

@@ -6,11 +6,11 @@ from pathlib import Path
 
 import rich_click as click
 
-from vsalog.cli.options import reading_options
+from vsalog.cli.options import LogPath, reading_options
 
 
 @click.command(short_help="Write a rig file with the guesses filled in and the gaps marked.")
-@click.argument("log", type=click.Path(path_type=Path))
+@click.argument("log", type=LogPath())
 @click.option(
     "-o", "--output", type=click.Path(path_type=Path, dir_okay=False), help="Write to this file, not to stdout."
 )

@@ -6,11 +6,11 @@ from pathlib import Path
 
 import rich_click as click
 
-from vsalog.cli.options import reading_options
+from vsalog.cli.options import LogPath, reading_options
 
 
 @click.command(short_help="Show what is in a log, what is wrong with it, and which signal is probably what.")
-@click.argument("logs", nargs=-1, required=True, type=click.Path(path_type=Path), metavar="LOG...")
+@click.argument("logs", nargs=-1, required=True, type=LogPath(), metavar="LOG...")
 @click.option("--json", "as_json", is_flag=True, help="Print one JSON document on stdout.")
 @click.option(
     "--head",

@@ -3,11 +3,27 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from pathlib import Path
 from typing import Any, TypeVar
+from urllib.parse import unquote, urlsplit
 
 import rich_click as click
 
 from vsalog.cli.pairs import pairs
+
+
+class LogPath(click.Path):
+    """The path of a log; of a ``file://`` address, as file managers and browsers hand over, the path in it."""
+
+    def __init__(self) -> None:
+        super().__init__(path_type=Path)
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
+        """Return the path."""
+        if isinstance(value, str) and value.lower().startswith("file://"):
+            value = unquote(urlsplit(value).path, errors="surrogateescape")
+        return super().convert(value, param, ctx)
+
 
 Command = TypeVar("Command", bound=Callable[..., Any])
 

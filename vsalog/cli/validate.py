@@ -8,7 +8,7 @@ from typing import Any
 
 import rich_click as click
 
-from vsalog.cli.options import reading_options, rig_options
+from vsalog.cli.options import LogPath, reading_options, rig_options
 
 
 class Percent(click.FloatRange):
@@ -24,7 +24,7 @@ class Percent(click.FloatRange):
 
 @click.command(short_help="Hold a fitted model against other experiments: does it hold there?")
 @click.argument("model", type=click.Path(path_type=Path), metavar="MODEL")
-@click.argument("logs", nargs=-1, required=True, type=click.Path(path_type=Path), metavar="LOG...")
+@click.argument("logs", nargs=-1, required=True, type=LogPath(), metavar="LOG...")
 @rig_options(
     "Judge",
     "The rig; else the log's own, else the one in the model file.",

@@ -45,6 +45,8 @@ def sniff(path: Path) -> str:
     try:
         if path.is_dir():
             return _sniff_folder(path)
+        if path.exists() and not path.is_file():  # to open a pipe would wait for whoever writes into it
+            raise ReadError(f"{path}: is a pipe or a device, no file; write what comes out of it to a file first")
         with path.open("rb") as file:
             head = file.read(HEAD_BYTES)
     except FileNotFoundError:
@@ -80,6 +82,8 @@ def _sniff_head(path: Path, head: bytes) -> str:
             raise ReadError(f"{path}: {words}")
     if head.startswith(b"\x1f\x8b"):
         head = _gzip_head(path)
+        if any(head.startswith(magic) for magic, _ in _MAGIC):
+            raise ReadError(f"{path}: is a log compressed with gzip; unpack it first")
     if not looks_like_text(head):
         raise ReadError(
             f"{path}: is of no known format; MCAP, ROS 1 and ROS 2 bags, CSV, Parquet and MATLAB files can be read"
