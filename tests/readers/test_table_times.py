@@ -261,3 +261,18 @@ def test_a_signal_called_data_is_no_clock(table):
     recording = table("data,x", *(f"{i / 10},{i}" for i in range(20)))
     assert recording.streams["log"].time_source == "none"
     assert recording.channel("data").values.tolist() == [i / 10 for i in range(20)]
+
+
+@pytest.mark.parametrize("time", ["%Y-%m-%d %H:%M:%S", "%m/%d/%Y %I:%M:%S %p", "%H:%M:%S"])
+def test_bytes_that_are_no_text_deep_in_a_column_of_times(tmp_path, time):
+    """The first rows tell that the file is UTF-8; a damaged cell far behind them costs its own row."""
+    begin = datetime(2024, 3, 13, 8, tzinfo=UTC)
+    rows = [f"{begin + timedelta(seconds=i):{time}},{i}\n".encode() for i in range(20_000)]
+    rows[15_000] = b"\xff" + rows[15_000][1:]
+    path = tmp_path / "log.csv"
+    path.write_bytes(b"time,x\n" + b"".join(rows))
+    recording = read(path)
+    channel = recording.channel("x")
+    assert channel.values.tolist() == [i for i in range(20_000) if i != 15_000]
+    assert ((channel.stamps - channel.stamps[0]) == channel.values * S).all()
+    assert any("1 row without a time left out" in note for note in recording.notes)

@@ -86,8 +86,19 @@ def scaled(values: Stamps, good: NDArray[np.bool_], factor: int) -> tuple[Stamps
 
 
 def trimmed(array: pa.Array) -> pa.Array:
-    """Return cells as texts without blanks around them."""
-    return pc.utf8_trim_whitespace(pc.cast(array, pa.string()))
+    """Return cells as texts without blanks around them, null where bytes are no text."""
+    text = pc.cast(array, pa.string())
+    try:
+        return pc.utf8_trim_whitespace(text)
+    except pa.ArrowInvalid:
+        return pc.utf8_trim_whitespace(pa.array(map(_decoded, pc.cast(text, pa.binary()).to_pylist()), pa.string()))
+
+
+def _decoded(cell: bytes | None) -> str | None:
+    try:
+        return None if cell is None else cell.decode()
+    except UnicodeDecodeError:
+        return None
 
 
 def _iso(text: pa.Array) -> pa.Array:
