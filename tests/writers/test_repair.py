@@ -230,3 +230,7 @@ def test_the_command_says_what_it_wrote(original, tmp_path):
     both = CliRunner().invoke(cli, ["inspect", str(original), str(original), "--repair", str(target)])
     assert both.exit_code == 2
     assert "name one LOG" in both.output
+    part = CliRunner().invoke(cli, ["inspect", str(original), "--start", "1", "--repair", str(tmp_path / "part.mcap")])
+    assert part.exit_code == 2
+    assert "writes the whole log" in part.output
+    assert not (tmp_path / "part.mcap").exists()

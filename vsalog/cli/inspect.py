@@ -63,6 +63,8 @@ def inspect(
 
     if repaired is not None and len(logs) > 1:
         raise click.UsageError("--repair writes one file: name one LOG")
+    if repaired is not None and not (start is None and end is None):
+        raise click.UsageError("--repair writes the whole log: leave out --start and --end")
     # All logs are read before anything is printed: an unreadable one takes no place between the others.
     reports: list[LogReport] = []
     unreadable: list[Unreadable] = []
