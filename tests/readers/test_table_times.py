@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import re
 from datetime import UTC, date, datetime, timedelta
+from pathlib import Path
 
 import pytest
 
@@ -276,3 +278,23 @@ def test_bytes_that_are_no_text_deep_in_a_column_of_times(tmp_path, time):
     assert channel.values.tolist() == [i for i in range(20_000) if i != 15_000]
     assert ((channel.stamps - channel.stamps[0]) == channel.values * S).all()
     assert any("1 row without a time left out" in note for note in recording.notes)
+
+
+def examples(row):
+    """Return what docs/tables.md gives as examples in a row of its table of dates."""
+    text = (Path(__file__).parents[2] / "docs" / "tables.md").read_text(encoding="utf-8")
+    (line,) = (line for line in text.splitlines() if line.startswith(f"| {row} |"))
+    return re.findall(r"`([^`]+)`", line)
+
+
+@pytest.mark.parametrize("date", examples("year first") + examples("day or month first") + examples("with a name"))
+def test_every_date_on_the_page_is_read(table, date):
+    written = date if ":" in date or "T12" in date else f"{date} 12:00:00"
+    begin = nanoseconds(datetime(2026, 1, 31, 12, tzinfo=UTC))
+    assert stamps(table("time;x", f"{written};0"))[0] in (begin, begin + S // 2)
+
+
+@pytest.mark.parametrize("time", examples("time of day"))
+def test_every_time_of_day_on_the_page_is_read(table, time):
+    (stamp,) = stamps(table("time;x", f"{time};0"))
+    assert stamp in {86399 * S + S // 2, 43201 * S + S // 2, 3598 * S + S // 2, 360_000 * S}
