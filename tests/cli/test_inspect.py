@@ -5,6 +5,7 @@ from __future__ import annotations
 import gzip
 import json
 import re
+from datetime import UTC, datetime, timedelta
 
 import numpy as np
 import pytest
@@ -12,6 +13,7 @@ from click.testing import CliRunner
 
 from vsalog.cli import cli
 from vsalog.readers import sampling
+from vsalog.readers.table import TableReader
 from vsalog.reports.inspect_text import seconds
 
 ROWS = 12_000
@@ -166,3 +168,19 @@ def test_an_empty_compressed_file_is_empty(tmp_path):
         done = CliRunner().invoke(cli, ["inspect", str(path)])
         assert done.exit_code != 0
         assert words in str(done.exception or done.output)
+
+
+def test_dates_of_a_large_log_are_told_from_the_sample(tmp_path, monkeypatch):
+    """Its first rows are of 4 March or 3 April; a stretch from the end tells, and the large log itself is not read for it."""
+    monkeypatch.setattr(sampling, "SAMPLE_BYTES", 40_000)
+    begin = datetime(2024, 4, 3, 23, 50)
+    rows = [begin + i * timedelta(minutes=2) for i in range(ROWS)]
+    path = tmp_path / "log.csv"
+    path.write_text("time,x\n" + "".join(f"{m.day}/{m.month}/{m:%Y %H:%M},{i}\n" for i, m in enumerate(rows)))
+    read = []
+    monkeypatch.setattr(TableReader, "_whole", lambda self, column: read.append(self.path) or ())
+    (log,) = json.loads(inspect(path, "--json"))["logs"]
+    assert path not in read
+    assert log["sample"]["stretches"] == 8
+    assert log["duration"] == pytest.approx(120 * (ROWS - 1))
+    assert log["streams"][0]["start"] == int(begin.replace(tzinfo=UTC).timestamp()) * 10**9

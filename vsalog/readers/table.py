@@ -37,6 +37,8 @@ class TableReader:
         The file, plain or compressed with gzip.
     rate : float or None
         Samples per second [Hz], for a table without a time column.
+    thorough : bool
+        Read all of a column of dates where its first rows leave open which number is the month.
 
     Raises
     ------
@@ -47,7 +49,7 @@ class TableReader:
     format = "csv"
     rig_text: str | None = None
 
-    def __init__(self, path: Path, rate: float | None) -> None:
+    def __init__(self, path: Path, rate: float | None, thorough: bool = True) -> None:
         self.path = path
         self.rate = rate
         self.notes: list[str] = []
@@ -55,7 +57,9 @@ class TableReader:
         self._compressed = False
         self._dialect = self._detect()
         self._sample = _sample_columns(self._dialect)
-        self._plan = find_clocks(self._dialect.names, self._dialect.units, self._sample, self._whole)
+        self._plan = find_clocks(
+            self._dialect.names, self._dialect.units, self._sample, self._whole if thorough else None
+        )
         self._counts: dict[str, Cells] = {}
         self._folds: dict[str, Folds | Restarts] = {}
         clocks = self._plan.columns()
