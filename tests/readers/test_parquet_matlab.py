@@ -106,9 +106,17 @@ def test_many_row_groups_and_no_time(tmp_path):
 
 def test_a_cut_off_parquet_file_is_refused(tmp_path):
     path = parquet(tmp_path, {"x": pa.array(np.arange(1000.0))})
-    path.write_bytes(path.read_bytes()[:-100])
-    with pytest.raises(ReadError, match="Parquet"):
+    raw = path.read_bytes()
+    path.write_bytes(raw[:-100])
+    with pytest.raises(ReadError, match="ends without its footer"):
         read(path)
+    path.write_bytes(raw[:-1] + b"E")
+    with pytest.raises(ReadError, match="encrypted"):
+        read(path)
+    path.write_bytes(raw[:-20] + bytes([255]) * 12 + raw[-8:])
+    with pytest.raises(ReadError, match="footer, which tells where everything lies, is damaged") as told:
+        read(path)
+    assert str(told.value).isprintable()
 
 
 def test_structures_with_their_clocks(tmp_path):

@@ -12,8 +12,10 @@ import pyarrow.compute as pc
 from numpy.typing import NDArray
 
 from vsalog.errors import ReadError
+from vsalog.printable import printable
 from vsalog.readers.base import NO_TIME, Block, Catalogue, ChannelInfo, first_of_each, plural
 from vsalog.readers.headers import printable_cell, unique_names
+from vsalog.readers.parquet_footer import footer_trouble
 from vsalog.readers.parquet_rows import ParquetRows
 from vsalog.readers.row_clock import ROW_NOTE, row_clock
 from vsalog.readers.time_columns import ClockPlan, find_clocks, nanoseconds
@@ -53,7 +55,8 @@ class ParquetReader:
         try:
             self._rows = ParquetRows(path)
         except (pa.ArrowException, OSError, UnicodeError) as error:  # a column's name may have become no text
-            raise ReadError(f"{path}: the Parquet file cannot be read: {error}") from error
+            words = printable(str(error).strip())[:200]
+            raise ReadError(f"{path}: the Parquet file cannot be read: {footer_trouble(path) or words}") from error
         schema = self._rows.schema
         pairs = [split_header(name) for name in schema.names]
         counted: Counter[str] = Counter()

@@ -52,11 +52,27 @@ def row_groups(path: Path) -> list[Group]:
     try:
         footer = Compact(raw).struct()
     except (IndexError, ValueError) as error:
-        raise OSError("its footer is damaged") from error
+        raise OSError("its footer, which tells where everything lies, is damaged") from error
     return [
         Group(integer(group, _GROUP_ROWS, 0), [_chunk(structure(one, _CHUNK)) for one in structures(group, _CHUNKS)])
         for group in structures(footer, _GROUPS)
     ]
+
+
+def footer_trouble(path: Path) -> str:
+    """Return in words what is wrong with the footer of a file that Arrow does not open, "" where nothing is seen to be."""
+    try:
+        with path.open("rb") as file:
+            file.seek(max(file.seek(0, 2) - 4, 0))
+            end = file.read(4)
+        if end == b"PARE":
+            return "it is encrypted"
+        if end != b"PAR1":
+            return "it ends without its footer, which tells where everything lies, as when it is cut off or was never closed"
+        row_groups(path)
+    except OSError as error:
+        return str(error)
+    return ""
 
 
 def _chunk(fields: Fields) -> Chunk:

@@ -45,7 +45,7 @@ class ParquetRows:
         self.notes: list[str] = []
         self.groups = row_groups(path)
         if len(self.groups) != self.file.num_row_groups:
-            raise OSError("its footer is damaged")
+            raise OSError("its footer, which tells where everything lies, is damaged")
         self._refuse_bombs()
         self._sizes = [max(group.rows, 0) for group in self.groups]
         self._bad = self._bad_pages()
