@@ -24,11 +24,12 @@ from vsalog.basis import PolynomialBasis
 from vsalog.errors import EstimatorError, FilterError
 from vsalog.estimators.bend import Bend, bend_of_filters
 from vsalog.estimators.device import Device, TransmissionView, deflection_of
+from vsalog.estimators.equation import EquationRows
 from vsalog.estimators.equations import OfOneTransmission, regressors
 from vsalog.estimators.first_look import first_look
 from vsalog.estimators.known import Known, conditioner_of, known_of
 from vsalog.estimators.needs import deflection_roles, require
-from vsalog.estimators.regression import EquationRows, RegressionFold
+from vsalog.estimators.regression import RegressionFold
 from vsalog.estimators.solvers import WINDOWS, RlsSolver, least_samples
 from vsalog.estimators.tuning import Positive, RlsTuning
 from vsalog.filters.conditioning import Conditioned, Conditioner
@@ -167,6 +168,11 @@ class AlgebraicEquation(OfOneTransmission):
     leading: ClassVar[int] = 0
     parameters: ClassVar[tuple[str, ...]] = ()
 
+    @property
+    def motor(self) -> tuple[float, float]:
+        """Inertia [kg·m²] and damping [N·m·s/rad]."""
+        return self.inertia, self.damping
+
     def start(self) -> tuple[Array, float, Any]:
         """Return what the filters hold before the first sample, the angle a run begins at, and the state of the hysteresis."""
         held = np.full((self.weights.shape[1] - 1, self.basis.size + 2), np.nan)
@@ -206,6 +212,7 @@ class AlgebraicEquation(OfOneTransmission):
             {self.view.name: {"residual": y}},
             doubted=doubted,
             bends=self.bends,
+            speed=_filtered(joined[:, -2], self.weights[1]),
         )
         return (joined[joined.shape[0] - held.shape[0] :].copy(), origin, after), rows
 

@@ -12,8 +12,8 @@ from numpy.typing import NDArray
 from vsalog.basis import PolynomialBasis
 from vsalog.estimators.bend import Bend
 from vsalog.estimators.device import TransmissionView, deflection_of
+from vsalog.estimators.equation import EquationRows
 from vsalog.estimators.known import Known
-from vsalog.estimators.regression import EquationRows
 from vsalog.estimators.torque import integral_block, lag_block, loaded_residual_block, residual_block
 from vsalog.filters.conditioning import Conditioned
 
@@ -64,6 +64,10 @@ class TorqueEquation:
     parameters: ClassVar[tuple[str, ...]] = ()
 
     @property
+    def motor(self) -> None:
+        """The torque is not computed from a motor's motion."""
+
+    @property
     def size(self) -> int:
         """Number of unknowns."""
         return self.basis.size * len(self.transmissions)
@@ -90,7 +94,8 @@ class TorqueEquation:
         fed = {t.name: y if alone else np.full_like(y, np.nan) for t in self.transmissions}
         if not alone:
             fed["total"] = y
-        rows = EquationRows(F, y, use, np.zeros_like(use), fed, {}, doubted=doubted, bends=self.bends)
+        speed = block.fit.get(f"velocity:{self.transmissions[0].motor_position}")
+        rows = EquationRows(F, y, use, np.zeros_like(use), fed, {}, doubted=doubted, bends=self.bends, speed=speed)
         return tuple(states), rows
 
 
@@ -116,6 +121,11 @@ class ResidualEquation(OfOneTransmission):
     leading: ClassVar[int] = 0
     parameters: ClassVar[tuple[str, ...]] = ()
 
+    @property
+    def motor(self) -> tuple[float, float]:
+        """Inertia [kg·m²] and damping [N·m·s/rad]."""
+        return self.inertia, self.damping
+
     def start(self) -> tuple[Any, ...]:
         """Return the states of residual, regressors' lag, hysteresis and doubt's lag before the first sample."""
         known = None if self.known is None else self.known.start()
@@ -140,6 +150,7 @@ class ResidualEquation(OfOneTransmission):
             {self.view.name: {"residual": r_e}},
             doubted=doubted,
             bends=self.bends,
+            speed=block.fit[f"velocity:{self.view.motor_position}"],
         )
         return (residual, lag, after, lagged_doubt[0]), rows
 
@@ -190,6 +201,10 @@ class IntegratedMotorEquation(OfOneTransmission):
 
     leading: ClassVar[int] = 3
     parameters: ClassVar[tuple[str, ...]] = ("motor_inertia", "motor_damping")
+
+    @property
+    def motor(self) -> None:
+        """Inertia and damping are unknowns here."""
 
     @property
     def size(self) -> int:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -34,6 +34,11 @@ class FirstLook:
     remarks: tuple[str, ...] = ()
     blind: frozenset[str] = frozenset()
     steps: Mapping[str, Steps] = field(default_factory=dict)
+
+    def step(self, views: Sequence[TransmissionView]) -> float:
+        """Return the step of deflections [rad], that of both their sensors; 0 where they have none."""
+        roles = {role for view in views for role in view.deflection_roles(self.steps)} & self.steps.keys()
+        return float(np.linalg.norm([self.steps[role].size for role in sorted(roles)]))
 
     def and_also(self, other: FirstLook) -> FirstLook:
         """Return what was noticed in either look."""

@@ -18,9 +18,10 @@ from vsalog.errors import EstimatorError
 from vsalog.estimators.bend import Bend, bend_of_filters
 from vsalog.estimators.borne_torque import effects_left_in
 from vsalog.estimators.device import Device, TransmissionView, deflection_of
+from vsalog.estimators.equation import EquationRows
 from vsalog.estimators.first_look import first_look
 from vsalog.estimators.needs import deflection_roles, require
-from vsalog.estimators.regression import EquationRows, FoldState, RegressionFold
+from vsalog.estimators.regression import FoldState, RegressionFold
 from vsalog.estimators.residual_rls import sensor_role
 from vsalog.estimators.solvers import QrSolver, least_samples
 from vsalog.estimators.tuning import Positive, Tuning, largest_regressor
@@ -156,6 +157,10 @@ class RateEquation:
     parameters: ClassVar[tuple[str, ...]] = ()
 
     @property
+    def motor(self) -> None:
+        """The torque is not computed from a motor's motion."""
+
+    @property
     def size(self) -> int:
         """Number of unknowns."""
         return self.basis.size * len(self.transmissions)
@@ -174,4 +179,6 @@ class RateEquation:
         fed = {v.name: torque if alone else np.full_like(torque, np.nan) for v in self.transmissions}
         if not alone:
             fed["total"] = torque
-        return None, EquationRows(F, y, use, np.zeros_like(use), fed, {}, bends=self.bends)
+        # Differentiated like the rest.
+        speed = block.fit.get(f"acceleration:{self.transmissions[0].motor_position}")
+        return None, EquationRows(F, y, use, np.zeros_like(use), fed, {}, bends=self.bends, speed=speed)

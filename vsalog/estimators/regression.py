@@ -8,16 +8,17 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from types import MappingProxyType
-from typing import Any, ClassVar, Protocol
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from vsalog.estimators.bend import Bend
-from vsalog.estimators.device import Device, TransmissionView, deflection_of
+from vsalog.estimators.device import Device, deflection_of
+from vsalog.estimators.equation import Equation, EquationRows, Solver
 from vsalog.estimators.first_look import NOTHING_SEEN, FirstLook
+from vsalog.estimators.left_over import LeftOverState, followers, following, left_over_block, left_over_start
 from vsalog.estimators.region import Region, lengths
-from vsalog.estimators.resting import Resting, Stay, resting_in
+from vsalog.estimators.resting import Stay, resting_in
 from vsalog.filters.conditioning import Conditioned, Conditioner, ConditionerState
 from vsalog.filters.direction import direction_start, loading_block
 from vsalog.model import JointModel, TransmissionModel, basis_spec
@@ -40,79 +41,11 @@ DOUBTED_SHARE = 0.5
 BLOCK = 8192
 
 
-@dataclass(frozen=True, slots=True)
-class EquationRows:
-    """A block of an equation F ξ = y, linear in the unknowns ξ.
-
-    `fresh` marks where the first unknown begins anew (an integration constant); `fed` is, per transmission or in ``total``,
-    the flexibility torque the estimator is fed with; `extra` are further columns of the trace, per transmission. Where the
-    leading unknowns are parameters of the motor, the flexibility torque is `dynamics` times these unknowns plus `fed`. `doubted`
-    marks where what the rig knows beside the springs is in doubt, so that nothing is learnt; None where it never can be.
-    `noisy` is the variance of the noise in each regressor, shape (n,), where that bends a fit which takes them for exact; `bends`
-    is, per transmission, what noise of its deflection does (`bend.py`). `walk` is the standard deviation of the steps of the
-    random walk that white noise becomes in an integrated y (`walk.py`), 0 where y is no integral, and `period` [s] that of the
-    samples of an integral, else None. `resting` is where the encoders rest (`resting.py`); None where they have no steps.
-    """
-
-    F: Array
-    y: Array
-    use: Flags
-    fresh: Flags
-    fed: Mapping[str, Array]
-    extra: Mapping[str, Mapping[str, Array]]
-    dynamics: Array | None = None
-    doubted: Flags | None = None
-    noisy: Array | None = None
-    bends: tuple[Bend, ...] = ()
-    walk: float = 0.0
-    period: float | None = None
-    resting: Resting | None = None
-
-
-class Equation(Protocol):
-    """What is known to add up to what, for one or more transmissions."""
-
-    leading: ClassVar[int]  # unknowns before the coefficients of the first basis
-    parameters: ClassVar[tuple[str, ...]]  # names of the last of these unknowns, where they are worth a column
-
-    @property
-    def transmissions(self) -> tuple[TransmissionView, ...]:
-        """The transmissions the equation speaks of."""
-
-    @property
-    def size(self) -> int:
-        """Number of unknowns."""
-
-    def start(self) -> Any:
-        """Return the state before the first sample."""
-
-    def rows(self, state: Any, block: Conditioned) -> tuple[Any, EquationRows]:
-        """Form the equation for a block."""
-
-
-class Solver(Protocol):
-    """How the unknowns are found."""
-
-    @property
-    def p0(self) -> float:
-        """Prior covariance of the coefficients, infinite for none."""
-
-    def start(self, size: int) -> Any:
-        """Return the state before the first sample."""
-
-    def block(
-        self, state: Any, rows: EquationRows, use: Flags, E: Array, spread: Flags
-    ) -> tuple[Any, Array, Array, Array, Mapping[str, Array]]:
-        """Learn from a block; return state, values (N, q) and variances (N, q) of E ξ̂, ξ̂ (N, n) and extra columns."""
-
-    def solution(self, state: Any) -> tuple[Array, Array, float]:
-        """Return ξ̂ (n,), its covariance (n, n) and the noise seen in y (standard deviation)."""
-
-
 @dataclass(slots=True)
 class FoldState:
     """States of the filters, of each equation and its solver, the regions seen so far, the samples seen and doubted, for how many
-    samples each stiffness has been supported, and each sensor in the same step.
+    samples each stiffness has been supported, and each sensor in the same step; the least that has been claimed of a supported
+    stiffness' deviation, as a part of it, and what is left over.
     """
 
     filters: ConditionerState
@@ -125,6 +58,8 @@ class FoldState:
     doubted: dict[str, int] = field(default_factory=dict)
     supported: dict[str, int] = field(default_factory=dict)
     stays: dict[tuple[str, str], Stay] = field(default_factory=dict)
+    claimed: dict[str, float] = field(default_factory=dict)
+    left_over: dict[tuple[str, ...], LeftOverState] = field(default_factory=dict)
 
 
 class RegressionFold:
@@ -202,6 +137,8 @@ class RegressionFold:
             dict(state.doubted),
             dict(state.supported),
             dict(state.stays),
+            dict(state.claimed),
+            dict(state.left_over),
         )
         traces = []
         for block in ready:
@@ -251,6 +188,13 @@ class RegressionFold:
         E, spread, where = self._functionals(equation, rows, block)
         use = rows.use & state.learning
         solver_state, values, variances, unknowns, extra = self.solver.block(solver_state, rows, use, E, spread)
+        if rows.speed is not None:
+            names = tuple(view.name for view in equation.transmissions)
+            state.left_over[names] = left_over_block(
+                state.left_over.get(names, left_over_start(equation.size)),
+                rows.F, E[:, 4 * len(names)], rows.y, rows.speed, use, block.rows.starts, self.conditioner.window,
+                block.rows.period,
+            )  # fmt: skip
         if rows.resting is not None:
             # σ is asked for at the deflection as it is: where it is hidden in a step, so is σ.
             count = len(equation.transmissions)
@@ -271,6 +215,10 @@ class RegressionFold:
             if length.size:
                 state.supported[view.name] = int(length[-1])
             excited = seen & (length >= max(self.conditioner.window, LASTING))
+            if excited.any():
+                state.claimed[view.name] = float(
+                    np.min((std / sigma)[excited], initial=state.claimed.get(view.name, np.inf))
+                )
             columns[view.name] = {
                 "deflection": phi,
                 "flexibility_torque": self._fed(rows.fed[view.name]),
@@ -335,13 +283,28 @@ class RegressionFold:
 
     def warnings(self, state: FoldState) -> tuple[str, ...]:
         """Say what the first look showed, and where most of a log could not be learnt from, because the rig is in doubt."""
-        return self.look.remarks + tuple(
+        doubted = tuple(
             f"joint '{self.device.joint}', transmission {names}: for {count / state.seen:.0%} of the time the torque of friction"
             " or hysteresis that the rig has is not known, because the motor stands or is slower than its encoder can tell, or"
             " the deflection has not yet moved through its loop; nothing is learnt there"
             for names, count in state.doubted.items()
             if count > DOUBTED_SHARE * state.seen
         )
+        return self.look.remarks + doubted + self._following(state)
+
+    def _following(self, state: FoldState) -> tuple[str, ...]:
+        """Say what the left-overs follow."""
+        said = []
+        for equation in self.equations:
+            names = tuple(view.name for view in equation.transmissions)
+            claimed = max(state.claimed.get(name, np.inf) for name in names)
+            if names not in state.left_over:
+                continue
+            found = followers(state.left_over[names], claimed, self.look.step(equation.transmissions))
+            if found:
+                where = f"joint '{self.device.joint}', transmission {' and '.join(names)}"
+                said.append(following(where, found, equation.motor))
+        return tuple(said)
 
     def model(self, state: FoldState) -> JointModel:
         """Freeze what has been learnt into a model."""

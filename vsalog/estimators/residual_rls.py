@@ -15,11 +15,12 @@ from numpy.typing import NDArray
 from vsalog.errors import EstimatorError
 from vsalog.estimators.bend import bend_of_residual, bend_of_torque
 from vsalog.estimators.device import Device, TransmissionView, deflection_of
+from vsalog.estimators.equation import Equation
 from vsalog.estimators.equations import ResidualEquation, TorqueEquation
 from vsalog.estimators.first_look import first_look
 from vsalog.estimators.known import conditioner_of, known_of
 from vsalog.estimators.needs import deflection_roles, require
-from vsalog.estimators.regression import Equation, RegressionFold
+from vsalog.estimators.regression import RegressionFold
 from vsalog.estimators.solvers import RlsSolver, least_samples
 from vsalog.estimators.tuning import Modality, Positive, RlsTuning, Tuning
 from vsalog.estimators.windows import WINDOWS, keeping_window, motor_window

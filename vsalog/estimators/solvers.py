@@ -10,9 +10,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vsalog.estimators.bend import bent_block
+from vsalog.estimators.equation import EquationRows
 from vsalog.estimators.noise import SAMPLES, NoiseState, noise_block, noise_now, noise_start
 from vsalog.estimators.qr import QrState, qr_block
-from vsalog.estimators.regression import EquationRows
 from vsalog.estimators.resting import RestState, rest_block, rest_covariance
 from vsalog.estimators.rls import RlsState, rls_block
 from vsalog.estimators.walk import WalkState, walk_block, walk_start

@@ -1,0 +1,139 @@
+"""What the left-overs follow: a late encoder, a wrong inertia, damping nobody knows of; and nothing where nothing is wrong."""
+
+from __future__ import annotations
+
+import json
+import re
+from itertools import pairwise
+
+import numpy as np
+import pytest
+from command_line import vsalog_run
+
+from vsalog.estimators.left_over import (
+    ACCELERATION,
+    SPEED,
+    followers,
+    following,
+    left_over_block,
+    left_over_start,
+)
+
+PERIOD, STIFFNESS = 1e-3, 20.0
+TIME = np.arange(20_000) * PERIOD
+
+
+def motion():
+    """A motor and a link that lags behind it, each a sum of sines, with their derivatives in closed form."""
+    parts = ((0.5, 3.1, 0.0), (0.3, 7.7, 1.0), (0.1, 15.0, 2.0))
+    theta = sum(a * np.sin(w * TIME + p) for a, w, p in parts)
+    speed = sum(a * w * np.cos(w * TIME + p) for a, w, p in parts)
+    acceleration = -sum(a * w**2 * np.sin(w * TIME + p) for a, w, p in parts)
+    phi = sum(0.2 * a * np.sin(w * TIME + p - 0.7 * w / 3.1) for a, w, p in parts)
+    return theta, speed, acceleration, phi
+
+
+def look(phi, torque, speed, blocks=(TIME.size,)):
+    """The sums over a log of a linear spring, cut into blocks."""
+    F, slopes, state = phi[:, None], np.ones((TIME.size, 1)), left_over_start(1)
+    use, starts = np.ones(TIME.size, dtype=bool), np.arange(TIME.size) == 0
+    for begin, end in pairwise((0, *blocks)):
+        cut = slice(begin, end)
+        state = left_over_block(state, F[cut], slopes[cut], torque[cut], speed[cut], use[cut], starts[cut], 51, PERIOD)
+    return state
+
+
+def noise(seed=0):
+    return np.random.default_rng(seed).normal(0.0, 0.05, TIME.size)
+
+
+def test_an_unknown_damping_and_an_unknown_inertia_are_found_with_their_size():
+    _, speed, acceleration, phi = motion()
+    for extra, suspect, size in ((speed, SPEED, 0.3), (acceleration, ACCELERATION, 0.05)):
+        state = look(phi, STIFFNESS * phi + size * extra + noise(), speed)
+        found = followers(state, 0.001, 0.0)
+        assert found[0].suspect == suspect
+        assert found[0].coefficient == pytest.approx(size, rel=0.02)
+        assert found[0].stiffness == pytest.approx(STIFFNESS, rel=0.01)
+        # What it says the stiffness moves by is what plain least squares was off by.
+        plain = float(phi @ (STIFFNESS * phi + size * extra) / (phi @ phi))
+        assert found[0].moved == pytest.approx(abs(plain / STIFFNESS - 1.0), rel=0.1)
+
+
+def test_a_late_encoder_is_found_with_its_delay():
+    theta, speed, _, phi = motion()
+    late = 0.004
+    q = np.interp(TIME - late, TIME, theta + phi)
+    found = followers(look(q - theta, STIFFNESS * phi + noise(), speed), 0.001, 0.0)
+    assert found[0].suspect == SPEED
+    assert found[0].coefficient / found[0].stiffness == pytest.approx(late, rel=0.15)
+    assert "the link's encoder" in following("joint 'a'", found, None)
+
+
+def test_nothing_is_told_of_a_spring_that_is_one():
+    _, speed, _, phi = motion()
+    assert followers(look(phi, STIFFNESS * phi + noise(), speed), 0.0, 0.0) == []
+
+
+def test_nothing_is_told_that_is_within_what_is_claimed_or_within_a_step():
+    _, speed, _, phi = motion()
+    state = look(phi, STIFFNESS * phi + 0.3 * speed + noise(), speed)
+    (found,) = followers(state, 0.001, 0.0)
+    assert followers(state, found.moved, 0.0) == []
+    assert followers(state, 0.001, 1.0) == []
+
+
+def test_noise_on_both_sides_is_not_taken_for_an_inertia():
+    """A torque computed from a noisy acceleration, and that acceleration: they go together, but less in longer averages."""
+    _, speed, _, phi = motion()
+    noisy = speed + np.random.default_rng(1).normal(0.0, 0.02, TIME.size)
+    jitter = np.convolve(noisy - speed, np.ones(51) / 51, mode="same")
+    torque = STIFFNESS * phi + 0.5 * np.gradient(jitter, PERIOD) + noise()
+    assert followers(look(phi, torque, speed + jitter), 0.0, 0.0) == []
+
+
+def test_blocks_of_any_size_and_gaps_give_the_same_sums():
+    _, speed, _, phi = motion()
+    torque = STIFFNESS * phi + noise()
+    whole, parts = look(phi, torque, speed), look(phi, torque, speed, (7, 900, 901, 13_000, TIME.size))
+    for a, b in zip(whole, parts, strict=True):
+        np.testing.assert_array_equal(a, b)
+
+
+@pytest.fixture(scope="module")
+def warnings_of(tmp_path_factory):
+    """Simulate a log, once for each machine; return what an estimator says of it."""
+    folder = tmp_path_factory.mktemp("machines")
+
+    def say(estimator, preset, *actual):
+        log = folder / f"{preset}-{len(actual)}.mcap"
+        if not log.exists():
+            machine = [x for change in actual for x in ("--actual", change)]
+            done = vsalog_run(
+                "simulate", preset, "--scenario", "multisine", "--duration", "10 s", *machine, "-o", log, cwd=folder
+            )
+            assert done.returncode == 0, done.stderr
+        done = vsalog_run("estimate", log, "-e", estimator, "-o", "trace.parquet", "--json", cwd=folder)
+        assert done.returncode == 0, done.stderr
+        return " ".join(json.loads(done.stdout)["joints"][0]["warnings"])
+
+    return say
+
+
+@pytest.mark.parametrize("estimator", ["direct", "residual-rls", "algebraic"])
+def test_a_link_encoder_that_is_late_is_told(warnings_of, estimator):
+    said = warnings_of(estimator, "awas", "joint.awas.signals.link_position.delay=2 ms")
+    assert "what the fit leaves over follows the motor's" in said
+
+
+@pytest.mark.parametrize("estimator", ["residual-rls", "algebraic"])
+def test_a_motor_heavier_than_its_rig_is_told_with_its_inertia(warnings_of, estimator):
+    said = warnings_of(estimator, "sea", "joint.sea.motor.inertia=0.1 kg*m^2")
+    inertia = re.search(r"a motor's inertia of ([0-9.]+) kg·m², not 0.08,", said)
+    assert inertia is not None
+    assert float(inertia[1]) == pytest.approx(0.1, rel=0.03)
+
+
+@pytest.mark.parametrize("estimator", ["direct", "residual-rls", "algebraic", "grioli-parametric"])
+def test_a_machine_that_is_as_its_rig_says_is_not_accused(warnings_of, estimator):
+    assert "leaves over" not in warnings_of(estimator, "sea")

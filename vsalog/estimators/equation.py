@@ -1,0 +1,93 @@
+"""What an equation tells a solver, and what either has to offer to the fold that strings them together (`regression.py`)."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any, ClassVar, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vsalog.estimators.bend import Bend
+from vsalog.estimators.device import TransmissionView
+from vsalog.estimators.resting import Resting
+from vsalog.filters.conditioning import Conditioned
+
+Array = NDArray[np.float64]
+Flags = NDArray[np.bool_]
+
+
+@dataclass(frozen=True, slots=True)
+class EquationRows:
+    """A block of an equation F ξ = y, linear in the unknowns ξ.
+
+    `fresh` marks where the first unknown begins anew (an integration constant); `fed` is, per transmission or in ``total``,
+    the flexibility torque the estimator is fed with; `extra` are further columns of the trace, per transmission. Where the
+    leading unknowns are parameters of the motor, the flexibility torque is `dynamics` times these unknowns plus `fed`. `doubted`
+    marks where what the rig knows beside the springs is in doubt, so that nothing is learnt; None where it never can be.
+    `noisy` is the variance of the noise in each regressor, shape (n,), where that bends a fit which takes them for exact; `bends`
+    is, per transmission, what noise of its deflection does (`bend.py`). `walk` is the standard deviation of the steps of the
+    random walk that white noise becomes in an integrated y (`walk.py`), 0 where y is no integral, and `period` [s] that of the
+    samples of an integral, else None. `resting` is where the encoders rest (`resting.py`); None where they have no steps.
+    `speed` is the motor's, as late as F is: what is left over may follow it (`left_over.py`).
+    """
+
+    F: Array
+    y: Array
+    use: Flags
+    fresh: Flags
+    fed: Mapping[str, Array]
+    extra: Mapping[str, Mapping[str, Array]]
+    dynamics: Array | None = None
+    doubted: Flags | None = None
+    noisy: Array | None = None
+    bends: tuple[Bend, ...] = ()
+    walk: float = 0.0
+    period: float | None = None
+    resting: Resting | None = None
+    speed: Array | None = None
+
+
+class Equation(Protocol):
+    """What is known to add up to what, for one or more transmissions."""
+
+    leading: ClassVar[int]  # unknowns before the coefficients of the first basis
+    parameters: ClassVar[tuple[str, ...]]  # names of the last of these unknowns, where they are worth a column
+
+    @property
+    def motor(self) -> tuple[float, float] | None:
+        """Inertia [kg·m²] and damping [N·m·s/rad] of the rig's motor, where the torque is computed from its motion."""
+
+    @property
+    def transmissions(self) -> tuple[TransmissionView, ...]:
+        """The transmissions the equation speaks of."""
+
+    @property
+    def size(self) -> int:
+        """Number of unknowns."""
+
+    def start(self) -> Any:
+        """Return the state before the first sample."""
+
+    def rows(self, state: Any, block: Conditioned) -> tuple[Any, EquationRows]:
+        """Form the equation for a block."""
+
+
+class Solver(Protocol):
+    """How the unknowns are found."""
+
+    @property
+    def p0(self) -> float:
+        """Prior covariance of the coefficients, infinite for none."""
+
+    def start(self, size: int) -> Any:
+        """Return the state before the first sample."""
+
+    def block(
+        self, state: Any, rows: EquationRows, use: Flags, E: Array, spread: Flags
+    ) -> tuple[Any, Array, Array, Array, Mapping[str, Array]]:
+        """Learn from a block; return state, values (N, q) and variances (N, q) of E ξ̂, ξ̂ (N, n) and extra columns."""
+
+    def solution(self, state: Any) -> tuple[Array, Array, float]:
+        """Return ξ̂ (n,), its covariance (n, n) and the noise seen in y (standard deviation)."""

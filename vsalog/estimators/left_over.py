@@ -1,0 +1,247 @@
+"""Whether what a fit leaves over follows the motion, as it does where the rig or a clock is wrong.
+
+A signal that is late by δ makes of the deflection q − θ one that is off by δ times the speed; a wrong inertia leaves its error
+times the acceleration. A fit of the stiffness takes for its own what it can of either, and is off without a word. The rest can be
+told: the equation is solved once more with the speed, and with the acceleration, among the regressors, and where that takes away
+much of what was left over, and moves the stiffness by more than is said of it, that is told.
+
+Equations are averaged over windows first. That leaves them as true as they are, takes most of the noise of differentiated
+encoders out of both sides alike, and makes accelerations differences of speeds. Noise that is left makes left-overs follow the
+acceleration too, but less the longer the average: what is told has to be there in averages four times as long as well. And what
+moves the deflection by less than a part of its encoders' steps is not told, for rounding makes as much.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+Flags = NDArray[np.bool_]
+
+# Samples that are averaged, at least; averages without which nothing is said.
+BOX, AVERAGES = 25, 40
+# What has to be taken away of the power of what was left over; how much the stiffness has to move, and in how many of its
+# standard deviations; how sure the coefficient has to be, in its own.
+TAKEN, MOVED, BEYOND, SURE = 0.15, 0.03, 3.0, 5.0
+# Another suspect that takes away nearly as much is told too.
+AS_WELL = 0.8
+# Averages in a long one, and the part of the coefficient that has to be left there; the part of an encoder's step.
+LONG, LEFT, REACH = 4, 0.6, 0.3
+SPEED, ACCELERATION = "speed", "acceleration"
+SUSPECTS = (SPEED, ACCELERATION)
+
+
+class LeftOverState(NamedTuple):
+    """Sums, for n regressors.
+
+    Attributes
+    ----------
+    box : shape (2 n + 4,), of the average that fills: F, slopes of the stiffness, y, speed; the speed it began with, and samples
+    N : shape (n + 3, n + 3), Σ z zᵀ of the averages z = (F, speed, acceleration, y)
+    long : shape (n + 4,), of the long average that fills: Σ z, and how many
+    M : shape (n + 3, n + 3), Σ z zᵀ of the long averages
+    H : shape (n, n), Σ s sᵀ of the slopes
+    averages : shape (1,), how many
+    """
+
+    box: Array
+    N: Array
+    long: Array
+    M: Array
+    H: Array
+    averages: Array
+
+
+@dataclass(frozen=True, slots=True)
+class Follower:
+    """What the left-overs follow.
+
+    Attributes
+    ----------
+    suspect : of `SUSPECTS`
+    taken : part of the power of what was left over that it takes away
+    coefficient : what multiplies it, in the units of the equation
+    stiffness : root mean square of it with the suspect taken out [N·m/rad]
+    moved : what that changes of the stiffness, as a part
+    """
+
+    suspect: str
+    taken: float
+    coefficient: float
+    stiffness: float
+    moved: float
+
+
+def left_over_start(n: int) -> LeftOverState:
+    """Return the state before the first sample."""
+    squares = np.zeros((n + 3, n + 3))
+    return LeftOverState(np.zeros(2 * n + 4), squares, np.zeros(n + 4), squares.copy(), np.zeros((n, n)), np.zeros(1))
+
+
+def left_over_block(
+    state: LeftOverState, F: Array, slopes: Array, y: Array, speed: Array, use: Flags, starts: Flags, window: int, period: float
+) -> LeftOverState:  # fmt: skip
+    """Go on with the sums.
+
+    Parameters
+    ----------
+    F, slopes : shape (N, n), regressors and their derivatives by the deflection
+    y, speed : shape (N,), what they add up to, and the motor's speed [rad/s]
+    use, starts : shape (N,), samples that are learnt from, and those before which one is missing
+    window : samples of the filter before
+    period : [s]
+    """
+    new = LeftOverState(*(part.copy() for part in state))
+    _run(F, slopes, y, speed, use & np.isfinite(speed), starts, max(window, BOX), period, *new)
+    return new
+
+
+@njit(cache=True, error_model="numpy", nogil=True)
+def _run(
+    F: Array, slopes: Array, y: Array, speed: Array, use: Flags, starts: Flags, window: int, period: float,
+    box: Array, N: Array, long: Array, M: Array, H: Array, averages: Array,
+) -> None:  # fmt: skip
+    n = F.shape[1]
+    z = np.empty(n + 3)
+    for k in range(F.shape[0]):
+        if starts[k] or not use[k]:
+            box[:], long[:] = 0.0, 0.0
+        if not use[k]:
+            continue
+        if box[2 * n + 3] == 0.0:
+            box[2 * n + 2] = speed[k]
+        for i in range(n):
+            box[i] += F[k, i]
+            box[n + i] += slopes[k, i]
+        box[2 * n] += y[k]
+        box[2 * n + 1] += speed[k]
+        box[2 * n + 3] += 1.0
+        count = box[2 * n + 3]
+        if count < window:
+            continue
+        for i in range(n):
+            z[i] = box[i] / count
+        z[n] = box[2 * n + 1] / count
+        # From the first sample to the last: a period less than what is averaged.
+        z[n + 1] = (speed[k] - box[2 * n + 2]) / ((count - 1.0) * period)
+        z[n + 2] = box[2 * n] / count
+        for i in range(n + 3):
+            long[i] += z[i] / LONG
+            for j in range(n + 3):
+                N[i, j] += z[i] * z[j]
+        long[n + 3] += 1.0
+        if long[n + 3] == LONG:
+            for i in range(n + 3):
+                for j in range(n + 3):
+                    M[i, j] += long[i] * long[j]
+            long[:] = 0.0
+        for i in range(n):
+            for j in range(n):
+                H[i, j] += box[n + i] * box[n + j] / (count * count)
+        averages[0] += 1.0
+        box[:] = 0.0
+
+
+def followers(state: LeftOverState, claimed: float, step: float) -> list[Follower]:
+    """Return what the left-overs follow, the worst first; nothing where they follow nothing that matters.
+
+    Parameters
+    ----------
+    claimed : standard deviation that is said of the stiffness, as a part of it
+    step : of the deflection's sensors [rad], 0 where they have none
+    """
+    n, count = state.H.shape[0], float(state.averages[0])
+    if count < max(AVERAGES, 3 * n):
+        return []
+    found = []
+    for place, suspect in enumerate(SUSPECTS):
+        short, long = _with(state.N, n, place, count), _with(state.M, n, place, count // LONG)
+        told = max(short, long, key=lambda fit: fit.taken)
+        k, now = told.unknowns[-1], _size(told.unknowns[:n], state.H, count)
+        if not (np.isfinite(told.unknowns).all() and now > 0.0):
+            continue
+        moved = _size(told.unknowns[:n] - short.plain, state.H, count) / now
+        torque = abs(k) * (float(state.N[n + place, n + place]) / count) ** 0.5
+        if (
+            told.taken > TAKEN
+            and told.sure > SURE
+            and long.unknowns[-1] * np.sign(short.unknowns[-1]) > LEFT * abs(short.unknowns[-1])
+            and torque > REACH * step * now
+            and moved > max(MOVED, BEYOND * claimed)
+        ):
+            found.append(Follower(suspect, told.taken, float(k), now, moved))
+    found.sort(key=lambda f: -f.taken)
+    return [f for f in found if f.taken >= AS_WELL * found[0].taken]
+
+
+def following(where: str, found: list[Follower], motor: tuple[float, float] | None) -> str:
+    """Say what the left-overs follow, and what that may come from.
+
+    Parameters
+    ----------
+    where : joint and transmission
+    found : of `followers`, at least one
+    motor : inertia and damping of the motor where the torque is computed from its motion, else None
+    """
+    names = " and ".join(f"the motor's {f.suspect} ({f.taken:.0%} of its power)" for f in found)
+    causes = "; or with ".join(_causes(f, motor) for f in found)
+    return (
+        f"{where}: what the fit leaves over follows {names}, as it does where a clock or the rig is wrong; with {causes}."
+        " 'vsalog diagnose' tells which"
+    )
+
+
+def _causes(found: Follower, motor: tuple[float, float] | None) -> str:
+    """Name what would explain it, as far as it is possible: no inertia is negative."""
+    k, causes = found.coefficient, []
+    if found.suspect == SPEED:
+        causes.append(f"the {'link' if k > 0.0 else 'motor'}'s encoder {1e3 * abs(k) / found.stiffness:.2g} ms late")
+        if motor is None and k > 0.0:
+            causes.append(f"{k:.3g} N·m·s/rad of damping that the rig does not have")
+        elif motor is not None and motor[1] - k >= 0.0:
+            causes.append(f"a motor's damping of {motor[1] - k:.3g} N·m·s/rad, not {motor[1]:.3g}")
+    elif motor is None and k > 0.0:
+        causes.append(f"an inertia of {k:.3g} kg·m² between spring and torque sensor")
+    elif motor is not None and motor[0] - k > 0.0:
+        causes.append(f"a motor's inertia of {motor[0] - k:.3g} kg·m², not {motor[0]:.3g},")
+    else:
+        causes.append(f"the {found.suspect} in the equation")
+    change = f"change by {found.moved:.0%}" if found.moved < 1.0 else "be quite another"
+    return f"{' or '.join(causes)} the stiffness would {change}"
+
+
+class _Fit(NamedTuple):
+    """With a suspect and without it; what of the left-overs' power it takes away, and the coefficient in its deviations."""
+
+    unknowns: Array
+    plain: Array
+    taken: float
+    sure: float
+
+
+def _with(squares: Array, n: int, place: int, count: float) -> _Fit:
+    plain, left = _solved(squares, list(range(n)))
+    unknowns, rest = _solved(squares, [*range(n), n + place])
+    taken = 1.0 - rest / left if 0.0 < rest < left else 0.0
+    sure = (taken / (1.0 - taken) * max(count - n - 1.0, 0.0)) ** 0.5
+    return _Fit(unknowns, plain, taken, sure)
+
+
+def _size(unknowns: Array, H: Array, count: float) -> float:
+    """Return the root mean square of a stiffness [N·m/rad]."""
+    return float(np.sqrt(max(float(unknowns @ H @ unknowns), 0.0) / count))
+
+
+def _solved(N: Array, columns: list[int]) -> tuple[Array, float]:
+    """Return the least-squares solution for some of the columns, and the sum of squares it leaves of y."""
+    y = N.shape[0] - 1
+    size = np.sqrt(np.maximum(np.diagonal(N)[columns], np.finfo(float).tiny))
+    scaled = N[np.ix_(columns, columns)] / np.outer(size, size)
+    target = N[columns, y] / size
+    x = np.linalg.lstsq(scaled, target, rcond=1e-10)[0]
+    return x / size, float(N[y, y] - 2.0 * x @ target + x @ scaled @ x)
