@@ -136,3 +136,10 @@ def test_exponents_of_fortran_and_minus_signs_that_are_no_hyphens(table):
     assert recording.channel("x").values.tolist() == values
     assert recording.channel("y").values.tolist() == [round(v, 3) for v in values]
     assert recording.channel("x").stamps.tolist() == [i * S // 10 for i in range(9)]
+
+
+def test_decimal_commas_between_blanks(table):
+    recording = table("time x y\n" + "".join(f"0,{i} {100 + i},5 -1,{i}\n" for i in range(9)))
+    assert recording.channel("x").values.tolist() == [100.5 + i for i in range(9)]
+    assert recording.channel("y").values.tolist() == [-float(f"1.{i}") for i in range(9)]
+    assert recording.channel("x").stamps.tolist() == [i * S // 10 for i in range(9)]

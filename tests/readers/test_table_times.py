@@ -236,6 +236,12 @@ def test_a_unit_that_is_no_time_is_told(table):
     assert any("'samples' is none of the units" in note for note in recording.notes)
 
 
+def test_a_temperature_is_no_clock(table):
+    recording = table("T (K),x", *(f"{i + 300},{i}" for i in range(20)))
+    assert recording.streams["log"].time_source == "none"
+    assert recording.notes == ("there is no time column: give the sample rate with --rate, in Hz",)
+
+
 def test_a_time_that_cannot_be_read_is_shown(table):
     recording = table("time,x", "first,0", "second,1", "third,2")
     assert any("the times in column 'time' cannot be read (the first: 'first')" in note for note in recording.notes)

@@ -27,7 +27,9 @@ COMMA_NUMBER = re.compile(r"^[+-]?\d*,\d+([eE][+-]?\d+)?$")
 GROUPED_BY_POINT = re.compile(r"^[+-]?\d{1,3}(\.\d{3})+,\d+$")
 GROUPED_BY_COMMA = re.compile(r"^[+-]?\d{1,3}(,\d{3})+\.\d+$")
 """Thousands apart and a decimal mark, which leaves no doubt which of the two is which."""
-_QUANTITY = re.compile(r"^([+−-]?(?:\d[\d.,'’ \u00a0\u202f]*|[.,]\d+)(?:[eEdD][+-]?\d+)?)\s*([^\d\s.,:;'].*)?$")
+_QUANTITY = re.compile(
+    r"^([+−-]?(?:\d{1,3}(?:['’ \u00a0\u202f]\d{3})+(?:[.,]\d+)?|\d[\d.,]*|[.,]\d+)(?:[eEdD][+-]?\d+)?)\s*([^\d\s.,:;'].*)?$"
+)
 
 _BLANKS = re.compile(r"[ \t]+(?![\[(])")
 """Between cells; a unit in brackets belongs to the name ahead of it."""
@@ -71,7 +73,7 @@ def is_value(cell: str, decimal_comma: bool) -> bool:
     if decimal_comma and (COMMA_NUMBER.match(cell) or GROUPED_BY_POINT.match(cell)):
         return True
     quantity = quantity_of(cell)
-    return quantity is not None and (decimal_comma or "," not in quantity[0])
+    return quantity is not None and (decimal_comma or not set(", ") & set(quantity[0]))
 
 
 def quantity_of(cell: str) -> tuple[str, str] | None:

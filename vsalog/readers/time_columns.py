@@ -88,6 +88,7 @@ Rest = Callable[[], Iterable[pa.Array]]
 Whole = Callable[[int], Iterable[pa.Array]]
 """Gives all of a column, part by part."""
 _MOST_DATES = 1000
+_SHORT = 3  # the rank of names such as T, which may be a temperature
 
 
 def _nothing() -> Iterable[pa.Array]:
@@ -329,7 +330,7 @@ def _with_date(
         _, good = nanoseconds([sample[c] for c in both.columns], both.form)
         if good.mean() > 0.5:
             return both, note
-        if _is_text(sample[i]) or plain(name) != "data":
+        if _is_text(sample[i]) or not plain(name).startswith("data"):
             unread = unread or (
                 f"the dates in column '{name}' cannot be read ({_first(sample[i])}), so the time of day is taken alone;"
                 " dates such as 2026-01-31 can be read"
@@ -348,7 +349,7 @@ def _no_clock(
                 f"the times in column '{names[i]}' cannot be read ({_first(sample[i])}): write seconds, or dates such as"
                 " 2026-01-31 12:00:00.5",
             )
-        if stated is not None and stated not in UNITS:
+        if rank < _SHORT and stated is not None and stated not in UNITS:
             return (f"column '{names[i]}' is no time: '{stated}' is none of the units s, ms, us, ns, min, h and d",)
     return ()
 
