@@ -304,3 +304,11 @@ def test_every_date_on_the_page_is_read(table, date):
 def test_every_time_of_day_on_the_page_is_read(table, time):
     (stamp,) = stamps(table("time;x", f"{time};0"))
     assert stamp in {86399 * S + S // 2, 43201 * S + S // 2, 3598 * S + S // 2, 360_000 * S}
+
+
+@pytest.mark.parametrize(("unit", "size"), [("us", 10**3), ("ms", 10**6), ("ns", 1)])
+def test_a_counter_of_32_bits_that_overflows(table, unit, size):
+    rows = [(2**32 - 1000 + 7 * i, i) for i in range(300)]
+    recording = table(f"time_{unit},x", *(f"{count % 2**32},{i}" for count, i in rows))
+    assert stamps(recording) == [count * size for count, _ in rows]
+    assert any("counter of 32 bits overflows once" in note for note in recording.notes)

@@ -1,4 +1,4 @@
-"""Clocks that go back, made to go on: at midnight, in autumn by an hour, and where one log was appended to another."""
+"""Clocks that go back, made to go on: at midnight, in autumn by an hour, where a counter is full, where a log was appended."""
 
 from __future__ import annotations
 
@@ -12,6 +12,8 @@ _FEW = 10
 """A clock that is set back goes on within so many of its steps."""
 _COUNTED = 20 * 365 * DAY
 """Stamps below it are counted from some start; dates that go back are those of logs that were put together in another order."""
+_FULL = tuple(2**32 * unit for unit in (1, 10**3, 10**6))
+"""How far counters of nanoseconds, microseconds and milliseconds reach that have 32 bits [ns]."""
 _SET_BACK = {1: "by an hour {}, as where summer time ends", 12: "by twelve hours {}, as clocks without AM and PM are"}
 
 
@@ -91,12 +93,12 @@ class Folds:
 
 
 class Restarts:
-    """Puts what was appended to a log behind it, block by block: a clock that counts from its start begins anew there."""
+    """Puts what was appended to a log behind it, and what follows an overflow, block by block."""
 
     def __init__(self) -> None:
         self._first: int | None = None
         self._last = self._step = 0
-        self._shift = self._count = 0
+        self._shift = self._count = self._overflows = 0
 
     def unfold(self, stamps: Stamps, good: NDArray[np.bool_]) -> Stamps:
         """Return a block's stamps [ns], shape (n,), those of a later log behind the earlier ones, with a gap between."""
@@ -117,12 +119,13 @@ class Restarts:
 
     def notes(self) -> list[str]:
         """Return what to tell."""
-        if not self._count:
-            return []
-        often = _times(self._count)
-        return [
-            f"the time begins anew {often}, as where a log was appended to another: what follows is put behind, with a gap"
-        ]
+        said = []
+        if self._count:
+            how = "as where a log was appended to another: what follows is put behind, with a gap"
+            said.append(f"the time begins anew {_times(self._count)}, {how}")
+        if self._overflows:
+            said.append(f"the time's counter of 32 bits overflows {_times(self._overflows)}: taken as going on")
+        return said
 
     def _shifts(self, times: Stamps, before: Stamps, falls: NDArray[np.bool_]) -> Stamps:
         """Return by how much each sample is put later."""
@@ -133,8 +136,14 @@ class Restarts:
         # The clock goes on from the first stamps; a single stamp that is wrong, before or here, is left where it is.
         anew = falls & (-steps > few) & (times <= self._first + few) & (np.maximum(earlier, later) < -steps // 2)
         anew &= (self._first < _COUNTED) & (-steps < _COUNTED)
+        full = np.zeros(len(steps), np.int64)
+        for size in _FULL:
+            if few < size // 4:
+                full[falls & (before >= size - few) & (before < size) & (times <= few)] = size
+        anew &= full == 0
         self._count += int(np.count_nonzero(anew))
-        shifts = self._shift + np.cumsum(np.where(anew, few - steps, 0))
+        self._overflows += int(np.count_nonzero(full))
+        shifts = self._shift + np.cumsum(np.where(anew, few - steps, full))
         self._shift, self._step = int(shifts[-1]), int(steps[-1])
         return shifts
 
