@@ -213,6 +213,36 @@ def test_a_broken_file_of_a_ros2_bag_does_not_hide_the_others(tmp_path):
     assert any("empty.mcap was left out: is empty" in note for note in recording.notes)
 
 
+def test_files_that_are_missing_by_their_numbers(tmp_path):
+    for number in (0, 2, 3):
+        joints_mcap(tmp_path / f"run_{number}.mcap", 10)
+    assert any("1 file of the bag missing, by the numbers: run_1" in note for note in read(tmp_path).notes)
+    (tmp_path / "run_2.mcap").rename(tmp_path / "run_1.mcap")
+    (tmp_path / "run_3.mcap").rename(tmp_path / "run_2.mcap")
+    assert not any("missing" in note for note in read(tmp_path).notes)
+
+
+@pytest.mark.parametrize("closed", ["bag_1.mcap", "metadata.yaml"])
+def test_a_file_of_a_bag_that_may_not_be_read(tmp_path, monkeypatch, closed):
+    for number in range(2):
+        joints_mcap(tmp_path / f"bag_{number}.mcap", 10)
+    names = "".join(f"    - bag_{number}.mcap\n" for number in range(2))
+    (tmp_path / "metadata.yaml").write_text(f"rosbag2_bagfile_information:\n  relative_file_paths:\n{names}")
+    sound = type(tmp_path).open
+
+    def refuse(path, *args, **options):
+        if path.name == closed:
+            raise PermissionError(13, "Permission denied", str(path))
+        return sound(path, *args, **options)
+
+    monkeypatch.setattr(type(tmp_path), "open", refuse)
+    recording = read(tmp_path)
+    check(recording, 10)
+    assert recording.streams["/joint_states"].duplicates == (0 if closed == "bag_1.mcap" else 10)
+    words = "bag_1.mcap was left out: cannot be opened: Permission denied"
+    assert any((words if closed == "bag_1.mcap" else "no readable metadata.yaml") in note for note in recording.notes)
+
+
 def test_a_folder_with_metadata_only(tmp_path):
     (tmp_path / "metadata.yaml").write_text("rosbag2_bagfile_information:\n")
     with pytest.raises(ReadError, match="no bag files"):

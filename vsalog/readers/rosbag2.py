@@ -22,6 +22,7 @@ from vsalog.readers.rosbag2_sqlite import SQLITE_MAGIC, SqliteContainer
 METADATA = "metadata.yaml"
 
 _LOG_ENDINGS = (".bag", ".csv", ".tsv", ".parquet", ".mat", ".mcap", ".db3")
+_BAG_ENDINGS = (".mcap", ".db3", ".zstd")
 _IDS_PER_FILE = 2**32
 
 
@@ -211,16 +212,20 @@ def is_bag_folder(folder: Path) -> bool:
 
 def _candidates(folder: Path) -> list[Path]:
     """Return the bag files in a folder, told by content, ``bag_10`` after ``bag_9``."""
-    found = []
-    for path in folder.iterdir():
-        if path.is_file():
-            with path.open("rb") as file:
-                head = file.read(16)
-            if head.startswith((MCAP_MAGIC, ZSTD_MAGIC)) or head == SQLITE_MAGIC:
-                found.append(path)
+    found = [path for path in folder.iterdir() if path.is_file() and _is_candidate(path)]
     return sorted(
         found, key=lambda path: [(int(p), "") if p.isdigit() else (0, p) for p in re.split(r"(\d+)", path.name)]
     )
+
+
+def _is_candidate(path: Path) -> bool:
+    """Tell whether a file looks like one of a bag; of one that may not be read, its name tells."""
+    try:
+        with path.open("rb") as file:
+            head = file.read(16)
+    except OSError:
+        return path.suffix in _BAG_ENDINGS
+    return head.startswith((MCAP_MAGIC, ZSTD_MAGIC)) or head == SQLITE_MAGIC
 
 
 def _bag_files(folder: Path, notes: list[str]) -> list[Path]:
@@ -229,20 +234,21 @@ def _bag_files(folder: Path, notes: list[str]) -> list[Path]:
     The metadata only choose among the files of the folder; what they say is never opened as a path.
     """
     candidates = _candidates(folder)
-    metadata = folder / METADATA
-    if not metadata.is_file():
+    listed = _listed_in(folder / METADATA)
+    if listed is None:
         if len({_bag_name(path) for path in candidates}) > 1:
             raise ReadError(
-                f"{folder}: is a folder of several logs, no single bag (it has no {METADATA}): name one of"
+                f"{folder}: is a folder of several logs, no single bag (it has no readable {METADATA}): name one of"
                 f" {_listed(candidates)}"
             )
         notes.append(
-            f"there is no {METADATA} (was the recording cut off?): took {plural(len(candidates), 'file')},"
+            f"there is no readable {METADATA} (was the recording cut off?): took {plural(len(candidates), 'file')},"
             f" {_listed(candidates)}"
         )
+        if skipped := _skipped_numbers(candidates):
+            notes.append(f"{plural(len(skipped), 'file')} of the bag missing, by the numbers: {', '.join(skipped[:5])}")
         _note_others(folder, candidates, notes)
         return candidates
-    listed = _listed_names(metadata.read_text("utf-8", "replace"))
     present = {path.name: path for path in folder.iterdir() if path.is_file()}
     chosen = [present[name] for name in listed if name in present]
     missing = [name for name in listed if name not in present]
@@ -262,6 +268,14 @@ def _bag_name(path: Path) -> str:
     return re.sub(r"_\d+$", "", path.name.partition(".")[0])
 
 
+def _skipped_numbers(paths: list[Path]) -> list[str]:
+    """Return the names, without endings, of the files of a bag between those that are there: ROS counts from 0."""
+    numbers = {int(found[1]) for path in paths if (found := re.search(r"_(\d{1,6})$", path.name.partition(".")[0]))}
+    if len(numbers) < len(paths):
+        return []  # named by somebody else
+    return [f"{_bag_name(paths[0])}_{number}" for number in range(max(numbers, default=0)) if number not in numbers]
+
+
 def _note_others(folder: Path, chosen: list[Path], notes: list[str]) -> None:
     """Say which files of the folder look like logs too, but are no part of the bag."""
     others = [
@@ -278,8 +292,14 @@ def _listed(paths: list[Path]) -> str:
     return ", ".join(path.name for path in paths[:5]) + more
 
 
-def _listed_names(text: str) -> list[str]:
-    """Return the names of the files that the metadata list, without folders."""
+def _listed_in(metadata: Path) -> list[str] | None:
+    """Return the names of the files that the metadata list, without folders; None where they cannot be read."""
+    try:
+        text = metadata.read_text("utf-8", "replace") if metadata.is_file() else None
+    except OSError:
+        text = None
+    if text is None:
+        return None
     block = re.search(r"^[ \t]*relative_file_paths:[ \t]*\n((?:[ \t]*-[ \t]+\S.*\n?)+)", text, re.MULTILINE)
     lines = block.group(1).splitlines() if block else []
     names = [line.strip()[1:].strip().strip("\"'").replace("\\", "/").rpartition("/")[2] for line in lines]
