@@ -66,6 +66,11 @@ def test_time_types(tmp_path, kind, factor):
     assert recording.channel("x").stamps.tolist() == [5 * factor, 10 * factor, 15 * factor, 20 * factor]
 
 
+def test_a_table_without_rows_is_refused(tmp_path):
+    with pytest.raises(ReadError, match="holds no rows"):
+        read(parquet(tmp_path, {"time": pa.array([], pa.float64()), "x": pa.array([], pa.float64())}))
+
+
 def test_time_as_dates_with_gaps(tmp_path):
     when = datetime.datetime(2024, 1, 1)
     times = pa.array([when, None, when + datetime.timedelta(seconds=1)])

@@ -42,7 +42,7 @@ class ParquetReader:
     Raises
     ------
     ReadError
-        The file cannot be opened or is damaged.
+        The file cannot be opened, is damaged or holds no rows.
     """
 
     format = "parquet"
@@ -57,6 +57,8 @@ class ParquetReader:
         except (pa.ArrowException, OSError, UnicodeError) as error:  # a column's name may have become no text
             words = printable(str(error).strip())[:200]
             raise ReadError(f"{path}: the Parquet file cannot be read: {footer_trouble(path) or words}") from error
+        if not any(group.rows for group in self._rows.groups):
+            raise ReadError(f"{path}: the Parquet file holds no rows")
         schema = self._rows.schema
         pairs = [split_header(name) for name in schema.names]
         counted: Counter[str] = Counter()
