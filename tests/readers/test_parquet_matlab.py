@@ -187,6 +187,54 @@ def test_time_that_does_not_rise_is_a_channel(tmp_path):
     assert any("--rate" in note for note in recording.notes)
 
 
+SECONDS = np.arange(50) / 100
+NOON = datetime.datetime(2024, 2, 29, 12, tzinfo=datetime.UTC)
+
+
+@pytest.mark.parametrize(
+    ("name", "time", "begin", "note"),
+    [
+        ("time", SECONDS, 0.0, ""),
+        ("time", SECONDS * 1000, 0.0, "'time' states no unit and is read as ms because its steps are about 10"),
+        ("t_ms", SECONDS * 1000, 0.0, ""),
+        ("time_s", SECONDS, 0.0, ""),
+        ("time", NOON.timestamp() + SECONDS, NOON.timestamp(), ""),
+        ("timestamp", (NOON.timestamp() + SECONDS) * 1e3, NOON.timestamp(), ""),
+        # MATLAB's datenum counts from a day that it calls 0, a year and a day before Python's first.
+        ("t", NOON.toordinal() + 366.5 + SECONDS / 86400, NOON.timestamp(), "days since the year 0, MATLAB's datenum"),
+    ],
+)
+def test_units_of_matlab_clocks(tmp_path, name, time, begin, note):
+    savemat(tmp_path / "log", {name: time, "x": SECONDS}, appendmat=False)
+    recording = read(tmp_path / "log")
+    stamps = recording.channel("x").stamps
+    assert stamps[0] == pytest.approx(begin * 1e9, abs=1e4)
+    np.testing.assert_allclose(stamps - stamps[0], SECONDS * 1e9, atol=2e4)  # datenum resolves 10 µs
+    assert [note in said for said in recording.notes] == ([True] if note else [])
+
+
+def test_seconds_at_steps_of_seconds_can_be_told(tmp_path):
+    savemat(tmp_path / "log", {"time_s": SECONDS * 1000, "x": SECONDS}, appendmat=False)
+    assert read(tmp_path / "log").channel("x").stamps[1] == 10_000_000_000
+
+
+@pytest.mark.parametrize(
+    ("place", "value", "words"), [(6, np.nan, "value 7 of it is no number"), (6, 0.0, "value 7 of it is not above")]
+)
+def test_why_a_time_is_not_taken_for_it(tmp_path, place, value, words):
+    time = SECONDS.copy()
+    time[place] = value
+    savemat(tmp_path / "log", {"time": time, "x": SECONDS}, appendmat=False)
+    recording = read(tmp_path / "log")
+    assert recording.channel("x").stamps.tolist() == list(range(50))
+    assert any(f"'time' is not taken for the time: {words}" in note for note in recording.notes)
+
+
+def test_a_clock_of_another_length_is_told(tmp_path):
+    savemat(tmp_path / "log", {"time": SECONDS[:40], "x": SECONDS}, appendmat=False)
+    assert "40 values" in read(tmp_path / "log").unread["time"]
+
+
 def test_a_cut_off_matlab_file_is_refused(tmp_path):
     path = tmp_path / "log"
     savemat(path, {"x": np.random.default_rng(1).random(1000)}, appendmat=False)

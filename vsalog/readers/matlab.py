@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from vsalog.printable import printable
 from vsalog.readers.base import MAX_ARRAY, Block, Catalogue, ChannelInfo, first_of_each
+from vsalog.readers.matlab_clock import find_clock, stamps_of
 from vsalog.readers.row_clock import ROW_NOTE, row_clock
 from vsalog.recording import Stamps, Values
 
@@ -27,7 +28,7 @@ Clocks = Mapping[int, Stamps]
 class MatlabReader:
     """Reads a MATLAB file, v5 or v7.3; see `vsalog.readers.base.Reader`.
 
-    A vector whose name tells of time and which rises strictly is the clock, in seconds, of the vectors of the same length
+    A vector whose name tells of time and which rises strictly is the clock of the vectors of the same length
     beside it and in structures below.
 
     Parameters
@@ -101,11 +102,17 @@ class MatlabReader:
                 inner.append((full, value))
             else:
                 self.unread[full] = "text" if kind == "text" else _WHAT[kind]
-        clock = _clock(vectors)
+        clock, why = find_clock(vectors)
         clocks = dict(outer)
+        if why:
+            self._note(why)
         if clock is not None:
-            seconds = vectors.pop(clock)
-            clocks[len(seconds)] = np.rint(seconds * 1e9).astype(np.int64)
+            times = vectors.pop(clock)
+            clocks[len(times)], told = stamps_of(clock, times)
+            if told:
+                self._note(told)
+            if vectors and not inner and all(len(values) != len(times) for values in vectors.values()):
+                self.unread[clock] = f"a clock of {len(times)} values; no vector beside it has as many"
         yield from self._streams(path, vectors, clocks, wanted)
         for full, value in inner:
             for element, content in _elements(full, value):
@@ -181,21 +188,3 @@ def _elements(full: str, value: dict[str, Any] | list[Any]) -> Iterator[tuple[st
             yield f"{full}[{i}]", element
     else:
         yield full, {f"[{i}]": element for i, element in enumerate(value[:MAX_ARRAY])}
-
-
-def _clock(vectors: Mapping[str, Values]) -> str | None:
-    """Return which vector is the time: named so, and rising strictly."""
-    for test in (_is_time_name, _tells_of_time):
-        for name, values in vectors.items():
-            own = name.rpartition(".")[2]
-            if test(own) and np.isfinite(values).all() and (np.diff(values) > 0).all() and abs(values).max() < 9e9:
-                return name
-    return None
-
-
-def _is_time_name(name: str) -> bool:
-    return name.lower() in ("time", "t", "timestamp", "time_s", "tout")
-
-
-def _tells_of_time(name: str) -> bool:
-    return "time" in name.lower()
