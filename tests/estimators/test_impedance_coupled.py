@@ -6,6 +6,7 @@ import numpy as np
 import pyarrow.parquet as pq
 import pytest
 from click.testing import CliRunner
+from command_line import vsalog_run
 from scipy.integrate import solve_ivp
 
 from vsalog.cli import cli
@@ -87,6 +88,43 @@ def test_stiffness_and_link_are_found_from_a_wrong_guess(log, tmp_path, tune):
         assert abs(found - true) < 3.0 * deviation, name
     assert trace["link_inertia"][late][-1] == pytest.approx(INERTIA, rel=0.1)
     assert "did not settle" not in said
+
+
+PUSH = """
+[joint.sea]
+external_torque = [
+  { type = "sine", amplitude = 3, frequency = 0.8 },
+  { type = "sine", amplitude = 3, frequency = 2.1 },
+  { type = "sine", amplitude = 2, frequency = 4.9 },
+]
+motor_position = [{ type = "sine", amplitude = 0.25, frequency = 1.1 }, { type = "sine", amplitude = 0.2, frequency = 0.37 }]
+"""
+
+
+def test_what_a_long_window_takes_of_a_high_derivative_is_doubted(tmp_path):
+    """Coarse encoders ask for a window behind which less is left of q⃛ than of f, and I comes out three quarters too large."""
+    (tmp_path / "push.toml").write_text(PUSH)
+    coarse = [f"joint.sea.signals.{role}.resolution=2.4 deg" for role in ("link_position", "motor_position")]
+    sets = ["joint.sea.transmission.cubic=0", "joint.sea.signals.external_torque=/push.data", *coarse]
+    options = [x for change in sets for x in ("--set", change)]
+    done = vsalog_run(
+        "simulate", "sea", "--scenario", "push.toml", "--rate", "200", "--duration", "10 s", *options, "-o", "arm.mcap",
+        cwd=tmp_path,
+    )  # fmt: skip
+    assert done.returncode == 0, done.stderr
+    done = vsalog_run("estimate", "arm.mcap", "-e", "impedance-coupled", "-o", "t.parquet", cwd=tmp_path)
+    assert done.returncode == 0, done.stderr
+    table = pq.read_table(tmp_path / "t.parquet")
+    told = np.array(table["excited"].to_pylist()) & (np.array(table["transmission"].to_pylist()) == "total")
+    off, std = (np.array(table[name].to_pylist(), dtype=float)[told] for name in ("link_inertia", "link_inertia_std"))
+    assert np.mean(np.abs(off - 0.05) < 1.96 * std) > 0.95
+    stiffness, deviation = (
+        np.array(table[name].to_pylist(), dtype=float)[told] for name in ("stiffness", "stiffness_std")
+    )
+    assert np.mean(np.abs(stiffness - 20.0) < 1.96 * deviation) > 0.95
+    # It is off, and knows it.
+    assert np.median(off) > 0.075
+    assert told.sum() > 500
 
 
 def test_a_loop_that_depends_on_its_guess_says_so(log, tmp_path):

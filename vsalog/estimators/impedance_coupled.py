@@ -167,6 +167,7 @@ class ImpedanceCoupledFold:
         # What the spring is beside its average goes into the link, as far as φ̇ looks like q⃛ or q̈: it may altogether.
         self.shares = sizes[2] / np.array(sizes[:2])
         self.noisy = self._noisy(signals, sizes)
+        self.smaller = self._smaller(known.f)
 
     @property
     def derived(self) -> dict[str, float]:
@@ -255,8 +256,9 @@ class ImpedanceCoupledFold:
         # An observer is late and averages over whole swings; what depends on the guess is as doubtful as the guess, and what the
         # link's inertia is in doubt of may be the spring's.
         doubt = link[:, 2] / self.shares[0]
-        # What noise in q⃛, q̈ and φ̇ takes away of I, N and K, each may take from K.
-        bent = np.hypot(self.noisy[2] * K, np.linalg.norm(self.noisy[:2] * link[:, :2] / self.shares, axis=1))
+        # What noise in q⃛, q̈ and φ̇ takes away of I, N and K, and what a long window takes of q⃛ and q̈, each may take from K.
+        missed = np.hypot(self.noisy[:2], self.smaller)
+        bent = np.hypot(self.noisy[2] * K, np.linalg.norm(missed * link[:, :2] / self.shares, axis=1))
         std = np.sqrt(deviation**2 * self.alike + late**2 + apart**2 + doubt**2 + bent**2 + self.within**2)
         taken = link[:, 0] * part.of["link_position"][2] + link[:, 1] * part.of["link_position"][1]
         torque = part.of["external_torque"][0] - self._weighs(part) - taken
@@ -319,6 +321,21 @@ class ImpedanceCoupledFold:
         added = [sensor_error(q[:ENOUGH], self.conditioner.window).rms(w) for w in (weights[3], weights[2])]
         _, (noise,) = rates_of(self.device, signals[:ENOUGH], weights[:2])
         return np.minimum(np.array([*added, noise]) / sizes, NEARLY_ALL) ** 2
+
+    def _smaller(self, f: Array) -> Array:
+        """Return by which part a Savitzky–Golay filter makes q⃛ and q̈ smaller than it makes f, at f's frequencies, shape (2,).
+
+        A derivative of a polynomial that was fitted is not the derivative of what the polynomial is at the window's centre: the
+        higher, the less is left of it at high frequencies.
+        """
+        size = 1 << max(f.size, self.conditioner.window).bit_length()
+        power, omega = np.abs(np.fft.rfft(f - f.mean(), size)) ** 2, 2.0 * np.pi * np.fft.rfftfreq(size, self.period)
+        first = 0 if self.difference else 1
+        answers = np.abs(np.fft.rfft(self.conditioner.weights, size))
+        with np.errstate(divide="ignore", invalid="ignore"):
+            parts = [answers[n + first] / (omega**n * answers[first]) for n in (2, 1)]
+        lost = np.nan_to_num([1.0 - np.minimum(part, 1.0) for part in parts])
+        return np.asarray(np.sqrt((lost**2 * power).sum(axis=1) / max(float(power.sum()), np.finfo(float).tiny)))
 
     def _left_over(self, signals: JointSignals, known: Motion) -> tuple[float, float]:
         """Return `rates.left_over` of what the loop takes for the spring's."""
