@@ -110,6 +110,29 @@ def test_missing_pressures_are_bridged_and_said_by_the_deviation(folder):
     assert without["link_position_std"][at_the_end].mean() > 2.0 * with_all["link_position_std"][at_the_end].mean()
 
 
+@pytest.mark.parametrize("share", [0.1, 0.5])
+def test_commands_that_are_missing_here_and_there_are_held(folder, truth, share):
+    """A valve keeps its opening until the next command: a few that were not recorded change next to nothing, nor begin a run."""
+    joint, recording = joint_and_recording(folder)
+    rng = np.random.default_rng(2)
+
+    def lose(values):
+        values[rng.random(values.size) < share] = np.nan
+        return values
+
+    lossy = changed(changed(recording, channel_of(joint, "valve_1"), lose), channel_of(joint, "valve_2"), lose)
+    found = {name: estimated(joint, r).trace["total"] for name, r in (("all", recording), ("lossy", lossy))}
+    count = min(found["all"]["link_position"].size, truth["link_position"].size)
+    off = {name: t["link_position"][:count] - truth["link_position"][:count] for name, t in found.items()}
+    assert np.nanstd(off["lossy"]) < 1.5 * np.nanstd(off["all"])
+    held = np.abs(off["lossy"]) < 1.96 * found["lossy"]["link_position_std"][:count]
+    assert held.mean() > 0.9
+    whole = estimated(joint, lossy).trace["total"]["link_position"]
+    choice = choose("pam", joint, "pam-ukf", {})
+    cut = estimate_joint([lossy], "pam", joint, choice, block=101).trace["total"]["link_position"]
+    np.testing.assert_array_equal(whole, cut)
+
+
 def test_swapped_pressures_are_no_numbers_but_a_warning(folder):
     joint, recording = joint_and_recording(folder)
     signals = joint.signals

@@ -32,12 +32,15 @@ from vsalog.simulation._integrate import source_stamp
 from vsalog.simulation.pneumatic import _air, _friction, _muscle, _seesaw
 
 Array = NDArray[np.float64]
+Integers = NDArray[np.int64]
 
 PRESSURE_1, PRESSURE_2, ANGLE, VELOCITY = range(4)  # columns of the state
 
 # A step may turn the fastest swing by this angle [rad] and let a muscle fill by this share. The drift and kick's frequency is
 # off by (ω h)²/24, 0.4 %, far below what a rig's stiffness is known to.
 ANGLE_PER_STEP, FILL_PER_STEP, MOST_STEPS = 0.3, 0.1, 1000
+# Samples for which a command that is missing is taken to be the one before.
+HELD = 10
 # Beyond the fitted range D₁ l² + D₂ l + D₃ falls to zero; a sigma point out there has this share of the volume at rest.
 LEAST_VOLUME = 0.02
 
@@ -50,6 +53,7 @@ class PamState(NamedTuple):
     x : shape (4,), P₁, P₂ [Pa], ψ [rad], ψ̇ [rad/s]; meaningless before the start
     S : shape (4, 4), lower factor of their covariance
     u : shape (3,), openings α₁, α₂ and external torque [N·m] of the sample before, which act until the next
+    age : shape (2,), for how many samples the openings have been held for want of a command
     surprise : share of the latest samples that lie beyond what the filter believes, 0 to 1
     started : whether a sample with both pressures has been seen
     """
@@ -57,6 +61,7 @@ class PamState(NamedTuple):
     x: Array
     S: Array
     u: Array
+    age: Integers
     surprise: float
     started: bool
 
@@ -102,7 +107,7 @@ class PamFold:
 
     def start(self) -> PamState:
         """Return the state before the first sample."""
-        return PamState(np.full(4, np.nan), np.zeros((4, 4)), np.zeros(3), 0.0, False)
+        return PamState(np.full(4, np.nan), np.zeros((4, 4)), np.full(3, np.nan), np.zeros(2, np.int64), 0.0, False)
 
     def block(
         self, state: PamState, pressure_1: Array, pressure_2: Array, valve_1: Array | None = None,
@@ -114,8 +119,9 @@ class PamFold:
         ----------
         state : of `start` or of the block before
         pressure_1, pressure_2 : shape (N,), measured, absolute [Pa]; NaN where missing (the other alone then corrects)
-        valve_1, valve_2 : shape (N,), commands [V], each held until the next sample; NaN, or None, where they are not known:
-            the pressure then stays as it is but for what the joint's motion does, and may change as fast as the valve can
+        valve_1, valve_2 : shape (N,), commands [V], each held until the next sample, and for `HELD` missing ones (NaN); where
+            they are not known, also where None, the pressure stays as it is but for what the joint's motion does, and may
+            change as fast as the valve can
         external_torque : shape (N,), push on the joint [N·m]; none where absent or NaN
 
         Returns
@@ -130,9 +136,10 @@ class PamFold:
         count = np.shape(pressure_1)[0]
         nothing = np.full(count, np.nan)
         z = _columns(count, pressure_1, pressure_2)
+        age = state.age.copy()
         u = _columns(count, *(nothing if c is None else c for c in (valve_1, valve_2, external_torque)))
         for i, valve in enumerate((self.joint.valve_1, self.joint.valve_2)):
-            u[:, i] = pneu.valve_opening(valve, u[:, i])
+            u[:, i], age[i] = _held(pneu.valve_opening(valve, u[:, i]), float(state.u[i]), int(age[i]))
         u[:, 2] = np.nan_to_num(u[:, 2], nan=0.0)
         trace = ukf.UnscentedTrace(
             np.empty((count, 4)), np.empty((count, 4, 4)), nothing.copy(), np.zeros(count, np.bool_)
@@ -143,7 +150,7 @@ class PamFold:
             first = int(both[0]) + 1 if both.size else count
             trace.x[:first], trace.S[:first] = np.nan, np.nan
             if not both.size:
-                return state, trace
+                return state._replace(u=u[-1].copy() if count else state.u, age=age), trace
             held = u[first - 1]
             x, S = np.array([*z[first - 1], self._rest(z[first - 1], held[2]), 0.0]), self._spread.copy()
             trace.x[first - 1], trace.S[first - 1] = x, S
@@ -154,7 +161,7 @@ class PamFold:
             z[first:], acting[:-1], unknown, x, S, surprise, self._model, self.steps, self.correct, self._numbers, self._room,
             trace.x[first:], trace.S[first:], trace.nis[first:], trace.diverged[first:],
         )  # fmt: skip
-        return PamState(x, S, acting[-1], float(surprise[0]), True), trace
+        return PamState(x, S, acting[-1], age, float(surprise[0]), True), trace
 
     def estimates(self, trace: ukf.UnscentedTrace) -> dict[str, Array]:
         """Return what the states imply, each shape (N,), and each NAME_std, one standard deviation.
@@ -179,6 +186,16 @@ class PamFold:
             return pneu.resting_angle(self.joint, float(pressures[0]), float(pressures[1]), float(external))
         except SimulationError as error:
             raise EstimatorError(f"pam-ukf: {error}") from error
+
+
+def _held(openings: Array, before: float, age: int) -> tuple[Array, int]:
+    """Hold each opening over a few missing ones; `age` and what is returned beside are missing ones in a row so far."""
+    known = np.isfinite(openings)
+    index = np.arange(openings.size)
+    last = np.maximum.accumulate(np.where(known, index, -1))
+    ages = np.where(last >= 0, index - last, index + 1 + age)
+    held = np.where(last >= 0, openings[last], before)
+    return np.where(ages <= HELD, held, np.nan), int(ages[-1]) if ages.size else age
 
 
 def _columns(count: int, *columns: Array) -> Array:

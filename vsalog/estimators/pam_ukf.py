@@ -21,9 +21,11 @@ from vsalog.estimators.pam_linear import LinearPamFold
 from vsalog.estimators.pam_models import ModelName, as_if
 from vsalog.estimators.pam_noise import PamNoise, pam_noise
 from vsalog.estimators.pam_states import ANGLE, PRESSURE_1, PRESSURE_2, VELOCITY, PamFold, PamState
+from vsalog.estimators.region import lengths
 from vsalog.estimators.regression import SUPPORTED_SHARE
 from vsalog.estimators.tuning import Tuning
 from vsalog.filters.square_root_ukf import UnscentedTrace
+from vsalog.grid import GAP
 from vsalog.model import JointModel, basis_spec
 from vsalog.resolution import sensor_noise
 from vsalog.signals import JointSignals
@@ -184,11 +186,21 @@ class _NoFilter:
 
 @dataclass(frozen=True, slots=True)
 class PamFoldState:
-    """Where the fold stands: the filter's state, samples seen, and those at which it had lost the joint."""
+    """Where the fold stands: the filter's state, samples seen, those at which it had lost the joint, and of the last its run, its
+    stamp [ns], and how many in a row had no pressure by then.
+    """
 
     filter: PamState
     seen: int = 0
     diverged: int = 0
+    run: int = -1
+    stamp: int = 0
+    silent: int = 0
+
+    def goes_on(self, piece: JointSignals) -> bool:
+        """Tell whether the filter knows its way into a piece: where commands alone were missing it does."""
+        due = self.stamp + 1.5e9 * piece.period
+        return bool(piece.run[0] == self.run and piece.stamps[0] < due and self.silent < GAP)
 
 
 class PamEstimate:
@@ -227,15 +239,18 @@ class PamEstimate:
 
     def step(self, state: PamFoldState, block: JointSignals) -> tuple[PamFoldState, list[Trace]]:
         """Take a block of samples; give the new state and their trace."""
-        filtered, seen, diverged, traces = state.filter, state.seen, state.diverged, []
+        traces = []
         for piece in block.between_gaps():
-            if piece.starts[0]:
-                filtered = self.fold.start()
-            given = [piece.roles.get(role) for role in OTHERS]
-            filtered, found = self.fold.block(filtered, *(piece.roles[role] for role in PRESSURES), *given)
-            seen, diverged = seen + len(piece), diverged + int(np.count_nonzero(found.diverged))
+            filtered = self.fold.start() if piece.starts[0] and not state.goes_on(piece) else state.filter
+            given, pressures = [piece.roles.get(role) for role in OTHERS], [piece.roles[role] for role in PRESSURES]
+            filtered, found = self.fold.block(filtered, *pressures, *given)
+            diverged = state.diverged + int(np.count_nonzero(found.diverged))
+            silent = lengths(np.logical_and(*(np.isnan(p) for p in pressures)), state.silent)
             traces.append(Trace.of_rows(piece, {"total": self._columns(found, _blind(piece, self.fold.correct))}))
-        return PamFoldState(filtered, seen, diverged), traces
+            state = PamFoldState(
+                filtered, state.seen + len(piece), diverged, int(piece.run[-1]), int(piece.stamps[-1]), int(silent[-1])
+            )
+        return state, traces
 
     def finish(self, state: PamFoldState) -> tuple[PamFoldState, list[Trace]]:
         """Nothing is held back."""
