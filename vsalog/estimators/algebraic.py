@@ -29,8 +29,9 @@ from vsalog.estimators.equations import OfOneTransmission, regressors
 from vsalog.estimators.first_look import first_look
 from vsalog.estimators.known import Known, conditioner_of, known_of
 from vsalog.estimators.needs import deflection_roles, require
+from vsalog.estimators.noise import BOX
 from vsalog.estimators.regression import RegressionFold
-from vsalog.estimators.solvers import WINDOWS, RlsSolver, least_samples
+from vsalog.estimators.solvers import RlsSolver, least_samples
 from vsalog.estimators.tuning import Positive, RlsTuning
 from vsalog.filters.conditioning import Conditioned, Conditioner
 from vsalog.signals import JointSignals
@@ -44,6 +45,8 @@ SUMMARY = "operational calculus and FIR filters on the motor's side (Ménard 201
 # w = (s (1 − s))^POWER on 0 ≤ s ≤ 1: its first two derivatives vanish at the ends too.
 POWER = 3
 FEWEST = 2 * POWER + 1
+# Spans without which nothing is said of the uncertainty: within one all that is left over is alike.
+SPANS = 8
 
 
 class AlgebraicTuning(RlsTuning, frozen=True, forbid_unknown_fields=True, kw_only=True):
@@ -88,8 +91,8 @@ def build(device: Device, signals: JointSignals, tuning: AlgebraicTuning) -> Reg
     look = first_look(device, signals, tuning)
     conditioner = conditioner_of(device, signals, tuning, roles(device, signals.roles, tuning), motor=True)
     equations = tuple(_equation(device, view, signals, tuning, weights, conditioner) for view in device.transmissions)
-    least = least_samples(conditioner) + WINDOWS * taps
-    solver = RlsSolver(tuning.initial_covariance(device, signals, 0.01), tuning.c, least)
+    least = least_samples(conditioner) + SPANS * taps
+    solver = RlsSolver(tuning.initial_covariance(device, signals, 0.01), tuning.c, least, max(BOX, taps // 4))
     return RegressionFold(NAME, "RESIDUAL", device, conditioner, equations, solver, look=look)
 
 

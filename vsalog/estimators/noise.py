@@ -35,7 +35,7 @@ Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]
 Integers = NDArray[np.int64]
 
-# Samples that are summed first: nothing moves within so few. Octaves that are looked at; samples between two looks.
+# Samples that are summed first, at least: nothing moves within so few. Octaves that are looked at; samples between two looks.
 BOX, OCTAVES, EVERY = 4, 14, 64
 # Samples without which nothing is said.
 SAMPLES = 256
@@ -57,8 +57,9 @@ _TAPS = _LOW.size
 # From this octave on increments have a fit of their own.
 SLOW = 4
 
-# In `sums`: samples in the box, last left-over, samples, Σ e, Σ e², boxes, Σ box², samples in the increment.
-_FILLED, _LAST, _SAMPLES, _SUM, _SQUARES, _BOXES, _BOXED, _SINCE = range(8)
+# In `sums`: samples in the box, last left-over, samples, Σ e, Σ e², boxes, Σ box², samples in the increment,
+# samples in a whole box.
+_FILLED, _LAST, _SAMPLES, _SUM, _SQUARES, _BOXES, _BOXED, _SINCE, _BOX = range(9)
 
 
 class NoiseState(NamedTuple):
@@ -100,11 +101,11 @@ class NoiseState(NamedTuple):
         return NoiseState._make(a.copy() for a in self)
 
 
-def noise_start(size: int) -> NoiseState:
-    """Return the state before the first sample, for n = `size` unknowns."""
+def noise_start(size: int, box: int = BOX) -> NoiseState:
+    """Return the state before the first sample, for n = `size` unknowns and so many samples in a box."""
     n, rows = size, OCTAVES + 1
     return NoiseState(
-        sums=np.zeros(8),
+        sums=np.append(np.zeros(_BOX), float(box)),
         box=np.zeros(n + 1),
         mark=np.zeros(n + 1),
         Rp=np.zeros((n, n + 1)),
@@ -180,14 +181,15 @@ def _run(
     out: Array,
 ) -> None:
     count, asked, n = T.shape
-    sums, kept, scratch = s.sums, discount ** (2 * BOX), np.empty((3, n + 2))
+    sums, scratch = s.sums, np.empty((3, n + 2))
+    kept = discount ** (2.0 * sums[_BOX])
     for k in range(count):
         if use[k] and not np.isnan(left[k]):
             begins = integral and (fresh[k] or sums[_SAMPLES] == 0.0)
             if begins:
                 _close(s, F[k], y[k])
             _fill(s, F[k], left[k], integral, begins, discount)
-            if sums[_FILLED] == BOX:
+            if sums[_FILLED] == sums[_BOX]:
                 sums[_FILLED] = 0.0
                 _transform(s, F[k], y[k], integral, kept, scratch)
             if sums[_SAMPLES] % EVERY == 0.0 and sums[_SAMPLES] >= least:
@@ -252,7 +254,7 @@ def _transform(s: NoiseState, F: Array, y: float, integral: bool, kept: float, s
     value, detail = scratch[0], scratch[1]
     value[n + 1] = 0.0
     for i in range(n + 1):
-        value[i] = s.box[i] / np.sqrt(BOX)
+        value[i] = s.box[i] / np.sqrt(s.sums[_BOX])
         s.box[i] = 0.0
     if kept != 1.0:
         _scale(s.energy, kept)

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from vsalog.estimators.bend import bent_block
 from vsalog.estimators.equation import EquationRows
-from vsalog.estimators.noise import SAMPLES, NoiseState, noise_block, noise_now, noise_start
+from vsalog.estimators.noise import BOX, SAMPLES, NoiseState, noise_block, noise_now, noise_start
 from vsalog.estimators.qr import QrState, qr_block
 from vsalog.estimators.resting import RestState, rest_block, rest_covariance
 from vsalog.estimators.rls import RlsState, rls_block
@@ -44,15 +44,17 @@ class RlsSolver:
     ----------
     p0, c : of the method
     least : samples without which nothing is said of the uncertainty
+    box : samples that filters before it make one, of which left-overs are summed first
     """
 
     p0: float
     c: float
     least: int = SAMPLES
+    box: int = BOX
 
     def start(self, size: int) -> RlsSolverState:
         """Return the state before the first sample."""
-        return RlsSolverState(RlsState.start(size, self.p0), noise_start(size), np.zeros(size))
+        return RlsSolverState(RlsState.start(size, self.p0), noise_start(size, self.box), np.zeros(size))
 
     def block(
         self, state: RlsSolverState, rows: EquationRows, use: Flags, E: Array, spread: Flags
