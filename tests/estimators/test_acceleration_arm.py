@@ -201,6 +201,27 @@ def test_the_state_is_found_within_what_is_said_of_it(played, name, request):
     assert (columns["stiffness"] == (2e5 if found.joint == "axis1" else 1.5e5)).all()
 
 
+def test_steps_that_are_taken_slowly_are_not_taken_for_white_noise(rig):
+    """1000 steps per turn of the joint: by their variance alone the band held the positions 60 % of the time."""
+    coarse = {
+        name: replace(
+            joint,
+            signals=replace(
+                joint.signals, motor_position=replace(joint.signals.motor_position, resolution=2 * np.pi / 1000)
+            ),
+        )
+        for name, joint in rig.joint.items()
+    }
+    stepped = replace(rig, joint=coarse)
+    played = simulate(stepped, Scenario.find("kuka-kr15-exp1", stepped).inputs(stepped), 3.0, seed=3)
+    found = estimated(played, stepped, "axis1").trace["total"]
+    truth, settled = played.joints["axis1"].truth, slice(500, None)
+    for state in ("link_position", "motor_position", "link_velocity", "motor_velocity"):
+        off = np.abs(found[state] - truth[state])[settled]
+        held = np.mean(off < 1.96 * found[f"{state}_std"][settled])
+        assert held > 0.85, state
+
+
 def test_masses_of_the_links_play_no_part(played, rig, third):
     links = tuple(
         replace(k, mass=9.0 * k.mass, centre=(1.0, 2.0, 3.0), inertia=(7.0, 8.0, 9.0)) for k in rig.chain.link

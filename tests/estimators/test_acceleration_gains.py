@@ -11,6 +11,7 @@ from vsalog.filters.acceleration_arm import Arm, ArmState, observe_arm
 from vsalog.filters.acceleration_observer import (
     ElasticMotor,
     characteristic,
+    error_powers,
     error_variances,
     observer_gains,
     sampled_observer,
@@ -201,3 +202,20 @@ def test_variances_are_those_of_the_recursion_itself(held):
     for k in (0, 7, 40):
         e = np.linalg.matrix_power(Phi, k) @ np.diag(start)
         np.testing.assert_allclose(found[k, 4], np.diag(told @ e @ e.T @ told.T), rtol=1e-9)
+
+
+@pytest.mark.parametrize("count", [400, 401])
+def test_what_an_error_makes_is_what_stepping_through_it_makes(count):
+    """An error that goes round and round, stepped sample by sample until the beginning is forgotten."""
+    L = observer_gains(MOTOR, characteristic(150.0, 0.9))
+    Phi, before, after = observer = sampled_observer(MOTOR, L, PERIOD)
+    added = np.cumsum(np.random.default_rng(0).normal(size=count))
+    added -= added.mean()
+    for source in (0, 2):
+        e, seen, last = np.zeros(4), [], added[-1]
+        for w in np.tile(added, 6):
+            e = Phi @ e + before[:, source] * last + after[:, source] * w
+            last = w
+            seen.append([*e, e[1] - e[0]])
+        stepped = np.mean(np.square(seen[-count:]), axis=0)
+        np.testing.assert_allclose(error_powers(observer, source, added), stepped, rtol=1e-6)

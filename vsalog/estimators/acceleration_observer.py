@@ -18,9 +18,11 @@ from vsalog.errors import EstimatorError
 from vsalog.estimators.acceleration_group import NAME, Group, group_of
 from vsalog.estimators.device import Device, largest
 from vsalog.estimators.net_torque import NetTorque, NetTorqueState, extended
+from vsalog.estimators.sensor_error import ENOUGH, sensor_error
 from vsalog.estimators.tuning import Positive, Tuning
 from vsalog.filters.acceleration_arm import Arm, ArmState, arm_start, axis_rows, observe_arm
 from vsalog.filters.acceleration_observer import (
+    ENCODER,
     LINK_POSITION,
     LINK_VELOCITY,
     MOTOR_POSITION,
@@ -28,6 +30,7 @@ from vsalog.filters.acceleration_observer import (
     ElasticMotor,
     SampledObserver,
     characteristic,
+    error_powers,
     error_variances,
     observer_gains,
     sampled_observer,
@@ -362,7 +365,14 @@ class AccelerationFold:
         count = int(np.ceil(SETTLED / (self.tuning.damping * frequency * self.period))) + 1
         index = self.group.place
         observer = SampledObserver(self.arm.Phi[index], self.arm.before[index], self.arm.after[index])
-        return error_variances(observer, start, min(count, MOST_UNSETTLED))
+        table = error_variances(observer, start, min(count, MOST_UNSETTLED))
+        # An encoder's steps are no white noise where the motion takes them slowly.
+        rounding = sensor_error(theta[:ENOUGH], 2 * few + 1).rounding
+        if rounding:
+            powers = np.mean([error_powers(observer, ENCODER, added) for added in rounding], axis=0)
+            white = table[-1, ENCODER] * self.noise[own.view.motor_position] ** 2
+            table[:, ENCODER] *= np.fmax(powers / white, 1.0)
+        return table
 
 
 def _noise(device: Device, signals: JointSignals, role: str) -> float:

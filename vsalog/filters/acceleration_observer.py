@@ -29,6 +29,9 @@ Array = NDArray[np.float64]
 MOTOR_POSITION, LINK_POSITION, MOTOR_VELOCITY, LINK_VELOCITY = range(4)  # of the state
 ENCODER, TORQUE, ACCELERATION, CARRIED = range(4)  # of the inputs: θ, τ, q̈ and Sᵀ q̈
 
+# Positions, velocities and the deflection, as rows over the state.
+TOLD = np.vstack((np.eye(4), [-1.0, 1.0, 0.0, 0.0]))
+
 
 class ElasticMotor(NamedTuple):
     """Motor and transmission of a joint, on the joint's side of the gear.
@@ -143,15 +146,36 @@ def error_variances(observer: SampledObserver, start: Array, count: int) -> Arra
         powers[k] = powers[k - 1] @ Phi
     powers[-1] = 0.0
     out = np.empty((count, 5, 5))
-    # Positions, velocities and the deflection as rows.
-    told = np.vstack((np.eye(4), [-1.0, 1.0, 0.0, 0.0]))
     for source in range(4):
         driven = (Phi @ after + before)[:, source]
         Z = _settled(Phi, np.outer(driven, driven))
         covariance = Z - powers @ Z @ powers.transpose(0, 2, 1) + np.outer(after[:, source], after[:, source])
-        out[:, source] = np.einsum("ri,nij,rj->nr", told, covariance, told)
-    out[:, 4] = np.sum((told @ powers * start) ** 2, axis=2)
+        out[:, source] = np.einsum("ri,nij,rj->nr", TOLD, covariance, TOLD)
+    out[:, 4] = np.sum((TOLD @ powers * start) ** 2, axis=2)
     return np.maximum(out, 0.0)
+
+
+def error_powers(observer: SampledObserver, source: int, added: Array) -> Array:
+    """Return what an input's error makes of θ, q, θ̇, q̇ and q − θ in the mean, squared, shape (5,): the error as it is, not white.
+
+    Parameters
+    ----------
+    observer : of `sampled_observer`
+    source : the input
+    added : shape (N,), its error; it is taken to go round
+    """
+    Phi, before, after = observer
+    spectrum = np.fft.rfft(added)
+    turn = np.exp(2j * np.pi * np.fft.rfftfreq(added.size))
+    driven = (Phi @ after + before)[:, source]
+    answers = np.linalg.solve(
+        turn[:, None, None] * np.eye(4) - Phi, np.broadcast_to(driven[:, None], (turn.size, 4, 1))
+    )
+    states = (answers[:, :, 0] + after[:, source]) * spectrum[:, None]
+    power = np.abs(states @ TOLD.T) ** 2
+    # The other half of the spectrum is the mirror of this one.
+    power[1 : (added.size + 1) // 2] *= 2.0
+    return np.asarray(power.sum(axis=0) / added.size**2)
 
 
 def _settled(Phi: Array, Q: Array) -> Array:
