@@ -12,9 +12,10 @@ from numpy.typing import NDArray
 
 from vsalog.estimators.device import Device, spread
 from vsalog.estimators.following import Columns
+from vsalog.estimators.link_beside import NOTHING, what_else_acts
 from vsalog.estimators.regression import SUPPORTED_SHARE
 from vsalog.estimators.sensor_error import ENOUGH, LEAST_NOISE, sensor_error
-from vsalog.estimators.windows import most_moved, rms
+from vsalog.estimators.windows import LOUD, most_moved, rms
 from vsalog.filters.link_ekf import (
     DECAY,
     MOBILITY,
@@ -62,11 +63,17 @@ class LinkImpedance:
         self.memory = max(memory / signals.period, 10.0)
         q, u = signals.roles["link_position"], self._acting(signals)
         _, rate, acceleration = savgol_filter(q, weights[:3])
-        self.noise = _noise(signals, u, savgol_filter(u, weights[:1])[0], rate, acceleration, wander)
-        self.doubt = np.maximum(
+        torque = savgol_filter(u, weights[:1])[0]
+        self.noise = _noise(signals, u, torque, rate, acceleration, wander)
+        self.bent = np.maximum(
             self._bent(most_moved(signals, ["link_position"])[:TRIED]),
             max(FLOOR, _between(q, weights[2], acceleration)),
         )
+        self.beside = what_else_acts(torque, rate, acceleration, weights.shape[1])
+        if sensor_error(q[:ENOUGH], weights.shape[1]).rms(weights[2]) > LOUD * rms(acceleration):
+            # What an encoder adds is no white noise where it is taken slowly, and would be taken for the link's motion.
+            self.bent, self.beside = np.full(2, np.inf), NOTHING
+        self.doubt = np.maximum(self.bent, self.beside.moved)
 
     def start(self) -> LinkState:
         """Return the state before the first sample."""
@@ -93,6 +100,12 @@ class LinkImpedance:
             inertia_std = np.hypot(np.sqrt(var_a) / a**2, self.doubt[0] * inertia)
             damping_std = np.sqrt(np.maximum(var_b - 2.0 * damping * both + damping**2 * var_a, 0.0)) / a
             damping_std = np.hypot(damping_std, self.doubt[1] * damping)
+            # Least squares over the whole log is another witness, which is bent by other things.
+            apart = np.column_stack((inertia, damping)) - self.beside.plain
+            inertia_std = np.hypot(inertia_std, np.nan_to_num(apart[:, 0]))
+            damping_std = np.hypot(damping_std, np.nan_to_num(apart[:, 1]))
+            # A link that is surely driven by its damping is not understood.
+            known &= damping > -KNOWN * damping_std
         told = {"link_inertia": (inertia, inertia_std, 0), "link_damping": (damping, damping_std, 1)}
         columns = {"link_velocity": x[:, VELOCITY]}
         for name, (value, std, i) in told.items():
@@ -101,22 +114,25 @@ class LinkImpedance:
         return after, columns
 
     def warnings(self, state: LinkState) -> tuple[str, ...]:
-        """Say what could not be found, and why."""
+        """Say what could not be found, and why, and what acts on the link beside what is known."""
         excess, lost, joint = float(state.last[1]), int(state.last[3]), self.device.joint
+        beside = self.beside.said(joint)
         if lost > MOST_LOST:
             how = f"the filter began anew {lost} times, because inertia and damping had come to be negative"
         elif excess > MOST_EXCESS:
             how = f"innovations are {excess**0.5:.2g} times as large as noise makes them"
-        elif not np.all(self.doubt < SUPPORTED_SHARE):
-            found = zip(("inertia", "damping"), self.doubt, strict=True)
+        elif not np.all(self.bent < SUPPORTED_SHARE):
+            found = zip(("inertia", "damping"), self.bent, strict=True)
             lacking = " and ".join(name for name, doubt in found if not doubt < SUPPORTED_SHARE)
             return (
-                f"joint '{joint}': noise of the torque sensor, or samples that are too few for the motion, bend the link's"
+                *beside,
+                f"joint '{joint}': noise of the sensors, or samples that are too few for the motion, bend the link's"
                 f" {lacking} by more than {SUPPORTED_SHARE:.0%}: left out; move the link harder, or record faster",
             )
         else:
-            return ()
+            return beside
         return (
+            *beside,
             f"joint '{joint}': the link does not move as an inertia and a damping under the measured torque would ({how}):"
             " weight, friction or a push may be missing in the rig, encoder and torque sensor disagree in sign, or samples be"
             " too few for the motion; inertia and damping are left out where that is so",
