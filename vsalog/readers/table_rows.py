@@ -18,10 +18,10 @@ from vsalog.readers.opened import is_text
 from vsalog.readers.table_dialect import Dialect
 from vsalog.readers.table_notation import Notation
 from vsalog.readers.table_text import NULLS, WHITESPACE, is_comment
+from vsalog.readers.table_words import WordLines
 from vsalog.readers.text_source import BoundedGzip, TextSource, open_text
 
 BLOCK_BYTES = 4 * 2**20
-_COMMENT = r"^\s*(#|%)"
 
 
 class Rows:
@@ -54,6 +54,7 @@ class Rows:
         }
         self._grouped: dict[str, str] = {}
         self._odd = _OddLines()
+        self._words = WordLines(dialect)
 
     def batches(self, columns: Sequence[int]) -> Iterator[pa.RecordBatch]:
         """Yield the rows as text, numbers with a decimal point, some columns only.
@@ -71,7 +72,9 @@ class Rows:
             try:
                 with self._open(file, text, chosen) as reader:
                     for batch in reader:
-                        yield self._plain(self._without_run_on(self._without_remarks(batch)))
+                        yield self._plain(self._without_run_on(self._words.without(batch)))
+                        if self._words.ended:
+                            break
             except pa.ArrowInvalid as error:
                 raise ReadError(f"{self._path}: cannot be parsed as a table: {error}") from error
             except OSError as error:
@@ -79,6 +82,8 @@ class Rows:
             if text.damage:
                 self.notes.append(text.damage)
         self.notes.extend(self._thousands())
+        self._odd.remarks += self._words.remarks
+        self.notes.extend(self._words.notes())
         self.notes.extend(self._odd.notes(len(names)))
 
     def _open(self, file: IO[bytes], text: TextSource, chosen: list[str]) -> pacsv.CSVStreamingReader:
@@ -111,13 +116,6 @@ class Rows:
                 check_utf8=False,
             ),
         )
-
-    def _without_remarks(self, batch: pa.RecordBatch) -> pa.RecordBatch:
-        """Leave out the lines that are remarks although they have as many cells as a row."""
-        remarks = pc.fill_null(pc.match_substring_regex(batch.column(0), _COMMENT), False)
-        count = int(pc.sum(remarks).as_py() or 0)
-        self._odd.remarks += count
-        return batch.filter(pc.invert(remarks)) if count else batch
 
     def _without_run_on(self, batch: pa.RecordBatch) -> pa.RecordBatch:
         """Leave out rows that a stray quote runs into one another."""
