@@ -138,3 +138,29 @@ def test_a_compressed_file_of_several_parts_with_zeros_behind(tmp_path):
     damaged, notes = samples(path)
     assert damaged == found
     assert any("compressed file" in note for note in notes)
+
+
+def test_nothing_is_read_behind_a_changed_byte_of_a_compressed_table(tmp_path):
+    """From there on what comes out of it is made up of pieces of other rows."""
+    lines = [f"{i / 100:.3f},{np.sin(i / 50):.4f},{i}" for i in range(20_000)]
+    raw = bytearray(gzip.compress("\n".join(["time,pos,tau", *lines, ""]).encode()))
+    path = tmp_path / "log.csv.gz"
+    cut = 0
+    for place in range(len(raw) // 4, len(raw) - 16, len(raw) // 9):
+        changed = raw.copy()
+        changed[place] ^= 4
+        path.write_bytes(changed)
+        log = read(path)
+        pos = log.channels["pos"]
+        assert np.abs(pos.values).max() <= 9.9999 and pos.stamps[-1] <= 200 * 10**9
+        cut += any("left out from row" in note for note in log.notes)
+        assert any("damaged" in note or "checksum" in note for note in log.notes)
+    assert cut > 1
+
+
+def test_an_odd_line_of_a_sound_compressed_table_ends_nothing(tmp_path):
+    lines = [f"{i / 100:.3f},{i}" for i in range(2000)]
+    lines[1000] = "10.000,5,7,8"
+    path = tmp_path / "log.csv.gz"
+    path.write_bytes(gzip.compress("\n".join(["time,pos", *lines, ""]).encode()))
+    assert len(read(path).channels["pos"].values) == 1999

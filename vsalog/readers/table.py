@@ -15,6 +15,7 @@ from vsalog.readers.headers import printable_cell
 from vsalog.readers.row_clock import ROW_NOTE, row_clock
 from vsalog.readers.sparse import group_by_blanks
 from vsalog.readers.table_cells import Cells, numbers_and_words
+from vsalog.readers.table_damage import Damage
 from vsalog.readers.table_dialect import Dialect, detect
 from vsalog.readers.table_rows import BLOCK_BYTES, Rows
 from vsalog.readers.table_text import NULLS
@@ -103,16 +104,25 @@ class TableReader:
         self._counts = {names[i]: Cells() for i in columns}
         self._folds = {kind: folds_of(clock.form) for kind, clock in self._plan.clocks.items()}
         row, dropped = 0, 0
+        damage = Damage(self.path) if self._compressed else None
         rows = Rows(self.path, self._dialect, self._numbers)
         for batch in rows.batches([*columns, *self._plan.columns()]):
             stamps, good = self._clock(batch, row)
             values = {names[i]: self._counts[names[i]].convert(batch.column(names[i])) for i in columns}
+            sound = damage.sound_rows(row, good, self._counts.values(), rows.first_odd) if damage else None
+            if sound is not None:
+                good[sound:] = False
+            elif not good.all():
+                dropped += int(np.count_nonzero(~good))
             row += batch.num_rows
             if not good.all():
-                dropped += int(np.count_nonzero(~good))
                 stamps = {kind: times[good] for kind, times in stamps.items()}
                 values = {name: cells[good] for name, cells in values.items()}
             yield from self._by_stream(columns, stamps, values)
+            if damage and sound is not None:  # what is told of cells would be of those that were left out
+                self.notes.append(damage.note())
+                self._note_text()
+                return
         self.notes += rows.notes
         self._report(dropped)
 
@@ -239,14 +249,19 @@ class TableReader:
             self.notes.append(f"{plural(dropped, 'row')} {NO_TIME}")
         for folds in self._folds.values():
             self.notes += folds.notes()
+        self._note_text()
         for name, cells in self._counts.items():
-            if cells.text:
-                self.unread[name] = self._why_unread(name, cells)
-            elif cells.bad:
+            if cells.bad and not cells.text:
                 self.notes.append(
                     f"column '{name}': {plural(cells.bad, 'cell')} without a number read as NaN"
                     f" (the first in row {cells.first_row + 1}: '{printable_cell(cells.first)}')"
                 )
+
+    def _note_text(self) -> None:
+        """Say which columns are no signals after all."""
+        for name, cells in self._counts.items():
+            if cells.text:
+                self.unread[name] = self._why_unread(name, cells)
 
 
 def _sample_columns(dialect: Dialect) -> list[pa.Array]:

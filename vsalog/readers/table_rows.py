@@ -53,7 +53,7 @@ class Rows:
             if notation != Notation()
         }
         self._grouped: dict[str, str] = {}
-        self._odd = _OddLines()
+        self._odd = _OddLines(dialect.skip_lines)
         self._words = WordLines(dialect)
 
     def batches(self, columns: Sequence[int]) -> Iterator[pa.RecordBatch]:
@@ -85,6 +85,12 @@ class Rows:
         self._odd.remarks += self._words.remarks
         self.notes.extend(self._words.notes())
         self.notes.extend(self._odd.notes(len(names)))
+
+    @property
+    def first_odd(self) -> int | None:
+        """How many rows at least are ahead of the first line with too many or too few cells; None without one so far."""
+        left_out = self._words.removed + self._odd.run_on
+        return None if self._odd.first is None else max(self._odd.first - left_out, 0)
 
     def _open(self, file: IO[bytes], text: TextSource, chosen: list[str]) -> pacsv.CSVStreamingReader:
         dialect = self._dialect
@@ -148,9 +154,17 @@ class Rows:
 
 
 class _OddLines:
-    """Counts lines that are no rows: with too many or too few cells, and remarks."""
+    """Counts lines that are no rows: with too many or too few cells, and remarks.
 
-    def __init__(self) -> None:
+    Attributes
+    ----------
+    first : int or None
+        How many rows were parsed ahead of the first that has too many or too few cells.
+    """
+
+    def __init__(self, skipped: int) -> None:
+        self.first: int | None = None
+        self._lines = skipped + 1
         self.count = 0
         self.remarks = 0
         self.run_on = 0
@@ -164,6 +178,9 @@ class _OddLines:
         else:
             self.count += 1
             self.example = self.example or text
+            if self.first is None and row.number is not None:
+                self.first = int(row.number) - self._lines
+        self._lines += 1
         return "skip"
 
     def notes(self, width: int) -> list[str]:

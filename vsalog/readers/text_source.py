@@ -134,6 +134,19 @@ def read_beginning(source: IO[bytes], most: int) -> bytes:
     return b"".join(parts)
 
 
+def has_changed(path: Path) -> bool:
+    """Tell whether bytes of a compressed file have changed, and not only its end is missing; reads all of it."""
+    try:
+        with open_text(path) as file:
+            while file.read(_PIECE):
+                pass
+    except zlib.error:
+        return True
+    except EOFError:
+        pass
+    return False
+
+
 class TextSource(io.RawIOBase):
     """A file that gives UTF-8, with runs of blanks turned into one where asked for.
 

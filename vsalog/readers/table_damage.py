@@ -1,0 +1,65 @@
+"""Where the rows of a damaged compressed table stop making sense."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vsalog.readers.base import DOUBTFUL
+from vsalog.readers.table_cells import Cells
+from vsalog.readers.text_source import has_changed
+
+
+class Damage:
+    """Finds the first row that does not fit: from a changed byte on, what comes out of a compressed file is made up.
+
+    Whether bytes have changed its end alone tells, so that it is read to there once a row does not fit.
+
+    Parameters
+    ----------
+    path : Path
+        The compressed file.
+    """
+
+    def __init__(self, path: Path) -> None:
+        self._path = path
+        self._changed: bool | None = None
+        self._row = 0
+
+    def sound_rows(
+        self, begin: int, good: NDArray[np.bool_], columns: Iterable[Cells], odd_line: int | None
+    ) -> int | None:
+        """Return how many rows of a block are ahead of the damage, None where there is none so far.
+
+        Parameters
+        ----------
+        begin : int
+            Number of the block's first row.
+        good : bool array, shape (n,)
+            Which of its rows have a time.
+        columns : iterable of Cells
+            The columns that were read up to its end.
+        odd_line : int or None
+            How many rows are ahead of the first line with too many or too few cells.
+        """
+        if self._changed is None:
+            found = [column.first_row for column in columns if column.bad and column.good]
+            found += [] if good.all() else [begin + int(np.argmin(good))]
+            found += [] if odd_line is None else [odd_line]
+            if not found:
+                return None
+            self._row = min(found)
+            self._changed = has_changed(self._path)
+        if not self._changed or self._row >= begin + len(good):
+            return None
+        return max(self._row - begin, 0)
+
+    def note(self) -> str:
+        """Return what to tell where rows were left out."""
+        return (
+            f"the compressed file is damaged: left out from row {self._row + 1} on, the first that does not fit; in the rows just"
+            f" ahead {DOUBTFUL}"
+        )
