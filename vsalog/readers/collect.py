@@ -15,7 +15,7 @@ from vsalog.errors import ReadError
 from vsalog.readers.base import NO_TIME, Block, Reader, plural
 from vsalog.readers.reach import BEYOND, within_reach
 from vsalog.readers.spool import Column, Kind, Spool, SpooledColumn, in_memory, parts
-from vsalog.readers.timing import YEAR_2000, Clock, Order, choose_clock, put_in_order
+from vsalog.readers.timing import ASKED_FOR, YEAR_2000, Clock, Order, choose_clock, put_in_order
 from vsalog.recording import Channel, Recording, Stream
 
 # Beyond so many bytes of samples, a log that grows so many times is a bomb.
@@ -347,7 +347,8 @@ def remarks(stream: Stream) -> list[str]:
     """Return in words what is odd about a stream's time."""
     remarks = []
     if stream.time_reason and stream.time_source != "none":
-        advice = "" if stream.time_reason.startswith("it has no") else "; --time header insists on the stamps"
+        plain = stream.time_reason.startswith(("it has no", ASKED_FOR))
+        advice = "" if plain else "; --time header insists on the stamps"
         remarks.append(f"{stream.name}: {stream.time_source} time is used, as {stream.time_reason}{advice}")
     if stream.inversions:
         remarks.append(

@@ -81,7 +81,7 @@ class _Disorder:
 
     Attributes
     ----------
-    inversions : samples earlier than the one before
+    inversions : samples earlier than one before them
     late : how much a sample is earlier than the latest one before it, at most [ns]
     waiting : so many samples are at most less than `late` apart
     increasing : no stamp comes twice or out of order
@@ -99,9 +99,9 @@ class _Disorder:
         for first, last in parts(len(stamps)):
             now = stamps[first:last]
             steps = np.diff(now, prepend=now[0] - 1 if before is None else before)
-            found.inversions += int(np.count_nonzero(steps < 0))
             found.increasing = found.increasing and bool(steps.min() > 0)
             so_far = np.maximum.accumulate(now if latest is None else np.maximum(now, latest))
+            found.inversions += int(np.count_nonzero(now < so_far))
             found.late = max(found.late, int((so_far - now).max()))
             latest, before = int(so_far[-1]), int(now[-1])
         if found.late:

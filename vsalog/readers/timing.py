@@ -3,19 +3,23 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Collection, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
 from vsalog.readers.base import CLOCKS, plural
+from vsalog.readers.clock_steps import ClockSteps
 from vsalog.recording import Stamps
 
 YEAR_2000 = 946_684_800_000_000_000
 """Nanoseconds since the epoch; stamps before it are not dates."""
 
 ONE_DAY = 86_400_000_000_000
+
+ASKED_FOR = "it was asked for"
+"""Begins the reason of a clock that was insisted on against doubts."""
 
 Number = TypeVar("Number", np.int64, np.float64)
 
@@ -52,7 +56,7 @@ class Order:
     keep : int64 array, shape (m,), or None
         Indices of the samples to keep, in order; None means all as they are.
     inversions, duplicates, conflicts : int
-        Samples earlier than the one before, exact copies, and samples with the stamp of another but other values.
+        Samples earlier than one before them, exact copies, and samples with the stamp of another but other values.
     """
 
     keep: NDArray[np.intp] | None
@@ -101,6 +105,8 @@ def choose_source(kinds: Collection[str], time: str, doubt: Callable[[], str]) -
             source = "log" if reason else "header"
     elif time in kinds:
         source = time
+        if time == "header" and "log" in kinds and (said := doubt()):
+            reason = f"{ASKED_FOR}, though {said}"
     elif source in ("header", "log", "publish"):
         source = "log" if "log" in kinds else source
         reason = f"it has no {time} time"
@@ -130,6 +136,8 @@ class HeaderStamps:
     all_same: bool = True
     log_same: bool = True
     far: tuple[int, int] | None = None
+    distant: int = 0
+    steps: ClockSteps = field(default_factory=ClockSteps)
 
     def add(self, header: Stamps, log: Stamps) -> None:
         """Take a block of header stamps and log times [ns], shape (n,), into account."""
@@ -142,6 +150,8 @@ class HeaderStamps:
         self.all_same = self.all_same and bool(np.all(header == self.first[0]))
         self.log_same = self.log_same and bool(np.all(log == self.first[1]))
         far = np.abs(header - log) > ONE_DAY
+        self.distant += int(np.count_nonzero(far))
+        self.steps.add(header, log)
         if self.far is None and far.any():
             worst = int(np.argmax(far))
             self.far = int(header[worst]), int(log[worst])
@@ -151,14 +161,26 @@ class HeaderStamps:
         if self.far is None:
             if self.count > 2 and self.all_same and not self.log_same:
                 return "its header stamps are all the same"
-            return ""
+            return self._stepped()
         if self.zero == self.count:
             return "its header stamps are all zero"
         if self.zero:
-            return f"{self.zero} of its {plural(self.count, 'header stamp')} are zero"
+            return f"{self._some(self.zero)} zero"
+        if self.distant < self.count:
+            return f"{self._some(self.distant)} more than a day off the log's times"
         if self.far[0] < YEAR_2000 <= self.far[1]:
             return "its header stamps lie before the year 2000, unlike the log's times (a simulation's clock?)"
         return "its header stamps and the log's times are more than a day apart"
+
+    def _some(self, count: int) -> str:
+        return f"{count} of its {plural(self.count, 'header stamp')} {'is' if count == 1 else 'are'}"
+
+    def _stepped(self) -> str:
+        self.steps.end()
+        for way, size in ("back", self.steps.back), ("ahead", self.steps.ahead):
+            if size:
+                return f"its header stamps step {way} by {size * 1e-9:.6g} s while the log's time goes on (a clock that was set?)"
+        return ""
 
 
 def delay_of(clocks: Mapping[str, Stamps], source: str) -> tuple[float, float]:
@@ -186,7 +208,7 @@ def put_in_order(stamps: Stamps, columns: list[NDArray[np.float64]]) -> Order:
     steps = np.diff(stamps)
     if not len(steps) or steps.min() > 0:
         return Order(None, 0, 0, 0)
-    inversions = int(np.count_nonzero(steps < 0))
+    inversions = int(np.count_nonzero(stamps < np.maximum.accumulate(stamps)))
     if not columns:  # nothing to keep or to compare
         return Order(None, inversions, 0, 0)
     order = np.argsort(stamps, kind="stable") if inversions else np.arange(len(stamps))
