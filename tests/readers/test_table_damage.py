@@ -143,7 +143,7 @@ def test_a_compressed_file_of_several_parts_with_zeros_behind(tmp_path):
 def test_nothing_is_read_behind_a_changed_byte_of_a_compressed_table(tmp_path):
     """From there on what comes out of it is made up of pieces of other rows."""
     lines = [f"{i / 100:.3f},{np.sin(i / 50):.4f},{i}" for i in range(20_000)]
-    raw = bytearray(gzip.compress("\n".join(["time,pos,tau", *lines, ""]).encode()))
+    raw = bytearray(gzip.compress("\n".join(["time,pos,tau", *lines, ""]).encode(), mtime=0))
     path = tmp_path / "log.csv.gz"
     cut = 0
     for place in range(len(raw) // 4, len(raw) - 16, len(raw) // 9):
@@ -152,7 +152,8 @@ def test_nothing_is_read_behind_a_changed_byte_of_a_compressed_table(tmp_path):
         path.write_bytes(changed)
         log = read(path)
         pos = log.channels["pos"]
-        assert np.abs(pos.values).max() <= 9.9999 and pos.stamps[-1] <= 200 * 10**9
+        assert np.nanmax(np.abs(pos.values)) <= 9.9999
+        assert pos.stamps[-1] <= 200 * 10**9
         cut += any("left out from row" in note for note in log.notes)
         assert any("damaged" in note or "checksum" in note for note in log.notes)
     assert cut > 1

@@ -48,7 +48,10 @@ class Damage:
         if self._changed is None:
             found = [column.first_row for column in columns if column.bad and column.good]
             found += [] if good.all() else [begin + int(np.argmin(good))]
-            found += [] if odd_line is None else [odd_line]
+            if odd_line is not None and odd_line < begin + len(
+                good
+            ):  # lines are parsed ahead of the rows, by chance how far
+                found.append(odd_line)
             if not found:
                 return None
             self._row = min(found)

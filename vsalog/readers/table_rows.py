@@ -55,6 +55,7 @@ class Rows:
         self._grouped: dict[str, str] = {}
         self._odd = _OddLines(dialect.skip_lines)
         self._words = WordLines(dialect)
+        self._left_out: list[tuple[int, int]] = []  # at the end of each batch: rows parsed, and left out of them
 
     def batches(self, columns: Sequence[int]) -> Iterator[pa.RecordBatch]:
         """Yield the rows as text, numbers with a decimal point, some columns only.
@@ -71,8 +72,12 @@ class Rows:
             text = TextSource(file, self._dialect.encoding, self._dialect.separator == WHITESPACE)
             try:
                 with self._open(file, text, chosen) as reader:
+                    parsed = 0
                     for batch in reader:
-                        yield self._plain(self._without_run_on(self._words.without(batch)))
+                        rows = self._without_run_on(self._words.without(batch))
+                        parsed += batch.num_rows
+                        self._left_out.append((parsed, self._words.removed + self._odd.run_on))
+                        yield self._plain(rows)
                         if self._words.ended:
                             break
             except pa.ArrowInvalid as error:
@@ -89,8 +94,8 @@ class Rows:
     @property
     def first_odd(self) -> int | None:
         """How many rows at least are ahead of the first line with too many or too few cells; None without one so far."""
-        left_out = self._words.removed + self._odd.run_on
-        return None if self._odd.first is None else max(self._odd.first - left_out, 0)
+        first = self._odd.first
+        return None if first is None else first - max((left for end, left in self._left_out if end <= first), default=0)
 
     def _open(self, file: IO[bytes], text: TextSource, chosen: list[str]) -> pacsv.CSVStreamingReader:
         dialect = self._dialect
