@@ -8,7 +8,7 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 from vsalog.readers.headers import printable_cell, unique_names
-from vsalog.readers.table_header import find_header, without_labview_head
+from vsalog.readers.table_header import find_header, join_torn_names, without_labview_head
 from vsalog.readers.table_notation import Notation, find_notations
 from vsalog.readers.table_text import SEPARATORS, WHITESPACE, is_comment, is_value, most_common_width, split
 from vsalog.units import split_header
@@ -79,6 +79,7 @@ def detect(head: bytes, whole: bool) -> Dialect:
     if stated:
         lines[0] = ""
     without_labview_head(lines)
+    join_torn_names(lines)
     said = [(i, line) for i, line in enumerate(lines) if line.strip() and not is_comment(line)]
     separator = stated[1] if stated else _separator([line for _, line in said])
     table = [(i, split(line, separator)) for i, line in said]
@@ -96,7 +97,7 @@ def detect(head: bytes, whole: bool) -> Dialect:
     return Dialect(
         encoding=encoding,
         separator=separator,
-        quoted=any(_has_quotes(line) for i, line in said if i >= header.skip_lines),
+        quoted=any(has_quotes(line) for i, line in said if i >= header.skip_lines),
         skip_lines=header.skip_lines,
         names=tuple(names),
         units=tuple(notation.unit or unit for notation, unit in zip(notations, units, strict=True)),
@@ -158,7 +159,7 @@ def _separator(lines: Sequence[str]) -> str:
     return best
 
 
-def _has_quotes(line: str) -> bool:
+def has_quotes(line: str) -> bool:
     """Tell whether a line has cells in quotes; a single quote is damage."""
     count = line.count('"')
     return count > 0 and count % 2 == 0

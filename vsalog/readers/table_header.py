@@ -96,6 +96,24 @@ def without_labview_head(lines: list[str]) -> None:
         lines[len(head)] = lines[len(head)].replace("X_Value", "time [s]")
 
 
+def join_torn_names(lines: list[str]) -> None:
+    """Put names in quotes together that go on in the next line; the lines that they go on in become blank."""
+    for i, line in enumerate(lines[:_MOST_SETTINGS]):
+        if line.count('"') % 2 == 0:
+            continue
+        for end in range(i + 2, min(i + 2 + _MOST_ROWS, len(lines) + 1)):
+            joined = " ".join(lines[i:end])
+            if joined.count('"') % 2 == 0:
+                if _are_names(joined):
+                    lines[i:end] = [joined] + [""] * (end - i - 1)
+                break
+
+
+def _are_names(line: str) -> bool:
+    rows = [split(line, separator) for separator in SEPARATORS if separator.strip()]
+    return any(len(cells) > 1 and not any(is_value(cell, True) for cell in cells) for cells in rows)
+
+
 def _skip_preamble(table: Sequence[tuple[int, list[str]]], start: int, width: int, decimal_comma: bool) -> int:
     """Step over lines of text ahead of the header that happen to have nearly as many cells."""
     while start + 2 < len(table):

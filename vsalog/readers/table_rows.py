@@ -17,7 +17,8 @@ from vsalog.readers.headers import printable_cell
 from vsalog.readers.opened import is_text
 from vsalog.readers.table_dialect import Dialect
 from vsalog.readers.table_notation import Notation
-from vsalog.readers.table_text import NULLS, WHITESPACE, is_comment
+from vsalog.readers.table_quotes import heeding_quotes
+from vsalog.readers.table_text import NULLS, WHITESPACE, is_comment, split
 from vsalog.readers.table_words import WordLines
 from vsalog.readers.text_source import BoundedGzip, TextSource, open_text
 
@@ -47,13 +48,9 @@ class Rows:
         self._path = path
         self._dialect = dialect
         self._numbers = {dialect.names[i] for i in numbers}
-        self._notations = {
-            name: notation
-            for name, notation in zip(dialect.names, dialect.notations, strict=True)
-            if notation != Notation()
-        }
+        self._notations: dict[str, Notation] = {}
         self._grouped: dict[str, str] = {}
-        self._odd = _OddLines(dialect.skip_lines)
+        self._odd = _OddLines(dialect)
         self._words = WordLines(dialect)
         self._left_out: list[tuple[int, int]] = []  # at the end of each batch: rows parsed, and left out of them
 
@@ -69,6 +66,10 @@ class Rows:
         # The first column tells which rows are remarks.
         chosen = [names[i] for i in sorted({0, *columns})]
         with open_text(self._path) as file:
+            if not isinstance(file, BoundedGzip):  # a look at all of it would take long
+                self._dialect = heeding_quotes(self._path, self._dialect)
+            written = zip(names, self._dialect.notations, strict=True)
+            self._notations = {name: notation for name, notation in written if notation != Notation()}
             text = TextSource(file, self._dialect.encoding, self._dialect.separator == WHITESPACE)
             try:
                 with self._open(file, text, chosen) as reader:
@@ -89,7 +90,7 @@ class Rows:
         self.notes.extend(self._thousands())
         self._odd.remarks += self._words.remarks
         self.notes.extend(self._words.notes())
-        self.notes.extend(self._odd.notes(len(names)))
+        self.notes.extend(self._odd.notes())
 
     @property
     def first_odd(self) -> int | None:
@@ -167,12 +168,15 @@ class _OddLines:
         How many rows were parsed ahead of the first that has too many or too few cells.
     """
 
-    def __init__(self, skipped: int) -> None:
+    def __init__(self, dialect: Dialect) -> None:
         self.first: int | None = None
-        self._lines = skipped + 1
+        self._lines = dialect.skip_lines + 1
+        self._separator = dialect.separator
+        self._width = len(dialect.names)
         self.count = 0
         self.remarks = 0
         self.run_on = 0
+        self.quoted = 0
         self.example = ""
 
     def handle(self, row: Any) -> str:
@@ -182,13 +186,14 @@ class _OddLines:
             self.remarks += 1
         else:
             self.count += 1
+            self.quoted += '"' in text and len(split(text, self._separator)) == self._width
             self.example = self.example or text
             if self.first is None and row.number is not None:
                 self.first = int(row.number) - self._lines
         self._lines += 1
         return "skip"
 
-    def notes(self, width: int) -> list[str]:
+    def notes(self) -> list[str]:
         """Return what to tell."""
         notes = []
         if self.remarks:
@@ -196,9 +201,14 @@ class _OddLines:
             notes.append(f"{plural(self.remarks, 'line')} between the rows skipped as {what} with # or %)")
         if self.run_on:
             notes.append(f"{plural(self.run_on, 'row')} skipped that a stray quote runs together with the rows behind")
-        if self.count:
+        if self.quoted:
             notes.append(
-                f"{plural(self.count, 'line')} without exactly {width} cells skipped"
+                f"{plural(self.quoted, 'line')} with cells in quotes, of which the rows ahead have none, skipped: if the file is"
+                " compressed, decompress it first"
+            )
+        if self.count > self.quoted:
+            notes.append(
+                f"{plural(self.count - self.quoted, 'line')} without exactly {self._width} cells skipped"
                 f" (the first: '{printable_cell(self.example)}')"
             )
         return notes

@@ -1,0 +1,55 @@
+"""Quotes in text tables whose first rows have none."""
+
+from __future__ import annotations
+
+import gzip
+
+import numpy as np
+import pytest
+
+from vsalog.readers import read
+
+ROWS = 3000
+
+
+def write(path, header, cell):
+    lines = [header, *(f"{i / 1000:.3f},{cell(i)},{i % 7}" for i in range(ROWS))]
+    path.write_text("\n".join([*lines, ""]))
+    return path
+
+
+def thousands(i):
+    return f'"{i:,}"' if i >= 1000 else str(i)
+
+
+def test_thousands_in_quotes_are_read(tmp_path):
+    """Programs write quotes only where a comma needs them: the first is far below the rows that are looked at."""
+    log = read(write(tmp_path / "log.csv", "time,pos,tau", thousands))
+    np.testing.assert_array_equal(log.channels["pos"].values, np.arange(ROWS))
+    assert any("'1,000' is read as setting thousands apart" in note for note in log.notes)
+
+
+def test_a_comma_in_quotes_is_no_thousand_among_fractions(tmp_path):
+    log = read(write(tmp_path / "log.csv", "time,pos,tau", lambda i: '"1,500"' if i == 2000 else f"{i}.25"))
+    assert np.isnan(log.channels["pos"].values[2000])
+    assert len(log.channels["tau"].values) == ROWS
+
+
+def test_a_stray_quote_swallows_no_lines(tmp_path):
+    log = read(write(tmp_path / "log.csv", "time,pos,tau", lambda i: f'"{i}' if i in (1000, 2500) else str(i)))
+    assert len(log.channels["tau"].values) >= ROWS - 2
+
+
+def test_of_a_compressed_table_it_is_said_that_quotes_are_the_reason(tmp_path):
+    raw = write(tmp_path / "log.csv", "time,pos,tau", thousands).read_bytes()
+    path = tmp_path / "log.csv.gz"
+    path.write_bytes(gzip.compress(raw))
+    assert any("2000 lines with cells in quotes" in note and "decompress" in note for note in read(path).notes)
+
+
+@pytest.mark.parametrize("header", ['time,"pos\nof motor [deg]",tau', '"time","pos\nof\nmotor [deg]","tau"'])
+def test_a_name_may_go_on_in_the_next_line(tmp_path, header):
+    pos = next(iter(read(write(tmp_path / "log.csv", header, str)).channels.values()))
+    assert pos.name == "pos of motor"
+    assert pos.unit == "deg"
+    np.testing.assert_array_equal(pos.stamps[:3], [0, 1_000_000, 2_000_000])
