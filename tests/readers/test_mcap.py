@@ -166,16 +166,6 @@ def test_one_topic_with_two_types(tmp_path):
     assert one.channel("/t (std_msgs/msg/Int32).data").values.tolist() == [2]
 
 
-def test_two_publishers_of_one_type_are_one_stream(tmp_path):
-    log = McapLog()
-    for i in range(10):
-        message = joint_state(START + i * MS, ["a"], [i])
-        log.add("/j", message, START + i * MS, again=i % 2, metadata={"publisher": str(i % 2)})
-    recording = read(log.save(tmp_path / "log"))
-    assert recording.streams["/j"].count == 10
-    np.testing.assert_array_equal(recording.channel("/j.position[a]").values, np.arange(10))
-
-
 @pytest.mark.parametrize("chunked", [True, False])
 def test_a_log_that_was_cut_off_is_read_as_far_as_it_goes(tmp_path, chunked):
     path = joints_mcap(tmp_path / "log", 200, chunk_size=4096, use_chunking=chunked)

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Collection, Iterator, Mapping
 from dataclasses import dataclass, field, replace
+from itertools import chain
 
 import numpy as np
 
@@ -19,6 +20,7 @@ from vsalog.readers.definitions import DefinitionError, normal_type
 from vsalog.readers.delays import LEAST_BYTES, Delays, Promise
 from vsalog.readers.messages import Decoder
 from vsalog.readers.packets import Integers, Messages, Packet
+from vsalog.readers.publishers import clashing, mixed_note, publisher_stream
 from vsalog.recording import Stamps, Values
 
 __all__ = ["BagReader", "Connection", "Container", "plain"]
@@ -76,6 +78,7 @@ class BagReader:
         self.notes = container.notes
         self.unread: dict[str, str] = {}
         self.unfit: dict[str, str] = {}  # how many messages of a stream do not fit its definition
+        self._mixed: dict[str, list[str]] = {}  # publishers of a stream that are streams of their own
         self._promise: Promise | None = None
         self._narrowed = False
 
@@ -194,12 +197,12 @@ class BagReader:
                 yield Packet(packet.connection[rows], packet.log[rows], packet.publish[rows], few)
 
     def _batches(self, wanted: frozenset[str] | None) -> dict[int, _Batch]:
-        """Return a batch per connection that may hold wanted channels; publishers of one type share it."""
+        """Return a batch per connection that may hold wanted channels; publishers of one stream share it."""
         batches: dict[int, _Batch] = {}
         shared: dict[tuple[str, str, str], _Batch] = {}
         definitions: set[str] = set()
         counts = self._container.counts()
-        for connection, stream in self._named_streams():
+        for connection, stream in self._by_publisher(self._named_streams(), wanted):
             if wanted is not None and not any(name.startswith(stream + ".") for name in wanted):
                 continue
             key = (stream, connection.encoding, connection.definition)
@@ -234,6 +237,35 @@ class BagReader:
                 name = f"{name} ({normal_type(printable(connection.type))})"
             named.append((connection, name))
         return named
+
+    def _by_publisher(
+        self, named: list[tuple[Connection, str]], wanted: frozenset[str] | None
+    ) -> Iterator[tuple[Connection, str]]:
+        """Yield each connection with its stream's name, which has the publisher's where publishers would be mixed."""
+        streams: dict[str, list[Connection]] = {}
+        for connection, stream in named:
+            if wanted is None or any(name.startswith((f"{stream}.", f"{stream}@")) for name in wanted):
+                streams.setdefault(stream, []).append(connection)
+        new = {
+            stream: own
+            for stream, own in streams.items()
+            if stream not in self._mixed and len({one.publisher for one in own}) > 1
+        }
+        if new:
+            self._mixed.update({stream: [] for stream in new} | clashing(new, self._from_all_over(new)))
+        for stream, publishers in self._mixed.items():
+            if publishers and (note := mixed_note(stream, publishers)) not in self.notes:
+                self.notes.append(note)
+        for connection, stream in named:
+            apart = connection.publisher in self._mixed.get(stream, [])
+            yield connection, publisher_stream(stream, connection.publisher) if apart else stream
+
+    def _from_all_over(self, streams: Mapping[str, Collection[Connection]]) -> Iterator[Packet]:
+        """Yield messages of streams from all over the log; all of them where it is short."""
+        ids = [one.id for connections in streams.values() for one in connections]
+        if self._container.size() < LEAST_BYTES:
+            return map(plain, self._container.packets(ids))
+        return map(plain, chain(self._first_of(ids), self._container.glimpses(ids)))
 
     def _flush(self, batch: _Batch, total: Counter[str], damaged: Counter[str]) -> Block:
         """Decode a batch into a block and empty it."""

@@ -33,6 +33,8 @@ class Connection:
         Text, "" where the log has none; descriptors of protobuf with a character for each byte.
     metadata : mapping of str to str
         What else the log says; ``unit`` and ``unit:FIELD`` are units.
+    publisher : str
+        Who publishes, as far as the log tells it: a node's name or a number.
     """
 
     id: int
@@ -42,6 +44,7 @@ class Connection:
     language: str
     definition: str
     metadata: Mapping[str, str] = field(default_factory=dict)
+    publisher: str = ""
 
 
 class Container(Protocol):

@@ -145,6 +145,7 @@ class McapContainer:
             language=_LANGUAGES.get(schema.encoding, "") if schema else "",
             definition=_definition(schema) if schema else "",
             metadata=channel.metadata,
+            publisher=channel.metadata.get("callerid") or str(channel.id),
         )
 
     def _scan(self) -> None:

@@ -244,7 +244,8 @@ def _keep(found: Found, header: Header, data: bytes) -> None:
     kind, text = (_text(detail.get(name, b"")) for name in (b"type", b"message_definition"))
     sound = detail.get(b"topic", topic) == topic and _agrees(kind, text, _text(detail.get(b"md5sum", b"*")))
     if identity not in found or sound:
-        found[identity] = Connection(identity, _text(topic), kind, "ros1", "msg", text), sound
+        publisher = _text(detail.get(b"callerid", b"")) or str(identity)
+        found[identity] = Connection(identity, _text(topic), kind, "ros1", "msg", text, publisher=publisher), sound
 
 
 @lru_cache

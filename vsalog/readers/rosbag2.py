@@ -119,15 +119,7 @@ class FolderContainer:
     def connections(self) -> list[Connection]:
         """Return the connections of all files."""
         return [
-            Connection(
-                part * _IDS_PER_FILE + one.id,
-                one.topic,
-                one.type,
-                one.encoding,
-                one.language,
-                one.definition,
-                one.metadata,
-            )
+            replace(one, id=part * _IDS_PER_FILE + one.id)
             for part, container in enumerate(self.parts)
             for one in container.connections()
         ]

@@ -66,7 +66,9 @@ class SqliteContainer:
         found = []
         for number, topic, kind, encoding in self._topics():
             language, text = definitions.get(str(kind), ("", ""))
-            found.append(Connection(number, str(topic), str(kind), str(encoding), language, text))
+            found.append(
+                Connection(number, str(topic), str(kind), str(encoding), language, text, publisher=str(number))
+            )
         return found
 
     def counts(self) -> Mapping[int, int]:
