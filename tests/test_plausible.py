@@ -1,5 +1,7 @@
 """Warnings of signals that are possible and not plausible, and none where nothing is wrong."""
 
+import re
+
 import numpy as np
 import pytest
 from test_binding import joint_of, recording
@@ -140,6 +142,37 @@ def test_an_encoder_that_is_stuck(name, role, counts):
     made[name][2000:2700] = made[name][2000]
     text = one(made)
     assert f"{role} does not change by a single step from 2 s to 2.699 s" in text
+
+
+def test_a_torque_that_is_stuck():
+    made = channels()
+    made["tau"][3000:5500] = made["tau"][2999]
+    text = one(made)
+    assert "torque_sensor does not change by a single step from 2.999 s to 5.499 s" in text
+
+
+def test_a_torque_that_rests_between_its_steps_is_not_stuck():
+    """Steps of 0.1 N·m hide the noise: the torque stays where it is, in motion and at rest."""
+    made = channels()
+    made["tau"] = 0.1 * np.round(made["tau"] / 0.1)
+    made["tau"][3000:5500] = made["tau"][2999]
+    assert warned(made) == ()
+
+
+def test_packets_that_were_lost_and_read_as_zero():
+    made = channels()
+    lost = np.random.default_rng(3).random(T.size) < 0.02
+    made["tau"][lost] = 0.0
+    text = one(made)
+    found = int(re.search(r"reads exactly 0 at (\d+) samples", text)[1])
+    # Where the torque passes zero itself nothing tells them apart.
+    assert 0.6 * lost.sum() < found <= lost.sum()
+
+
+def test_a_torque_that_passes_zero_in_steps_has_lost_nothing():
+    made = channels()
+    made["tau"] = 0.05 * np.round(made["tau"] / 0.05)
+    assert warned(made) == ()
 
 
 def test_friction_that_holds_the_link_while_the_spring_winds_up_is_no_stuck_encoder():

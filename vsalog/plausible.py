@@ -32,6 +32,9 @@ STILL, TURNS_BACK = 0.3, 0.2
 # An encoder that is stuck: how long [s], steps of the other one and part of the other's range meanwhile, how much more than the
 # deflection that is, and how the two are correlated elsewhere.
 STUCK, MOVED, MOVED_SHARE, MORE, TOGETHER = 0.5, 50.0, 0.2, 1.5, 0.8
+# A lost value that reads zero: samples in a row, by what part the torque changes across it, how far from zero that
+# is, as a part of its range, and how many are no chance.
+ZEROS, CALM, AWAY, FEW = 3, 0.2, 0.05, 5
 # Fewer samples tell nothing, and more tell no more about where a signal usually is.
 FEWEST, ENOUGH = 50, 100_000
 
@@ -52,6 +55,9 @@ def passing(device: Device, signals: JointSignals) -> Iterator[str]:
     for role in signals.roles:
         if role.startswith(("torque_sensor", "link_position", "motor_position", "deflection")):
             yield from _clipped(signals, role)
+        if "torque" in role:
+            yield from _frozen(signals, role)
+            yield from _dropped_to_zero(signals, role)
 
 
 def _with_both_positions(device: Device, signals: JointSignals) -> list[TransmissionView]:
@@ -184,6 +190,44 @@ def _clipped(signals: JointSignals, role: str) -> Iterator[str]:
                 " it is saturated, and the stiffness is too low wherever it is; choose a larger range, or leave these"
                 " stretches out (--start, --end)"
             )
+
+
+def _frozen(signals: JointSignals, role: str) -> Iterator[str]:
+    x = signals.roles[role]
+    same = np.concatenate(([False], np.diff(x) == 0.0)) & ~signals.starts
+    first, after = _runs(same)
+    long = (after - first) * signals.period >= STUCK
+    resting = np.zeros(x.shape, dtype=np.bool_)
+    for begin, end in zip(first[long], after[long], strict=True):
+        resting[begin - 1 : end] = True
+    if not resting.any() or not _noisy(x, ~resting):
+        return
+    k = int(np.argmax(after - first))
+    yield (
+        f"joint '{signals.joint}': {role} does not change by a single step from {signals.time[first[k] - 1]:.4g} s to"
+        f" {signals.time[after[k] - 1]:.4g} s and is noisy elsewhere: its sensor or its driver was stuck. Leave that stretch out"
+        " (--start, --end)"
+    )
+
+
+def _dropped_to_zero(signals: JointSignals, role: str) -> Iterator[str]:
+    x = signals.roles[role]
+    first, after = _runs(x == 0.0)
+    inside = (first > 0) & (after < x.size) & (after - first <= ZEROS)
+    first, after = first[inside], after[inside]
+    before, behind = x[first - 1], x[after]
+    with np.errstate(invalid="ignore"):
+        # On either side the torque goes on where it was, far from zero.
+        away = np.minimum(np.abs(before), np.abs(behind))
+        low, high = _span(x)
+        torn = (np.abs(before - behind) < CALM * away) & (away > AWAY * (high - low))
+    count = int((after - first)[torn].sum())
+    if np.count_nonzero(torn) >= FEW:
+        yield (
+            f"joint '{signals.joint}': {role} reads exactly 0 at {count} samples here and there (first at"
+            f" {signals.time[first[torn][0]]:.4g} s) amid values that go on undisturbed: lost packets, or a driver that"
+            " left out a value, and they bend the fit; have them left empty in the log"
+        )
 
 
 def _stuck(signals: JointSignals, view: TransmissionView) -> Iterator[str]:

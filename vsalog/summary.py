@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vsalog.estimators.device import Device
+from vsalog.estimators.regression import SUPPORTED_SHARE
 from vsalog.trace import Trace
 
 if TYPE_CHECKING:
@@ -22,6 +23,8 @@ Array = NDArray[np.float64]
 QUANTILE_SAMPLES = 20_000
 # Where the filters' windows are whole for a smaller part of the rows, that is why a log supports little.
 TORN = 0.5
+# A stiffness that is surely negative for this part of the time comes of a sign; an offset this part of the torque matters.
+NEGATIVE, OFFSET = 0.01, 0.01
 
 
 class TransmissionSummary(msgspec.Struct, frozen=True, kw_only=True):
@@ -34,7 +37,7 @@ class TransmissionSummary(msgspec.Struct, frozen=True, kw_only=True):
     excited_share : share of them at which the estimate is supported by the data so far
     stiffness_low, stiffness_high : 1 % and 99 % quantile over the supported rows [N·m/rad]
     stiffness_last : at the last of them [N·m/rad]
-    negative_share : share of them with a negative stiffness
+    negative_share : share of all rows with a stiffness that is surely negative
     relative_std : root mean square of stiffness_std / stiffness over the supported rows
     fit_rms : of the flexibility torque fed minus fitted [N·m], after the first supported row; a residual is compared with
         the fit behind the residual's own lag
@@ -99,9 +102,11 @@ class Summarizer:
             excited = np.asarray(columns["excited"], dtype=bool)
             sigma, std = np.asarray(columns["stiffness"], float), np.asarray(columns["stiffness_std"], float)
             s.samples += len(trace)
+            with np.errstate(invalid="ignore"):
+                # A stiffness below zero is never supported, however sure.
+                s.negative += int(np.count_nonzero(SUPPORTED_SHARE * sigma < -std))
             if excited.any():
                 _keep(s, sigma[excited])
-                s.negative += int(np.count_nonzero(sigma[excited] < 0.0))
                 s.last = float(sigma[excited][-1])
                 s.relative += float(np.sum((std[excited] / sigma[excited]) ** 2))
             phi = np.asarray(columns["deflection"], float)
@@ -151,7 +156,7 @@ def _figures(name: str, s: _Sums) -> TransmissionSummary:
         stiffness_low=_known(low),
         stiffness_high=_known(high),
         stiffness_last=_known(s.last),
-        negative_share=s.negative / s.excited if s.excited else 0.0,
+        negative_share=s.negative / s.samples if s.samples else 0.0,
         relative_std=(s.relative / s.excited) ** 0.5 if s.excited else None,
         fit_rms=fit,
         fit_mean=s.fit_sum / s.fit_count if s.fit_count else None,
@@ -175,22 +180,24 @@ def _warnings(joint: str, odd: bool, parts: tuple[TransmissionSummary, ...], who
                 f"{where}: samples are missing so often that the filters' windows are whole for {whole:.0%} of"
                 " the time only; shorten them (--tune window=SECONDS), or mend the log"
             )
-        elif p.excited_share == 0.0:
+        elif p.excited_share == 0.0 and p.negative_share < NEGATIVE:
+            fewer = ", or fit fewer terms ([joint.….basis] order in the rig)" if p.fit_rms is not None else ""
             warnings.append(
                 f"{where}: the data never support an estimate (standard deviation above a fifth of the stiffness"
-                " everywhere): move the joint more, or fit fewer terms ([joint.….basis] order in the rig)"
+                f" everywhere): move the joint more{fewer}"
             )
-        elif p.excited_share < 0.5:
+        elif 0.0 < p.excited_share < 0.5:
             warnings.append(
                 f"{where}: the estimate is supported by the data for {p.excited_share:.0%} of the time only"
                 " (column excited)"
             )
-        if odd and p.fit_rms and p.fit_mean is not None and abs(p.fit_mean) > 0.5 * p.fit_rms:
+        beside = abs(p.fit_mean or 0.0)
+        if odd and p.fit_rms and p.fit_share and beside > max(0.5, OFFSET / p.fit_share) * p.fit_rms:
             warnings.append(
                 f"{where}: the torque lies {p.fit_mean:+.3g} N·m beside the fit on average, an offset that odd powers of the"
                 f" deflection cannot follow: set odd = false under [joint.{joint}.basis], or the offset of the torque's signal"
             )
-        if p.negative_share > 0.01:
+        if p.negative_share > NEGATIVE:
             warnings.append(
                 f"{where}: a negative stiffness was estimated for {p.negative_share:.0%} of the time: check the signs of the"
                 " torque and of the positions in the rig (sign = -1)"

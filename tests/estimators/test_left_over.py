@@ -17,6 +17,7 @@ from vsalog.estimators.left_over import (
     following,
     left_over_block,
     left_over_start,
+    misfit,
 )
 
 PERIOD, STIFFNESS = 1e-3, 20.0
@@ -90,6 +91,18 @@ def test_noise_on_both_sides_is_not_taken_for_an_inertia():
     jitter = np.convolve(noisy - speed, np.ones(51) / 51, mode="same")
     torque = STIFFNESS * phi + 0.5 * np.gradient(jitter, PERIOD) + noise()
     assert followers(look(phi, torque, speed + jitter), 0.0, 0.0) == []
+
+
+def test_a_spring_that_is_no_spring_is_told_and_noise_is_not():
+    _, speed, _, phi = motion()
+    cubic = STIFFNESS * phi + 400.0 * phi**3
+    share = misfit(look(phi, cubic + noise(), speed), 0.0)
+    plain = cubic - float(phi @ cubic / (phi @ phi)) * phi
+    assert share == pytest.approx(np.std(plain) / np.std(cubic), rel=0.2)
+    loud = 20.0 * noise(1)
+    assert misfit(look(phi, STIFFNESS * phi + loud, speed), 0.0) is None
+    # And not where an encoder's steps make as much.
+    assert misfit(look(phi, cubic + noise(), speed), 1.0) is None
 
 
 def test_blocks_of_any_size_and_gaps_give_the_same_sums():

@@ -263,7 +263,7 @@ def columns(phi: Array, torque: Array, stiffness: Array, std: Array, excited: Fl
     """
     nothing = np.full(phi.shape, np.nan)
     with np.errstate(invalid="ignore"):
-        excited = excited & (std < SUPPORTED_SHARE * np.abs(stiffness))
+        excited = excited & (std < SUPPORTED_SHARE * stiffness)
     return {
         "deflection": phi,
         "flexibility_torque": torque,

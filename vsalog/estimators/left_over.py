@@ -32,6 +32,9 @@ TAKEN, MOVED, BEYOND, SURE = 0.15, 0.03, 3.0, 5.0
 AS_WELL = 0.8
 # Averages in a long one, and the part of the coefficient that has to be left there; the part of an encoder's step.
 LONG, LEFT, REACH = 4, 0.6, 0.3
+# What is left over of a torque and does not average out: this part of it, of which so much is left in long averages (of white
+# noise a half), beyond so much of an encoder's step. More than all is left where the torque itself averages out.
+POOR, SLOW, COARSE = 0.05, (0.7, 1.1), 0.5
 SPEED, ACCELERATION = "speed", "acceleration"
 SUSPECTS = (SPEED, ACCELERATION)
 
@@ -179,6 +182,25 @@ def followers(state: LeftOverState, claimed: float, step: float) -> list[Followe
     return [f for f in found if f.taken >= AS_WELL * found[0].taken]
 
 
+def misfit(state: LeftOverState, step: float) -> float | None:
+    """Return the part of the torque that a fit leaves over and that is no noise; None where that is little.
+
+    Parameters
+    ----------
+    step : of the deflection's sensors [rad], 0 where they have none
+    """
+    n, count = state.H.shape[0], float(state.averages[0])
+    if count < max(AVERAGES, 3 * n):
+        return None
+    (unknowns, short), (_, long) = (_solved(squares, list(range(n))) for squares in (state.N, state.M))
+    torques, slow = state.N[-1, -1], state.M[-1, -1]
+    if not (torques > 0.0 and slow > 0.0 and short > 0.0 and long > 0.0):
+        return None
+    whole, part = (short / torques) ** 0.5, (long / slow) ** 0.5
+    beyond = (long * LONG / count) ** 0.5 > COARSE * step * _size(unknowns, state.H, count)
+    return float(part) if part > POOR and SLOW[0] < part / whole < SLOW[1] and beyond else None
+
+
 def following(where: str, found: list[Follower], motor: tuple[float, float] | None) -> str:
     """Say what the left-overs follow, and what that may come from.
 
@@ -191,8 +213,8 @@ def following(where: str, found: list[Follower], motor: tuple[float, float] | No
     names = " and ".join(f"the motor's {f.suspect} ({f.taken:.0%} of its power)" for f in found)
     causes = "; or with ".join(_causes(f, motor) for f in found)
     return (
-        f"{where}: what the fit leaves over follows {names}, as it does where a clock or the rig is wrong; with {causes}."
-        " 'vsalog diagnose' tells which"
+        f"{where}: what the fit leaves over follows {names}, as it does where a sensor is late or wrong, or the rig is: with"
+        f" {causes}. 'vsalog diagnose' tells which"
     )
 
 

@@ -60,10 +60,15 @@ def typical_speed(device: Device, rates: Iterable[Rates]) -> float:
     Raises
     ------
     EstimatorError
-        The deflection never changes.
+        The deflection never changes, or is nowhere there for as long as the filter's window.
     """
     all_of_them = np.concatenate([r.deflection for r in rates])
-    speed = float(np.sqrt(np.nanmean(all_of_them**2))) if np.isfinite(all_of_them).any() else 0.0
+    if not np.isfinite(all_of_them).any():
+        raise EstimatorError(
+            f"joint '{device.joint}': samples are missing so often that no filter's window is whole; shorten it"
+            " (--tune window=SECONDS), or mend the log"
+        )
+    speed = float(np.sqrt(np.nanmean(all_of_them**2)))
     if not speed > 0.0:
         raise EstimatorError(
             f"joint '{device.joint}': the deflection never changes, and so nothing tells the stiffness"

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from vsalog.estimators.device import Device, deflection_of
 from vsalog.estimators.equation import Equation, EquationRows, Solver
 from vsalog.estimators.first_look import NOTHING_SEEN, FirstLook
-from vsalog.estimators.left_over import LeftOverState, followers, following, left_over_block, left_over_start
+from vsalog.estimators.left_over import LeftOverState, followers, following, left_over_block, left_over_start, misfit
 from vsalog.estimators.region import Region, lengths
 from vsalog.estimators.resting import Stay, resting_in
 from vsalog.filters.conditioning import Conditioned, Conditioner, ConditionerState
@@ -282,7 +282,7 @@ class RegressionFold:
         return {f"coefficient_{h}": unknowns[:, first + h] for h in range(self.device.basis.size)}
 
     def warnings(self, state: FoldState) -> tuple[str, ...]:
-        """Say what the first look showed, and where most of a log could not be learnt from, because the rig is in doubt."""
+        """Say what the first look showed, where most of a log could not be learnt from, and what is left over follows."""
         doubted = tuple(
             f"joint '{self.device.joint}', transmission {names}: for {count / state.seen:.0%} of the time the torque of friction"
             " or hysteresis that the rig has is not known, because the motor stands or is slower than its encoder can tell, or"
@@ -297,13 +297,21 @@ class RegressionFold:
         said = []
         for equation in self.equations:
             names = tuple(view.name for view in equation.transmissions)
-            claimed = max(state.claimed.get(name, np.inf) for name in names)
             if names not in state.left_over:
                 continue
-            found = followers(state.left_over[names], claimed, self.look.step(equation.transmissions))
-            if found:
-                where = f"joint '{self.device.joint}', transmission {' and '.join(names)}"
+            claimed = max(state.claimed.get(name, np.inf) for name in names)
+            step, where = (
+                self.look.step(equation.transmissions),
+                f"joint '{self.device.joint}', transmission {' and '.join(names)}",
+            )
+            if found := followers(state.left_over[names], claimed, step):
                 said.append(following(where, found, equation.motor))
+            elif share := misfit(state.left_over[names], step):
+                said.append(
+                    f"{where}: what the fit leaves over is {share:.0%} of the torque and no noise, for it does not average out: a"
+                    " sensor that is stuck, clipped or wrong for a while, a spring that changes, or a basis that cannot follow it"
+                    f" ([joint.{self.device.joint}.basis] order). The stiffness may be further off than is said"
+                )
         return tuple(said)
 
     def model(self, state: FoldState) -> JointModel:
