@@ -18,6 +18,7 @@ from vsalog.readers.table_cells import Cells, numbers_and_words
 from vsalog.readers.table_damage import Damage
 from vsalog.readers.table_dialect import Dialect, detect
 from vsalog.readers.table_rows import BLOCK_BYTES, Rows
+from vsalog.readers.table_speakers import Speakers, find_speaker
 from vsalog.readers.table_text import NULLS
 from vsalog.readers.text_source import BoundedGzip, open_text, read_beginning
 from vsalog.readers.time_columns import find_clocks, folds_of, looks_like_clock, nanoseconds
@@ -62,13 +63,15 @@ class TableReader:
             self._dialect.names, self._dialect.units, self._sample, self._whole if thorough else None
         )
         self._counts: dict[str, Cells] = {}
-        self._folds: dict[str, Folds | Restarts] = {}
+        self._folds: dict[tuple[str, str], Folds | Restarts] = {}
         clocks = self._plan.columns()
         numbers = [numbers_and_words(column) for column in self._sample]
         if not any(good and (clocks or good > words) for good, words in numbers):
             raise ReadError(f"{path}: holds text, but no table: none of its columns holds numbers")
         self._numbers = [i for i, (good, words) in enumerate(numbers) if good > words]
-        self._channels = [i for i in range(len(self._dialect.names)) if i not in clocks]
+        self._speaker = find_speaker(self._dialect.names, self._sample, self._plan)
+        self._channels = [i for i in range(len(self._dialect.names)) if i not in clocks and i != self._speaker]
+        self._speakers = self._find_speakers(thorough)
         groups = group_by_blanks(self._sample, self._channels) if clocks else [self._channels]
         self._streams = {i: self._stream_name(k, group) for k, group in enumerate(groups) for i in group}
 
@@ -83,7 +86,8 @@ class TableReader:
             if cells.text:
                 unread[name] = self._why_unread(name, cells)
             else:
-                channels[name] = ChannelInfo(self._streams[i], "csv", unit)
+                for part in self._parts:
+                    channels[name + part] = ChannelInfo(self._streams[i] + part, "csv", unit)
         return Catalogue(channels, unread)
 
     def heads(self) -> Iterator[Block]:
@@ -100,14 +104,20 @@ class TableReader:
         """
         self._note_dialect()
         names = self._dialect.names
-        columns = [i for i in self._channels if wanted is None or names[i] in wanted]
+        columns = [
+            i for i in self._channels if wanted is None or any(names[i] + part in wanted for part in self._parts)
+        ]
         self._counts = {names[i]: Cells() for i in columns}
-        self._folds = {kind: folds_of(clock.form) for kind, clock in self._plan.clocks.items()}
+        self._folds = {
+            (kind, part): folds_of(clock.form) for kind, clock in self._plan.clocks.items() for part in self._parts
+        }
+        speaker = [] if self._speaker is None else [self._speaker]
         row, dropped = 0, 0
         damage = Damage(self.path) if self._compressed else None
         rows = Rows(self.path, self._dialect, self._numbers)
-        for batch in rows.batches([*columns, *self._plan.columns()]):
-            stamps, good = self._clock(batch, row)
+        for batch in rows.batches([*columns, *self._plan.columns(), *speaker]):
+            parts = self._speakers.rows(batch) if self._speakers else {"": np.ones(batch.num_rows, bool)}
+            stamps, good = self._clock(batch, row, parts)
             values = {names[i]: self._counts[names[i]].convert(batch.column(names[i])) for i in columns}
             sound = damage.sound_rows(row, good, self._counts.values(), rows.first_odd) if damage else None
             if sound is not None:
@@ -118,7 +128,8 @@ class TableReader:
             if not good.all():
                 stamps = {kind: times[good] for kind, times in stamps.items()}
                 values = {name: cells[good] for name, cells in values.items()}
-            yield from self._by_stream(columns, stamps, values)
+            for part, own in parts.items():
+                yield from self._by_stream(columns, part, *_chosen(own[good], stamps, values), wanted)
             if damage and sound is not None:  # what is told of cells would be of those that were left out
                 self.notes.append(damage.note())
                 self._note_text()
@@ -126,8 +137,15 @@ class TableReader:
         self.notes += rows.notes
         self._report(dropped)
 
-    def _by_stream(self, columns: list[int], stamps: dict[str, Stamps], values: dict[str, Values]) -> Iterator[Block]:
-        """Yield a block per stream, the sparse ones without their blank rows."""
+    def _by_stream(
+        self,
+        columns: list[int],
+        part: str,
+        stamps: dict[str, Stamps],
+        values: dict[str, Values],
+        wanted: Collection[str] | None,
+    ) -> Iterator[Block]:
+        """Yield a block per stream, the sparse ones without their blank rows; `part` stands behind all names."""
         names, units = self._dialect.names, self._dialect.units
         for stream in dict.fromkeys(self._streams[i] for i in columns) or [self.path.stem]:
             own = [i for i in columns if self._streams[i] == stream]
@@ -137,8 +155,21 @@ class TableReader:
                 filled = ~np.all([np.isnan(column) for column in cells.values()], axis=0)
                 cells = {name: column[filled] for name, column in cells.items()}
                 times = {kind: time[filled] for kind, time in stamps.items()}
-            stated = {names[i]: unit for i in own if (unit := units[i]) is not None}
-            yield Block(stream, "csv", times, cells, stated, self._timeless())
+            cells = {name + part: column for name, column in cells.items() if wanted is None or name + part in wanted}
+            stated = {names[i] + part: unit for i in own if (unit := units[i]) is not None}
+            yield Block(stream + part, "csv", times, cells, stated, self._timeless())
+
+    def _find_speakers(self, thorough: bool) -> Speakers | None:
+        """Return whose values the rows hold, None where they are all of the same."""
+        if self._speaker is None:
+            return None
+        cells = self._whole(self._speaker) if thorough else [self._sample[self._speaker]]
+        return Speakers(self._dialect.names[self._speaker], cells)
+
+    @property
+    def _parts(self) -> Collection[str]:
+        """What stands behind the names of channels and streams."""
+        return self._speakers.parts if self._speakers else ("",)
 
     def _whole(self, column: int) -> Iterator[pa.Array]:
         """Yield all of a column, part by part."""
@@ -190,7 +221,9 @@ class TableReader:
         """Whether lines can be found from anywhere in the file: it is not compressed, and a line's end is one byte."""
         return not self._compressed and not self.encoding.startswith("utf-16")
 
-    def _clock(self, batch: pa.RecordBatch, row: int) -> tuple[dict[str, Stamps], NDArray[np.bool_]]:
+    def _clock(
+        self, batch: pa.RecordBatch, row: int, parts: dict[str, NDArray[np.bool_]]
+    ) -> tuple[dict[str, Stamps], NDArray[np.bool_]]:
         """Return a batch's stamps by kind of clock, and which rows have one."""
         good = np.ones(batch.num_rows, dtype=bool)
         if not self._plan.clocks:
@@ -199,7 +232,8 @@ class TableReader:
         for kind, clock in self._plan.clocks.items():
             cells = [batch.column(self._dialect.names[i]) for i in clock.columns]
             stamps[kind], valid = nanoseconds(cells, clock.form)
-            stamps[kind] = self._folds[kind].unfold(stamps[kind], valid)
+            for part, own in parts.items():
+                stamps[kind] = self._folds[kind, part].unfold(stamps[kind], valid & own)
             if kind == "header":  # without it there is still the log's time, for all rows then
                 stamps[kind] = np.where(valid, stamps[kind], 0)
             else:
@@ -217,6 +251,8 @@ class TableReader:
         self.notes += [note for note in (*self._dialect.notes, *self._plan.notes) if note not in self.notes]
         if self._dialect.separator == "," and any(n.decimal_comma for n in self._dialect.notations):
             self.notes.append("the comma in the quoted numbers is read as a decimal mark")
+        if self._speakers:
+            self.notes.append(self._speakers.note())
         if self.rate is not None and self._plan.clocks:
             self.notes.append("the table has a time column: the sample rate that was given is not used")
         sparse = len(set(self._streams.values())) - (self.path.stem in self._streams.values())
@@ -248,7 +284,7 @@ class TableReader:
         if dropped:
             self.notes.append(f"{plural(dropped, 'row')} {NO_TIME}")
         for folds in self._folds.values():
-            self.notes += folds.notes()
+            self.notes += [note for note in folds.notes() if note not in self.notes]
         self._note_text()
         for name, cells in self._counts.items():
             if cells.bad and not cells.text:
@@ -262,6 +298,15 @@ class TableReader:
         for name, cells in self._counts.items():
             if cells.text:
                 self.unread[name] = self._why_unread(name, cells)
+
+
+def _chosen(
+    own: NDArray[np.bool_], stamps: dict[str, Stamps], values: dict[str, Values]
+) -> tuple[dict[str, Stamps], dict[str, Values]]:
+    """Return some of a batch's rows."""
+    if own.all():
+        return stamps, values
+    return {kind: times[own] for kind, times in stamps.items()}, {name: cells[own] for name, cells in values.items()}
 
 
 def _sample_columns(dialect: Dialect) -> list[pa.Array]:
