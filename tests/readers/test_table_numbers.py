@@ -69,6 +69,14 @@ def test_thousands_that_come_late_in_a_column_of_a_table_with_decimal_commas(tab
     assert any("the '.' in '1.002'" in note for note in recording.notes)
 
 
+def test_points_instead_of_decimal_commas_are_no_thousands(table):
+    """Where all numbers have decimals, 100.000 is 100: the clock would jump a thousandfold."""
+    times = [f"{i / 10:.3f}".replace(".", "," if i < 600 else ".") for i in range(1200)]
+    recording = table("time;a\n" + "".join(f"{time};{i}\n" for i, time in enumerate(times)))
+    assert recording.channel("a").stamps.tolist() == [i * S // 10 for i in range(1200)]
+    assert any("the '.' in '60.000' is read as a decimal mark" in note for note in recording.notes)
+
+
 def test_a_column_with_points_in_a_table_with_commas(table):
     """Three digits behind a zero are no thousands."""
     text = "time;a;b\n" + "".join(f"{i},5;0.{125 + i};{i},25\n" for i in range(9))

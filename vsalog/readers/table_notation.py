@@ -52,6 +52,8 @@ class Notation:
         Units that stand behind numbers where they are not all the same.
     hexadecimal : bool
         They are written ``1F``, so that those without letters would be read as others.
+    fraction : bool
+        Every number has a decimal comma, so that ``100.000`` is no thousand, but written with a decimal point.
     """
 
     decimal_comma: bool = False
@@ -62,9 +64,10 @@ class Notation:
     unit: str = ""
     mixed: str = ""
     hexadecimal: bool = False
+    fraction: bool = False
 
     def plain(self, cells: pa.Array) -> tuple[pa.Array, str]:
-        """Return cells with numbers as ``1234.5``, and the first that sets thousands apart by a point or comma, "" for none."""
+        """Return cells with numbers as ``1234.5``, and the first with a point or comma that (seemingly) sets thousands apart."""
         if self.hexadecimal:
             return pc.binary_join_element_wise("0x", cells, ""), ""
         if self.minus:
@@ -83,6 +86,8 @@ class Notation:
             at = pc.index(apart, True).as_py()
             if at >= 0:
                 example = str(cells[at].as_py())
+                if self.fraction:
+                    apart = pc.and_(apart, pc.fill_null(pc.match_substring(cells, ","), False))
                 cells = pc.if_else(apart, pc.replace_substring(cells, mark, ""), cells)
         return (_with_points(cells) if self.decimal_comma else cells), example
 
@@ -144,6 +149,7 @@ class _Column:
         self._fortran = any(_FORTRAN.match(number) for number in numbers)
         self._blanks = any(re.match(_BLANK_GROUPED, number) for number in numbers)
         self._grouped = False
+        self._numbers = len(numbers)
         self.commas = self.points = 0
         self.groups = {".": 0, ",": 0}
         for number in numbers:
@@ -170,7 +176,15 @@ class _Column:
         comma = self.mark == "," or (default and not self.mark)
         grouped = not comma and (self._grouped or self.groups[","] > 0)
         return Notation(
-            comma, grouped, self._blanks, self._fortran, self._minus, self._unit, self._mixed, self._hexadecimal
+            comma,
+            grouped,
+            self._blanks,
+            self._fortran,
+            self._minus,
+            self._unit,
+            self._mixed,
+            self._hexadecimal,
+            comma and self.commas == self._numbers > _CERTAIN,
         )
 
 

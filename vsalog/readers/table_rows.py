@@ -155,8 +155,13 @@ class Rows:
     def _thousands(self) -> Iterator[str]:
         """Yield what was taken for thousands."""
         for name, cell in self._grouped.items():
-            mark = "." if self._notations[name].decimal_comma else ","
-            yield f"column '{name}': the '{mark}' in '{printable_cell(cell)}' is read as setting thousands apart"
+            notation = self._notations[name]
+            mark = "." if notation.decimal_comma else ","
+            if notation.fraction and "," not in cell:
+                use = "as a decimal mark, for every number ahead has one"
+            else:
+                use = "as setting thousands apart"
+            yield f"column '{name}': the '{mark}' in '{printable_cell(cell)}' is read {use}"
 
 
 class _OddLines:
