@@ -141,7 +141,7 @@ class BagReader:
                 stamps = np.zeros(good.size, np.int64) if decoded.stamps is None else decoded.stamps[decoded.good]
                 if not delays.add(batch.stream, stamps, packet.log[good]):
                     return None
-        return None if delays.standing() else delays
+        return None if delays.standing() or delays.stepping else delays
 
     def _blocks(self, wanted: frozenset[str] | None, first_only: bool) -> Iterator[Block]:
         batches = self._batches(wanted)

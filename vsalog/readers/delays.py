@@ -11,6 +11,8 @@ from collections import Counter
 from collections.abc import Collection, Iterable
 from dataclasses import dataclass, field
 
+import numpy as np
+
 from vsalog.errors import ReadError
 from vsalog.readers.timing import ONE_DAY
 from vsalog.recording import Stamps
@@ -20,6 +22,9 @@ LEAST_BYTES = 64 * 2**20
 
 MARGIN = 10_000_000_000
 """So much farther than in the samples may stamps be from the log's times [ns]."""
+
+STEP = 100_000_000
+"""Where samples that follow one another are so much farther from the log's times [ns], a clock may have been set between them."""
 
 LEAST_SEEN = 8
 """Streams that are in fewer samples are read throughout."""
@@ -31,7 +36,8 @@ _LARGEST = 2**63 - 2
 class Delays:
     """Log time less header stamp [ns], from least to most, 0 included.
 
-    By stream, `seen` counts the samples, `rows` their messages, and `span` are their first and last stamp [ns].
+    By stream, `seen` counts the samples, `rows` their messages, `span` are their first and last stamp, and `level` is the median
+    of the last sample [ns]; of streams in `stepping` it changed at once, so that only the whole log tells which clock to believe.
     """
 
     least: int = 0
@@ -39,6 +45,8 @@ class Delays:
     seen: Counter[str] = field(default_factory=Counter)
     rows: Counter[str] = field(default_factory=Counter)
     span: dict[str, tuple[int, int]] = field(default_factory=dict)
+    level: dict[str, int] = field(default_factory=dict)
+    stepping: set[str] = field(default_factory=set)
 
     def add(self, stream: str, stamps: Stamps, log: Stamps) -> bool:
         """Take note of a sample, shape (n,) [ns] each; tells whether its stamps can be times at all."""
@@ -48,6 +56,9 @@ class Delays:
         if delay.max() > ONE_DAY or delay.min() < -ONE_DAY:
             return False
         self.least, self.most = min(self.least, int(delay.min())), max(self.most, int(delay.max()))
+        before, self.level[stream] = self.level.get(stream), int(np.median(delay))
+        if before is not None and abs(self.level[stream] - before) > STEP:
+            self.stepping.add(stream)
         self.seen[stream] += 1
         self.rows[stream] += stamps.size
         first, last = self.span.get(stream, (int(stamps[0]), int(stamps[0])))
