@@ -184,7 +184,7 @@ class _Column:
             self._unit,
             self._mixed,
             self._hexadecimal,
-            comma and self.commas == self._numbers > _CERTAIN,
+            comma and self.commas + self.groups[","] == self._numbers > _CERTAIN,
         )
 
 
