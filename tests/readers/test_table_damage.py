@@ -165,3 +165,19 @@ def test_an_odd_line_of_a_sound_compressed_table_ends_nothing(tmp_path):
     path = tmp_path / "log.csv.gz"
     path.write_bytes(gzip.compress("\n".join(["time,pos", *lines, ""]).encode()))
     assert len(read(path).channels["pos"].values) == 1999
+
+
+@pytest.mark.parametrize(("end", "rows"), [("5.0,1.2", 50), ("5.0,", 50), ("5.0,1.2500", 51), ("5.0,1.2\n", 51)])
+def test_a_last_number_that_was_cut_off_is_left_out(tmp_path, end, rows):
+    """1.2 would be no wonder, but all others have four decimals, and lines have ends."""
+    path = tmp_path / "log.csv"
+    path.write_text("time,pos\n" + "".join(f"{i / 10},{i / 16:.4f}\n" for i in range(50)) + end)
+    log = read(path)
+    assert len(log.channels["pos"].values) == rows
+    assert any("the last line is left out" in note for note in log.notes) == (rows == 50)
+
+
+def test_a_last_line_without_end_stays_where_numbers_are_of_any_length(tmp_path):
+    path = tmp_path / "log.csv"
+    path.write_text("time,pos\n" + "\n".join(f"{i / 10},{i}" for i in range(52)))
+    assert len(read(path).channels["pos"].values) == 52

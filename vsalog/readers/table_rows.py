@@ -18,6 +18,7 @@ from vsalog.readers.opened import is_text
 from vsalog.readers.table_dialect import Dialect
 from vsalog.readers.table_notation import Notation
 from vsalog.readers.table_quotes import heeding_quotes
+from vsalog.readers.table_tail import cut_off
 from vsalog.readers.table_text import NULLS, WHITESPACE, is_comment, split
 from vsalog.readers.table_words import WordLines
 from vsalog.readers.text_source import BoundedGzip, TextSource, open_text
@@ -104,7 +105,7 @@ class Rows:
         source: Any = text
         if plain:
             # Arrow reads ahead in a thread of its own. It must not need the interpreter, which may be gone by then at exit.
-            source = pa.memory_map(str(self._path)) if is_text(self._path) else file
+            source = self._mapped() if is_text(self._path) else file
         return pacsv.open_csv(
             source,
             read_options=pacsv.ReadOptions(
@@ -128,6 +129,16 @@ class Rows:
                 check_utf8=False,
             ),
         )
+
+    def _mapped(self) -> pa.NativeFile:
+        """Return the file, without a last line that is not whole."""
+        file = pa.memory_map(str(self._path))
+        last = cut_off(self._path, self._dialect.separator)
+        if not last:
+            return file
+        shown = printable_cell(last.decode("utf-8", "replace"))
+        self.notes.append(f"the last line is left out: it ends within its last number, with no end of line ('{shown}')")
+        return pa.BufferReader(file.read_buffer(file.size() - len(last)))
 
     def _without_run_on(self, batch: pa.RecordBatch) -> pa.RecordBatch:
         """Leave out rows that a stray quote runs into one another."""
