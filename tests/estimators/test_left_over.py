@@ -12,6 +12,7 @@ from command_line import vsalog_run
 
 from vsalog.estimators.left_over import (
     ACCELERATION,
+    POSITION,
     SPEED,
     followers,
     following,
@@ -34,13 +35,16 @@ def motion():
     return theta, speed, acceleration, phi
 
 
-def look(phi, torque, speed, blocks=(TIME.size,)):
+def look(phi, torque, speed, blocks=(TIME.size,), position=None):
     """The sums over a log of a linear spring, cut into blocks."""
     F, slopes, state = phi[:, None], np.ones((TIME.size, 1)), left_over_start(1)
+    position = np.zeros(TIME.size) if position is None else position
     use, starts = np.ones(TIME.size, dtype=bool), np.arange(TIME.size) == 0
     for begin, end in pairwise((0, *blocks)):
         cut = slice(begin, end)
-        state = left_over_block(state, F[cut], slopes[cut], torque[cut], speed[cut], use[cut], starts[cut], 51, PERIOD)
+        state = left_over_block(
+            state, F[cut], slopes[cut], torque[cut], (position[cut], speed[cut]), use[cut], starts[cut], 51, PERIOD
+        )
     return state
 
 
@@ -69,6 +73,17 @@ def test_a_late_encoder_is_found_with_its_delay():
     assert found[0].suspect == SPEED
     assert found[0].coefficient / found[0].stiffness == pytest.approx(late, rel=0.15)
     assert "the link's encoder" in following("joint 'a'", found, None)
+
+
+def test_a_wrong_gain_of_the_motor_s_encoder_is_found_with_its_size():
+    theta, speed, _, phi = motion()
+    # The encoder reads 3 % too far, so that the deflection comes out that much of the position smaller.
+    found = followers(
+        look(phi - 0.03 * theta, STIFFNESS * phi + noise(), 1.03 * speed, position=1.03 * theta), 0.001, 0.0
+    )
+    assert found[0].suspect == POSITION
+    assert found[0].coefficient / found[0].stiffness == pytest.approx(0.03, rel=0.05)
+    assert "the motor's encoder reading 2.9% too far" in following("joint 'a'", found, None)
 
 
 def test_nothing_is_told_of_a_spring_that_is_one():

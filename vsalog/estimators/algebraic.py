@@ -215,7 +215,7 @@ class AlgebraicEquation(OfOneTransmission):
             {self.view.name: {"residual": y}},
             doubted=doubted,
             bends=self.bends,
-            speed=_filtered(joined[:, -2], self.weights[1]),
+            motion=(_filtered(joined[:, -2], self.weights[0]), _filtered(joined[:, -2], self.weights[1])),
         )
         return (joined[joined.shape[0] - held.shape[0] :].copy(), origin, after), rows
 

@@ -30,7 +30,7 @@ class EquationRows:
     is, per transmission, what noise of its deflection does (`bend.py`). `walk` is the standard deviation of the steps of the
     random walk that white noise becomes in an integrated y (`walk.py`), 0 where y is no integral, and `period` [s] that of the
     samples of an integral, else None. `resting` is where the encoders rest (`resting.py`); None where they have no steps.
-    `speed` is the motor's, as late as F is: what is left over may follow it (`left_over.py`).
+    `motion` is the motor's position and speed, as late as F is: what is left over may follow these (`left_over.py`).
     """
 
     F: Array
@@ -46,7 +46,7 @@ class EquationRows:
     walk: float = 0.0
     period: float | None = None
     resting: Resting | None = None
-    speed: Array | None = None
+    motion: tuple[Array, Array] | None = None
 
 
 class Equation(Protocol):

@@ -94,8 +94,9 @@ class TorqueEquation:
         fed = {t.name: y if alone else np.full_like(y, np.nan) for t in self.transmissions}
         if not alone:
             fed["total"] = y
-        speed = block.fit.get(f"velocity:{self.transmissions[0].motor_position}")
-        rows = EquationRows(F, y, use, np.zeros_like(use), fed, {}, doubted=doubted, bends=self.bends, speed=speed)
+        motor = self.transmissions[0].motor_position
+        motion = (block.fit[motor], block.fit[f"velocity:{motor}"]) if motor in block.fit else None
+        rows = EquationRows(F, y, use, np.zeros_like(use), fed, {}, doubted=doubted, bends=self.bends, motion=motion)
         return tuple(states), rows
 
 
@@ -150,7 +151,7 @@ class ResidualEquation(OfOneTransmission):
             {self.view.name: {"residual": r_e}},
             doubted=doubted,
             bends=self.bends,
-            speed=block.fit[f"velocity:{self.view.motor_position}"],
+            motion=(block.fit[self.view.motor_position], block.fit[f"velocity:{self.view.motor_position}"]),
         )
         return (residual, lag, after, lagged_doubt[0]), rows
 

@@ -180,5 +180,7 @@ class RateEquation:
         if not alone:
             fed["total"] = torque
         # Differentiated like the rest.
-        speed = block.fit.get(f"acceleration:{self.transmissions[0].motor_position}")
-        return None, EquationRows(F, y, use, np.zeros_like(use), fed, {}, bends=self.bends, speed=speed)
+        motor = self.transmissions[0].motor_position
+        moves = f"velocity:{motor}", f"acceleration:{motor}"
+        motion = (block.fit[moves[0]], block.fit[moves[1]]) if moves[1] in block.fit else None
+        return None, EquationRows(F, y, use, np.zeros_like(use), fed, {}, bends=self.bends, motion=motion)

@@ -1,9 +1,10 @@
 """Whether what a fit leaves over follows the motion, as it does where the rig or a clock is wrong.
 
-A signal that is late by δ makes of the deflection q − θ one that is off by δ times the speed; a wrong inertia leaves its error
-times the acceleration. A fit of the stiffness takes for its own what it can of either, and is off without a word. The rest can be
-told: the equation is solved once more with the speed, and with the acceleration, among the regressors, and where that takes away
-much of what was left over, and moves the stiffness by more than is said of it, that is told.
+A signal that is late by δ makes of the deflection q − θ one that is off by δ times the speed, an encoder whose gain is off by a
+part one that is off by that part of the position; a wrong inertia leaves its error times the acceleration. A fit of the stiffness
+takes for its own what it can of either, and is off without a word. The rest can be told: the equation is solved once more with
+each of these among the regressors, and where that takes away much of what was left over, and moves the stiffness by more than is
+said of it, that is told.
 
 Equations are averaged over windows first. That leaves them as true as they are, takes most of the noise of differentiated
 encoders out of both sides alike, and makes accelerations differences of speeds. Noise that is left makes left-overs follow the
@@ -35,8 +36,8 @@ LONG, LEFT, REACH = 4, 0.6, 0.3
 # What is left over of a torque and does not average out: this part of it, of which so much is left in long averages (of white
 # noise a half), beyond so much of an encoder's step. More than all is left where the torque itself averages out.
 POOR, SLOW, COARSE = 0.05, (0.7, 1.1), 0.5
-SPEED, ACCELERATION = "speed", "acceleration"
-SUSPECTS = (SPEED, ACCELERATION)
+SPEED, ACCELERATION, POSITION = "speed", "acceleration", "position"
+SUSPECTS = (SPEED, ACCELERATION, POSITION)
 
 
 class LeftOverState(NamedTuple):
@@ -44,10 +45,10 @@ class LeftOverState(NamedTuple):
 
     Attributes
     ----------
-    box : shape (2 n + 4,), of the average that fills: F, slopes of the stiffness, y, speed; the speed it began with, and samples
-    N : shape (n + 3, n + 3), Σ z zᵀ of the averages z = (F, speed, acceleration, y)
-    long : shape (n + 4,), of the long average that fills: Σ z, and how many
-    M : shape (n + 3, n + 3), Σ z zᵀ of the long averages
+    box : shape (2 n + 5,), of the average that fills: F, slopes of the stiffness, y, speed, position; its first speed, samples
+    N : shape (n + 4, n + 4), Σ z zᵀ of the averages z = (F, speed, acceleration, position, y)
+    long : shape (n + 5,), of the long average that fills: Σ z, and how many
+    M : shape (n + 4, n + 4), Σ z zᵀ of the long averages
     H : shape (n, n), Σ s sᵀ of the slopes
     averages : shape (1,), how many
     """
@@ -82,65 +83,71 @@ class Follower:
 
 def left_over_start(n: int) -> LeftOverState:
     """Return the state before the first sample."""
-    squares = np.zeros((n + 3, n + 3))
-    return LeftOverState(np.zeros(2 * n + 4), squares, np.zeros(n + 4), squares.copy(), np.zeros((n, n)), np.zeros(1))
+    squares = np.zeros((n + 4, n + 4))
+    return LeftOverState(np.zeros(2 * n + 5), squares, np.zeros(n + 5), squares.copy(), np.zeros((n, n)), np.zeros(1))
 
 
 def left_over_block(
-    state: LeftOverState, F: Array, slopes: Array, y: Array, speed: Array, use: Flags, starts: Flags, window: int, period: float
+    state: LeftOverState, F: Array, slopes: Array, y: Array, motion: tuple[Array, Array], use: Flags, starts: Flags, window: int,
+    period: float,
 ) -> LeftOverState:  # fmt: skip
     """Go on with the sums.
 
     Parameters
     ----------
     F, slopes : shape (N, n), regressors and their derivatives by the deflection
-    y, speed : shape (N,), what they add up to, and the motor's speed [rad/s]
+    y : shape (N,), what they add up to
+    motion : shape (N,) each, the motor's position [rad] and speed [rad/s]
     use, starts : shape (N,), samples that are learnt from, and those before which one is missing
     window : samples of the filter before
     period : [s]
     """
     new = LeftOverState(*(part.copy() for part in state))
-    _run(F, slopes, y, speed, use & np.isfinite(speed), starts, max(window, BOX), period, *new)
+    position, speed = motion
+    use = use & np.isfinite(position) & np.isfinite(speed)
+    _run(F, slopes, y, position, speed, use, starts, max(window, BOX), period, *new)
     return new
 
 
 @njit(cache=True, error_model="numpy", nogil=True)
 def _run(
-    F: Array, slopes: Array, y: Array, speed: Array, use: Flags, starts: Flags, window: int, period: float,
+    F: Array, slopes: Array, y: Array, position: Array, speed: Array, use: Flags, starts: Flags, window: int, period: float,
     box: Array, N: Array, long: Array, M: Array, H: Array, averages: Array,
 ) -> None:  # fmt: skip
     n = F.shape[1]
-    z = np.empty(n + 3)
+    z = np.empty(n + 4)
     for k in range(F.shape[0]):
         if starts[k] or not use[k]:
             box[:], long[:] = 0.0, 0.0
         if not use[k]:
             continue
-        if box[2 * n + 3] == 0.0:
-            box[2 * n + 2] = speed[k]
+        if box[2 * n + 4] == 0.0:
+            box[2 * n + 3] = speed[k]
         for i in range(n):
             box[i] += F[k, i]
             box[n + i] += slopes[k, i]
         box[2 * n] += y[k]
         box[2 * n + 1] += speed[k]
-        box[2 * n + 3] += 1.0
-        count = box[2 * n + 3]
+        box[2 * n + 2] += position[k]
+        box[2 * n + 4] += 1.0
+        count = box[2 * n + 4]
         if count < window:
             continue
         for i in range(n):
             z[i] = box[i] / count
         z[n] = box[2 * n + 1] / count
         # From the first sample to the last: a period less than what is averaged.
-        z[n + 1] = (speed[k] - box[2 * n + 2]) / ((count - 1.0) * period)
-        z[n + 2] = box[2 * n] / count
-        for i in range(n + 3):
+        z[n + 1] = (speed[k] - box[2 * n + 3]) / ((count - 1.0) * period)
+        z[n + 2] = box[2 * n + 2] / count
+        z[n + 3] = box[2 * n] / count
+        for i in range(n + 4):
             long[i] += z[i] / LONG
-            for j in range(n + 3):
+            for j in range(n + 4):
                 N[i, j] += z[i] * z[j]
-        long[n + 3] += 1.0
-        if long[n + 3] == LONG:
-            for i in range(n + 3):
-                for j in range(n + 3):
+        long[n + 4] += 1.0
+        if long[n + 4] == LONG:
+            for i in range(n + 4):
+                for j in range(n + 4):
                     M[i, j] += long[i] * long[j]
             long[:] = 0.0
         for i in range(n):
@@ -227,6 +234,10 @@ def _causes(found: Follower, motor: tuple[float, float] | None) -> str:
             causes.append(f"{k:.3g} N·m·s/rad of damping that the rig does not have")
         elif motor is not None and motor[1] - k >= 0.0:
             causes.append(f"a motor's damping of {motor[1] - k:.3g} N·m·s/rad, not {motor[1]:.3g}")
+    elif found.suspect == POSITION:
+        causes.append(
+            f"the motor's encoder reading {abs(k) / found.stiffness:.1%} too {'far' if k > 0.0 else 'little'}"
+        )
     elif motor is None and k > 0.0:
         causes.append(f"an inertia of {k:.3g} kg·m² between spring and torque sensor")
     elif motor is not None and motor[0] - k > 0.0:

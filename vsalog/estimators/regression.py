@@ -188,11 +188,11 @@ class RegressionFold:
         E, spread, where = self._functionals(equation, rows, block)
         use = rows.use & state.learning
         solver_state, values, variances, unknowns, extra = self.solver.block(solver_state, rows, use, E, spread)
-        if rows.speed is not None:
+        if rows.motion is not None:
             names = tuple(view.name for view in equation.transmissions)
             state.left_over[names] = left_over_block(
                 state.left_over.get(names, left_over_start(equation.size)),
-                rows.F, E[:, 4 * len(names)], rows.y, rows.speed, use, block.rows.starts, self.conditioner.window,
+                rows.F, E[:, 4 * len(names)], rows.y, rows.motion, use, block.rows.starts, self.conditioner.window,
                 block.rows.period,
             )  # fmt: skip
         if rows.resting is not None:
