@@ -243,6 +243,24 @@ def test_a_file_of_a_bag_that_may_not_be_read(tmp_path, monkeypatch, closed):
     assert any((words if closed == "bag_1.mcap" else "no readable metadata.yaml") in note for note in recording.notes)
 
 
+@pytest.mark.parametrize(
+    "text",
+    [
+        "",
+        "- 1\n",
+        "rosbag2_bagfile_information:\n  version: 5\n",
+        "a:\n  relative_file_paths: [other.db3]\n",
+        "a: [b\n",
+    ],
+)
+def test_metadata_that_name_no_file_do_not_hide_the_bag(tmp_path, text):
+    folder = write_bag2(tmp_path / "bag", rosbag2.StoragePlugin.SQLITE3)
+    (folder / "metadata.yaml").write_text(text)
+    recording = read(folder)
+    check(recording)
+    assert any("metadata.yaml names no files" in note and "took 1 file" in note for note in recording.notes)
+
+
 def test_a_folder_with_metadata_only(tmp_path):
     (tmp_path / "metadata.yaml").write_text("rosbag2_bagfile_information:\n")
     with pytest.raises(ReadError, match="no bag files"):
@@ -262,8 +280,9 @@ def test_a_database_with_a_log_of_changes_not_written_back(tmp_path):
 
 
 @pytest.fixture
-def unfinished(tmp_path):
+def unfinished(tmp_path, request):
     """A bag whose recorder was killed: part of it is in a log of changes."""
+    left = ("", "-wal", *getattr(request, "param", ()))
     folder = write_bag2(tmp_path / "bag", rosbag2.StoragePlugin.SQLITE3)
     (path,) = (path for path in folder.iterdir() if path.name != "metadata.yaml")
     writer = sqlite3.connect(path)
@@ -274,8 +293,8 @@ def unfinished(tmp_path):
     writer.commit()
     killed = tmp_path / "killed"
     killed.mkdir()
-    for name in (path.name, f"{path.name}-wal"):
-        shutil.copy(path.with_name(name), killed / name)
+    for ending in left:
+        shutil.copy(f"{path}{ending}", killed / f"{path.name}{ending}")
     writer.close()
     return killed / path.name
 
@@ -284,6 +303,7 @@ def contents(folder):
     return {path.name: path.read_bytes() for path in folder.iterdir()}
 
 
+@pytest.mark.parametrize("unfinished", [(), ("-shm",)], indirect=True)
 @pytest.mark.parametrize("how", ["alone", "folder", "sample", "repaired", "read-only"])
 def test_nothing_is_left_beside_a_database(unfinished, monkeypatch, how):
     folder, before = unfinished.parent, contents(unfinished.parent)

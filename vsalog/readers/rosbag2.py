@@ -227,16 +227,15 @@ def _bag_files(folder: Path, notes: list[str]) -> list[Path]:
     """
     candidates = _candidates(folder)
     listed = _listed_in(folder / METADATA)
-    if listed is None:
+    if not listed and (candidates or listed is None):
         if len({_bag_name(path) for path in candidates}) > 1:
             raise ReadError(
-                f"{folder}: is a folder of several logs, no single bag (it has no readable {METADATA}): name one of"
+                f"{folder}: is a folder of several logs, no single bag (it has no {METADATA} that names them): name one of"
                 f" {_listed(candidates)}"
             )
-        notes.append(
-            f"there is no readable {METADATA} (was the recording cut off?): took {plural(len(candidates), 'file')},"
-            f" {_listed(candidates)}"
-        )
+        lack = f"there is no readable {METADATA}" if listed is None else f"{METADATA} names no files"
+        took = f"took {plural(len(candidates), 'file')}, {_listed(candidates)}"
+        notes.append(f"{lack} (was the recording cut off?): {took}")
         if skipped := _skipped_numbers(candidates):
             notes.append(f"{plural(len(skipped), 'file')} of the bag missing, by the numbers: {', '.join(skipped[:5])}")
         _note_others(folder, candidates, notes)
