@@ -181,3 +181,12 @@ def test_a_last_line_without_end_stays_where_numbers_are_of_any_length(tmp_path)
     path = tmp_path / "log.csv"
     path.write_text("time,pos\n" + "\n".join(f"{i / 10},{i}" for i in range(52)))
     assert len(read(path).channels["pos"].values) == 52
+
+
+@pytest.mark.parametrize("hole", [300, 5000])
+def test_a_hole_of_zeros_costs_a_line(tmp_path, hole):
+    """Power failed while blocks of the file were not yet written."""
+    path = tmp_path / "log.csv"
+    text = "time,pos\n" + "".join(f"{i / 10},{i}\n" for i in range(200))
+    path.write_bytes(text[:700].encode() + bytes(hole) + text[700:].encode())
+    assert len(read(path).channels["pos"].values) == 199

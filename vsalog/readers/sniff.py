@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
 
 from vsalog.errors import ReadError
@@ -116,8 +117,15 @@ def looks_like_text(head: bytes) -> bool:
         return True
     if head.count(0) > len(head) // 4 and _zeros_alternate(head):
         return True  # UTF-16 without its mark
+    if head[0] and b"\n" in head:
+        head = without_holes(head)
     control = sum(byte < 32 and byte not in b"\t\n\v\f\r\x1b" for byte in head)
     return 0 not in head and 20 * control < len(head)
+
+
+def without_holes(text: bytes) -> bytes:
+    """Return text without runs of zeros, which files are left with that were being written when power failed."""
+    return re.sub(rb"\0{16,}", b"", text)
 
 
 def _zeros_alternate(head: bytes) -> bool:

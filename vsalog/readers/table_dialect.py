@@ -8,6 +8,7 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 from vsalog.readers.headers import printable_cell, unique_names
+from vsalog.readers.sniff import without_holes
 from vsalog.readers.table_header import find_header, join_torn_names, without_labview_head
 from vsalog.readers.table_notation import Notation, find_notations
 from vsalog.readers.table_text import SEPARATORS, WHITESPACE, is_comment, is_value, most_common_width, split
@@ -130,6 +131,7 @@ def detect_encoding(head: bytes) -> str:
         return "utf-8-sig"
     if head.startswith((codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)):
         return "utf-16"
+    head = without_holes(head)
     if head[1::2].count(0) > len(head) // 4:
         return "utf-16-le"
     if head[0::2].count(0) > len(head) // 4:
