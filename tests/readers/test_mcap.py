@@ -152,7 +152,22 @@ def test_json_messages(tmp_path):
     np.testing.assert_array_equal(recording.channel("/json.deep.x[0]").values, 1)
     assert recording.channel("/json.q[a]").stamps.tolist() == [1_700_000_000 * 10**9 + i * MS for i in range(3)]
     assert recording.unread["/json.s"] == "text"
-    assert any("1 of 4 messages" in note for note in recording.notes)
+    assert any("1 of 4 messages are no JSON objects" in note for note in recording.notes)
+
+
+def test_json_with_numbers_that_json_has_not(tmp_path):
+    log = McapLog(profile="")
+    for i, value in enumerate((1.0, float("nan"), float("-inf"))):
+        log.add_json("/json", {"q": value, "i": i, "s": "NaN"}, START + i)
+        log.add_json("/nan", {"q": float("nan")}, START + i)
+    log.raw(log.channel("/json", "", encoding="json"), b'{"q": NaN', START + 9)
+    log.raw(log.channel("/broken", "", encoding="json"), b"[NaN]", START)
+    recording = read(log.save(tmp_path / "log"))
+    np.testing.assert_array_equal(recording.channel("/json.q").values, [1, np.nan, -np.inf])
+    np.testing.assert_array_equal(recording.channel("/json.i").values, [0, 1, 2])
+    assert np.isnan(recording.channel("/nan.q").values).all()
+    assert recording.unread["/broken"] == "no message is a JSON object"
+    assert any("1 of 4 messages are no JSON objects" in note for note in recording.notes)
 
 
 def test_one_topic_with_two_types(tmp_path):

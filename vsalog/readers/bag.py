@@ -308,6 +308,7 @@ class BagReader:
 
     def _report(self, batches: Mapping[int, _Batch], total: Counter[str], damaged: Counter[str]) -> None:
         expected: Counter[str] = Counter()
+        misfit = {batch.stream: batch.decoder.misfit for batch in batches.values()}
         for batch in batches.values():
             expected[batch.stream] += batch.expected
         for stream in expected:
@@ -315,12 +316,11 @@ class BagReader:
                 if not self._narrowed or (not expected[stream] and self._container.counts()):
                     self.unread.setdefault(stream, "no messages")
                 continue
+            misfits, fit = misfit[stream]
             if damaged[stream]:
-                self.unfit[stream] = (
-                    f"{stream}: {damaged[stream]} of {plural(total[stream], 'message')} do not fit the definition in the log"
-                )
+                self.unfit[stream] = f"{stream}: {damaged[stream]} of {plural(total[stream], 'message')} {misfits}"
             if damaged[stream] == total[stream]:
-                self.unread.setdefault(stream, "no message fits the definition in the log")
+                self.unread.setdefault(stream, f"no message {fit}")
             elif damaged[stream]:
                 note = f"{self.unfit[stream]} and were left out"
                 if note not in self.notes:

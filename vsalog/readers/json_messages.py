@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Collection
 from typing import Any
 
@@ -29,6 +30,8 @@ class JsonDecoder:
         Channels to decode; None is all of them.
     """
 
+    misfit = ("are no JSON objects", "is a JSON object")
+
     def __init__(self, prefix: str, wanted: Collection[str] | None) -> None:
         self.prefix = prefix
         self.wanted = wanted
@@ -46,7 +49,7 @@ class JsonDecoder:
             try:
                 message = decoder.decode(raw)
             except (msgspec.DecodeError, UnicodeDecodeError, RecursionError):
-                continue
+                message = _with_nan(raw)
             if isinstance(message, dict):
                 self._message(message, i, count, result)
         return result
@@ -103,6 +106,16 @@ class JsonDecoder:
             return
         for i, child in enumerate(value):
             self._flatten(child, f"{path}[{labels[i] if labels else i}]", found, depth + 1)
+
+
+def _with_nan(raw: bytes) -> Any:
+    """Return what is in a message that has the numbers NaN or Infinity, as Python writes them and JSON has none; else None."""
+    if b"NaN" not in raw and b"Infinity" not in raw:
+        return None
+    try:
+        return json.loads(raw)
+    except (ValueError, RecursionError):
+        return None
 
 
 def _header_stamp(message: dict[str, Any]) -> int | None:

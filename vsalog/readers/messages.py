@@ -72,15 +72,21 @@ class Decoded:
         return room
 
 
+MISFIT = ("do not fit the definition in the log", "fits the definition in the log")
+
+
 class Decoder(Protocol):
     """Decodes the messages of one type.
 
     `unread` collects fields that are no signal, by full name, with the reason; `stamped` tells that messages may have a
-    time stamp of their own.
+    time stamp of their own; `misfit` says of messages that cannot be decoded what they are not, and of one what it should be.
     """
 
     unread: dict[str, str]
     stamped: bool
+
+    @property
+    def misfit(self) -> tuple[str, str]: ...  # noqa: D102
 
     def decode(self, messages: Messages) -> Decoded:
         """Decode a batch of messages."""
@@ -124,6 +130,8 @@ class RosDecoder:
     one_by_one : bool
         For tests: every message is walked by compiled loops.
     """
+
+    misfit = MISFIT
 
     def __init__(
         self,

@@ -11,7 +11,7 @@ import numpy as np
 from vsalog.printable import printable
 from vsalog.readers.base import MAX_ARRAY
 from vsalog.readers.layout import MAX_FIELDS, best_label_field
-from vsalog.readers.messages import Decoded
+from vsalog.readers.messages import MISFIT, Decoded
 from vsalog.readers.packets import Messages
 from vsalog.readers.protobuf_types import message_class
 
@@ -64,6 +64,8 @@ class ProtobufDecoder:
     DefinitionError
         The descriptors cannot be understood, or the package ``protobuf`` is not installed.
     """
+
+    misfit = MISFIT
 
     def __init__(self, name: str, descriptors: bytes, prefix: str, wanted: Collection[str] | None) -> None:
         self.prefix = prefix
