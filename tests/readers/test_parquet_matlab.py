@@ -39,7 +39,7 @@ def test_columns_types_and_units(tmp_path):
         "n [N*m]": pa.array([1, 2, 3, 4], pa.int32()),
         "on": pa.array([True, False, True, True]),
         "mode": pa.array(["a", "b", "c", "d"]),
-        "list": pa.array([[1], [2], [3], [4]]),
+        "list": pa.array([["a"], ["b"], ["c"], ["d"]]),
     }
     path = parquet(tmp_path, columns, {"stamp": "ns", "q": "rad"})
     recording = read(path)

@@ -15,11 +15,13 @@ from vsalog.errors import ReadError
 from vsalog.printable import printable
 from vsalog.readers.base import NO_TIME, Block, Catalogue, ChannelInfo, first_of_each, plural
 from vsalog.readers.headers import printable_cell, unique_names
+from vsalog.readers.parquet_flat import FlatRows
 from vsalog.readers.parquet_footer import footer_trouble
 from vsalog.readers.parquet_rows import ParquetRows
 from vsalog.readers.row_clock import ROW_NOTE, row_clock
-from vsalog.readers.time_columns import ClockPlan, find_clocks, nanoseconds
+from vsalog.readers.time_columns import ClockPlan, find_clocks, folds_of, nanoseconds
 from vsalog.readers.time_dates import in_nanoseconds
+from vsalog.readers.time_folds import Folds
 from vsalog.recording import Stamps, Values
 from vsalog.units import split_header
 
@@ -53,12 +55,15 @@ class ParquetReader:
         self.notes: list[str] = []
         self.unread: dict[str, str] = {}
         try:
-            self._rows = ParquetRows(path)
+            rows = ParquetRows(path)
         except (pa.ArrowException, OSError, UnicodeError) as error:  # a column's name may have become no text
             words = printable(str(error).strip())[:200]
             raise ReadError(f"{path}: the Parquet file cannot be read: {footer_trouble(path) or words}") from error
-        if not any(group.rows for group in self._rows.groups):
+        if not any(group.rows for group in rows.groups):
             raise ReadError(f"{path}: the Parquet file holds no rows")
+        self._rows = FlatRows(rows)
+        # Columns of which the footer does not say that no cell is empty.
+        self._gaps = {chunk.path for group in rows.groups for chunk in group.chunks if chunk.nulls != 0}
         schema = self._rows.schema
         pairs = [split_header(name) for name in schema.names]
         counted: Counter[str] = Counter()
@@ -69,6 +74,7 @@ class ParquetReader:
         self._names = unique_names([name for name, _ in pairs])
         self._units = [_unit(schema.field(i)) or unit for i, (_, unit) in enumerate(pairs)]
         self._plan = self._find_clocks(rate)
+        self._folds: dict[tuple[str, str | None], Folds] = {}
         self._keys = [
             schema.names.index(key) for key in KEYS if schema.names.count(key) == 1 and _is_text(schema.field(key).type)
         ]
@@ -123,13 +129,13 @@ class ParquetReader:
         """
         self.unread.update(self._text_columns())
         self._note_clock()
+        self._folds = {}
         parts = self._parts()
         columns = [
             i for i in self._number_columns() if wanted is None or any(self._name(i, part) in wanted for part in parts)
         ]
         schema = self._rows.schema
-        gaps = self._with_gaps()
-        streams = [(members, self._tellers(members, gaps)) for members in self._by_stream(columns)]
+        streams = [(members, self._tellers(members)) for members in self._by_stream(columns)]
         read = {*columns, *self._plan.columns(), *self._keys, *(i for _, tellers in streams for i in tellers)}
         needed = [schema.names[i] for i in sorted(read)] or schema.names[:1]
         dropped = 0
@@ -142,6 +148,7 @@ class ParquetReader:
                 dropped += missing
         if dropped:
             self.notes.append(f"{plural(dropped, 'row')} {NO_TIME}")
+        self.notes += dict.fromkeys(note for folds in self._folds.values() for note in folds.notes())
 
     def _batches(self, columns: list[str]) -> Iterator[tuple[int, pa.RecordBatch]]:
         """Yield the number of the first row and the rows; what is damaged is noted.
@@ -170,6 +177,8 @@ class ParquetReader:
         for kind, clock in self._plan.clocks.items():
             cells = [self._cells(batch, i) for i in clock.columns]
             stamps[kind], valid = nanoseconds(cells, clock.form)
+            if isinstance(folds := self._folds.get((kind, part), folds_of(clock.form)), Folds):
+                stamps[kind] = self._folds.setdefault((kind, part), folds).unfold(stamps[kind], valid)
             good &= valid
         values: dict[str, Values] = {}
         units: dict[str, str] = {}
@@ -197,20 +206,16 @@ class ParquetReader:
             streams.setdefault(self._streams[i], []).append(i)
         return list(streams.values()) or [[]]
 
-    def _tellers(self, columns: list[int], gaps: set[str]) -> list[int]:
+    def _tellers(self, columns: list[int]) -> list[int]:
         """Return the columns that tell which rows there are for the stream of some columns; none where all are.
 
         A row is there for a stream where any of its columns has a sample, whichever of them are wanted.
         """
         if not columns or not _text(self._rows.schema.field(columns[0]).metadata, STREAM):
             return []
-        if not gaps.issuperset(self._places[i][0] for i in columns):
+        if not self._gaps.issuperset(self._places[i][0] for i in columns):
             return []
         return [i for i in self._number_columns() if self._streams[i] == self._streams[columns[0]]]
-
-    def _with_gaps(self) -> set[str]:
-        """Return the names of the columns of which the footer does not say that no cell is empty."""
-        return {chunk.path for group in self._rows.groups for chunk in group.chunks if chunk.nulls != 0}
 
     def _cells(self, batch: pa.RecordBatch, column: int) -> pa.Array:
         """Return a column of a batch, by the file's own number: several may have one name."""

@@ -1,0 +1,59 @@
+"""Parquet files with structures and lists, and with clocks in parts."""
+
+from __future__ import annotations
+
+import datetime as dt
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.parquet as pq
+import pytest
+
+from vsalog.readers import read
+
+N = 1000
+TIME = np.arange(N) / 100
+
+
+def stored(tmp_path, **columns):
+    path = tmp_path / "log.parquet"
+    pq.write_table(pa.table(columns), path, row_group_size=300)
+    return read(path)
+
+
+def test_members_of_structures_are_channels(tmp_path):
+    stamps = [{"stamp": {"sec": 1_700_000_000 + i // 100, "nanosec": i % 100 * 10**7}} for i in range(N)]
+    states = [None if i == 500 else {"pos": i, "inner": {"x": -i}} for i in range(N)]
+    log = stored(tmp_path, header=stamps, js=states)
+    assert list(log.channels) == ["js.pos", "js.inner.x"]
+    assert log.channels["js.pos"].stamps[101] == 1_700_000_001_010_000_000
+    expected = np.where(np.arange(N) == 500, np.nan, -np.arange(N))
+    np.testing.assert_array_equal(log.channels["js.inner.x"].values, expected)
+
+
+@pytest.mark.parametrize("kind", [pa.list_(pa.float64()), pa.list_(pa.float64(), 2), pa.large_list(pa.float32())])
+def test_elements_of_lists_are_channels(tmp_path, kind):
+    log = stored(tmp_path, time=TIME, pos=pa.array([None if i == 400 else [i, 2 * i] for i in range(N)], kind))
+    for k in range(2):
+        expected = np.where(np.arange(N) == 400, np.nan, (k + 1) * np.arange(N))
+        np.testing.assert_array_equal(log.channels[f"pos[{k}]"].values, expected)
+
+
+def test_lists_that_become_longer_are_told(tmp_path):
+    log = stored(tmp_path, time=TIME, pos=[[i] if i % 3 else [] for i in range(N - 1)] + [[1.0, 2.0, 3.0]])
+    assert list(log.channels) == ["pos[0]"]
+    assert np.count_nonzero(np.isnan(log.channels["pos[0]"].values)) == N // 3
+    assert any("only the first 1 of up to 3 elements" in note for note in log.notes)
+
+
+@pytest.mark.parametrize("dated", [True, False])
+def test_a_time_of_day_goes_on_at_midnight(tmp_path, dated):
+    """Beside a date or alone."""
+    moments = [dt.datetime(2026, 1, 31, 23, 59, 58) + dt.timedelta(seconds=i / 100) for i in range(N)]
+    days = {"date": [moment.date() for moment in moments]} if dated else {}
+    log = stored(tmp_path, **days, time=[moment.time() for moment in moments], pos=TIME)
+    pos = log.channels["pos"]
+    assert (np.diff(pos.stamps) == 10**7).all()
+    assert len(pos.values) == N
+    assert log.absolute_time == dated
+    assert any("at midnight" in note for note in log.notes) != dated

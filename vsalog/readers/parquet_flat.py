@@ -1,0 +1,135 @@
+"""The rows of a Parquet file with a plain column for every value that structures and lists hold."""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Iterator
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.compute as pc
+
+from vsalog.readers.base import MAX_ARRAY
+from vsalog.readers.headers import printable_cell
+from vsalog.readers.parquet_rows import ParquetRows
+
+
+class FlatRows:
+    """Batches of a `ParquetRows`: ``js.pos`` for a member of a structure, ``pos[0]`` for an element of a list.
+
+    Dates and times of day are text, to be read as those of text tables are. Lists have as many columns as the longest of the
+    first rows has elements.
+
+    Parameters
+    ----------
+    rows : ParquetRows
+        The file.
+
+    Attributes
+    ----------
+    schema : pyarrow Schema
+        Of the plain columns.
+    """
+
+    def __init__(self, rows: ParquetRows) -> None:
+        self._rows = rows
+        self._sizes: dict[str, int] = {}
+        self._longer: dict[str, int] = {}
+        nested = any(pa.types.is_nested(field.type) for field in rows.schema)
+        if nested:
+            for field, cells in zip(rows.schema, rows.sample(), strict=False):
+                self._measure(field.name, field.type, cells)
+        columns = [list(self._flat(field, None)) for field in rows.schema]
+        names = [one.name for column in columns for one, _ in column]
+        self._plain = nested and len(set(names)) < len(names)  # names that would be those of others
+        if self._plain:
+            columns = [[(field, None)] for field in rows.schema]
+        self.schema = pa.schema([one for column in columns for one, _ in column], rows.schema.metadata)
+        owners = zip(rows.schema.names, columns, strict=True)
+        self._owners = {one.name: owner for owner, column in owners for one, _ in column}
+
+    @property
+    def notes(self) -> list[str]:
+        """What cannot be read, and what was left out of lists."""
+        return self._rows.notes + [
+            f"column '{printable_cell(name)}': only the first {self._sizes[name]} of up to {longest} elements are read, as many"
+            " as the first rows have"
+            for name, longest in self._longer.items()
+        ]
+
+    def sample(self) -> list[pa.Array | None]:
+        """Return the first rows of each column that can be read, None for one of which none can."""
+        found: list[pa.Array | None] = []
+        for field, cells in zip(self._rows.schema, self._rows.sample(), strict=False):
+            empty = cells is None
+            flat = self._columns(field, pa.nulls(0, field.type) if empty else cells)
+            found += [None if empty else column for _, column in flat]
+        return found
+
+    def batches(self, columns: list[str], required: Collection[str]) -> Iterator[tuple[int, pa.RecordBatch]]:
+        """Yield the number of the first row and the rows, see `ParquetRows.batches`.
+
+        Raises
+        ------
+        ReadError
+            One of the required columns, or all others, cannot be read at all.
+        """
+        read = list(dict.fromkeys(self._owners[name] for name in columns))
+        for row, batch in self._rows.batches(read, {self._owners[name] for name in required}):
+            fields = (self._rows.schema.field(i) for i, name in enumerate(self._rows.schema.names) if name in read)
+            flat = [
+                one for field, cells in zip(fields, batch.columns, strict=True) for one in self._columns(field, cells)
+            ]
+            yield row, pa.RecordBatch.from_arrays([cells for _, cells in flat], [field.name for field, _ in flat])
+
+    def _columns(self, field: pa.Field, cells: pa.Array) -> list[tuple[pa.Field, pa.Array]]:
+        return [(field, cells)] if self._plain else list(self._flat(field, cells))
+
+    def _measure(self, name: str, kind: pa.DataType, cells: pa.Array | None) -> None:
+        """Find out how long the lists are."""
+        if cells is None:
+            return
+        if pa.types.is_struct(kind):
+            for member, part in zip(kind, cells.flatten(), strict=True):
+                self._measure(f"{name}.{member.name}", member.type, part)
+        elif pa.types.is_list(kind) or pa.types.is_large_list(kind):
+            self._sizes[name] = pc.max(pc.list_value_length(cells)).as_py() or 0
+
+    def _flat(self, field: pa.Field, cells: pa.Array | None) -> Iterator[tuple[pa.Field, pa.Array]]:
+        """Yield the plain columns of one of the file's, without cells where there are none."""
+        name, kind = field.name, field.type
+        if pa.types.is_struct(kind) and kind.num_fields:
+            members = cells.flatten() if cells is not None else [None] * kind.num_fields
+            for member, part in zip(kind, members, strict=True):
+                yield from self._flat(member.with_name(f"{name}.{member.name}"), part)
+        elif (size := self._elements(name, kind)) and _is_number(kind.value_type):
+            if cells is not None and name in self._sizes:
+                longest = pc.max(pc.list_value_length(cells)).as_py() or 0
+                if longest > max(size, self._longer.get(name, 0)):
+                    self._longer[name] = longest
+            for k in range(size):
+                plain = pa.field(f"{name}[{k}]", kind.value_type, metadata=field.metadata)
+                yield plain, None if cells is None else _element(cells, k)
+        elif pa.types.is_time(kind) or pa.types.is_date(kind):
+            yield field.with_type(pa.string()), None if cells is None else pc.cast(cells, pa.string())
+        else:
+            yield field, cells
+
+    def _elements(self, name: str, kind: pa.DataType) -> int:
+        """Return how many elements of a list have a column, 0 for what is no list or no signal."""
+        size = kind.list_size if pa.types.is_fixed_size_list(kind) else self._sizes.get(name, 0)
+        return size if size <= MAX_ARRAY else 0
+
+
+def _is_number(kind: pa.DataType) -> bool:
+    return bool(pa.types.is_integer(kind) or pa.types.is_floating(kind) or pa.types.is_boolean(kind))
+
+
+def _element(lists: pa.Array, k: int) -> pa.Array:
+    """Return an element of each list, null where there is none."""
+    if pa.types.is_fixed_size_list(lists.type):
+        return pc.list_element(lists, k)
+    there = np.asarray(
+        pc.fill_null(pc.greater(pc.list_value_length(lists), k), False).to_numpy(zero_copy_only=False), bool
+    )
+    begins = lists.offsets.to_numpy()[:-1].astype(np.int64)
+    return lists.values.take(pa.array(np.where(there, begins + k, 0), mask=~there))
