@@ -91,7 +91,7 @@ def numbers(store, message, name, path=""):
             (sub, what), _ = detail
             if int(sub) == BASIC and what[0] == "string":
                 continue
-            labels = labels_for(store, message, name, len(value))
+            labels = labels_for(store, message, name, len(value)) or own_names(store, value, sub, what)
             if len(value) > 64 and labels is None:
                 continue
             for i, element in enumerate(value):
@@ -143,6 +143,19 @@ def labels_for(store, message, name, count):
         if len(labels) == count and count and all(labels) and len(set(labels)) == count:
             return labels
     return None
+
+
+def own_names(store, value, sub, what):
+    """Return the names of the elements of an array of messages, where they tell them apart."""
+    if (
+        int(sub) != MESSAGE
+        or what in TIMES
+        or ("name", (BASIC, ("string", 0)))
+        not in [(field, (int(kind), detail)) for field, (kind, detail) in store.fielddefs[what][1]]
+    ):
+        return None
+    names = [element.name for element in value]
+    return names if all(names) and len(set(names)) == len(names) else None
 
 
 def same_number(a, b):

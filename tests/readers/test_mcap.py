@@ -155,6 +155,21 @@ def test_json_messages(tmp_path):
     assert any("1 of 4 messages are no JSON objects" in note for note in recording.notes)
 
 
+def test_json_objects_that_tell_their_names(tmp_path):
+    log = McapLog(profile="")
+    for i in range(4):
+        joints = [{"name": "a", "pos": i}, {"name": "b", "pos": 10 + i}]
+        log.add_json(
+            "/json",
+            {"joints": joints[:: (-1) ** i], "other": [{"name": "x", "q": 1}, {"name": "x", "q": 2}]},
+            START + i,
+        )
+    recording = read(log.save(tmp_path / "log"))
+    np.testing.assert_array_equal(recording.channel("/json.joints[a].pos").values, np.arange(4))
+    np.testing.assert_array_equal(recording.channel("/json.joints[b].pos").values, np.arange(10, 14))
+    np.testing.assert_array_equal(recording.channel("/json.other[1].q").values, 2)
+
+
 def test_json_with_numbers_that_json_has_not(tmp_path):
     log = McapLog(profile="")
     for i, value in enumerate((1.0, float("nan"), float("-inf"))):

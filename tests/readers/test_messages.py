@@ -184,3 +184,35 @@ def test_seconds_beyond_2038(ros1, one_by_one):
     assert decoded.columns["t.when"].tolist() == pytest.approx([shown + 0.5] * 3, abs=1e-6)
     ago = -1.25 if ros1 else -1 + (2**32 - 250_000_000) / 1e9
     assert decoded.columns["t.ago"].tolist() == pytest.approx([ago] * 3)
+
+
+NAMED = f"J[] joints\nfloat64 last\n{'=' * 80}\nMSG: a/J\nfloat64 torque\nstring name\nfloat64[] pos\n"
+
+
+def named_joints(joints):
+    """A ROS 1 message of joints: (name, torque)."""
+    raw = struct.pack("<I", len(joints))
+    for name, torque in joints:
+        raw += struct.pack("<dI", torque, len(name)) + name.encode() + struct.pack("<Id", 1, -torque)
+    return raw + struct.pack("<d", 7)
+
+
+@pytest.mark.parametrize("one_by_one", [False, True])
+def test_elements_that_tell_their_names_are_followed_by_them(one_by_one):
+    orders = [[("b", 10.0), ("a", 20.0)], [("a", 21.0), ("b", 11.0)], [("b", 12.0)], [("c", 30.0), ("a", 23.0)]]
+    raws = [named_joints(joints) for joints in orders] * 3
+    root = parse_definition("a/msg/T", NAMED, "msg", True)
+    columns = RosDecoder(root, False, "t", None, one_by_one=one_by_one).decode(Messages.of(raws)).columns
+    nan = np.nan
+    for name, torque in ("a", [20, 21, nan, 23]), ("b", [10, 11, 12, nan]), ("c", [nan, nan, nan, 30]):
+        np.testing.assert_array_equal(columns[f"t.joints[{name}].torque"], torque * 3)
+        np.testing.assert_array_equal(columns[f"t.joints[{name}].pos[0]"], -np.array(torque * 3, dtype=float))
+    assert columns["t.last"].tolist() == [7] * 12
+
+
+def test_names_that_do_not_tell_elements_apart_are_not_taken_for_those_that_do():
+    raws = [named_joints([("a", 1.0), (second, 2.0)]) for second in "aba"]
+    root = parse_definition("a/msg/T", NAMED, "msg", True)
+    columns = RosDecoder(root, False, "t", None).decode(Messages.of(raws)).columns
+    np.testing.assert_array_equal(columns["t.joints[1].torque"], [2, np.nan, 2])
+    np.testing.assert_array_equal(columns["t.joints[b].torque"], [np.nan, 2, np.nan])

@@ -181,6 +181,17 @@ def test_what_a_message_does_not_have_is_no_number(syntax):
         np.testing.assert_array_equal(result.columns["/t.part.x"], [np.nan, 0.0])
 
 
+def test_elements_that_tell_their_names_are_followed_by_them():
+    schema = Schema().message("J", name="string", torque="double").message("M", joints="*.t.J")
+    joints = [{"name": "a", "torque": 1.5}, {"name": "b", "torque": 2.5}]
+    kind = schema.new("M")
+    messages = [kind(joints=some) for some in (joints, joints[::-1], [joints[0]] * 2)]
+    found, _ = decoded(schema, "M", messages)
+    np.testing.assert_array_equal(found.columns["/t.joints[a].torque"], [1.5, 1.5, np.nan])
+    np.testing.assert_array_equal(found.columns["/t.joints[b].torque"], [2.5, 2.5, np.nan])
+    np.testing.assert_array_equal(found.columns["/t.joints[1].torque"], [np.nan, np.nan, 1.5])
+
+
 def test_what_is_no_signal_is_listed_with_the_reason():
     schema = Schema().message("M", x="double", s="string", b="bytes", image="*uint32", e="int32", m="*.t.M.MEntry")
     entry = schema.file.message_type[0].nested_type.add(name="MEntry")

@@ -10,7 +10,8 @@ import numpy as np
 
 from vsalog.printable import printable
 from vsalog.readers.base import MAX_ARRAY
-from vsalog.readers.layout import MAX_FIELDS, best_label_field
+from vsalog.readers.labels import ELEMENT_NAME, best_label_field, usable_labels
+from vsalog.readers.layout import MAX_FIELDS
 from vsalog.readers.messages import Decoded
 from vsalog.readers.packets import Messages
 
@@ -101,11 +102,19 @@ class JsonDecoder:
     def _flatten_list(
         self, value: list[Any], path: str, labels: list[str] | None, found: dict[str, float], depth: int
     ) -> None:
+        labels = labels or _own_names(value)
         if labels is None and len(value) > MAX_ARRAY:
             self.unread.setdefault(path, f"array of {len(value)} values")
             return
         for i, child in enumerate(value):
             self._flatten(child, f"{path}[{labels[i] if labels else i}]", found, depth + 1)
+
+
+def _own_names(value: list[Any]) -> list[str] | None:
+    """Return the names that the elements of a list have themselves, None where these do not tell them apart."""
+    names = [child.get(ELEMENT_NAME) if isinstance(child, dict) else None for child in value]
+    texts = [printable(name) for name in names if isinstance(name, str)]
+    return texts if len(texts) == len(names) and usable_labels(texts) else None
 
 
 def _with_nan(raw: bytes) -> Any:

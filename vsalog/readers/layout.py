@@ -20,12 +20,11 @@ from vsalog.printable import printable
 from vsalog.readers.base import MAX_ARRAY
 from vsalog.readers.definitions import Array, Node, Scalar, Struct, Text, Time, is_placeholder
 from vsalog.readers.known_units import unit_of
+from vsalog.readers.labels import ELEMENT_NAME, MAX_LABELS, best_label_field, tells_its_name, usable_labels
 
 Bytes = NDArray[np.uint8]
 Integers = NDArray[np.int64]
 
-LABEL_FIELDS = ("name", "names", "joint_names", "interface_names")
-MAX_LABELS = 1024
 MAX_FIELDS = 4096
 MAX_STEPS = 250_000
 
@@ -193,18 +192,6 @@ def learn(raw: bytes, root: Struct, cdr: bool) -> Layout:
     )
 
 
-def usable_labels(labels: list[str]) -> bool:
-    """Tell whether texts can name the elements of an array: none empty, all different."""
-    return 0 < len(labels) <= MAX_LABELS and "" not in labels and len(set(labels)) == len(labels)
-
-
-def best_label_field(fields: dict[str, list[str]], count: int) -> str | None:
-    """Return which array of texts names the elements of an array of `count` values, or None."""
-    fitting = [name for name, labels in fields.items() if len(labels) == count and usable_labels(labels)]
-    preferred = [name for name in LABEL_FIELDS if name in fitting]
-    return next(iter(preferred or fitting), None)
-
-
 def _mask(ranges: list[tuple[int, int]]) -> Bytes:
     """Return 255 for the bytes in some ranges, 0 for the others."""
     mask = np.zeros(max((stop for _, stop in ranges), default=0), dtype=np.uint8)
@@ -310,8 +297,9 @@ class _Walk:
                 self.unread[path] = "text"
             return
         key = best_label_field(texts, count)
-        labels = texts[key] if key else [str(i) for i in range(min(count, MAX_ARRAY + 1))]
-        silent = self.emitting and key is None and count > MAX_ARRAY
+        named = texts[key] if key else self._own_names(node.element, count)
+        labels = named or [str(i) for i in range(min(count, MAX_ARRAY + 1))]
+        silent = self.emitting and not named and count > MAX_ARRAY
         if silent:
             self.unread[path] = f"array of {count} values"
             self.emitting = False
@@ -321,6 +309,22 @@ class _Walk:
             self._elements(node.element, count, path, unit, labels)
         if silent:
             self.emitting = True
+
+    def _own_names(self, node: Node, count: int) -> list[str]:
+        """Look ahead: the names that elements have themselves; none where these do not tell them apart."""
+        if not self.emitting or not 0 < count <= MAX_LABELS or not isinstance(node, Struct) or not tells_its_name(node):
+            return []
+        start, guarding = self.pos, self.guarding
+        self.emitting = False
+        names = []
+        for field, child in node.fields * count:
+            self.guarding = guarding and field == ELEMENT_NAME
+            if field == ELEMENT_NAME:
+                names.append(printable(self._text(guard=True)))
+            else:
+                self._node(child, "", None)
+        self.pos, self.emitting, self.guarding = start, True, guarding
+        return names if usable_labels(names) else []
 
     def _numbers(self, node: Scalar, count: int, path: str, unit: str | None, labels: list[str]) -> None:
         if not count:

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from vsalog.readers.definitions import Array, Node, Scalar, Struct, Text, Time
 from vsalog.readers.known_units import unit_of
-from vsalog.readers.layout import LABEL_FIELDS
+from vsalog.readers.labels import LABEL_FIELDS, tells_its_name
 
 STRUCT, END, NUMBER, TIME, STAMP, TEXT, TEXTS, NUMBERS, LOOP, NEXT, UNUSED, DONE = range(12)
 """Steps. Each has numbers a, b, c and d, of which b is the place, a count is -1 where the message says it, and d how many arrays
@@ -70,7 +70,7 @@ class _TooLargeError(Exception):
 
 
 def program_of(root: Struct) -> Program | None:
-    """Return the program of a message type; None where it would be too long, or names come behind what they may name."""
+    """Return the program of a message type; None where it would be too long, or names do not come before what they may name."""
     writer = _Writer()
     try:
         writer.struct(root, "", None)
@@ -137,6 +137,8 @@ class _Writer:
         elif isinstance(node.element, Scalar):
             place = self.place(path, "<" + node.element.code, unit, array=True)
             self.add(NUMBERS, count, place, node.element.size, ranks)
+        elif tells_its_name(node.element):
+            raise _TooLargeError  # the names come with the elements
         else:
             at = self.add(LOOP, count, self.place(path, "", None, array=True), 0, ranks)
             self.depth += 1

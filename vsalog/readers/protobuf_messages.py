@@ -10,7 +10,8 @@ import numpy as np
 
 from vsalog.printable import printable
 from vsalog.readers.base import MAX_ARRAY
-from vsalog.readers.layout import MAX_FIELDS, best_label_field
+from vsalog.readers.labels import ELEMENT_NAME, best_label_field, usable_labels
+from vsalog.readers.layout import MAX_FIELDS
 from vsalog.readers.messages import MISFIT, Decoded
 from vsalog.readers.packets import Messages
 from vsalog.readers.protobuf_types import message_class
@@ -130,11 +131,12 @@ class ProtobufDecoder:
         self, field: _Field, values: Any, path: str, texts: dict[str, list[str]], found: dict[str, float], depth: int
     ) -> None:
         key = best_label_field(texts, len(values))
-        if key is None and len(values) > MAX_ARRAY:
+        labels = texts[key] if key else _own_names(values) if field.kind == MESSAGE else []
+        if not labels and len(values) > MAX_ARRAY:
             self.unread.setdefault(path, f"array of {len(values)} values")
             return
         for i, value in enumerate(values):
-            self._value(field.kind, value, f"{path}[{texts[key][i] if key else i}]", found, depth)
+            self._value(field.kind, value, f"{path}[{labels[i] if labels else i}]", found, depth)
 
     def _value(self, kind: int, value: Any, path: str, found: dict[str, float], depth: int) -> None:
         if len(found) >= MAX_FIELDS:
@@ -183,6 +185,14 @@ def _field(one: Any) -> _Field:
     else:
         kind, reason = NUMBER, ""
     return _Field(one.name, one.number, kind, bool(one.is_repeated), bool(one.has_presence), reason)
+
+
+def _own_names(values: Any) -> list[str]:
+    """Return the names that the elements of an array have themselves, none where these do not tell them apart."""
+    parts = ({field.name: text for field, text in type(value).ListFields(value)} for value in values)
+    names = [part.get(ELEMENT_NAME) for part in parts]
+    texts = [printable(name) for name in names if isinstance(name, str)]
+    return texts if len(texts) == len(names) and usable_labels(texts) else []
 
 
 def _may_label(field: _Field) -> bool:
