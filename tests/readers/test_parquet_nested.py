@@ -9,6 +9,7 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
 
+from vsalog.errors import ReadError
 from vsalog.readers import read
 
 N = 1000
@@ -57,3 +58,20 @@ def test_a_time_of_day_goes_on_at_midnight(tmp_path, dated):
     assert len(pos.values) == N
     assert log.absolute_time == dated
     assert any("at midnight" in note for note in log.notes) != dated
+
+
+def test_numbers_that_are_text_are_numbers(tmp_path):
+    words = ["?!" if i == 700 else f"{i / 4}" for i in range(N)]
+    log = stored(tmp_path, time=[f"{t:.3f}" for t in TIME], pos=words, mode=["run"] * N)
+    np.testing.assert_array_equal(log.channels["pos"].values, np.where(np.arange(N) == 700, np.nan, np.arange(N) / 4))
+    assert log.unread == {"mode": "text"}
+    assert any("column 'pos': 1 cell without a number" in note for note in log.notes)
+
+
+@pytest.mark.parametrize("rate", [1e-9, 1e10])
+def test_absurd_rates_are_refused(tmp_path, rate):
+    """Times would leave 64 bits, or be all the same."""
+    path = tmp_path / "log.parquet"
+    pq.write_table(pa.table({"pos": TIME}), path)
+    with pytest.raises(ReadError, match="give the sample rate in Hz"):
+        read(path, rate=rate)

@@ -19,6 +19,7 @@ from vsalog.readers.parquet_flat import FlatRows
 from vsalog.readers.parquet_footer import footer_trouble
 from vsalog.readers.parquet_rows import ParquetRows
 from vsalog.readers.row_clock import ROW_NOTE, row_clock
+from vsalog.readers.table_cells import Cells, numbers_and_words
 from vsalog.readers.time_columns import ClockPlan, find_clocks, folds_of, nanoseconds
 from vsalog.readers.time_dates import in_nanoseconds
 from vsalog.readers.time_folds import Folds
@@ -74,6 +75,7 @@ class ParquetReader:
         self._names = unique_names([name for name, _ in pairs])
         self._units = [_unit(schema.field(i)) or unit for i, (_, unit) in enumerate(pairs)]
         self._plan = self._find_clocks(rate)
+        self._written = self._numbers_as_text()
         self._folds: dict[tuple[str, str | None], Folds] = {}
         self._keys = [
             schema.names.index(key) for key in KEYS if schema.names.count(key) == 1 and _is_text(schema.field(key).type)
@@ -92,7 +94,7 @@ class ParquetReader:
         ReadError
             One would be it, but none of its rows can be read, and no rate makes up for it.
         """
-        sample = self._rows.sample()
+        sample = self._sample = self._rows.sample()
         rows = next((len(cells) for cells in sample if cells is not None), 0)
         types = [field.type for field in self._rows.schema]
         empty = [pa.nulls(rows, kind) if cells is None else cells for cells, kind in zip(sample, types, strict=False)]
@@ -130,6 +132,7 @@ class ParquetReader:
         self.unread.update(self._text_columns())
         self._note_clock()
         self._folds = {}
+        self._written = {i: Cells() for i in self._written}
         parts = self._parts()
         columns = [
             i for i in self._number_columns() if wanted is None or any(self._name(i, part) in wanted for part in parts)
@@ -148,6 +151,7 @@ class ParquetReader:
                 dropped += missing
         if dropped:
             self.notes.append(f"{plural(dropped, 'row')} {NO_TIME}")
+        self.notes += self._notes_on_text()
         self.notes += dict.fromkeys(note for folds in self._folds.values() for note in folds.notes())
 
     def _batches(self, columns: list[str]) -> Iterator[tuple[int, pa.RecordBatch]]:
@@ -185,7 +189,8 @@ class ParquetReader:
         for i in columns:
             name = self._name(i, part)
             if wanted is None or name in wanted:
-                values[name] = _numbers(self._cells(batch, i))
+                cells = self._cells(batch, i)
+                values[name] = self._written[i].convert(cells) if i in self._written else _numbers(cells)
                 unit = self._units[i]
                 if unit is not None:
                     units[name] = unit
@@ -225,7 +230,29 @@ class ParquetReader:
     def _number_columns(self) -> list[int]:
         schema = self._rows.schema
         clocks = {*self._plan.columns(), *self._keys}
-        return [i for i, field in enumerate(schema) if i not in clocks and _is_number(field.type)]
+        return [i for i in range(len(schema)) if i not in clocks and self._is_signal(i)]
+
+    def _is_signal(self, column: int) -> bool:
+        return column in self._written or _is_number(self._rows.schema.field(column).type)
+
+    def _numbers_as_text(self) -> dict[int, Cells]:
+        """Return what converts the columns of text that holds numbers."""
+        found = {}
+        for i, cells in enumerate(self._sample):
+            if i not in self._plan.columns() and cells is not None and pa.types.is_string(cells.type):
+                good, words = numbers_and_words(cells)
+                if good > words:
+                    found[i] = Cells()
+        return found
+
+    def _notes_on_text(self) -> Iterator[str]:
+        """Yield what was no number in columns of text that holds numbers."""
+        for i, cells in self._written.items():
+            if cells.bad:
+                yield (
+                    f"column '{self._names[i]}': {plural(cells.bad, 'cell')} without a number read as NaN"
+                    f" (the first: '{printable_cell(cells.first)}')"
+                )
 
     def _text_columns(self) -> dict[str, str]:
         """Return the columns that are no signals, with the reason."""
@@ -233,7 +260,7 @@ class ParquetReader:
         return {
             self._names[i]: "text" if _is_text(field.type) else f"column of type {field.type}"
             for i, field in enumerate(self._rows.schema)
-            if i not in clocks and not _is_number(field.type)
+            if i not in clocks and not self._is_signal(i)
         }
 
     def _parts(self) -> list[str | None]:

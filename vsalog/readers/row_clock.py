@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 
+from vsalog.errors import ReadError
 from vsalog.recording import Stamps
 
+_LONGEST = 100 * 365.25 * 86400e9
 ROW_NOTE = "there is no time column: give the sample rate with --rate, in Hz"
 
 
@@ -23,8 +25,19 @@ def row_clock(first: int, count: int, rate: float | None) -> dict[str, Stamps]:
     -------
     dict of str to int64 array, shape (count,)
         Nanoseconds since the first row under ``rate``, or row numbers under ``none``.
+
+    Raises
+    ------
+    ReadError
+        At that rate the rows' times cannot be told apart, or are farther apart than 64 bits reach.
     """
     rows = np.arange(first, first + count, dtype=np.int64)
     if rate is None:
         return {"none": rows}
+    if rate > 1e9:
+        raise ReadError(f"--rate {rate:g}: rows cannot be less than a nanosecond apart; give the sample rate in Hz")
+    if (first + count) * (1e9 / rate) > _LONGEST:
+        raise ReadError(
+            f"--rate {rate:g}: {first + count} rows would last longer than a century; give the sample rate in Hz"
+        )
     return {"rate": np.rint(rows * (1e9 / rate)).astype(np.int64)}
