@@ -23,6 +23,8 @@ Flags = NDArray[np.bool_]
 
 # Noise that is this part of a regressor's information or more leaves nothing known of its unknown.
 MOST = 0.5
+# What encoders' steps hide is in the left-overs already where it is no more than this part of what these make.
+SEEN = 0.25
 # What happens within so many of a filter's windows does not tell how large slow noise is.
 WINDOWS = 5
 
@@ -67,7 +69,7 @@ class RlsSolver:
             state.noise, rows.F, rows.y, left, use, rows.fresh, directions, False, 1.0, self.least
         )
         rest, hidden = _rested(state.rest, rows, np.isfinite(left), E[:, spread], unknowns, directions, 1.0)
-        made = made + hidden
+        made = made + np.maximum(hidden - SEEN * made, 0.0)
         bent = state.bent
         if rows.bends:
             bent, score = bent_block(bent, E[:, spread], rows.bends, unknowns, np.isfinite(left), 1.0)
@@ -135,7 +137,7 @@ class QrSolver:
             walk, least = walk_block(walk, rows.F, use, rows.fresh, directions, rows.walk, discount)
             made = np.maximum(made, least)
         rest, hidden = _rested(state.rest, rows, np.isfinite(left), E[:, spread], unknowns, directions, discount)
-        made = made + hidden
+        made = made + np.maximum(hidden - SEEN * made, 0.0)
         if rows.noisy is not None:
             learnt = state.noise.samples + np.cumsum(np.isfinite(left))
             made += self._bent(directions, unknowns, learnt, rows.noisy, values[:, spread]) ** 2
