@@ -166,7 +166,7 @@ def followers(state: LeftOverState, claimed: float, step: float) -> list[Followe
     step : of the deflection's sensors [rad], 0 where they have none
     """
     n, count = state.H.shape[0], float(state.averages[0])
-    if count < max(AVERAGES, 3 * n):
+    if count < max(AVERAGES, 2 * n):
         return []
     found = []
     for place, suspect in enumerate(SUSPECTS):
@@ -197,7 +197,7 @@ def misfit(state: LeftOverState, step: float) -> float | None:
     step : of the deflection's sensors [rad], 0 where they have none
     """
     n, count = state.H.shape[0], float(state.averages[0])
-    if count < max(AVERAGES, 3 * n):
+    if count < max(AVERAGES, 2 * n):
         return None
     (unknowns, short), (_, long) = (_solved(squares, list(range(n))) for squares in (state.N, state.M))
     torques, slow = state.N[-1, -1], state.M[-1, -1]
