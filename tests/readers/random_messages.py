@@ -142,7 +142,18 @@ def labels_for(store, message, name, count):
         labels = getattr(message, field)
         if len(labels) == count and count and all(labels) and len(set(labels)) == count:
             return labels
+    for field in usual:
+        labels = getattr(message, field) if field in texts else []
+        if len(labels) == count and count and (some := with_indices(labels)):
+            return some
     return None
+
+
+def with_indices(names):
+    """Return names, those that are empty or there twice replaced by their index; None where none is left."""
+    good = [bool(name) and list(names).count(name) == 1 for name in names]
+    labels = [name if fine else str(i) for i, (name, fine) in enumerate(zip(names, good, strict=True))]
+    return labels if any(good) and len(set(labels)) == len(labels) else None
 
 
 def own_names(store, value, sub, what):
@@ -155,7 +166,7 @@ def own_names(store, value, sub, what):
     ):
         return None
     names = [element.name for element in value]
-    return names if all(names) and len(set(names)) == len(names) else None
+    return with_indices(names)
 
 
 def same_number(a, b):

@@ -10,7 +10,7 @@ import numpy as np
 
 from vsalog.printable import printable
 from vsalog.readers.base import MAX_ARRAY
-from vsalog.readers.labels import ELEMENT_NAME, best_label_field, usable_labels
+from vsalog.readers.labels import BAD_NAMES, ELEMENT_NAME, are_bad, best_label_field, labels_of
 from vsalog.readers.layout import MAX_FIELDS
 from vsalog.readers.messages import Decoded
 from vsalog.readers.packets import Messages
@@ -95,8 +95,12 @@ class JsonDecoder:
                 continue
             if isinstance(child, list) and key not in texts:
                 label_field = best_label_field(texts, len(child))
-                self._flatten_list(child, child_path, texts.get(label_field or ""), found, depth)
-            elif key not in texts:
+                labels = labels_of(texts[label_field]) if label_field else None
+                self._flatten_list(child, child_path, labels, found, depth)
+            elif key in texts:
+                if are_bad(key, texts):
+                    self.unread.setdefault(child_path, BAD_NAMES)
+            else:
                 self._flatten(child, child_path, found, depth + 1)
 
     def _flatten_list(
@@ -114,7 +118,7 @@ def _own_names(value: list[Any]) -> list[str] | None:
     """Return the names that the elements of a list have themselves, None where these do not tell them apart."""
     names = [child.get(ELEMENT_NAME) if isinstance(child, dict) else None for child in value]
     texts = [printable(name) for name in names if isinstance(name, str)]
-    return texts if len(texts) == len(names) and usable_labels(texts) else None
+    return (labels_of(texts) if len(texts) == len(names) else []) or None
 
 
 def _with_nan(raw: bytes) -> Any:

@@ -17,10 +17,10 @@ from numba import njit
 from numpy.typing import NDArray
 
 from vsalog.printable import printable
+from vsalog.readers import labels as naming
 from vsalog.readers.base import MAX_ARRAY
 from vsalog.readers.definitions import Array, Node, Scalar, Struct, Text, Time, is_placeholder
 from vsalog.readers.known_units import unit_of
-from vsalog.readers.labels import ELEMENT_NAME, MAX_LABELS, best_label_field, tells_its_name, usable_labels
 
 Bytes = NDArray[np.uint8]
 Integers = NDArray[np.int64]
@@ -295,9 +295,11 @@ class _Walk:
                 self._text(guard=is_key)
             if self.emitting and not is_key and count:
                 self.unread[path] = "text"
+            elif self.emitting and is_key and naming.are_bad(path.rpartition(".")[2], texts):
+                self.unread[path] = naming.BAD_NAMES
             return
-        key = best_label_field(texts, count)
-        named = texts[key] if key else self._own_names(node.element, count)
+        key = naming.best_label_field(texts, count)
+        named = naming.labels_of(texts[key]) if key else self._own_names(node.element, count)
         labels = named or [str(i) for i in range(min(count, MAX_ARRAY + 1))]
         silent = self.emitting and not named and count > MAX_ARRAY
         if silent:
@@ -312,19 +314,24 @@ class _Walk:
 
     def _own_names(self, node: Node, count: int) -> list[str]:
         """Look ahead: the names that elements have themselves; none where these do not tell them apart."""
-        if not self.emitting or not 0 < count <= MAX_LABELS or not isinstance(node, Struct) or not tells_its_name(node):
+        if (
+            not self.emitting
+            or not 0 < count <= naming.MAX_LABELS
+            or not isinstance(node, Struct)
+            or not naming.tells_its_name(node)
+        ):
             return []
         start, guarding = self.pos, self.guarding
         self.emitting = False
         names = []
         for field, child in node.fields * count:
-            self.guarding = guarding and field == ELEMENT_NAME
-            if field == ELEMENT_NAME:
+            self.guarding = guarding and field == naming.ELEMENT_NAME
+            if field == naming.ELEMENT_NAME:
                 names.append(printable(self._text(guard=True)))
             else:
                 self._node(child, "", None)
         self.pos, self.emitting, self.guarding = start, True, guarding
-        return names if usable_labels(names) else []
+        return naming.labels_of(names)
 
     def _numbers(self, node: Scalar, count: int, path: str, unit: str | None, labels: list[str]) -> None:
         if not count:

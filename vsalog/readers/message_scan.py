@@ -268,21 +268,18 @@ def _named(data: Bytes, n: int, base: int, top: int, tables: Tables, work: Work)
 
 @njit(cache=True, nogil=True)
 def _usable(data: Bytes, text: Integers, tables: Tables, work: Work) -> int:
-    """Tell whether texts can name the elements of an array: none empty, all different; -1 where one is not plain."""
+    """Tell whether texts can name the elements of an array; -1 where one is not plain, empty or there twice."""
     tables.counters[_SERIAL] += 1
     held = work.held[text[_AT] : text[_AT] + text[_SIZE]]
     # Taken out of the tuple once: that counts references.
     counters, spans, labels, pool = tables.counters, tables.spans, tables.labels, tables.pool
-    usable = 1
     for i in range(held.shape[0]):
         label = _label_of(data, held[i, 0], held[i, 1], counters, spans, labels, pool)
-        if label < 0:
+        if label < 0 or held[i, 1] == 0 or spans[label, 2] == counters[_SERIAL]:
             return -1
-        if held[i, 1] == 0 or spans[label, 2] == counters[_SERIAL]:
-            usable = 0
         spans[label, 2] = counters[_SERIAL]
         held[i, 2] = label
-    return usable
+    return 1
 
 
 @njit(cache=True, nogil=True)

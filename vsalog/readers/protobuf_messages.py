@@ -10,7 +10,7 @@ import numpy as np
 
 from vsalog.printable import printable
 from vsalog.readers.base import MAX_ARRAY
-from vsalog.readers.labels import ELEMENT_NAME, best_label_field, usable_labels
+from vsalog.readers.labels import ELEMENT_NAME, best_label_field, labels_of
 from vsalog.readers.layout import MAX_FIELDS
 from vsalog.readers.messages import MISFIT, Decoded
 from vsalog.readers.packets import Messages
@@ -131,7 +131,7 @@ class ProtobufDecoder:
         self, field: _Field, values: Any, path: str, texts: dict[str, list[str]], found: dict[str, float], depth: int
     ) -> None:
         key = best_label_field(texts, len(values))
-        labels = texts[key] if key else _own_names(values) if field.kind == MESSAGE else []
+        labels = labels_of(texts[key]) if key else _own_names(values) if field.kind == MESSAGE else []
         if not labels and len(values) > MAX_ARRAY:
             self.unread.setdefault(path, f"array of {len(values)} values")
             return
@@ -192,7 +192,7 @@ def _own_names(values: Any) -> list[str]:
     parts = ({field.name: text for field, text in type(value).ListFields(value)} for value in values)
     names = [part.get(ELEMENT_NAME) for part in parts]
     texts = [printable(name) for name in names if isinstance(name, str)]
-    return texts if len(texts) == len(names) and usable_labels(texts) else []
+    return labels_of(texts) if len(texts) == len(names) else []
 
 
 def _may_label(field: _Field) -> bool:
