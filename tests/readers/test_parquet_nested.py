@@ -75,3 +75,10 @@ def test_absurd_rates_are_refused(tmp_path, rate):
     pq.write_table(pa.table({"pos": TIME}), path)
     with pytest.raises(ReadError, match="give the sample rate in Hz"):
         read(path, rate=rate)
+
+
+def test_whole_numbers_beyond_53_bits_are_told(tmp_path):
+    log = stored(tmp_path, time=TIME, enc=2**60 + np.arange(N), even=2**60 + 1024 * np.arange(N))
+    assert [note for note in log.notes if "rounded" in note] == [
+        f"column 'enc': its whole numbers are rounded to 53 bits, such as {2**60 + 1}"
+    ]

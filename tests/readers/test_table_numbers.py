@@ -151,3 +151,8 @@ def test_decimal_commas_between_blanks(table):
     assert recording.channel("x").values.tolist() == [100.5 + i for i in range(9)]
     assert recording.channel("y").values.tolist() == [-float(f"1.{i}") for i in range(9)]
     assert recording.channel("x").stamps.tolist() == [i * S // 10 for i in range(9)]
+
+
+def test_whole_numbers_beyond_53_bits_are_told(table):
+    recording = table("time,enc,large\n" + "".join(f"{i / 10},{2**60 + i},1.5e300\n" for i in range(50)))
+    assert recording.notes == (f"column 'enc': its whole numbers are rounded to 53 bits, such as {2**60 + 1}",)

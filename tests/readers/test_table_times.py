@@ -312,3 +312,9 @@ def test_a_counter_of_32_bits_that_overflows(table, unit, size):
     recording = table(f"time_{unit},x", *(f"{count % 2**32},{i}" for count, i in rows))
     assert stamps(recording) == [count * size for count, _ in rows]
     assert any("counter of 32 bits overflows once" in note for note in recording.notes)
+
+
+@pytest.mark.parametrize(("epoch", "told"), [(1_700_000_000, False), (1_700_000_000 + 2_082_844_800, True)])
+def test_seconds_as_labview_counts_them_are_told(table, epoch, told):
+    recording = table("time,pos\n" + "".join(f"{epoch + i / 10},{i}\n" for i in range(50)))
+    assert any("LabVIEW counts from 1904" in note for note in recording.notes) == told

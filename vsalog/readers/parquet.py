@@ -19,7 +19,7 @@ from vsalog.readers.parquet_flat import FlatRows
 from vsalog.readers.parquet_footer import footer_trouble
 from vsalog.readers.parquet_rows import ParquetRows
 from vsalog.readers.row_clock import ROW_NOTE, row_clock
-from vsalog.readers.table_cells import Cells, numbers_and_words
+from vsalog.readers.table_cells import ROUNDED, Cells, numbers_and_words
 from vsalog.readers.time_columns import ClockPlan, find_clocks, folds_of, nanoseconds
 from vsalog.readers.time_dates import in_nanoseconds
 from vsalog.readers.time_folds import Folds
@@ -75,6 +75,7 @@ class ParquetReader:
         self._names = unique_names([name for name, _ in pairs])
         self._units = [_unit(schema.field(i)) or unit for i, (_, unit) in enumerate(pairs)]
         self._plan = self._find_clocks(rate)
+        self._rounded: dict[int, str] = {}
         self._written = self._numbers_as_text()
         self._folds: dict[tuple[str, str | None], Folds] = {}
         self._keys = [
@@ -151,7 +152,7 @@ class ParquetReader:
                 dropped += missing
         if dropped:
             self.notes.append(f"{plural(dropped, 'row')} {NO_TIME}")
-        self.notes += self._notes_on_text()
+        self.notes += self._notes_on_cells()
         self.notes += dict.fromkeys(note for folds in self._folds.values() for note in folds.notes())
 
     def _batches(self, columns: list[str]) -> Iterator[tuple[int, pa.RecordBatch]]:
@@ -191,6 +192,8 @@ class ParquetReader:
             if wanted is None or name in wanted:
                 cells = self._cells(batch, i)
                 values[name] = self._written[i].convert(cells) if i in self._written else _numbers(cells)
+                if i not in self._rounded and (rounded := _rounded(cells, values[name])):
+                    self._rounded[i] = rounded
                 unit = self._units[i]
                 if unit is not None:
                     units[name] = unit
@@ -245,8 +248,10 @@ class ParquetReader:
                     found[i] = Cells()
         return found
 
-    def _notes_on_text(self) -> Iterator[str]:
-        """Yield what was no number in columns of text that holds numbers."""
+    def _notes_on_cells(self) -> Iterator[str]:
+        """Yield what was no number, or is none that floating point can hold."""
+        for i, number in self._rounded.items():
+            yield f"column '{self._names[i]}': {ROUNDED.format(number)}"
         for i, cells in self._written.items():
             if cells.bad:
                 yield (
@@ -341,6 +346,16 @@ def _rising(rows: int, kind: pa.DataType) -> pa.Array:
         return pc.cast(pa.array(np.arange(rows) / 1000.0), kind, safe=False)
     except pa.ArrowException:
         return pa.nulls(rows, kind)
+
+
+def _rounded(cells: pa.Array, values: Values) -> str:
+    """Return a whole number that floating point cannot hold, "" where there is none."""
+    if not pa.types.is_integer(cells.type) or cells.type.bit_width < 64 or not (np.abs(values) > 2.0**53).any():
+        return ""
+    for at in np.flatnonzero(np.abs(values) > 2.0**53)[:100].tolist():
+        if (number := cells[at].as_py()) != int(values[at]):
+            return str(number)
+    return ""
 
 
 def _numbers(cells: pa.Array) -> NDArray[np.float64]:

@@ -14,7 +14,7 @@ from vsalog.readers.base import NO_TIME, Block, Catalogue, ChannelInfo, first_of
 from vsalog.readers.headers import printable_cell
 from vsalog.readers.row_clock import ROW_NOTE, row_clock
 from vsalog.readers.sparse import group_by_blanks
-from vsalog.readers.table_cells import Cells, numbers_and_words
+from vsalog.readers.table_cells import ROUNDED, Cells, numbers_and_words
 from vsalog.readers.table_damage import Damage
 from vsalog.readers.table_dialect import Dialect, detect
 from vsalog.readers.table_rows import BLOCK_BYTES, Rows
@@ -287,6 +287,8 @@ class TableReader:
             self.notes += [note for note in folds.notes() if note not in self.notes]
         self._note_text()
         for name, cells in self._counts.items():
+            if cells.rounded:
+                self.notes.append(f"column '{name}': {ROUNDED.format(cells.rounded)}")
             if cells.bad and not cells.text:
                 self.notes.append(
                     f"column '{name}': {plural(cells.bad, 'cell')} without a number read as NaN"

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import re
+
 import numpy as np
 import pyarrow as pa
 import pyarrow.compute as pc
@@ -13,6 +15,10 @@ _CELL = NUMBER.replace("^", "^(", 1)[:-1] + r"|[+-]?(?i:inf|infinity)|[+-]?(?i:n
 
 _EMPTY = pa.array(["", *LIKE_NUMBERS])
 _FEW = 16
+_MANY = 100
+_EXACT = 2.0**53
+_WHOLE = re.compile(r"^[+-]?\d{1,40}$")
+ROUNDED = "its whole numbers are rounded to 53 bits, such as {}"
 _NOTHING = pa.scalar(None, pa.string())
 
 
@@ -25,6 +31,7 @@ class Cells:
         self.bad = 0
         self.first = ""
         self.first_row = 0
+        self.rounded = ""
 
     @property
     def text(self) -> str:
@@ -44,7 +51,9 @@ class Cells:
         self.good += len(numbers) - numbers.null_count
         self.bad += bad
         self.rows += len(cells)
-        return np.array(numbers.to_numpy(zero_copy_only=False), dtype=np.float64)
+        values = np.array(numbers.to_numpy(zero_copy_only=False), dtype=np.float64)
+        self.rounded = self.rounded or _rounded(cells, values)
+        return values
 
     def _convert_carefully(self, cells: pa.Array) -> tuple[pa.Array, int]:
         cells = pc.replace_substring_regex(cells, "^(?i:true)$", "1")
@@ -58,6 +67,18 @@ class Cells:
             self.first_row = self.rows + at
             self.first = bytes(pc.cast(cells[at], pa.binary()).as_py()).decode("utf-8", "replace")
         return pc.cast(pc.if_else(pc.fill_null(number, False), cells, _NOTHING), pa.float64()), count
+
+
+def _rounded(cells: pa.Array, values: Values) -> str:
+    """Return a whole number that floating point cannot hold, "" where none was found."""
+    if not (np.abs(values[::_FEW]) > _EXACT).any():  # counters that are so large are so throughout
+        return ""
+    large = np.abs(values) > _EXACT
+    for at in np.flatnonzero(large & np.isfinite(values))[:_MANY].tolist():
+        cell = str(cells[at].as_py()).strip()
+        if _WHOLE.match(cell) and int(cell) != int(values[at]):
+            return cell
+    return ""
 
 
 def _all_numbers(cells: pa.Array) -> pa.Array | None:

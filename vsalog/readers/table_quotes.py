@@ -11,7 +11,8 @@ from vsalog.readers.table_dialect import Dialect, has_quotes
 from vsalog.readers.table_notation import Notation
 from vsalog.readers.table_text import split
 
-_PIECE = 1 << 20
+_PIECE = 1 << 17  # stays within the processor's cache
+_TEXT = 1 << 20
 _LINES = 20
 _WHOLE = re.compile(r"^[+-]?\d+$")
 
@@ -42,7 +43,7 @@ def _lines_with_quotes(path: Path, skipped: int) -> list[bytes]:
         if not piece:
             return []
         file.seek(position + max(piece.rfind(b"\n", 0, piece.index(b'"')), 0))
-        text = file.read(_PIECE)
+        text = file.read(_TEXT)
     return [line for line in text.splitlines() if b'"' in line][:_LINES]
 
 

@@ -42,6 +42,9 @@ _SERIAL_STEP = 2e-5  # days; as seconds they would be samples of more than 50 kH
 # Epoch seconds between 2000 and 2100; in other units by powers of a thousand.
 _EPOCH = (946_684_800, 4_102_444_800)
 
+_LABVIEW = 2_082_844_800
+"""Seconds from 1904 to 1970."""
+
 
 @dataclass(frozen=True, slots=True)
 class ClockColumn:
@@ -275,7 +278,7 @@ def _guessed_unit(name: str, values: NDArray[np.float64]) -> tuple[str, str]:
     """Guess the unit of a clock: dates by their size, other times by their steps."""
     unit = epoch_unit(float(np.abs(values).max()))
     if unit is not None:
-        return unit, ""
+        return unit, _on_labview(name, float(values.min())) if unit == "s" else ""
     steps = np.diff(values)
     step = float(np.median(steps[steps > 0])) if (steps > 0).any() else 0.0
     for form, (first, last, _) in _SERIAL.items():
@@ -290,6 +293,16 @@ def _guessed_unit(name: str, values: NDArray[np.float64]) -> tuple[str, str]:
         f" write the unit behind its name if it is another one, such as '{name} [s]' or '{name} [min]'"
     )
     return unit, note
+
+
+def _on_labview(name: str, first: float) -> str:
+    """Return what to tell of seconds that are of this century only if LabVIEW counted them."""
+    if first < _EPOCH[0] + _LABVIEW:
+        return ""
+    return (
+        f"column '{name}' is read as seconds since 1970, and is far in the future then: LabVIEW counts from 1904, {_LABVIEW}"
+        " seconds earlier; times within the log do not depend on it"
+    )
 
 
 def _second_and_fraction(names: Sequence[str], sample: Sequence[pa.Array]) -> ClockColumn | None:
