@@ -82,3 +82,11 @@ def test_whole_numbers_beyond_53_bits_are_told(tmp_path):
     assert [note for note in log.notes if "rounded" in note] == [
         f"column 'enc': its whole numbers are rounded to 53 bits, such as {2**60 + 1}"
     ]
+
+
+def test_an_index_without_a_name_is_the_clock_or_a_hint_is_given(tmp_path):
+    """Pandas stores it under a name of its own."""
+    log = stored(tmp_path, pos=TIME**2 - TIME, __index_level_0__=pa.array(np.arange(N) * 10_000, pa.duration("us")))
+    assert log.channels["pos"].stamps[1] == 10**7
+    log = stored(tmp_path, pos=TIME**2 - TIME, __index_level_0__=TIME)
+    assert any("column '__index_level_0__' rises evenly" in note for note in log.notes)

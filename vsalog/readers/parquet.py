@@ -20,7 +20,7 @@ from vsalog.readers.parquet_footer import footer_trouble
 from vsalog.readers.parquet_rows import ParquetRows
 from vsalog.readers.row_clock import ROW_NOTE, row_clock
 from vsalog.readers.table_cells import ROUNDED, Cells, numbers_and_words
-from vsalog.readers.time_columns import ClockPlan, find_clocks, folds_of, nanoseconds
+from vsalog.readers.time_columns import ClockPlan, find_clocks, folds_of, looks_like_clock, nanoseconds
 from vsalog.readers.time_dates import in_nanoseconds
 from vsalog.readers.time_folds import Folds
 from vsalog.recording import Stamps, Values
@@ -30,6 +30,9 @@ KEYS = ("joint", "transmission")
 """Text columns of vsalog's own traces: their values name the part of the device a row belongs to."""
 STREAM, RIG = b"stream", b"vsalog.rig"
 """Metadata of vsalog's own logs: of a column, the stream whose clock it is on; of the table, its rig."""
+
+_INDEX = "__index_level_0__"
+"""What pandas calls an index without a name."""
 
 
 class ParquetReader:
@@ -72,7 +75,11 @@ class ParquetReader:
         for name in schema.names:
             self._places.append((name, counted[name]))
             counted[name] += 1
-        self._names = unique_names([name for name, _ in pairs])
+        called = [
+            "time" if name == _INDEX and _is_moment(field.type) else name
+            for (name, _), field in zip(pairs, schema, strict=True)
+        ]
+        self._names = unique_names(called)
         self._units = [_unit(schema.field(i)) or unit for i, (_, unit) in enumerate(pairs)]
         self._plan = self._find_clocks(rate)
         self._rounded: dict[int, str] = {}
@@ -304,6 +311,12 @@ class ParquetReader:
         self.notes += [note for note in self._plan.notes if note not in self.notes]
         if not self._plan.clocks and self.rate is None:
             self.notes.append(ROW_NOTE if self._plan.backwards is None else f"{self._timeless()}, so there is no time")
+            for name, cells in zip(self._names, self._sample, strict=False):
+                if cells is not None and pa.types.is_floating(cells.type) and looks_like_clock(_numbers(cells)):
+                    self.notes.append(
+                        f"column '{name}' rises evenly: if it is the time, call it so, with its unit: 'time [s]'"
+                    )
+                    break
         elif self._plan.clocks and self.rate is not None:
             self.notes.append("the table has a time column: the sample rate that was given is not used")
 
@@ -328,6 +341,10 @@ def _is_text(kind: pa.DataType) -> bool:
     if pa.types.is_dictionary(kind):
         return _is_text(kind.value_type)
     return bool(pa.types.is_string(kind) or pa.types.is_large_string(kind))
+
+
+def _is_moment(kind: pa.DataType) -> bool:
+    return bool(pa.types.is_duration(kind) or pa.types.is_timestamp(kind))
 
 
 def _is_number(kind: pa.DataType) -> bool:
