@@ -67,7 +67,7 @@ def test_time_types(tmp_path, kind, factor):
 
 
 def test_a_table_without_rows_is_refused(tmp_path):
-    with pytest.raises(ReadError, match="holds no rows"):
+    with pytest.raises(ReadError, match="has no rows"):
         read(parquet(tmp_path, {"time": pa.array([], pa.float64()), "x": pa.array([], pa.float64())}))
 
 

@@ -64,7 +64,7 @@ class ParquetReader:
             words = printable(str(error).strip())[:200]
             raise ReadError(f"{path}: the Parquet file cannot be read: {footer_trouble(path) or words}") from error
         if not any(group.rows for group in rows.groups):
-            raise ReadError(f"{path}: the Parquet file holds no rows")
+            raise ReadError(f"{path}: the Parquet file has no rows")
         self._rows = FlatRows(rows)
         # Columns of which the footer does not say that no cell is empty.
         self._gaps = {chunk.path for group in rows.groups for chunk in group.chunks if chunk.nulls != 0}
