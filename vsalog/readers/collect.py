@@ -19,7 +19,7 @@ from vsalog.readers.timing import ASKED_FOR, YEAR_2000, Clock, Order, choose_clo
 from vsalog.recording import Channel, Recording, Stream
 
 # Beyond so many bytes of samples, a log that grows so many times is a bomb.
-FREE_BYTES, MOST_TIMES = 256 * 2**20, 100
+FREE_BYTES, MOST_TIMES = 256 * 2**20, 60
 
 # So many samples are made room for at once where a log promises them; the room is no memory before it is filled.
 _MOST_ROOM, _PIECE = 2**22, 2**13
