@@ -74,8 +74,10 @@ class FlatRows:
             One of the required columns, or all others, cannot be read at all.
         """
         read = list(dict.fromkeys(self._owners[name] for name in columns))
+        schema = self._rows.schema
         for row, batch in self._rows.batches(read, {self._owners[name] for name in required}):
-            fields = (self._rows.schema.field(i) for i, name in enumerate(self._rows.schema.names) if name in read)
+            # In the order in which they were asked for, and all of one name together.
+            fields = (schema.field(i) for name in read for i in schema.get_all_field_indices(name))
             flat = [
                 one for field, cells in zip(fields, batch.columns, strict=True) for one in self._columns(field, cells)
             ]

@@ -11,7 +11,7 @@ _ENOUGH = 10
 
 
 def cut_off(path: Path, separator: str) -> bytes:
-    """Return the last line of a file where it has no end and its last cell is shorter than those of the lines ahead, else b""."""
+    """Return the last line of a file where it has no end and its last cell is shorter than all of the lines ahead, else b""."""
     with path.open("rb") as file:
         size = file.seek(0, 2)
         file.seek(max(size - _TAIL, 0))
@@ -21,8 +21,10 @@ def cut_off(path: Path, separator: str) -> bytes:
         return b""
     cells = [_last_cell(line, separator) for line in lines[1:] if line.strip()]
     cell = _last_cell(last, separator)
-    shorter = len(cell) < min(map(len, cells), default=0)
-    return last if shorter or _decimals(cell) < min(map(_decimals, cells), default=0) else b""
+    # Numbers that are written as short as can be have any length: only where all have the same one may be too short.
+    lengths, decimals = {len(c) for c in cells}, {_decimals(c) for c in cells}
+    shorter = len(lengths) == 1 and len(cell) < min(lengths)
+    return last if shorter or (len(decimals) == 1 and _decimals(cell) < min(decimals)) else b""
 
 
 def _last_cell(line: bytes, separator: str) -> str:
