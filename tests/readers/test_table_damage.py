@@ -190,3 +190,11 @@ def test_a_hole_of_zeros_costs_a_line(tmp_path, hole):
     text = "time,pos\n" + "".join(f"{i / 10},{i}\n" for i in range(200))
     path.write_bytes(text[:700].encode() + bytes(hole) + text[700:].encode())
     assert len(read(path).channels["pos"].values) == 199
+
+
+def test_a_last_line_whose_numbers_are_as_short_as_they_can_be_is_whole(tmp_path):
+    """Most programs write no more digits than are needed, and some no end of the last line."""
+    x = [*np.random.default_rng(0).normal(size=40), 0.5]
+    text = "time,x\n" + "\n".join(f"{0.01 * k:.2f},{v!r}" for k, v in enumerate(map(float, x)))
+    (tmp_path / "log.csv").write_text(text)
+    assert read(tmp_path / "log.csv").channel("x").values.tolist() == x
