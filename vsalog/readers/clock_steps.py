@@ -64,10 +64,8 @@ class ClockSteps:
         """Look for steps back, which begin before sample number `until`."""
         latest = np.maximum.accumulate(header)
         edges = np.diff((header < latest).astype(np.int8), prepend=0, append=0)
-        begins, ends = (
-            np.flatnonzero(edges == 1),
-            np.flatnonzero(edges == -1),
-        )  # of samples earlier than some before them
+        # Where samples that are earlier than some before them begin, and where that is over.
+        begins, ends = np.flatnonzero(edges == 1), np.flatnonzero(edges == -1)
         depths = latest[begins] - header[begins]
         # A clock that was set back needs as long to catch up; late samples come all at once.
         lasts = np.minimum(ends, header.size - 1)

@@ -48,9 +48,8 @@ class Damage:
         if self._changed is None:
             found = [column.first_row for column in columns if column.bad and column.good]
             found += [] if good.all() else [begin + int(np.argmin(good))]
-            if odd_line is not None and odd_line < begin + len(
-                good
-            ):  # lines are parsed ahead of the rows, by chance how far
+            # Lines are parsed ahead of the rows, by chance how far.
+            if odd_line is not None and odd_line < begin + len(good):
                 found.append(odd_line)
             if not found:
                 return None
