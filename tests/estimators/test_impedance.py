@@ -264,21 +264,13 @@ def test_a_filter_that_came_to_something_impossible_begins_anew():
     assert np.isnan(x).any(axis=1).sum() == state.last[3]
 
 
-@pytest.mark.parametrize("seed", range(4))
-def test_what_the_torque_s_noise_bends_is_told(tmp_path, run, seed):
-    """A torque sensor half as noisy as the torque: the inertia comes out too large, and roughly by how much is told."""
-    q, u = swinging(0.01, 1500, noise=0.25, seed=seed)
-    rng = np.random.default_rng(seed)
-    columns = {
-        "time": np.arange(q.size) * 0.01,
-        "q": q,
-        "theta": 0.3 * np.sin(2.0 * np.arange(q.size) * 0.01),
-        "torque": -u,
-    }
-    columns["theta"] += 1e-5 * rng.standard_normal(q.size)
-    header = ",".join(columns)
-    np.savetxt(tmp_path / "arm.csv", np.column_stack(list(columns.values())), delimiter=",", header=header, comments="")
-    (tmp_path / "arm.rig.toml").write_text(
+def swung_log(path, q, u, period, seed=0):
+    """A log of a link that swings, and the rig that goes with it."""
+    t = np.arange(q.size) * period
+    theta = 0.3 * np.sin(2.0 * t) + 1e-5 * np.random.default_rng(seed).standard_normal(q.size)
+    columns = {"time": t, "q": q, "theta": theta, "torque": -u}
+    np.savetxt(path, np.column_stack(list(columns.values())), delimiter=",", header=",".join(columns), comments="")
+    path.with_suffix(".rig.toml").write_text(
         """[joint.arm]
 kind = "elastic"
 [joint.arm.signals]
@@ -287,7 +279,31 @@ motor_position = "theta"
 torque_sensor = "torque"
 """
     )
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_what_the_torque_s_noise_bends_is_told(tmp_path, seed):
+    """A torque sensor half as noisy as the torque: the inertia comes out too large, and roughly by how much is told."""
+    q, u = swinging(0.01, 1500, noise=0.25, seed=seed)
+    swung_log(tmp_path / "arm.csv", q, u, 0.01, seed)
     trace, _ = estimated(tmp_path / "arm.csv", tmp_path)
     inertia, std = numbers(trace["link_inertia"])[-1], numbers(trace["link_inertia_std"])[-1]
     assert inertia > 1.02 * 0.05
     assert abs(inertia - 0.05) < 2.5 * std
+
+
+@pytest.mark.parametrize(
+    ("turn", "told"), [(40_000, True), (2000, True), (500, None), (200, None), (90, False), (40, False)]
+)
+def test_an_encoder_s_steps_are_no_motion_of_the_link(tmp_path, turn, told):
+    """Steps that are taken one by one pass for accelerations, and the inertia would come out many times too small."""
+    q, u = swinging(T, 8000, noise=0.005)
+    step = 2.0 * np.pi / turn
+    swung_log(tmp_path / "arm.csv", np.round(q / step) * step, u, T)
+    trace, said = estimated(tmp_path / "arm.csv", tmp_path)
+    for name, true in (("link_inertia", 0.05), ("link_damping", 0.4)):
+        found, std = numbers(trace[name])[-1], numbers(trace[f"{name}_std"])[-1]
+        assert told is None or np.isfinite(found) == told, name
+        assert not abs(found - true) > 2.5 * std, name
+    if told is False:
+        assert "steps of the sensors" in json.dumps(said) or "as an inertia" in json.dumps(said)

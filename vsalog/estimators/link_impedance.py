@@ -42,7 +42,7 @@ KNOWN = 3.0
 MOST_EXCESS = 4.0
 # Inertia and damping are known no better than to this share.
 FLOOR = 1e-3
-# The torque's noise is tried out on so many samples, in so many pairs of opposite sign.
+# What the sensors add is tried out on so many samples, the torque's noise in so many pairs of opposite sign.
 TRIED, PAIRS = 1 << 14, 3
 
 
@@ -66,13 +66,13 @@ class LinkImpedance:
         torque = savgol_filter(u, weights[:1])[0]
         self.noise = _noise(signals, u, torque, rate, acceleration, wander)
         self.bent = np.maximum(
-            self._bent(most_moved(signals, ["link_position"])[:TRIED]),
+            self._bent(most_moved(signals, ["link_position"])[:TRIED], weights.shape[1]),
             max(FLOOR, _between(q, weights[2], acceleration)),
         )
         self.beside = what_else_acts(torque, rate, acceleration, weights.shape[1])
         if sensor_error(q[:ENOUGH], weights.shape[1]).rms(weights[2]) > LOUD * rms(acceleration):
-            # What an encoder adds is no white noise where it is taken slowly, and would be taken for the link's motion.
-            self.bent, self.beside = np.full(2, np.inf), NOTHING
+            # Least squares of such accelerations say nothing.
+            self.beside = NOTHING
         self.doubt = np.maximum(self.bent, self.beside.moved)
 
     def start(self) -> LinkState:
@@ -126,7 +126,7 @@ class LinkImpedance:
             lacking = " and ".join(name for name, doubt in found if not doubt < SUPPORTED_SHARE)
             return (
                 *beside,
-                f"joint '{joint}': noise of the sensors, or samples that are too few for the motion, bend the link's"
+                f"joint '{joint}': noise or steps of the sensors, or samples that are too few for the motion, bend the link's"
                 f" {lacking} by more than {SUPPORTED_SHARE:.0%}: left out; move the link harder, or record faster",
             )
         else:
@@ -148,26 +148,30 @@ class LinkImpedance:
             u = u - link_weight(link) * np.sin(rows.roles["link_position"] - link.gravity_angle)
         return np.asarray(u)
 
-    def _bent(self, part: JointSignals) -> Array:
-        """Return by which share the torque's noise bends I and N: by about as much as so much more noise does.
+    def _bent(self, part: JointSignals, window: int) -> Array:
+        """Return by which share the sensors bend I and N: by about as much as they do when what they add is added again.
 
         The filter takes the torque for exact where it multiplies 1/I. Noise of either sign moves its estimates to either side;
-        the mean of both is what it bends.
+        the mean of both is what it bends. It takes the encoder's steps for white noise, which they are not where they are taken
+        slowly: they would be taken for the link's motion. How far they move the estimates is doubt as a whole.
         (Cook and Stefanski, "Simulation-extrapolation estimation in parametric measurement error models", JASA 89, 1994.)
         """
-        u = self._acting(part)
-        before = self._ends(part, u)
-        more = self.noise.torque * np.random.default_rng(0).standard_normal((PAIRS, u.size))
-        tried = [self._ends(part, u + sign * extra) for extra in more for sign in (-1.0, 1.0)]
+        q, u = part.roles["link_position"], self._acting(part)
+        noises = self.noise.torque * np.random.default_rng(0).standard_normal((PAIRS, u.size))
+        steps = sensor_error(q, window).whole(q.size)
+        before = self._ends(part, q, u)
+        louder = np.array([self._ends(part, q, u + sign * more) for more in noises for sign in (-1.0, 1.0)])
+        coarser = np.array([self._ends(part, q + sign * more, u) for more in steps for sign in (-1.0, 1.0)] or [before])
         with np.errstate(divide="ignore", invalid="ignore"):
-            shares = np.abs(np.mean(tried, axis=0) / before - 1.0)
+            by_noise, by_steps = louder.mean(axis=0) / before - 1.0, coarser / before - 1.0
+            shares = np.sqrt(by_noise**2 + np.mean(by_steps**2, axis=0))
         return np.asarray(np.where(np.isfinite(shares), shares, np.inf))
 
-    def _ends(self, part: JointSignals, torque: Array) -> Array:
+    def _ends(self, part: JointSignals, position: Array, torque: Array) -> Array:
         """Return I and N as they are at the end of a stretch."""
         state = self.start()
         for run in _runs(part):
-            q, u = part.roles["link_position"][run], torque[run]
+            q, u = position[run], torque[run]
             *_, state = estimate_link(anew(state), q, u, self.period, self.noise, self.memory)
         with np.errstate(divide="ignore", invalid="ignore"):
             return np.asarray(np.array([1.0, state.x[DECAY]]) / state.x[MOBILITY])

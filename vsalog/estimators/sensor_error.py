@@ -55,6 +55,14 @@ class SensorError:
         """Return the root mean square of what a filter makes of it."""
         return float(np.sqrt(self.product(weights, weights)))
 
+    def whole(self, count: int) -> list[Array]:
+        """Return what rounding adds to each of the signal's `count` samples: mirrored at its ends, where it is not known."""
+        before = [(count - series.size) // 2 for series in self.rounding]
+        return [
+            np.pad(series, (n, count - series.size - n), mode="reflect") if series.size > 1 else np.zeros(count)
+            for n, series in zip(before, self.rounding, strict=True)
+        ]
+
 
 def sensor_error(values: Array, window: int) -> SensorError:
     """Tell what a sensor adds to a signal.
