@@ -307,3 +307,25 @@ def test_an_encoder_s_steps_are_no_motion_of_the_link(tmp_path, turn, told):
         assert not abs(found - true) > 2.5 * std, name
     if told is False:
         assert "steps of the sensors" in json.dumps(said) or "as an inertia" in json.dumps(said)
+
+
+def test_steps_that_a_square_wave_repeats_are_in_the_deviations(tmp_path):
+    """A link on a spring that is known, between two levels of a few steps: where they lie moves I and N by several per cent."""
+    period, step, off = 5e-3, 2.0 * np.pi / 200, []
+    t = np.arange(4000) * period
+
+    def pushed(s):
+        return 0.15 * np.clip(5.0 * np.sin(np.pi * s), -1.0, 1.0)
+
+    def motion(s, y):
+        return [y[1], (pushed(s) - 0.4 * y[1] - 1.5 * y[0]) / 0.05]
+
+    q = solve_ivp(motion, (0.0, t[-1]), [0.0, 0.0], t_eval=t, rtol=1e-9, atol=1e-12, max_step=period).y[0]
+    u = pushed(t) - 1.5 * q + 0.01 * np.random.default_rng(0).standard_normal(t.size)
+    for shift in np.arange(6) / 6:
+        swung_log(tmp_path / "arm.csv", np.round(q / step + shift) * step, u, period)
+        trace, _ = estimated(tmp_path / "arm.csv", tmp_path)
+        for name, true in (("link_inertia", 0.05), ("link_damping", 0.4)):
+            off.append((numbers(trace[name])[-1] - true) / numbers(trace[f"{name}_std"])[-1])
+    assert np.isfinite(off).sum() >= 8
+    assert np.nanmax(np.abs(off)) < 3.0

@@ -153,7 +153,7 @@ class LinkImpedance:
 
         The filter takes the torque for exact where it multiplies 1/I. Noise of either sign moves its estimates to either side;
         the mean of both is what it bends. It takes the encoder's steps for white noise, which they are not where they are taken
-        slowly: they would be taken for the link's motion. How far they move the estimates is doubt as a whole.
+        slowly: they would be taken for the link's motion. The farthest that they move the estimates is doubt as a whole.
         (Cook and Stefanski, "Simulation-extrapolation estimation in parametric measurement error models", JASA 89, 1994.)
         """
         q, u = part.roles["link_position"], self._acting(part)
@@ -164,7 +164,7 @@ class LinkImpedance:
         coarser = np.array([self._ends(part, q + sign * more, u) for more in steps for sign in (-1.0, 1.0)] or [before])
         with np.errstate(divide="ignore", invalid="ignore"):
             by_noise, by_steps = louder.mean(axis=0) / before - 1.0, coarser / before - 1.0
-            shares = np.sqrt(by_noise**2 + np.mean(by_steps**2, axis=0))
+            shares = np.sqrt(by_noise**2 + np.max(by_steps**2, axis=0))
         return np.asarray(np.where(np.isfinite(shares), shares, np.inf))
 
     def _ends(self, part: JointSignals, position: Array, torque: Array) -> Array:
