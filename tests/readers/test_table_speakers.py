@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import numpy as np
+import pyarrow as pa
+import pyarrow.parquet as pq
 import pytest
 
 from vsalog.readers import read
@@ -60,3 +62,76 @@ def test_a_number_that_alternates_is_a_signal(tmp_path):
     rows = "".join(f"{i / 100},{i % 2},{i}\n" for i in range(N))
     (tmp_path / "log.csv").write_text(f"time,watchdog,pos\n{rows}")
     assert list(read(tmp_path / "log.csv").channels) == ["watchdog", "pos"]
+
+
+def in_blocks(path, column, names, begin, count=500):
+    """Write a table with all rows of one name, then all of the next, with the same times; return what is read."""
+    rows = [(begin + i / 100, name, 1000.0 * k + i) for k, name in enumerate(names) for i in range(count)]
+    if path.suffix == ".csv":
+        text = f"time,{column},value\n" + "".join(f"{t:.2f},{name},{value}\n" for t, name, value in rows)
+        path.write_text(text)
+    else:
+        times, who, values = zip(*rows, strict=True)
+        pq.write_table(pa.table({"time": times, column: pa.array(who).dictionary_encode(), "value": values}), path)
+    return read(path)
+
+
+@pytest.mark.parametrize("name", ["log.csv", "log.parquet"])
+@pytest.mark.parametrize(
+    ("column", "begin"), [("signal", 0), ("signal", 1_700_000_000), ("label", 1_700_000_000), ("motor id", 0)]
+)
+def test_blocks_of_rows_with_the_same_times_are_streams(tmp_path, name, column, begin):
+    """Read as one signal, all but the first would be dropped as duplicates."""
+    who = ["4", "7", "9"] if column == "motor id" else ["theta", "tau", "q"]
+    log = in_blocks(tmp_path / name, column, who, begin)
+    assert list(log.channels) == [f"value[{one}]" for one in who]
+    for k, one in enumerate(who):
+        channel = log.channels[f"value[{one}]"]
+        np.testing.assert_array_equal(channel.values, 1000 * k + np.arange(500.0))
+        np.testing.assert_allclose(channel.stamps - begin * 10**9, np.arange(500) * 10**7, atol=300)  # as floats resolve
+    assert not any(stream.conflicts or stream.duplicates or stream.inversions for stream in log.streams.values())
+    assert [note for note in log.notes if "says whose values" in note] == [*log.notes]
+
+
+def test_blocks_that_are_written_in_turn(tmp_path):
+    """A recorder writes what it has of each signal every now and then, each with times of its own."""
+    rows = [
+        (k * 3 + i / 100 + 0.001 * (name == "b"), name, k * 300 + i)
+        for k in range(5) for name in "ab" for i in range(300)
+    ]  # fmt: skip
+    (tmp_path / "log.csv").write_text("time,channel,v\n" + "".join(f"{t:.3f},{n},{v}\n" for t, n, v in rows))
+    log = read(tmp_path / "log.csv")
+    for name in "ab":
+        np.testing.assert_array_equal(log.channels[f"v[{name}]"].values, np.arange(1500.0))
+
+
+def test_experiments_one_behind_the_other_are_no_speakers(tmp_path):
+    """Each has times from zero on, and its name says nothing of a signal."""
+    log = in_blocks(tmp_path / "log.csv", "condition", ["soft", "stiff"], 0)
+    np.testing.assert_array_equal(log.channels["value"].values, np.r_[0:500, 1000:1500])
+    assert any("a log was appended" in note for note in log.notes)
+
+
+def test_what_the_machine_did_with_dates_is_no_speaker(tmp_path):
+    """The time goes on where the word changes."""
+    rows = "".join(f"{1_700_000_000 + i / 100},{'idle' if i < 300 else 'run'},{i}\n" for i in range(600))
+    (tmp_path / "log.csv").write_text(f"time,mode,pos\n{rows}")
+    assert list(read(tmp_path / "log.csv").channels) == ["pos"]
+
+
+@pytest.mark.parametrize("kind", [pa.string(), pa.large_string(), pa.string_view(), pa.int16()])
+def test_rows_in_turn_of_a_parquet_file(tmp_path, kind):
+    who = pa.array([i % 2 for i in range(N)]).cast(kind if pa.types.is_integer(kind) else pa.string()).cast(kind)
+    pq.write_table(pa.table({"time": [i // 2 / 100 for i in range(N)], "joint": who, "pos": range(N)}), tmp_path / "a")
+    log = read(tmp_path / "a")
+    assert {name: list(channel.values) for name, channel in log.channels.items()} == {
+        "pos[0]": list(range(0, N, 2)),
+        "pos[1]": list(range(1, N, 2)),
+    }
+
+
+def test_more_speakers_than_a_table_can_have_are_told(tmp_path):
+    """Made-up names of a damaged table would take ever more memory."""
+    log = in_blocks(tmp_path / "log.csv", "signal", [f"s{k}" for k in range(300)], 0, count=250)
+    assert len(log.channels) == 256
+    assert any("11000 rows left out that hold the values of others than the first 256" in note for note in log.notes)

@@ -3,25 +3,25 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Collection, Iterator, Mapping
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
 import pyarrow as pa
-import pyarrow.compute as pc
-from numpy.typing import NDArray
 
 from vsalog.errors import ReadError
 from vsalog.printable import printable
 from vsalog.readers.base import NO_TIME, Block, Catalogue, ChannelInfo, first_of_each, plural
 from vsalog.readers.headers import printable_cell, unique_names
+from vsalog.readers.parquet_cells import as_numbers, is_moment, is_number, rising
+from vsalog.readers.parquet_cells import rounded as rounded_in
 from vsalog.readers.parquet_flat import FlatRows
 from vsalog.readers.parquet_footer import footer_trouble
 from vsalog.readers.parquet_rows import ParquetRows
 from vsalog.readers.row_clock import ROW_NOTE, row_clock
 from vsalog.readers.table_cells import ROUNDED, Cells, numbers_and_words
+from vsalog.readers.table_speakers import Speakers, find_speakers
 from vsalog.readers.time_columns import ClockPlan, find_clocks, folds_of, looks_like_clock, nanoseconds
-from vsalog.readers.time_dates import in_nanoseconds
 from vsalog.readers.time_folds import Folds
 from vsalog.recording import Stamps, Values
 from vsalog.units import split_header
@@ -76,23 +76,47 @@ class ParquetReader:
             self._places.append((name, counted[name]))
             counted[name] += 1
         called = [
-            "time" if name == _INDEX and _is_moment(field.type) else name
+            "time" if name == _INDEX and is_moment(field.type) else name
             for (name, _), field in zip(pairs, schema, strict=True)
         ]
         self._names = unique_names(called)
         self._units = [_unit(schema.field(i)) or unit for i, (_, unit) in enumerate(pairs)]
+        self._sample = self._rows.sample()
         self._plan = self._find_clocks(rate)
         self._rounded: dict[int, str] = {}
         self._written = self._numbers_as_text()
-        self._folds: dict[tuple[str, str | None], Folds] = {}
-        self._keys = [
-            schema.names.index(key) for key in KEYS if schema.names.count(key) == 1 and _is_text(schema.field(key).type)
-        ]
-        if len(self._keys) < len(KEYS):
-            self._keys = []
+        self._folds: dict[tuple[str, str], Folds] = {}
         self._streams = [_text(field.metadata, STREAM) or path.stem for field in schema]
+        keys = self._keys()
         # A trace carries the rig of the log that it was estimated from, whose channels it does not have.
-        self.rig_text = None if self._keys else _text(schema.metadata, RIG)
+        self.rig_text = None if keys else _text(schema.metadata, RIG)
+        self._speakers = (
+            Speakers(" and ".join(KEYS), keys, self._all_rows(keys))
+            if keys
+            else find_speakers(self._names, self._known_cells(), self._plan, self._all_rows)
+        )
+        if self._speakers and not keys:
+            self.notes.append(self._speakers.note())
+
+    def _keys(self) -> tuple[int, ...]:
+        """Return the columns of a trace that name the part of the device, none for other tables."""
+        schema = self._rows.schema
+        named = all(schema.names.count(key) == 1 and pa.types.is_string(schema.field(key).type) for key in KEYS)
+        return tuple(schema.names.index(key) for key in KEYS) if named else ()
+
+    def _known_cells(self) -> list[pa.Array]:
+        """Return the first rows of each column, null where they cannot be read."""
+        rows = next((len(cells) for cells in self._sample if cells is not None), 0)
+        return [
+            pa.nulls(rows, field.type) if cells is None else cells
+            for cells, field in zip(self._sample, self._rows.schema, strict=False)
+        ]
+
+    def _all_rows(self, columns: Sequence[int]) -> Iterator[list[pa.Array]]:
+        """Yield all of some columns, part by part, without rows of which one of them is damaged."""
+        names = [self._rows.schema.names[i] for i in columns]
+        for _, batch in self._rows.batches(names, names):
+            yield [self._cells(batch, i) for i in columns]
 
     def _find_clocks(self, rate: float | None) -> ClockPlan:
         """Return which columns are the clock.
@@ -102,15 +126,14 @@ class ParquetReader:
         ReadError
             One would be it, but none of its rows can be read, and no rate makes up for it.
         """
-        sample = self._sample = self._rows.sample()
-        rows = next((len(cells) for cells in sample if cells is not None), 0)
-        types = [field.type for field in self._rows.schema]
-        empty = [pa.nulls(rows, kind) if cells is None else cells for cells, kind in zip(sample, types, strict=False)]
-        plan = find_clocks(self._names, self._units, empty)
+        sample, known = self._sample, self._known_cells()
+        plan = find_clocks(self._names, self._units, known)
         if plan.clocks or rate is not None or all(cells is not None for cells in sample):
             return plan
-        rising = [_rising(rows, kind) if cells is None else cells for cells, kind in zip(sample, types, strict=True)]
-        for i in sorted(find_clocks(self._names, self._units, rising).columns()):
+        likely = [
+            rising(len(null), null.type) if cells is None else cells for cells, null in zip(sample, known, strict=True)
+        ]
+        for i in sorted(find_clocks(self._names, self._units, likely).columns()):
             raise ReadError(
                 f"{self.path}: the Parquet file is damaged: time column '{printable_cell(self._names[i])}' cannot be read;"
                 " --rate HZ reads the others as evenly sampled"
@@ -120,9 +143,9 @@ class ParquetReader:
     def catalogue(self) -> Catalogue:
         """Return the columns."""
         channels: dict[str, ChannelInfo] = {}
-        for part in self._parts():
+        for part in self._parts:
             for i in self._number_columns():
-                channels[self._name(i, part)] = ChannelInfo(self._stream(part, i), "parquet", self._units[i])
+                channels[self._names[i] + part] = ChannelInfo(self._stream(part, i), "parquet", self._units[i])
         return Catalogue(channels, self._text_columns())
 
     def heads(self) -> Iterator[Block]:
@@ -141,13 +164,15 @@ class ParquetReader:
         self._note_clock()
         self._folds = {}
         self._written = {i: Cells() for i in self._written}
-        parts = self._parts()
+        parts = self._parts
         columns = [
-            i for i in self._number_columns() if wanted is None or any(self._name(i, part) in wanted for part in parts)
+            i
+            for i in self._number_columns()
+            if wanted is None or any(self._names[i] + part in wanted for part in parts)
         ]
         schema = self._rows.schema
         streams = [(members, self._tellers(members)) for members in self._by_stream(columns)]
-        read = {*columns, *self._plan.columns(), *self._keys, *(i for _, tellers in streams for i in tellers)}
+        read = {*columns, *self._not_channels(), *(i for _, tellers in streams for i in tellers)}
         needed = [schema.names[i] for i in sorted(read)] or schema.names[:1]
         dropped = 0
         for row, batch in self._batches(needed):
@@ -159,6 +184,8 @@ class ParquetReader:
                 dropped += missing
         if dropped:
             self.notes.append(f"{plural(dropped, 'row')} {NO_TIME}")
+        if self._speakers:
+            self.notes += self._speakers.left_out()
         self.notes += self._notes_on_cells()
         self.notes += dict.fromkeys(note for folds in self._folds.values() for note in folds.notes())
 
@@ -170,14 +197,14 @@ class ParquetReader:
         ReadError
             Nothing of use can be read.
         """
-        clocks = {self._rows.schema.names[i] for i in (*self._plan.columns(), *self._keys)}
+        clocks = {self._rows.schema.names[i] for i in self._not_channels()}
         yield from self._rows.batches(columns, clocks.intersection(columns))
         self.notes += [note for note in self._rows.notes if note not in self.notes]
 
     def _block(
         self,
         batch: pa.RecordBatch,
-        part: str | None,
+        part: str,
         columns: list[int],
         tellers: list[int],
         row: int,
@@ -195,11 +222,11 @@ class ParquetReader:
         values: dict[str, Values] = {}
         units: dict[str, str] = {}
         for i in columns:
-            name = self._name(i, part)
+            name = self._names[i] + part
             if wanted is None or name in wanted:
                 cells = self._cells(batch, i)
-                values[name] = self._written[i].convert(cells) if i in self._written else _numbers(cells)
-                if i not in self._rounded and (rounded := _rounded(cells, values[name])):
+                values[name] = self._written[i].convert(cells) if i in self._written else as_numbers(cells)
+                if i not in self._rounded and (rounded := rounded_in(cells, values[name])):
                     self._rounded[i] = rounded
                 unit = self._units[i]
                 if unit is not None:
@@ -237,13 +264,17 @@ class ParquetReader:
         name, which = self._places[column]
         return batch.column(batch.schema.get_all_field_indices(name)[which])
 
+    def _not_channels(self) -> set[int]:
+        """Return the columns that tell when and whose the values of a row are."""
+        return {*self._plan.columns(), *(self._speakers.columns if self._speakers else ())}
+
     def _number_columns(self) -> list[int]:
         schema = self._rows.schema
-        clocks = {*self._plan.columns(), *self._keys}
+        clocks = self._not_channels()
         return [i for i in range(len(schema)) if i not in clocks and self._is_signal(i)]
 
     def _is_signal(self, column: int) -> bool:
-        return column in self._written or _is_number(self._rows.schema.field(column).type)
+        return column in self._written or is_number(self._rows.schema.field(column).type)
 
     def _numbers_as_text(self) -> dict[int, Cells]:
         """Return what converts the columns of text that holds numbers."""
@@ -268,38 +299,29 @@ class ParquetReader:
 
     def _text_columns(self) -> dict[str, str]:
         """Return the columns that are no signals, with the reason."""
-        clocks = {*self._plan.columns(), *self._keys}
+        clocks = self._not_channels()
         return {
-            self._names[i]: "text" if _is_text(field.type) else f"column of type {field.type}"
+            self._names[i]: "text" if pa.types.is_string(field.type) else f"column of type {field.type}"
             for i, field in enumerate(self._rows.schema)
             if i not in clocks and not self._is_signal(i)
         }
 
-    def _parts(self) -> list[str | None]:
-        """Return the parts of the device that a trace's rows belong to; only None for other tables."""
-        if not self._keys:
-            return [None]
-        names = [self._rows.schema.names[i] for i in self._keys]
-        parts: dict[str | None, None] = {}
-        for _, batch in self._batches(names):
-            parts.update(dict.fromkeys(pc.unique(_part_names(batch, names)).to_pylist()))
-        return list(parts)
+    @property
+    def _parts(self) -> Collection[str]:
+        """What stands behind the names of channels and streams."""
+        return self._speakers.parts if self._speakers else ("",)
 
-    def _split(self, batch: pa.RecordBatch) -> Iterator[tuple[str | None, pa.RecordBatch]]:
+    def _split(self, batch: pa.RecordBatch) -> Iterator[tuple[str, pa.RecordBatch]]:
         """Yield the rows of each part of the device."""
-        if not self._keys:
-            yield None, batch
+        if self._speakers is None:
+            yield "", batch
             return
-        parts = _part_names(batch, [self._rows.schema.names[i] for i in self._keys])
-        for part in pc.unique(parts).to_pylist():
-            yield part, batch.filter(pc.equal(parts, part))
+        for part, own in self._speakers.rows([self._cells(batch, i) for i in self._speakers.columns]).items():
+            if own.any():
+                yield part, batch.filter(pa.array(own))
 
-    def _stream(self, part: str | None, column: int | None = None) -> str:
-        stream = self.path.stem if column is None else self._streams[column]
-        return stream if part is None else f"{stream}[{part}]"
-
-    def _name(self, i: int, part: str | None) -> str:
-        return self._names[i] if part is None else f"{self._names[i]}[{part}]"
+    def _stream(self, part: str, column: int | None) -> str:
+        return (self.path.stem if column is None else self._streams[column]) + part
 
     def _timeless(self) -> str:
         if self._plan.backwards is None:
@@ -312,18 +334,13 @@ class ParquetReader:
         if not self._plan.clocks and self.rate is None:
             self.notes.append(ROW_NOTE if self._plan.backwards is None else f"{self._timeless()}, so there is no time")
             for name, cells in zip(self._names, self._sample, strict=False):
-                if cells is not None and pa.types.is_floating(cells.type) and looks_like_clock(_numbers(cells)):
+                if cells is not None and pa.types.is_floating(cells.type) and looks_like_clock(as_numbers(cells)):
                     self.notes.append(
                         f"column '{name}' rises evenly: if it is the time, call it so, with its unit: 'time [s]'"
                     )
                     break
         elif self._plan.clocks and self.rate is not None:
             self.notes.append("the table has a time column: the sample rate that was given is not used")
-
-
-def _part_names(batch: pa.RecordBatch, names: list[str]) -> pa.Array:
-    texts = [pc.fill_null(pc.cast(batch.column(name), pa.string()), "") for name in names]
-    return pc.binary_join_element_wise(*texts, ".")
 
 
 def _unit(field: pa.Field) -> str | None:
@@ -335,51 +352,3 @@ def _text(metadata: Mapping[bytes, bytes] | None, key: bytes) -> str | None:
     """Return a text of some metadata, None where there is none or it is empty."""
     raw = (metadata or {}).get(key, b"")
     return raw.decode("utf-8", "replace") or None
-
-
-def _is_text(kind: pa.DataType) -> bool:
-    if pa.types.is_dictionary(kind):
-        return _is_text(kind.value_type)
-    return bool(pa.types.is_string(kind) or pa.types.is_large_string(kind))
-
-
-def _is_moment(kind: pa.DataType) -> bool:
-    return bool(pa.types.is_duration(kind) or pa.types.is_timestamp(kind))
-
-
-def _is_number(kind: pa.DataType) -> bool:
-    return bool(
-        pa.types.is_integer(kind)
-        or pa.types.is_floating(kind)
-        or pa.types.is_boolean(kind)
-        or pa.types.is_decimal(kind)
-        or pa.types.is_duration(kind)
-    )
-
-
-def _rising(rows: int, kind: pa.DataType) -> pa.Array:
-    """Return cells of a type as a clock would have them, null where numbers cannot be of that type."""
-    try:
-        return pc.cast(pa.array(np.arange(rows) / 1000.0), kind, safe=False)
-    except pa.ArrowException:
-        return pa.nulls(rows, kind)
-
-
-def _rounded(cells: pa.Array, values: Values) -> str:
-    """Return a whole number that floating point cannot hold, "" where there is none."""
-    if not pa.types.is_integer(cells.type) or cells.type.bit_width < 64 or not (np.abs(values) > 2.0**53).any():
-        return ""
-    for at in np.flatnonzero(np.abs(values) > 2.0**53)[:100].tolist():
-        if (number := cells[at].as_py()) != int(values[at]):
-            return str(number)
-    return ""
-
-
-def _numbers(cells: pa.Array) -> NDArray[np.float64]:
-    """Return a column as numbers, durations in seconds, NaN where a cell is empty."""
-    if pa.types.is_duration(cells.type):
-        durations, good = in_nanoseconds(cells)
-        return np.where(good, durations * 1e-9, np.nan)
-    if pa.types.is_boolean(cells.type):
-        cells = pc.cast(cells, pa.uint8())
-    return np.array(pc.cast(cells, pa.float64(), safe=False).to_numpy(zero_copy_only=False), np.float64)

@@ -10,14 +10,15 @@ import pyarrow.compute as pc
 
 from vsalog.readers.base import MAX_ARRAY
 from vsalog.readers.headers import printable_cell
+from vsalog.readers.parquet_cells import is_number, plain_cells, plain_type
 from vsalog.readers.parquet_rows import ParquetRows
 
 
 class FlatRows:
     """Batches of a `ParquetRows`: ``js.pos`` for a member of a structure, ``pos[0]`` for an element of a list.
 
-    Dates and times of day are text, to be read as those of text tables are. Lists have as many columns as the longest of the
-    first rows has elements.
+    Types are those of `parquet_cells.plain_type`; dates and times of day are read as those of text tables are. Lists have as
+    many columns as the longest of the first rows has elements.
 
     Parameters
     ----------
@@ -42,7 +43,7 @@ class FlatRows:
         names = [one.name for column in columns for one, _ in column]
         self._plain = nested and len(set(names)) < len(names)  # names that would be those of others
         if self._plain:
-            columns = [[(field, None)] for field in rows.schema]
+            columns = [[_as_plain(field, None)] for field in rows.schema]
         self.schema = pa.schema([one for column in columns for one, _ in column], rows.schema.metadata)
         owners = zip(rows.schema.names, columns, strict=True)
         self._owners = {one.name: owner for owner, column in owners for one, _ in column}
@@ -84,7 +85,7 @@ class FlatRows:
             yield row, pa.RecordBatch.from_arrays([cells for _, cells in flat], [field.name for field, _ in flat])
 
     def _columns(self, field: pa.Field, cells: pa.Array) -> list[tuple[pa.Field, pa.Array]]:
-        return [(field, cells)] if self._plain else list(self._flat(field, cells))
+        return [_as_plain(field, cells)] if self._plain else list(self._flat(field, cells))
 
     def _measure(self, name: str, kind: pa.DataType, cells: pa.Array | None) -> None:
         """Find out how long the lists are."""
@@ -103,7 +104,7 @@ class FlatRows:
             members = cells.flatten() if cells is not None else [None] * kind.num_fields
             for member, part in zip(kind, members, strict=True):
                 yield from self._flat(member.with_name(f"{name}.{member.name}"), part)
-        elif (size := self._elements(name, kind)) and _is_number(kind.value_type):
+        elif (size := self._elements(name, kind)) and is_number(kind.value_type):
             if cells is not None and name in self._sizes:
                 longest = pc.max(pc.list_value_length(cells)).as_py() or 0
                 if longest > max(size, self._longer.get(name, 0)):
@@ -111,10 +112,8 @@ class FlatRows:
             for k in range(size):
                 plain = pa.field(f"{name}[{k}]", kind.value_type, metadata=field.metadata)
                 yield plain, None if cells is None else _element(cells, k)
-        elif pa.types.is_time(kind) or pa.types.is_date(kind):
-            yield field.with_type(pa.string()), None if cells is None else pc.cast(cells, pa.string())
         else:
-            yield field, cells
+            yield _as_plain(field, cells)
 
     def _elements(self, name: str, kind: pa.DataType) -> int:
         """Return how many elements of a list have a column, 0 for what is no list or no signal."""
@@ -122,8 +121,8 @@ class FlatRows:
         return size if size <= MAX_ARRAY else 0
 
 
-def _is_number(kind: pa.DataType) -> bool:
-    return bool(pa.types.is_integer(kind) or pa.types.is_floating(kind) or pa.types.is_boolean(kind))
+def _as_plain(field: pa.Field, cells: pa.Array | None) -> tuple[pa.Field, pa.Array | None]:
+    return field.with_type(plain_type(field.type)), None if cells is None else plain_cells(cells)
 
 
 def _element(lists: pa.Array, k: int) -> pa.Array:

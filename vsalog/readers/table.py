@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterator
+from collections.abc import Collection, Iterator, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -18,7 +18,7 @@ from vsalog.readers.table_cells import ROUNDED, Cells, numbers_and_words
 from vsalog.readers.table_damage import Damage
 from vsalog.readers.table_dialect import Dialect, detect
 from vsalog.readers.table_rows import BLOCK_BYTES, Rows
-from vsalog.readers.table_speakers import Speakers, find_speaker
+from vsalog.readers.table_speakers import find_speakers
 from vsalog.readers.table_text import NULLS
 from vsalog.readers.text_source import BoundedGzip, open_text, read_beginning
 from vsalog.readers.time_columns import find_clocks, folds_of, looks_like_clock, nanoseconds
@@ -60,7 +60,7 @@ class TableReader:
         self._dialect = self._detect()
         self._sample = _sample_columns(self._dialect)
         self._plan = find_clocks(
-            self._dialect.names, self._dialect.units, self._sample, self._whole if thorough else None
+            self._dialect.names, self._dialect.units, self._sample, self._all_cells if thorough else None
         )
         self._counts: dict[str, Cells] = {}
         self._folds: dict[tuple[str, str], Folds | Restarts] = {}
@@ -69,9 +69,10 @@ class TableReader:
         if not any(good and (clocks or good > words) for good, words in numbers):
             raise ReadError(f"{path}: holds text, but no table: none of its columns holds numbers")
         self._numbers = [i for i, (good, words) in enumerate(numbers) if good > words]
-        self._speaker = find_speaker(self._dialect.names, self._sample, self._plan)
-        self._channels = [i for i in range(len(self._dialect.names)) if i not in clocks and i != self._speaker]
-        self._speakers = self._find_speakers(thorough)
+        whole = self._all_rows if thorough else self._first_rows
+        self._speakers = find_speakers(self._dialect.names, self._sample, self._plan, whole)
+        taken = {*clocks, *(self._speakers.columns if self._speakers else ())}
+        self._channels = [i for i in range(len(self._dialect.names)) if i not in taken]
         groups = group_by_blanks(self._sample, self._channels) if clocks else [self._channels]
         self._streams = {i: self._stream_name(k, group) for k, group in enumerate(groups) for i in group}
 
@@ -111,12 +112,13 @@ class TableReader:
         self._folds = {
             (kind, part): folds_of(clock.form) for kind, clock in self._plan.clocks.items() for part in self._parts
         }
-        speaker = [] if self._speaker is None else [self._speaker]
+        speaker = self._speakers.columns if self._speakers else ()
         row, dropped = 0, 0
         damage = Damage(self.path) if self._compressed else None
         rows = Rows(self.path, self._dialect, self._numbers)
         for batch in rows.batches([*columns, *self._plan.columns(), *speaker]):
-            parts = self._speakers.rows(batch) if self._speakers else {"": np.ones(batch.num_rows, bool)}
+            everyones = {"": np.ones(batch.num_rows, bool)}
+            parts = self._speakers.rows(self._cells(batch, speaker)) if self._speakers else everyones
             stamps, good = self._clock(batch, row, parts)
             values = {names[i]: self._counts[names[i]].convert(batch.column(names[i])) for i in columns}
             sound = damage.sound_rows(row, good, self._counts.values(), rows.first_odd) if damage else None
@@ -159,22 +161,25 @@ class TableReader:
             stated = {names[i] + part: unit for i in own if (unit := units[i]) is not None}
             yield Block(stream + part, "csv", times, cells, stated, self._timeless())
 
-    def _find_speakers(self, thorough: bool) -> Speakers | None:
-        """Return whose values the rows hold, None where they are all of the same."""
-        if self._speaker is None:
-            return None
-        cells = self._whole(self._speaker) if thorough else [self._sample[self._speaker]]
-        return Speakers(self._dialect.names[self._speaker], cells)
-
     @property
     def _parts(self) -> Collection[str]:
         """What stands behind the names of channels and streams."""
         return self._speakers.parts if self._speakers else ("",)
 
-    def _whole(self, column: int) -> Iterator[pa.Array]:
+    def _all_cells(self, column: int) -> Iterator[pa.Array]:
         """Yield all of a column, part by part."""
-        name = self._dialect.names[column]
-        return (batch.column(name) for batch in Rows(self.path, self._dialect, ()).batches([column]))
+        return (cells for (cells,) in self._all_rows([column]))
+
+    def _all_rows(self, columns: Sequence[int]) -> Iterator[list[pa.Array]]:
+        """Yield all of some columns, part by part."""
+        for batch in Rows(self.path, self._dialect, ()).batches(columns):
+            yield self._cells(batch, columns)
+
+    def _first_rows(self, columns: Sequence[int]) -> list[list[pa.Array]]:
+        return [[self._sample[i] for i in columns]]
+
+    def _cells(self, batch: pa.RecordBatch, columns: Sequence[int]) -> list[pa.Array]:
+        return [batch.column(self._dialect.names[i]) for i in columns]
 
     def _stream_name(self, number: int, group: list[int]) -> str:
         return self.path.stem if number == 0 else f"{self.path.stem} ({self._dialect.names[group[0]]} …)"
@@ -230,8 +235,7 @@ class TableReader:
             return row_clock(row, batch.num_rows, self.rate), good
         stamps = {}
         for kind, clock in self._plan.clocks.items():
-            cells = [batch.column(self._dialect.names[i]) for i in clock.columns]
-            stamps[kind], valid = nanoseconds(cells, clock.form)
+            stamps[kind], valid = nanoseconds(self._cells(batch, clock.columns), clock.form)
             for part, own in parts.items():
                 stamps[kind] = self._folds[kind, part].unfold(stamps[kind], valid & own)
             if kind == "header":  # without it there is still the log's time, for all rows then
@@ -283,6 +287,8 @@ class TableReader:
         """Tell what was wrong with the cells."""
         if dropped:
             self.notes.append(f"{plural(dropped, 'row')} {NO_TIME}")
+        if self._speakers:
+            self.notes += self._speakers.left_out()
         for folds in self._folds.values():
             self.notes += [note for note in folds.notes() if note not in self.notes]
         self._note_text()

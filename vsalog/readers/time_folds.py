@@ -10,7 +10,7 @@ from vsalog.recording import Stamps
 
 _FEW = 10
 """A clock that is set back goes on within so many of its steps."""
-_COUNTED = 20 * 365 * DAY
+COUNTED = 20 * 365 * DAY
 """Stamps below it are counted from some start; dates that go back are those of logs that were put together in another order."""
 _FULL = tuple(2**32 * unit for unit in (1, 10**3, 10**6))
 """How far counters of nanoseconds, microseconds and milliseconds reach that have 32 bits [ns]."""
@@ -130,12 +130,12 @@ class Restarts:
     def _shifts(self, times: Stamps, before: Stamps, falls: NDArray[np.bool_]) -> Stamps:
         """Return by how much each sample is put later."""
         assert self._first is not None
-        steps = np.clip(times - before, -_COUNTED, _COUNTED)
+        steps = np.clip(times - before, -COUNTED, COUNTED)
         few = _FEW * int(np.median(steps[steps > 0])) if (steps > 0).any() else 0
         earlier, later = np.append(self._step, steps[:-1]), np.append(steps[1:], 0)
         # The clock goes on from the first stamps; a single stamp that is wrong, before or here, is left where it is.
         anew = falls & (-steps > few) & (times <= self._first + few) & (np.maximum(earlier, later) < -steps // 2)
-        anew &= (self._first < _COUNTED) & (-steps < _COUNTED)
+        anew &= (self._first < COUNTED) & (-steps < COUNTED)
         full = np.zeros(len(steps), np.int64)
         for size in _FULL:
             if few < size // 4:

@@ -1,0 +1,75 @@
+"""Cells of Parquet columns as numbers, and what their types are."""
+
+from __future__ import annotations
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.compute as pc
+from numpy.typing import NDArray
+
+from vsalog.readers.time_dates import in_nanoseconds
+from vsalog.recording import Values
+
+
+def plain_type(kind: pa.DataType) -> pa.DataType:
+    """Return the type a column is read as: texts of every kind as text, dates and times of day too, categories as what they
+    stand for.
+    """
+    if pa.types.is_dictionary(kind):
+        return plain_type(kind.value_type)
+    texts = (pa.types.is_large_string, pa.types.is_string_view, pa.types.is_time, pa.types.is_date)
+    return pa.string() if any(test(kind) for test in texts) else kind
+
+
+def plain_cells(cells: pa.Array) -> pa.Array:
+    """Return cells in the type that they are read as."""
+    kind = plain_type(cells.type)
+    if cells.type == kind:
+        return cells
+    if pa.types.is_dictionary(cells.type):
+        return plain_cells(cells.dictionary_decode())
+    return pc.cast(cells, kind)
+
+
+def is_moment(kind: pa.DataType) -> bool:
+    """Tell whether values of a type are times by that alone."""
+    return bool(pa.types.is_duration(kind) or pa.types.is_timestamp(kind))
+
+
+def is_number(kind: pa.DataType) -> bool:
+    """Tell whether values of a type are a signal."""
+    return bool(
+        pa.types.is_integer(kind)
+        or pa.types.is_floating(kind)
+        or pa.types.is_boolean(kind)
+        or pa.types.is_decimal(kind)
+        or pa.types.is_duration(kind)
+    )
+
+
+def rising(rows: int, kind: pa.DataType) -> pa.Array:
+    """Return cells of a type as a clock would have them, null where numbers cannot be of that type."""
+    try:
+        return pc.cast(pa.array(np.arange(rows) / 1000.0), kind, safe=False)
+    except pa.ArrowException:
+        return pa.nulls(rows, kind)
+
+
+def rounded(cells: pa.Array, values: Values) -> str:
+    """Return a whole number that floating point cannot hold, "" where there is none."""
+    if not pa.types.is_integer(cells.type) or cells.type.bit_width < 64 or not (np.abs(values) > 2.0**53).any():
+        return ""
+    for at in np.flatnonzero(np.abs(values) > 2.0**53)[:100].tolist():
+        if (number := cells[at].as_py()) != int(values[at]):
+            return str(number)
+    return ""
+
+
+def as_numbers(cells: pa.Array) -> NDArray[np.float64]:
+    """Return a column as numbers, durations in seconds, NaN where a cell is empty."""
+    if pa.types.is_duration(cells.type):
+        durations, good = in_nanoseconds(cells)
+        return np.where(good, durations * 1e-9, np.nan)
+    if pa.types.is_boolean(cells.type):
+        cells = pc.cast(cells, pa.uint8())
+    return np.array(pc.cast(cells, pa.float64(), safe=False).to_numpy(zero_copy_only=False), np.float64)
