@@ -88,7 +88,9 @@ def test_blocks_of_rows_with_the_same_times_are_streams(tmp_path, name, column, 
     for k, one in enumerate(who):
         channel = log.channels[f"value[{one}]"]
         np.testing.assert_array_equal(channel.values, 1000 * k + np.arange(500.0))
-        np.testing.assert_allclose(channel.stamps - begin * 10**9, np.arange(500) * 10**7, atol=300)  # as floats resolve
+        np.testing.assert_allclose(
+            channel.stamps - begin * 10**9, np.arange(500) * 10**7, atol=300
+        )  # as floats resolve
     assert not any(stream.conflicts or stream.duplicates or stream.inversions for stream in log.streams.values())
     assert [note for note in log.notes if "says whose values" in note] == [*log.notes]
 

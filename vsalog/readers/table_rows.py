@@ -20,7 +20,7 @@ from vsalog.readers.table_notation import Notation
 from vsalog.readers.table_quotes import heeding_quotes
 from vsalog.readers.table_tail import cut_off
 from vsalog.readers.table_text import NULLS, WHITESPACE, is_comment, split
-from vsalog.readers.table_words import WordLines
+from vsalog.readers.table_words import OtherOrderError, WordLines
 from vsalog.readers.text_source import BoundedGzip, TextSource, open_text
 
 BLOCK_BYTES = 4 * 2**20
@@ -63,6 +63,30 @@ class Rows:
         ReadError
             The table cannot be parsed.
         """
+        done = 0
+        try:
+            for batch in self._read(columns):
+                yield batch
+                done += batch.num_rows
+            return
+        except OtherOrderError:
+            pass  # below a header all columns are needed to find some
+        for batch in self._read(range(len(self._dialect.names))):
+            yield batch.slice(min(done, batch.num_rows))
+            done -= min(done, batch.num_rows)
+
+    def _read(self, columns: Sequence[int]) -> Iterator[pa.RecordBatch]:
+        """Yield the rows as `batches` does, of whatever was read before nothing is known.
+
+        Raises
+        ------
+        OtherOrderError
+            The columns change places, and not all of them are asked for.
+        """
+        self.notes.clear()
+        self._grouped.clear()
+        self._left_out.clear()
+        self._odd, self._words = _OddLines(self._dialect), WordLines(self._dialect)
         names = self._dialect.names
         # The first column tells which rows are remarks.
         chosen = [names[i] for i in sorted({0, *columns})]

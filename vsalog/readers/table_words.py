@@ -2,22 +2,29 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+
 import pyarrow as pa
 import pyarrow.compute as pc
 
 from vsalog.printable import printable
 from vsalog.readers.base import plural
-from vsalog.readers.headers import printable_cell
+from vsalog.readers.headers import printable_cell, unique_names
 from vsalog.readers.table_dialect import Dialect
 from vsalog.readers.table_text import is_value
 from vsalog.units import split_header
 
 _WORD = r"^\s*[^\s\d.+-]"
 _COMMENT = r"^\s*(#|%)"
+_MOST_HEADERS = 10_000
+
+
+class OtherOrderError(Exception):
+    """A header names the columns in another order, and not all of them are at hand."""
 
 
 class WordLines:
-    """Leaves out the lines of words that have as many cells as a row.
+    """Leaves out the lines of words that have as many cells as a row; below a header, columns go by the names it gives them.
 
     Attributes
     ----------
@@ -35,15 +42,25 @@ class WordLines:
         self.ended = False
         self._units = dict(zip(dialect.names, dialect.units, strict=True))
         self._comma = {n: w.decimal_comma for n, w in zip(dialect.names, dialect.notations, strict=True)}
+        self._places = {
+            name: name for name in dialect.names
+        }  # of each column, the name that the first header has there
         self._headers = 0
+        self._reordered = 0
         self._rows = 0
         self._end = ""
 
     def without(self, batch: pa.RecordBatch) -> pa.RecordBatch:
-        """Return a batch, the first column's cells among it, without lines of words."""
+        """Return a batch, the first column's cells among it, without lines of words.
+
+        Raises
+        ------
+        OtherOrderError
+            The columns change places, and not all of them are in the batch.
+        """
         words = pc.fill_null(pc.match_substring_regex(batch.column(0), _WORD), False)
-        if pc.any(words).as_py():
-            batch = self._until_other_header(self._without_remarks(batch))
+        told = pc.any(words).as_py()
+        batch = self._below_headers(self._without_remarks(batch)) if told else self._by_name(batch)
         self._rows += batch.num_rows
         return batch
 
@@ -54,27 +71,64 @@ class WordLines:
         self.removed += count
         return batch.filter(pc.invert(remarks)) if count else batch
 
-    def _until_other_header(self, batch: pa.RecordBatch) -> pa.RecordBatch:
+    def _below_headers(self, batch: pa.RecordBatch) -> pa.RecordBatch:
         """Leave out the header where it stands again, and all that follows one that names other columns."""
+        parts: list[pa.RecordBatch] = []
+        begin = 0
+        for row, header in self._headers_in(batch):
+            parts.append(self._by_name(batch.slice(begin, row - begin)))
+            begin = row + 1
+            places = self._places_by(header)
+            if places is None or self._headers == _MOST_HEADERS:
+                self.ended = True
+                shown = printable_cell(", ".join(header.values()))
+                self._end = (
+                    f"row {self._rows + sum(part.num_rows for part in parts) + 1} on: a header there ('{shown}') "
+                    + (
+                        "is one too many of a recording"
+                        if places
+                        else "names other columns than the first, or other units"
+                    )
+                )
+                break
+            self._reordered += places != self._places
+            self._places = places
+            self._headers += 1
+            self.removed += 1
+        else:
+            parts.append(self._by_name(batch.slice(begin)))
+        columns = [pa.concat_arrays([part.column(i) for part in parts]) for i in range(batch.num_columns)]
+        return pa.RecordBatch.from_arrays(columns, batch.schema.names)
+
+    def _headers_in(self, batch: pa.RecordBatch) -> Iterator[tuple[int, dict[str, str]]]:
+        """Yield the rows that hold names of columns and no values, and their cells by the first header's names."""
         first = batch.column(0)
         named = pa.array([cell for cell in pc.unique(first).to_pylist() if cell and self._is_named(cell)], pa.string())
-        again: list[int] = []
         for row in pc.indices_nonzero(pc.is_in(first, named)).to_pylist() if len(named) else []:
             cells = {name: batch.column(name)[row].as_py() or "" for name in batch.schema.names}
-            if any(is_value(cell, self._comma[name]) for name, cell in cells.items() if cell):
-                continue
-            if not all(self._same(name, cell) for name, cell in cells.items()):
-                self.ended = True
-                self._end = f"row {self._rows + row - len(again) + 1} on: a header there ('{_joined(cells)}')"
-                batch = batch.slice(0, row)
-                break
-            again.append(row)
-        self._headers += len(again)
-        self.removed += len(again)
-        return batch.take(_others(batch.num_rows, again)) if again else batch
+            if not any(is_value(cell, self._comma[name]) for name, cell in cells.items() if cell):
+                yield row, cells
 
     def _is_named(self, cell: str) -> bool:
         return _name(cell) in self._units
+
+    def _places_by(self, header: dict[str, str]) -> dict[str, str] | None:
+        """Return where each column lies below a header, None where these are other columns.
+
+        Raises
+        ------
+        OtherOrderError
+            Only some of its cells are known, and they are others than before.
+        """
+        if all(self._same(name, header[place]) for name, place in self._places.items() if place in header):
+            return self._places
+        if len(header) < len(self._units):
+            raise OtherOrderError
+        names = unique_names([_name(cell) for cell in header.values()])
+        places = dict(zip(names, header, strict=True))
+        if places.keys() != self._units.keys() or not all(self._same(name, header[at]) for name, at in places.items()):
+            return None
+        return {name: places[name] for name in self._units}
 
     def _same(self, name: str, cell: str) -> bool:
         """Tell whether a cell of a header names a column as the first header does, with the same unit."""
@@ -83,28 +137,25 @@ class WordLines:
         same = called == name or name.startswith(f"{called}#" if called else "column_")
         return same and (unit is None or unit == self._units[name])
 
+    def _by_name(self, batch: pa.RecordBatch) -> pa.RecordBatch:
+        """Return rows with each column under its own name."""
+        if not self._reordered:
+            return batch
+        names = batch.schema.names
+        return pa.RecordBatch.from_arrays([batch.column(self._places[name]) for name in names], names)
+
     def notes(self) -> list[str]:
         """Return what to tell of headers."""
         notes = []
         if self._headers:
-            notes.append(f"{plural(self._headers, 'line')} between the rows skipped as the header once more")
-        if self.ended:
+            again = f"{plural(self._headers, 'line')} between the rows skipped as the header once more"
             notes.append(
-                f"left out from {self._end} names the columns in another way than the first; put what follows it into a"
-                " file of its own"
+                again + ("; columns whose order it changes are read by their names" if self._reordered else "")
             )
+        if self.ended:
+            notes.append(f"left out from {self._end}; put what follows it into a file of its own")
         return notes
 
 
 def _name(cell: str) -> str:
     return printable(split_header(cell.strip())[0]).strip()
-
-
-def _joined(cells: dict[str, str]) -> str:
-    return printable_cell(", ".join(cells.values()))
-
-
-def _others(count: int, rows: list[int]) -> pa.Array:
-    """Return the numbers of all rows but some."""
-    left_out = set(rows)
-    return pa.array([row for row in range(count) if row not in left_out], pa.int64())
