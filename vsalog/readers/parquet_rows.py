@@ -6,15 +6,14 @@ from collections.abc import Collection, Iterator, Sequence
 from pathlib import Path
 
 import pyarrow as pa
-import pyarrow.parquet as pq
 
 from vsalog.errors import ReadError
 from vsalog.printable import printable
 from vsalog.readers.base import BLOCK_ROWS, plural
 from vsalog.readers.compression import MAX_BYTES, MAX_RATIO
 from vsalog.readers.headers import printable_cell
-from vsalog.readers.opened import for_arrow
 from vsalog.readers.parquet_footer import row_groups
+from vsalog.readers.parquet_opened import open_parquet
 from vsalog.readers.parquet_pages import trouble_with_pages
 
 BATCH_ROWS = 65_536
@@ -34,15 +33,15 @@ class ParquetRows:
     ------
     ReadError
         Its footer announces more than any recording has.
-    ArrowException, OSError
+    ArrowException, OSError, UnicodeError
         It cannot be opened.
     """
 
     def __init__(self, path: Path) -> None:
         self.path = path
-        self.file = pq.ParquetFile(for_arrow(path), page_checksum_verification=True)
+        self.file, told = open_parquet(path)
         self.schema = self.file.schema_arrow
-        self.notes: list[str] = []
+        self.notes = [told] if told else []
         self.groups = row_groups(path)
         if len(self.groups) != self.file.num_row_groups:
             raise OSError("its footer, which tells where everything lies, is damaged")

@@ -51,8 +51,8 @@ def scaled_up(array: pa.Array, digits: int) -> tuple[Stamps, NDArray[np.bool_]]:
         return in_nanoseconds(array)
     if pa.types.is_integer(kind):
         return scaled(*integers(array), 10**digits)
-    if pa.types.is_string(kind) or pa.types.is_large_string(kind):
-        exact = _exact(trimmed(array), digits)
+    if pa.types.is_string(kind) or pa.types.is_large_string(kind) or pa.types.is_decimal(kind):
+        exact = _exact(array if pa.types.is_decimal(kind) else trimmed(array), digits)
         if exact is not None:
             return exact
     return multiplied(array, 10.0**digits)
@@ -67,10 +67,10 @@ def multiplied(array: pa.Array, factor: float, origin: float = 0.0) -> tuple[Sta
     return np.rint(np.where(good, values, 0.0)).astype(np.int64), good
 
 
-def _exact(text: pa.Array, digits: int) -> tuple[Stamps, NDArray[np.bool_]] | None:
-    """Scale decimal numbers without floating point; None where some are written in another way."""
+def _exact(cells: pa.Array, digits: int) -> tuple[Stamps, NDArray[np.bool_]] | None:
+    """Scale decimal numbers without floating point; None where some are written in another way, or too large."""
     try:
-        number = pc.cast(text, pa.decimal128(38, 18))
+        number = pc.cast(cells, pa.decimal128(38, 18))
         number = pc.cast(pc.round(number, digits), pa.decimal128(38, digits), safe=False)
     except pa.ArrowInvalid:
         return None

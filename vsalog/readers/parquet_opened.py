@@ -1,0 +1,54 @@
+"""Opening Parquet files, also where what Arrow adds to their footer is damaged."""
+
+from __future__ import annotations
+
+import mmap
+from pathlib import Path
+from typing import Any
+
+import pyarrow as pa
+import pyarrow.parquet as pq
+
+from vsalog.printable import printable
+from vsalog.readers.opened import for_arrow
+
+_KEY = b"ARROW:schema"
+"""Under it the footer tells once more what its columns are, in Arrow's own words, and their units."""
+
+
+def open_parquet(path: Path) -> tuple[pq.ParquetFile, str]:
+    """Return a Parquet file, opened, and what to tell of it, "" for nothing.
+
+    Raises
+    ------
+    ArrowException, OSError, UnicodeError
+        It cannot be opened.
+    """
+    try:
+        return _opened(for_arrow(path)), ""
+    except (pa.ArrowException, OSError, UnicodeError) as error:
+        try:
+            file = _opened(_without_key(path))
+        except (pa.ArrowException, OSError, UnicodeError):
+            raise error from None
+        return file, (
+            f"the footer's remarks on the columns are damaged ({printable(str(error).strip())[:80]}) and not used: there are no"
+            " units but those in names, no streams, and durations are plain numbers"
+        )
+
+
+def _opened(source: Any) -> pq.ParquetFile:
+    file = pq.ParquetFile(source, page_checksum_verification=True)
+    _ = file.schema_arrow.names  # which may be no text
+    return file
+
+
+def _without_key(path: Path) -> pa.NativeFile:
+    """Return a file with another name for the key, in memory: what has an unknown name is passed over."""
+    with path.open("rb") as file:
+        content = mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_COPY)
+    begin = content.rfind(_KEY)
+    if begin < 0:
+        raise OSError("it has no such key")
+    content[begin : begin + len(_KEY)] = _KEY[::-1]
+    return pa.BufferReader(pa.py_buffer(content))
