@@ -58,9 +58,6 @@ def nested(depth):
     return value
 
 
-BAD["cells in cells in cells"] = nested(200)
-
-
 @pytest.mark.parametrize("name", BAD)
 def test_what_contradicts_itself_is_left_out(tmp_path, name):
     path = tmp_path / "log"
@@ -71,6 +68,77 @@ def test_what_contradicts_itself_is_left_out(tmp_path, name):
     path.write_bytes(HEADER + BAD[name])
     with pytest.raises(ReadError, match="damaged"):
         read(path)
+
+
+def test_cells_in_cells_in_cells_are_told(tmp_path):
+    path = tmp_path / "log"
+    path.write_bytes(HEADER + SOUND + nested(200))
+    recording = read(path)
+    assert recording.channel("sound").values.tolist() == [1, 2, 3]
+    assert any("nested too deeply" in why for why in recording.unread.values())
+
+
+@pytest.mark.parametrize("order", ["<", ">"])
+def test_a_variable_behind_one_whose_length_is_wrong(tmp_path, order):
+    head = HEADER if order == "<" else HEADER[:124] + b"\1\0MI"
+    first, last = (
+        matrix(6, (1, 3), doubles(v, order), name=n, order=order) for n, v in ((b"a", [1, 2, 3]), (b"last", [4, 5, 6]))
+    )
+    for length in (0, 40, 48, len(first), len(first) + 8, 2**31):
+        (tmp_path / "log").write_bytes(head + first[:4] + struct.pack(order + "I", length) + first[8:] + last)
+        recording = read(tmp_path / "log")
+        assert recording.channel("last").values.tolist() == [4, 5, 6]
+        assert any("1 variable of the MATLAB file damaged" in note for note in recording.notes)
+
+
+@pytest.mark.parametrize("compressed", [False, True])
+@pytest.mark.parametrize("byte", [1, 4, 5, 6, 7])
+def test_a_variable_whose_length_is_wrong_hides_no_other(tmp_path, compressed, byte):
+    """Of that variable itself may be read what is there."""
+    contents = {name: {"time": T, "x": T * k} for k, name in enumerate("abcd", start=1)}
+    file, ahead = BytesIO(), BytesIO()
+    savemat(file, contents, do_compression=compressed)
+    savemat(ahead, {"a": contents["a"]}, do_compression=compressed)
+    raw = bytearray(file.getvalue())
+    raw[len(ahead.getvalue()) + byte] ^= 1
+    (tmp_path / "log").write_bytes(raw)
+    recording = read(tmp_path / "log")
+    for name, content in contents.items():
+        if name != "b":
+            np.testing.assert_array_equal(recording.channel(f"{name}.x").values, content["x"])
+            np.testing.assert_array_equal(recording.channel(f"{name}.x").stamps, np.arange(6) * 10**6)
+    assert any("1 variable of the MATLAB file damaged" in note for note in recording.notes)
+
+
+def test_lengths_that_are_wrong_throughout_come_to_an_end(tmp_path):
+    """Looking for the next variable must not begin anew for each of a million that are none."""
+    path = tmp_path / "log"
+    path.write_bytes(HEADER + SOUND + struct.pack("<IIII", 14, 2**31, 6, 8) * 200_000)
+    assert read(path).channel("sound").values.tolist() == [1, 2, 3]
+
+
+def test_a_damaged_field_takes_no_other_along(tmp_path):
+    file, cells = BytesIO(), np.empty(2, object)
+    cells[:] = [T + 0.125, T + 8]
+    savemat(file, {"s": {"time": T, "bad": T + 0.5, "good": T + 0.25, "c": cells}})
+    raw = bytearray(file.getvalue())
+    for values in (T + 0.5, T + 0.125):
+        raw[raw.index(values.tobytes()) - 4] ^= 1  # how many bytes they are
+    (tmp_path / "log").write_bytes(raw)
+    recording = read(tmp_path / "log")
+    assert list(recording.channels) == ["s.good", "s.c[1]"]
+    np.testing.assert_array_equal(recording.channel("s.good").values, T + 0.25)
+    np.testing.assert_array_equal(recording.channel("s.good").stamps, np.arange(6) * 10**6)
+    assert recording.unread["s.bad"].startswith("damaged: ")
+    assert any("'s.bad' of the MATLAB file is damaged" in note for note in recording.notes)
+    assert any("'s.c[0]' of the MATLAB file is damaged" in note for note in recording.notes)
+
+
+def test_bytes_that_would_take_eight_times_their_room_as_numbers_are_left_out(tmp_path):
+    savemat(tmp_path / "log", {"x": T, "z": np.zeros(40_000_000, np.uint8)}, do_compression=True, appendmat=False)
+    recording = read(tmp_path / "log")
+    assert list(recording.channels) == ["x"]
+    assert any("'z' of the MATLAB file is left out: 40000000 values" in note for note in recording.notes)
 
 
 def test_a_file_without_variables_says_so(tmp_path):

@@ -219,7 +219,8 @@ def test_seconds_at_steps_of_seconds_can_be_told(tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("place", "value", "words"), [(6, np.nan, "value 7 of it is no number"), (6, 0.0, "value 7 of it is not above")]
+    ("place", "value", "words"),
+    [(slice(None), np.nan, "its values are no numbers"), (6, 0.0, "value 7 of it is not above")],
 )
 def test_why_a_time_is_not_taken_for_it(tmp_path, place, value, words):
     time = SECONDS.copy()
@@ -228,6 +229,30 @@ def test_why_a_time_is_not_taken_for_it(tmp_path, place, value, words):
     recording = read(tmp_path / "log")
     assert recording.channel("x").stamps.tolist() == list(range(50))
     assert any(f"'time' is not taken for the time: {words}" in note for note in recording.notes)
+
+
+@pytest.mark.parametrize("missing", [[0], [7], [49], [3, 4, 30], list(range(20, 50))])
+def test_rows_without_a_time_are_left_out(tmp_path, missing):
+    """As where a vector was made room for that was not filled to its end."""
+    time = SECONDS.copy()
+    time[missing] = np.nan
+    savemat(tmp_path / "log", {"s": {"time": time, "x": SECONDS, "inner": {"y": 2 * SECONDS}}}, appendmat=False)
+    recording = read(tmp_path / "log")
+    for name, factor in (("s.x", 1), ("s.inner.y", 2)):
+        channel = recording.channel(name)
+        np.testing.assert_array_equal(channel.values, factor * np.delete(SECONDS, missing))
+        np.testing.assert_array_equal(channel.stamps, np.delete(np.arange(50), missing) * 10**7)
+    rows = "1 row" if len(missing) == 1 else f"{len(missing)} rows"
+    assert recording.notes == (f"'s.time': {rows} without a time left out",)
+
+
+def test_samples_that_share_a_time_are_told(tmp_path):
+    time = SECONDS.copy()
+    time[7] = time[6]
+    savemat(tmp_path / "log", {"time": time, "x": SECONDS}, appendmat=False)
+    recording = read(tmp_path / "log")
+    np.testing.assert_array_equal(recording.channel("x").values, np.delete(SECONDS, 7))
+    assert recording.streams["log"].conflicts == 1
 
 
 def test_a_clock_of_another_length_is_told(tmp_path):

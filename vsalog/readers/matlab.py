@@ -4,15 +4,18 @@ from __future__ import annotations
 
 from collections.abc import Collection, Iterator, Mapping
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from vsalog.printable import printable
-from vsalog.readers.base import MAX_ARRAY, Block, Catalogue, ChannelInfo, first_of_each
+from vsalog.readers.base import MAX_ARRAY, NO_TIME, Block, Catalogue, ChannelInfo, first_of_each, plural
+from vsalog.readers.collect import FREE_BYTES, MOST_TIMES
 from vsalog.readers.matlab_clock import find_clock, stamps_of
+from vsalog.readers.matlab_v4 import is_v4
 from vsalog.readers.row_clock import ROW_NOTE, row_clock
+from vsalog.readers.sniff import HEAD_BYTES
 from vsalog.recording import Stamps, Values
 
 MAX_DEPTH = 16
@@ -21,12 +24,20 @@ V73 = b"MATLAB 7.3 MAT-file"
 
 _WHAT = {"nested": "nested too deeply", "other": "MATLAB object that is no array of numbers"}
 
-Clocks = Mapping[int, Stamps]
+
+class Clock(NamedTuple):
+    """Stamps [ns], and which values of a vector as long as the clock they belong to: where it is no number there is no time."""
+
+    stamps: Stamps
+    rows: NDArray[np.bool_]
+
+
+Clocks = Mapping[int, Clock]
 """Clocks of the structures around, by their length."""
 
 
 class MatlabReader:
-    """Reads a MATLAB file, v5 or v7.3; see `vsalog.readers.base.Reader`.
+    """Reads a MATLAB file, v4, v5 or v7.3; see `vsalog.readers.base.Reader`.
 
     A vector whose name tells of time and which rises strictly is the clock of the vectors of the same length
     beside it and in structures below.
@@ -52,6 +63,7 @@ class MatlabReader:
         self.rate = rate
         self.notes: list[str] = []
         self.unread: dict[str, str] = {}
+        self._room = 0
 
     def catalogue(self) -> Catalogue:
         """Return the vectors; the file has to be read for it."""
@@ -77,9 +89,12 @@ class MatlabReader:
     def _load(self) -> dict[str, Any]:
         notes: list[str] = []
         with self.path.open("rb") as file:
-            is_hdf5 = file.read(len(V73)) == V73
-        if is_hdf5:
+            head = file.read(HEAD_BYTES)
+            self._room = max(FREE_BYTES, MOST_TIMES * file.seek(0, 2))
+        if head.startswith(V73):
             from vsalog.readers.matlab_v73 import load
+        elif is_v4(head):
+            from vsalog.readers.matlab_v4 import load
         else:
             from vsalog.readers.matlab_v5 import load
         content = load(self.path, notes)
@@ -100,6 +115,9 @@ class MatlabReader:
                 vectors.update(self._vectors(full, value))
             elif kind == "nested" and depth < MAX_DEPTH:
                 inner.append((full, value))
+            elif kind == "damaged":
+                self.unread[full] = f"damaged: {value}"
+                self._note(f"'{full}' of the MATLAB file is damaged, the rest was read ({value})")
             else:
                 self.unread[full] = "text" if kind == "text" else _WHAT[kind]
         clock, why = find_clock(vectors)
@@ -108,15 +126,23 @@ class MatlabReader:
             self._note(why)
         if clock is not None:
             times = vectors.pop(clock)
-            clocks[len(times)], told = stamps_of(clock, times)
-            if told:
-                self._note(told)
+            clocks[len(times)] = self._clock(clock, times)
             if vectors and not inner and all(len(values) != len(times) for values in vectors.values()):
                 self.unread[clock] = f"a clock of {len(times)} values; no vector beside it has as many"
         yield from self._streams(path, vectors, clocks, wanted)
         for full, value in inner:
             for element, content in _elements(full, value):
                 yield from self._structure(element, content, clocks, wanted, depth + 1)
+
+    def _clock(self, name: str, times: Values) -> Clock:
+        """Return the clock that a vector is."""
+        rows = np.isfinite(times)
+        stamps, told = stamps_of(name, times[rows])
+        if told:
+            self._note(told)
+        if not rows.all():
+            self._note(f"'{name}': {plural(int(np.count_nonzero(~rows)), 'row')} {NO_TIME}")
+        return Clock(stamps, rows)
 
     def _vectors(self, full: str, value: NDArray[Any]) -> dict[str, Values]:
         """Return the columns of a numeric array; what is no signal is listed as unread."""
@@ -129,15 +155,17 @@ class MatlabReader:
         if value.size == 1:
             self.unread[full] = "a single value"
             return {}
-        table = np.asarray(value, dtype=np.float64)
-        if 1 in table.shape:
-            return {full: table.reshape(-1)}
-        if table.shape[0] < table.shape[1]:
-            table = table.T
+        if 8 * value.size > self._room:  # bytes take eight times as much as numbers
+            self.unread[full] = f"{value.size} values, more than any recording of this size has"
+            self._note(f"'{full}' of the MATLAB file is left out: {self.unread[full]}")
+            return {}
+        if value.ndim < 2 or 1 in value.shape:
+            return {full: np.asarray(value.reshape(-1), dtype=np.float64)}
+        table = value.T if value.shape[0] < value.shape[1] else value
         if table.shape[1] > MAX_ARRAY:
             self.unread[full] = f"array of {table.shape[1]} values"
             return {}
-        return {f"{full}[{i}]": np.ascontiguousarray(table[:, i]) for i in range(table.shape[1])}
+        return {f"{full}[{i}]": np.array(table[:, i], dtype=np.float64) for i in range(table.shape[1])}
 
     def _streams(
         self, path: str, vectors: dict[str, Values], clocks: Clocks, wanted: frozenset[str] | None
@@ -154,7 +182,9 @@ class MatlabReader:
             if wanted is not None and not columns:
                 continue
             if length in clocks:
-                stamps = {"column": clocks[length]}
+                clock = clocks[length]
+                stamps = {"column": clock.stamps}
+                columns = {column: values[clock.rows] for column, values in columns.items()}
             else:
                 stamps = row_clock(0, length, self.rate)
                 if self.rate is None:
@@ -168,7 +198,9 @@ class MatlabReader:
 
 
 def _kind(value: Any) -> str:
-    """Return ``numbers``, ``text``, ``nested`` (structures and cells) or ``other``."""
+    """Return ``numbers``, ``text``, ``nested`` (structures and cells), ``damaged`` or ``other``."""
+    if isinstance(value, ValueError):
+        return "damaged"
     if isinstance(value, dict | list):
         return "nested"
     if not isinstance(value, np.ndarray):

@@ -15,18 +15,24 @@ _STATED = re.compile(r"_(s|ms|us|ns)$", re.IGNORECASE)
 _LIMITS = ((0.5, "s"), (500.0, "ms"), (5e5, "us"))
 """Steps of a clock up to which it is in a unit, as of the columns of tables."""
 
+_RISING = 0.9
+"""Fraction of the steps that are above zero; the others may be zero, where samples share a stamp."""
+
 # Days since the year 0, as MATLAB's datenum and now give them, from 1900 to 2100; 719529 is 1970. In seconds, steps as short as
 # such days have would be of 10 kHz and more, a little over eight days after the clock began.
 _DAYS, _EPOCH, _SHORT = (693_962, 767_011), 719_529, 1e-4
 
 
 def find_clock(vectors: Mapping[str, Values]) -> tuple[str | None, str]:
-    """Return the vector that is the time, called so and rising strictly, and why another one that is called so is not."""
+    """Return the vector that is the time, called so and rising, and why another one that is called so is not.
+
+    What only has "time" in its name has to rise strictly. Values that are no numbers are passed over.
+    """
     trouble = ""
     for test in (_is_time_name, _tells_of_time):
         for name, values in vectors.items():
             if test(name.rpartition(".")[2]):
-                wrong = _trouble(values)
+                wrong = _trouble(values, strictly=test is not _is_time_name)
                 if not wrong:
                     return name, ""
                 if test is _is_time_name and not trouble:
@@ -35,7 +41,7 @@ def find_clock(vectors: Mapping[str, Values]) -> tuple[str | None, str]:
 
 
 def stamps_of(name: str, values: Values) -> tuple[Stamps, str]:
-    """Return a clock's stamps [ns], and what to tell of its unit."""
+    """Return a clock's stamps [ns], and what to tell of its unit; all values are numbers."""
     step = float(np.median(np.diff(values))) if values.size > 1 else 0.0
     if _DAYS[0] <= values[0] and values[-1] <= _DAYS[1] and step < _SHORT:
         days = np.floor(values)
@@ -56,20 +62,18 @@ def stamps_of(name: str, values: Values) -> tuple[Stamps, str]:
     return np.rint(values * _NANOSECONDS[unit]).astype(np.int64), note
 
 
-def _trouble(values: Values) -> str:
+def _trouble(values: Values, strictly: bool) -> str:
     """Return why values are no clock, "" where they may be one."""
-    bad = np.flatnonzero(~np.isfinite(values))
-    if bad.size:
-        return f"value {bad[0] + 1} of it is no number"
-    falls = np.flatnonzero(np.diff(values) <= 0)
+    rows = np.flatnonzero(np.isfinite(values))
+    if rows.size < min(2, values.size):
+        return "its values are no numbers"
+    steps = np.diff(values[rows])
+    falls = np.flatnonzero(steps <= 0 if strictly or np.mean(steps > 0) < _RISING else steps < 0)
     if falls.size:
-        return f"value {falls[0] + 2} of it is not above the one before"
+        return f"value {rows[falls[0] + 1] + 1} of it is not above the one before"
     # In nanoseconds, too, it has to fit into 64 bits.
-    return (
-        ""
-        if abs(values).max() < 9e18 / _NANOSECONDS[epoch_unit(float(abs(values).max())) or "s"]
-        else "its values are no times"
-    )
+    most = float(np.abs(values[rows]).max())
+    return "" if most < 9e18 / _NANOSECONDS[epoch_unit(most) or "s"] else "its values are no times"
 
 
 def _is_time_name(name: str) -> bool:

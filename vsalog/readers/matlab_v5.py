@@ -2,19 +2,23 @@
 
 from __future__ import annotations
 
+import mmap
+import re
 import struct
 import zlib
 from collections.abc import Iterator
 from pathlib import Path
-from typing import IO, Any
+from typing import Any
 
 from vsalog.errors import ReadError
 from vsalog.readers.base import plural
 from vsalog.readers.compression import MAX_BYTES
 from vsalog.readers.matlab_v5_parts import MATRIX, variable
 
-_HEADER = 128
+_HEADER, _TAG = 128, 8
 _COMPRESSED = 15
+Content = mmap.mmap
+_MOST_SEARCHES = 30
 _MOST_RATIO = 200
 """What becomes so many times larger in all, and more than `MAX_BYTES`, is no recording but a bomb."""
 
@@ -28,29 +32,30 @@ def load(path: Path, notes: list[str]) -> dict[str, Any]:
         The file cannot be opened, or nothing of it can be read.
     """
     found: dict[str, Any] = {}
-    damage: list[str] = []
+    damage: dict[int, str] = {}
     try:
-        with path.open("rb") as file:
-            header = file.read(_HEADER)
-            if len(header) < _HEADER:
+        with path.open("rb") as file, mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ) as content:
+            if len(content) < _HEADER:
                 raise ReadError(f"{path}: the MATLAB file is cut off within its header; there are no variables in it")
-            order = ">" if header[126:128] == b"MI" else "<"
-            for element in _elements(file, order, damage):
+            order = ">" if content[126:128] == b"MI" else "<"
+            for begin, element in _elements(content, order, damage):
                 try:
                     name, value = _variable(element, order)
                 except ValueError as error:
-                    damage.append(str(error))
+                    damage[begin] = str(error)
                     continue
                 if name and not name.startswith("__"):  # MATLAB's own have no name
                     found[name] = value
     except OSError as error:
         raise ReadError(f"{path}: cannot be read: {error.strerror or error}") from error
     if damage and not found:
-        raise ReadError(f"{path}: the MATLAB file is damaged: {damage[0]}")
+        raise ReadError(f"{path}: the MATLAB file is damaged: {next(iter(damage.values()))}")
     if not found:
         notes.append("the MATLAB file holds no variables (was it cut off?)")
     if damage:
-        notes.append(f"{plural(len(damage), 'variable')} of the MATLAB file damaged, the rest was read ({damage[0]})")
+        first, words = next(iter(damage.items()))
+        count = plural(len(damage), "variable")
+        notes.append(f"{count} of the MATLAB file damaged, the rest was read (at byte {first}: {words})")
     return found
 
 
@@ -70,28 +75,64 @@ def _variable(element: bytes, order: str) -> tuple[str, Any]:
     return variable(memoryview(element)[8 : 8 + length], order)
 
 
-def _elements(file: IO[bytes], order: str, damage: list[str]) -> Iterator[bytes]:
-    """Yield each variable as an element that is not compressed."""
-    tag = struct.Struct(order + "II")
-    size = file.seek(0, 2)
-    file.seek(_HEADER)
-    allowed = max(MAX_BYTES, _MOST_RATIO * size)
-    while head := file.read(tag.size):
-        kind, length = tag.unpack(head) if len(head) == tag.size else (0, size)
-        if length > size - file.tell():
-            damage.append(f"it is cut off at byte {size}")
-            return
-        content = file.read(length)
+def _elements(content: Content, order: str, damage: dict[int, str]) -> Iterator[tuple[int, bytes]]:
+    """Yield where each variable begins, and the element that it is, which is not compressed any more."""
+    allowed = max(MAX_BYTES, _MOST_RATIO * len(content))
+    for begin, end in _places(content, order, damage):
+        kind, _ = _tag(content, begin, order)
         if kind != _COMPRESSED:
-            yield head + content
+            yield begin, content[begin:end]
             continue
         try:
-            element = _decompressed(content, allowed)
+            element = _decompressed(content[begin + _TAG : end], allowed)
         except (zlib.error, ValueError) as error:
-            damage.append(str(error))
+            damage[begin] = str(error)
             continue
         allowed -= len(element)
-        yield element
+        yield begin, element
+
+
+def _places(content: Content, order: str, damage: dict[int, str]) -> Iterator[tuple[int, int]]:
+    """Yield begin and end of each variable; behind one that says wrongly how long it is, the next are looked for."""
+    begin, searches = _HEADER, 0
+    while begin < len(content) and searches <= _MOST_SEARCHES:
+        end = begin + _TAG + _tag(content, begin, order)[1]
+        if end <= len(content):
+            yield begin, end
+        if _begins(content, end, order):
+            begin = end
+            continue
+        words = "it is cut off" if end > len(content) else f"there is no other at byte {end}, where it ends"
+        damage.setdefault(begin, words)
+        begin = _next_begin(content, begin + 1, order)
+        searches += 1
+
+
+def _tag(content: Content, at: int, order: str) -> tuple[int, int]:
+    """Return kind and length of an element; of what is left of one, a length beyond the end."""
+    head = content[at : at + _TAG]
+    kind, length = struct.unpack(order + "II", head) if len(head) == _TAG else (0, _TAG)
+    return kind, length
+
+
+def _begins(content: Content, at: int, order: str) -> bool:
+    """Tell whether a variable may begin somewhere, or the file ends there."""
+    kind, length = _tag(content, at, order)
+    return at == len(content) or (kind in (MATRIX, _COMPRESSED) and length <= len(content) - at - _TAG)
+
+
+def _next_begin(content: Content, begin: int, order: str) -> int:
+    """Return where the next variable surely begins, the end where none does."""
+
+    def words(*numbers: int) -> bytes:
+        return re.escape(struct.pack(f"{order}{len(numbers)}I", *numbers))
+
+    # Flags, two dimensions, and a name, which parts of variables do not have: short ones lie in the tag.
+    name = b"|".join([*(words(size << 16 | 1) for size in range(1, 5)), words(1) + b"(?!" + words(0) + b")"])
+    plain = words(MATRIX) + b".{4}" + words(6, 8) + b".{8}" + words(5, 8) + b".{8}(?:" + name + b")"
+    compressed = words(_COMPRESSED) + b".{4}\x78[\x01\x5e\x9c\xda]"
+    found = re.compile(plain + b"|" + compressed, re.DOTALL).finditer(content, begin)
+    return next((match.start() for match in found if _begins(content, match.start(), order)), len(content))
 
 
 def _decompressed(content: bytes, most: int) -> bytes:

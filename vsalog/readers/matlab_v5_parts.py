@@ -39,9 +39,9 @@ def variable(data: memoryview, order: str) -> tuple[str, Any]:
     -------
     str
         The name.
-    array, dict, list, str or None
+    array, dict, list, str, ValueError or None
         Numbers; a structure; a cell array or an array of structures, of which the first elements; a text, which is left empty;
-        what is none of these.
+        within a structure or cell array what is damaged; what is none of these.
 
     Raises
     ------
@@ -95,7 +95,10 @@ def _inner(parts: Iterator[tuple[int, memoryview]], order: str, depth: int) -> A
     kind, content = _next(parts)
     if kind != MATRIX:
         raise ValueError(f"it holds an element of type {kind} where an array should be")
-    return _matrix(content, order, depth + 1)[1]
+    try:
+        return _matrix(content, order, depth + 1)[1]
+    except ValueError as error:  # it takes none of its neighbours along
+        return error
 
 
 def _flags(parts: Iterator[tuple[int, memoryview]], order: str) -> tuple[int, int]:

@@ -6,6 +6,7 @@ import re
 from pathlib import Path
 
 from vsalog.errors import ReadError
+from vsalog.readers.matlab_v4 import is_v4
 
 HEAD_BYTES = 4096
 
@@ -85,6 +86,8 @@ def _sniff_head(path: Path, head: bytes) -> str:
         head = _gzip_head(path)
         if any(head.startswith(magic) for magic, _ in _MAGIC):
             raise ReadError(f"{path}: is a log compressed with gzip; unpack it first")
+    if is_v4(head):
+        return "matlab"
     if not looks_like_text(head):
         raise ReadError(
             f"{path}: is of no known format; MCAP, ROS 1 and ROS 2 bags, CSV, Parquet and MATLAB files can be read"
