@@ -137,3 +137,16 @@ def test_more_speakers_than_a_table_can_have_are_told(tmp_path):
     log = in_blocks(tmp_path / "log.csv", "signal", [f"s{k}" for k in range(300)], 0, count=250)
     assert len(log.channels) == 256
     assert any("11000 rows left out that hold the values of others than the first 256" in note for note in log.notes)
+
+
+@pytest.mark.parametrize("bad", [b"\xde", b"z", b" "])
+def test_a_damaged_name_among_blocks_costs_its_row(tmp_path, bad):
+    path = tmp_path / "log.csv"
+    in_blocks(path, "signal", ["x", "y"], 0)
+    raw = path.read_bytes()
+    for row in (b"\n1.00,x", b"\n3.00,y"):
+        raw = raw.replace(row, row[:-1] + bad)
+    path.write_bytes(raw)
+    log = read(path)
+    np.testing.assert_array_equal(log.channels["value[x]"].values, np.delete(np.arange(500.0), 100))
+    np.testing.assert_array_equal(log.channels["value[y]"].values, np.delete(1000 + np.arange(500.0), 300))

@@ -7,7 +7,7 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from vsalog.readers.time_columns import epoch_unit
+from vsalog.readers.time_sizes import epoch_unit
 from vsalog.recording import Stamps, Values
 
 _NANOSECONDS = {"s": 1e9, "ms": 1e6, "us": 1e3, "ns": 1.0}

@@ -10,6 +10,8 @@ from vsalog.readers.matlab_v4 import is_v4
 
 HEAD_BYTES = 4096
 
+_FEW = 1000
+"""One of so many bytes of a text may have become a zero."""
 _HDF5 = b"\x89HDF\r\n\x1a\n"
 _MAGIC = (
     (b"\x89MCAP0\r\n", "mcap"),
@@ -123,7 +125,7 @@ def looks_like_text(head: bytes) -> bool:
     if head[0] and b"\n" in head:
         head = without_holes(head)
     control = sum(byte < 32 and byte not in b"\t\n\v\f\r\x1b" for byte in head)
-    return 0 not in head and 20 * control < len(head)
+    return head.count(0) <= len(head) // _FEW and 20 * control < len(head)
 
 
 def without_holes(text: bytes) -> bytes:

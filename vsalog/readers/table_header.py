@@ -2,18 +2,23 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Sequence
 from dataclasses import dataclass
 
+from vsalog.readers.base import plural
 from vsalog.readers.headers import printable_cell
 from vsalog.readers.table_text import SEPARATORS, is_value, split
 from vsalog.readers.time_names import DATED, rank_of
 from vsalog.units import is_known_by_heart, split_header
 
 _NO_UNIT = ("-", "–", "1")
+_UNIT_LABEL = re.compile(r"^units?:\s*", re.IGNORECASE)
+"""As Simulink writes them."""
 _LABVIEW_END = "***End_of_Header***"
 _MOST_SETTINGS = 50
-_MOST_ROWS = 3
+_MOST_EARLY = 5
+_MOST_ROWS = 6
 """Rows that a header has at most below its first."""
 
 Table = Sequence[tuple[int, list[str]]]
@@ -60,7 +65,10 @@ def find_header(lines: Sequence[str], table: Table, width: int, decimal_comma: b
     notes: list[str] = []
     start = next((k for k, (_, cells) in enumerate(table) if len(cells) in (width, width - 1)), 0)
     start = _skip_preamble(table, start, width, decimal_comma)
-    start = _skip_settings(table, start, width, decimal_comma)
+    first, start = start, _skip_settings(table, start, width, decimal_comma)
+    ahead = sum(all(is_value(cell, decimal_comma) for cell in cells) for _, cells in table[first:start])
+    if ahead:
+        notes.append(f"{plural(ahead, 'row')} of values ahead of the header left out")
     names: list[str] | None = None
     units: list[str | None] = [None] * width
     rest = [cells for _, cells in table[start:]]
@@ -69,7 +77,7 @@ def find_header(lines: Sequence[str], table: Table, width: int, decimal_comma: b
         for _ in range(_rows_of_words(rest, width, decimal_comma)):
             below = rest.pop(0)
             if _are_units(below):
-                units = [cell.strip("[]() ") or None for cell in below]
+                units = [_UNIT_LABEL.sub("", cell).strip("[]() ") or None for cell in below]
             elif "" in names or len(set(names)) < width:
                 names = _merged(names, below)
             else:
@@ -86,14 +94,30 @@ def find_header(lines: Sequence[str], table: Table, width: int, decimal_comma: b
 
 
 def without_labview_head(lines: list[str]) -> None:
-    """Blank what LabVIEW writes ahead of a table, and call its X_Value what it is."""
+    """Blank what LabVIEW writes ahead of a table, call its X_Value what it is, and leave the last column, of remarks, unnamed."""
     ends = [i for i, line in enumerate(lines) if line.startswith(_LABVIEW_END)]
     if not ends:
         return
     head = lines[: ends[-1] + 1]
     lines[: len(head)] = [""] * len(head)
-    if len(head) < len(lines) and any(line.startswith("X_Dimension") and "Time" in line for line in head):
+    if len(head) == len(lines):
+        return
+    lines[len(head)] = _with_units(
+        head, lines[len(head)].removesuffix("Comment").rstrip("\t,")
+    )  # rows need not have its cell
+    if any(line.startswith("X_Dimension") and "Time" in line for line in head):
         lines[len(head)] = lines[len(head)].replace("X_Value", "time [s]")
+
+
+def _with_units(head: Sequence[str], header: str) -> str:
+    """Return LabVIEW's header with the units that its head states, where there is one for each column but the first."""
+    for separator in "\t,":
+        names = header.split(separator)
+        units = next((line.split(separator)[1:] for line in head if line.startswith(f"Y_Unit_Label{separator}")), [])
+        if units and len(units) == len(names) - 1:
+            stated = [f"{name} [{unit}]" if unit else name for name, unit in zip(names[1:], units, strict=True)]
+            return separator.join([names[0], *stated])
+    return header
 
 
 def join_torn_names(lines: list[str]) -> None:
@@ -126,10 +150,17 @@ def _skip_preamble(table: Sequence[tuple[int, list[str]]], start: int, width: in
 
 
 def _skip_settings(table: Table, start: int, width: int, decimal_comma: bool) -> int:
-    """Step over lines that say something of the log in as many cells as it has columns: the header below names a clock."""
+    """Step over lines that say something of the log in as many cells as it has columns: the header below names a clock.
+
+    A few rows of values may be ahead of it too, as where a serial port was listened to before the recording began anew.
+    """
+    rows = 0
     for k, (_, cells) in enumerate(table[start:], start=start):
         if len(cells) == width and _names_a_clock(cells, decimal_comma):
             return k
+        if all(is_value(cell, decimal_comma) for cell in cells) and rows < _MOST_EARLY:
+            rows += 1
+            continue
         if len(cells) > width or "" in cells or len(set(cells)) < len(cells) or k - start > _MOST_SETTINGS:
             return start
         if all(is_value(cell, decimal_comma) for cell in cells):
@@ -138,9 +169,11 @@ def _skip_settings(table: Table, start: int, width: int, decimal_comma: bool) ->
 
 
 def _names_a_clock(cells: Sequence[str], decimal_comma: bool) -> bool:
-    return not any(is_value(cell, decimal_comma) for cell in cells) and any(
-        rank not in (None, DATED) for cell in cells for rank in (rank_of(split_header(cell)[0]),)
-    )
+    return not any(is_value(cell, decimal_comma) for cell in cells) and any(_is_clock(cell) for cell in cells)
+
+
+def _is_clock(name: str) -> bool:
+    return rank_of(split_header(name)[0]) not in (None, DATED)
 
 
 def _names_columns(rows: Sequence[Sequence[str]], decimal_comma: bool) -> bool:
@@ -183,7 +216,10 @@ def _rows_of_words(rows: Sequence[Sequence[str]], width: int, decimal_comma: boo
 def _are_units(row: Sequence[str]) -> bool:
     """Tell whether a row of words states the units: most are in brackets, or units that are known by heart."""
     texts = [cell for cell in row if cell]
-    stated = sum(cell[0] in "[(" or cell in _NO_UNIT or is_known_by_heart(cell) for cell in texts)
+    stated = sum(
+        cell[0] in "[(" or cell in _NO_UNIT or is_known_by_heart(cell) or _UNIT_LABEL.match(cell) is not None
+        for cell in texts
+    )
     return 2 * stated >= len(texts)
 
 
@@ -196,6 +232,9 @@ def _merged(groups: Sequence[str], names: Sequence[str]) -> list[str]:
     joined, group = [], ""
     for above, name in zip(groups, names, strict=True):
         group = above or group
+        if name and _is_clock(name):  # however it is grouped with others
+            joined.append(name)
+            continue
         joined.append(f"{group}.{name}" if group and name else above or name)
         if not name:  # a column of its own, no group
             group = ""

@@ -98,7 +98,9 @@ def _in_blocks(column: int, first: pa.Array, clock: ClockColumn, called: bool, w
     last: tuple[str, int] | None = None
     for who, *times in whole([column, *clock.columns]):
         stamps, good = nanoseconds(times, clock.form)
-        names, stamps = _joined([who]).filter(pa.array(good)), stamps[good]
+        names = _joined([who])
+        good &= ~_lonely(names)
+        names, stamps = names.filter(pa.array(good)), stamps[good]
         if not len(names):
             continue
         if not called and stamps.min() < COUNTED:
@@ -111,6 +113,13 @@ def _in_blocks(column: int, first: pa.Array, clock: ClockColumn, called: bool, w
         both += int((changed & fell).sum())
         last = names[-1].as_py(), int(stamps[-1])
     return both > 0 and both >= _BACK * changes and both >= _TELLING * falls
+
+
+def _lonely(names: pa.Array) -> NDArray[np.bool_]:
+    """Return which rows have another name than both their neighbours, as where a name is damaged."""
+    changed = np.asarray(pc.not_equal(names[1:], names[:-1]).to_numpy(zero_copy_only=False), bool)
+    lonely: NDArray[np.bool_] = np.concatenate([[False], changed]) & np.concatenate([changed, [False]])
+    return lonely[: len(names)]
 
 
 class Speakers:

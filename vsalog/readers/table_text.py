@@ -35,7 +35,7 @@ _BLANKS = re.compile(r"[ \t]+(?![\[(])")
 """Between cells; a unit in brackets belongs to the name ahead of it."""
 _NUMBER = re.compile(NUMBER)
 _NOT_A_NUMBER = re.compile(r"^(nan|[+-]?inf(inity)?|n/?a|null|none)$", re.IGNORECASE)
-_CLOCK = r"-?\d{1,4}:\d\d(?::\d\d(?:[.,]\d+|:\d{3})?)?(?:\s*[ap]\.?m\.?)?|\d{1,3}:\d\d[.,]\d+"
+_CLOCK = r"(?:\d{1,5} days?,? )?-?\d{1,4}:\d\d(?::\d\d(?:[.,]\d+|:\d{3})?)?(?:\s*[ap]\.?m\.?)?|\d{1,3}:\d\d[.,]\d+"
 _DAY = (
     r"\d{1,4}([./-])\d{1,2}\1\d{2,4}|\d{8}(?=[T ])|\d{1,2}[ -][a-zä]{3,9}[ -]\d{2,4}|[a-zä]{3,9} \d{1,2},? \d{4}"
     r"|[a-z]{3} [a-z]{3} [ \d]\d(?= )"

@@ -18,32 +18,18 @@ from vsalog.readers.time_dates import dates, of_day, trimmed
 from vsalog.readers.time_folds import Folds, Restarts
 from vsalog.readers.time_names import DATED, STEMS, UNITS, plain, rank_of, stated_unit
 from vsalog.readers.time_numbers import floats, is_numeric, multiplied, scaled_up
+from vsalog.readers.time_sizes import EPOCH, SERIAL, guessed_unit
 from vsalog.readers.time_written import DAY, HOUR, dates_of, without_midnight
 from vsalog.recording import Stamps
 
 # Decimal digits from the unit to the nanosecond.
 _DIGITS = {"s": 9, "ms": 6, "us": 3, "ns": 0}
-_WORDS = {"s": "seconds", "ms": "milliseconds", "us": "microseconds", "ns": "nanoseconds"}
 _NANOSECONDS = {"min": 60 * 10**9, "h": HOUR, "d": DAY}
 
 _SECONDS = re.compile(r"^(?P<stem>.*?)(?:^|[._/])(secs?)$")
 _HOURS, _MINUTES = ("hour", "hours", "hr", "hrs"), ("minute", "minutes", "min", "mins")
 _WHOLE_SECONDS = ("second", "seconds", "sec", "secs")
 _FRACTION = ("nanosec", "nsec", "nsecs", "nanosecs")
-
-# Days that spreadsheets and MATLAB count: those between 2000 and 2050, and the number of 1970-01-01.
-_SERIAL = {"serial": (36_526, 54_789, 25_569), "datenum": (730_486, 748_749, 719_529)}
-_SERIAL_WORDS = {
-    "serial": "days since 1899-12-30, as spreadsheets count them",
-    "datenum": "days since the year 0, as MATLAB counts them",
-}
-_SERIAL_STEP = 2e-5  # days; as seconds they would be samples of more than 50 kHz
-
-# Epoch seconds between 2000 and 2100; in other units by powers of a thousand.
-_EPOCH = (946_684_800, 4_102_444_800)
-
-_LABVIEW = 2_082_844_800
-"""Seconds from 1904 to 1970."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -130,6 +116,8 @@ def find_clocks(
         return ClockPlan({"column": pair})
     if parts and best > 2:
         return ClockPlan({"column": parts})
+    if not clocks and (found := _unnamed(names, sample, whole)):
+        return found
     if not clocks:
         falls = ((i, row) for _, i in ranked if (row := _backwards(sample[i])) is not None)
         return ClockPlan(notes=_no_clock(ranked, names, units, sample), backwards=next(falls, None))
@@ -139,12 +127,21 @@ def find_clocks(
     return ClockPlan({"column": clocks[0][1]}, clocks[0][2])
 
 
-def epoch_unit(size: float) -> str | None:
-    """Return the unit (s, ms, us, ns) in which a number is a time since the epoch, None where it is none by its size."""
-    for power, unit in enumerate(_DIGITS):
-        low, high = (bound * 1000**power for bound in _EPOCH)
-        if low <= size <= high:
-            return unit
+def _unnamed(names: Sequence[str], sample: Sequence[pa.Array], whole: Whole | None) -> ClockPlan | None:
+    """Return the clock that is not called so, but whose cells leave no doubt: a date with a time of day in each, which go on.
+
+    Those of a column without a name may be times of day alone.
+    """
+    for i, cells in enumerate(sample):
+        if not (_is_text(cells) or pa.types.is_timestamp(cells.type)):
+            continue
+        form, note = _form(names[i], None, cells, partial(whole, i) if whole else _nothing)
+        if form is None or not (_is_moment(form, cells) or (form == "day" and names[i] == f"column_{i}")):
+            continue
+        stamps, good = nanoseconds([cells], form)
+        if _rising(stamps[good].astype(np.float64)) and len(np.unique(stamps[good])) > len(cells) / 2:
+            taken = f"column '{names[i]}' holds dates and times and is taken for the time, as no other is called so"
+            return ClockPlan({"column": ClockColumn((i,), form)}, (taken, note) if note else (taken,))
     return None
 
 
@@ -186,8 +183,8 @@ def nanoseconds(columns: Sequence[pa.Array], form: str) -> tuple[Stamps, NDArray
     if kind in ("day", "minutes"):
         text = trimmed(columns[0])
         return of_day(pc.binary_join_element_wise("0:", text, "") if kind == "minutes" else text)
-    if kind in _SERIAL:
-        return multiplied(columns[0], DAY, _SERIAL[kind][2])
+    if kind in SERIAL:
+        return multiplied(columns[0], DAY, SERIAL[kind][2])
     if kind in _NANOSECONDS:
         return multiplied(columns[0], _NANOSECONDS[kind])
     return scaled_up(columns[0], _DIGITS[kind])
@@ -219,7 +216,7 @@ def _form(name: str, unit: str | None, sample: pa.Array, rest: Rest) -> tuple[st
     stated = stated_unit(name, unit)
     if stated is not None:
         return UNITS.get(stated), ""
-    return _guessed_unit(name, values)
+    return guessed_unit(name, values)
 
 
 def _is_text(sample: pa.Array) -> bool:
@@ -262,7 +259,7 @@ def _rising(values: NDArray[np.float64]) -> bool:
     if len(values) < 2 or not values.any():
         return True
     steps = np.diff(values)
-    grows = values[-1] > values[0] or values[0] > _EPOCH[0]  # nanoseconds of today are too large to differ as floats
+    grows = values[-1] > values[0] or values[0] > EPOCH[0]  # nanoseconds of today are too large to differ as floats
     return bool(np.count_nonzero(steps >= 0) >= 0.9 * len(steps) and grows)
 
 
@@ -272,37 +269,6 @@ def _backwards(sample: pa.Array) -> int | None:
     rows = np.flatnonzero(np.isfinite(values))
     falls = np.flatnonzero(np.diff(values[rows]) < 0)
     return int(rows[falls[0] + 1]) if falls.size else None
-
-
-def _guessed_unit(name: str, values: NDArray[np.float64]) -> tuple[str, str]:
-    """Guess the unit of a clock: dates by their size, other times by their steps."""
-    unit = epoch_unit(float(np.abs(values).max()))
-    if unit is not None:
-        return unit, _on_labview(name, float(values.min())) if unit == "s" else ""
-    steps = np.diff(values)
-    step = float(np.median(steps[steps > 0])) if (steps > 0).any() else 0.0
-    for form, (first, last, _) in _SERIAL.items():
-        if first <= values.min() and values.max() <= last and 0 < step < _SERIAL_STEP:
-            return form, f"column '{name}' is read as {_SERIAL_WORDS[form]}; call it '{name} [s]' if it is in seconds"
-    limits = ((0.5, "s"), (500.0, "ms"), (5e5, "us"))
-    unit = next((unit for limit, unit in limits if step <= limit), "ns")
-    if unit == "s":
-        return unit, ""
-    note = (
-        f"column '{name}' states no unit and is read as {_WORDS[unit]} because its steps are about {step:g};"
-        f" write the unit behind its name if it is another one, such as '{name} [s]' or '{name} [min]'"
-    )
-    return unit, note
-
-
-def _on_labview(name: str, first: float) -> str:
-    """Return what to tell of seconds that are of this century only if LabVIEW counted them."""
-    if first < _EPOCH[0] + _LABVIEW:
-        return ""
-    return (
-        f"column '{name}' is read as seconds since 1970, and is far in the future then: LabVIEW counts from 1904, {_LABVIEW}"
-        " seconds earlier; times within the log do not depend on it"
-    )
 
 
 def _second_and_fraction(names: Sequence[str], sample: Sequence[pa.Array]) -> ClockColumn | None:
@@ -376,4 +342,4 @@ def _is_moment(form: str, sample: pa.Array) -> bool:
     """Tell whether what is called a date tells the time of day as well."""
     if _is_text(sample):
         return form.startswith("date") and bool(pc.any(pc.match_substring(sample, ":")).as_py())
-    return form in _SERIAL or pa.types.is_timestamp(sample.type)
+    return form in SERIAL or pa.types.is_timestamp(sample.type)

@@ -24,7 +24,7 @@ _TIME = (
     r"(?P<sign>[+-]?)(?P<hour>\d{1,4}):(?P<minute>[0-5]\d)"
     r"(?::(?P<second>[0-5]\d)(?:[.,](?P<fraction>\d{1,9})\d*|:(?P<milli>\d{3}))?)?(?:\s*(?P<half>[AaPp])\.?[Mm]\.?)?"
 )
-_OF_DAY = rf"^\s*{_TIME}\s*$"
+_OF_DAY = rf"^\s*(?:(?P<days>\d{{1,5}}) days?,? )?{_TIME}\s*$"
 _MOMENT = (
     r"^\s*(?P<date>.+?)(?:(?:[Tt]|[\s,;]+)(?P<clock>\d{1,2}:\d[\d:.,]*(?:\s*[AaPp]\.?[Mm]\.?)?)"
     r"(?:\s*(?P<zone>[zZ]|[+-]\d{1,2}(?::?\d\d)?|[A-Za-z]{3,4}))?(?:\s+(?P<year>\d{4}))?)?\s*$"
@@ -78,17 +78,19 @@ def dates_of(text: pa.Array) -> list[str]:
 
 
 def times_of_day(text: pa.Array) -> tuple[Stamps, NDArray[np.bool_]]:
-    """Return times of day [ns since midnight], and which texts are such; hours may be more than a day has."""
+    """Return times of day [ns since midnight], and which texts are such; they may be of several days, or say how many ahead."""
     found = pc.extract_regex(text, _OF_DAY)
     good = np.array(pc.is_valid(found).to_numpy(zero_copy_only=False), bool)
     part = {name: pc.fill_null(pc.struct_field(found, name), "") for name in ("sign", "half")}
-    hour, minute, second, milli = (_integers(found, name) for name in ("hour", "minute", "second", "milli"))
+    days, hour, minute, second, milli = (
+        _integers(found, name) for name in ("days", "hour", "minute", "second", "milli")
+    )
     fraction = _integers(found, "fraction", 9)
     half = pc.ascii_lower(part["half"])
     afternoon, morning = (_is(half, letter) for letter in "pa")
     good &= ~(afternoon | morning) | ((hour >= 1) & (hour <= 12))
     hour = np.where(afternoon | morning, hour % 12, hour) + 12 * afternoon
-    size = ((hour * 60 + minute) * 60 + second) * 10**9 + milli * 10**6 + fraction
+    size = (((days * 24 + hour) * 60 + minute) * 60 + second) * 10**9 + milli * 10**6 + fraction
     return np.where(good, np.where(_is(part["sign"], "-"), -size, size), 0), good
 
 

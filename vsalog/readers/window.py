@@ -13,7 +13,8 @@ import pyarrow as pa
 from vsalog.errors import ReadError, UnitError
 from vsalog.readers.base import Reader
 from vsalog.readers.reach import within_reach
-from vsalog.readers.time_columns import epoch_unit, nanoseconds
+from vsalog.readers.time_columns import nanoseconds
+from vsalog.readers.time_sizes import epoch_unit
 from vsalog.readers.timing import YEAR_2000, choose_clock
 from vsalog.recording import Channel, Recording, Stamps
 from vsalog.units import parse_quantity, shown

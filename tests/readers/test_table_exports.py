@@ -1,0 +1,109 @@
+"""Text tables as programs of the laboratory export them."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from vsalog.readers import read
+
+N = 300
+T = np.arange(N) / 100
+Q, TAU = np.round(np.sin(T), 4), np.round(5 * np.cos(T), 4)
+
+
+def rows(separator=",", clock="{:.2f}".format, behind=""):
+    return "".join(
+        f"{clock(t)}{separator}{q:.4f}{separator}{tau:.4f}{behind}\n" for t, q, tau in zip(T, Q, TAU, strict=True)
+    )
+
+
+def log_of(tmp_path, text):
+    (tmp_path / "log").write_text(text)
+    return read(tmp_path / "log")
+
+
+def check(log, angle, torque, begin=0):
+    for name, values in ((angle, Q), (torque, TAU)):
+        np.testing.assert_array_equal(log.channel(name).values, values)
+        np.testing.assert_array_equal(log.channel(name).stamps, begin + np.arange(N) * 10**7)
+
+
+LABVIEW = """LabVIEW Measurement
+Separator\tTab
+X_Columns\tOne
+***End_of_Header***
+
+Channels\t2
+Samples\t300\t300
+Y_Unit_Label\tdeg\tN*m
+X_Dimension\tTime\tTime
+X0\t0.0\t0.0
+Delta_X\t0.01\t0.01
+***End_of_Header***
+X_Value\tAngle\tTorque\tComment
+"""
+
+
+@pytest.mark.parametrize("behind", ["", "\t"])
+def test_labview(tmp_path, behind):
+    """Rows need not have a cell for the remark."""
+    log = log_of(tmp_path, LABVIEW + rows("\t", behind=behind))
+    check(log, "Angle", "Torque")
+    assert (log.channel("Angle").unit, log.channel("Torque").unit) == ("deg", "N*m")
+
+
+def test_simulink_states_units_with_a_word(tmp_path):
+    log = log_of(tmp_path, "time,q,tau\n,Unit: rad,Unit: N*m\n,Interp: linear,Interp: linear\n" + rows())
+    check(log, "q", "tau")
+    assert (log.channel("q").unit, log.channel("tau").unit) == ("rad", "N*m")
+
+
+def test_a_header_of_many_rows_whose_last_names_the_clock(tmp_path):
+    """As those of systems that follow markers."""
+    head = "Format,1.23,Rate,100\n\nType,Body,Body\nName,Link,Link\nID,x9,x9\n,Position,Position\nTime (Seconds),X,Y\n"
+    check(log_of(tmp_path, head + rows()), "Body.Link.x9.Position.X", "Body.Link.x9.Position.Y")
+
+
+def test_a_serial_port_that_was_listened_to_before_the_header_came(tmp_path):
+    log = log_of(tmp_path, "7,0.25,9.5\n8,0.5,9.25\ntime,q,tau\n" + rows())
+    check(log, "q", "tau")
+    assert "2 rows of values ahead of the header left out" in log.notes
+
+
+@pytest.mark.parametrize("header", [",q,tau\n", "recorded at,q,tau\n", ""])
+def test_dates_with_times_are_the_clock_whatever_they_are_called(tmp_path, header):
+    """The index of a data frame has no name."""
+    log = log_of(tmp_path, header + rows(clock=lambda t: f"2026-01-31 12:00:{t:09.6f}+00:00"))
+    check(log, *(("q", "tau") if header else ("column_1", "column_2")), 1_769_860_800 * 10**9)
+    assert any("holds dates and times and is taken for the time" in note for note in log.notes)
+
+
+def test_times_of_day_in_a_column_without_a_name(tmp_path):
+    check(log_of(tmp_path, rows(clock=lambda t: f"12:00:{t:06.3f}")), "column_1", "column_2", 12 * 3600 * 10**9)
+
+
+@pytest.mark.parametrize("cell", ["2026-01-31 12:00:00", "2026-01-31", "on"])
+def test_dates_that_stand_still_are_no_clock(tmp_path, cell):
+    log = log_of(tmp_path, "made,q,tau\n" + rows(clock=lambda t: cell))
+    assert log.unread["made"] == "text"
+    assert log.streams["log"].time_source == "none"
+
+
+@pytest.mark.parametrize("days", [0, 3])
+def test_elapsed_days(tmp_path, days):
+    """As pandas writes durations, and Python with a comma."""
+    begin = days * 86_400 * 10**9
+    log = log_of(tmp_path, "time,q,tau\n" + rows(clock=lambda t: f"{days} days 00:00:{t:09.6f}"))
+    check(log, "q", "tau", begin)
+    log = log_of(tmp_path, "time;q;tau\n" + rows(";", clock=lambda t: f"{days} days, 0:00:{t:09.6f}"))
+    check(log, "q", "tau", begin)
+
+
+def test_a_zero_byte_near_the_beginning_costs_a_cell(tmp_path):
+    raw = bytearray(b"time,q,tau\n" + rows().encode())
+    raw[raw.index(b"0.6052")] = 0
+    (tmp_path / "log").write_bytes(raw)
+    log = read(tmp_path / "log")
+    np.testing.assert_array_equal(log.channel("tau").values, TAU)
+    assert np.flatnonzero(np.isnan(log.channel("q").values)).tolist() == [65]
