@@ -113,6 +113,42 @@ def sparse():
     return log.bytes()
 
 
+def json_log(topic, *messages):
+    log = McapLog(profile="")
+    for i, message in enumerate(messages):
+        log.add_json(topic, message, START + i)
+    return log.bytes()
+
+
+def many_keys(value):
+    """Objects whose members are all new in every message."""
+    return json_log("/t", *({f"x{i}_{j}": value for j in range(10_000)} for i in range(40)))
+
+
+def naming_one_another():
+    """As many arrays that may name others as arrays they may name."""
+    message = {f"t{i}": ["a", "b"] for i in range(8000)} | {f"x{i}": [1, 2, 3] for i in range(8000)}
+    return json_log("/t", *[message] * 20)
+
+
+def wide():
+    """Few fields for one stream, but many for a log."""
+    log = McapLog(profile="")
+    for i in range(40):
+        log.add_json(f"/t{i}", {f"x{j}": 1 for j in range(1000)}, START)
+    return log.bytes()
+
+
+def stated_units():
+    """A unit for each of more fields than there are, and many messages."""
+    log = McapLog(profile="")
+    metadata = {f"unit:y{i}": "m" for i in range(50_000)}
+    channel = log.writer.register_channel("/t", "json", 0, metadata)
+    for i in range(500):
+        log.raw(channel, json.dumps({f"x{j}": 1 for j in range(4000)}).encode(), START + i)
+    return log.bytes()
+
+
 def many_messages():
     message = record(5, struct.pack("<HIQQ", 1, 0, 1, 1) + b"\0\1\0\0" + bytes(8))
     schema = record(3, struct.pack("<H", 1) + text("std_msgs/msg/Float64") + text("ros2msg") + text("float64 data"))
@@ -189,6 +225,18 @@ BOMBS = {
     "channels": (lambda: many_channels(4200), "refused.*4096 topics"),
     "connections": (lambda: many_connections(70_000), "refused.*65536 connections"),
     "sparse": (sparse, "refused.*unfolds"),
+    "json-keys": (lambda: many_keys(1), "more than 4096 different fields"),
+    "json-texts": (lambda: many_keys("a"), "text"),
+    "json-parts": (lambda: json_log("/t", {f"x{i}": {"y": 1} for i in range(20_000)}), "more than 16384 parts"),
+    "json-array": (lambda: json_log("/t", {"x": [0] * 2**20}), "array of 1048576 values"),
+    "json-large": (lambda: json_log("/t", {"x": [0] * 2**22}), "larger than 8 MiB"),
+    "json-deep": (lambda: json_log("/t", json.loads('{"x":' * 500 + "1" + "}" * 500)), "nested more than 32 deep"),
+    "json-name": (lambda: json_log("/t", {"x" * 2**22: {f"x{i}": 1 for i in range(4000)}}), "longer than 256"),
+    "json-names": (naming_one_another, "more than 16384 parts"),
+    "topic-name": (lambda: json_log("/" + "t" * 2**21, {f"x{i}": 1 for i in range(4000)}), "more than 1024 characters"),
+    "field-name": (lambda: defined(f"E[64] x\n{RULE}E\nfloat64[64] {'x' * 2**16}\n"), "longer than 256"),
+    "wide": (wide, "refused.*16384 channels"),
+    "units": (stated_units, ""),
     "messages": (many_messages, "compressed so much"),
     "images": (large_messages, "array of 12582912 values"),
     "whole": (lambda: zeros(zstandard.ZstdCompressor().compressobj(), 128), "refused.*grows more than 1000 times"),

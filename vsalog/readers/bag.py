@@ -33,7 +33,7 @@ MANY = 512
 # So many connections are looked for one by one; of more, those that are there are found first.
 FEW = 16
 # What is beyond is no recording, and would take minutes and memory to prepare for.
-MOST_STREAMS, MOST_TEXT = 4096, 2 * 2**20
+MOST_STREAMS, MOST_TEXT, MOST_CHANNELS, LONGEST_NAME = 4096, 2 * 2**20, 2**14, 1024
 
 
 @dataclass(slots=True)
@@ -78,6 +78,7 @@ class BagReader:
         self.notes = container.notes
         self.unread: dict[str, str] = {}
         self.unfit: dict[str, str] = {}  # how many messages of a stream do not fit its definition
+        self._channels: set[str] = set()
         self._mixed: dict[str, list[str]] = {}  # publishers of a stream that are streams of their own
         self._promise: Promise | None = None
         self._narrowed = False
@@ -226,7 +227,7 @@ class BagReader:
 
     def _named_streams(self) -> list[tuple[Connection, str]]:
         """Return each connection with its stream's name: the topic, with the type where a topic has several."""
-        connections = self._container.connections()
+        connections = [one for one in self._container.connections() if self._is_named(one)]
         types: dict[str, set[str]] = {}
         for connection in connections:
             types.setdefault(connection.topic, set()).add(normal_type(connection.type))
@@ -237,6 +238,14 @@ class BagReader:
                 name = f"{name} ({normal_type(printable(connection.type))})"
             named.append((connection, name))
         return named
+
+    def _is_named(self, connection: Connection) -> bool:
+        """Tell whether names in a connection are no longer than those of any recording; of others it is noted."""
+        if max(len(connection.topic), len(connection.type), len(connection.publisher)) <= LONGEST_NAME:
+            return True
+        shown = printable(connection.topic[:LONGEST_NAME])
+        self.unread.setdefault(shown, f"its name, type or publisher has more than {LONGEST_NAME} characters")
+        return False
 
     def _by_publisher(
         self, named: list[tuple[Connection, str]], wanted: frozenset[str] | None
@@ -303,6 +312,12 @@ class BagReader:
             columns = {name: values[decoded.good] for name, values in columns.items()}
         for name, reason in batch.decoder.unread.items():
             self.unread.setdefault(name, reason)
+        self._channels.update(columns)
+        if max(len(self._channels), len(self.unread)) > MOST_CHANNELS:
+            raise ReadError(
+                f"the log has more than {MOST_CHANNELS} channels, as no recording has; only some channels of it can be read, by"
+                " their names"
+            )
         units = {**decoded.units, **_stated_units(batch, columns)}
         return Block(batch.stream, batch.type, clocks, columns, units, expected=batch.expected)
 
@@ -377,13 +392,15 @@ def _decompressed(message: bytes) -> bytes:
 
 
 def _stated_units(batch: _Batch, columns: Collection[str]) -> dict[str, str]:
-    """Return the units that a channel's metadata states, for its whole stream or field by field."""
+    """Return the units that a channel's metadata states, for its whole stream or for a field and what is in it."""
+    if not any(key.startswith("unit") for key in batch.metadata):
+        return {}
     units: dict[str, str] = {}
-    if "unit" in batch.metadata:
-        units = dict.fromkeys(columns, printable(batch.metadata["unit"]))
-    for key, unit in batch.metadata.items():
-        name = f"{batch.stream}.{key.removeprefix('unit:')}"
-        if key.startswith("unit:"):
-            same = (column for column in columns if column == name or column.startswith((name + "[", name + ".")))
-            units.update(dict.fromkeys(same, printable(unit)))
+    for column in columns:
+        path = column.removeprefix(f"{batch.stream}.")
+        ends = [len(path), *(i for i in range(len(path) - 1, 0, -1) if path[i] in "[.")]
+        stated = (batch.metadata.get(f"unit:{path[:end]}") for end in ends)
+        unit = next((unit for unit in stated if unit is not None), batch.metadata.get("unit"))
+        if unit is not None:
+            units[column] = printable(unit)
     return units

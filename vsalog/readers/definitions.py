@@ -9,6 +9,8 @@ from dataclasses import dataclass
 from functools import cache, lru_cache
 from typing import Any
 
+from vsalog.readers.fields import LONG_NAMES, MAX_NAME
+
 # Seconds and nanoseconds in ROS 1, where a date is unsigned and a duration signed, and in ROS 2.
 TIMES = {
     "builtin_interfaces/msg/Time": (("u4", "u4"), ("i4", "u4")),
@@ -212,6 +214,8 @@ class _Builder:
             raise DefinitionError(f"{outer[0]} is nested too deeply")
         if name not in self.table:
             raise DefinitionError(f"the log does not hold the definition of {name}")
+        if any(len(field) > MAX_NAME for field, _ in self.table[name][1]):
+            raise DefinitionError(f"{name} has field {LONG_NAMES}")
         fields = [
             (field, self.node(description, (*outer, name)))
             for field, description in self.table[name][1]

@@ -4,18 +4,29 @@ from __future__ import annotations
 
 import json
 from collections.abc import Collection
+from itertools import islice
 from typing import Any
 
 import numpy as np
 
 from vsalog.printable import printable
 from vsalog.readers.base import MAX_ARRAY
-from vsalog.readers.labels import BAD_NAMES, ELEMENT_NAME, are_bad, best_label_field, labels_of
-from vsalog.readers.layout import MAX_FIELDS
+from vsalog.readers.fields import LARGE_MESSAGES, LONG_NAMES, MAX_BYTES, MAX_FIELDS, MAX_NAME, Fields
+from vsalog.readers.labels import (
+    BAD_NAMES,
+    ELEMENT_NAME,
+    MAX_LABELS,
+    are_bad,
+    best_label_field,
+    labels_of,
+    naming_texts,
+)
 from vsalog.readers.messages import Decoded
 from vsalog.readers.packets import Messages
 
 MAX_DEPTH = 32
+MAX_PARTS = 4 * MAX_FIELDS
+"""Members and elements of a message that are looked at."""
 
 
 class JsonDecoder:
@@ -35,9 +46,10 @@ class JsonDecoder:
 
     def __init__(self, prefix: str, wanted: Collection[str] | None) -> None:
         self.prefix = prefix
-        self.wanted = wanted
-        self.unread: dict[str, str] = {}
         self.stamped = True
+        self._fields = Fields(prefix, wanted)
+        self.unread = self._fields.unread
+        self._left = 0  # parts of the message that may still be looked at
 
     def decode(self, messages: Messages) -> Decoded:
         """Decode a batch of messages; what is no JSON object counts as damaged."""
@@ -47,6 +59,9 @@ class JsonDecoder:
         result = Decoded(good=np.zeros(count, dtype=bool))
         decoder = msgspec.json.Decoder()
         for i, raw in enumerate(messages):
+            if len(raw) > MAX_BYTES:
+                self._fields.leave(self.prefix, LARGE_MESSAGES)
+                continue
             try:
                 message = decoder.decode(raw)
             except (msgspec.DecodeError, UnicodeDecodeError, RecursionError):
@@ -63,33 +78,37 @@ class JsonDecoder:
                 result.stamps = np.zeros(count, dtype=np.int64)
             result.stamps[row] = stamp
         found: dict[str, float] = {}
+        self._left = MAX_PARTS
         self._flatten(message, self.prefix, found, 0)
-        if not result.put(row, found, self.wanted):
-            self.unread.setdefault(self.prefix, f"more than {MAX_FIELDS} different fields")
+        if self._left <= 0:
+            self._fields.leave(self.prefix, f"more than {MAX_PARTS} parts in a message; those beyond were left out")
+        result.put(row, found, self._fields)
 
     def _flatten(self, value: Any, path: str, found: dict[str, float], depth: int) -> None:
         """Collect the numbers below `value` in `found`, by path."""
+        self._left -= 1
         if isinstance(value, bool | int | float):
             try:
                 found[path] = float(value)
             except OverflowError:
-                self.unread[path] = "integer beyond the range of numbers"
+                self._fields.leave(path, "integer beyond the range of numbers")
         elif isinstance(value, str):
-            self.unread.setdefault(path, "text")
+            self._fields.leave(path, "text")
         elif depth >= MAX_DEPTH:
-            self.unread.setdefault(path, f"nested more than {MAX_DEPTH} deep")
+            self._fields.leave(path, f"nested more than {MAX_DEPTH} deep")
         elif isinstance(value, dict):
             self._flatten_object(value, path, found, depth)
         elif isinstance(value, list):
             self._flatten_list(value, path, None, found, depth)
 
     def _flatten_object(self, value: dict[str, Any], path: str, found: dict[str, float], depth: int) -> None:
-        texts = {
-            key: [printable(text) for text in child]
-            for key, child in value.items()
-            if isinstance(child, list) and child and all(isinstance(text, str) for text in child)
-        }
-        for key, child in value.items():
+        members = {key: child for key, child in islice(value.items(), self._left) if len(key) <= MAX_NAME}
+        if len(members) < min(len(value), self._left):
+            self._fields.leave(path, LONG_NAMES)
+        texts = naming_texts((key, child) for key, child in members.items() if _is_texts(child))
+        for key, child in members.items():
+            if self._left <= 0:
+                return
             child_path = f"{path}.{printable(key)}"
             if depth == 0 and _is_stamp_member(key, child):
                 continue
@@ -99,23 +118,33 @@ class JsonDecoder:
                 self._flatten_list(child, child_path, labels, found, depth)
             elif key in texts:
                 if are_bad(key, texts):
-                    self.unread.setdefault(child_path, BAD_NAMES)
+                    self._fields.leave(child_path, BAD_NAMES)
             else:
                 self._flatten(child, child_path, found, depth + 1)
 
     def _flatten_list(
         self, value: list[Any], path: str, labels: list[str] | None, found: dict[str, float], depth: int
     ) -> None:
+        self._left -= 1
         labels = labels or _own_names(value)
         if labels is None and len(value) > MAX_ARRAY:
-            self.unread.setdefault(path, f"array of {len(value)} values")
+            self._fields.leave(path, f"array of {len(value)} values")
             return
         for i, child in enumerate(value):
+            if self._left <= 0:
+                return
             self._flatten(child, f"{path}[{labels[i] if labels else i}]", found, depth + 1)
+
+
+def _is_texts(value: Any) -> bool:
+    """Tell whether a member is an array of texts, short enough to name something."""
+    return isinstance(value, list) and 0 < len(value) <= MAX_LABELS and all(isinstance(text, str) for text in value)
 
 
 def _own_names(value: list[Any]) -> list[str] | None:
     """Return the names that the elements of a list have themselves, None where these do not tell them apart."""
+    if len(value) > MAX_LABELS:
+        return None
     names = [child.get(ELEMENT_NAME) if isinstance(child, dict) else None for child in value]
     texts = [printable(name) for name in names if isinstance(name, str)]
     return (labels_of(texts) if len(texts) == len(names) else []) or None

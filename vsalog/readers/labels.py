@@ -3,19 +3,32 @@
 from __future__ import annotations
 
 from collections import Counter
+from collections.abc import Collection, Iterable
+from itertools import islice
 
+from vsalog.printable import printable
 from vsalog.readers.definitions import Node, Struct, Text
+from vsalog.readers.fields import MAX_NAME
 
 LABEL_FIELDS = ("name", "names", "joint_names", "interface_names")
 BAD_NAMES = "text; some of its names are empty or there twice: what they name goes by its index"
 ELEMENT_NAME = "name"
 """The field by which a message that is an element of an array tells which one it is."""
-MAX_LABELS = 1024
+MAX_LABELS, MAX_ARRAYS = 1024, 64
+"""Texts of an array that may name elements, and arrays of texts of one message that are looked at for that."""
 
 
 def usable_labels(labels: list[str]) -> bool:
-    """Tell whether texts can name the elements of an array: none empty, all different."""
-    return 0 < len(labels) <= MAX_LABELS and "" not in labels and len(set(labels)) == len(labels)
+    """Tell whether texts can name the elements of an array: none empty or very long, all different."""
+    if not 0 < len(labels) <= MAX_LABELS or "" in labels or len(set(labels)) < len(labels):
+        return False
+    return max(map(len, labels)) <= MAX_NAME
+
+
+def naming_texts(arrays: Iterable[tuple[str, Collection[str]]]) -> dict[str, list[str]]:
+    """Return those arrays of texts, by name, that may name elements of others: not too many, none too long."""
+    short = ((name, texts) for name, texts in arrays if len(texts) <= MAX_LABELS)
+    return {name: [printable(text) for text in texts] for name, texts in islice(short, MAX_ARRAYS)}
 
 
 def tells_its_name(node: Node) -> bool:
@@ -26,9 +39,9 @@ def tells_its_name(node: Node) -> bool:
 def labels_of(names: list[str]) -> list[str]:
     """Return what elements go by: their names, or their index where a name is empty or there twice; [] where none has a name."""
     often = Counter(names)
-    labels = [name if name and often[name] == 1 else str(i) for i, name in enumerate(names)]
-    some = any(name and often[name] == 1 for name in names)
-    return labels if some and usable_labels(labels) else []
+    good = [bool(name) and often[name] == 1 and len(name) <= MAX_NAME for name in names]
+    labels = [name if is_good else str(i) for i, (name, is_good) in enumerate(zip(names, good, strict=True))]
+    return labels if any(good) and usable_labels(labels) else []
 
 
 def are_bad(field: str, texts: dict[str, list[str]]) -> bool:

@@ -20,12 +20,12 @@ from vsalog.printable import printable
 from vsalog.readers import labels as naming
 from vsalog.readers.base import MAX_ARRAY
 from vsalog.readers.definitions import Array, Node, Scalar, Struct, Text, Time, is_placeholder
+from vsalog.readers.fields import MAX_FIELDS
 from vsalog.readers.known_units import unit_of
 
 Bytes = NDArray[np.uint8]
 Integers = NDArray[np.int64]
 
-MAX_FIELDS = 4096
 MAX_STEPS = 250_000
 
 
@@ -60,8 +60,8 @@ class Layout:
         Bytes of the message.
     mask : uint8 array
         255 for the bytes that must be equal, the guards; up to the last of them.
-    sample : uint8 array, shape (length,)
-        The message the layout was learnt from.
+    sample : uint8 array, of the mask's shape
+        How the message begins that the layout was learnt from.
     stamp : Field or None
         The header's time stamp.
     fields : tuple of Field
@@ -182,10 +182,11 @@ def learn(raw: bytes, root: Struct, cdr: bool) -> Layout:
     spare = len(raw) - walk.pos
     if spare < 0 or spare > (3 if cdr else 0):  # CDR may be padded to a multiple of four
         raise DamagedMessageError("its length differs from what the definition says")
+    mask = _mask(walk.guards)
     return Layout(
         length=len(raw),
-        mask=_mask(walk.guards),
-        sample=np.frombuffer(raw, np.uint8),
+        mask=mask,
+        sample=np.frombuffer(raw[: mask.size], np.uint8),
         stamp=walk.stamp,
         fields=tuple(walk.fields),
         unread=walk.unread,
@@ -253,7 +254,8 @@ class _Walk:
             if not isinstance(child, Array):
                 self._node(child, "", None)
             elif isinstance(child.element, Text):
-                texts[field] = [printable(self._text()) for _ in range(self._count(child))]
+                found = [self._text() for _ in range(self._count(child))]
+                texts |= naming.naming_texts([(field, found)] if len(texts) < naming.MAX_ARRAYS else [])
             else:
                 start = self.pos
                 counts.add(self._count(child))

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from vsalog.readers.definitions import Array, Node, Scalar, Struct, Text, Time
 from vsalog.readers.known_units import unit_of
-from vsalog.readers.labels import LABEL_FIELDS, tells_its_name
+from vsalog.readers.labels import LABEL_FIELDS, MAX_ARRAYS, tells_its_name
 
 STRUCT, END, NUMBER, TIME, STAMP, TEXT, TEXTS, NUMBERS, LOOP, NEXT, UNUSED, DONE = range(12)
 """Steps. Each has numbers a, b, c and d, of which b is the place, a count is -1 where the message says it, and d how many arrays
@@ -154,7 +154,7 @@ def _ranks(node: Struct) -> dict[str, int]:
     """Return the arrays of texts of a struct, in the order in which they are asked for names."""
     arrays = [(field, child) for field, child in node.fields if isinstance(child, Array)]
     texts = [field for field, child in arrays if isinstance(child, Array) and isinstance(child.element, Text)]
-    if [field for field, _ in arrays][: len(texts)] != texts:
+    if [field for field, _ in arrays][: len(texts)] != texts or len(texts) > MAX_ARRAYS:
         raise _TooLargeError
     return {field: rank for rank, field in enumerate(sorted(texts, key=_usual))}
 

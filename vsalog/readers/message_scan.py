@@ -17,7 +17,7 @@ from vsalog.readers.packets import Bytes, Integers
 MOST_FOUND = 4096
 """Numbers of one message that are found, at most."""
 
-_MOST_LABELS, _MOST_INDEXED = 1024, 64  # as in vsalog.readers.layout and vsalog.readers.base
+_MOST_LABELS, _LONGEST_LABEL, _MOST_INDEXED = 1024, 256, 64  # as in vsalog.readers.labels, .fields and .base
 _MOST_TAKEN = 8192  # steps; MAX_STEPS of vsalog.readers.layout counts in another way, and much further
 _STRUCT, _END, _NUMBER, _TIME, _STAMP, _TEXT, _TEXTS, _NUMBERS, _LOOP, _NEXT, _UNUSED, _DONE = range(12)
 # Columns of the arrays below.
@@ -344,7 +344,9 @@ def _number_in(keys: Integers, counters: Integers, found: Integers, outer: int, 
 def _label_of(
     data: Bytes, begin: int, length: int, counters: Integers, spans: Integers, labels: Integers, pool: Bytes
 ) -> int:
-    """Return the number of a text; -1 where it is not plain or there is no room."""
+    """Return the number of a text; -1 where it is not plain, too long or there is no room."""
+    if length > _LONGEST_LABEL:
+        return -1
     mixed = np.int64(2166136261)
     for i in range(begin, begin + length):
         if data[i] < 32 or data[i] > 126:

@@ -10,9 +10,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vsalog.readers.definitions import Struct, Time
+from vsalog.readers.fields import Fields
 from vsalog.readers.irregular import IrregularDecoder
 from vsalog.readers.layout import (
-    MAX_FIELDS,
     Bytes,
     DamagedMessageError,
     Field,
@@ -57,19 +57,14 @@ class Decoded:
     columns: dict[str, Values] = field(default_factory=dict)
     units: dict[str, str] = field(default_factory=dict)
 
-    def put(self, row: int, numbers: Mapping[str, float], wanted: Collection[str] | None) -> bool:
-        """Store the wanted ones of a message's numbers, by channel name; tells whether there was room for all."""
-        room = True
+    def put(self, row: int, numbers: Mapping[str, float], fields: Fields) -> None:
+        """Store those of a message's numbers that become channels, by name."""
         for name, value in numbers.items():
-            if wanted is not None and name not in wanted:
+            if not fields.take(name):
                 continue
             if name not in self.columns:
-                if len(self.columns) >= MAX_FIELDS:
-                    room = False
-                    continue
                 self.columns[name] = np.full(len(self.good), np.nan)
             self.columns[name][row] = value
-        return room
 
 
 MISFIT = ("do not fit the definition in the log", "fits the definition in the log")
@@ -146,7 +141,8 @@ class RosDecoder:
         self.cdr = cdr
         self.prefix = prefix
         self.wanted = wanted
-        self.unread: dict[str, str] = {}
+        self._fields = Fields(prefix, wanted)
+        self.unread = self._fields.unread
         self.stamped = _has_stamp(root)
         self._shapes: dict[int, list[_Shape]] = {}
         self._spare = MAX_NUMBERS if remember else 0
@@ -193,7 +189,7 @@ class RosDecoder:
                 if self._has_room(name, found.units.get(path), result):
                     _put(name, values, own, result)
         for path, reason in self._irregular.unread.items():
-            self.unread.setdefault(f"{self.prefix}.{path}", reason)
+            self._fields.leave(f"{self.prefix}.{path}", reason)
         return rows[~result.good[rows]]
 
     def _decode_alike(self, messages: Messages, rows: Integers, result: Decoded, odd: bool = False) -> Integers:
@@ -239,7 +235,7 @@ class RosDecoder:
         except DamagedMessageError:
             return None
         for path, reason in layout.unread.items():
-            self.unread.setdefault(f"{self.prefix}.{path}", reason)
+            self._fields.leave(f"{self.prefix}.{path}", reason)
         fields: list[tuple[str, Field, int]] = []
         offsets: list[int] = []
         for one in layout.fields:
@@ -274,10 +270,7 @@ class RosDecoder:
 
     def _has_room(self, name: str, unit: str | None, result: Decoded) -> bool:
         """Tell whether a column can be in the result, and keep its unit; that there are too many is noted."""
-        if name in result.columns:
-            return True
-        if len(result.columns) >= MAX_FIELDS:
-            self.unread.setdefault(self.prefix, f"more than {MAX_FIELDS} different fields")
+        if not self._fields.take(name):
             return False
         if unit is not None:
             result.units[name] = unit

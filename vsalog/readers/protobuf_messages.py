@@ -4,21 +4,20 @@ from __future__ import annotations
 
 from collections.abc import Collection
 from dataclasses import dataclass
+from itertools import islice
 from typing import Any
 
 import numpy as np
 
 from vsalog.printable import printable
 from vsalog.readers.base import MAX_ARRAY
-from vsalog.readers.labels import ELEMENT_NAME, best_label_field, labels_of
-from vsalog.readers.layout import MAX_FIELDS
+from vsalog.readers.fields import LARGE_MESSAGES, LONG_NAMES, MAX_BYTES, MAX_FIELDS, MAX_NAME, Fields
+from vsalog.readers.labels import ELEMENT_NAME, MAX_LABELS, best_label_field, labels_of, naming_texts
 from vsalog.readers.messages import MISFIT, Decoded
 from vsalog.readers.packets import Messages
 from vsalog.readers.protobuf_types import message_class
 
 MAX_DEPTH = 32
-MAX_BYTES = 8 * 2**20
-"""Of a message: two bytes may become an object of fifty."""
 
 NUMBER, TIME, MESSAGE, TEXT, OTHER = range(5)
 
@@ -70,8 +69,8 @@ class ProtobufDecoder:
 
     def __init__(self, name: str, descriptors: bytes, prefix: str, wanted: Collection[str] | None) -> None:
         self.prefix = prefix
-        self.wanted = wanted
-        self.unread: dict[str, str] = {}
+        self._taken = Fields(prefix, wanted)
+        self.unread = self._taken.unread
         self._class = message_class(name, descriptors)
         self._fields: dict[str, tuple[_Field, ...]] = {}
         self._stamp_path = _stamp_path(self._class.DESCRIPTOR)
@@ -87,7 +86,7 @@ class ProtobufDecoder:
             result.stamps = np.zeros(count, dtype=np.int64)
         for row, raw in enumerate(messages):
             if len(raw) > MAX_BYTES:
-                self.unread.setdefault(self.prefix, f"its messages are larger than {MAX_BYTES // 2**20} MiB")
+                self._taken.leave(self.prefix, LARGE_MESSAGES)
                 continue
             try:
                 message = self._class.FromString(raw)
@@ -102,15 +101,16 @@ class ProtobufDecoder:
             result.stamps[row] = _stamp_of(message, self._stamp_path)
         found: dict[str, float] = {}
         self._walk(message, self.prefix, found, 0)
-        if not result.put(row, found, self.wanted):
-            self.unread.setdefault(self.prefix, f"more than {MAX_FIELDS} different fields")
+        result.put(row, found, self._taken)
 
     def _walk(self, message: Any, path: str, found: dict[str, float], depth: int) -> None:
         """Collect the numbers of a message in `found`, by path."""
         # By ListFields: an attribute of a hostile name could be one of the library's.
         present = {field.number: value for field, value in type(message).ListFields(message)}
         fields = self._fields_of(type(message).DESCRIPTOR)
-        texts = {f.name: [printable(t) for t in present.get(f.number, ())] for f in fields if _may_label(f)}
+        texts = naming_texts((f.name, present[f.number]) for f in fields if _may_label(f) and f.number in present)
+        lengths = {len(present[f.number]) for f in fields if f.repeated and not f.reason and f.number in present}
+        naming = {best_label_field(texts, count) for count in lengths & {len(text) for text in texts.values()}}
         for field in fields:
             if depth == 0 and self._stamp_path == (field.name,):
                 continue
@@ -120,8 +120,8 @@ class ProtobufDecoder:
                     found[here] = 0.0
                 continue
             if field.reason:
-                if not (_may_label(field) and self._labels_something(field, fields, texts, present)):
-                    self.unread.setdefault(here, field.reason)
+                if not (_may_label(field) and field.name in naming):
+                    self._taken.leave(here, field.reason)
             elif field.repeated:
                 self._array(field, present[field.number], here, texts, found, depth)
             else:
@@ -133,42 +133,37 @@ class ProtobufDecoder:
         key = best_label_field(texts, len(values))
         labels = labels_of(texts[key]) if key else _own_names(values) if field.kind == MESSAGE else []
         if not labels and len(values) > MAX_ARRAY:
-            self.unread.setdefault(path, f"array of {len(values)} values")
+            self._taken.leave(path, f"array of {len(values)} values")
             return
         for i, value in enumerate(values):
             self._value(field.kind, value, f"{path}[{labels[i] if labels else i}]", found, depth)
 
     def _value(self, kind: int, value: Any, path: str, found: dict[str, float], depth: int) -> None:
         if len(found) >= MAX_FIELDS:
-            self.unread.setdefault(self.prefix, f"more than {MAX_FIELDS} values")
+            self._taken.leave(self.prefix, f"more than {MAX_FIELDS} values")
         elif kind == NUMBER:
             found[path] = float(value)
         elif kind == TIME:
             if not (depth == 1 and self._is_stamp(path)):
                 found[path] = (value.seconds * 1_000_000_000 + value.nanos) * 1e-9
         elif depth >= MAX_DEPTH:
-            self.unread.setdefault(path, f"nested more than {MAX_DEPTH} deep")
+            self._taken.leave(path, f"nested more than {MAX_DEPTH} deep")
         elif not (depth == 1 and self._is_stamp(path)):
             self._walk(value, path, found, depth + 1)
 
     def _is_stamp(self, path: str) -> bool:
         return bool(self._stamp_path) and path == ".".join((self.prefix, *self._stamp_path))
 
-    def _labels_something(
-        self, field: _Field, fields: tuple[_Field, ...], texts: dict[str, list[str]], present: dict[int, Any]
-    ) -> bool:
-        """Tell whether texts name the elements of another array of the message."""
-        return any(
-            best_label_field(texts, len(present[other.number])) == field.name
-            for other in fields
-            if other.repeated and not other.reason and other.number in present
-        )
-
     def _fields_of(self, descriptor: Any) -> tuple[_Field, ...]:
         """Return the fields of a message type; those of a type that is met again are remembered."""
         name = descriptor.full_name
         if name not in self._fields:
-            self._fields[name] = tuple(_field(one) for one in descriptor.fields)
+            if len(descriptor.fields) > MAX_FIELDS:
+                self._taken.leave(self.prefix, f"a message type with more than {MAX_FIELDS} fields")
+            fields = tuple(map(_field, islice(descriptor.fields, MAX_FIELDS)))
+            self._fields[name] = tuple(field for field in fields if len(field.name) <= MAX_NAME)
+            if len(self._fields[name]) < len(fields):
+                self._taken.leave(self.prefix, LONG_NAMES)
         return self._fields[name]
 
 
@@ -189,6 +184,8 @@ def _field(one: Any) -> _Field:
 
 def _own_names(values: Any) -> list[str]:
     """Return the names that the elements of an array have themselves, none where these do not tell them apart."""
+    if len(values) > MAX_LABELS:
+        return []
     parts = ({field.name: text for field, text in type(value).ListFields(value)} for value in values)
     names = [part.get(ELEMENT_NAME) for part in parts]
     texts = [printable(name) for name in names if isinstance(name, str)]

@@ -1,0 +1,56 @@
+"""The fields of a stream: which become channels, and which do not, with the reason.
+
+A log may claim any number of fields with names of any length. No recording has so many, and memory is not for the asking.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Collection
+
+MAX_FIELDS = 4096
+"""Channels of a stream, and fields of it that are told to be none."""
+MAX_NAME = 256
+"""Characters of a field's name; names of nested fields are put behind one another."""
+LONG_NAMES = f"names longer than {MAX_NAME} characters"
+MAX_BYTES = 8 * 2**20
+"""Of a message that is decoded to objects: two bytes may become one of fifty."""
+LARGE_MESSAGES = f"its messages are larger than {MAX_BYTES // 2**20} MiB"
+
+
+class Fields:
+    """What was met in a stream so far.
+
+    Parameters
+    ----------
+    prefix : str
+        Name of the stream, ahead of every field's name.
+    wanted : collection of str or None
+        Channels to decode; None is all of them.
+
+    Attributes
+    ----------
+    unread : dict of str to str
+        What is no channel, by full name, with the reason.
+    """
+
+    def __init__(self, prefix: str, wanted: Collection[str] | None) -> None:
+        self.prefix, self.wanted = prefix, wanted
+        self.unread: dict[str, str] = {}
+        self._channels: set[str] = set()
+
+    def take(self, name: str) -> bool:
+        """Tell whether a field becomes a channel: it is wanted, and there is room for it."""
+        if name in self._channels:
+            return True
+        if self.wanted is not None and name not in self.wanted:
+            return False
+        if len(self._channels) >= MAX_FIELDS:
+            self.leave(self.prefix, f"more than {MAX_FIELDS} different fields; those beyond were left out")
+            return False
+        self._channels.add(name)
+        return True
+
+    def leave(self, name: str, reason: str) -> None:
+        """Note that a field is no channel; of the stream as a whole always, of its fields while there is room."""
+        if name == self.prefix or len(self.unread) < MAX_FIELDS:
+            self.unread.setdefault(name, reason)
