@@ -11,7 +11,7 @@ import sys
 from pathlib import Path
 
 import numpy as np
-from random_messages import STORES, nanoseconds, numbers, same_number
+from random_messages import STORES, numbers, same_number, stamp_of
 from rosbags.serde import SerdeError
 from rosbags.typesys import Stores, get_types_from_idl, get_types_from_msg, get_typestore
 
@@ -97,7 +97,7 @@ class _Topic:
             if fast.stamps is not None:
                 stamp = message.header.stamp if hasattr(message, "header") else message.stamp
                 self.count += 1
-                if fast.stamps[i] != nanoseconds(self._store, stamp):
+                if fast.stamps[i] != stamp_of(self._store, stamp):
                     self.wrong.append(f"{self._topic}: stamp of message {i}")
 
 

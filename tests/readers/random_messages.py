@@ -124,6 +124,11 @@ def nanoseconds(store, value, name=TIMES[0]):
     return seconds * 10**9 + fraction
 
 
+def stamp_of(store, value):
+    """Return a header's time stamp; one with nanoseconds beyond a second is none, which the readers mark by this number."""
+    return nanoseconds(store, value) if 0 <= value.nanosec < 10**9 else 1 - 2**62
+
+
 def part(store, value, name, path):
     if name in TIMES:
         return {path: nanoseconds(store, value, name) * 1e-9} if path not in ("header.stamp", "stamp") else {}

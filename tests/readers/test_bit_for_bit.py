@@ -10,7 +10,7 @@ from exhaustive import compare
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from random_definitions import Definition, FieldOf, definitions
-from random_messages import make, nanoseconds, numbers, same_number, vary
+from random_messages import make, numbers, same_number, stamp_of, vary
 
 from vsalog.readers.definitions import parse_definition
 from vsalog.readers.messages import RosDecoder
@@ -49,7 +49,7 @@ def check(definition, seed, language, shapes=3, alike=3):
                     assert same_number(values[i], row.get(name[2:], np.nan)), name
                 if decoded.stamps is not None and hasattr(message, "header"):
                     stamp = message.header.stamp
-                    assert decoded.stamps[i] == nanoseconds(store, stamp)
+                    assert decoded.stamps[i] == stamp_of(store, stamp)
         unread.append(decoder.unread)
     assert unread[0] == unread[1] == unread[2]
 

@@ -6,12 +6,14 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from write_logs import MS, START, McapLog, joint_state
+from random_messages import STORES
+from write_logs import MS, START, McapLog, joint_state, serialised
 
 from vsalog.errors import ReadError
 from vsalog.long_recording import LongRecording
 from vsalog.readers import read, read_within
-from vsalog.readers.timing import ONE_DAY, choose_clock, implausible, put_in_order
+from vsalog.readers.bad_stamps import ONE_DAY
+from vsalog.readers.timing import choose_clock, implausible, put_in_order
 
 
 def log_of(tmp_path, stamps, values=None, log_times=None):
@@ -170,6 +172,72 @@ def test_a_clock_that_is_set_can_be_insisted_on_but_not_silently(tmp_path):
         stream = recording.streams["/j"]
         assert (stream.time_source, stream.inversions, stream.conflicts) == ("header", 299, 300)
         assert any("header time is used" in note and "step back" in note for note in recording.notes)
+
+
+def zeros_at_the_start(stamps):
+    stamps[:40] = 0
+
+
+def zeros_here_and_there(stamps):
+    stamps[::25] = 0
+
+
+def an_hour_ahead(stamps):
+    stamps[[0, 299, 300, 301, 1500, -1]] += 3_600_000 * MS  # around the border of parts on disk, too
+
+
+def years_ahead(stamps):
+    stamps[700] = 2**60
+
+
+@pytest.mark.parametrize(
+    ("change", "count"),
+    [(zeros_at_the_start, 40), (zeros_here_and_there, 80), (an_hour_ahead, 6), (years_ahead, 1)],
+)
+@pytest.mark.parametrize("time", ["auto", "header"])
+def test_a_few_stamps_that_are_none_cost_their_samples(tmp_path, monkeypatch, change, count, time):
+    monkeypatch.setattr("vsalog.readers.spool.PART", 301)
+    right, changed = np.array(stamps_that(lambda stamps: None)), np.array(stamps_that(change))
+    path = log_of(tmp_path, changed.tolist())
+    short, long = read(path, time=time), read_within(0, path, time=time)
+    kept = np.flatnonzero(right == changed)
+    assert kept.size == 2000 - count
+    for recording in (short, long.look):
+        stream = recording.streams["/j"]
+        assert (stream.time_source, stream.time_reason, stream.inversions) == ("header", "", 0)
+        assert any(f"{count} sample" in note and "left out" in note for note in recording.notes)
+    channel, column = short.channel("/j.position[a]"), long.columns["/j.position[a]"]
+    for stamps, values in ((channel.stamps, channel.values), (column.stamps[:], column.values[:])):
+        np.testing.assert_array_equal(stamps, right[kept])
+        np.testing.assert_array_equal(values, kept)
+
+
+def test_samples_are_kept_where_log_time_is_asked_for_or_needed(tmp_path):
+    def back_and_zero(stamps):
+        set_back(stamps)
+        stamps[7] = 0
+
+    path = log_of(tmp_path, stamps_that(zeros_at_the_start))
+    assert read(path, time="log").streams["/j"].count == 2000
+    stepping = read(log_of(tmp_path, stamps_that(back_and_zero))).streams["/j"]
+    assert (stepping.time_source, stepping.count) == ("log", 2000)
+
+
+def test_nanoseconds_beyond_a_second_are_no_stamp(tmp_path):
+    """Taken as they are, they would move a sample by up to four seconds, or add one to its second."""
+    for ros1 in (False, True):
+        log, odd = McapLog(profile="ros1" if ros1 else "ros2"), [10, 20, 30]
+        name = "sensor_msgs/JointState" if ros1 else "sensor_msgs/msg/JointState"
+        text = STORES[ros1].generate_msgdef("sensor_msgs/msg/JointState", ros_version=1 if ros1 else 2)[0]
+        channel = log.channel("/j", name, "ros1" if ros1 else "cdr", "ros1msg" if ros1 else "ros2msg", text)
+        for i in range(100):
+            message = joint_state(START + i * MS, ["a"], [i], ros1=ros1)
+            message.header.stamp.nanosec += 10**9 * (i in odd)
+            log.raw(channel, serialised(message, ros1), START + i * MS)
+        recording = read(log.save(tmp_path / "log"))
+        values = recording.channel("/j.position[a]").values
+        np.testing.assert_array_equal(values, np.delete(np.arange(100), odd))
+        assert any("3 samples left out" in note for note in recording.notes)
 
 
 def swapped(stamps):

@@ -80,8 +80,8 @@ def read(
     wanted : collection of str, optional
         Names of the channels to decode and keep; None is all of them. Names the log does not have are passed over.
     time : str
-        ``auto``: header stamps, or log time for a whole stream where they are missing, zero or implausible; or one of
-        ``header``, ``log`` and ``publish`` to insist on that clock where a stream has it.
+        ``auto``: header stamps, or log time for a whole stream where they are missing, zero or implausible in more than a few
+        samples, which are left out; or one of ``header``, ``log`` and ``publish`` to insist on that clock where a stream has it.
     rate : float, optional
         Samples per second [Hz] of tables that have no time column.
     start, end : str or float, optional

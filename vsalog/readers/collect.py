@@ -159,11 +159,15 @@ class Gathered:
 
 @dataclass(frozen=True, slots=True)
 class Placed:
-    """A stream on its clock and in order: what is known of it, its stamps, and its columns by name."""
+    """A stream on its clock and in order: what is known of it, its stamps, and its columns by name.
+
+    Of `left_out` samples the header stamp is none.
+    """
 
     stream: Stream
     stamps: Column
     columns: dict[str, Column]
+    left_out: int
 
 
 def gather(
@@ -276,6 +280,11 @@ def assembled(
         placed = place(name, one)
         streams[name] = placed.stream
         notes += remarks(placed.stream)
+        if placed.left_out:
+            notes.append(
+                f"{name}: {plural(placed.left_out, 'sample')} left out whose header stamp is missing, zero, impossible or"
+                " far from those around it"
+            )
         if len(placed.stamps):
             dates.append(bool(placed.stamps[:1][0] >= YEAR_2000))
         if placed.stream.time_source == "column" and placed.stream.conflicts > placed.stream.count:
@@ -320,11 +329,16 @@ def _placed(name: str, one: Gathered, time: str) -> Placed:
     if clock.source == "none":
         clock = replace(clock, reason=one.timeless)
     columns = {column: in_memory(one.take_column(column)) for column in list(one.columns)}
+    left_out = 0
+    if clock.bad is not None:
+        left_out = int(np.count_nonzero(clock.bad))
+        for column in columns:
+            columns[column] = columns[column][~clock.bad]
     order = put_in_order(clock.stamps, list(columns.values()))
     stamps = order.kept(clock.stamps)
     # Taken one by one, so that there are not two of each at once.
     kept: dict[str, Column] = {column: order.kept(columns.pop(column)) for column in list(columns)}
-    return Placed(summary(name, one.type, len(stamps), clock, order), stamps, kept)
+    return Placed(summary(name, one.type, len(stamps), clock, order), stamps, kept, left_out)
 
 
 def summary(name: str, kind: str, count: int, clock: Clock, order: Order) -> Stream:

@@ -14,7 +14,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from vsalog.errors import ReadError
-from vsalog.readers.timing import ONE_DAY
+from vsalog.readers.bad_stamps import ONE_DAY
 from vsalog.recording import Stamps
 
 LEAST_BYTES = 64 * 2**20

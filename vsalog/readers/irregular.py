@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vsalog.readers.definitions import Struct, is_placeholder
-from vsalog.readers.layout import Field, Integers, column, nanoseconds
+from vsalog.readers.layout import Field, Integers, column, stamps
 from vsalog.readers.message_memory import Memory
 from vsalog.readers.message_program import program_of
 from vsalog.readers.message_scan import Found, scatter
@@ -80,15 +80,15 @@ class IrregularDecoder:
         begin = 0
         while begin < len(messages):
             start, length = messages.start[begin:], messages.length[begin:]
-            good, stamps, count = self._memory.scan(self._steps, self._cdr, messages.data, start, length, self._found)
+            good, found_at, count = self._memory.scan(self._steps, self._cdr, messages.data, start, length, self._found)
             number, row, at = (part[:count] for part in self._found)
             rows = np.flatnonzero(good)
             self._learn(number, at)
             row = (np.cumsum(good) - 1)[row]  # among the sound ones
             columns, units = self._columns(messages, number, row, at, rows.size)
             times = None
-            if rows.size and stamps[rows[0]] >= 0:
-                times = nanoseconds(messages.data, stamps[rows], Field("", 0, self._stamp, "s"))
+            if rows.size and found_at[rows[0]] >= 0:
+                times = stamps(messages.data, found_at[rows], Field("", 0, self._stamp, "s"))
             yield Numbers(rows + begin, times, columns, units)
             begin += good.size
 

@@ -23,6 +23,7 @@ from vsalog.readers.labels import (
 )
 from vsalog.readers.messages import Decoded
 from vsalog.readers.packets import Messages
+from vsalog.readers.reach import FARTHEST, NEVER
 
 MAX_DEPTH = 32
 MAX_PARTS = 4 * MAX_FIELDS
@@ -178,7 +179,7 @@ def _stamp(value: Any) -> int | None:
     if not isinstance(seconds, int) or not isinstance(fraction, int):
         return None
     stamp = seconds * 1_000_000_000 + fraction
-    return stamp if abs(stamp) < 2**63 else None
+    return stamp if 0 <= fraction < 1_000_000_000 and abs(stamp) < FARTHEST else NEVER
 
 
 def _is_stamp_member(key: str, child: Any) -> bool:

@@ -22,6 +22,7 @@ from vsalog.readers.base import MAX_ARRAY
 from vsalog.readers.definitions import Array, Node, Scalar, Struct, Text, Time, is_placeholder
 from vsalog.readers.fields import MAX_FIELDS
 from vsalog.readers.known_units import unit_of
+from vsalog.readers.reach import NEVER
 
 Bytes = NDArray[np.uint8]
 Integers = NDArray[np.int64]
@@ -120,6 +121,14 @@ def nanoseconds(data: Bytes, start: Integers, field: Field) -> NDArray[np.int64]
     seconds, fraction = field.code.split(",")
     whole = _numbers(data, start, field.offset, seconds).astype(np.int64)
     return whole * 1_000_000_000 + _numbers(data, start, field.offset + 4, fraction).astype(np.int64)
+
+
+def stamps(data: Bytes, start: Integers, field: Field) -> NDArray[np.int64]:
+    """Return a header's time stamps [ns], shape (n,), `NEVER` for those with nanoseconds that no time has."""
+    fraction = _numbers(data, start, field.offset + 4, field.code.split(",")[1]).astype(np.int64)
+    found = nanoseconds(data, start, field)
+    found[(fraction < 0) | (fraction >= 1_000_000_000)] = NEVER
+    return found
 
 
 def _numbers(data: Bytes, start: Integers, offset: int, code: str) -> NDArray[Any]:

@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from vsalog.long_recording import LongChannel, LongRecording
+from vsalog.readers.bad_stamps import FEW, REACH, are_few, bad_stamps, looked_at
 from vsalog.readers.base import Reader
 from vsalog.readers.collect import Gathered, Placed, assembled, gather, recording_of, summary
 from vsalog.readers.spool import Column, Spool, SpooledColumn, Values, parts
@@ -19,6 +20,8 @@ from vsalog.recording import Recording
 MOST_WAITING = 2**22
 # Stretches of a stream that tell how much later the log's time is than the header's, and their length.
 DELAYS, DELAY_ROWS = 16, 4096
+
+_NONE = np.empty(0, np.int64)
 
 
 class _TooLateError(Exception):
@@ -43,36 +46,72 @@ def collect_within(
 
 
 def _long(path: Path, reader: Reader, gathered: Mapping[str, Gathered], spool: Spool, time: str) -> LongRecording:
-    clocks = {name: _clock(one, time) for name, one in gathered.items()}
-    disorder = {name: _Disorder.of(stamps) for name, (_, stamps) in clocks.items()}
+    clocks = {name: _clock(one, time, spool) for name, one in gathered.items()}
+    disorder = {name: _Disorder.of(stamps) for name, (_, stamps, _) in clocks.items()}
     for name, found in disorder.items():
         found.refuse(name)
 
     def placed(name: str, one: Gathered) -> Placed:
-        clock, recorded = clocks[name]
-        columns = {column: one.take_column(column) for column in list(one.columns)}
+        clock, recorded, bad = clocks[name]
+        columns = {column: _without(bad, one.take_column(column), spool) for column in list(one.columns)}
         stamps, columns, order = disorder[name].put_right(recorded, columns, spool)
-        return Placed(summary(name, one.type, len(stamps), clock, order), stamps, columns)
+        return Placed(summary(name, one.type, len(stamps), clock, order), stamps, columns, bad.size)
 
     outline, samples = assembled(path, reader, gathered, placed)
     return LongRecording.of(outline, {name: LongChannel(*columns) for name, columns in samples.items()})
 
 
-def _clock(one: Gathered, time: str) -> tuple[Clock, Column]:
-    """Choose the clock of a stream; what a `Clock` says of it, without stamps, and its stamps."""
+def _clock(one: Gathered, time: str, spool: Spool) -> tuple[Clock, Column, Values]:
+    """Choose the clock of a stream; what a `Clock` says of it, without stamps, its stamps, and the rows that are left out."""
     clocks = one.joined_clocks()
+    if looked_at(clocks, time):
+        bad = _bad_rows(clocks["header"], clocks["log"])
+        if are_few(bad.size, one.count):
+            clock, stamps = _chosen({kind: _without(bad, c, spool) for kind, c in clocks.items()}, one.timeless, time)
+            if clock.source == "header":
+                return clock, stamps, bad
+    return *_chosen(clocks, one.timeless, time), _NONE
+
+
+def _bad_rows(header: Column, log: Column) -> Values:
+    """Return the rows whose header stamp is none, no more than are needed to see that they are not few."""
+    found, count = [_NONE], 0
+    for first, last in parts(len(header)):
+        if FEW * count > len(header):
+            break
+        # With the rows beside them that those at the ends are held against.
+        begin, end = max(0, first - REACH), min(len(header), last + REACH)
+        bad = bad_stamps(header[begin:end], log[begin:end])[first - begin : last - begin]
+        found.append(np.flatnonzero(bad) + first)
+        count += found[-1].size
+    return np.concatenate(found)
+
+
+def _without(rows: Values, column: Column, spool: Spool) -> Column:
+    """Return a column without some rows, given in order."""
+    if not rows.size:
+        return column
+    out = SpooledColumn(spool, column[:1].dtype.type)
+    for first, last in parts(len(column)):
+        own = rows[slice(*np.searchsorted(rows, (first, last)))]
+        out.add(len(out), np.delete(column[first:last], own - first))
+    return out
+
+
+def _chosen(clocks: Mapping[str, Column], timeless: str, time: str) -> tuple[Clock, Column]:
+    count = len(next(iter(clocks.values())))
 
     def doubt() -> str:
         seen = HeaderStamps()
-        for first, last in parts(one.count):
+        for first, last in parts(count):
             seen.add(clocks["header"][first:last], clocks["log"][first:last])
         return seen.doubt()
 
     source, reason = choose_source(clocks, time, doubt)
-    begins = np.unique(np.linspace(0, max(0, one.count - DELAY_ROWS), DELAYS).astype(np.int64)).tolist()
+    begins = np.unique(np.linspace(0, max(0, count - DELAY_ROWS), DELAYS).astype(np.int64)).tolist()
     some = {k: np.concatenate([stamps[i : i + DELAY_ROWS] for i in begins]) for k, stamps in clocks.items()}
     if source == "none":
-        reason = one.timeless
+        reason = timeless
     return Clock(source, np.empty(0, np.int64), reason, *delay_of(some, source)), clocks[source]
 
 

@@ -22,7 +22,7 @@ from vsalog.readers.layout import (
     column,
     doubles,
     learn,
-    nanoseconds,
+    stamps,
 )
 from vsalog.readers.packets import Messages
 from vsalog.recording import Stamps, Values
@@ -262,7 +262,7 @@ class RosDecoder:
     def _store(self, shape: _Shape, data: Bytes, start: Integers, rows: Integers, result: Decoded) -> None:
         result.good[rows] = True
         if shape.layout.stamp is not None:
-            _put_stamps(nanoseconds(data, start, shape.layout.stamp), rows, result)
+            _put_stamps(stamps(data, start, shape.layout.stamp), rows, result)
         ready = doubles(data, start, shape.doubles)
         for name, one, number in shape.fields:
             if self._has_room(name, one.unit, result):

@@ -16,6 +16,7 @@ from vsalog.readers.labels import ELEMENT_NAME, MAX_LABELS, best_label_field, la
 from vsalog.readers.messages import MISFIT, Decoded
 from vsalog.readers.packets import Messages
 from vsalog.readers.protobuf_types import message_class
+from vsalog.readers.reach import FARTHEST, NEVER
 
 MAX_DEPTH = 32
 
@@ -228,5 +229,6 @@ def _stamp_of(message: Any, path: tuple[str, ...]) -> int:
     names = _clock_of(type(message).DESCRIPTOR)
     if names is None:
         return 0
-    stamp = int(getattr(message, names[0])) * 1_000_000_000 + int(getattr(message, names[1]))
-    return stamp if abs(stamp) < 2**63 else 0
+    seconds, fraction = (int(getattr(message, name)) for name in names)
+    stamp = seconds * 1_000_000_000 + fraction
+    return stamp if 0 <= fraction < 1_000_000_000 and abs(stamp) < FARTHEST else NEVER

@@ -11,6 +11,8 @@ from vsalog.recording import Stamps
 
 FARTHEST = 2**62 - 1
 """Nanoseconds before and after 1970 that a sample may lie: any two such stamps have a difference."""
+NEVER = -FARTHEST
+"""Stands for a header's stamp that is none, as with more nanoseconds than a second has: so far off it is not believed."""
 BEYOND = "lie before the year 1823 or after 2116, as no recording's can"
 
 # A recorder's own clock counts from 1970: what is ahead of that was beyond 64 bits.

@@ -3,20 +3,19 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Collection, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
+from vsalog.readers.bad_stamps import ONE_DAY, are_few, bad_stamps, looked_at
 from vsalog.readers.base import CLOCKS, plural
 from vsalog.readers.clock_steps import ClockSteps
 from vsalog.recording import Stamps
 
 YEAR_2000 = 946_684_800_000_000_000
 """Nanoseconds since the epoch; stamps before it are not dates."""
-
-ONE_DAY = 86_400_000_000_000
 
 ASKED_FOR = "it was asked for"
 """Begins the reason of a clock that was insisted on against doubts."""
@@ -38,6 +37,8 @@ class Clock:
         Why not the first choice, "" where it is.
     delay_median, delay_spread : float
         Log time minus header stamp [s]: median and 5–95 % range; NaN where there is one clock only.
+    bad : bool array, shape (m,), or None
+        Which of the log's m samples have a header stamp that is none and are left out; None where all are kept.
     """
 
     source: str
@@ -45,6 +46,7 @@ class Clock:
     reason: str
     delay_median: float
     delay_spread: float
+    bad: NDArray[np.bool_] | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -70,7 +72,7 @@ class Order:
 
 
 def choose_clock(clocks: Mapping[str, Stamps], time: str) -> Clock:
-    """Choose the clock of a stream, for all of its samples.
+    """Choose the clock of a stream, for all of its samples but those few whose header stamp is none.
 
     Parameters
     ----------
@@ -80,6 +82,16 @@ def choose_clock(clocks: Mapping[str, Stamps], time: str) -> Clock:
         ``auto`` for the header's stamps unless they make no sense, or the kind that is asked for: ``header``, ``log``,
         ``publish``.
     """
+    if looked_at(clocks, time):
+        bad = bad_stamps(clocks["header"], clocks["log"])
+        if are_few(int(np.count_nonzero(bad)), bad.size):
+            clock = _chosen({kind: stamps[~bad] for kind, stamps in clocks.items()}, time)
+            if clock.source == "header":
+                return replace(clock, bad=bad)
+    return _chosen(clocks, time)
+
+
+def _chosen(clocks: Mapping[str, Stamps], time: str) -> Clock:
     source, reason = choose_source(clocks, time, lambda: implausible(clocks["header"], clocks["log"]))
     median, spread = delay_of(clocks, source)
     return Clock(source, clocks[source], reason, median, spread)
