@@ -8,7 +8,9 @@ from random_messages import STORES
 from rosbags import rosbag1
 from write_logs import JOINT_STATE, MS, START, McapLog, joint_state, serialised
 
-from vsalog.readers import bag, open_reader, read, read_within
+from vsalog.readers import open_reader, read, read_within, streams
+from vsalog.readers.frames import Frames
+from vsalog.readers.packets import Messages
 
 COUNT = 40
 
@@ -44,7 +46,8 @@ def bag1(path, sent):
 @pytest.mark.parametrize(("write", "names"), [(mcap, "12"), (bag1, ["/node0", "/node1"])])
 def test_the_same_joint_of_two_at_a_time_is_two_streams(tmp_path, monkeypatch, write, names, shift, large):
     if large:
-        monkeypatch.setattr(bag, "LEAST_BYTES", 0)
+        monkeypatch.setattr(streams, "LEAST_BYTES", 0)
+        monkeypatch.setattr("vsalog.readers.bag.LEAST_BYTES", 0)
     path = write(tmp_path / "log.bag", publications("aa", shift))
     for recording in (read(path), read_within(0, path).look, read(path, start=0)):
         assert set(recording.streams) == {f"/j@{name}" for name in names}
@@ -61,3 +64,90 @@ def test_other_joints_or_one_after_the_other_is_one_stream(tmp_path, write, join
     recording = read(write(tmp_path / "log.bag", publications(joints, shift)))
     assert set(recording.streams) == {"/j"}
     assert not any("publishers" in note for note in recording.notes)
+
+
+def framed(path, sent, ros1=False):
+    """One channel that several publishers share: (frame, time, value) of each message."""
+    messages = []
+    for frame, time, value in sent:
+        message = joint_state(time, ["a"], [value], ros1=ros1)
+        message.header.frame_id = frame
+        messages.append((time, message))
+    if ros1:
+        with rosbag1.Writer(path) as writer:
+            node = writer.add_connection("/j", JOINT_STATE, typestore=STORES[True])
+            for time, message in messages:
+                writer.write(node, time, serialised(message, ros1=True))
+        return path
+    log = McapLog()
+    for time, message in messages:
+        log.add("/j", message, time)
+    return log.save(path)
+
+
+def of_two(frames, shift):
+    both = [
+        (frames[which], START + round((i + which * shift) * MS), i + 1000 * which)
+        for which in (0, 1)
+        for i in range(COUNT)
+    ]
+    return sorted(both, key=lambda one: one[1])
+
+
+@pytest.mark.parametrize("large", [False, True])
+@pytest.mark.parametrize("ros1", [False, True])
+@pytest.mark.parametrize(
+    ("frames", "names"), [(("left", "right"), ("left", "right")), (("", "imü"), ("unnamed", "imü"))]
+)
+def test_two_frames_at_a_time_in_one_channel_are_two_streams(tmp_path, monkeypatch, frames, names, ros1, large):
+    if large:
+        monkeypatch.setattr(streams, "WHOLE_BYTES", 0)
+    path = framed(tmp_path / "log.bag", of_two(frames, 0.5), ros1)
+    for recording in (read(path), read_within(0, path).look, read(path, start=0)):
+        assert set(recording.streams) == {f"/j@{name}" for name in names}
+        assert sum("2 frames give the same values" in note for note in recording.notes) == 1
+        assert not any(reason == "no messages" for reason in recording.unread.values())
+    for which, name in enumerate(names):
+        channel = read(path, wanted=[f"/j@{name}.position[a]"]).channel(f"/j@{name}.position[a]")
+        np.testing.assert_array_equal(channel.values, np.arange(COUNT) + 1000 * which)
+        np.testing.assert_array_equal(channel.stamps, START + np.arange(COUNT) * MS + which * MS // 2)
+    assert {info.stream for info in open_reader(path).catalogue().channels.values()} == set(recording.streams)
+
+
+@pytest.mark.parametrize(
+    "sent",
+    [
+        of_two(("left", "right"), COUNT),  # one after the other
+        of_two(("left", "left"), 0.5),
+        [("" if i in (3, 200) else "left", START + i * MS, i) for i in range(400)],  # a slip of one publisher
+        [(f"frame{i}", START + i * MS, i) for i in range(100)],  # a counter
+        [("x" * (300 + i % 2), START + i * MS, i) for i in range(100)],
+    ],
+)
+def test_frames_that_are_no_publishers_are_one_stream(tmp_path, sent):
+    recording = read(framed(tmp_path / "log", sent))
+    assert set(recording.streams) == {"/j"}
+    assert recording.channel("/j.position[a]").values.size == len(sent)
+    assert not any("frames" in note for note in recording.notes)
+
+
+def test_frames_that_were_not_seen_in_time_are_told(tmp_path, monkeypatch):
+    """Of a large log without an index, only the beginning is looked at beforehand."""
+    monkeypatch.setattr(streams, "WHOLE_BYTES", 0)
+    monkeypatch.setattr(streams, "FIRST_PACKETS", 0)
+    monkeypatch.setattr("vsalog.readers.mcap_file.McapContainer.glimpses", lambda container, ids: iter(()))
+    recording = read(framed(tmp_path / "log", of_two(("left", "right"), 0.5)))
+    assert set(recording.streams) == {"/j"}
+    assert any("2 frames ('left', 'right')" in note and "mixed" in note for note in recording.notes)
+
+
+def test_frames_in_messages_of_either_byte_order():
+    messages = []
+    for k in range(6):
+        message = joint_state(START, ["a"], [k])
+        message.header.frame_id = ("left", "r", "")[k % 3]
+        messages.append(bytes(STORES[False].serialize_cdr(message, JOINT_STATE, little_endian=k < 3)))
+    frames = Frames()
+    found = frames.numbers(Messages.of([*messages, messages[0][:18], messages[0][:14], b""]), cdr=True)
+    assert found.tolist() == [0, 1, 2, 0, 1, 2, -1, -1, -1]
+    assert frames.names == ["left", "r", ""]

@@ -4,8 +4,7 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Collection, Iterator, Mapping
-from dataclasses import dataclass, field, replace
-from itertools import chain
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -13,17 +12,17 @@ from vsalog.errors import ReadError
 from vsalog.printable import printable
 from vsalog.readers.base import BLOCK_ROWS, Block, Catalogue, ChannelInfo, plural
 from vsalog.readers.chunk_index import IndexContradictsError, Part
-from vsalog.readers.compression import DamagedDataError, decompress_message, unfolded_size
-from vsalog.readers.container import CATALOGUE_MESSAGES, ZSTD_MAGIC, Connection, Container
+from vsalog.readers.container import CATALOGUE_MESSAGES, Connection, Container
 from vsalog.readers.decoders import decoder_of
 from vsalog.readers.definitions import DefinitionError, normal_type
 from vsalog.readers.delays import LEAST_BYTES, Delays, Promise
+from vsalog.readers.frames import Frames
 from vsalog.readers.messages import Decoder
 from vsalog.readers.packets import Integers, Messages, Packet
-from vsalog.readers.publishers import clashing, mixed_note, publisher_stream
+from vsalog.readers.plain_messages import plain, plain_packets
+from vsalog.readers.publishers import FrameWatch, mixed_up_note, publisher_stream
+from vsalog.readers.streams import Named, Streams
 from vsalog.recording import Stamps, Values
-
-__all__ = ["BagReader", "Connection", "Container", "plain"]
 
 BLOCK_BYTES = 16 * 2**20
 # Of wide streams, fewer messages make a block; how wide a stream is, its first block tells.
@@ -33,20 +32,21 @@ MANY = 512
 # So many connections are looked for one by one; of more, those that are there are found first.
 FEW = 16
 # What is beyond is no recording, and would take minutes and memory to prepare for.
-MOST_STREAMS, MOST_TEXT, MOST_CHANNELS, LONGEST_NAME = 4096, 2 * 2**20, 2**14, 1024
+MOST_STREAMS, MOST_TEXT, MOST_CHANNELS = 4096, 2 * 2**20, 2**14
 
 
 @dataclass(slots=True)
 class _Batch:
     """Messages of one stream and one definition that wait to be decoded; `rows` of them are, at once.
 
-    `expected` is how many there are in all, where the log says so.
+    `expected` is how many there are in all, where the log says so. Messages of the frames `apart` wait elsewhere; `watch` looks
+    for such frames that were not seen before.
     """
 
     stream: str
     type: str
     decoder: Decoder
-    metadata: Mapping[str, str]
+    connection: Connection
     log: list[Stamps] = field(default_factory=list)
     publish: list[Stamps] = field(default_factory=list)
     messages: list[Messages] = field(default_factory=list)
@@ -54,6 +54,22 @@ class _Batch:
     size: int = 0
     rows: int = FIRST_ROWS
     expected: int = 0
+    apart: dict[str, _Batch] = field(default_factory=dict)
+    frames: Frames = field(default_factory=Frames)
+    watch: FrameWatch | None = None
+
+    def by_frame(self, messages: Messages, rows: Integers) -> Iterator[tuple[_Batch, Integers]]:
+        """Yield each batch with those rows that belong to it."""
+        if not self.apart:
+            yield self, rows
+            return
+        numbers = self.frames.numbers(messages.some(rows), self.connection.encoding == "cdr")
+        places = {name: k for k, name in enumerate(self.apart, 1)}
+        # What is of no frame, or one that is not apart, is this batch's; -1, of what is not clear, finds the last place.
+        owner = np.array([*(places.get(name, 0) for name in self.frames.names), 0])[numbers]
+        for k, batch in enumerate((self, *self.apart.values())):
+            if (own := owner == k).any():
+                yield batch, rows[own]
 
     def add(self, packet: Packet, rows: Integers) -> None:
         self.log.append(packet.log[rows])
@@ -79,7 +95,7 @@ class BagReader:
         self.unread: dict[str, str] = {}
         self.unfit: dict[str, str] = {}  # how many messages of a stream do not fit its definition
         self._channels: set[str] = set()
-        self._mixed: dict[str, list[str]] = {}  # publishers of a stream that are streams of their own
+        self._streams = Streams(container, self._first_of, self.unread)
         self._promise: Promise | None = None
         self._narrowed = False
 
@@ -149,7 +165,7 @@ class BagReader:
         damaged: Counter[str] = Counter()
         total: Counter[str] = Counter()
         packets = self._first_of(batches.keys()) if first_only else self._container.packets(batches.keys())
-        for packet in _plain_packets(packets):
+        for packet in plain_packets(packets):
             for batch, rows in _shared_out(packet, batches):
                 if rows.size >= MANY:
                     if batch.messages:
@@ -164,7 +180,7 @@ class BagReader:
                     rows = rows[few:]
                     if batch.full():
                         yield self._flush(batch, total, damaged)
-        for batch in {id(batch): batch for batch in batches.values()}.values():
+        for batch in _all(batches):
             if batch.messages:
                 yield self._flush(batch, total, damaged)
         if self._promise is not None:
@@ -203,10 +219,8 @@ class BagReader:
         shared: dict[tuple[str, str, str], _Batch] = {}
         definitions: set[str] = set()
         counts = self._container.counts()
-        for connection, stream in self._by_publisher(self._named_streams(), wanted):
-            if wanted is not None and not any(name.startswith(stream + ".") for name in wanted):
-                continue
-            key = (stream, connection.encoding, connection.definition)
+        for named in self._streams.named(wanted):
+            connection, key = named.connection, (named.stream, named.connection.encoding, named.connection.definition)
             definitions.add(connection.definition)
             if len(shared) > MOST_STREAMS or sum(map(len, definitions)) > MOST_TEXT:
                 raise ReadError(
@@ -215,66 +229,26 @@ class BagReader:
                 )
             if key not in shared:
                 try:
-                    decoder = decoder_of(connection, stream, wanted)
+                    shared[key] = self._new_batch(named, wanted)
                 except DefinitionError as error:
-                    self.unread.setdefault(stream, str(error))
+                    self.unread.setdefault(named.stream, str(error))
                     continue
-                kind = normal_type(printable(connection.type)) or connection.encoding
-                shared[key] = _Batch(stream, kind, decoder, connection.metadata)
             batches[connection.id] = shared[key]
             shared[key].expected += counts.get(connection.id, 0)
         return batches
 
-    def _named_streams(self) -> list[tuple[Connection, str]]:
-        """Return each connection with its stream's name: the topic, with the type where a topic has several."""
-        connections = [one for one in self._container.connections() if self._is_named(one)]
-        types: dict[str, set[str]] = {}
-        for connection in connections:
-            types.setdefault(connection.topic, set()).add(normal_type(connection.type))
-        named = []
-        for connection in connections:
-            name = printable(connection.topic)
-            if len(types[connection.topic]) > 1:
-                name = f"{name} ({normal_type(printable(connection.type))})"
-            named.append((connection, name))
-        return named
-
-    def _is_named(self, connection: Connection) -> bool:
-        """Tell whether names in a connection are no longer than those of any recording; of others it is noted."""
-        if max(len(connection.topic), len(connection.type), len(connection.publisher)) <= LONGEST_NAME:
-            return True
-        shown = printable(connection.topic[:LONGEST_NAME])
-        self.unread.setdefault(shown, f"its name, type or publisher has more than {LONGEST_NAME} characters")
-        return False
-
-    def _by_publisher(
-        self, named: list[tuple[Connection, str]], wanted: frozenset[str] | None
-    ) -> Iterator[tuple[Connection, str]]:
-        """Yield each connection with its stream's name, which has the publisher's where publishers would be mixed."""
-        streams: dict[str, list[Connection]] = {}
-        for connection, stream in named:
-            if wanted is None or any(name.startswith((f"{stream}.", f"{stream}@")) for name in wanted):
-                streams.setdefault(stream, []).append(connection)
-        new = {
-            stream: own
-            for stream, own in streams.items()
-            if stream not in self._mixed and len({one.publisher for one in own}) > 1
-        }
-        if new:
-            self._mixed.update({stream: [] for stream in new} | clashing(new, self._from_all_over(new)))
-        for stream, publishers in self._mixed.items():
-            if publishers and (note := mixed_note(stream, publishers)) not in self.notes:
-                self.notes.append(note)
-        for connection, stream in named:
-            apart = connection.publisher in self._mixed.get(stream, [])
-            yield connection, publisher_stream(stream, connection.publisher) if apart else stream
-
-    def _from_all_over(self, streams: Mapping[str, Collection[Connection]]) -> Iterator[Packet]:
-        """Yield messages of streams from all over the log; all of them where it is short."""
-        ids = [one.id for connections in streams.values() for one in connections]
-        if self._container.size() < LEAST_BYTES:
-            return map(plain, self._container.packets(ids))
-        return map(plain, chain(self._first_of(ids), self._container.glimpses(ids)))
+    def _new_batch(self, named: Named, wanted: frozenset[str] | None) -> _Batch:
+        """Return a batch for a connection's stream, with others for its frames that are streams of their own."""
+        one = named.connection
+        kind = normal_type(printable(one.type)) or one.encoding
+        batch, *others = (
+            _Batch(stream, kind, decoder_of(one, stream, wanted), one)
+            for stream in (named.stream, *(publisher_stream(named.stream, frame) for frame in named.frames))
+        )
+        batch.apart = dict(zip(named.frames, others, strict=True))
+        if batch.decoder.framed and not batch.apart and not self._streams.seen_wholly():
+            batch.watch = FrameWatch()
+        return batch
 
     def _flush(self, batch: _Batch, total: Counter[str], damaged: Counter[str]) -> Block:
         """Decode a batch into a block and empty it."""
@@ -292,6 +266,8 @@ class BagReader:
     ) -> Block:
         """Decode messages of a batch's stream."""
         decoded = batch.decoder.decode(packet.messages.some(rows))
+        if batch.watch is not None:
+            batch.watch.add(batch.connection, packet.messages.some(rows), packet.log[rows])
         batch.rows = max(LEAST_ROWS, min(BLOCK_ROWS, BLOCK_VALUES // max(1, len(decoded.columns))))
         total[batch.stream] += rows.size
         damaged[batch.stream] += int(len(decoded.good) - decoded.good.sum())
@@ -323,9 +299,12 @@ class BagReader:
 
     def _report(self, batches: Mapping[int, _Batch], total: Counter[str], damaged: Counter[str]) -> None:
         expected: Counter[str] = Counter()
-        misfit = {batch.stream: batch.decoder.misfit for batch in batches.values()}
-        for batch in batches.values():
-            expected[batch.stream] += batch.expected
+        misfit = {batch.stream: batch.decoder.misfit for batch in _all(batches)}
+        for batch in _all(batches):
+            if not batch.apart or total[batch.stream]:
+                expected[batch.stream] += batch.expected
+            if batch.watch is not None and (mixed := batch.watch.mixed()):
+                self.notes.append(mixed_up_note(batch.stream, mixed))
         for stream in expected:
             if not total[stream]:
                 if not self._narrowed or (not expected[stream] and self._container.counts()):
@@ -342,6 +321,12 @@ class BagReader:
                     self.notes.append(note)
 
 
+def _all(batches: Mapping[int, _Batch]) -> list[_Batch]:
+    """Return all batches, once each, with those of frames."""
+    once = {id(batch): batch for batch in batches.values()}
+    return [one for batch in once.values() for one in (batch, *batch.apart.values())]
+
+
 def _shared_out(packet: Packet, batches: Mapping[int, _Batch]) -> Iterator[tuple[_Batch, Integers]]:
     """Yield each batch with the rows of a packet that belong to it."""
     numbers = list(batches) if len(batches) <= FEW else np.unique(packet.connection).tolist()
@@ -352,7 +337,7 @@ def _shared_out(packet: Packet, batches: Mapping[int, _Batch]) -> Iterator[tuple
         own = packet.connection == group[0] if len(group) == 1 else np.isin(packet.connection, group)
         rows = np.flatnonzero(own)
         if rows.size:
-            yield batches[group[0]], rows
+            yield from batches[group[0]].by_frame(packet.messages, rows)
 
 
 def _fitting(length: Integers, batch: _Batch) -> int:
@@ -361,46 +346,17 @@ def _fitting(length: Integers, batch: _Batch) -> int:
     return max(1, min(batch.rows - batch.count, by_size))
 
 
-def plain(packet: Packet) -> Packet:
-    """Return a packet with its messages decompressed, where a ROS 2 bag compresses them one by one."""
-    compressed = packet.messages.beginning_with(ZSTD_MAGIC)
-    if not compressed.any():
-        return packet
-    content = [_decompressed(m) if c else m for m, c in zip(packet.messages, compressed.tolist(), strict=True)]
-    return replace(packet, messages=Messages.of(content))
-
-
-def _plain_packets(packets: Iterator[Packet]) -> Iterator[Packet]:
-    """Yield packets with their messages decompressed, so few at a time that they stay small."""
-    for packet in packets:
-        if not packet.compressed or not packet.messages.beginning_with(ZSTD_MAGIC).any():
-            yield packet
-            continue
-        sizes = np.array([unfolded_size(message) for message in packet.messages], dtype=np.int64)
-        rows = np.arange(sizes.size)
-        for group in np.split(rows, np.flatnonzero(np.diff(np.cumsum(sizes) // BLOCK_BYTES)) + 1):
-            yield plain(
-                Packet(packet.connection[group], packet.log[group], packet.publish[group], packet.messages.some(group))
-            )
-
-
-def _decompressed(message: bytes) -> bytes:
-    try:
-        return decompress_message(message)
-    except DamagedDataError:
-        return b"\xff\xff\xff"  # no message of any type: it will be counted as damaged
-
-
 def _stated_units(batch: _Batch, columns: Collection[str]) -> dict[str, str]:
     """Return the units that a channel's metadata states, for its whole stream or for a field and what is in it."""
-    if not any(key.startswith("unit") for key in batch.metadata):
+    metadata = batch.connection.metadata
+    if not any(key.startswith("unit") for key in metadata):
         return {}
     units: dict[str, str] = {}
     for column in columns:
         path = column.removeprefix(f"{batch.stream}.")
         ends = [len(path), *(i for i in range(len(path) - 1, 0, -1) if path[i] in "[.")]
-        stated = (batch.metadata.get(f"unit:{path[:end]}") for end in ends)
-        unit = next((unit for unit in stated if unit is not None), batch.metadata.get("unit"))
+        stated = (metadata.get(f"unit:{path[:end]}") for end in ends)
+        unit = next((unit for unit in stated if unit is not None), metadata.get("unit"))
         if unit is not None:
             units[column] = printable(unit)
     return units

@@ -44,6 +44,7 @@ class JsonDecoder:
     """
 
     misfit = ("are no JSON objects", "is a JSON object")
+    framed = False
 
     def __init__(self, prefix: str, wanted: Collection[str] | None) -> None:
         self.prefix = prefix

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from vsalog.readers.definitions import Struct, Time
 from vsalog.readers.fields import Fields
+from vsalog.readers.frames import has_frame
 from vsalog.readers.irregular import IrregularDecoder
 from vsalog.readers.layout import (
     Bytes,
@@ -74,11 +75,13 @@ class Decoder(Protocol):
     """Decodes the messages of one type.
 
     `unread` collects fields that are no signal, by full name, with the reason; `stamped` tells that messages may have a
-    time stamp of their own; `misfit` says of messages that cannot be decoded what they are not, and of one what it should be.
+    time stamp of their own, `framed` that they begin with a header that names a frame. `misfit` says of messages that cannot be
+    decoded what they are not, and of one what it should be.
     """
 
     unread: dict[str, str]
     stamped: bool
+    framed: bool
 
     @property
     def misfit(self) -> tuple[str, str]: ...  # noqa: D102
@@ -143,7 +146,7 @@ class RosDecoder:
         self.wanted = wanted
         self._fields = Fields(prefix, wanted)
         self.unread = self._fields.unread
-        self.stamped = _has_stamp(root)
+        self.stamped, self.framed = _has_stamp(root), has_frame(root, cdr)
         self._shapes: dict[int, list[_Shape]] = {}
         self._spare = MAX_NUMBERS if remember else 0
         self._patience = 3

@@ -67,6 +67,7 @@ class ProtobufDecoder:
     """
 
     misfit = MISFIT
+    framed = False
 
     def __init__(self, name: str, descriptors: bytes, prefix: str, wanted: Collection[str] | None) -> None:
         self.prefix = prefix

@@ -1,6 +1,7 @@
 """Publishers of one topic that give the same values at the same time, as of two arms, or of one that was started twice.
 
-Mixed, their values would be those of nothing. Publishers of different values, or one after the other, are one stream.
+Mixed, their values would be those of nothing. Publishers of different values, or one after the other, are one stream. Where a log
+tells no publishers apart, the frames in the headers of their messages may.
 """
 
 from __future__ import annotations
@@ -15,18 +16,28 @@ from vsalog.printable import printable
 from vsalog.readers.container import Connection
 from vsalog.readers.decoders import decoder_of
 from vsalog.readers.definitions import DefinitionError
+from vsalog.readers.frames import Frames
 from vsalog.readers.packets import Messages, Packet
+from vsalog.recording import Stamps
 
 _DECODED = 20  # messages of a packet that tell which values a connection gives
+_RARE = 20  # a frame that is so many times rarer than another is a slip of the same publisher
+_UNNAMED = "unnamed"  # what publishers without a name are called
 
 
 @dataclass(slots=True)
 class _Publisher:
-    """From when to when a publisher gives values [ns], and their paths."""
+    """From when to when a publisher gives values [ns], their paths, and in how many messages."""
 
     first: int
     last: int
     paths: set[str]
+    count: int = 0
+
+    def add(self, log: Stamps) -> None:
+        """Take note of log times [ns] of messages."""
+        self.first, self.last = min(self.first, int(log.min())), max(self.last, int(log.max()))
+        self.count += log.size
 
     def clashes(self, other: _Publisher) -> bool:
         """Tell whether both give the same values for a good part of the time; the end of one may overlap the other's begin."""
@@ -52,27 +63,57 @@ def clashing(streams: Mapping[str, Collection[Connection]], packets: Iterable[Pa
         for number in np.unique(packet.connection).tolist():
             stream, connection = known[number]
             rows = np.flatnonzero(packet.connection == number)
-            first, last = int(packet.log[rows].min()), int(packet.log[rows].max())
-            one = seen[stream].setdefault(connection.publisher, _Publisher(first, last, set()))
-            one.first, one.last = min(one.first, first), max(one.last, last)
+            log = packet.log[rows]
+            one = seen[stream].setdefault(connection.publisher, _Publisher(int(log[0]), int(log[0]), set()))
+            one.add(log)
             if number not in told:
                 one.paths |= _paths(connection, packet.messages.some(rows[:_DECODED]))
                 told.add(number)
     return {stream: mixed for stream, publishers in seen.items() if (mixed := _clashing(publishers))}
 
 
+class FrameWatch:
+    """Looks for frames in one stream's messages that give the same values at the same time."""
+
+    def __init__(self) -> None:
+        self._frames = Frames()
+        self._seen: dict[int, _Publisher] = {}
+
+    def add(self, connection: Connection, messages: Messages, log: Stamps) -> None:
+        """Take note of a connection's messages, which begin with headers, and their log times [ns], shape (n,)."""
+        numbers = self._frames.numbers(messages, connection.encoding == "cdr")
+        here = {k: np.flatnonzero(numbers == k) for k in np.flatnonzero(np.bincount(numbers + 1)[1:]).tolist()}
+        for number, rows in here.items():
+            one = self._seen.setdefault(number, _Publisher(int(log[rows[0]]), int(log[rows[0]]), set()))
+            one.add(log[rows])
+        if len(self._seen) > 1:
+            for number, rows in here.items():
+                if not self._seen[number].paths:
+                    self._seen[number].paths = _paths(connection, messages.some(rows[:_DECODED]))
+
+    def mixed(self) -> list[str]:
+        """Return the frames that have to be streams of their own."""
+        most = max((one.count for one in self._seen.values()), default=0)
+        names = self._frames.names
+        return _clashing({names[k]: one for k, one in self._seen.items() if _RARE * one.count > most})
+
+
 def publisher_stream(stream: str, publisher: str) -> str:
     """Return the name of the stream that is one publisher's."""
-    return f"{stream}@{printable(publisher)}"
+    return f"{stream}@{printable(publisher) or _UNNAMED}"
 
 
-def mixed_note(stream: str, publishers: Collection[str]) -> str:
-    """Say that publishers of a stream were told apart."""
+def mixed_note(stream: str, publishers: Collection[str], what: str = "publishers") -> str:
+    """Say that publishers of a stream, or frames, were told apart."""
     names = [publisher_stream(stream, publisher) for publisher in publishers]
     shown = ", ".join(names[:5]) + (f" and {len(names) - 5} more" if len(names) > 5 else "")
-    return (
-        f"{stream}: {len(names)} publishers give the same values at the same time; each is a stream of its own: {shown}"
-    )
+    return f"{stream}: {len(names)} {what} give the same values at the same time; each is a stream of its own: {shown}"
+
+
+def mixed_up_note(stream: str, frames: list[str]) -> str:
+    """Say that frames of a stream were found too late to tell them apart."""
+    shown = ", ".join(map(repr, map(printable, frames[:5])))
+    return f"{stream}: messages of {len(frames)} frames ({shown}) give the same values at the same time and are mixed"
 
 
 def _clashing(publishers: Mapping[str, _Publisher]) -> list[str]:

@@ -19,13 +19,15 @@ from mcap.writer import CompressionType, Writer
 
 from vsalog.errors import ReadError, WriteError
 from vsalog.readers import open_container, read
-from vsalog.readers.bag import BagReader, Connection, Container, plain
+from vsalog.readers.bag import BagReader
 from vsalog.readers.base import plural
 from vsalog.readers.compression import MAX_BYTES
+from vsalog.readers.container import Connection, Container
 from vsalog.readers.mcap_file import McapContainer
 from vsalog.readers.mcap_scan import messages_in
 from vsalog.readers.mcap_summary import summary_records
 from vsalog.readers.mcap_walk import ATTACHMENT, ATTACHMENT_INDEX, CHUNK, HEADER, MESSAGE, METADATA, Walk
+from vsalog.readers.plain_messages import plain
 from vsalog.readers.remote import local
 from vsalog.readers.rosbag2 import CompressedContainer, FolderContainer
 from vsalog.readers.sampling_mcap import record_heads
