@@ -6,7 +6,7 @@ tells no publishers apart, the frames in the headers of their messages may.
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterable, Mapping
+from collections.abc import Callable, Collection, Iterable, Mapping
 from dataclasses import dataclass
 from itertools import combinations
 
@@ -21,18 +21,21 @@ from vsalog.readers.packets import Messages, Packet
 from vsalog.recording import Stamps
 
 _DECODED = 20  # messages of a packet that tell which values a connection gives
-_RARE = 20  # a frame that is so many times rarer than another is a slip of the same publisher
+# A frame that is so many times rarer than another is a slip of the same publisher, and so are some that come together; those of
+# two publishers come by turns, the rarer one so many times in a row at most.
+_RARE, _LEAST_RUNS, _LONGEST_RUN = 20, 3, 4
 _UNNAMED = "unnamed"  # what publishers without a name are called
 
 
 @dataclass(slots=True)
 class _Publisher:
-    """From when to when a publisher gives values [ns], their paths, and in how many messages."""
+    """From when to when a publisher gives values [ns], their paths, in how many messages, and in how many runs of these."""
 
     first: int
     last: int
     paths: set[str]
     count: int = 0
+    runs: int = 0
 
     def add(self, log: Stamps) -> None:
         """Take note of log times [ns] of messages."""
@@ -44,6 +47,12 @@ class _Publisher:
         both = min(self.last, other.last) - max(self.first, other.first)
         shorter = min(self.last - self.first, other.last - other.first)
         return both > 0 and 2 * both >= shorter and bool(self.paths & other.paths)
+
+    def alternates(self, other: _Publisher) -> bool:
+        """Tell whether messages of both come by turns, and neither is a slip of the other."""
+        rarer, most = sorted((self.count, other.count))
+        runs = min(self.runs, other.runs)
+        return runs >= _LEAST_RUNS and runs * _LONGEST_RUN >= rarer and rarer * _RARE > most
 
 
 def clashing(streams: Mapping[str, Collection[Connection]], packets: Iterable[Packet]) -> dict[str, list[str]]:
@@ -78,14 +87,18 @@ class FrameWatch:
     def __init__(self) -> None:
         self._frames = Frames()
         self._seen: dict[int, _Publisher] = {}
+        self._last = -1
 
     def add(self, connection: Connection, messages: Messages, log: Stamps) -> None:
         """Take note of a connection's messages, which begin with headers, and their log times [ns], shape (n,)."""
         numbers = self._frames.numbers(messages, connection.encoding == "cdr")
+        begins = np.flatnonzero(np.diff(numbers, prepend=self._last))
+        self._last = int(numbers[-1]) if numbers.size else self._last
         here = {k: np.flatnonzero(numbers == k) for k in np.flatnonzero(np.bincount(numbers + 1)[1:]).tolist()}
         for number, rows in here.items():
             one = self._seen.setdefault(number, _Publisher(int(log[rows[0]]), int(log[rows[0]]), set()))
             one.add(log[rows])
+            one.runs += int(np.count_nonzero(numbers[begins] == number))
         if len(self._seen) > 1:
             for number, rows in here.items():
                 if not self._seen[number].paths:
@@ -93,9 +106,8 @@ class FrameWatch:
 
     def mixed(self) -> list[str]:
         """Return the frames that have to be streams of their own."""
-        most = max((one.count for one in self._seen.values()), default=0)
         names = self._frames.names
-        return _clashing({names[k]: one for k, one in self._seen.items() if _RARE * one.count > most})
+        return _clashing({names[k]: one for k, one in self._seen.items()}, _Publisher.alternates)
 
 
 def publisher_stream(stream: str, publisher: str) -> str:
@@ -116,9 +128,15 @@ def mixed_up_note(stream: str, frames: list[str]) -> str:
     return f"{stream}: messages of {len(frames)} frames ({shown}) give the same values at the same time and are mixed"
 
 
-def _clashing(publishers: Mapping[str, _Publisher]) -> list[str]:
-    pairs = combinations(publishers, 2)
-    found = {name for pair in pairs if publishers[pair[0]].clashes(publishers[pair[1]]) for name in pair}
+def _clashing(
+    publishers: Mapping[str, _Publisher], also: Callable[[_Publisher, _Publisher], bool] = lambda one, other: True
+) -> list[str]:
+    """Return which of some publishers clash with another one, where that is also so."""
+    found: set[str] = set()
+    for pair in combinations(publishers, 2):
+        one, other = (publishers[name] for name in pair)
+        if one.clashes(other) and also(one, other):
+            found |= {*pair}
     return [name for name in publishers if name in found]
 
 

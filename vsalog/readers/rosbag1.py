@@ -136,7 +136,7 @@ class Rosbag1Container:
                         self._compare(data)
                     check.chunk(packet)
                     if not sound:
-                        walk.lose(len(packet.messages), "a record in it cannot be read, nor those behind it")
+                        walk.lose(len(packet.messages), "some of its records cannot be read")
                     if len(packet.messages):
                         yield packet
                 elif kind == MESSAGE:

@@ -1,4 +1,7 @@
-"""The messages in a chunk of a ROS 1 bag, found by compiled loops."""
+"""The messages in a chunk of a ROS 1 bag, found by compiled loops.
+
+Behind a record that makes no sense, the walk goes on at the next message that does, and behind which there is another record.
+"""
 
 from __future__ import annotations
 
@@ -11,7 +14,9 @@ from vsalog.readers.packets import Bytes, Integers, Messages, Packet
 
 _MESSAGE, _CONNECTION = 2, 7
 # Bytes that a message takes at least: lengths of header and data, and the fields op, conn and time.
-_LEAST = 4 + 4 + (4 + 4) + (4 + 9) + (4 + 13)
+_LEAST_HEADER = (4 + 4) + (4 + 9) + (4 + 13)
+_LEAST = 4 + 4 + _LEAST_HEADER
+_MOST_HEADER = 1024  # those that recorders write are hardly longer than need be
 _OP, _CONN, _TIME = (np.frombuffer(name, np.uint8) for name in (b"op=", b"conn=", b"time="))
 
 
@@ -89,44 +94,67 @@ def _fields(data: Bytes, at: int, end: int) -> tuple[bool, int, int, int]:
 
 
 @njit(cache=True, nogil=True)
+def _record(data: Bytes, at: int) -> tuple[int, int, int, int, int]:
+    """Read the head of the record at a place: where its data start, where they end, its op, its connection, its time [ns].
+
+    The end is -1 where no record can be.
+    """
+    if at + 8 > data.size:
+        return 0, -1, -1, -1, -1
+    stop = at + 4 + _word(data, at)
+    if stop + 4 > data.size:
+        return 0, -1, -1, -1, -1
+    sound, op, connection, time = _fields(data, at + 4, stop)
+    end = stop + 4 + _word(data, stop)
+    known = op == _CONNECTION or (op == _MESSAGE and connection >= 0 and time >= 0)
+    if not sound or not known or end > data.size:
+        return 0, -1, -1, -1, -1
+    return stop + 4, end, op, connection, time
+
+
+@njit(cache=True, nogil=True)
+def _resume(data: Bytes, at: int) -> int:
+    """Return where the next message surely begins, which is followed by another record or the chunk's end; the end for none."""
+    for place in range(at, data.size - _LEAST + 1):
+        if not _LEAST_HEADER <= _word(data, place) <= _MOST_HEADER:
+            continue
+        _, end, op, _, _ = _record(data, place)
+        if end >= 0 and op == _MESSAGE and (end == data.size or _record(data, end)[1] >= 0):
+            return place
+    return int(data.size)
+
+
+@njit(cache=True, nogil=True)
 def _walk(
     data: Bytes, wanted: Integers, connection: Integers, log: Integers, start: Integers, length: Integers
 ) -> tuple[int, bool, int]:
     """Write down where the wanted messages are; returns their number, whether all is sound, and how many connections are told."""
-    at, count, size, connections = 0, 0, data.size, 0
-    while at + 8 <= size:
-        stop = at + 4 + _word(data, at)
-        if stop + 4 > size:
-            break
-        sound, op, number, time = _fields(data, at + 4, stop)
-        if not sound:
-            break
-        end = stop + 4 + _word(data, stop)
-        if end > size:
-            break
-        if op == _MESSAGE and number >= 0 and time >= 0:
+    at, count, whole, connections = 0, 0, True, 0
+    while at < data.size:
+        begin, end, op, number, time = _record(data, at)
+        if end < 0:
+            at, whole = _resume(data, at + 1), False
+            continue
+        if op == _MESSAGE:
             k = np.searchsorted(wanted, number)
             if k < wanted.size and wanted[k] == number:
                 connection[count], log[count] = number, time
-                start[count], length[count] = stop + 4, end - stop - 4
+                start[count], length[count] = begin, end - begin
                 count += 1
         connections += op == _CONNECTION
         at = end
-    return count, at == size, connections
+    return count, whole, connections
 
 
 @njit(cache=True, nogil=True)
 def _next_connection(data: Bytes, at: int) -> tuple[int, int, int]:
     """Return where the next connection record's header starts and stops and its data end; end -1 where there is none."""
-    while at + 8 <= data.size:
-        stop = at + 4 + _word(data, at)
-        if stop + 4 > data.size:
-            break
-        sound, op, _, _ = _fields(data, at + 4, stop)
-        end = stop + 4 + _word(data, stop)
-        if not sound or end > data.size:
-            break
+    while at < data.size:
+        begin, end, op, _, _ = _record(data, at)
+        if end < 0:
+            at = _resume(data, at + 1)
+            continue
         if op == _CONNECTION:
-            return at + 4, stop, end
+            return at + 4, begin - 4, end
         at = end
     return 0, 0, -1

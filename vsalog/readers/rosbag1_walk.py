@@ -1,7 +1,8 @@
 """The records of a ROS 1 bag one after the other, past damage.
 
 The format has no checksum, but tells some things twice: how long a record's data are, which fields its header has, how many
-messages of which times a chunk holds. Where these disagree, bytes have changed; the walk then goes on at the next chunk.
+messages of which times a chunk holds. Where these disagree, bytes have changed; the walk then goes on at the next chunk, and
+within a chunk at the next message (`rosbag1_scan.py`).
 """
 
 from __future__ import annotations

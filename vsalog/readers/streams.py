@@ -21,7 +21,7 @@ LONGEST_NAME = 1024
 """Characters of a topic or type; memory would not last for names of megabytes ahead of thousands of fields."""
 
 WHOLE_BYTES, FIRST_PACKETS = 8 * 2**20, 8
-"""Of less than this all is looked at for frames; of more, so many packets from the beginning, and glimpses from all over."""
+"""Of less than this all is looked at for frames; of more, glimpses from all over, or so many packets where there is no index."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -124,16 +124,22 @@ class Streams:
         watches = {stream: FrameWatch() for stream, _ in watched.values()}
         # All connections, as when they are read: what is damaged of them is said once.
         ids = [one.id for own in streams.values() for one in own]
-        packets = self._container.packets(ids)
-        if not self.seen_wholly():
-            packets = chain(islice(packets, FIRST_PACKETS), self._container.glimpses(list(watched)))
-        for packet in map(plain, packets):
+        for packet in map(plain, self._glance(ids)):
             for number in np.unique(packet.connection).tolist():
                 if number in watched:
                     stream, connection = watched[number]
                     rows = np.flatnonzero(packet.connection == number)
                     watches[stream].add(connection, packet.messages.some(rows), packet.log[rows])
         self._frames.update({stream: watch.mixed() for stream, watch in watches.items()})
+
+    def _glance(self, ids: Collection[int]) -> Iterator[Packet]:
+        """Yield all messages of a short log, some from all over a long one, or its first where it has no index."""
+        glimpses = iter(()) if self.seen_wholly() else self._container.glimpses(ids)
+        first = next(glimpses, None)
+        if first is not None:
+            return chain([first], glimpses)
+        packets = self._container.packets(ids)
+        return packets if self.seen_wholly() else islice(packets, FIRST_PACKETS)
 
 
 def _grouped(named: list[tuple[Connection, str]], known: Collection[str]) -> dict[str, list[Connection]]:

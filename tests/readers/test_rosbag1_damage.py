@@ -1,0 +1,47 @@
+"""Damaged records within a chunk of a ROS 1 bag."""
+
+from __future__ import annotations
+
+import struct
+
+import numpy as np
+import pytest
+from test_bags import COUNT, write_bag1
+
+from vsalog.readers import read
+
+
+@pytest.mark.parametrize("indexed", [True, False])
+@pytest.mark.parametrize(("field", "byte"), [(b"op=\x02", 0), (b"op=\x02", -1), (b"conn=", 2), (b"time=", 1)])
+def test_messages_behind_a_bad_record_in_a_chunk_are_read(tmp_path, field, byte, indexed):
+    """The header of the fourth message is damaged: that one is lost, and none of those behind it."""
+    path = write_bag1(tmp_path / "log")
+    raw = bytearray(path.read_bytes())
+    at = 0
+    for _ in range(4):
+        at = raw.index(b"op=\x02", at + 1)
+    at = raw.rindex(field, 0, at + 40) if field != b"op=\x02" else at
+    raw[at - 4 + byte if byte > 0 else at + (byte - 3 if byte < 0 else 0)] ^= 0x55
+    path.write_bytes(raw if indexed else raw[: raw.rindex(b"op=\x05")])
+    recording = read(path)
+    values = recording.channel("/joint_states.position[elbow]").values
+    lost = np.setdiff1d(np.arange(COUNT if indexed else values.max() + 1), values)
+    np.testing.assert_array_equal(lost, [3])
+    words = "1 message lost at most" if indexed else "does not tell how many messages are lost"
+    assert any(words in note and "some of its records" in note for note in recording.notes)
+
+
+@pytest.mark.parametrize("change", [-30, 30, 10**6])
+def test_a_message_of_another_length_costs_no_other(tmp_path, change):
+    path = write_bag1(tmp_path / "log")
+    raw = bytearray(path.read_bytes())
+    at = 0
+    for _ in range(4):
+        at = raw.index(b"op=\x02", at + 1)
+    begin = raw.rindex(struct.pack("<I", 38), 0, at) + 42
+    raw[begin : begin + 4] = struct.pack("<I", struct.unpack("<I", raw[begin : begin + 4])[0] + change)
+    path.write_bytes(raw)
+    recording = read(path)
+    values = recording.channel("/joint_states.position[elbow]").values
+    np.testing.assert_array_equal(np.setdiff1d(np.arange(COUNT), values), [3, 4] if change == 30 else [3])
+    assert any("some of its records" in note for note in recording.notes)
