@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from write_logs import joints_mcap
+from write_logs import START, McapLog, joints_mcap
 
 from vsalog.errors import ReadError
 from vsalog.readers import read
@@ -140,3 +140,11 @@ def test_columns_grow_with_zeros_gaps_and_signs():
             assert np.isnan(values[:first]).all()
             assert np.isnan(values[i.size :]).all()
             assert values[first : i.size].tobytes() == whole[first:].tobytes()
+
+
+def test_a_rate_that_is_not_used_is_told(tmp_path):
+    log = McapLog()
+    log.add_json("/x", {"x": 1}, START)
+    path = log.save(tmp_path / "log")
+    assert read(path).notes == ()
+    assert any("rate" in note and "not used" in note for note in read(path, rate=100.0).notes)

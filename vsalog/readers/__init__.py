@@ -60,7 +60,10 @@ def open_reader(path: str | PathLike[str], rate: float | None = None) -> Reader:
         return MatlabReader(path, rate)
     from vsalog.readers.bag import BagReader
 
-    return BagReader(open_container(path, kind))
+    reader = BagReader(open_container(path, kind))
+    if rate is not None:
+        reader.notes.append("the sample rate that was given is not used: it is for tables without a time column")
+    return reader
 
 
 def read(

@@ -5,6 +5,7 @@ The definitions in a log are text from elsewhere: they are parsed, never turned 
 
 from __future__ import annotations
 
+import re
 from dataclasses import dataclass
 from functools import cache, lru_cache
 from typing import Any
@@ -39,6 +40,14 @@ _BASIC, _MESSAGE, _FIXED_ARRAY = 1, 2, 3
 
 _LONGEST = 2**17  # characters of a definition: the longest that ROS ships have a tenth of it
 _DEEPEST = 50  # messages within messages
+
+# What the parser passes over or misunderstands, and what it means nothing in.
+_REMARK = {
+    "msg": re.compile(r"#[^\n]*|\"[^\"\n]*\"|'[^'\n]*'"),
+    "idl": re.compile(r"//[^\n]*|/\*.*?\*/|\"(?:[^\"\\]|\\.)*\"", re.DOTALL),
+}
+_WIDE = {"msg": re.compile(r"^[ \t]*(wstring)\b", re.MULTILINE), "idl": re.compile(r"\b(wstring|wchar)\b")}
+_OPTIONAL = re.compile(r"@optional\b(?!\s*\(\s*(?:value\s*=\s*)?FALSE)")
 
 _PLACEHOLDER = "structure_needs_at_least_one_member"
 _RULE = "=" * 80
@@ -162,6 +171,12 @@ def _parse_text(name: str, text: str, language: str) -> dict[str, Any]:
 
     if len(text) > _LONGEST:
         raise DefinitionError(f"the definition of {name} has {len(text)} characters; so many are not read")
+    code = _REMARK[language].sub("", text)
+    if wide := _WIDE[language].search(code):
+        # Vendors disagree on how many bytes a character has.
+        raise DefinitionError(f"fields of type {wide[1]} are not supported")
+    if language == "idl" and _OPTIONAL.search(code):
+        raise DefinitionError("optional fields are not supported")  # the parser would take them for there always
     try:
         if language == "msg":
             return dict(get_types_from_msg(text, name))

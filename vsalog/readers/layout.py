@@ -28,10 +28,16 @@ Bytes = NDArray[np.uint8]
 Integers = NDArray[np.int64]
 
 MAX_STEPS = 250_000
+# Of the header of a CDR message, by its second byte.
+_ENCODINGS = ("CDR",) * 2 + ("PL_CDR",) * 2 + ("XML",) * 2 + ("XCDR2",) * 2 + ("D_CDR2",) * 2 + ("PL_CDR2",) * 2
 
 
 class DamagedMessageError(Exception):
     """The bytes of a message do not fit its definition."""
+
+
+class EncodingError(DamagedMessageError):
+    """A message is encoded in a way that is not read; its text says which."""
 
 
 class TooManyPartsError(DamagedMessageError):
@@ -229,8 +235,11 @@ class _Walk:
             self._encapsulation()
 
     def _encapsulation(self) -> None:
-        if len(self.raw) < 4 or self.raw[0] != 0 or self.raw[1] > 1:
-            raise DamagedMessageError("its CDR header is of a kind that is not supported")
+        if len(self.raw) < 4 or self.raw[0] != 0 or self.raw[1] >= len(_ENCODINGS):
+            raise DamagedMessageError("its CDR header is none")
+        if self.raw[1] > 1:
+            kind = f"{_ENCODINGS[self.raw[1]]} (0x{self.raw[1]:04x})"
+            raise EncodingError(f"messages encoded as {kind} are not supported, only plain CDR as ROS 2 writes it is")
         self.order = "<" if self.raw[1] else ">"
         self.guards.append((0, 2))
         self.pos = 4

@@ -16,6 +16,7 @@ from vsalog.readers.irregular import IrregularDecoder
 from vsalog.readers.layout import (
     Bytes,
     DamagedMessageError,
+    EncodingError,
     Field,
     Integers,
     Layout,
@@ -234,6 +235,9 @@ class RosDecoder:
             layout = learn(raw, self.root, self.cdr)
         except TooManyPartsError:
             self._patience -= 1
+            return None
+        except EncodingError as error:
+            self._fields.leave(self.prefix, str(error))
             return None
         except DamagedMessageError:
             return None
