@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterator, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -18,10 +18,11 @@ from vsalog.readers.table_cells import ROUNDED, Cells, numbers_and_words
 from vsalog.readers.table_damage import Damage
 from vsalog.readers.table_dialect import Dialect, detect
 from vsalog.readers.table_rows import BLOCK_BYTES, Rows
+from vsalog.readers.table_sections import find_sections
 from vsalog.readers.table_speakers import find_speakers
 from vsalog.readers.table_text import NULLS
 from vsalog.readers.text_source import BoundedGzip, open_text, read_beginning
-from vsalog.readers.time_columns import find_clocks, folds_of, looks_like_clock, nanoseconds
+from vsalog.readers.time_columns import ClockColumn, find_clocks, folds_of, looks_like_clock, nanoseconds
 from vsalog.readers.time_folds import Folds, Restarts
 from vsalog.recording import Stamps, Values
 
@@ -63,7 +64,7 @@ class TableReader:
             self._dialect.names, self._dialect.units, self._sample, self._all_cells if thorough else None
         )
         self._counts: dict[str, Cells] = {}
-        self._folds: dict[tuple[str, str], Folds | Restarts] = {}
+        self._folds: dict[tuple[ClockColumn, str], Folds | Restarts] = {}
         clocks = self._plan.columns()
         numbers = [numbers_and_words(column) for column in self._sample]
         if not any(good and (clocks or good > words) for good, words in numbers):
@@ -72,8 +73,14 @@ class TableReader:
         whole = self._all_rows if thorough else self._first_rows
         self._speakers = find_speakers(self._dialect.names, self._sample, self._plan, whole)
         taken = {*clocks, *(self._speakers.columns if self._speakers else ())}
-        self._channels = [i for i in range(len(self._dialect.names)) if i not in taken]
-        groups = group_by_blanks(self._sample, self._channels) if clocks else [self._channels]
+        names = self._dialect.names
+        self._sections = find_sections(
+            names, self._sample, self._plan, [i for i in range(len(names)) if i not in taken]
+        )
+        self._channels = [i for section in self._sections for i in section.columns]
+        whole_rows, *apart = self._sections
+        groups = group_by_blanks(self._sample, whole_rows.columns) if clocks else [whole_rows.columns]
+        groups += [section.columns for section in apart]
         self._streams = {i: self._stream_name(k, group) for k, group in enumerate(groups) for i in group}
 
     def catalogue(self) -> Catalogue:
@@ -110,28 +117,36 @@ class TableReader:
         ]
         self._counts = {names[i]: Cells() for i in columns}
         self._folds = {
-            (kind, part): folds_of(clock.form) for kind, clock in self._plan.clocks.items() for part in self._parts
+            (clock, part): folds_of(clock.form)
+            for section in self._sections
+            for clock in section.clocks.values()
+            for part in self._parts
         }
         speaker = self._speakers.columns if self._speakers else ()
         row, dropped = 0, 0
         damage = Damage(self.path) if self._compressed else None
         rows = Rows(self.path, self._dialect, self._numbers)
-        for batch in rows.batches([*columns, *self._plan.columns(), *speaker]):
+        sections = [(clocks, [i for i in own if names[i] in self._counts]) for clocks, own in self._sections]
+        needed = {*columns, *speaker, *(i for clocks, _ in sections for i in _columns(clocks))}
+        for batch in rows.batches(sorted(needed)):
             everyones = {"": np.ones(batch.num_rows, bool)}
             parts = self._speakers.rows(self._cells(batch, speaker)) if self._speakers else everyones
-            stamps, good = self._clock(batch, row, parts)
             values = {names[i]: self._counts[names[i]].convert(batch.column(names[i])) for i in columns}
-            sound = damage.sound_rows(row, good, self._counts.values(), rows.first_odd) if damage else None
-            if sound is not None:
-                good[sound:] = False
-            elif not good.all():
-                dropped += int(np.count_nonzero(~good))
+            timed = [self._clock(clocks, batch, row, parts) for clocks, _ in sections]
+            told = np.logical_or.reduce([good for _, good in timed])
+            sound = damage.sound_rows(row, told, self._counts.values(), rows.first_odd) if damage else None
+            if sound is None:
+                dropped += sum(
+                    self._untimed(clocks, batch, g) for (clocks, _), (_, g) in zip(sections, timed, strict=True)
+                )
             row += batch.num_rows
-            if not good.all():
-                stamps = {kind: times[good] for kind, times in stamps.items()}
-                values = {name: cells[good] for name, cells in values.items()}
-            for part, own in parts.items():
-                yield from self._by_stream(columns, part, *_chosen(own[good], stamps, values), wanted)
+            for (_, own), (stamps, good) in zip(sections, timed, strict=True):
+                if sound is not None:
+                    good[sound:] = False
+                if own or len(sections) == 1:
+                    for part, theirs in parts.items():
+                        chosen = _chosen(good & theirs, stamps, {names[i]: values[names[i]] for i in own})
+                        yield from self._by_stream(own, part, *chosen, wanted)
             if damage and sound is not None:  # what is told of cells would be of those that were left out
                 self.notes.append(damage.note())
                 self._note_text()
@@ -227,22 +242,29 @@ class TableReader:
         return not self._compressed and not self.encoding.startswith("utf-16")
 
     def _clock(
-        self, batch: pa.RecordBatch, row: int, parts: dict[str, NDArray[np.bool_]]
+        self, clocks: Mapping[str, ClockColumn], batch: pa.RecordBatch, row: int, parts: dict[str, NDArray[np.bool_]]
     ) -> tuple[dict[str, Stamps], NDArray[np.bool_]]:
         """Return a batch's stamps by kind of clock, and which rows have one."""
         good = np.ones(batch.num_rows, dtype=bool)
-        if not self._plan.clocks:
+        if not clocks:
             return row_clock(row, batch.num_rows, self.rate), good
         stamps = {}
-        for kind, clock in self._plan.clocks.items():
+        for kind, clock in clocks.items():
             stamps[kind], valid = nanoseconds(self._cells(batch, clock.columns), clock.form)
             for part, own in parts.items():
-                stamps[kind] = self._folds[kind, part].unfold(stamps[kind], valid & own)
+                stamps[kind] = self._folds[clock, part].unfold(stamps[kind], valid & own)
             if kind == "header":  # without it there is still the log's time, for all rows then
                 stamps[kind] = np.where(valid, stamps[kind], 0)
             else:
                 good &= valid
         return stamps, good
+
+    def _untimed(self, clocks: Mapping[str, ClockColumn], batch: pa.RecordBatch, good: NDArray[np.bool_]) -> int:
+        """Return how many rows have no time, without those at which one of several logs side by side had ended."""
+        if len(self._sections) > 1:
+            (at,) = _columns(clocks)
+            good = good | self._cells(batch, [at])[0].is_null().to_numpy(zero_copy_only=False)
+        return int(np.count_nonzero(~good))
 
     def _timeless(self) -> str:
         if self._plan.backwards is None:
@@ -259,7 +281,12 @@ class TableReader:
             self.notes.append(self._speakers.note())
         if self.rate is not None and self._plan.clocks:
             self.notes.append("the table has a time column: the sample rate that was given is not used")
-        sparse = len(set(self._streams.values())) - (self.path.stem in self._streams.values())
+        others = self._sections[1:]
+        if others:
+            self.notes.append(
+                f"the time has {plural(len(others) + 1, 'column')}: each is that of the columns beside it, up to the next"
+            )
+        sparse = len(set(self._streams.values())) - (self.path.stem in self._streams.values()) - len(others)
         if sparse:
             apart = "a stream of its own" if sparse == 1 else "streams of their own"
             self.notes.append(
@@ -306,6 +333,10 @@ class TableReader:
         for name, cells in self._counts.items():
             if cells.text:
                 self.unread[name] = self._why_unread(name, cells)
+
+
+def _columns(clocks: Mapping[str, ClockColumn]) -> set[int]:
+    return {column for clock in clocks.values() for column in clock.columns}
 
 
 def _chosen(

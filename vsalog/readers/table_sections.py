@@ -1,0 +1,63 @@
+"""Tables in which several logs stand side by side, each with a clock of its own: ``time,position,time,torque``."""
+
+from __future__ import annotations
+
+from bisect import bisect
+from collections.abc import Mapping, Sequence
+from typing import NamedTuple
+
+import numpy as np
+import pyarrow as pa
+
+from vsalog.readers.time_columns import ClockColumn, ClockPlan, nanoseconds
+
+
+class Section(NamedTuple):
+    """Columns that share a clock.
+
+    Attributes
+    ----------
+    clocks : mapping of str to ClockColumn
+        By kind, as in `ClockPlan`.
+    columns : list of int
+        Those of its channels.
+    """
+
+    clocks: Mapping[str, ClockColumn]
+    columns: list[int]
+
+
+def find_sections(
+    names: Sequence[str], sample: Sequence[pa.Array], plan: ClockPlan, channels: Sequence[int]
+) -> list[Section]:
+    """Tell which columns are on which clock: where the clock's name comes again, what follows is on that one.
+
+    Parameters
+    ----------
+    names : sequence of str
+        Of all columns, the second of one name with ``#2`` behind it.
+    sample : sequence of pyarrow arrays
+        First rows of all columns.
+    plan : ClockPlan
+        The table's clocks.
+    channels : sequence of int
+        The columns that are no clocks of `plan`.
+    """
+    clock = plan.clocks.get("column")
+    if clock is None or len(clock.columns) > 1:
+        return [Section(plan.clocks, [*channels])]
+    first = clock.columns[0]
+    again = [i for i in channels if names[i].rpartition("#")[0] == names[first] and _rises(sample[i], clock.form)]
+    clocks = [first, *again]
+    ahead = first > 0 and clocks[-1] == len(names) - 1  # values stand ahead of their clock
+    sections = [Section({"column": ClockColumn((at,), clock.form)}, []) for at in clocks]
+    others = set(again)
+    for i in channels:
+        if i not in others:
+            sections[bisect(clocks if ahead else again, i)].columns.append(i)
+    return sections
+
+
+def _rises(cells: pa.Array, form: str) -> bool:
+    stamps, good = nanoseconds([cells], form)
+    return bool(good.any() and (np.diff(stamps[good]) >= 0).all())
