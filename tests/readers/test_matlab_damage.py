@@ -41,7 +41,7 @@ BAD = {
     "an unknown type": matrix(6, (1, 1), element(99, bytes(8))),
     "a part beyond the end": matrix(6, (1, 1), struct.pack("<II", 9, 2**32 - 1)),
     "a small part of many bytes": matrix(6, (1, 1), struct.pack("<HHI", 9, 200, 0)),
-    "cells that are missing": matrix(1, (10**9, 1), matrix(6, (1, 1), doubles([1]))),
+    "cells that are missing": matrix(1, (10**9, 1)),
     "cells that are no arrays": matrix(1, (1, 1), doubles([1])),
     "fields without a width": matrix(2, (1, 1), element(5, bytes(4)), element(1, b"abcd"), doubles([1])),
     "names that do not fit": matrix(2, (1, 1), element(5, struct.pack("<i", 3)), element(1, b"abcd"), doubles([1])),
@@ -108,6 +108,40 @@ def test_a_variable_whose_length_is_wrong_hides_no_other(tmp_path, compressed, b
             np.testing.assert_array_equal(recording.channel(f"{name}.x").values, content["x"])
             np.testing.assert_array_equal(recording.channel(f"{name}.x").stamps, np.arange(6) * 10**6)
     assert any("1 variable of the MATLAB file damaged" in note for note in recording.notes)
+
+
+@pytest.mark.parametrize("compressed", [False, True])
+def test_of_a_structure_that_is_cut_off_whole_fields_are_read(tmp_path, compressed):
+    """As of a file that was being written when the disk was full; it has but one variable."""
+    rng, file = np.random.default_rng(2), BytesIO()
+    content = {"time": np.arange(1000) * 1e-3} | {name: rng.random(1000) for name in "abcd"}
+    savemat(file, {"s": content}, do_compression=compressed)
+    raw = file.getvalue()
+    (tmp_path / "log").write_bytes(raw[: int(0.7 * len(raw))])
+    recording = read(tmp_path / "log")
+    assert len(recording.channels) >= 2
+    for name, channel in recording.channels.items():
+        np.testing.assert_array_equal(channel.values, content[name.removeprefix("s.")])
+        np.testing.assert_array_equal(channel.stamps, np.arange(1000) * 10**6)
+    assert any("damaged, the rest was read (at byte 128: it is cut off)" in note for note in recording.notes)
+    assert [why for why in recording.unread.values() if why.startswith("damaged")]
+
+
+def test_a_compressed_structure_without_an_end_is_left_out(tmp_path):
+    """Where the file is not cut off, its bytes have changed, and what came of them is made up."""
+    file = BytesIO()
+    savemat(file, {"s": {"time": T, "x": T}}, do_compression=True)
+    raw = file.getvalue()
+    short = raw[136:-6]
+    (tmp_path / "log").write_bytes(raw[:128] + struct.pack("<II", 15, len(short)) + short + SOUND)
+    assert list(read(tmp_path / "log").channels) == ["sound"]
+
+
+def test_cells_that_are_missing_behind_others(tmp_path):
+    (tmp_path / "log").write_bytes(HEADER + matrix(1, (10**9, 1), matrix(6, (3, 1), doubles([1, 2, 3]), name=b"")))
+    recording = read(tmp_path / "log")
+    assert recording.channel("x[0]").values.tolist() == [1, 2, 3]
+    assert any("'x[1]' of the MATLAB file is damaged" in note for note in recording.notes)
 
 
 def test_lengths_that_are_wrong_throughout_come_to_an_end(tmp_path):

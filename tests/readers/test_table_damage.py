@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import gzip
+import os
 import zlib
 from contextlib import suppress
 
@@ -14,7 +15,7 @@ from vsalog.readers import read
 from vsalog.readers.text_source import open_text, read_beginning
 
 ROWS = 300
-PLACES = 30
+PLACES = int(os.environ.get("VSALOG_DAMAGE_PLACES", "30"))
 
 
 def text(separator, comma, quoted):

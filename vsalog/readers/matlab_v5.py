@@ -70,7 +70,7 @@ def _variable(element: bytes, order: str) -> tuple[str, Any]:
     if len(element) < 8:
         raise ValueError("it is cut off")
     kind, length = struct.unpack_from(order + "II", element)
-    if kind != MATRIX or length > len(element) - 8:
+    if kind != MATRIX:
         raise ValueError(f"an element of type {kind} with {length} bytes is no variable")
     return variable(memoryview(element)[8 : 8 + length], order)
 
@@ -84,7 +84,7 @@ def _elements(content: Content, order: str, damage: dict[int, str]) -> Iterator[
             yield begin, content[begin:end]
             continue
         try:
-            element = _decompressed(content[begin + _TAG : end], allowed)
+            element = _decompressed(content[begin + _TAG : end], allowed, end > len(content))
         except (zlib.error, ValueError) as error:
             damage[begin] = str(error)
             continue
@@ -93,12 +93,11 @@ def _elements(content: Content, order: str, damage: dict[int, str]) -> Iterator[
 
 
 def _places(content: Content, order: str, damage: dict[int, str]) -> Iterator[tuple[int, int]]:
-    """Yield begin and end of each variable; behind one that says wrongly how long it is, the next are looked for."""
+    """Yield where each variable begins, and where it ends, by what it says; behind one that is wrong, the next are looked for."""
     begin, searches = _HEADER, 0
     while begin < len(content) and searches <= _MOST_SEARCHES:
         end = begin + _TAG + _tag(content, begin, order)[1]
-        if end <= len(content):
-            yield begin, end
+        yield begin, end
         if _begins(content, end, order):
             begin = end
             continue
@@ -135,18 +134,18 @@ def _next_begin(content: Content, begin: int, order: str) -> int:
     return next((match.start() for match in found if _begins(content, match.start(), order)), len(content))
 
 
-def _decompressed(content: bytes, most: int) -> bytes:
-    """Return a compressed element, whose checksum has to match.
+def _decompressed(content: bytes, most: int, is_cut: bool) -> bytes:
+    """Return a compressed element, whose checksum has to match, or what is there of one that is cut off.
 
     Raises
     ------
     zlib.error, ValueError
-        It is damaged, cut off, or larger than `most`.
+        It is damaged, has no end, or is larger than `most`.
     """
     stream = zlib.decompressobj()
     element = stream.decompress(content, most + 1)
     if len(element) > most:
         raise ValueError("it becomes larger than any recording when it is decompressed")
-    if not stream.eof:
+    if not stream.eof and not is_cut:
         raise ValueError("it is cut off")
     return element

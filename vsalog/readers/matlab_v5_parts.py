@@ -41,7 +41,7 @@ def variable(data: memoryview, order: str) -> tuple[str, Any]:
         The name.
     array, dict, list, str, ValueError or None
         Numbers; a structure; a cell array or an array of structures, of which the first elements; a text, which is left empty;
-        within a structure or cell array what is damaged; what is none of these.
+        within a structure or cell array what is damaged, the last one there is where it is cut off; what is none of these.
 
     Raises
     ------
@@ -67,7 +67,7 @@ def _matrix(data: memoryview, order: str, depth: int) -> tuple[str, Any]:
     if kind == _CHAR:
         return name, ""
     if kind == _CELL:
-        return name, [_inner(parts, order, depth) for _ in range(min(prod(shape), MAX_ARRAY))]
+        return name, list(_inner_ones(parts, order, depth, min(prod(shape), MAX_ARRAY)))
     if kind == _STRUCT:
         return name, _structures(parts, order, depth, prod(shape))
     values = _numbers(*_next(parts), order)
@@ -87,18 +87,34 @@ def _structures(parts: Iterator[tuple[int, memoryview]], order: str, depth: int,
     keys = [_text(names[i : i + width]) for i in range(0, len(names), width)]
     if len(set(keys)) < len(keys):
         raise ValueError("two of its fields have one name")
-    found = [{key: _inner(parts, order, depth) for key in keys} for _ in range(min(count, MAX_ARRAY))]
-    return found[0] if count == 1 else found
+    values = list(_inner_ones(parts, order, depth, len(keys) * min(count, MAX_ARRAY)))
+    if count == 1:
+        return dict(zip(keys, values, strict=False))
+    return [dict(zip(keys, values[i:], strict=False)) for i in range(0, len(values), len(keys) or 1)]
 
 
-def _inner(parts: Iterator[tuple[int, memoryview]], order: str, depth: int) -> Any:
-    kind, content = _next(parts)
-    if kind != MATRIX:
-        raise ValueError(f"it holds an element of type {kind} where an array should be")
-    try:
-        return _matrix(content, order, depth + 1)[1]
-    except ValueError as error:  # it takes none of its neighbours along
-        return error
+def _inner_ones(parts: Iterator[tuple[int, memoryview]], order: str, depth: int, count: int) -> Iterator[Any]:
+    """Yield so many fields or cells; the last one says why where the others are missing.
+
+    Raises
+    ------
+    ValueError
+        There are none, or something else is there.
+    """
+    for number in range(count):
+        try:
+            kind, content = _next(parts)
+        except ValueError as error:
+            if not number:
+                raise
+            yield error  # cut off: what is ahead is whole
+            return
+        if kind != MATRIX:
+            raise ValueError(f"it holds an element of type {kind} where an array should be")
+        try:
+            yield _matrix(content, order, depth + 1)[1]
+        except ValueError as error:  # it takes none of its neighbours along
+            yield error
 
 
 def _flags(parts: Iterator[tuple[int, memoryview]], order: str) -> tuple[int, int]:
