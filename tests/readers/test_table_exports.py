@@ -107,3 +107,24 @@ def test_a_zero_byte_near_the_beginning_costs_a_cell(tmp_path):
     log = read(tmp_path / "log")
     np.testing.assert_array_equal(log.channel("tau").values, TAU)
     assert np.flatnonzero(np.isnan(log.channel("q").values)).tolist() == [65]
+
+
+@pytest.mark.parametrize("mark", [":", "=", ": "])
+@pytest.mark.parametrize("separator", [",", "\t", ", ", ";"])
+def test_cells_that_say_what_they_are(tmp_path, mark, separator):
+    """As programs of microcontrollers write for a plotter, behind what they say of themselves."""
+    cells = [(f"{t:.2f}", f"{q:.4f}", f"{tau:.4f}") for t, q, tau in zip(T, Q, TAU, strict=True)]
+    lines = [
+        separator.join(f"{n}{mark}{c}" for n, c in zip(("t", "q [rad]", "tau"), row, strict=True)) for row in cells
+    ]
+    log = log_of(tmp_path, "\n".join(["ready", *lines, ""]))
+    check(log, "q", "tau")
+    assert log.channel("q").unit == "rad"
+
+
+def test_a_cell_with_another_label_is_none_of_its_column(tmp_path):
+    lines = [f"t:{t:.2f},q:{q:.4f},tau:{tau:.4f}" for t, q, tau in zip(T, Q, TAU, strict=True)]
+    lines[250] = lines[250].replace("q:", "x:")
+    log = log_of(tmp_path, "\n".join(lines) + "\n")
+    assert np.flatnonzero(np.isnan(log.channel("q").values)).tolist() == [250]
+    np.testing.assert_array_equal(log.channel("tau").values, TAU)

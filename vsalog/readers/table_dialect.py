@@ -10,6 +10,7 @@ from dataclasses import dataclass
 from vsalog.readers.headers import printable_cell, unique_names
 from vsalog.readers.sniff import without_holes
 from vsalog.readers.table_header import find_header, join_torn_names, without_labview_head
+from vsalog.readers.table_labels import labels_of, without_label
 from vsalog.readers.table_notation import Notation, find_notations
 from vsalog.readers.table_text import SEPARATORS, WHITESPACE, is_comment, is_value, most_common_width, split
 from vsalog.units import split_header
@@ -45,6 +46,8 @@ class Dialect:
         What is worth telling.
     torn : int
         How many names there are where commas both separate cells and stand in numbers, so that rows fall apart; else 0.
+    labels : tuple of str
+        What stands ahead of the number in every cell, by column; empty where nothing does.
     """
 
     encoding: str
@@ -58,6 +61,7 @@ class Dialect:
     lines: tuple[int, ...]
     notes: tuple[str, ...]
     torn: int
+    labels: tuple[str, ...]
 
 
 def detect(head: bytes, whole: bool) -> Dialect:
@@ -86,6 +90,10 @@ def detect(head: bytes, whole: bool) -> Dialect:
     table = [(i, split(line, separator)) for i, line in said]
     rows = [cells for _, cells in table]
     width = most_common_width(rows)
+    labels = labels_of(rows, width)
+    if labels:
+        table = [(0, [*labels]), *((i, [without_label(cell) for cell in cells]) for i, cells in table)]
+        rows = [cells for _, cells in table]
     notations, note = find_notations(rows, width, separator)
     decimal_comma = any(notation.decimal_comma for notation in notations)
     header = find_header(lines, table, width, decimal_comma)
@@ -107,6 +115,7 @@ def detect(head: bytes, whole: bool) -> Dialect:
         lines=tuple(i + 1 for i, _ in rest),
         notes=(*header.notes, *notes),
         torn=torn,
+        labels=labels,
     )
 
 
@@ -152,7 +161,7 @@ def _separator(lines: Sequence[str]) -> str:
         if width < 2:
             continue
         even = sum(len(row) == width for row in rows) / len(rows)
-        cells = [cell for row in rows for cell in row if cell]
+        cells = [without_label(cell) for row in rows for cell in row if cell]
         values = sum(is_value(cell, separator != ",") for cell in cells) / max(len(cells), 1)
         score = even * (0.05 + values)
         # Between other marks there are blanks as well, in names and in remarks ahead of the table.

@@ -16,6 +16,7 @@ from vsalog.readers.base import plural
 from vsalog.readers.headers import printable_cell
 from vsalog.readers.opened import is_text
 from vsalog.readers.table_dialect import Dialect
+from vsalog.readers.table_labels import without_labels
 from vsalog.readers.table_notation import Notation
 from vsalog.readers.table_quotes import heeding_quotes
 from vsalog.readers.table_tail import cut_off
@@ -100,7 +101,7 @@ class Rows:
                 with self._open(file, text, chosen) as reader:
                     parsed = 0
                     for batch in reader:
-                        rows = self._without_run_on(self._words.without(batch))
+                        rows = self._without_run_on(self._words.without(self._without_labels(batch)))
                         parsed += batch.num_rows
                         self._left_out.append((parsed, self._words.removed + self._odd.run_on))
                         yield self._plain(rows)
@@ -163,6 +164,14 @@ class Rows:
         shown = printable_cell(last.decode("utf-8", "replace"))
         self.notes.append(f"the last line is left out: it ends within its last number, with no end of line ('{shown}')")
         return pa.BufferReader(file.read_buffer(file.size() - len(last)))
+
+    def _without_labels(self, batch: pa.RecordBatch) -> pa.RecordBatch:
+        """Leave out what stands ahead of the number in every cell."""
+        if not self._dialect.labels:
+            return batch
+        labels = dict(zip(self._dialect.names, self._dialect.labels, strict=True))
+        names = batch.schema.names
+        return pa.RecordBatch.from_arrays([without_labels(batch.column(name), labels[name]) for name in names], names)
 
     def _without_run_on(self, batch: pa.RecordBatch) -> pa.RecordBatch:
         """Leave out rows that a stray quote runs into one another."""
