@@ -150,3 +150,12 @@ def test_a_damaged_name_among_blocks_costs_its_row(tmp_path, bad):
     log = read(path)
     np.testing.assert_array_equal(log.channels["value[x]"].values, np.delete(np.arange(500.0), 100))
     np.testing.assert_array_equal(log.channels["value[y]"].values, np.delete(1000 + np.arange(500.0), 300))
+
+
+def test_a_damaged_time_among_blocks_costs_its_row(tmp_path):
+    path = tmp_path / "log.csv"
+    in_blocks(path, "signal", ["x", "y"], 0)
+    path.write_bytes(path.read_bytes().replace(b"\n3.00,x", b"\n\x1e.005,x"))
+    log = read(path)
+    assert np.isin(np.delete(np.arange(500.0), 300), log.channels["value[x]"].values).all()
+    np.testing.assert_array_equal(log.channels["value[y]"].values, 1000 + np.arange(500.0))

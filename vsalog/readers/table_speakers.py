@@ -32,6 +32,9 @@ _TELLING = 0.9
 _BACK = 0.4
 """Fraction of the changes of the speaker at which the clock goes back, where rows come in blocks: of two speakers, half."""
 
+_LATE = 1e-3
+"""Fraction of rows whose time may be damaged or late, so that the clock goes back within a block."""
+
 Whole = Callable[[Sequence[int]], Iterable[Sequence[pa.Array]]]
 """Gives some columns from their first row to the last, part by part."""
 
@@ -94,7 +97,7 @@ def _in_blocks(column: int, first: pa.Array, clock: ClockColumn, called: bool, w
     """
     if not 1 <= len(pc.unique(first)) <= min(MOST, len(first) // 3):
         return False
-    changes = falls = both = 0
+    changes = falls = both = rows = 0
     last: tuple[str, int] | None = None
     for who, *times in whole([column, *clock.columns]):
         stamps, good = nanoseconds(times, clock.form)
@@ -110,9 +113,9 @@ def _in_blocks(column: int, first: pa.Array, clock: ClockColumn, called: bool, w
         changed = np.asarray(pc.not_equal(names, before).to_numpy(zero_copy_only=False), bool)
         fell = stamps < np.concatenate([[ahead[1]], stamps[:-1]])
         changes, falls = changes + int(changed.sum()), falls + int(fell.sum())
-        both += int((changed & fell).sum())
+        both, rows = both + int((changed & fell).sum()), rows + len(names)
         last = names[-1].as_py(), int(stamps[-1])
-    return both > 0 and both >= _BACK * changes and both >= _TELLING * falls
+    return both > 0 and both >= _BACK * changes and falls - both <= max(both, _LATE * rows)
 
 
 def _lonely(names: pa.Array) -> NDArray[np.bool_]:
