@@ -1,4 +1,4 @@
-"""Fuzz target: MATLAB files: version 5, its elements plain or compressed, and version 7.3, whose bytes are changed."""
+"""Fuzz target: MATLAB files: version 5, its elements plain or compressed, and versions 4 and 7.3, whose bytes are changed."""
 
 from __future__ import annotations
 
@@ -58,6 +58,9 @@ def seeds():
         yield bytes([0x28, 0]) + framed(parts)
         yield bytes([0x38, 0]) + framed([(COMPRESSED, part) for _, part in parts])
     yield bytes([0x28, 2]) + hdf5()
+    file = BytesIO()
+    savemat(file, {"time": t, "q": np.sin(t), "M": np.ones((6, 2)), "name": "text"}, format="4")
+    yield bytes([0x28, 1]) + file.getvalue()
 
 
 def hdf5() -> bytes:
