@@ -94,3 +94,17 @@ def test_a_byte_that_changed_in_arrows_words_on_the_columns_loses_only_these(tmp
     np.testing.assert_array_equal(log.channels["x"].stamps, np.arange(N) * 10**6)
     assert log.channels["x"].unit is None
     assert any("the footer's remarks on the columns are damaged" in note for note in log.notes)
+
+
+@pytest.mark.parametrize("order", [[0, 1], [1, 0]])
+def test_a_list_and_a_number_of_one_name(tmp_path, order):
+    fields = [pa.field("x", pa.list_(pa.float64())), pa.field("x", pa.float64())]
+    cells = [pa.array([[1.0, 2.0]] * N), pa.array(np.arange(N) * 1.0)]
+    table = pa.table(
+        [pa.array(np.arange(N) / 1000), *(cells[i] for i in order)],
+        schema=pa.schema([pa.field("time", pa.float64()), *(fields[i] for i in order)]),
+    )
+    pq.write_table(table, tmp_path / "log.parquet")
+    log = read(tmp_path / "log.parquet")
+    np.testing.assert_array_equal(log.channels["x"].values, np.arange(N))
+    np.testing.assert_array_equal(log.channels["x[1]"].values, np.full(N, 2.0))

@@ -94,7 +94,7 @@ class FlatRows:
         if pa.types.is_struct(kind):
             for member, part in zip(kind, cells.flatten(), strict=True):
                 self._measure(f"{name}.{member.name}", member.type, part)
-        elif pa.types.is_list(kind) or pa.types.is_large_list(kind):
+        elif _is_list(kind):
             self._sizes[name] = pc.max(pc.list_value_length(cells)).as_py() or 0
 
     def _flat(self, field: pa.Field, cells: pa.Array | None) -> Iterator[tuple[pa.Field, pa.Array]]:
@@ -117,8 +117,13 @@ class FlatRows:
 
     def _elements(self, name: str, kind: pa.DataType) -> int:
         """Return how many elements of a list have a column, 0 for what is no list or no signal."""
-        size = kind.list_size if pa.types.is_fixed_size_list(kind) else self._sizes.get(name, 0)
+        measured = self._sizes.get(name, 0) if _is_list(kind) else 0  # a column that is none may have the name of one
+        size = kind.list_size if pa.types.is_fixed_size_list(kind) else measured
         return size if size <= MAX_ARRAY else 0
+
+
+def _is_list(kind: pa.DataType) -> bool:
+    return bool(pa.types.is_list(kind) or pa.types.is_large_list(kind))
 
 
 def _as_plain(field: pa.Field, cells: pa.Array | None) -> tuple[pa.Field, pa.Array | None]:
