@@ -228,7 +228,7 @@ class _Builder:
         if len(outer) > _DEEPEST:
             raise DefinitionError(f"{outer[0]} is nested too deeply")
         if name not in self.table:
-            raise DefinitionError(f"the log does not hold the definition of {name}")
+            raise DefinitionError(f"the log does not hold the definition of {name or 'its messages'}")
         if any(len(field) > MAX_NAME for field, _ in self.table[name][1]):
             raise DefinitionError(f"{name} has field {LONG_NAMES}")
         fields = [

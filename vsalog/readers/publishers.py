@@ -92,17 +92,21 @@ class FrameWatch:
     def add(self, connection: Connection, messages: Messages, log: Stamps) -> None:
         """Take note of a connection's messages, which begin with headers, and their log times [ns], shape (n,)."""
         numbers = self._frames.numbers(messages, connection.encoding == "cdr")
-        begins = np.flatnonzero(np.diff(numbers, prepend=self._last))
-        self._last = int(numbers[-1]) if numbers.size else self._last
-        here = {k: np.flatnonzero(numbers == k) for k in np.flatnonzero(np.bincount(numbers + 1)[1:]).tolist()}
-        for number, rows in here.items():
-            one = self._seen.setdefault(number, _Publisher(int(log[rows[0]]), int(log[rows[0]]), set()))
-            one.add(log[rows])
+        if not numbers.size:
+            return
+        begins = np.flatnonzero(numbers[1:] != numbers[:-1]) + 1
+        here = np.unique(numbers).tolist() if begins.size else [int(numbers[0])]
+        if numbers[0] != self._last:
+            begins = np.concatenate(([0], begins))
+        self._last = int(numbers[-1])
+        rows = {number: np.flatnonzero(numbers == number) for number in here if number >= 0}
+        for number, own in rows.items():
+            one = self._seen.setdefault(number, _Publisher(int(log[own[0]]), int(log[own[0]]), set()))
+            one.add(log[own])
             one.runs += int(np.count_nonzero(numbers[begins] == number))
-        if len(self._seen) > 1:
-            for number, rows in here.items():
-                if not self._seen[number].paths:
-                    self._seen[number].paths = _paths(connection, messages.some(rows[:_DECODED]))
+        for number, own in rows.items() if len(self._seen) > 1 else ():
+            if not self._seen[number].paths:
+                self._seen[number].paths = _paths(connection, messages.some(own[:_DECODED]))
 
     def mixed(self) -> list[str]:
         """Return the frames that have to be streams of their own."""
