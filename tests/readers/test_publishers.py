@@ -119,7 +119,8 @@ def test_two_frames_at_a_time_in_one_channel_are_two_streams(tmp_path, monkeypat
     [
         of_two(("left", "right"), COUNT),  # one after the other
         of_two(("left", "left"), 0.5),
-        [("" if i in (3, 200) else "left", START + i * MS, i) for i in range(400)],  # a slip of one publisher
+        [("" if i in (3, 100, 200, 350) else "left", START + i * MS, i) for i in range(400)],  # slips of one publisher
+        [("" if i in (3, 20) else "left", START + i * MS, i) for i in range(30)],
         [("tool" if i in range(200, 300) else "left", START + i * MS, i) for i in range(400)],  # for a while
         [(f"frame{i}", START + i * MS, i) for i in range(100)],  # a counter
         [("x" * (300 + i % 2), START + i * MS, i) for i in range(100)],

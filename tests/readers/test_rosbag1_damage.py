@@ -9,6 +9,7 @@ import pytest
 from test_bags import COUNT, write_bag1
 
 from vsalog.readers import read
+from vsalog.readers.rosbag1_scan import messages_in
 
 
 @pytest.mark.parametrize("indexed", [True, False])
@@ -45,3 +46,19 @@ def test_a_message_of_another_length_costs_no_other(tmp_path, change):
     values = recording.channel("/joint_states.position[elbow]").values
     np.testing.assert_array_equal(np.setdiff1d(np.arange(COUNT), values), [3, 4] if change == 30 else [3])
     assert any("some of its records" in note for note in recording.notes)
+
+
+def record(content, op=2, time=1):
+    fields = b"conn=" + struct.pack("<I", 5), b"op=" + bytes([op]), b"time=" + struct.pack("<II", time, 0)
+    head = b"".join(struct.pack("<I", len(one)) + one for one in fields)
+    return struct.pack("<I", len(head)) + head + struct.pack("<I", len(content)) + content
+
+
+def test_what_only_looks_like_a_message_is_none():
+    """Content of a damaged record: a message that nothing follows where it ends."""
+    inner = record(bytes(90))[:-30]
+    data = np.frombuffer(record(b"first") + record(inner + bytes(40), op=99) + record(b"last", time=2), np.uint8)
+    packet, sound, _ = messages_in(data, np.array([5]))
+    assert list(packet.messages) == [b"first", b"last"]
+    assert packet.log.tolist() == [10**9, 2 * 10**9]
+    assert not sound

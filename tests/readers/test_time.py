@@ -183,7 +183,7 @@ def zeros_here_and_there(stamps):
 
 
 def an_hour_ahead(stamps):
-    stamps[[0, 299, 300, 301, 1500, -1]] += 3_600_000 * MS  # around the border of parts on disk, too
+    stamps[[0, 298, 299, 700, 701, 702, 1500, -1]] += 3_600_000 * MS  # at the border of parts on disk, too
 
 
 def years_ahead(stamps):
@@ -192,7 +192,7 @@ def years_ahead(stamps):
 
 @pytest.mark.parametrize(
     ("change", "count"),
-    [(zeros_at_the_start, 40), (zeros_here_and_there, 80), (an_hour_ahead, 6), (years_ahead, 1)],
+    [(zeros_at_the_start, 40), (zeros_here_and_there, 80), (an_hour_ahead, 8), (years_ahead, 1)],
 )
 @pytest.mark.parametrize("time", ["auto", "header"])
 def test_a_few_stamps_that_are_none_cost_their_samples(tmp_path, monkeypatch, change, count, time):
