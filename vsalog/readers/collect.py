@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vsalog.errors import ReadError
+from vsalog.readers.alternating import alternating_note
 from vsalog.readers.base import NO_TIME, Block, Reader, plural
 from vsalog.readers.reach import BEYOND, within_reach
 from vsalog.readers.spool import Column, Kind, Spool, SpooledColumn, in_memory, parts
@@ -280,6 +281,8 @@ def assembled(
         placed = place(name, one)
         streams[name] = placed.stream
         notes += remarks(placed.stream)
+        if note := alternating_note(name, placed.columns):
+            notes.append(note)
         if placed.left_out:
             notes.append(
                 f"{name}: {plural(placed.left_out, 'sample')} left out whose header stamp is missing, zero, impossible or"

@@ -1,0 +1,63 @@
+"""Two publishers of one topic that nothing but their values tells apart."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from write_logs import MS, START, McapLog, joint_state
+
+from vsalog.readers import read, read_within
+
+T = np.arange(3000) * 1e-3
+RNG = np.random.default_rng(1)
+ONE, OTHER = np.sin(9 * T), 0.5 + np.cos(5 * T)
+NOISE = 1e-3 * RNG.standard_normal(T.size)
+
+
+def log_of(path, *joints):
+    log = McapLog()
+    for i, positions in enumerate(zip(*joints, strict=True)):
+        log.add("/j", joint_state(START + i * MS, [f"j{k}" for k in range(len(joints))], positions), START + i * MS)
+    return log.save(path)
+
+
+def told(path):
+    notes = [read(path).notes, read_within(0, path).look.notes]
+    said = [sum("back and forth" in note for note in some) for some in notes]
+    assert said[0] == said[1] <= 1
+    return bool(said[0])
+
+
+def by_turns(one, other):
+    return np.where(np.arange(T.size) % 2, one, other)
+
+
+@pytest.mark.parametrize(
+    "joints",
+    [
+        (by_turns(ONE, OTHER) + NOISE,),
+        (by_turns(ONE, OTHER) + NOISE, by_turns(OTHER, 2 * ONE)),
+        (by_turns(ONE, OTHER) + NOISE, np.ones(T.size)),  # a joint that stands still says nothing
+    ],
+)
+def test_values_of_two_by_turns_are_told(tmp_path, joints):
+    assert told(log_of(tmp_path / "log", *joints))
+
+
+@pytest.mark.parametrize(
+    "joints",
+    [
+        (ONE,),
+        (ONE + NOISE, OTHER),
+        (NOISE,),
+        (np.cumsum(NOISE),),
+        (np.round(ONE, 2),),
+        (by_turns(1.0, 0.0),),  # a switch
+        (np.arange(T.size) // 50 % 12 + by_turns(1.0, 0.0),),  # an encoder's counts per sample
+        (by_turns(ONE, OTHER), ONE, OTHER),  # one of three
+        (np.where(np.arange(T.size) < 900, by_turns(ONE, OTHER), ONE),),  # for a while
+        (np.sin(2 * np.pi * 250 * T + 0.3) + NOISE,),  # four samples a turn
+    ],
+)
+def test_values_of_one_are_not(tmp_path, joints):
+    assert not told(log_of(tmp_path / "log", *joints))
