@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Collection, Iterator, Mapping
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -32,15 +32,15 @@ MANY = 512
 # So many connections are looked for one by one; of more, those that are there are found first.
 FEW = 16
 # What is beyond is no recording, and would take minutes and memory to prepare for.
-MOST_STREAMS, MOST_TEXT, MOST_CHANNELS = 4096, 2 * 2**20, 2**14
+MOST_CHANNELS = 2**14
 
 
 @dataclass(slots=True)
 class _Batch:
     """Messages of one stream and one definition that wait to be decoded; `rows` of them are, at once.
 
-    `expected` is how many there are in all, where the log says so. Messages of the frames `apart` wait elsewhere; `watch` looks
-    for such frames that were not seen before.
+    `expected` is how many there are in all, where the log says so. Messages of the first of `frames` wait elsewhere,
+    `apart`; `watch` looks for such frames that were not seen before.
     """
 
     stream: str
@@ -54,7 +54,7 @@ class _Batch:
     size: int = 0
     rows: int = FIRST_ROWS
     expected: int = 0
-    apart: dict[str, _Batch] = field(default_factory=dict)
+    apart: Sequence[_Batch] = ()
     frames: Frames = field(default_factory=Frames)
     watch: FrameWatch | None = None
 
@@ -64,11 +64,9 @@ class _Batch:
             yield self, rows
             return
         numbers = self.frames.numbers(messages.some(rows), self.connection.encoding == "cdr")
-        places = {name: k for k, name in enumerate(self.apart, 1)}
-        # What is of no frame, or one that is not apart, is this batch's; -1, of what is not clear, finds the last place.
-        owner = np.array([*(places.get(name, 0) for name in self.frames.names), 0])[numbers]
-        for k, batch in enumerate((self, *self.apart.values())):
-            if (own := owner == k).any():
+        numbers[numbers >= len(self.apart)] = -1  # other frames are this batch's, as what is of none
+        for k, batch in enumerate((self, *self.apart), -1):
+            if (own := numbers == k).any():
                 yield batch, rows[own]
 
     def add(self, packet: Packet, rows: Integers) -> None:
@@ -217,16 +215,9 @@ class BagReader:
         """Return a batch per connection that may hold wanted channels; publishers of one stream share it."""
         batches: dict[int, _Batch] = {}
         shared: dict[tuple[str, str, str], _Batch] = {}
-        definitions: set[str] = set()
         counts = self._container.counts()
         for named in self._streams.named(wanted):
             connection, key = named.connection, (named.stream, named.connection.encoding, named.connection.definition)
-            definitions.add(connection.definition)
-            if len(shared) > MOST_STREAMS or sum(map(len, definitions)) > MOST_TEXT:
-                raise ReadError(
-                    f"the log has more than {MOST_STREAMS} topics, or more than {MOST_TEXT} characters of message"
-                    " definitions, as no recording has; only some channels of it can be read, by their names"
-                )
             if key not in shared:
                 try:
                     shared[key] = self._new_batch(named, wanted)
@@ -245,7 +236,7 @@ class BagReader:
             _Batch(stream, kind, decoder_of(one, stream, wanted), one)
             for stream in (named.stream, *(publisher_stream(named.stream, frame) for frame in named.frames))
         )
-        batch.apart = dict(zip(named.frames, others, strict=True))
+        batch.apart, batch.frames = others, Frames(named.frames)
         if batch.decoder.framed and not batch.apart and not self._streams.seen_wholly():
             batch.watch = FrameWatch()
         return batch
@@ -324,7 +315,7 @@ class BagReader:
 def _all(batches: Mapping[int, _Batch]) -> list[_Batch]:
     """Return all batches, once each, with those of frames."""
     once = {id(batch): batch for batch in batches.values()}
-    return [one for batch in once.values() for one in (batch, *batch.apart.values())]
+    return [one for batch in once.values() for one in (batch, *batch.apart)]
 
 
 def _shared_out(packet: Packet, batches: Mapping[int, _Batch]) -> Iterator[tuple[_Batch, Integers]]:

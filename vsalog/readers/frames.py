@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 from numba import njit
 
@@ -24,16 +26,25 @@ def has_frame(root: Struct, cdr: bool) -> bool:
 
 
 class Frames:
-    """The frames met in a channel so far."""
+    """The frames met in a channel so far.
 
-    def __init__(self) -> None:
-        self._pool, self._sizes, self._count = np.zeros((MOST, LONGEST), np.uint8), np.zeros(MOST, np.int64), 0
+    Parameters
+    ----------
+    known : sequence of str
+        Frames that come first, of another one's `names`.
+    """
+
+    def __init__(self, known: Sequence[str] = ()) -> None:
+        self._pool, self._sizes, self._count = np.zeros((MOST, LONGEST), np.uint8), np.zeros(MOST, np.int64), len(known)
+        for k, name in enumerate(known):
+            raw = np.frombuffer(name.encode("utf-8", "surrogateescape"), np.uint8)
+            self._pool[k, : raw.size], self._sizes[k] = raw, raw.size
 
     @property
     def names(self) -> list[str]:
         """The frames, in the order in which they were met."""
         texts = (self._pool[k, : self._sizes[k]].tobytes() for k in range(self._count))
-        return [text.decode("utf-8", "replace") for text in texts]
+        return [text.decode("utf-8", "surrogateescape") for text in texts]
 
     def numbers(self, messages: Messages, cdr: bool) -> Integers:
         """Return which frame each message, of ROS 2's encoding or ROS 1's, has, shape (n,); -1 where that is not clear."""

@@ -8,6 +8,7 @@ from itertools import chain, islice
 
 import numpy as np
 
+from vsalog.errors import ReadError
 from vsalog.printable import printable
 from vsalog.readers.container import Connection, Container
 from vsalog.readers.decoders import decoder_of
@@ -19,6 +20,9 @@ from vsalog.readers.publishers import FrameWatch, clashing, mixed_note, publishe
 
 LONGEST_NAME = 1024
 """Characters of a topic or type; memory would not last for names of megabytes ahead of thousands of fields."""
+
+MOST_STREAMS, MOST_TEXT = 4096, 2 * 2**20
+"""Topics, and characters of definitions, beyond which a log is no recording, and would take minutes to prepare for."""
 
 WHOLE_BYTES, FIRST_PACKETS = 8 * 2**20, 8
 """Of less than this all is looked at for frames; of more, glimpses from all over, or so many packets where there is no index."""
@@ -54,12 +58,19 @@ class Streams:
         self._frames: dict[str, list[str]] = {}  # frames of a stream that are
 
     def named(self, wanted: frozenset[str] | None) -> list[Named]:
-        """Return each connection that may hold wanted channels with its stream."""
+        """Return each connection that may hold wanted channels with its stream.
+
+        Raises
+        ------
+        ReadError
+            There are more than any recording has.
+        """
         by_topic = [
             (connection, stream)
             for connection, stream in self._by_topic()
             if wanted is None or any(name.startswith((f"{stream}.", f"{stream}@")) for name in wanted)
         ]
+        _refuse_absurd(by_topic)
         self._tell_publishers(by_topic)
         by_publisher = [
             (connection, publisher_stream(stream, connection.publisher) if apart else stream)
@@ -142,6 +153,16 @@ class Streams:
         return packets if self.seen_wholly() else islice(packets, FIRST_PACKETS)
 
 
+def _refuse_absurd(named: list[tuple[Connection, str]]) -> None:
+    several = {(stream, connection.encoding, connection.definition) for connection, stream in named}
+    text = sum(map(len, {definition for _, _, definition in several}))
+    if len(several) > MOST_STREAMS or text > MOST_TEXT:
+        raise ReadError(
+            f"the log has more than {MOST_STREAMS} topics, or more than {MOST_TEXT} characters of message definitions, as no"
+            " recording has; only some channels of it can be read, by their names"
+        )
+
+
 def _grouped(named: list[tuple[Connection, str]], known: Collection[str]) -> dict[str, list[Connection]]:
     """Return the connections of each stream that is not known yet."""
     streams: dict[str, list[Connection]] = {}
@@ -153,6 +174,6 @@ def _grouped(named: list[tuple[Connection, str]], known: Collection[str]) -> dic
 
 def _is_framed(connection: Connection) -> bool:
     try:
-        return decoder_of(connection, "", None).framed
+        return connection.encoding in ("cdr", "ros1") and decoder_of(connection, "", None).framed
     except DefinitionError:
         return False
