@@ -82,7 +82,7 @@ LOGS = {
 }
 # Their contents have no checksum: a changed number in them is as good as any other.
 TRUSTING = ("rosbag1-none", "rosbag1-lz4", "sqlite3")
-IN_A_CHUNK = 60
+IN_A_CHUNK = 64  # or on a page of SQLite
 """No more messages may be lost to one byte than a chunk, or a page, has."""
 
 MAY_BE_REFUSED = {"sqlite3": 4096 * 12, "rosbag1": 13, "mcap": 8}
