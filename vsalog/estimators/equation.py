@@ -30,7 +30,8 @@ class EquationRows:
     is, per transmission, what noise of its deflection does (`bend.py`). `walk` is the standard deviation of the steps of the
     random walk that white noise becomes in an integrated y (`walk.py`), 0 where y is no integral, and `period` [s] that of the
     samples of an integral, else None. `resting` is where the encoders rest (`resting.py`); None where they have no steps.
-    `motion` is the motor's position and speed, as late as F is: what is left over may follow these (`left_over.py`).
+    `motion` is the motor's position and speed, as late as F is: what is left over may follow these (`left_over.py`). `plain` is F
+    and y before they were integrated, None where they are no integrals.
     """
 
     F: Array
@@ -47,6 +48,7 @@ class EquationRows:
     period: float | None = None
     resting: Resting | None = None
     motion: tuple[Array, Array] | None = None
+    plain: tuple[Array, Array] | None = None
 
 
 class Equation(Protocol):

@@ -249,7 +249,11 @@ class IntegratedMotorEquation(OfOneTransmission):
         noisy[1] = self.velocity_noise**2
         walk = self.torque_noise * self.period
         fed_to = {view.name: fed}
+        # The change of the speed from sample to sample: its average is that over the whole of what is averaged.
+        change = np.gradient(velocity, self.period) if velocity.size > 1 else np.full_like(velocity, np.nan)
+        plain = np.column_stack((np.zeros_like(theta), change, velocity, -f)), tau
         rows = EquationRows(
-            F, integrals[:, -1], use, fresh, fed_to, {}, dynamics, doubted, noisy, walk=walk, period=self.period
-        )
+            F, integrals[:, -1], use, fresh, fed_to, {}, dynamics, doubted, noisy,
+            walk=walk, period=self.period, motion=(theta, velocity), plain=plain,
+        )  # fmt: skip
         return (integrated, after), rows

@@ -104,7 +104,7 @@ def left_over_block(
     """
     new = LeftOverState(*(part.copy() for part in state))
     position, speed = motion
-    use = use & np.isfinite(position) & np.isfinite(speed)
+    use = use & np.isfinite(position) & np.isfinite(speed) & np.isfinite(y) & np.isfinite(F).all(axis=1)
     _run(F, slopes, y, position, speed, use, starts, max(window, BOX), period, *new)
     return new
 

@@ -190,10 +190,10 @@ class RegressionFold:
         solver_state, values, variances, unknowns, extra = self.solver.block(solver_state, rows, use, E, spread)
         if rows.motion is not None:
             names = tuple(view.name for view in equation.transmissions)
+            F, y = (rows.F, rows.y) if rows.plain is None else rows.plain
             state.left_over[names] = left_over_block(
                 state.left_over.get(names, left_over_start(equation.size)),
-                rows.F, E[:, 4 * len(names)], rows.y, rows.motion, use, block.rows.starts, self.conditioner.window,
-                block.rows.period,
+                F, E[:, 4 * len(names)], y, rows.motion, use, block.rows.starts, self.conditioner.window, block.rows.period,
             )  # fmt: skip
         if rows.resting is not None:
             # σ is asked for at the deflection as it is: where it is hidden in a step, so is σ.
