@@ -24,6 +24,7 @@ from vsalog.model import JointModel
 from vsalog.neighbours import Neighbours, own_and_others
 from vsalog.recording import Recording
 from vsalog.rig.schema import Joint, RigFile
+from vsalog.second_witness import SecondWitness, second_witnesses
 from vsalog.signals import JointSignals
 from vsalog.summary import JointSummary, Summarizer
 from vsalog.trace import Trace
@@ -238,7 +239,8 @@ def estimate_joint(
     with np.errstate(over="ignore", invalid="ignore", divide="ignore"):
         fold = choice.method.build(device, look, choice.tuning)
         fold.conditioner.check_length(signals.longest_run)
-        state = _fold(fold, signals, block, (kept.append if sink is None else sink), summarizer)
+        witness = SecondWitness(recordings, device, joint, second_witnesses(joint, choice.roles))
+        state = _fold(fold, signals, block, (kept.append if sink is None else sink), (summarizer, witness))
         summary = summarizer.result(signals, whole_windows(look, fold.conditioner.window))
         return JointEstimate(
             name,
@@ -247,7 +249,7 @@ def estimate_joint(
             _settings(choice.tuning, fold),
             fold.model(state),
             summary,
-            (*warnings, *fold.warnings(state), *summary.warnings),
+            (*warnings, *fold.warnings(state), *witness.said(choice.name), *summary.warnings),
             Trace.concatenate(kept) if kept else None,
         )
 
@@ -270,14 +272,15 @@ def _bound(
     return bind_long(long, name, joint, roles, setpoints, neighbours=neighbours)
 
 
-def _fold(fold: Fold, signals: JointSignals | LongSignals, block: int, sink: Sink, summarizer: Summarizer):  # type: ignore[no-untyped-def]
+def _fold(fold: Fold, signals: JointSignals | LongSignals, block: int, sink: Sink, listeners):  # type: ignore[no-untyped-def]
     state = fold.start()
     for last in range(fold.passes - 1, -1, -1):
 
         def give(traces: list[Trace], wanted: bool = last == 0) -> None:
             if wanted:
                 for trace in traces:
-                    summarizer.add(trace)
+                    for listener in listeners:
+                        listener.add(trace)
                     sink(trace)
 
         for part in signals.blocks(block):

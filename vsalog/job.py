@@ -28,6 +28,7 @@ from vsalog.readers import open_reader, read_within
 from vsalog.recording import Recording
 from vsalog.rig import Rig
 from vsalog.rig.find import find_rig
+from vsalog.second_witness import second_witnesses
 from vsalog.trace import Trace
 
 Progress = Callable[[str], None]
@@ -191,12 +192,29 @@ def prepare(logs: Sequence[Path | Recording], options: Options, progress: Progre
     warnings += [f"left out: {reason}" for reason in left_out.values()]
     if read_all is None:
         names = [_path(log).name for log in logs]
-        wanted = [set().union(*(_channels(rig, n, name, c.roles) for n, c in choices.items())) for name in names]
+        wanted = [_Wanted.of(rig, choices, name) for name in names]
         read_all = _read_all(logs, wanted, options, progress)
     warnings += [f"{r.path.name}: {note}" for r in map(_looked_at, read_all) for note in r.notes]
     warnings += [LONG_NOTE.format(r.path.name) for r in read_all if isinstance(r, LongRecording)]
     paths = tuple(_path(log) for log in logs)
     return Job(paths, tuple(read_all), rig, guessed, choices, setpoints, tuple(warnings), options)
+
+
+@dataclass(frozen=True, slots=True)
+class _Wanted:
+    """Channels of a log: those that the estimators need, and those that may bear them out where they were recorded."""
+
+    needed: set[str]
+    welcome: set[str]
+
+    @classmethod
+    def of(cls, rig: Rig, choices: Mapping[str, Choice], log: str) -> _Wanted:
+        """Name the channels for the estimators that were chosen."""
+        needed, welcome = set[str](), set[str]()
+        for name, choice in choices.items():
+            needed |= _channels(rig, name, log, choice.roles)
+            welcome |= _channels(rig, name, log, second_witnesses(rig.joints[name], choice.roles))
+        return cls(needed, welcome)
 
 
 def _channels(rig: Rig, joint: str, log: str, roles: Sequence[str]) -> set[str]:
@@ -211,7 +229,7 @@ def _path(log: Path | Recording) -> Path:
 
 
 def _read_all(
-    logs: Sequence[Path | Recording], wanted: Sequence[set[str] | None], options: Options, progress: Progress
+    logs: Sequence[Path | Recording], wanted: Sequence[_Wanted | None], options: Options, progress: Progress
 ) -> list[Recording | LongRecording]:
     """Read logs; of those whose samples do not fit in memory together, the later ones go to temporary files."""
     found: list[Recording | LongRecording] = []
@@ -224,14 +242,15 @@ def _read_all(
 
 
 def _read(
-    log: Path | Recording, wanted: set[str] | None, options: Options, progress: Progress, room: int
+    log: Path | Recording, wanted: _Wanted | None, options: Options, progress: Progress, room: int
 ) -> Recording | LongRecording:
     if isinstance(log, Recording):
         return log
     progress(f"reading {log.name}")
-    found = read_within(room, log, wanted, options.time, options.rate, options.start, options.end)
+    channels = None if wanted is None else wanted.needed | wanted.welcome
+    found = read_within(room, log, channels, options.time, options.rate, options.start, options.end)
     recording = _looked_at(found)
-    missing = sorted((wanted or set()) - set(recording.channels) - set(recording.unread))
+    missing = sorted((wanted.needed if wanted else set()) - set(recording.channels) - set(recording.unread))
     if missing:
         known = open_reader(log, options.rate).catalogue()
         if missing[0] in known.channels:

@@ -15,14 +15,12 @@ from vsalog.job import Options
 from vsalog.readers import open_reader, read
 from vsalog.recording import Recording
 from vsalog.rig.schema import AntagonisticJoint, Joint
+from vsalog.second_witness import sensed_at
 from vsalog.signals import JointSignals
 from vsalog.trace import Trace
 from vsalog.validation.references import Smoothed, true_stiffness, truth_channels
 
 Array = NDArray[np.float64]
-
-# Between samples of a sensor further apart than so many of its periods it says nothing.
-APART = 3.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -62,7 +60,7 @@ class Witnesses:
                 roles = ["torque_sensor"]
         if not set(roles) <= set(signals.roles):
             return None
-        return np.asarray(np.sum([_at(signals, signals.roles[role], trace.stamps) for role in roles], axis=0))
+        return np.asarray(np.sum([sensed_at(signals, role, trace.stamps) for role in roles], axis=0))
 
 
 def witnesses_of(log: Path, options: Options, joints: Mapping[str, Joint]) -> Witnesses:
@@ -94,16 +92,3 @@ def witnesses_of(log: Path, options: Options, joints: Mapping[str, Joint]) -> Wi
 
 def _read(log: Path, options: Options, wanted: set[str]) -> Recording:
     return read(log, wanted, options.time, options.rate, options.start, options.end)
-
-
-def _at(signals: JointSignals, values: Array, stamps: NDArray[np.int64]) -> Array:
-    """Return a signal at other stamps, NaN where it has no sample near."""
-    known = np.isfinite(values)
-    if np.count_nonzero(known) < 2:
-        return np.full(stamps.shape, np.nan)
-    first = int(signals.stamps[0])
-    theirs, ours = (signals.stamps[known] - first) * 1e-9, (stamps - first) * 1e-9
-    after = np.clip(np.searchsorted(theirs, ours), 1, theirs.size - 1)
-    near = theirs[after] - theirs[after - 1] <= APART * signals.period
-    found = np.interp(ours, theirs, values[known], left=np.nan, right=np.nan)
-    return np.where(near, found, np.nan)

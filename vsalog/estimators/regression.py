@@ -109,8 +109,12 @@ class RegressionFold:
 
     def freeze(self, state: FoldState) -> FoldState:
         """Go back to the first sample with what was learnt, and learn no more."""
-        return FoldState(
-            self.conditioner.start(), [e.start() for e in self.equations], state.solvers, state.regions, {}, False
+        return replace(
+            self.start(),
+            solvers=state.solvers,
+            regions=state.regions,
+            learning=False,
+            left_over=state.left_over,
         )
 
     def step(self, state: FoldState, block: JointSignals) -> tuple[FoldState, list[Trace]]:

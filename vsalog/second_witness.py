@@ -1,0 +1,194 @@
+"""Sensors that an estimator does not read, as a second witness: whether they bear out its torque and its angle.
+
+A motor's torque whose scale is off makes a stiffness that is off by as much, and nothing in that motor's log shows it; a torque
+sensor on the joint does. Both torques are averaged over windows, and the sensor's is fitted over the estimate's: the slope is
+by how much it changes where the estimate changes by one. Noise in either bends a slope, and the slope the other way round to the
+other side; what lies between the two bears the estimate out.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vsalog.binding import bind, offered_roles
+from vsalog.errors import VsalogError
+from vsalog.estimators.device import Device
+from vsalog.long_recording import LongRecording
+from vsalog.recording import Recording
+from vsalog.rig.schema import Joint
+from vsalog.signals import JointSignals
+from vsalog.trace import Trace
+
+Array = NDArray[np.float64]
+Flags = NDArray[np.bool_]
+
+# Samples that are averaged; averages without which nothing is said.
+BOX, AVERAGES = 50, 20
+# A slope that is off by so much is told, or by so many of the stiffness' deviations where these are more; sensors that have less
+# of their power in common with the estimate than this follow something else.
+OFF, BEYOND, SHARED = 0.05, 2.0, 0.5
+# A torque or an angle that the sensor hardly sees move, less than so many of what it resolves, bears nothing out.
+MOVES = 10.0
+# An angle that is off by so much of its range is told, or by so many of its own deviations where these are more.
+ASTRAY = 0.05
+ANGLE = "link_position"
+# Between samples of a sensor further apart than so many of its periods it says nothing.
+APART = 3.0
+
+
+def second_witnesses(joint: Joint, read: Sequence[str]) -> tuple[str, ...]:
+    """Return the roles that could bear an estimate out: offered by the rig, and not among those that are read."""
+    return tuple(
+        role
+        for role, signal in offered_roles(joint).items()
+        if role not in read and signal.channel is not None and (role.startswith("torque_sensor") or role == ANGLE)
+    )
+
+
+def sensed_at(signals: JointSignals, role: str, stamps: NDArray[np.int64]) -> Array:
+    """Return what a sensor says at other stamps, NaN where it has no sample near."""
+    values = signals.roles[role]
+    known = np.isfinite(values)
+    if np.count_nonzero(known) < 2:
+        return np.full(stamps.shape, np.nan)
+    first = int(signals.stamps[0])
+    theirs, ours = (signals.stamps[known] - first) * 1e-9, (stamps - first) * 1e-9
+    after = np.clip(np.searchsorted(theirs, ours), 1, theirs.size - 1)
+    near = theirs[after] - theirs[after - 1] <= APART * signals.period
+    found = np.interp(ours, theirs, values[known], left=np.nan, right=np.nan)
+    return np.where(near, found, np.nan)
+
+
+@dataclass(slots=True)
+class _Heard:
+    """Averages of what was estimated and of what a sensor said, and the deviations that were claimed, each in squares."""
+
+    estimated: list[Array] = field(default_factory=list)
+    sensed: list[Array] = field(default_factory=list)
+    claimed: list[Array] = field(default_factory=list)
+
+    def add(self, estimated: Array, sensed: Array, claimed: Array) -> None:
+        """Average what belongs together."""
+        columns = np.column_stack((estimated, sensed, claimed**2))
+        whole = columns[: len(columns) // BOX * BOX].reshape(-1, BOX, 3)
+        known = whole[np.isfinite(whole).all(axis=(1, 2))].mean(axis=1)
+        for kept, values in zip((self.estimated, self.sensed, self.claimed), known.T, strict=True):
+            kept.append(values)
+
+    def all(self) -> tuple[Array, Array, float]:
+        """Return both, and the deviation that was claimed."""
+        claimed = np.concatenate(self.claimed)
+        return (
+            np.concatenate(self.estimated),
+            np.concatenate(self.sensed),
+            float(np.sqrt(np.median(claimed))) if claimed.size else np.inf,
+        )
+
+
+class SecondWitness:
+    """What the sensors of a joint say that its estimator does not read.
+
+    Parameters
+    ----------
+    recordings, joint : as they are bound for the estimator
+    device : of the joint
+    roles : of `second_witnesses`; recordings without them, or too long for memory, bear nothing out
+    """
+
+    def __init__(
+        self,
+        recordings: Sequence[Recording | LongRecording],
+        device: Device,
+        joint: Joint,
+        roles: Sequence[str],
+    ) -> None:
+        self.device = device
+        self.sensors = {r: found for r in roles if (found := _bound(recordings, device.joint, joint, r)) is not None}
+        self.heard: dict[tuple[str, str], _Heard] = {}
+
+    def add(self, trace: Trace) -> None:
+        """Hear them on a block of the estimates."""
+        parts = {view.name: view.torque_sensor for view in self.device.transmissions}
+        if len(parts) != 1:
+            parts["total"] = "torque_sensor"
+        for name, role in parts.items():
+            columns = trace.transmissions.get(name)
+            if columns is None:
+                continue
+            if role in self.sensors:
+                torque, std, sure = _torque(columns)
+                self._hear(name, role, np.where(sure, torque, np.nan), std, trace)
+            if ANGLE in self.sensors and f"{ANGLE}_std" in columns:
+                angle, std = (np.asarray(columns[n], float) for n in (ANGLE, f"{ANGLE}_std"))
+                self._hear(name, ANGLE, angle, std, trace)
+
+    def _hear(self, name: str, role: str, estimated: Array, claimed: Array, trace: Trace) -> None:
+        heard = self.heard.setdefault((name, role), _Heard())
+        heard.add(estimated, sensed_at(self.sensors[role], role, trace.stamps), claimed)
+
+    def said(self, estimator: str) -> tuple[str, ...]:
+        """Say which of them do not bear the estimate out."""
+        said = []
+        for (name, role), heard in self.heard.items():
+            estimated, sensed, claimed = heard.all()
+            moves = MOVES * self.sensors[role].resolution.get(role, 0.0)
+            if estimated.size < AVERAGES or not np.ptp(sensed) > moves or not np.isfinite(claimed):
+                continue
+            where = f"joint '{self.device.joint}'" + ("" if name == "total" else f", transmission {name}")
+            words = _of_angles(estimated, sensed, claimed) if role == ANGLE else _of_torques(estimated, sensed, claimed)
+            if words:
+                said.append(f"{where}: {role}, which {estimator} does not read, does not bear it out: {words}")
+        return tuple(said)
+
+
+def _of_torques(estimated: Array, sensed: Array, claimed: float) -> str:
+    """Say by how much the changes of two torques differ; nothing where they agree."""
+    (xx, xy), (_, yy) = np.cov(estimated, sensed)
+    if xy <= 0.0 or xy * xy < SHARED * xx * yy:
+        return f"of the torque it measures {max(xy, 0.0) ** 2 / (xx * yy):.0%} of the power is in the estimate's"
+    least, most, margin = xy / xx, yy / xy, max(OFF, BEYOND * claimed)
+    if 1.0 - margin <= most and least <= 1.0 + margin:
+        return ""
+    slope = (least * most) ** 0.5
+    return (
+        f"where the estimated torque changes by 1 N·m it changes by {slope:.3g} N·m. So much is the stiffness off, or the"
+        " sensor's scale; 'vsalog compare' shows what other estimators make of the log"
+    )
+
+
+def _of_angles(estimated: Array, sensed: Array, claimed: float) -> str:
+    """Say how far an angle is off; nothing where that is little."""
+    off, span = float(np.sqrt(np.mean((estimated - sensed) ** 2))), float(np.ptp(sensed))
+    if off <= max(ASTRAY * span, BEYOND * claimed):
+        return ""
+    return (
+        f"the estimated angle is {off:.2g} rad off, {off / span:.0%} of its range, where {claimed:.1g} rad are claimed"
+    )
+
+
+def _torque(columns: Mapping[str, Any]) -> tuple[Array, Array, Flags]:
+    """Return an estimate's torque, the deviation of its changes as a part of them, and where it is sure of it.
+
+    A fit has learnt it; where none was made the torque is known beside the stiffness, or observed as a whole.
+    """
+    excited = np.asarray(columns["excited"], dtype=bool)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        std = np.asarray(columns["stiffness_std"], float) / np.asarray(columns["stiffness"], float)
+    fit = np.asarray(columns["flexibility_torque_fit"], float)
+    if np.isfinite(fit).any():
+        return fit, std, excited
+    return np.asarray(columns["flexibility_torque"], float), np.where(excited, std, 0.0), np.ones_like(excited)
+
+
+def _bound(recordings: Sequence[Recording | LongRecording], name: str, joint: Joint, role: str) -> JointSignals | None:
+    """Bind a sensor; None where that is not possible."""
+    short = [recording for recording in recordings if isinstance(recording, Recording)]
+    try:
+        return bind(short, name, joint, [role]) if len(short) == len(recordings) else None
+    except VsalogError:
+        return None
