@@ -156,7 +156,7 @@ def _of_torques(estimated: Array, sensed: Array, claimed: float) -> str:
         return ""
     slope = (least * most) ** 0.5
     return (
-        f"where the estimated torque changes by 1 N·m it changes by {slope:.3g} N·m. So much is the stiffness off, or the"
+        f"where the estimated torque changes by 1 N·m it changes by {slope:.3g} N·m. The stiffness may be off by as much, or the"
         " sensor's scale; 'vsalog compare' shows what other estimators make of the log"
     )
 

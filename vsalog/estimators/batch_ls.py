@@ -44,4 +44,6 @@ def build(device: Device, signals: JointSignals, tuning: BatchLsTuning) -> Regre
     equations = qr_rls.integrated_equations(device, signals, tuning, conditioner)
     look = look.and_also(look_for_ramps(device, signals, conditioner, equations))
     solver = QrSolver(1.0, IntegratedMotorEquation.leading, integral=True, least=least_samples(conditioner))
-    return RegressionFold(NAME, "INTEGRATED", device, conditioner, equations, solver, passes=2, look=look)
+    return RegressionFold(
+        NAME, "INTEGRATED", device, conditioner, equations, solver, passes=2, look=look
+    ).tried_coarser(signals)

@@ -71,4 +71,4 @@ def build(device: Device, signals: JointSignals, tuning: DirectTuning) -> Regres
         else RlsSolver(p0, tuning.c, least)
     )
     equations = sensor_equations(device, signals, tuning, conditioner)
-    return RegressionFold(NAME, "SENSOR", device, conditioner, equations, solver, look=look)
+    return RegressionFold(NAME, "SENSOR", device, conditioner, equations, solver, look=look).tried_coarser(signals)

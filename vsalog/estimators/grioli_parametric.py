@@ -85,7 +85,7 @@ def build(device: Device, signals: JointSignals, tuning: GrioliParametricTuning)
     conditioner = tuning.conditioner(needed, signals, rates=(*sensors, *functions.roles), before=functions)
     solver = QrSolver(tuning.forgetting, 0, p0, least=least_samples(conditioner))
     equations = rate_equations(device, signals, conditioner)
-    fold = RateFold(NAME, "SENSOR", device, conditioner, equations, solver, look=look)
+    fold = RateFold(NAME, "SENSOR", device, conditioner, equations, solver, look=look).tried_coarser(signals)
     fold.noisy = noisy_rates(device, signals, tuning, conditioner.window)
     return fold
 

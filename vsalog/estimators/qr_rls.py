@@ -75,7 +75,7 @@ def build(device: Device, signals: JointSignals, tuning: QrRlsTuning) -> Regress
     solver = QrSolver(tuning.forgetting, leading, p0, integral=True, least=least_samples(conditioner))
     equations = integrated_equations(device, signals, tuning, conditioner)
     look = look.and_also(look_for_ramps(device, signals, conditioner, equations))
-    return RegressionFold(NAME, "INTEGRATED", device, conditioner, equations, solver, look=look)
+    return RegressionFold(NAME, "INTEGRATED", device, conditioner, equations, solver, look=look).tried_coarser(signals)
 
 
 def integrated_equations(

@@ -8,11 +8,12 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from types import MappingProxyType
-from typing import Any
+from typing import Any, Self
 
 import numpy as np
 from numpy.typing import NDArray
 
+from vsalog.estimators.coarser import moved_by_steps
 from vsalog.estimators.device import Device, deflection_of
 from vsalog.estimators.equation import Equation, EquationRows, Solver
 from vsalog.estimators.first_look import NOTHING_SEEN, FirstLook
@@ -88,6 +89,12 @@ class RegressionFold:
         self.name, self.modality, self.device, self.conditioner = name, modality, device, conditioner
         self.equations, self.solver, self.passes = equations, solver, passes
         self.chosen, self.look = chosen, look
+        self.coarse: Mapping[str, float] = {}
+
+    def tried_coarser(self, signals: JointSignals) -> Self:
+        """Find out on a log what its encoders' steps do, which counts from now on (`coarser.py`)."""
+        self.coarse = moved_by_steps(self, signals, self.look.steps, BLOCK)
+        return self
 
     @property
     def derived(self) -> dict[str, float]:
@@ -205,6 +212,9 @@ class RegressionFold:
             each, together = rows.resting.unseen(values[:, 2 : 4 * count : 4], max(self.conditioner.window, LASTING))
             variances[:, 1 : 4 * count : 4] += each
             variances[:, 4 * count] += together
+        functionals = (*range(1, 4 * len(equation.transmissions), 4), 4 * len(equation.transmissions))
+        for place, name in zip(functionals, [*(v.name for v in equation.transmissions), "total"], strict=True):
+            variances[:, place] += (self.coarse.get(name, 0.0) * values[:, place]) ** 2
         deviations = np.sqrt(variances)
         columns: dict[str, dict[str, Any]] = {}
         for i, view in enumerate(equation.transmissions):

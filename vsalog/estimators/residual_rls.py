@@ -105,7 +105,9 @@ def build(device: Device, signals: JointSignals, tuning: ResidualRlsTuning) -> R
     )
     solver = RlsSolver(p0, tuning.c, least_samples(conditioner))
     equations = _equations(device, signals, tuning, conditioner)
-    return RegressionFold(NAME, tuning.modality, device, conditioner, equations, solver, chosen=chosen, look=look)
+    return RegressionFold(
+        NAME, tuning.modality, device, conditioner, equations, solver, chosen=chosen, look=look
+    ).tried_coarser(signals)
 
 
 def _bandwidth(signals: JointSignals, tuning: ResidualRlsTuning) -> float:

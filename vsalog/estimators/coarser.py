@@ -1,0 +1,98 @@
+"""What an encoder's steps do to an estimate, told by making them coarser.
+
+What rounding adds repeats where a motion repeats: it averages out in no time, follows the motion, and is in no left-over. But
+positions can be rounded once more, to steps three times as large, the grid of which lies in one of three places. How far an
+estimate moves then says how far the steps that are there have moved it: errors of either sign are 8^½ times as large as theirs,
+and what bends a fit, which grows with the square, eight times. The former is taken, which is cautious.
+(Cook and Stefanski, "Simulation-extrapolation estimation in parametric measurement error models", JASA 89, 1994.)
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from typing import Any, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vsalog.estimators.resting import Steps
+from vsalog.signals import JointSignals
+from vsalog.trace import Trace
+
+Array = NDArray[np.float64]
+
+# Times as large, and what of the change the steps themselves have made.
+TIMES, PART = 3, 8.0**-0.5
+# Where the grids of the sensors lie, in steps; each trial has as many as there are sensors.
+PLACES = ((0, 0, 1), (1, 2, 0), (2, 1, 2), (0, 1, 2), (1, 0, 0))
+# So many samples are tried.
+TRIED = 1 << 15
+
+
+class Tried(Protocol):
+    """An estimator whose steps are tried out."""
+
+    passes: int
+
+    def start(self) -> Any:
+        """Return the state before the first sample."""
+
+    def step(self, state: Any, block: JointSignals) -> tuple[Any, list[Trace]]:
+        """Take a block of samples."""
+
+    def finish(self, state: Any) -> tuple[Any, list[Trace]]:
+        """Give out what is held back."""
+
+    def freeze(self, state: Any) -> Any:
+        """Go back to the first sample with what was learnt."""
+
+
+def moved_by_steps(fold: Tried, signals: JointSignals, steps: Mapping[str, Steps], block: int) -> dict[str, float]:
+    """Return by which part the steps of positions have moved each stiffness; nothing of those that are not supported.
+
+    Parameters
+    ----------
+    fold : the estimator
+    signals : of the joint
+    steps : of the sensors that have any
+    block : rows at a time
+    """
+    if not steps:
+        return {}
+    part = signals[:TRIED]
+    before = _estimated(fold, part, block)
+    changes: dict[str, list[float]] = {}
+    for places in PLACES:
+        after = _estimated(fold, _coarser(part, steps, places), block)
+        for name, columns in before.transmissions.items():
+            sigma, sure = np.asarray(columns["stiffness"], float), np.asarray(columns["excited"], dtype=bool).copy()
+            sure[: sure.size // 2] = False
+            if sure.any():
+                change = (np.asarray(after[name]["stiffness"], float) / sigma - 1.0)[sure]
+                changes.setdefault(name, []).append(float(np.median(np.nan_to_num(change**2, nan=np.inf))))
+    return {name: PART * float(np.max(squares)) ** 0.5 for name, squares in changes.items()}
+
+
+def _coarser(signals: JointSignals, steps: Mapping[str, Steps], places: Sequence[int]) -> JointSignals:
+    roles = dict(signals.roles)
+    for (role, own), place in zip(sorted(steps.items()), places, strict=False):
+        cells = own.cells(roles[role]) - place
+        roles[role] = own.level + own.size * (TIMES * np.round(cells / TIMES) + place)
+    return replace(signals, roles=roles)
+
+
+def _estimated(fold: Tried, signals: JointSignals, block: int) -> Trace:
+    kept: list[Trace] = []
+    with np.errstate(over="ignore", invalid="ignore", divide="ignore"):
+        state = fold.start()
+        for left in range(fold.passes - 1, -1, -1):
+            kept = []
+            for part in signals.blocks(block):
+                state, traces = fold.step(state, part)
+                kept += traces
+            state, traces = fold.finish(state)
+            kept += traces
+            if left:
+                state = fold.freeze(state)
+    return Trace.concatenate(kept)
