@@ -1,0 +1,99 @@
+"""Sensors that an estimator does not read: they bear an estimate out, or it is said that they do not."""
+
+import numpy as np
+import pytest
+from command_line import vsalog_run
+
+PERIOD, COUNT = 2e-3, 10_000
+RIG = """[joint.arm]
+kind = "elastic"
+[joint.arm.motor]
+inertia = 0.05
+damping = 0.3
+[joint.arm.signals]
+link_position = "q"
+motor_position = "theta"
+motor_torque = "tau"
+torque_sensor = "sensor"
+"""
+
+
+def log(path, motor_scale=1.0, sensor_scale=1.0, seed=0, columns=("q", "theta", "tau", "sensor"), rig=RIG):
+    """A spring of 40 N·m/rad and 3000 N·m/rad³ between a motor and a link that are moved; scales multiply what is recorded."""
+    t, rng = np.arange(COUNT) * PERIOD, np.random.default_rng(seed)
+
+    def moved(*sines):
+        values = [(a * np.sin(w * t), a * w * np.cos(w * t), -a * w * w * np.sin(w * t)) for a, w in sines]
+        return np.sum(values, axis=0)
+
+    (phi, dphi, ddphi), (q, dq, ddq) = moved((0.05, 2.1), (0.03, 5.3)), moved((0.4, 1.3), (0.2, 3.7))
+    spring, step = 40.0 * phi + 3000.0 * phi**3, 2 * np.pi / 36_000
+    motor = 0.05 * (ddq - ddphi) + 0.3 * (dq - dphi) - spring
+    recorded = {
+        "q": step * np.round(q / step),
+        "theta": step * np.round((q - phi) / step),
+        "tau": motor_scale * motor + 0.01 * rng.standard_normal(COUNT),
+        "sensor": sensor_scale * spring + 0.02 * rng.standard_normal(COUNT),
+    }
+    table = np.column_stack([t, *(recorded[name] for name in columns)])
+    np.savetxt(path, table, delimiter=",", header=",".join(("time", *columns)), comments="")
+    path.with_suffix(".rig.toml").write_text(rig)
+
+
+def estimated(folder, estimator, name="arm.csv"):
+    done = vsalog_run("estimate", name, "-e", estimator, "-o", "arm.parquet", cwd=folder)
+    assert done.returncode == 0, done.stderr
+    return done.stderr
+
+
+@pytest.mark.parametrize("estimator", ["residual-rls", "qr-rls", "batch-ls", "algebraic"])
+def test_a_sound_log_is_borne_out(tmp_path, estimator):
+    log(tmp_path / "arm.csv")
+    assert "bear it out" not in estimated(tmp_path, estimator)
+
+
+@pytest.mark.parametrize("estimator", ["residual-rls", "qr-rls", "batch-ls"])
+@pytest.mark.parametrize(("motor", "sensor"), [(1.2, 1.0), (1.0, 0.8)])
+def test_a_scale_that_is_off_is_told_with_its_size(tmp_path, estimator, motor, sensor):
+    log(tmp_path / "arm.csv", motor, sensor)
+    said = estimated(tmp_path, estimator)
+    assert f"torque_sensor, which {estimator} does not read, does not bear it out" in said
+    slope = float(said.split("it changes by ")[1].split(" ")[0])
+    # A residual takes the rig's inertia, which goes with the right torque only: there a wrong torque bends it.
+    assert slope == pytest.approx(sensor / motor, rel=0.03 if estimator != "residual-rls" or motor == 1.0 else 0.1)
+
+
+def test_a_sensor_of_another_sign_is_told(tmp_path):
+    log(tmp_path / "arm.csv", sensor_scale=-1.0)
+    assert "0% of the power is in the estimate's" in estimated(tmp_path, "qr-rls")
+
+
+def test_a_sensor_that_is_read_is_no_second_witness(tmp_path):
+    log(tmp_path / "arm.csv", sensor_scale=0.8)
+    assert "bear it out" not in estimated(tmp_path, "direct")
+
+
+def test_a_sensor_that_is_not_in_the_log_is_not_missed(tmp_path):
+    log(tmp_path / "arm.csv", columns=("q", "theta", "tau"))
+    assert "sensor" not in estimated(tmp_path, "qr-rls")
+    log(tmp_path / "arm.csv", sensor_scale=0.0)
+    assert "bear it out" not in estimated(tmp_path, "qr-rls")
+
+
+@pytest.mark.parametrize(("strength", "told"), [(1.0, False), (1.15, True)])
+def test_muscles_that_are_stronger_than_the_rig_says_are_told_by_the_joint_s_sensors(tmp_path, strength, told):
+    """All four constants of both muscles, of which the rig in the log knows nothing."""
+    force = {
+        "1": {"area_slope": 7.045e-3, "area": -1.017e-3, "passive_slope": -556.8, "passive": 72.86},
+        "2": {"area_slope": 6.423e-3, "area": -9.184e-4, "passive_slope": -197.8, "passive": 15.75},
+    }
+    stronger = [
+        option
+        for muscle, values in force.items()
+        for key, value in values.items()
+        for option in ("--actual", f"joint.pam.muscle_{muscle}.force.{key}={strength * value:.6g}")
+    ]
+    made = vsalog_run("simulate", "pam", "--duration", "8 s", *stronger, "-o", "pam.parquet", cwd=tmp_path)
+    assert made.returncode == 0, made.stderr
+    said = estimated(tmp_path, "pam-ukf", "pam.parquet")
+    assert ("torque_sensor, which pam-ukf does not read, does not bear it out" in said) == told
