@@ -10,7 +10,7 @@ import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
-from vsalog.errors import BindingError, EstimatorError, FilterError, VsalogError
+from vsalog.errors import BindingError, EstimatorError, FilterError, OtherKindError, VsalogError
 from vsalog.estimation import PAPER, PRESET, JointEstimate, no_preset
 from vsalog.estimators import method
 from vsalog.estimators.tuning import read_tuning
@@ -170,6 +170,7 @@ def compare(
     runs: list[Run] = []
     faults: dict[str, Exception] = {}
     left_out: dict[str, str] = {}
+    other_kind: set[str] = set()
     contenders = _once(Contender.parse(text) for text in asked or USUAL)
     for contender in contenders:
         contender.check(options.tune)
@@ -181,6 +182,8 @@ def compare(
             runs.append(Run(contender, job, job.run()))
         except (BindingError, EstimatorError, FilterError) as error:
             left_out[contender.label] = str(error)
+            if isinstance(error, OtherKindError):
+                other_kind.add(contender.label)
         except (VsalogError, OSError):
             raise
         except Exception as error:
@@ -203,7 +206,8 @@ def compare(
         Comparison(
             logs=tuple(log.name for log in logs),
             rows=tuple(rows),
-            left_out=left_out,
+            # Nobody who asks for all that is possible wants to hear of methods for other joints.
+            left_out={label: why for label, why in left_out.items() if asked or label not in other_kind},
             failed={label: f"{type(fault).__name__}: {fault}" for label, fault in faults.items()},
             warnings=tuple(warnings),
         ),

@@ -38,6 +38,10 @@ class EstimatorError(VsalogError):
     """An estimator cannot work on the signals or the settings it is given."""
 
 
+class OtherKindError(EstimatorError):
+    """An estimator is for joints of another kind."""
+
+
 class SimulationError(VsalogError):
     """A rig cannot be simulated, or its motion leaves what the model describes."""
 

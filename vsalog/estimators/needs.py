@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Collection
 
-from vsalog.errors import EstimatorError
+from vsalog.errors import EstimatorError, OtherKindError
 from vsalog.estimators.device import Device, TransmissionView
 
 # What a role is, in the words of someone who looks for it in a log.
@@ -33,10 +33,12 @@ def require(name: str, device: Device, needed: Collection[str], offered: Collect
     Raises
     ------
     EstimatorError
-        Names every missing role and what it means; or a method for springs is asked of a joint that has none.
+        Names every missing role and what it means.
+    OtherKindError
+        A method for springs is asked of a joint that has none.
     """
     if device.pneumatic is not None and not needed:
-        raise EstimatorError(
+        raise OtherKindError(
             f"joint '{device.joint}' is of kind 'pneumatic', and {name} is for springs between a motor and a link; for muscles"
             " there are pam-ukf and pam-model"
         )

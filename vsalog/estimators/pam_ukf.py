@@ -14,7 +14,7 @@ import numpy as np
 from msgspec import Meta
 from numpy.typing import NDArray
 
-from vsalog.errors import EstimatorError
+from vsalog.errors import EstimatorError, OtherKindError
 from vsalog.estimators.device import Device
 from vsalog.estimators.needs import require
 from vsalog.estimators.pam_linear import LinearPamFold
@@ -97,7 +97,7 @@ def printed(device: Device) -> dict[str, str]:
 def roles(device: Device, offered: Collection[str], tuning: PamTuning, name: str = NAME) -> tuple[str, ...]:
     """Return the roles the method reads of what the rig offers; raises EstimatorError for a missing one."""
     if device.pneumatic is None:
-        raise EstimatorError(
+        raise OtherKindError(
             f"joint '{device.joint}': {name} is for joints of kind 'pneumatic', two muscles and their pressures; 'vsalog estimate"
             " --help' lists the estimators for others"
         )
