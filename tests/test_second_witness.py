@@ -18,12 +18,13 @@ torque_sensor = "sensor"
 """
 
 
-def log(path, motor_scale=1.0, sensor_scale=1.0, seed=0, columns=("q", "theta", "tau", "sensor"), rig=RIG):
+def log(path, motor_scale=1.0, sensor_scale=1.0, seed=0, columns=("q", "theta", "tau", "sensor")):
     """A spring of 40 N·m/rad and 3000 N·m/rad³ between a motor and a link that are moved; scales multiply what is recorded."""
     t, rng = np.arange(COUNT) * PERIOD, np.random.default_rng(seed)
 
     def moved(*sines):
-        values = [(a * np.sin(w * t), a * w * np.cos(w * t), -a * w * w * np.sin(w * t)) for a, w in sines]
+        waves = [(a, w, w * t + seed) for a, w in sines]
+        values = [(a * np.sin(p), a * w * np.cos(p), -a * w * w * np.sin(p)) for a, w, p in waves]
         return np.sum(values, axis=0)
 
     (phi, dphi, ddphi), (q, dq, ddq) = moved((0.05, 2.1), (0.03, 5.3)), moved((0.4, 1.3), (0.2, 3.7))
@@ -37,7 +38,7 @@ def log(path, motor_scale=1.0, sensor_scale=1.0, seed=0, columns=("q", "theta", 
     }
     table = np.column_stack([t, *(recorded[name] for name in columns)])
     np.savetxt(path, table, delimiter=",", header=",".join(("time", *columns)), comments="")
-    path.with_suffix(".rig.toml").write_text(rig)
+    path.with_suffix(".rig.toml").write_text(RIG)
 
 
 def estimated(folder, estimator, name="arm.csv"):
@@ -61,6 +62,17 @@ def test_a_scale_that_is_off_is_told_with_its_size(tmp_path, estimator, motor, s
     slope = float(said.split("it changes by ")[1].split(" ")[0])
     # A residual takes the rig's inertia, which goes with the right torque only: there a wrong torque bends it.
     assert slope == pytest.approx(sensor / motor, rel=0.03 if estimator != "residual-rls" or motor == 1.0 else 0.1)
+
+
+def test_logs_with_the_same_clock_are_borne_out_each_by_its_own_sensor(tmp_path):
+    log(tmp_path / "arm.csv")
+    log(tmp_path / "other.csv", seed=2)
+    done = vsalog_run("estimate", "arm.csv", "other.csv", "-e", "qr-rls", "-o", "both.parquet", cwd=tmp_path)
+    assert done.returncode == 0, done.stderr
+    assert "bear it out" not in done.stderr
+    log(tmp_path / "other.csv", seed=2, sensor_scale=0.4)
+    done = vsalog_run("estimate", "arm.csv", "other.csv", "-e", "qr-rls", "-o", "both.parquet", cwd=tmp_path)
+    assert "bear it out" in done.stderr
 
 
 def test_a_sensor_of_another_sign_is_told(tmp_path):

@@ -9,7 +9,7 @@ other side; what lies between the two bears the estimate out.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -51,7 +51,7 @@ def second_witnesses(joint: Joint, read: Sequence[str]) -> tuple[str, ...]:
 
 
 def sensed_at(signals: JointSignals, role: str, stamps: NDArray[np.int64]) -> Array:
-    """Return what a sensor says at other stamps, NaN where it has no sample near."""
+    """Return what a sensor says at other stamps, NaN where it has no sample near; stamps of either only ever increase."""
     values = signals.roles[role]
     known = np.isfinite(values)
     if np.count_nonzero(known) < 2:
@@ -97,7 +97,7 @@ class SecondWitness:
     ----------
     recordings, joint : as they are bound for the estimator
     device : of the joint
-    roles : of `second_witnesses`; recordings without them, or too long for memory, bear nothing out
+    roles : of `second_witnesses`; recordings without them bear nothing out
     """
 
     def __init__(
@@ -128,8 +128,16 @@ class SecondWitness:
                 self._hear(name, ANGLE, angle, std, trace)
 
     def _hear(self, name: str, role: str, estimated: Array, claimed: Array, trace: Trace) -> None:
-        heard = self.heard.setdefault((name, role), _Heard())
-        heard.add(estimated, sensed_at(self.sensors[role], role, trace.stamps), claimed)
+        heard, signals = self.heard.setdefault((name, role), _Heard()), self.sensors[role]
+        # Each log has a clock of its own.
+        for run in np.unique(trace.run):
+            rows = trace.run == run
+            own = replace(
+                signals,
+                stamps=signals.stamps[signals.run == run],
+                roles={role: signals.roles[role][signals.run == run]},
+            )
+            heard.add(estimated[rows], sensed_at(own, role, trace.stamps[rows]), claimed[rows])
 
     def said(self, estimator: str) -> tuple[str, ...]:
         """Say which of them do not bear the estimate out."""
@@ -186,9 +194,14 @@ def _torque(columns: Mapping[str, Any]) -> tuple[Array, Array, Flags]:
 
 
 def _bound(recordings: Sequence[Recording | LongRecording], name: str, joint: Joint, role: str) -> JointSignals | None:
-    """Bind a sensor; None where that is not possible."""
+    """Bind a sensor, what is looked at of it where a log is too long for memory; None where that is not possible."""
     short = [recording for recording in recordings if isinstance(recording, Recording)]
     try:
-        return bind(short, name, joint, [role]) if len(short) == len(recordings) else None
+        if len(short) == len(recordings):
+            return bind(short, name, joint, [role])
+        from vsalog.long_binding import bind_long
+
+        long = [LongRecording.of_short(r) if isinstance(r, Recording) else r for r in recordings]
+        return bind_long(long, name, joint, [role]).look()
     except VsalogError:
         return None

@@ -212,8 +212,9 @@ class RegressionFold:
             each, together = rows.resting.unseen(values[:, 2 : 4 * count : 4], max(self.conditioner.window, LASTING))
             variances[:, 1 : 4 * count : 4] += each
             variances[:, 4 * count] += together
-        functionals = (*range(1, 4 * len(equation.transmissions), 4), 4 * len(equation.transmissions))
-        for place, name in zip(functionals, [*(v.name for v in equation.transmissions), "total"], strict=True):
+        parts = [view.name for view in equation.transmissions]
+        functionals = (*range(1, 4 * len(parts), 4), 4 * len(parts))
+        for place, name in zip(functionals, [*parts, parts[0] if len(parts) == 1 else "total"], strict=True):
             variances[:, place] += (self.coarse.get(name, 0.0) * values[:, place]) ** 2
         deviations = np.sqrt(variances)
         columns: dict[str, dict[str, Any]] = {}
