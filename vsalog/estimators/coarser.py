@@ -69,7 +69,7 @@ def moved_by_steps(fold: Tried, signals: JointSignals, steps: Mapping[str, Steps
             sigma, sure = np.asarray(columns["stiffness"], float), np.asarray(columns["excited"], dtype=bool).copy()
             sure[: sure.size // 2] = False
             if sure.any():
-                change = (np.asarray(after[name]["stiffness"], float) / sigma - 1.0)[sure]
+                change = np.asarray(after[name]["stiffness"], float)[sure] / sigma[sure] - 1.0
                 changes.setdefault(name, []).append(float(np.median(np.nan_to_num(change**2, nan=np.inf))))
     return {name: PART * float(np.max(squares)) ** 0.5 for name, squares in changes.items()}
 
