@@ -80,6 +80,17 @@ def test_a_sensor_of_another_sign_is_told(tmp_path):
     assert "0% of the power is in the estimate's" in estimated(tmp_path, "qr-rls")
 
 
+@pytest.mark.parametrize("estimator", ["qr-rls", "batch-ls"])
+@pytest.mark.parametrize(("motor", "told"), [(1.0, False), (0.8, True), (1000.0, True)])
+def test_a_motor_that_comes_out_as_another_one_is_told(tmp_path, estimator, motor, told):
+    """Without any sensor of the joint's torque: the inertia in the rig is what there is."""
+    log(tmp_path / "arm.csv", motor, columns=("q", "theta", "tau"))
+    said = estimated(tmp_path, estimator)
+    assert ("the motor's inertia comes out as" in said) == told
+    if told:
+        assert float(said.split("comes out as ")[1].split(" ")[0]) == pytest.approx(0.05 * motor, rel=0.05)
+
+
 def test_a_sensor_that_is_read_is_no_second_witness(tmp_path):
     log(tmp_path / "arm.csv", sensor_scale=0.8)
     assert "bear it out" not in estimated(tmp_path, "direct")

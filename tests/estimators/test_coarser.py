@@ -72,11 +72,9 @@ def test_what_repeats_with_the_motion_is_in_the_deviations():
     assert np.mean(untried < 1.5) < 0.5
 
 
-@pytest.mark.parametrize(
-    ("step", "least", "most"), [(STEP, 0.1, 1.0), (STEP / 10, 0.005, 0.1), (STEP / 100, 0.0, 0.005)]
-)
+@pytest.mark.parametrize(("step", "least", "most"), [(STEP, 0.1, 1.0), (STEP / 10, 0.01, 0.1), (STEP / 100, 0.0, 0.0)])
 def test_finer_steps_move_less(step, least, most):
-    share = fold_of(to_and_fro((0.0, 0.4), step)).coarse["1"]
+    share = fold_of(to_and_fro((0.0, 0.4), step)).coarse.get("1", 0.0)
     assert least <= share <= most
 
 

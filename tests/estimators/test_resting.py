@@ -27,10 +27,7 @@ def stays_of(cells: np.ndarray) -> list[tuple[slice, bool]]:
 
 
 def by_definition(F, cells, errors, fresh, integral):
-    """Σ g gᵀ over steps, g = Σ e F over the stays in it that are not passed through.
-
-    Of an integral Σ e_j G_j, less its mean where its run is over.
-    """
+    """Σ g gᵀ over stays that are not passed through, g = Σ e F; of an integral Σ e_j G_j, less its mean where its run is over."""
     M = np.zeros((F.shape[1], F.shape[1]))
     runs = [0, *(k for k in np.flatnonzero(fresh) if k), len(F)] if integral else [0, len(F)]
     for begin, end in pairwise(runs):
@@ -41,13 +38,10 @@ def by_definition(F, cells, errors, fresh, integral):
                 weights = weights - np.arange(len(weights), 0, -1)[:, None] / len(weights) * weights[0]
                 weights[:, 0] = 0.0
         for r in range(cells.shape[1]):
-            steps = {}
             for stay, passed in stays_of(cells[part, r]):
                 if not passed:
-                    step = cells[part, r][stay.start]
-                    steps[step] = steps.get(step, 0.0) + (errors[part, r, None] * weights)[stay].sum(axis=0)
-            for g in steps.values():
-                M += np.outer(g, g)
+                    g = (errors[part, r, None] * weights)[stay].sum(axis=0)
+                    M += np.outer(g, g)
     return M
 
 
@@ -102,7 +96,7 @@ def test_what_is_forgotten_weighs_less(discount):
         weighted = weights[:, None] * F
         if integral:
             weighted = weighted[::-1].cumsum(axis=0)[::-1]
-        g = [0.5 * weighted[cells[:, 0] == step].sum(axis=0) for step in (0.0, 1.0)]
+        g = [0.5 * weighted[stay].sum(axis=0) for stay, _ in stays_of(cells[:, 0])]
         np.testing.assert_allclose(rest_covariance(state), sum(np.outer(x, x) for x in g), rtol=1e-9)
 
 

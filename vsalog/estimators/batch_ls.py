@@ -14,7 +14,6 @@ from vsalog.estimators.equations import IntegratedMotorEquation
 from vsalog.estimators.first_look import first_look
 from vsalog.estimators.known import conditioner_of
 from vsalog.estimators.ramp import look_for_ramps
-from vsalog.estimators.regression import RegressionFold
 from vsalog.estimators.solvers import QrSolver, least_samples
 from vsalog.estimators.tuning import Tuning
 from vsalog.estimators.windows import motor_window
@@ -36,7 +35,7 @@ def roles(device: Device, offered: Collection[str], tuning: BatchLsTuning) -> tu
     return qr_rls.roles(device, offered, tuning, NAME)
 
 
-def build(device: Device, signals: JointSignals, tuning: BatchLsTuning) -> RegressionFold:
+def build(device: Device, signals: JointSignals, tuning: BatchLsTuning) -> qr_rls.IntegratedFold:
     """Assemble the estimator for a joint's signals."""
     look = first_look(device, signals, tuning)
     tuning = motor_window(device, signals, tuning)
@@ -44,6 +43,6 @@ def build(device: Device, signals: JointSignals, tuning: BatchLsTuning) -> Regre
     equations = qr_rls.integrated_equations(device, signals, tuning, conditioner)
     look = look.and_also(look_for_ramps(device, signals, conditioner, equations))
     solver = QrSolver(1.0, IntegratedMotorEquation.leading, integral=True, least=least_samples(conditioner))
-    return RegressionFold(
+    return qr_rls.IntegratedFold(
         NAME, "INTEGRATED", device, conditioner, equations, solver, passes=2, look=look
     ).tried_coarser(signals)

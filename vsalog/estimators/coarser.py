@@ -26,6 +26,8 @@ Array = NDArray[np.float64]
 TIMES, PART = 3, 8.0**-0.5
 # Where the grids of the sensors lie, in steps; each trial has as many as there are sensors.
 PLACES = ((0, 0, 1), (1, 2, 0), (2, 1, 2), (0, 1, 2), (1, 0, 0))
+# What moves a stiffness by less is as well told by what the fit leaves over.
+LEAST = 0.01
 # So many samples are tried.
 TRIED = 1 << 15
 
@@ -49,7 +51,7 @@ class Tried(Protocol):
 
 
 def moved_by_steps(fold: Tried, signals: JointSignals, steps: Mapping[str, Steps], block: int) -> dict[str, float]:
-    """Return by which part the steps of positions have moved each stiffness; nothing of those that are not supported.
+    """Return by which part the steps of positions have moved each stiffness; nothing of those that are not supported, or hardly.
 
     Parameters
     ----------
@@ -71,7 +73,8 @@ def moved_by_steps(fold: Tried, signals: JointSignals, steps: Mapping[str, Steps
             if sure.any():
                 change = np.asarray(after[name]["stiffness"], float)[sure] / sigma[sure] - 1.0
                 changes.setdefault(name, []).append(float(np.median(np.nan_to_num(change**2, nan=np.inf))))
-    return {name: PART * float(np.max(squares)) ** 0.5 for name, squares in changes.items()}
+    shares = {name: PART * max(squares) ** 0.5 for name, squares in changes.items()}
+    return {name: share for name, share in shares.items() if share > LEAST}
 
 
 def _coarser(signals: JointSignals, steps: Mapping[str, Steps], places: Sequence[int]) -> JointSignals:

@@ -17,7 +17,7 @@ from vsalog.estimators.first_look import first_look
 from vsalog.estimators.known import conditioner_of, known_of
 from vsalog.estimators.needs import deflection_roles, require
 from vsalog.estimators.ramp import look_for_ramps
-from vsalog.estimators.regression import RegressionFold
+from vsalog.estimators.regression import FoldState, RegressionFold
 from vsalog.estimators.sensor_error import ENOUGH, LEAST_NOISE, sensor_error
 from vsalog.estimators.solvers import QrSolver, least_samples
 from vsalog.estimators.tuning import Positive, Tuning, largest_regressor
@@ -50,6 +50,28 @@ class QrRlsTuning(Tuning, frozen=True, forbid_unknown_fields=True, kw_only=True)
 
 TUNING = QrRlsTuning
 
+# A motor's inertia that differs from the rig's by so much, and by so many of its deviations, is told.
+ANOTHER, SURE = 0.1, 5.0
+
+
+class IntegratedFold(RegressionFold):
+    """The least-squares fold, with what the motor's own inertia tells: it is known to the rig and found in the log."""
+
+    def warnings(self, state: FoldState) -> tuple[str, ...]:
+        """Say where the motor comes out as another one: its torque's scale goes into both its inertia and the stiffness."""
+        said = []
+        for equation, solver_state in zip(self.equations, state.solvers, strict=True):
+            view = equation.transmissions[0]
+            unknowns, covariance, _ = self.solver.solution(solver_state)
+            found, std, rig = float(unknowns[1]), float(covariance[1, 1]) ** 0.5, view.motor.reflected_inertia
+            if rig is not None and abs(found - rig) > max(ANOTHER * rig, SURE * std):
+                said.append(
+                    f"joint '{self.device.joint}', transmission {view.name}: the motor's inertia comes out as {found:.3g} kg·m²,"
+                    f" {found / rig:.3g} times the rig's {rig:.3g}. A torque's scale or unit, the angles' unit or a gear ratio"
+                    " would make it so, and the stiffness would be as far off; or the rig has another motor's inertia"
+                )
+        return (*super().warnings(state), *said)
+
 
 def printed(device: Device) -> dict[str, str]:
     """Return the tuning that Flacco 2014 prints for noisy signals, §VII."""
@@ -65,7 +87,7 @@ def roles(device: Device, offered: Collection[str], tuning: Tuning, name: str = 
     return tuple(dict.fromkeys(needed))
 
 
-def build(device: Device, signals: JointSignals, tuning: QrRlsTuning) -> RegressionFold:
+def build(device: Device, signals: JointSignals, tuning: QrRlsTuning) -> IntegratedFold:
     """Assemble the estimator for a joint's signals."""
     look = first_look(device, signals, tuning)
     tuning = motor_window(device, signals, tuning)
@@ -75,7 +97,7 @@ def build(device: Device, signals: JointSignals, tuning: QrRlsTuning) -> Regress
     solver = QrSolver(tuning.forgetting, leading, p0, integral=True, least=least_samples(conditioner))
     equations = integrated_equations(device, signals, tuning, conditioner)
     look = look.and_also(look_for_ramps(device, signals, conditioner, equations))
-    return RegressionFold(NAME, "INTEGRATED", device, conditioner, equations, solver, look=look).tried_coarser(signals)
+    return IntegratedFold(NAME, "INTEGRATED", device, conditioner, equations, solver, look=look).tried_coarser(signals)
 
 
 def integrated_equations(

@@ -5,7 +5,7 @@ position that enters a step and leaves it where it came from is anywhere in it f
 from rest to rest that is most of the log, and what a fit leaves over shows nothing of it: through two rests a spring passes
 exactly, however they are rounded. So each stay counts as one unknown error of the deflection, uniform over the step, that does
 not change: with the stiffness σ its part of the score is σ Σ F over the stay, or of an integral's, σ T Σ_j G_j with
-G_j = Σ_{k≥j} F_k. A motion that repeats rests at the same place again, with the same error: all stays in one step count as one.
+G_j = Σ_{k≥j} F_k.
 """
 
 from __future__ import annotations
@@ -37,12 +37,6 @@ class Steps:
     def cells(self, positions: Array) -> Array:
         """Number the steps that positions are in."""
         return np.round((positions - self.level) / self.size)
-
-
-# Steps of which a sensor's stays are kept, by their number modulo this; of one that another displaces a stay begins anew.
-LEVELS = 512
-# What is kept of a step: its number, Σ σ, Σ σ j, the row when, and b.
-CELL, SUM, LAG, WHEN, REST = range(5)
 
 
 class Stay(NamedTuple):
@@ -130,10 +124,9 @@ class RestState(NamedTuple):
     Attributes
     ----------
     now, way : shape (q,), the step a sensor is in, NaN before the first; and how it came: 1 upwards, −1 downwards, 0 not seen
-    a, d, b : shapes (q,), (q,) and (q, n), of the stay in progress and those in the same step
-    held : shape (q, LEVELS, 4 + n), of the steps that were left: `CELL` and what follows
-    A, D, AB, DB, C : shapes (1,), (1,), (n,), (n,), (n, n), Σ a², Σ d², Σ a b, Σ d b and Σ b bᵀ of the steps that were left
-    S, rows : shapes (n,) and (2,), Σ F of the run, where the equation is an integral; and the rows of the run, and of all
+    a, d, b : shapes (q,), (q,) and (q, n), of the stay in progress
+    A, D, AB, DB, C : shapes (1,), (1,), (n,), (n,), (n, n), Σ a², Σ d², Σ a b, Σ d b and Σ b bᵀ of the stays before
+    S, rows : shapes (n,) and (1,), Σ F of the run, where the equation is an integral
     done : shape (n, n), what has been found of the runs before
     """
 
@@ -142,7 +135,6 @@ class RestState(NamedTuple):
     a: Array
     d: Array
     b: Array
-    held: Array
     A: Array
     D: Array
     AB: Array
@@ -157,8 +149,8 @@ def rest_start(n: int, sensors: int) -> RestState:
     """Return the state before the first sample."""
     q = sensors
     return RestState(
-        np.full(q, np.nan), np.zeros(q), np.zeros(q), np.zeros(q), np.zeros((q, n)), np.full((q, LEVELS, REST + n), np.nan),
-        np.zeros(1), np.zeros(1), np.zeros(n), np.zeros(n), np.zeros((n, n)), np.zeros(n), np.zeros(2), np.zeros((n, n)),
+        np.full(q, np.nan), np.zeros(q), np.zeros(q), np.zeros(q), np.zeros((q, n)), np.zeros(1), np.zeros(1),
+        np.zeros(n), np.zeros(n), np.zeros((n, n)), np.zeros(n), np.zeros(1), np.zeros((n, n)),
     )  # fmt: skip
 
 
@@ -210,27 +202,27 @@ def _times(a: Array, b: Array) -> Array:
 @njit(cache=True, error_model="numpy", nogil=True)
 def _run(
     F: Array, use: Flags, fresh: Flags, cells: Array, errors: Array, directions: Array, integral: bool, discount: float,
-    now: Array, way: Array, a: Array, d: Array, b: Array, held: Array, A: Array, D: Array, AB: Array, DB: Array, C: Array,
-    S: Array, rows: Array, done: Array, made: Array,
+    now: Array, way: Array, a: Array, d: Array, b: Array, A: Array, D: Array, AB: Array, DB: Array, C: Array, S: Array,
+    rows: Array, done: Array, made: Array,
 ) -> None:  # fmt: skip
     n, q = S.size, now.size
     for k in range(F.shape[0]):
         if integral and fresh[k] and rows[0] > 0.0:
             for r in range(q):
-                _leave(r, True, now, rows, discount, a, d, b, held, A, D, AB, DB, C)
+                _leave(r, a, d, b, A, D, AB, DB, C)
                 now[r] = np.nan
             _finish_run(A, D, AB, DB, C, S, rows, done)
-            held[:, :, CELL] = np.nan
         if use[k]:
             for r in range(q):
                 if cells[k, r] != now[r]:
                     on = 1.0 if cells[k, r] > now[r] else -1.0
-                    if not np.isnan(now[r]):
-                        # Through a step and out on the other side everything averages out.
-                        _leave(r, on != way[r], now, rows, discount, a, d, b, held, A, D, AB, DB, C)
+                    # Through a step and out on the other side everything averages out.
+                    if on != way[r]:
+                        _leave(r, a, d, b, A, D, AB, DB, C)
                     way[r] = 0.0 if np.isnan(now[r]) else on
-                    now[r] = cells[k, r]
-                    _enter(r, now, rows, discount, a, d, b, held, A, D, AB, DB, C)
+                    now[r], a[r], d[r] = cells[k, r], 0.0, 0.0
+                    for i in range(n):
+                        b[r, i] = 0.0
                 error = errors[k, r]
                 if integral:
                     a[r] += error
@@ -245,7 +237,7 @@ def _run(
                     done[i, j] *= discount * discount
                 if integral:
                     S[i] = discount * S[i] + F[k, i]
-            rows += 1.0
+            rows[0] += 1.0
         for m in range(directions.shape[1]):
             summed = crossed = total = 0.0
             for i in range(n):
@@ -265,55 +257,18 @@ def _run(
 
 
 @njit(cache=True, error_model="numpy", nogil=True)
-def _enter(
-    r: int, now: Array, rows: Array, discount: float, a: Array, d: Array, b: Array, held: Array, A: Array, D: Array, AB: Array,
-    DB: Array, C: Array,
-) -> None:  # fmt: skip
-    """Go on with what is kept of a step, and take it out of the sums; begin with nothing where nothing is."""
-    kept = held[r, int(now[r]) % LEVELS]
-    if kept[CELL] != now[r]:
-        a[r], d[r], b[r] = 0.0, 0.0, 0.0
-        return
-    _recall(r, kept, rows, discount, a, d, b)
-    _add(r, -1.0, a, d, b, A, D, AB, DB, C)
-
-
-@njit(cache=True, error_model="numpy", nogil=True)
-def _leave(
-    r: int, stayed: bool, now: Array, rows: Array, discount: float, a: Array, d: Array, b: Array, held: Array, A: Array,
-    D: Array, AB: Array, DB: Array, C: Array,
-) -> None:  # fmt: skip
-    """Add a step to the sums, and keep it: as it was before it was entered where it was only passed through."""
-    if np.isnan(now[r]):
-        return
-    kept = held[r, int(now[r]) % LEVELS]
-    if stayed:
-        kept[CELL], kept[SUM], kept[LAG], kept[WHEN], kept[REST:] = now[r], a[r], d[r], rows[1], b[r]
-    elif kept[CELL] == now[r]:
-        _recall(r, kept, rows, discount, a, d, b)
-    else:
-        a[r], d[r], b[r] = 0.0, 0.0, 0.0
-    _add(r, 1.0, a, d, b, A, D, AB, DB, C)
-    a[r], d[r], b[r] = 0.0, 0.0, 0.0
-
-
-@njit(cache=True, error_model="numpy", nogil=True)
-def _recall(r: int, kept: Array, rows: Array, discount: float, a: Array, d: Array, b: Array) -> None:
-    faded = discount ** (rows[1] - kept[WHEN])
-    a[r], d[r] = kept[SUM], kept[LAG]
-    for i in range(b.shape[1]):
-        b[r, i] = faded * kept[REST + i]
-
-
-@njit(cache=True, error_model="numpy", nogil=True)
-def _add(r: int, sign: float, a: Array, d: Array, b: Array, A: Array, D: Array, AB: Array, DB: Array, C: Array) -> None:
-    A[0] += sign * a[r] * a[r]
-    D[0] += sign * d[r] * d[r]
+def _leave(r: int, a: Array, d: Array, b: Array, A: Array, D: Array, AB: Array, DB: Array, C: Array) -> None:
+    """Add a stay to those before, and begin the next."""
+    A[0] += a[r] * a[r]
+    D[0] += d[r] * d[r]
     for i in range(AB.size):
-        AB[i] += sign * a[r] * b[r, i]
-        DB[i] += sign * d[r] * b[r, i]
+        AB[i] += a[r] * b[r, i]
+        DB[i] += d[r] * b[r, i]
         for j in range(AB.size):
-            C[i, j] += sign * b[r, i] * b[r, j]
+            C[i, j] += b[r, i] * b[r, j]
+    a[r], d[r] = 0.0, 0.0
+    for i in range(AB.size):
+        b[r, i] = 0.0
 
 
 @njit(cache=True, error_model="numpy", nogil=True)

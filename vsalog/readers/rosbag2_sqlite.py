@@ -18,6 +18,7 @@ from vsalog.readers.chunk_index import GLIMPSES, Needed, Part
 from vsalog.readers.compression import MAX_BYTES
 from vsalog.readers.container import CATALOGUE_MESSAGES, Connection
 from vsalog.readers.packets import PACKED, PACKED_BYTES, Messages, Packet
+from vsalog.readers.sqlite_cut import cut_row
 from vsalog.readers.sqlite_opened import connect
 from vsalog.readers.sqlite_ranges import bounded, ranges
 
@@ -58,6 +59,7 @@ class SqliteContainer:
         self.notes: list[str] = []
         self._folder: tempfile.TemporaryDirectory[str] | None = None
         self._part: Part | None = None
+        self._cut = cut_row(self.path)
         self._database = self._connect()
 
     def connections(self) -> list[Connection]:
@@ -201,6 +203,13 @@ class SqliteContainer:
         first, last = (int(end or 0) for end in ends)
         return first, last
 
+    def _last(self) -> int:
+        """Return the number of the last row; −1, which is none, where it cannot be told."""
+        try:
+            return self._ends()[1]
+        except (*_DAMAGE, TypeError, ValueError):
+            return -1
+
     def _numbered(self) -> tuple[int, int]:
         """Return the first and the last row; none where they are not numbered as recorders do: their ends are not sure."""
         try:
@@ -210,11 +219,14 @@ class SqliteContainer:
         return (first, last) if first in (0, 1) else (0, -1)
 
     def _only(self, ids: Collection[int]) -> str:
-        """Return the condition that chooses topics and times; no topics where all are wanted: strangers are to be seen."""
-        when = ""
+        """Return the condition that chooses topics and times; no topics where all are wanted: strangers are to be seen.
+
+        A row that lies across the end of a file that was cut off is none.
+        """
+        when = "" if self._cut is None else f"AND rowid <> {self._cut if self._cut >= 0 else self._last()}"
         if self._part is not None:
             times = f"timestamp BETWEEN {self._part.low} AND {self._part.high}"
-            when = f"AND ({times} OR topic_id IN ({_listed(self._part.throughout)}))"
+            when += f" AND ({times} OR topic_id IN ({_listed(self._part.throughout)}))"
         if set(ids) >= {number for number, *_ in self._topics()}:
             return when
         return f"AND topic_id IN ({_listed(ids)}) {when}"
