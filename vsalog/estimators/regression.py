@@ -38,6 +38,8 @@ LASTING = 25
 BAND = 0.01
 # Of a log; beyond it a person is told that what the rig knows is in doubt.
 DOUBTED_SHARE = 0.5
+# Of deflections that span more of their encoders' steps these move too little for a trial.
+FINE = 300.0
 # Rows an estimator works on at a time.
 BLOCK = 8192
 
@@ -93,7 +95,13 @@ class RegressionFold:
 
     def tried_coarser(self, signals: JointSignals) -> Self:
         """Find out on a log what its encoders' steps do, which counts from now on (`coarser.py`)."""
-        self.coarse = moved_by_steps(self, signals, self.look.steps, BLOCK)
+        spans = [
+            float(np.ptp(phi[np.isfinite(phi)], axis=0)) / step
+            for view in self.device.transmissions
+            if (step := self.look.step([view])) > 0.0 and np.isfinite(phi := deflection_of(signals.roles, view)).any()
+        ]
+        if spans and min(spans) < FINE:
+            self.coarse = moved_by_steps(self, signals, self.look.steps, BLOCK)
         return self
 
     @property
