@@ -14,6 +14,7 @@ from vsalog.errors import EstimatorError, VsalogError, did_you_mean
 from vsalog.estimators import Fold, Method, method
 from vsalog.estimators.acceleration_group import senses_acceleration
 from vsalog.estimators.device import Device, device_of
+from vsalog.estimators.folding import fold_over
 from vsalog.estimators.grioli_bicchi import told_by_the_link
 from vsalog.estimators.needs import meaning
 from vsalog.estimators.regression import BLOCK
@@ -240,7 +241,14 @@ def estimate_joint(
         fold = choice.method.build(device, look, choice.tuning)
         fold.conditioner.check_length(signals.longest_run)
         witness = SecondWitness(recordings, device, joint, second_witnesses(joint, choice.roles))
-        state = _fold(fold, signals, block, (kept.append if sink is None else sink), (summarizer, witness))
+        pass_on = kept.append if sink is None else sink
+
+        def give(trace: Trace) -> None:
+            summarizer.add(trace)
+            witness.add(trace)
+            pass_on(trace)
+
+        state = fold_over(fold, signals, block, give)
         summary = summarizer.result(signals, whole_windows(look, fold.conditioner.window))
         return JointEstimate(
             name,
@@ -270,27 +278,6 @@ def _bound(
 
     long = [LongRecording.of_short(r) if isinstance(r, Recording) else r for r in recordings]
     return bind_long(long, name, joint, roles, setpoints, neighbours=neighbours)
-
-
-def _fold(fold: Fold, signals: JointSignals | LongSignals, block: int, sink: Sink, listeners):  # type: ignore[no-untyped-def]
-    state = fold.start()
-    for last in range(fold.passes - 1, -1, -1):
-
-        def give(traces: list[Trace], wanted: bool = last == 0) -> None:
-            if wanted:
-                for trace in traces:
-                    for listener in listeners:
-                        listener.add(trace)
-                    sink(trace)
-
-        for part in signals.blocks(block):
-            state, traces = fold.step(state, part)
-            give(traces)
-        state, traces = fold.finish(state)
-        give(traces)
-        if last:
-            state = fold.freeze(state)
-    return state
 
 
 def _settings(tuning: Tuning, fold: Fold) -> dict[str, str | float | int | bool]:

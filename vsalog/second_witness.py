@@ -9,7 +9,7 @@ other side; what lies between the two bears the estimate out.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
@@ -50,18 +50,30 @@ def second_witnesses(joint: Joint, read: Sequence[str]) -> tuple[str, ...]:
     )
 
 
-def sensed_at(signals: JointSignals, role: str, stamps: NDArray[np.int64]) -> Array:
-    """Return what a sensor says at other stamps, NaN where it has no sample near; stamps of either only ever increase."""
-    values = signals.roles[role]
-    known = np.isfinite(values)
-    if np.count_nonzero(known) < 2:
-        return np.full(stamps.shape, np.nan)
-    first = int(signals.stamps[0])
-    theirs, ours = (signals.stamps[known] - first) * 1e-9, (stamps - first) * 1e-9
-    after = np.clip(np.searchsorted(theirs, ours), 1, theirs.size - 1)
-    near = theirs[after] - theirs[after - 1] <= APART * signals.period
-    found = np.interp(ours, theirs, values[known], left=np.nan, right=np.nan)
-    return np.where(near, found, np.nan)
+class Sensed:
+    """What a sensor says over time.
+
+    Parameters
+    ----------
+    stamps : shape (N,) [ns], which only ever increase
+    values : shape (N,), NaN where there is none
+    period : of its samples [s]
+    """
+
+    def __init__(self, stamps: NDArray[np.int64], values: Array, period: float) -> None:
+        known = np.isfinite(values)
+        self.first = int(stamps[0]) if stamps.size else 0
+        self.time, self.values, self.apart = (stamps[known] - self.first) * 1e-9, values[known], APART * period
+
+    def at(self, stamps: NDArray[np.int64]) -> Array:
+        """Return it at other stamps, in order, shape (n,), NaN where it has no sample near."""
+        if self.time.size < 2:
+            return np.full(stamps.shape, np.nan)
+        ours = (stamps - self.first) * 1e-9
+        after = np.clip(np.searchsorted(self.time, ours), 1, self.time.size - 1)
+        near = self.time[after] - self.time[after - 1] <= self.apart
+        found = np.interp(ours, self.time, self.values, left=np.nan, right=np.nan)
+        return np.where(near, found, np.nan)
 
 
 @dataclass(slots=True)
@@ -108,7 +120,16 @@ class SecondWitness:
         roles: Sequence[str],
     ) -> None:
         self.device = device
-        self.sensors = {r: found for r in roles if (found := _bound(recordings, device.joint, joint, r)) is not None}
+        bound = {r: found for r in roles if (found := _bound(recordings, device.joint, joint, r)) is not None}
+        self.moves = {role: MOVES * signals.resolution.get(role, 0.0) for role, signals in bound.items()}
+        # Each log has a clock of its own.
+        self.sensors = {
+            role: {
+                int(run): Sensed(s.stamps[s.run == run], s.roles[role][s.run == run], s.period)
+                for run in np.unique(s.run)
+            }
+            for role, s in bound.items()
+        }
         self.heard: dict[tuple[str, str], _Heard] = {}
 
     def add(self, trace: Trace) -> None:
@@ -128,24 +149,18 @@ class SecondWitness:
                 self._hear(name, ANGLE, angle, std, trace)
 
     def _hear(self, name: str, role: str, estimated: Array, claimed: Array, trace: Trace) -> None:
-        heard, signals = self.heard.setdefault((name, role), _Heard()), self.sensors[role]
-        # Each log has a clock of its own.
+        heard = self.heard.setdefault((name, role), _Heard())
         for run in np.unique(trace.run):
-            rows = trace.run == run
-            own = replace(
-                signals,
-                stamps=signals.stamps[signals.run == run],
-                roles={role: signals.roles[role][signals.run == run]},
-            )
-            heard.add(estimated[rows], sensed_at(own, role, trace.stamps[rows]), claimed[rows])
+            rows, sensor = trace.run == run, self.sensors[role].get(int(run))
+            if sensor is not None:
+                heard.add(estimated[rows], sensor.at(trace.stamps[rows]), claimed[rows])
 
     def said(self, estimator: str) -> tuple[str, ...]:
         """Say which of them do not bear the estimate out."""
         said = []
         for (name, role), heard in self.heard.items():
             estimated, sensed, claimed = heard.all()
-            moves = MOVES * self.sensors[role].resolution.get(role, 0.0)
-            if estimated.size < AVERAGES or not np.ptp(sensed) > moves or not np.isfinite(claimed):
+            if estimated.size < AVERAGES or not np.ptp(sensed) > self.moves[role] or not np.isfinite(claimed):
                 continue
             where = f"joint '{self.device.joint}'" + ("" if name == "total" else f", transmission {name}")
             words = _of_angles(estimated, sensed, claimed) if role == ANGLE else _of_torques(estimated, sensed, claimed)
@@ -157,8 +172,9 @@ class SecondWitness:
 def _of_torques(estimated: Array, sensed: Array, claimed: float) -> str:
     """Say by how much the changes of two torques differ; nothing where they agree."""
     (xx, xy), (_, yy) = np.cov(estimated, sensed)
-    if xy <= 0.0 or xy * xy < SHARED * xx * yy:
-        return f"of the torque it measures {max(xy, 0.0) ** 2 / (xx * yy):.0%} of the power is in the estimate's"
+    shared = max(float(xy), 0.0) ** 2 / (xx * yy) if xx * yy > 0.0 else 0.0
+    if shared < SHARED:
+        return f"of the torque it measures {shared:.0%} of the power is in the estimate's"
     least, most, margin = xy / xx, yy / xy, max(OFF, BEYOND * claimed)
     if 1.0 - margin <= most and least <= 1.0 + margin:
         return ""

@@ -15,7 +15,7 @@ from vsalog.job import Options
 from vsalog.readers import open_reader, read
 from vsalog.recording import Recording
 from vsalog.rig.schema import AntagonisticJoint, Joint
-from vsalog.second_witness import sensed_at
+from vsalog.second_witness import Sensed
 from vsalog.signals import JointSignals
 from vsalog.trace import Trace
 from vsalog.validation.references import Smoothed, true_stiffness, truth_channels
@@ -60,7 +60,9 @@ class Witnesses:
                 roles = ["torque_sensor"]
         if not set(roles) <= set(signals.roles):
             return None
-        return np.asarray(np.sum([sensed_at(signals, role, trace.stamps) for role in roles], axis=0))
+        return np.asarray(
+            np.sum([Sensed(signals.stamps, signals.roles[r], signals.period).at(trace.stamps) for r in roles], axis=0)
+        )
 
 
 def witnesses_of(log: Path, options: Options, joints: Mapping[str, Joint]) -> Witnesses:

@@ -11,14 +11,18 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
-from typing import Any, Protocol
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
+from vsalog.estimators.folding import fold_over
 from vsalog.estimators.resting import Steps
 from vsalog.signals import JointSignals
 from vsalog.trace import Trace
+
+if TYPE_CHECKING:
+    from vsalog.estimators import Fold
 
 Array = NDArray[np.float64]
 
@@ -32,25 +36,7 @@ LEAST = 0.01
 TRIED = 1 << 15
 
 
-class Tried(Protocol):
-    """An estimator whose steps are tried out."""
-
-    passes: int
-
-    def start(self) -> Any:
-        """Return the state before the first sample."""
-
-    def step(self, state: Any, block: JointSignals) -> tuple[Any, list[Trace]]:
-        """Take a block of samples."""
-
-    def finish(self, state: Any) -> tuple[Any, list[Trace]]:
-        """Give out what is held back."""
-
-    def freeze(self, state: Any) -> Any:
-        """Go back to the first sample with what was learnt."""
-
-
-def moved_by_steps(fold: Tried, signals: JointSignals, steps: Mapping[str, Steps], block: int) -> dict[str, float]:
+def moved_by_steps(fold: Fold, signals: JointSignals, steps: Mapping[str, Steps], block: int) -> dict[str, float]:
     """Return by which part the steps of positions have moved each stiffness; nothing of those that are not supported, or hardly.
 
     Parameters
@@ -85,17 +71,8 @@ def _coarser(signals: JointSignals, steps: Mapping[str, Steps], places: Sequence
     return replace(signals, roles=roles)
 
 
-def _estimated(fold: Tried, signals: JointSignals, block: int) -> Trace:
+def _estimated(fold: Fold, signals: JointSignals, block: int) -> Trace:
     kept: list[Trace] = []
     with np.errstate(over="ignore", invalid="ignore", divide="ignore"):
-        state = fold.start()
-        for left in range(fold.passes - 1, -1, -1):
-            kept = []
-            for part in signals.blocks(block):
-                state, traces = fold.step(state, part)
-                kept += traces
-            state, traces = fold.finish(state)
-            kept += traces
-            if left:
-                state = fold.freeze(state)
+        fold_over(fold, signals, block, kept.append)
     return Trace.concatenate(kept)

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from vsalog.binding import bind, offered_roles
 from vsalog.estimators import Fold, method
 from vsalog.estimators.device import device_of
+from vsalog.estimators.folding import fold_over
 from vsalog.estimators.regression import BLOCK, RegressionFold
 from vsalog.estimators.tuning import read_tuning
 from vsalog.filters.kinematic import KinematicSettings
@@ -94,16 +95,7 @@ def estimate(experiment: Experiment, setting: Setting, joint: str | None = None)
     kept: list[Trace] = []
     # Before enough was learnt an estimate may run out of range; it counts as it is.
     with np.errstate(over="ignore", invalid="ignore", divide="ignore"):
-        state = fold.start()
-        for left in range(fold.passes - 1, -1, -1):
-            kept = []
-            for block in signals.blocks(BLOCK):
-                state, traces = fold.step(state, block)
-                kept += traces
-            state, traces = fold.finish(state)
-            kept += traces
-            if left:
-                state = fold.freeze(state)
+        fold_over(fold, signals, BLOCK, kept.append)
     return Trace.concatenate(kept)
 
 

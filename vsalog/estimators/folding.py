@@ -1,0 +1,39 @@
+"""Going through signals with an estimator, as often as it asks for."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import TYPE_CHECKING, Any
+
+from vsalog.long_signals import LongSignals
+from vsalog.signals import JointSignals
+from vsalog.trace import Trace
+
+if TYPE_CHECKING:  # the package imports the estimators, which import this
+    from vsalog.estimators import Fold
+
+
+def fold_over(fold: Fold, signals: JointSignals | LongSignals, block: int, give: Callable[[Trace], None]) -> Any:
+    """Go through signals; give out the blocks of the trace the last time, and return the state at the end.
+
+    Parameters
+    ----------
+    fold : the estimator
+    signals : of a joint
+    block : rows at a time
+    give : takes the blocks in order
+    """
+    state = fold.start()
+    for left in range(fold.passes - 1, -1, -1):
+        for part in signals.blocks(block):
+            state, traces = fold.step(state, part)
+            if not left:
+                for trace in traces:
+                    give(trace)
+        state, traces = fold.finish(state)
+        if left:
+            state = fold.freeze(state)
+        else:
+            for trace in traces:
+                give(trace)
+    return state
