@@ -9,7 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vsalog.readers.definitions import Struct, is_placeholder
-from vsalog.readers.layout import Field, Integers, column, stamps
+from vsalog.readers.layout import Field, Integers
+from vsalog.readers.layout_values import column, stamps
 from vsalog.readers.message_memory import Memory
 from vsalog.readers.message_program import program_of
 from vsalog.readers.message_scan import Found, scatter

@@ -21,11 +21,9 @@ from vsalog.readers.layout import (
     Integers,
     Layout,
     TooManyPartsError,
-    column,
-    doubles,
     learn,
-    stamps,
 )
+from vsalog.readers.layout_values import column, doubles, stamps
 from vsalog.readers.packets import Messages
 from vsalog.recording import Stamps, Values
 
