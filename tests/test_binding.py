@@ -117,10 +117,10 @@ def test_a_large_eccentricity_converges():
 def test_a_sample_that_is_no_number_does_not_spoil_the_others():
     x = np.sin(3.0 * T)
     m = 1.02 * x + 0.3 + 0.01 * T + 0.02 * np.sin(x + 1.0)
-    m[7] = np.nan
+    m[7:9] = np.nan
     signals = bound(f"motor_position = {SENSOR}", recording(x=(T, m)))
-    assert list(np.flatnonzero(np.isnan(signals.roles["motor_position"]))) == [7]
-    np.testing.assert_allclose(np.delete(signals.roles["motor_position"], 7), np.delete(x, 7), atol=1e-12)
+    assert list(np.flatnonzero(np.isnan(signals.roles["motor_position"]))) == [7, 8]
+    np.testing.assert_allclose(np.delete(signals.roles["motor_position"], (7, 8)), np.delete(x, (7, 8)), atol=1e-12)
 
 
 @pytest.mark.parametrize("stated", ["", ", resolution = 0.01"])
@@ -228,11 +228,25 @@ def test_one_lost_sample_is_no_gap():
     assert np.count_nonzero(signals.starts) == 1
 
 
-def test_a_sample_that_is_no_number_stays_one():
+@pytest.mark.parametrize("slower", [1, 10])
+def test_an_empty_cell_is_what_a_missing_row_is(slower):
+    x, y = np.sin(3.0 * T), np.cos(2.0 * T[::slower])
+    keep = np.arange(y.size) != 50
+    empty = np.where(keep, y, np.nan)
+    lacking = bound(TWO, recording(x=(T, x), y=(T[::slower][keep], y[keep])))
+    signals = bound(TWO, recording(x=(T, x), y=(T[::slower], empty)))
+    for role, values in lacking.roles.items():
+        np.testing.assert_allclose(signals.roles[role], values, rtol=0.0, atol=1e-15)
+    assert np.count_nonzero(signals.starts) == 1
+    assert any("1 of" in note and "no finite number" in note for note in signals.notes)
+
+
+@pytest.mark.parametrize("empty", [[0], [999], [100, 101], range(100, 130)])
+def test_nothing_is_put_where_nothing_is_known(empty):
     x = T.copy()
-    x[100] = np.nan
+    x[list(empty)] = np.nan
     signals = bound(TWO, recording(x=(T, x), y=(T, T)))
-    assert np.isnan(signals.roles["motor_position"][100])
+    assert np.flatnonzero(np.isnan(signals.roles["motor_position"])).tolist() == list(empty)
     assert any("no finite number" in note for note in signals.notes)
 
 
@@ -250,13 +264,13 @@ def test_encoders_that_wrap_on_different_sides_agree_on_the_turn(start, speed, o
     phi = 0.1 * np.sin(6.0 * t + 1.0) + offset
     q = start + speed * t
     link, motor = on_a_circle(q), on_a_circle(q - phi)
-    motor[100] = np.nan
-    after = np.flatnonzero(np.abs(np.diff(motor)) > 3.0)[-1:] + 1
+    motor[100:102] = np.nan
+    after = [k + 1 + i for k in np.flatnonzero(np.abs(np.diff(motor)) > 3.0)[-1:] for i in range(2)]
     motor[after] = np.nan  # the jump itself is not seen
     signals = bound('motor_position = "m"\nlink_position = "l"', recording(m=(t, motor), l=(t, link)))
     found = signals.roles["link_position"] - signals.roles["motor_position"]
     there = np.isfinite(found)
-    assert np.count_nonzero(~there) == len({100, *after})
+    assert np.count_nonzero(~there) == len({100, 101, *after})
     wrong = (found - phi[: found.size])[there]
     np.testing.assert_allclose(wrong, wrong[0], atol=1e-9)
     assert abs(wrong[0] / (2 * np.pi) - round(wrong[0] / (2 * np.pi))) < 1e-9

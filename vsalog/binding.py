@@ -20,7 +20,18 @@ from vsalog.acting import acting_notes, acting_torque, is_motor_torque
 from vsalog.binding_notes import binding_notes, tally_of
 from vsalog.encoders import on_the_same_turn, unwrapped
 from vsalog.errors import BindingError
-from vsalog.grid import EVEN, Bound, after_long_silence, common_segments, grid_of, on_grid, own_stretches
+from vsalog.grid import (
+    EVEN,
+    Bound,
+    after_long_silence,
+    common_segments,
+    grid_of,
+    less,
+    on_grid,
+    own_stretches,
+    stamps_where,
+)
+from vsalog.held import held
 from vsalog.neighbours import Neighbours
 from vsalog.outliers import stand_alone
 from vsalog.recording import Recording
@@ -192,12 +203,16 @@ def _bind_role(recording: Recording, run: Run, role: str, joint: Joint, fixed: f
     channel = recording.channel(source.channel)
     # First: a sample that stands alone must not become a turn.
     alone = stand_alone(channel.values, source.turn) if source.may_stand_alone else None
-    recorded = channel.values if alone is None else np.where(alone, np.nan, channel.values)
-    wrapped = False
+    recorded = less(channel.values, alone)
+    period = int(np.median(np.diff(channel.stamps)))
+    hung = held(channel.stamps, recorded, period, source.turn) if source.may_stand_alone else None
+    recorded, wrapped = less(recorded, hung), False
     if source.turn is not None:
         recorded, wrapped = unwrapped(recorded, source.turn)
-    bound = source.bound(channel.stamps, recorded, int(np.median(np.diff(channel.stamps))))
-    bound = replace(bound, wrapped=wrapped and source.joint_turn, alone=None if alone is None else bound.stamps[alone])
+    bound = source.bound(channel.stamps, recorded, period)
+    bound = replace(
+        bound, wrapped=wrapped and source.joint_turn, alone=stamps_where(bound, alone), held=stamps_where(bound, hung)
+    )
     return bound if motor is None else acting_torque(bound, motor)
 
 

@@ -21,8 +21,9 @@ class Tally:
     ----------
     samples : their number
     lost : steps in which a sample or more is lacking, gaps included
-    bad : those that are no finite number, those that stand alone included
+    bad : those that are no finite number, those that are left out included
     alone, first_alone : those that stand alone, and the stamp of the first of them [ns]
+    held, first_held : those that were held, and the stamp of the first of them [ns]
     low, high : the least and the greatest number
     last : the last stamp so far [ns]
     """
@@ -32,6 +33,8 @@ class Tally:
     bad: int = 0
     alone: int = 0
     first_alone: int = 0
+    held: int = 0
+    first_held: int = 0
     low: float = np.inf
     high: float = -np.inf
     last: int | None = None
@@ -49,6 +52,9 @@ class Tally:
         if b.alone is not None and b.alone.size:
             self.first_alone = self.first_alone if self.alone else int(b.alone[0])
             self.alone += b.alone.size
+        if b.held is not None and b.held.size:
+            self.first_held = self.first_held if self.held else int(b.held[0])
+            self.held += b.held.size
 
 
 def tally_of(b: Bound) -> Tally:
@@ -76,9 +82,16 @@ def binding_notes(
             )
         if t.alone:
             notes.append(_alone_note(joint, role, t.alone, t.samples, (t.first_alone - origin) * 1e-9))
-        if t.bad > t.alone:
+        if t.held:
+            first = (t.first_held - origin) * 1e-9
             notes.append(
-                f"joint '{joint}': {t.bad - t.alone} of {t.samples} samples of {role} are no finite number; left out"
+                f"joint '{joint}': {role} hung at {t.held} of {t.samples} samples (first at {first:.6g} s): it stood still amid a"
+                " motion and then jumped to catch up; left out"
+            )
+        if (lacking := t.bad - t.alone - t.held) > 0:
+            notes.append(
+                f"joint '{joint}': {lacking} of {t.samples} samples of {role} are no finite number; left out, and bridged between"
+                " the neighbours where one is alone"
             )
         if t.low == t.high and role != "setpoint":
             notes.append(f"joint '{joint}': {role} never changes")

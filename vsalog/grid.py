@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import pairwise
 
 import numpy as np
@@ -24,7 +24,7 @@ EVEN = 0.02
 @dataclass(frozen=True, slots=True)
 class Bound:
     """One role of one run: its stamps and SI values, or a constant; whether it is a position that began anew after a turn, and
-    the stamps of the samples that stood alone and are left out.
+    the stamps of the samples that are left out because they stood alone or were held.
     """
 
     stamps: Stamps
@@ -34,6 +34,17 @@ class Bound:
     constant: float | None = None
     wrapped: bool = False
     alone: Stamps | None = None
+    held: Stamps | None = None
+
+
+def less(values: Array, out: Flags | None) -> Array:
+    """Return values, NaN where they are left out; None leaves out nothing."""
+    return values if out is None else np.where(out, np.nan, values)
+
+
+def stamps_where(b: Bound, flags: Flags | None) -> Stamps | None:
+    """Return the stamps of a role's samples that are so; None where none is."""
+    return None if flags is None else b.stamps[flags]
 
 
 def own_stretches(b: Bound) -> list[tuple[int, int]]:
@@ -122,6 +133,7 @@ def is_even(least: int, greatest: int, period: int) -> bool:
 
 def on_grid(b: Bound, stamps: Stamps) -> Array:
     """Values at the grid's stamps: as they are where they lie on it, linearly between neighbours otherwise."""
+    b = bridged(b)
     if b.stamps.size == stamps.size and np.array_equal(b.stamps, stamps):
         return b.values
     # Relative to the first stamp: nanoseconds since the epoch do not fit into the digits of a float.
@@ -132,3 +144,19 @@ def on_grid(b: Bound, stamps: Stamps) -> Array:
     share = ((stamps - origin) - (t0 - origin)) / (t1 - t0)
     exact = np.where(stamps == t0, v0, np.where(stamps == t1, v1, v0 + share * (v1 - v0)))
     return np.asarray(exact, dtype=np.float64)
+
+
+def bridged(b: Bound) -> Bound:
+    """Return a role in which numbers that are missing lie between their neighbours, where these are no gap apart, as rows do."""
+    known = np.isfinite(b.values)
+    if known.all() or known.sum() < 2:
+        return b
+    stamps = b.stamps[known]
+    missing = np.flatnonzero(~known)
+    after = np.searchsorted(stamps, b.stamps[missing])
+    inside = (after > 0) & (after < stamps.size)
+    missing, after = missing[inside], after[inside]
+    near = missing[stamps[after] - stamps[after - 1] <= GAP * b.period]
+    values = b.values.copy()
+    values[near] = np.interp(b.stamps[near] - stamps[0], stamps - stamps[0], b.values[known])
+    return replace(b, values=values)

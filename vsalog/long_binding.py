@@ -27,7 +27,9 @@ from vsalog.binding import (
 from vsalog.binding_notes import Tally, binding_notes
 from vsalog.encoders import JUMP, SameTurn, Unwrapping, begins_anew, turnable, turned_on, unwrapped_on
 from vsalog.errors import BindingError
-from vsalog.grid import GAP, Bound, after_long_silence, common_segments, is_even, on_grid
+from vsalog.grid import GAP, Bound, after_long_silence, common_segments, is_even, less, on_grid, stamps_where
+from vsalog.held import MARGIN as AROUND
+from vsalog.held import held
 from vsalog.long_recording import LongChannel, LongRecording
 from vsalog.long_signals import LongSignals
 from vsalog.neighbours import Neighbours
@@ -43,8 +45,8 @@ Flags = NDArray[np.bool_]
 Stamps = NDArray[np.int64]
 Segments = list[tuple[int, int]]
 
-# So many samples on either side tell whether one stands alone.
-MARGIN = 64
+# So many samples on either side tell whether one stands alone; so many reach across what is bridged.
+MARGIN, BRIDGE = 64, 4
 
 
 class LongRole:
@@ -72,13 +74,12 @@ class LongRole:
     def parts(self) -> Iterator[Bound]:
         """Yield the role's samples, in SI; the tally is complete at the end."""
         state = Unwrapping()
-        for stamps, values, alone in self._recorded():
+        for stamps, values, alone, hung in self._recorded():
             if self.unwraps:
                 assert self.source.turn is not None
                 values, state = unwrapped_on(values, self.source.turn, state)
             bound = self.source.bound(stamps, values, self.period)
-            if alone is not None:
-                bound = replace(bound, alone=bound.stamps[alone])
+            bound = replace(bound, alone=stamps_where(bound, alone), held=stamps_where(bound, hung))
             if self.motor is not None:
                 bound = acting_torque(replace(bound, resolution=1.0), self.motor)
             self.tally.add(bound)
@@ -122,19 +123,26 @@ class LongRole:
         stamps = self.channel.stamps
         return row_of(stamps, segment[0] - self.shift), row_of(stamps, segment[1] + 1 - self.shift)
 
-    def _recorded(self) -> Iterator[tuple[Stamps, Array, Flags | None]]:
-        """Yield stamps, values as recorded without those that stand alone, and where these are."""
+    def _recorded(self) -> Iterator[tuple[Stamps, Array, Flags | None, Flags | None]]:
+        """Yield stamps, values as recorded without those that stand alone or were held, and where these are."""
         for first, last in parts(len(self.channel.values)):
-            values, alone = self.channel.values[first:last], self._alone(first, last)
-            yield self.channel.stamps[first:last], values if alone is None else np.where(alone, np.nan, values), alone
+            if not self.source.may_stand_alone:
+                yield self.channel.stamps[first:last], self.channel.values[first:last], None, None
+                continue
+            begin, end = max(0, first - AROUND), last + AROUND
+            stamps, alone = self.channel.stamps[begin:end], self._alone(begin, end)
+            values = less(self.channel.values[begin:end], alone)
+            hung = held(stamps, values, self.period, self.source.turn)
+            here = slice(first - begin, last - begin)
+            alone, hung = (None if flags is None else flags[here] for flags in (alone, hung))
+            yield stamps[here], less(values[here], hung), alone, hung
 
     def _alone(self, first: int, last: int) -> Flags | None:
         if self.usual is None:
             return None
         begin = max(0, first - MARGIN)
         found = stand_alone_among(self.channel.values[begin : last + MARGIN], self.usual, self.source.turn)
-        alone = None if found is None else found[first - begin : last - begin]
-        return alone if alone is not None and alone.any() else None
+        return None if found is None else found[first - begin : last - begin]
 
     def _unwraps(self) -> bool:
         """Tell whether the role is an encoder that begins anew after a turn, as `encoders.unwrapped` does."""
@@ -142,7 +150,7 @@ class LongRole:
         if turn is None:
             return False
         low, high, jump, before = np.inf, -np.inf, 0.0, np.empty(0)
-        for _, values, _ in self._recorded():
+        for _, values, *_ in self._recorded():
             known = np.concatenate((before, values[np.isfinite(values)]))
             if known.size:
                 low, high = min(low, float(known.min())), max(high, float(known.max()))
@@ -154,8 +162,9 @@ class LongRole:
         """Return what was looked at, in SI: its jumps from one stretch to the next do not matter."""
         values = seen.values
         alone = None if self.usual is None else stand_alone_among(values, self.usual, source.turn)
-        if alone is not None:
-            values = np.where(alone, np.nan, values)
+        values = less(values, alone)
+        if source.may_stand_alone:
+            values = less(values, held(seen.stamps, values, self.period, source.turn))
         if self.unwraps and source.turn is not None:
             values, _ = unwrapped_on(values, source.turn, Unwrapping())
         bound = source.bound(seen.stamps, values, self.period)
@@ -170,16 +179,17 @@ class _Ahead:
         self._held = next(self._parts)
 
     def around(self, first: int, last: int) -> Bound:
-        """Return the samples from the last one before a stamp to the first one that is not before another."""
-        held = self._held
-        while held.stamps[-1] < last and (part := next(self._parts, None)) is not None:
-            held = self._from(held, first)
-            held = replace(
-                held,
-                stamps=np.concatenate((held.stamps, part.stamps)),
-                values=np.concatenate((held.values, part.values)),
+        """Return the samples from some before a stamp to some that are not before another."""
+        ours = self._held
+        # What is missing at either end is bridged from beyond.
+        while ours.stamps[-BRIDGE:][0] < last and (part := next(self._parts, None)) is not None:
+            ours = self._from(ours, first)
+            ours = replace(
+                ours,
+                stamps=np.concatenate((ours.stamps, part.stamps)),
+                values=np.concatenate((ours.values, part.values)),
             )
-        self._held = self._from(held, first)
+        self._held = self._from(ours, first)
         return self._held
 
     def finish(self) -> None:
@@ -188,9 +198,9 @@ class _Ahead:
             pass
 
     @staticmethod
-    def _from(held: Bound, first: int) -> Bound:
-        begin = max(0, min(int(np.searchsorted(held.stamps, first)) - 1, held.stamps.size - 2))
-        return replace(held, stamps=held.stamps[begin:], values=held.values[begin:])
+    def _from(ours: Bound, first: int) -> Bound:
+        begin = max(0, min(int(np.searchsorted(ours.stamps, first)) - BRIDGE, ours.stamps.size - BRIDGE))
+        return replace(ours, stamps=ours.stamps[begin:], values=ours.values[begin:])
 
 
 class _LongRun:
