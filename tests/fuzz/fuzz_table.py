@@ -39,6 +39,7 @@ TEXTS = (
     "# a remark\n# t x\n0 1\n0.5 2\n1 3\n",
     "__time,/a/x,/b/y\n0.1,1,\n0.2,,5\n0.3,2,\n0.4,,6\n0.5,3,\n",
     "motor,,link\nposition,effort,position\nrad,N*m,rad\n1,2,3\n4,5,6\n7,8,9\n",
+    "# t,a\n0,1\n1,2\n2,3\n# a [deg],t\n1,3\n3,4\nt,a\nms,rad\n5000,1\n",
     "x\n1\n2\n3\n",
     "time,x\n-9223372036.854775808,1\n9223372036.854775807,2\n1e300,3\n1e19,4\n",
 )

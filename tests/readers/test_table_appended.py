@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from vsalog.readers import read
+from vsalog.readers.table_rows import BLOCK_BYTES
 
 
 def table(header, rows):
@@ -28,9 +29,9 @@ def test_the_same_header_once_more_is_skipped(tmp_path):
     assert not any("without a number" in note or "without a time" in note for note in log.notes)
 
 
-@pytest.mark.parametrize("header", ["time,pos [deg],tau", "time,vel,current", "time,tau,pos [deg]", "time,tau,tau"])
+@pytest.mark.parametrize("header", ["time,pos [m],tau", "time,vel,current", "time,tau [deg],pos", "time,tau,tau"])
 def test_nothing_is_read_below_another_header(tmp_path, header):
-    """Its numbers are those of other columns, or in another unit."""
+    """Its numbers are those of other columns, or in a unit that cannot be converted."""
     log = appended(tmp_path, header, [(30 + i / 10, 9000, -9000) for i in range(300)])
     np.testing.assert_array_equal(log.channels["pos"].values, np.arange(300.0))
     np.testing.assert_array_equal(log.channels["tau"].values, 100 + np.arange(300.0))
@@ -91,3 +92,202 @@ def test_nothing_but_headers_comes_to_an_end(tmp_path):
     log = appended(tmp_path, "time,pos [rad],tau", [("time", "pos [rad]", "tau")] * 20_000)
     np.testing.assert_array_equal(log.channels["pos"].values, np.arange(300.0))
     assert any("left out from row 301 on" in note and "one too many" in note for note in log.notes)
+
+
+N = 300
+FIRST = {"time": np.arange(N) / 100, "motor": 1000.0 + np.arange(N), "link": 5000.0 + np.arange(N)}
+SECOND = {"time": 3 + np.arange(N) / 100, "motor": 1300.0 + np.arange(N), "link": 5300.0 + np.arange(N)}
+
+
+def rows(columns, order, separator=",", scale=1.0):
+    cells = zip(*(columns[name] * (scale if name == "motor" else 1) for name in order), strict=True)
+    return "".join(separator.join(f"{cell:.9g}" for cell in row) + "\n" for row in cells)
+
+
+def check_both(log, names=("motor", "link"), rtol=0.0):
+    for name, column in zip(names, ("motor", "link"), strict=True):
+        expected = np.concatenate([FIRST[column], SECOND[column]])
+        np.testing.assert_allclose(log.channels[name].values, expected, rtol=rtol)
+        np.testing.assert_array_equal(log.channels[name].stamps, np.arange(2 * N) * 10**7)
+    assert not any("without a" in note for note in log.notes)
+
+
+@pytest.mark.parametrize("separator", [",", ";", "\t", " "])
+@pytest.mark.parametrize(
+    ("first", "again"),
+    [("# ", "# "), ("", "# "), ("# ", ""), ("# log of today\n# ", "# log of today\n#"), ("#", "%  ")],
+)
+def test_a_header_in_a_remark_changes_the_order(tmp_path, separator, first, again):
+    names, others = separator.join(["time", "motor", "link"]), separator.join(["time", "link", "motor"])
+    above = f"{first}{names}\n{rows(FIRST, ['time', 'motor', 'link'], separator)}"
+    below = f"{again}{others}\n{rows(SECOND, ['time', 'link', 'motor'], separator)}"
+    (tmp_path / "log.csv").write_text(above + below)
+    check_both(read(tmp_path / "log.csv"))
+    (one,) = read(tmp_path / "log.csv", ["link"]).channels.values()
+    np.testing.assert_array_equal(one.values, np.concatenate([FIRST["link"], SECOND["link"]]))
+
+
+@pytest.mark.parametrize(
+    "remark",
+    [
+        "# operator: link stiff",
+        "# paused",
+        "# link,stiff,now",
+        "# time to go, motor hot, link cold",
+        "# motor, link, both",
+        "# 1,2,3",
+        "#",
+        "# motor and link",
+    ],
+)
+@pytest.mark.parametrize("separator", [",", " "])
+def test_a_remark_of_words_is_passed_over(tmp_path, remark, separator):
+    order = ["time", "motor", "link"]
+    text = separator.join(order) + "\n" + rows(FIRST, order, separator) + remark + "\n" + rows(SECOND, order, separator)
+    (tmp_path / "log.csv").write_text(text)
+    log = read(tmp_path / "log.csv")
+    check_both(log)
+    assert log.notes == ("1 line between the rows skipped as a remark (it begins with # or %)",)
+
+
+@pytest.mark.parametrize(
+    "header",
+    [
+        "Time,Link,Motor Pos",
+        "TIME [s],LINK (rad),MOTOR_POS",
+        " time , link , motor-pos",
+        "t [s],link,motor.pos",
+        "Timestamp;Link",
+    ],
+)
+def test_names_are_the_same_in_another_spelling(tmp_path, header):
+    """Only those that mean the same: a header of two cells is none of this table."""
+    above = "time,motor_pos,link\n" + rows(FIRST, ["time", "motor", "link"])
+    (tmp_path / "log.csv").write_text(above + header + "\n" + rows(SECOND, ["time", "link", "motor"]))
+    log = read(tmp_path / "log.csv")
+    if ";" not in header:
+        check_both(log, ("motor_pos", "link"))
+        assert any("states a unit of the SI for" in note for note in log.notes) == ("(rad)" in header)
+
+
+@pytest.mark.parametrize(
+    "again", ["time,motor,link\ns,deg,-\n", "Link,Motor [deg],Time\n", "# motor,link,time\n# [deg],[-],[s]\n"]
+)
+def test_numbers_in_another_unit_are_converted(tmp_path, again):
+    order = [name.strip(" #").partition(" ")[0].lower() for name in again.splitlines()[0].split(",")]
+    above = "time,motor,link\ns,rad,-\n" + rows(FIRST, ["time", "motor", "link"])
+    (tmp_path / "log.csv").write_text(above + again + rows(SECOND, order, scale=180 / np.pi))
+    log = read(tmp_path / "log.csv")
+    check_both(log, rtol=1e-8)
+    assert log.channels["motor"].unit == "rad"
+    assert any("numbers are converted to the first ('motor')" in note for note in log.notes)
+
+
+@pytest.mark.parametrize(("unit", "scale"), [("ms", 10**3), ("us", 10**6), ("min", 1 / 60)])
+@pytest.mark.parametrize("stated", ["time [s]", "time", "t_s"])
+def test_times_in_another_unit_are_converted_exactly(tmp_path, unit, scale, stated):
+    """Also where the first header states none, and the steps told it."""
+    times = [3 + i / 100 for i in range(N)]
+    above = f"{stated},motor\n" + rows(FIRST, ["time", "motor"])
+    below = "".join(f"{1300 + i},{t * scale!r}\n" for i, t in enumerate(times))
+    (tmp_path / "log.csv").write_text(f"{above}motor,time_{unit}\n{below}")
+    (channel,) = read(tmp_path / "log.csv").channels.values()
+    np.testing.assert_array_equal(channel.stamps, np.arange(2 * N) * 10**7)
+    np.testing.assert_array_equal(channel.values, 1000.0 + np.arange(2 * N))
+
+
+def test_decimal_commas_in_another_unit(tmp_path):
+    head = "time;motor [rad]\n" + rows(FIRST, ["time", "motor"], ";").replace(".", ",")
+    again = "time;motor [mrad]\n" + "".join(f"{3 + i / 100};{1_300_000.5 + 1000 * i}\n" for i in range(N)).replace(
+        ".", ","
+    )
+    (tmp_path / "log.csv").write_text(head + again)
+    (channel,) = read(tmp_path / "log.csv").channels.values()
+    np.testing.assert_allclose(channel.values[N:], 1300.0005 + np.arange(N), rtol=1e-14)
+    np.testing.assert_array_equal(channel.stamps, np.arange(2 * N) * 10**7)
+
+
+def test_reading_goes_on_below_the_next_header_that_fits(tmp_path):
+    """A table of other columns between two parts of a log costs its own rows only."""
+    order = ["time", "motor", "link"]
+    head = ",".join(order) + "\n"
+    other = "time,current,voltage\n" + "7,8,9\n" * 50
+    (tmp_path / "log.csv").write_text(head + rows(FIRST, order) + other + head + rows(SECOND, order))
+    log = read(tmp_path / "log.csv")
+    check_both(log)
+    assert any("left out from row 301 on" in note for note in log.notes)
+
+
+def test_a_header_of_several_rows_once_more(tmp_path):
+    head = ",motor,,link\ntime,pos,tau,pos\ns,rad,N*m,deg\n"
+    first = [(i / 10, i, 100 + i, 500 + i) for i in range(100)]
+    text = "".join(",".join(map(str, row)) + "\n" for row in first)
+    again = "".join(",".join(map(str, (row[0] + 10, row[1], row[3], row[2]))) + "\n" for row in first)
+    (tmp_path / "log.csv").write_text(head + text + head + text + ",motor,link,motor\ntime,pos,pos,tau\n" + again)
+    log = read(tmp_path / "log.csv")
+    for name, offset in (("motor.pos", 0), ("motor.tau", 100), ("link.pos", 500)):
+        np.testing.assert_array_equal(log.channels[name].values, np.tile(offset + np.arange(100.0), 3))
+
+
+def test_what_a_header_below_few_rows_says_is_heeded(tmp_path):
+    """The first rows tell how the columns are written; those of another order tell wrong."""
+    few = {name: column[:20] for name, column in FIRST.items()}
+    text = (
+        "time,motor,link\n"
+        + rows(few, ["time", "motor", "link"])
+        + "motor,time,link\n"
+        + rows(SECOND, ["motor", "time", "link"])
+    )
+    (tmp_path / "log.csv").write_text(text)
+    log = read(tmp_path / "log.csv")
+    np.testing.assert_array_equal(log.channels["motor"].values, np.concatenate([FIRST["motor"][:20], SECOND["motor"]]))
+
+
+@pytest.mark.parametrize("words", ["ERROR,ERROR,ERROR", "Warning,,", "nan,nan,nan", "x,x,1", "---,---,---", "NULL,,"])
+def test_words_that_name_no_columns_cost_their_row_only(tmp_path, words):
+    order = ["time", "motor", "link"]
+    text = ",".join(order) + "\n" + rows(FIRST, order) + words + "\n" + rows(SECOND, order)
+    (tmp_path / "log.csv").write_text(text)
+    log = read(tmp_path / "log.csv")
+    np.testing.assert_array_equal(log.channels["motor"].values, np.concatenate([FIRST["motor"], SECOND["motor"]]))
+    assert not any("left out from" in note or "header" in note for note in log.notes)
+
+
+def test_a_header_at_the_border_of_two_blocks(tmp_path):
+    """Whatever lines of it lie on which side."""
+    head = "time,motor\ns,rad\n"
+    row = "{:09.2f},{:09.0f}\n"
+    size = BLOCK_BYTES // len(row.format(0, 0))
+    for shift in range(-3, 2):
+        first = "".join(row.format(i / 100, i) for i in range(size + shift))
+        again = "".join(f"{i},{(size + shift + i) / 100}\n" for i in range(5))
+        (tmp_path / "log.csv").write_text(head + first + "motor,time\ndeg,s\n" + again)
+        (channel,) = read(tmp_path / "log.csv").channels.values()
+        np.testing.assert_allclose(channel.values[-5:], np.deg2rad(np.arange(5.0)), rtol=1e-12)
+        assert len(channel.values) == size + shift + 5
+
+
+@pytest.mark.parametrize("units", ["# s,rad,-", "#[s], [rad], [-]"])
+def test_units_below_names_in_a_remark(tmp_path, units):
+    text = f"# log of today\n# time,motor,link\n{units}\n" + rows(FIRST, ["time", "motor", "link"])
+    (tmp_path / "log.csv").write_text(text)
+    log = read(tmp_path / "log.csv")
+    assert {name: channel.unit for name, channel in log.channels.items()} == {"motor": "rad", "link": "-"}
+    np.testing.assert_array_equal(log.channels["motor"].stamps, np.arange(N) * 10**7)
+
+
+def test_quotes_in_another_header_alone(tmp_path):
+    again = '"Link [rad]","Motor [mrad]","Time [ms]"\n# "motor [rad]","time [s]","link [rad]"\n'
+    text = "time,motor [rad],link [rad]\n" + rows(FIRST, ["time", "motor", "link"]) + again
+    (tmp_path / "log.csv").write_text(text + rows(SECOND, ["motor", "time", "link"]))
+    check_both(read(tmp_path / "log.csv"))
+
+
+def test_a_header_below_rows_without_one_names_nothing(tmp_path):
+    """What stands in the columns ahead of it nobody says."""
+    text = rows(FIRST, ["time", "motor"]) + "time,motor\n" + rows(SECOND, ["time", "motor"]) + "motor,time\n"
+    (tmp_path / "log.csv").write_text(text + rows(SECOND, ["motor", "time"]))
+    log = read(tmp_path / "log.csv", rate=100.0)
+    np.testing.assert_array_equal(log.channels["column_1"].values[: 2 * N], 1000 + np.arange(2.0 * N))
+    np.testing.assert_array_equal(log.channels["column_1"].values[2 * N :], SECOND["motor"])
+    assert any("stands below rows that have none" in note for note in log.notes)

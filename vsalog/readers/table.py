@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Collection, Iterator, Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -22,8 +23,9 @@ from vsalog.readers.table_sections import find_sections
 from vsalog.readers.table_speakers import find_speakers
 from vsalog.readers.table_text import NULLS
 from vsalog.readers.text_source import BoundedGzip, open_text, read_beginning
-from vsalog.readers.time_columns import ClockColumn, find_clocks, folds_of, looks_like_clock, nanoseconds
+from vsalog.readers.time_columns import ClockColumn, ClockPlan, find_clocks, folds_of, looks_like_clock, nanoseconds
 from vsalog.readers.time_folds import Folds, Restarts
+from vsalog.readers.time_names import UNITS
 from vsalog.recording import Stamps, Values
 
 HEAD_BYTES = 256 * 1024
@@ -63,6 +65,7 @@ class TableReader:
         self._plan = find_clocks(
             self._dialect.names, self._dialect.units, self._sample, self._all_cells if thorough else None
         )
+        self._dialect = _with_unit_of_time(self._dialect, self._plan)
         self._counts: dict[str, Cells] = {}
         self._folds: dict[tuple[ClockColumn, str], Folds | Restarts] = {}
         clocks = self._plan.columns()
@@ -346,6 +349,12 @@ def _chosen(
     if own.all():
         return stamps, values
     return {kind: times[own] for kind, times in stamps.items()}, {name: cells[own] for name, cells in values.items()}
+
+
+def _with_unit_of_time(dialect: Dialect, plan: ClockPlan) -> Dialect:
+    """Return a dialect with the unit that a clock was found to have, for headers further down that state theirs."""
+    units = {clock.columns[0]: clock.form for clock in plan.clocks.values() if clock.form in UNITS}
+    return replace(dialect, units=tuple(units.get(i, unit) for i, unit in enumerate(dialect.units)))
 
 
 def _sample_columns(dialect: Dialect) -> list[pa.Array]:

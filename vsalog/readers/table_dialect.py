@@ -5,10 +5,11 @@ from __future__ import annotations
 import codecs
 import re
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from vsalog.readers.headers import printable_cell, unique_names
 from vsalog.readers.sniff import without_holes
+from vsalog.readers.table_again import own_rows
 from vsalog.readers.table_header import find_header, join_torn_names, without_labview_head
 from vsalog.readers.table_labels import labels_of, without_label
 from vsalog.readers.table_notation import Notation, find_notations
@@ -103,7 +104,7 @@ def detect(head: bytes, whole: bool) -> Dialect:
     units = [unit or own for (_, unit), own in zip(pairs, header.units, strict=True)]
     notes = [one for one in (note, *_units_in_cells(names, units, notations)) if one]
     rest = [(i, cells) for i, cells in table[header.rows :] if len(cells) == width]
-    return Dialect(
+    dialect = Dialect(
         encoding=encoding,
         separator=separator,
         quoted=any(has_quotes(line) for i, line in said if i >= header.skip_lines),
@@ -117,6 +118,8 @@ def detect(head: bytes, whole: bool) -> Dialect:
         torn=torn,
         labels=labels,
     )
+    own = own_rows(dialect, lines) or range(len(rest))
+    return replace(dialect, rows=tuple(dialect.rows[k] for k in own), lines=tuple(dialect.lines[k] for k in own))
 
 
 def _torn(rows: Sequence[Sequence[str]], width: int) -> int:

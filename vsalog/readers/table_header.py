@@ -12,7 +12,7 @@ from vsalog.readers.table_text import SEPARATORS, is_value, split
 from vsalog.readers.time_names import DATED, rank_of
 from vsalog.units import is_known_by_heart, split_header
 
-_NO_UNIT = ("-", "–", "1")
+NO_UNIT = ("-", "–", "1")
 _UNIT_LABEL = re.compile(r"^units?:\s*", re.IGNORECASE)
 """As Simulink writes them."""
 _LABVIEW_END = "***End_of_Header***"
@@ -74,23 +74,45 @@ def find_header(lines: Sequence[str], table: Table, width: int, decimal_comma: b
     rest = [cells for _, cells in table[start:]]
     if rest and _names_columns(rest, decimal_comma):
         names = _aligned(rest.pop(0), rest, width, notes)
-        for _ in range(_rows_of_words(rest, width, decimal_comma)):
-            below = rest.pop(0)
-            if _are_units(below):
-                units = [_UNIT_LABEL.sub("", cell).strip("[]() ") or None for cell in below]
-            elif "" in names or len(set(names)) < width:
-                names = _merged(names, below)
-            else:
-                notes.append(f"a second row of words below the names passed over: '{printable_cell(', '.join(below))}'")
+        below = _rows_of_words(rest, width, decimal_comma)
+        names, units, passed = named(names, rest[:below], width)
+        rest = rest[below:]
+        notes += passed
     elif rest and len(rest[0]) == width:
-        names = _comment_header(lines[: table[start][0]], width)
+        said = _comment_header(lines[: table[start][0]], width)
+        names, units, passed = named(said[0], said[1:], width) if said else (None, units, [])
+        notes += passed
     if names is None:
         notes.append("the table has no header: its columns are called column_0, column_1, …")
         names = [""] * width
-    if names and names[0].startswith("%time"):
-        names = [name.removeprefix("field.") for name in names]
     first = len(table) - len(rest)
     return Header(names, units, first, table[first][0] if rest else len(lines), tuple(notes))
+
+
+def named(first: list[str], below: Sequence[list[str]], width: int) -> tuple[list[str], list[str | None], list[str]]:
+    """Return the names and units that the rows of a header state, and what to tell of rows that state neither.
+
+    Parameters
+    ----------
+    first : list of str, of length `width`
+        Its first row.
+    below : sequence of list of str
+        The others.
+    width : int
+        Columns of the table.
+    """
+    names, notes = first, []
+    units: list[str | None] = [None] * width
+    for row in below:
+        if _are_units(row):
+            units = [_UNIT_LABEL.sub("", cell).strip("[]() ") or None for cell in row]
+        elif "" in names or len(set(names)) < width:
+            names = _merged(names, row)
+        else:
+            notes.append(f"a second row of words below the names passed over: '{printable_cell(', '.join(row))}'")
+    if names and names[0].startswith("%time"):
+        names = [name.removeprefix("field.") for name in names]
+    return names, units, notes
 
 
 def without_labview_head(lines: list[str]) -> None:
@@ -169,10 +191,11 @@ def _skip_settings(table: Table, start: int, width: int, decimal_comma: bool) ->
 
 
 def _names_a_clock(cells: Sequence[str], decimal_comma: bool) -> bool:
-    return not any(is_value(cell, decimal_comma) for cell in cells) and any(_is_clock(cell) for cell in cells)
+    return not any(is_value(cell, decimal_comma) for cell in cells) and any(is_clock(cell) for cell in cells)
 
 
-def _is_clock(name: str) -> bool:
+def is_clock(name: str) -> bool:
+    """Tell whether a column is called a clock; a date alone is none."""
     return rank_of(split_header(name)[0]) not in (None, DATED)
 
 
@@ -217,7 +240,7 @@ def _are_units(row: Sequence[str]) -> bool:
     """Tell whether a row of words states the units: most are in brackets, or units that are known by heart."""
     texts = [cell for cell in row if cell]
     stated = sum(
-        cell[0] in "[(" or cell in _NO_UNIT or is_known_by_heart(cell) or _UNIT_LABEL.match(cell) is not None
+        cell[0] in "[(" or cell in NO_UNIT or is_known_by_heart(cell) or _UNIT_LABEL.match(cell) is not None
         for cell in texts
     )
     return 2 * stated >= len(texts)
@@ -232,7 +255,7 @@ def _merged(groups: Sequence[str], names: Sequence[str]) -> list[str]:
     joined, group = [], ""
     for above, name in zip(groups, names, strict=True):
         group = above or group
-        if name and _is_clock(name):  # however it is grouped with others
+        if name and is_clock(name):  # however it is grouped with others
             joined.append(name)
             continue
         joined.append(f"{group}.{name}" if group and name else above or name)
@@ -241,15 +264,22 @@ def _merged(groups: Sequence[str], names: Sequence[str]) -> list[str]:
     return joined
 
 
-def _comment_header(lines: Sequence[str], width: int) -> list[str] | None:
-    """Return the names in the last remark ahead of the values, where there are as many as columns."""
-    for line in reversed(lines):
-        if not line.strip():
-            continue
-        content = line.strip().lstrip("#%").strip()
-        for separator in SEPARATORS:
-            cells = split(content, separator)
-            if len(cells) == width and all(cells) and not any(is_value(cell, False) for cell in cells):
-                return cells
-        return None
-    return None
+def _comment_header(lines: Sequence[str], width: int) -> list[list[str]]:
+    """Return the names in the last remark ahead of the values, where there are as many as columns, and units below them."""
+    rows: list[list[str]] = []
+    for line in reversed([line for line in lines if line.strip()]):
+        cells = _in_remark(line, width)
+        if cells:
+            rows.insert(0, cells)
+        if not cells or not _are_units(cells) or len(rows) > 1:
+            break
+    return rows[-1:] if len(rows) > 1 and _are_units(rows[0]) else rows
+
+
+def _in_remark(line: str, width: int) -> list[str]:
+    content = line.strip().lstrip("#%").strip()
+    for separator in SEPARATORS:
+        cells = split(content, separator)
+        if len(cells) == width and all(cells) and not any(is_value(cell, False) for cell in cells):
+            return cells
+    return []

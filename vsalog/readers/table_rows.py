@@ -52,8 +52,9 @@ class Rows:
         self._numbers = {dialect.names[i] for i in numbers}
         self._notations: dict[str, Notation] = {}
         self._grouped: dict[str, str] = {}
-        self._odd = _OddLines(dialect)
-        self._words = WordLines(dialect)
+        self._known: set[int] = set()
+        self._words = WordLines(dialect, self._known)
+        self._odd = _OddLines(dialect, self._words)
         self._left_out: list[tuple[int, int]] = []  # at the end of each batch: rows parsed, and left out of them
 
     def batches(self, columns: Sequence[int]) -> Iterator[pa.RecordBatch]:
@@ -72,6 +73,7 @@ class Rows:
             return
         except OtherOrderError:
             pass  # below a header all columns are needed to find some
+        self._numbers &= self._chosen(columns)  # so that the rows are the same once more
         for batch in self._read(range(len(self._dialect.names))):
             yield batch.slice(min(done, batch.num_rows))
             done -= min(done, batch.num_rows)
@@ -87,10 +89,10 @@ class Rows:
         self.notes.clear()
         self._grouped.clear()
         self._left_out.clear()
-        self._odd, self._words = _OddLines(self._dialect), WordLines(self._dialect)
+        self._words = WordLines(self._dialect, self._known)
+        self._odd = _OddLines(self._dialect, self._words)
         names = self._dialect.names
-        # The first column tells which rows are remarks.
-        chosen = [names[i] for i in sorted({0, *columns})]
+        chosen = [name for name in names if name in self._chosen(columns)]
         with open_text(self._path) as file:
             if not isinstance(file, BoundedGzip):  # a look at all of it would take long
                 self._dialect = heeding_quotes(self._path, self._dialect)
@@ -107,6 +109,8 @@ class Rows:
                         yield self._plain(rows)
                         if self._words.ended:
                             break
+                    for rows in self._words.rest():
+                        yield self._plain(self._without_run_on(rows))
             except pa.ArrowInvalid as error:
                 raise ReadError(f"{self._path}: cannot be parsed as a table: {error}") from error
             except OSError as error:
@@ -114,9 +118,14 @@ class Rows:
             if text.damage:
                 self.notes.append(text.damage)
         self.notes.extend(self._thousands())
-        self._odd.remarks += self._words.remarks
+        self._odd.remarks += self._words.remarks - self._words.odd_remarks
+        self._odd.count -= self._words.odd
         self.notes.extend(self._words.notes())
         self.notes.extend(self._odd.notes())
+
+    def _chosen(self, columns: Sequence[int]) -> set[str]:
+        """Return the names of columns, of the first that tells which rows are remarks, and of what tells words from values."""
+        return {*(self._dialect.names[i] for i in (0, *columns)), *self._words.needed}
 
     @property
     def first_odd(self) -> int | None:
@@ -217,7 +226,8 @@ class _OddLines:
         How many rows were parsed ahead of the first that has too many or too few cells.
     """
 
-    def __init__(self, dialect: Dialect) -> None:
+    def __init__(self, dialect: Dialect, words: WordLines) -> None:
+        self._words = words
         self.first: int | None = None
         self._lines = dialect.skip_lines + 1
         self._separator = dialect.separator
@@ -231,6 +241,8 @@ class _OddLines:
     def handle(self, row: Any) -> str:
         """Skip a line."""
         text = str(row.text or "")
+        if row.number is not None:
+            self._words.odd_line(text, int(row.number) - self._lines)
         if is_comment(text):
             self.remarks += 1
         else:

@@ -1,161 +1,271 @@
-"""Lines of words between the rows of a text table: remarks, and the header once more, where a log was appended to another."""
+"""Lines of words between the rows of a text table: remarks, and headers, where a log was appended to another."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
+from typing import NamedTuple
 
+import numpy as np
 import pyarrow as pa
 import pyarrow.compute as pc
 
-from vsalog.printable import printable
 from vsalog.readers.base import plural
-from vsalog.readers.headers import printable_cell, unique_names
+from vsalog.readers.headers import printable_cell
+from vsalog.readers.table_again import MOST_LINES, FirstHeader, Line, Order, rescaled
 from vsalog.readers.table_dialect import Dialect
-from vsalog.readers.table_text import is_value
-from vsalog.units import split_header
 
-_WORD = r"^\s*[^\s\d.+-]"
+_WORD = r"^\s*([^\s\d.+-]|\d+_)"
+_NO_NUMBER = r"^\s*(?i:nan|inf|infinity)\s*$"
 _COMMENT = r"^\s*(#|%)"
 _MOST_HEADERS = 10_000
 
 
 class OtherOrderError(Exception):
-    """A header names the columns in another order, and not all of them are at hand."""
+    """A line may be a header that names the columns in another order, and not all of them are at hand."""
+
+
+class _Found(NamedTuple):
+    """A line of words or a remark: the row ahead of which it stands, or which it is itself."""
+
+    row: int
+    inside: bool
+    line: Line | None
+    remark: bool
 
 
 class WordLines:
-    """Leaves out the lines of words that have as many cells as a row; below a header, columns go by the names it gives them.
+    """Leaves out remarks and headers; below a header, columns go by the names and units it gives them.
+
+    Parameters
+    ----------
+    dialect : Dialect
+        How the table is written.
+    known : set of int
+        Rows, as they were parsed, that are the header once more; those that are found to be so are added.
 
     Attributes
     ----------
     remarks : int
         How many remarks were left out.
     removed : int
-        How many lines were left out in all.
+        How many rows were left out in all.
+    odd : int
+        How many of the lines given to `odd_line` were headers.
+    odd_remarks : int
+        How many of them were in remarks.
     ended : bool
-        A header says that the columns are others from here on; what follows is no row of this table.
+        There are too many headers; what follows is no row of this table.
     """
 
-    def __init__(self, dialect: Dialect) -> None:
-        self.remarks = 0
-        self.removed = 0
+    def __init__(self, dialect: Dialect, known: set[int]) -> None:
+        self.remarks = self.removed = self.odd = self.odd_remarks = 0
         self.ended = False
-        self._units = dict(zip(dialect.names, dialect.units, strict=True))
-        self._comma = {n: w.decimal_comma for n, w in zip(dialect.names, dialect.notations, strict=True)}
-        self._places = {
-            name: name for name in dialect.names
-        }  # of each column, the name that the first header has there
-        self._headers = 0
-        self._reordered = 0
-        self._rows = 0
-        self._end = ""
+        self._known = known
+        self._notations = dict(zip(dialect.names, dialect.notations, strict=True))
+        self._first = FirstHeader(dialect)
+        self._order: Order | None = self._first.as_above
+        self._odd: list[tuple[int, Line]] = []
+        self._held: pa.RecordBatch | None = None
+        self._parsed = self._rows = self._lines = self._headers = 0
+        self._reordered = False
+        self._scaled: dict[str, None] = {}
+        self._notes: dict[str, None] = {}
+        self._ends = ""
+
+    @property
+    def needed(self) -> tuple[str, ...]:
+        """Names of columns without which no header is found."""
+        return self._first.values[:1]
+
+    def odd_line(self, text: str, parsed: int) -> None:
+        """Heed a line that has not as many cells as a row, behind so many rows parsed."""
+        line = self._first.line(text)
+        if line is not None and len(self._odd) <= _MOST_HEADERS:
+            self._odd.append((parsed, line))
 
     def without(self, batch: pa.RecordBatch) -> pa.RecordBatch:
         """Return a batch, the first column's cells among it, without lines of words.
 
+        Those at its end are held back, for whether they are a header those tell that follow.
+
         Raises
         ------
         OtherOrderError
-            The columns change places, and not all of them are in the batch.
+            The columns may change places, and not all of them are in the batch.
         """
-        words = pc.fill_null(pc.match_substring_regex(batch.column(0), _WORD), False)
-        told = pc.any(words).as_py()
-        batch = self._below_headers(self._without_remarks(batch)) if told else self._by_name(batch)
-        self._rows += batch.num_rows
-        return batch
+        if self._held is not None:
+            batch, self._held = _joined([self._held, batch]), None
+        return self._sorted_out(batch, True)
 
-    def _without_remarks(self, batch: pa.RecordBatch) -> pa.RecordBatch:
-        remarks = pc.fill_null(pc.match_substring_regex(batch.column(0), _COMMENT), False)
-        count = int(pc.sum(remarks).as_py() or 0)
-        self.remarks += count
-        self.removed += count
-        return batch.filter(pc.invert(remarks)) if count else batch
+    def rest(self) -> list[pa.RecordBatch]:
+        """Return what was held back of the last batch, once there is no other."""
+        return [] if self._held is None or self.ended else [self._sorted_out(self._held, False)]
 
-    def _below_headers(self, batch: pa.RecordBatch) -> pa.RecordBatch:
-        """Leave out the header where it stands again, and all that follows one that names other columns."""
+    def _sorted_out(self, batch: pa.RecordBatch, more: bool) -> pa.RecordBatch:
         parts: list[pa.RecordBatch] = []
-        begin = 0
-        for row, header in self._headers_in(batch):
-            parts.append(self._by_name(batch.slice(begin, row - begin)))
-            begin = row + 1
-            places = self._places_by(header)
-            if places is None or self._headers == _MOST_HEADERS:
-                self.ended = True
-                shown = printable_cell(", ".join(header.values()))
-                self._end = (
-                    f"row {self._rows + sum(part.num_rows for part in parts) + 1} on: a header there ('{shown}') "
-                    + (
-                        "is one too many of a recording"
-                        if places
-                        else "names other columns than the first, or other units"
-                    )
-                )
+        begin, end = 0, batch.num_rows
+        for run in _runs(self._found(batch)):
+            first, last = run[0].row, run[-1].row + run[-1].inside
+            if more and last == end and len(run) < MOST_LINES:
+                self._odd = [
+                    (self._parsed + one.row, one.line) for one in run if one.line and not one.inside
+                ] + self._odd
+                self._held, end = batch.slice(first), first
                 break
-            self._reordered += places != self._places
-            self._places = places
-            self._headers += 1
-            self.removed += 1
-        else:
-            parts.append(self._by_name(batch.slice(begin)))
-        columns = [pa.concat_arrays([part.column(i) for part in parts]) for i in range(batch.num_columns)]
-        return pa.RecordBatch.from_arrays(columns, batch.schema.names)
+            parts += self._ordered(batch.slice(begin, first - begin))
+            parts += self._settled(batch, run)
+            begin = last
+            if self.ended:
+                end = begin
+                break
+        parts += self._ordered(batch.slice(begin, end - begin))
+        self._parsed += end
+        return _joined(parts) if parts else batch.slice(0, 0)
 
-    def _headers_in(self, batch: pa.RecordBatch) -> Iterator[tuple[int, dict[str, str]]]:
-        """Yield the rows that hold names of columns and no values, and their cells by the first header's names."""
+    def _found(self, batch: pa.RecordBatch) -> list[_Found]:
+        """Return the lines of words and the remarks of a batch in order, those that are no rows among them."""
+        end = self._parsed + batch.num_rows
+        found = [_Found(at - self._parsed, False, line, line.remark) for at, line in self._odd if at < end]
+        self._odd = [(at, line) for at, line in self._odd if at >= end]
         first = batch.column(0)
-        named = pa.array([cell for cell in pc.unique(first).to_pylist() if cell and self._is_named(cell)], pa.string())
-        for row in pc.indices_nonzero(pc.is_in(first, named)).to_pylist() if len(named) else []:
-            cells = {name: batch.column(name)[row].as_py() or "" for name in batch.schema.names}
-            if not any(is_value(cell, self._comma[name]) for name, cell in cells.items() if cell):
-                yield row, cells
+        if pc.any(pc.match_substring_regex(first, _WORD)).as_py() or batch.schema.names[0] not in self._first.values:
+            remarks = pc.fill_null(pc.match_substring_regex(first, _COMMENT), False)
+            for row in pc.indices_nonzero(pc.or_(remarks, self._wordy(batch))).to_pylist():
+                remark = remarks[row].as_py()
+                line = self._line(batch, row, remark)
+                if remark or line is not None:
+                    found.append(_Found(row, True, line, remark))
+        return sorted(found, key=lambda one: (one.row, one.inside))
 
-    def _is_named(self, cell: str) -> bool:
-        return _name(cell) in self._units
+    def _wordy(self, batch: pa.RecordBatch) -> pa.Array:
+        """Return which rows have no value in any column of values."""
+        at_hand = [name for name in self._first.values if name in batch.schema.names]
+        wordy = pa.array(np.full(batch.num_rows, bool(at_hand)))
+        for name in at_hand:
+            cells = batch.column(name)
+            wordy = pc.and_(wordy, pc.fill_null(pc.match_substring_regex(cells, _WORD), True))
+            if not pc.any(wordy).as_py():
+                break
+            wordy = pc.and_not(wordy, pc.fill_null(pc.match_substring_regex(cells, _NO_NUMBER), False))
+        return wordy
 
-    def _places_by(self, header: dict[str, str]) -> dict[str, str] | None:
-        """Return where each column lies below a header, None where these are other columns.
+    def _line(self, batch: pa.RecordBatch, row: int, remark: bool) -> Line | None:
+        """Return a row as a header may be, None where it can be none."""
+        return self._first.row(
+            {
+                i: (batch.column(n)[row].as_py() or "").strip()
+                for i, n in enumerate(self._notations)
+                if n in batch.schema.names
+            },
+            remark,
+        )
+
+    def _settled(self, batch: pa.RecordBatch, run: list[_Found]) -> list[pa.RecordBatch]:
+        """Go by what lines that follow one another say; return those that are rows after all."""
+        lines = [one.line for one in run if one.line is not None][-MOST_LINES:]
+        inside = [one for one in run if one.inside]
+        again = self._order_of(run, lines)
+        if again is None and not self._first.names_others(lines):
+            self._leave(sum(one.remark for one in inside), 0)
+            return [part for one in inside if not one.remark for part in self._ordered(batch.slice(one.row, 1))]
+        self._leave(sum(one.remark and one.line is None for one in inside), sum(one.line is not None for one in inside))
+        self.odd += sum(not (one.inside or one.remark) for one in run)
+        self.odd_remarks += sum(one.remark and not one.inside for one in run)
+        self._lines += len(run)
+        self.ended = self._lines > _MOST_HEADERS
+        self._go_by(None if self.ended else again, lines)
+        return []
+
+    def _leave(self, remarks: int, others: int) -> None:
+        self.remarks += remarks
+        self.removed += remarks + others
+
+    def _order_of(self, run: list[_Found], lines: list[Line]) -> Order | None:
+        """Return what the header among lines that follow one another says, None where there is none.
 
         Raises
         ------
         OtherOrderError
-            Only some of its cells are known, and they are others than before.
+            Not all of its cells are at hand, or not all of the columns whose places it changes.
         """
-        if all(self._same(name, header[place]) for name, place in self._places.items() if place in header):
-            return self._places
-        if len(header) < len(self._units):
+        inside = [one for one in run if one.inside and one.line is not None]
+        if any(self._parsed + one.row in self._known for one in inside):
+            return self._first.as_above
+        if all(self._first.whole(line) for line in lines):
+            return self._first.order(lines)
+        if len(lines) > 1 or lines[0].remark or not self._first.same(lines[0]):
             raise OtherOrderError
-        names = unique_names([_name(cell) for cell in header.values()])
-        places = dict(zip(names, header, strict=True))
-        if places.keys() != self._units.keys() or not all(self._same(name, header[at]) for name, at in places.items()):
-            return None
-        return {name: places[name] for name in self._units}
+        self._known.add(self._parsed + inside[0].row)
+        return self._first.as_above
 
-    def _same(self, name: str, cell: str) -> bool:
-        """Tell whether a cell of a header names a column as the first header does, with the same unit."""
-        unit = split_header(cell)[1]
-        called = _name(cell)
-        same = called == name or name.startswith(f"{called}#" if called else "column_")
-        return same and (unit is None or unit == self._units[name])
+    def _go_by(self, order: Order | None, lines: list[Line]) -> None:
+        """Read what follows by what a header says of it, or leave it out."""
+        self._order = order
+        if order is None:
+            shown = next((line for line in lines if self._first.names_others([line])), lines[-1])
+            why = (
+                "is one too many of a recording" if self.ended else "names other columns than the first, or other units"
+            )
+            cells = ", ".join(shown.texts)
+            self._ends = self._ends or f"row {self._rows + 1} on: a header there ('{printable_cell(cells)}') {why}"
+            return
+        self._headers += 1
+        self._reordered |= order.places != self._first.as_above.places
+        self._notes |= dict.fromkeys(order.notes)
+        self._scaled |= dict.fromkeys(order.factors)
 
-    def _by_name(self, batch: pa.RecordBatch) -> pa.RecordBatch:
-        """Return rows with each column under its own name."""
-        if not self._reordered:
-            return batch
+    def _ordered(self, batch: pa.RecordBatch) -> list[pa.RecordBatch]:
+        """Return rows with each column under its own name and in its own unit, none where they are of another table."""
+        self._rows += batch.num_rows
+        if self._order is None:
+            self.removed += batch.num_rows
+            return []
+        if not batch.num_rows or self._order == self._first.as_above:
+            return [batch]
         names = batch.schema.names
-        return pa.RecordBatch.from_arrays([batch.column(self._places[name]) for name in names], names)
+        places, factors, _ = self._order
+        if any(places[name] not in names for name in names):
+            raise OtherOrderError
+        columns = [batch.column(places[name]) for name in names]
+        columns = [
+            rescaled(cells, factors[name], self._notations[name]) if name in factors else cells
+            for name, cells in zip(names, columns, strict=True)
+        ]
+        return [pa.RecordBatch.from_arrays(columns, names)]
 
     def notes(self) -> list[str]:
         """Return what to tell of headers."""
         notes = []
         if self._headers:
-            again = f"{plural(self._headers, 'line')} between the rows skipped as the header once more"
-            notes.append(
-                again + ("; columns whose order it changes are read by their names" if self._reordered else "")
-            )
-        if self.ended:
-            notes.append(f"left out from {self._end}; put what follows it into a file of its own")
+            said = [f"{plural(self._headers, 'line')} between the rows skipped as the header once more"]
+            said += ["columns whose order it changes are read by their names"] if self._reordered else []
+            if self._scaled:
+                shown = ", ".join(f"'{name}'" for name in [*self._scaled][:4]) + (
+                    ", …" if len(self._scaled) > 4 else ""
+                )
+                said.append(f"where it states another unit, numbers are converted to the first ({shown})")
+            notes.append("; ".join(said))
+        notes += self._notes
+        if self._ends:
+            notes.append(f"left out from {self._ends}; put what follows it into a file of its own")
         return notes
 
 
-def _name(cell: str) -> str:
-    return printable(split_header(cell.strip())[0]).strip()
+def _runs(found: Iterable[_Found]) -> Iterator[list[_Found]]:
+    """Yield lines that follow one another, with no row between them."""
+    run: list[_Found] = []
+    for one in found:
+        if run and one.row > run[-1].row + run[-1].inside:
+            yield run
+            run = []
+        run.append(one)
+    if run:
+        yield run
+
+
+def _joined(parts: list[pa.RecordBatch]) -> pa.RecordBatch:
+    """Return parts of one table as one."""
+    if len(parts) == 1:
+        return parts[0]
+    names = parts[0].schema.names
+    return pa.RecordBatch.from_arrays([pa.concat_arrays([part.column(n) for part in parts]) for n in names], names)

@@ -1,0 +1,327 @@
+"""A header further down in a text table: whether it names the same columns, in which order, in which units."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable, Sequence
+from decimal import Context, Decimal
+from typing import TYPE_CHECKING, NamedTuple
+
+import pyarrow as pa
+
+from vsalog.errors import UnitError
+from vsalog.printable import printable
+from vsalog.readers.headers import printable_cell, unique_names
+from vsalog.readers.table_header import NO_UNIT, is_clock, named
+from vsalog.readers.table_notation import Notation
+from vsalog.readers.table_text import NUMBER, SEPARATORS, WHITESPACE, is_comment, is_value, split
+from vsalog.readers.time_names import UNITS, stated_unit
+from vsalog.units import parse_unit, split_header
+
+if TYPE_CHECKING:
+    from vsalog.readers.table_dialect import Dialect
+
+_NANOSECONDS = {"ns": 1, "us": 10**3, "ms": 10**6, "s": 10**9, "min": 60 * 10**9, "h": 3600 * 10**9, "d": 86400 * 10**9}
+_DIGITS = Context(prec=30, traps=[])
+_NUMBER = re.compile(NUMBER)
+_UNSTATED = "a header further down states no unit for {}, as the first does: taken as the same"
+_STATED = "a header further down states a unit of the SI for {}, the first none: taken as the same"
+_FEW = 3
+"""Columns of which words in all say that the line is a header, whatever they are."""
+MOST_LINES = 32
+"""A header has at most so many lines."""
+
+
+class Line(NamedTuple):
+    """A line of words between the rows: as many cells as columns, none of them a value in a column of values.
+
+    Attributes
+    ----------
+    cells : dict of int to str
+        By column, of those that are at hand; without the sign of a remark ahead of them.
+    remark : bool
+        It begins with # or %.
+    blanks : bool
+        Nothing but blanks separates its cells, as those of any sentence.
+    """
+
+    cells: dict[int, str]
+    remark: bool = False
+    blanks: bool = False
+
+    @property
+    def texts(self) -> list[str]:
+        """The cells that are not blank."""
+        return [cell for cell in self.cells.values() if cell]
+
+
+class Order(NamedTuple):
+    """What a header says of the columns below it.
+
+    Attributes
+    ----------
+    places : dict of str to str
+        Of each column, the name that the first header has at its place.
+    factors : dict of str to Decimal
+        What the numbers of columns in another unit are multiplied with.
+    notes : tuple of str
+        What had to be assumed.
+    """
+
+    places: dict[str, str]
+    factors: dict[str, Decimal]
+    notes: tuple[str, ...] = ()
+
+
+class FirstHeader:
+    """The header at the top, with which those further down are compared.
+
+    Parameters
+    ----------
+    dialect : Dialect
+        How the table is written.
+
+    Attributes
+    ----------
+    as_above : Order
+        The columns are where the first header has them.
+    values : tuple of str
+        Columns that hold values; those with the fewest blanks first.
+    """
+
+    def __init__(self, dialect: Dialect) -> None:
+        self.as_above = Order({name: name for name in dialect.names}, {})
+        self._columns = dialect.names
+        self._names = list(dialect.names)
+        self._headless = all(name == f"column_{i}" for i, name in enumerate(dialect.names))
+        self._units = dialect.units
+        self._notations = dialect.notations
+        self._separator = dialect.separator
+        filled = [
+            [bool(cell) and is_value(cell, n.decimal_comma) for cell in cells]
+            for n, cells in zip(dialect.notations, zip(*dialect.rows, strict=True), strict=False)
+        ]
+        words = [
+            sum(map(bool, cells)) - sum(good)
+            for good, cells in zip(filled, zip(*dialect.rows, strict=True), strict=True)
+        ]
+        valued = [i for i, good in enumerate(filled) if sum(good) > words[i]]
+        self.values = tuple(dialect.names[i] for i in sorted(valued, key=lambda i: -sum(filled[i])))
+        self._valued = set(valued)
+
+    def line(self, text: str) -> Line | None:
+        """Return a line as it may be a header; None for one that has other than words, or not as many as columns."""
+        if not is_comment(text):
+            cells = split(text, self._separator)
+            return self._of_cells(cells[:-1] if len(cells) == len(self._columns) + 1 and not cells[-1] else cells)
+        content = text.strip().lstrip("#%").strip()
+        for separator in dict.fromkeys((self._separator, *SEPARATORS)):
+            line = self._of_cells(split(content, separator))
+            if line is not None and all(line.cells.values()):
+                return Line(line.cells, True, separator == WHITESPACE)
+        return None
+
+    def _of_cells(self, cells: list[str]) -> Line | None:
+        return self.row(dict(enumerate(cells)), False) if len(cells) == len(self._columns) else None
+
+    def row(self, cells: dict[int, str], remark: bool) -> Line | None:
+        """Return what `line` does, of those cells of a row that are at hand."""
+        cells = {i: cell.lstrip("#% ") if remark and i == 0 else cell for i, cell in cells.items()}
+        cells = {i: cell.strip('" ') for i, cell in cells.items()}  # a table without quotes may have some in its header
+        if remark and not all(cells.values()):
+            return None
+        valued = [(i, cells[i]) for i in self._valued.intersection(cells) if cells[i]]
+        if not any(cells.values()) or any(is_value(cell, self._notations[i].decimal_comma) for i, cell in valued):
+            return None
+        return Line(cells, remark, self._separator == WHITESPACE)
+
+    def whole(self, line: Line) -> bool:
+        """Tell whether all cells of a line are at hand."""
+        return len(line.cells) == len(self._columns)
+
+    def same(self, line: Line) -> bool:
+        """Tell whether a line names each column that is at hand as the first header does, in the same unit."""
+        for i, cell in line.cells.items():
+            name, unit = split_header(cell)
+            if (
+                printable(name).strip() != self._columns[i].rpartition("#")[0]
+                and printable(name).strip() != self._columns[i]
+            ):
+                return False
+            if self._factor(i, name, unit) != (Decimal(1), ""):
+                return False
+        return True
+
+    def order(self, lines: Sequence[Line]) -> Order | None:
+        """Return what the last header among lines that follow one another says; None where none names the same columns.
+
+        Names are the same whatever their case, blanks and punctuation; the clock has many.
+        """
+        for k in reversed(range(len(lines))):
+            order = self._order(lines[k], [[*line.cells.values()] for line in lines[k + 1 :]])
+            if order is not None:
+                return order
+        found = next((line for line in lines if self.names_others([line])), None) if self._headless else None
+        return None if found is None else self._adopted(found)
+
+    def _adopted(self, line: Line) -> Order:
+        """Take a line for the header of a table that has none at the top."""
+        self._headless = False
+        pairs = [split_header(cell) for cell in line.cells.values()]
+        self._names, self._units = unique_names([name for name, _ in pairs]), tuple(unit for _, unit in pairs)
+        shown = printable_cell(", ".join(line.texts))
+        note = f"a header ('{shown}') stands below rows that have none, and names no column: put it at the top"
+        return self.as_above._replace(notes=(note,))
+
+    def names_others(self, lines: Sequence[Line]) -> bool:
+        """Tell whether one of some lines is a header, of other columns than the first or in units that do not fit."""
+        return any(self._names_others(line) for line in lines)
+
+    def _names_others(self, line: Line) -> bool:
+        cells = line.texts
+        if len(cells) < 2 or not all(re.search(r"[^\W\d_]", cell) for cell in cells):
+            return False
+        clock = any(is_clock(cell) and cells.count(cell) == 1 for cell in cells)
+        if not clock and len(set(cells)) < len(cells):
+            return False
+        names = {_bare(split_header(cell)[0]) for cell in cells}
+        known = len(names & {_bare(name) for name in self._names})
+        if line.remark:  # whose words may be those of a sentence
+            return (clock and not line.blanks) or (clock and 2 * known >= len(cells)) or known == len(cells)
+        return clock or known > 0 or len(cells) >= _FEW
+
+    def _order(self, line: Line, below: Sequence[list[str]]) -> Order | None:
+        names, own_units, _ = named([*line.cells.values()], below, len(self._columns))
+        pairs = [split_header(name) for name in names]
+        names = unique_names([name for name, _ in pairs])
+        at = self._matched(names)
+        if at is None:
+            return None
+        units = [unit or own for (_, unit), own in zip(pairs, own_units, strict=True)]
+        factors: dict[str, Decimal] = {}
+        assumed: dict[str, list[str]] = {}
+        for i, (name, k) in enumerate(zip(self._columns, at, strict=True)):
+            factor, note = self._factor(i, names[k], units[k])
+            if factor is None:
+                return None
+            if factor != 1:
+                factors[name] = factor
+            if note:
+                assumed.setdefault(note, []).append(f"'{name}'")
+        places = {name: self._columns[k] for name, k in zip(self._columns, at, strict=True)}
+        notes = (note.format(", ".join(named[:4]) + ", …" * (len(named) > 4)) for note, named in assumed.items())
+        return Order(places, factors, tuple(notes))
+
+    def _matched(self, names: Sequence[str]) -> list[int] | None:
+        """Return where each column's name is among the names of a header."""
+        for key in _KEYS:
+            first, again = key(self._names), key(names)
+            if len(set(first)) == len(first) and sorted(first) == sorted(again):
+                return [again.index(one) for one in first]
+        return None
+
+    def _factor(self, column: int, name: str, unit: str | None) -> tuple[Decimal | None, str]:
+        """Return what a column's numbers are multiplied with below a header, None where nobody knows, and a note."""
+        first = self._units[column]
+        called = self._columns[column]
+        if self._notations[column].unit:  # every cell has it
+            return Decimal(1), ""
+        if is_clock(called):
+            first, unit = (_unit_of_time(*one) for one in ((called, first), (name, unit)))
+        first, unit = (None if one in NO_UNIT else one for one in (first, unit))
+        if first == unit:
+            return Decimal(1), ""
+        if unit is None:
+            return Decimal(1), "" if is_clock(called) else _UNSTATED  # what a clock's unit is its steps told
+        if first is None:
+            return Decimal(1) if _size(unit)[0] == 1.0 else None, _STATED
+        return _ratio(unit, first), ""
+
+
+def own_rows(dialect: Dialect, lines: Sequence[str]) -> list[int]:
+    """Return which of a dialect's first rows are of the first header's columns.
+
+    Parameters
+    ----------
+    dialect : Dialect
+        Of which `rows` and `lines` are asked.
+    lines : sequence of str
+        The first lines of the file.
+    """
+    first = FirstHeader(dialect)
+    run: list[tuple[int, Line]] = []
+    words: set[int] = set()
+    end = len(lines)
+    for i, text in enumerate(lines[dialect.skip_lines :], start=dialect.skip_lines):
+        if not text.strip():
+            continue
+        line = first.line(text)
+        if line is not None:
+            run.append((i, line))
+            continue
+        if is_comment(text) or not run:
+            continue
+        found = [line for _, line in run]
+        order = first.order(found)
+        if order is not None:
+            words.update(i for i, _ in run)
+        if (first.names_others(found) and order is None) or (order and order[:2] != first.as_above[:2]):
+            end = run[0][0]
+            break
+        run.clear()
+    return [k for k, line in enumerate(dialect.lines) if line - 1 < end and line - 1 not in words]
+
+
+def rescaled(cells: pa.Array, factor: Decimal, notation: Notation) -> pa.Array:
+    """Return cells with their numbers multiplied, written as the column's others are."""
+    mark = "," if notation.decimal_comma else "."
+    plain, _ = notation.plain(cells)
+    return pa.array([_times(cell, factor, mark) for cell in plain.to_pylist()], pa.string())
+
+
+def _times(cell: str | None, factor: Decimal, mark: str) -> str | None:
+    if cell is None or not _NUMBER.match(cell.strip()):
+        return cell
+    return str(_DIGITS.multiply(_DIGITS.create_decimal(cell.strip()), factor)).replace(".", mark)
+
+
+def _bare(name: str) -> str:
+    """Return a name in small letters, without blanks and punctuation, unless it has nothing else."""
+    return re.sub(r"[\W_]", "", name.casefold()) or name
+
+
+def _with_one_clock(names: Sequence[str]) -> list[str]:
+    """Return bare names; what the clock is called does not matter where there is one."""
+    clocks = [name for name in names if is_clock(name)]
+    return ["the clock" if [name] == clocks else _bare(name) for name in names]
+
+
+_KEYS: tuple[Callable[[Sequence[str]], list[str]], ...] = (
+    list,
+    lambda names: [" ".join(name.casefold().split()) for name in names],
+    lambda names: [_bare(name) for name in names],
+    _with_one_clock,
+)
+"""How names are compared: the first way that tells all of them apart, and finds them all, holds."""
+
+
+def _unit_of_time(name: str, unit: str | None) -> str | None:
+    stated = stated_unit(name, unit)
+    return None if stated is None else UNITS.get(stated, stated)
+
+
+def _size(unit: str) -> tuple[float, ...]:
+    """Return a unit's size and dimensions, (0,) where it is not known."""
+    try:
+        return (parse_unit(unit).factor, *parse_unit(unit).dimension)
+    except UnitError:
+        return (0.0,)
+
+
+def _ratio(unit: str, first: str) -> Decimal | None:
+    if unit in _NANOSECONDS and first in _NANOSECONDS:
+        return Decimal(_NANOSECONDS[unit]) / Decimal(_NANOSECONDS[first])
+    (size, *kind), (wanted, *other) = _size(unit), _size(first)
+    if kind and kind == other:
+        return Decimal(size / wanted) if size != wanted else Decimal(1)
+    return Decimal(1) if not kind and not other and unit.casefold() == first.casefold() else None
