@@ -1,4 +1,4 @@
-"""Sensors that an estimator does not read: they bear an estimate out, or it is said that they do not."""
+"""What an estimator does not read, sensors or the motor: it bears an estimate out, or it is said that it does not."""
 
 import numpy as np
 import pytest
@@ -47,7 +47,9 @@ def estimated(folder, estimator, name="arm.csv"):
     return done.stderr
 
 
-@pytest.mark.parametrize("estimator", ["residual-rls", "qr-rls", "batch-ls", "algebraic"])
+@pytest.mark.parametrize(
+    "estimator", ["residual-rls", "qr-rls", "batch-ls", "algebraic", "direct", "grioli-parametric"]
+)
 def test_a_sound_log_is_borne_out(tmp_path, estimator):
     log(tmp_path / "arm.csv")
     assert "bear it out" not in estimated(tmp_path, estimator)
@@ -62,6 +64,32 @@ def test_a_scale_that_is_off_is_told_with_its_size(tmp_path, estimator, motor, s
     slope = float(said.split("it changes by ")[1].split(" ")[0])
     # A residual takes the rig's inertia, which goes with the right torque only: there a wrong torque bends it.
     assert slope == pytest.approx(sensor / motor, rel=0.03 if estimator != "residual-rls" or motor == 1.0 else 0.1)
+
+
+@pytest.mark.parametrize("estimator", ["direct", "grioli-parametric"])
+@pytest.mark.parametrize(("motor", "sensor"), [(1.0, 0.8), (1.0, 1000.0)])
+def test_a_sensor_s_scale_is_told_by_the_motor_s_side(tmp_path, estimator, motor, sensor):
+    log(tmp_path / "arm.csv", motor, sensor)
+    said = estimated(tmp_path, estimator)
+    assert f"the motor's side (its torque and motion, by residual-rls), which {estimator} does not read" in said
+    assert float(said.split("it changes by ")[1].split(" ")[0]) == pytest.approx(1.0 / sensor, rel=0.03)
+
+
+@pytest.mark.parametrize("estimator", ["direct", "grioli-parametric"])
+def test_encoders_in_degrees_are_told_by_the_motor_s_side(tmp_path, estimator):
+    log(tmp_path / "arm.csv")
+    table = np.loadtxt(tmp_path / "arm.csv", delimiter=",", skiprows=1)
+    table[:, 1:3] = np.degrees(table[:, 1:3])
+    np.savetxt(tmp_path / "arm.csv", table, delimiter=",", header="time,q,theta,tau,sensor", comments="")
+    assert f"which {estimator} does not read, does not bear it out" in estimated(tmp_path, estimator)
+
+
+@pytest.mark.parametrize("lacking", ["tau", "inertia"])
+def test_without_the_motor_s_torque_or_inertia_its_side_says_nothing(tmp_path, lacking):
+    log(tmp_path / "arm.csv", sensor_scale=0.8, columns=[c for c in ("q", "theta", "tau", "sensor") if c != lacking])
+    rig = "\n".join(line for line in RIG.splitlines() if not line.startswith(lacking))
+    (tmp_path / "arm.rig.toml").write_text(rig)
+    assert "bear it out" not in estimated(tmp_path, "direct")
 
 
 def test_logs_with_the_same_clock_are_borne_out_each_by_its_own_sensor(tmp_path):
@@ -93,7 +121,7 @@ def test_a_motor_that_comes_out_as_another_one_is_told(tmp_path, estimator, moto
 
 def test_a_sensor_that_is_read_is_no_second_witness(tmp_path):
     log(tmp_path / "arm.csv", sensor_scale=0.8)
-    assert "bear it out" not in estimated(tmp_path, "direct")
+    assert "torque_sensor, which" not in estimated(tmp_path, "direct")
 
 
 def test_a_sensor_that_is_not_in_the_log_is_not_missed(tmp_path):

@@ -25,7 +25,7 @@ from vsalog.model import JointModel
 from vsalog.neighbours import Neighbours, own_and_others
 from vsalog.recording import Recording
 from vsalog.rig.schema import Joint, RigFile
-from vsalog.second_witness import SecondWitness, second_witnesses
+from vsalog.second_witness import SecondWitness
 from vsalog.signals import JointSignals
 from vsalog.summary import JointSummary, Summarizer
 from vsalog.trace import Trace
@@ -240,7 +240,7 @@ def estimate_joint(
     with np.errstate(over="ignore", invalid="ignore", divide="ignore"):
         fold = choice.method.build(device, look, choice.tuning)
         fold.conditioner.check_length(signals.longest_run)
-        witness = SecondWitness(recordings, device, joint, second_witnesses(joint, choice.roles))
+        witness = SecondWitness(recordings, device, joint, choice.roles, setpoints)
         pass_on = kept.append if sink is None else sink
 
         def give(trace: Trace) -> None:

@@ -21,6 +21,7 @@ from vsalog.estimation import (
     estimate_joint,
     pick_joints,
 )
+from vsalog.estimators.device import device_of
 from vsalog.long_recording import LongRecording
 from vsalog.model import UNITS, ModelFile
 from vsalog.neighbours import own_and_others
@@ -213,7 +214,10 @@ class _Wanted:
         needed, welcome = set[str](), set[str]()
         for name, choice in choices.items():
             needed |= _channels(rig, name, log, choice.roles)
-            welcome |= _channels(rig, name, log, second_witnesses(rig.joints[name], choice.roles))
+            joint = rig.joints[name]
+            welcome |= _channels(
+                rig, name, log, second_witnesses(device_of(name, joint, rig=rig.file), joint, choice.roles)
+            )
         return cls(needed, welcome)
 
 

@@ -1,9 +1,10 @@
-"""Sensors that an estimator does not read, as a second witness: whether they bear out its torque and its angle.
+"""What an estimator does not read, as a second witness: whether it bears out the estimator's torque and its angle.
 
 A motor's torque whose scale is off makes a stiffness that is off by as much, and nothing in that motor's log shows it; a torque
-sensor on the joint does. Both torques are averaged over windows, and the sensor's is fitted over the estimate's: the slope is
-by how much it changes where the estimate changes by one. Noise in either bends a slope, and the slope the other way round to the
-other side; what lies between the two bears the estimate out.
+sensor on the joint does. The other way round, what `residual-rls` makes of the motor's side bears out what a sensor taught. Both
+torques are averaged over windows, and the witness' is fitted over the estimate's: the slope is by how much it changes where the
+estimate changes by one. Noise in either bends a slope, and the slope the other way round to the other side; what lies between the
+two bears the estimate out.
 """
 
 from __future__ import annotations
@@ -17,7 +18,10 @@ from numpy.typing import NDArray
 
 from vsalog.binding import bind, offered_roles
 from vsalog.errors import VsalogError
+from vsalog.estimators import residual_rls
 from vsalog.estimators.device import Device
+from vsalog.estimators.folding import fold_over
+from vsalog.estimators.regression import BLOCK
 from vsalog.long_recording import LongRecording
 from vsalog.recording import Recording
 from vsalog.rig.schema import Joint
@@ -32,22 +36,40 @@ BOX, AVERAGES = 50, 20
 # A slope that is off by so much is told, or by so many of the stiffness' deviations where these are more; sensors that have less
 # of their power in common with the estimate than this follow something else.
 OFF, BEYOND, SHARED = 0.05, 2.0, 0.5
+# Of the averages so many are kept, those that agree best, and so often is asked which.
+KEPT, TRIALS = 0.9, 5
+# Averages in a long one; the part of a slope (of its logarithm) that has to be left there, and of the power of what is no noise;
+# how many times more power that has which noise cannot make.
+LONG, LASTS, SLOW, LARGE = 4, 0.6, 0.5, 10.0
 # A torque or an angle that the sensor hardly sees move, less than so many of what it resolves, bears nothing out.
 MOVES = 10.0
 # An angle that is off by so much of its range is told, or by so many of its own deviations where these are more.
 ASTRAY = 0.05
 ANGLE = "link_position"
+# What is no sensor, but made of the motor's torque and motion.
+MOTOR = "the motor's side"
 # Between samples of a sensor further apart than so many of its periods it says nothing.
 APART = 3.0
 
 
-def second_witnesses(joint: Joint, read: Sequence[str]) -> tuple[str, ...]:
+def second_witnesses(device: Device, joint: Joint, read: Sequence[str]) -> tuple[str, ...]:
     """Return the roles that could bear an estimate out: offered by the rig, and not among those that are read."""
-    return tuple(
-        role
-        for role, signal in offered_roles(joint).items()
-        if role not in read and signal.channel is not None and (role.startswith("torque_sensor") or role == ANGLE)
-    )
+    unread = (r for r, s in offered_roles(joint).items() if r not in read and s.channel is not None)
+    motor = _motor_roles(device, joint, read)
+    return tuple(role for role in unread if role.startswith("torque_sensor") or role == ANGLE or role in motor)
+
+
+def _motor_roles(device: Device, joint: Joint, read: Sequence[str]) -> tuple[str, ...]:
+    """Return the roles that residual-rls would read beside; none where it is no witness of its own, or lacks something."""
+    views, offered = device.transmissions, offered_roles(joint)
+    if not views or any(
+        v.motor_torque in read or v.motor_torque not in offered or v.motor.inertia is None for v in views
+    ):
+        return ()
+    try:
+        return residual_rls.roles(device, offered, residual_rls.TUNING())
+    except VsalogError:
+        return ()
 
 
 class Sensed:
@@ -109,7 +131,8 @@ class SecondWitness:
     ----------
     recordings, joint : as they are bound for the estimator
     device : of the joint
-    roles : of `second_witnesses`; recordings without them bear nothing out
+    read : the roles that the estimator reads
+    setpoints : as they are bound for the estimator
     """
 
     def __init__(
@@ -117,20 +140,40 @@ class SecondWitness:
         recordings: Sequence[Recording | LongRecording],
         device: Device,
         joint: Joint,
-        roles: Sequence[str],
+        read: Sequence[str],
+        setpoints: Sequence[float | None] = (),
     ) -> None:
         self.device = device
-        bound = {r: found for r in roles if (found := _bound(recordings, device.joint, joint, r)) is not None}
-        self.moves = {role: MOVES * signals.resolution.get(role, 0.0) for role, signals in bound.items()}
-        # Each log has a clock of its own.
-        self.sensors = {
-            role: {
-                int(run): Sensed(s.stamps[s.run == run], s.roles[role][s.run == run], s.period)
-                for run in np.unique(s.run)
-            }
-            for role, s in bound.items()
-        }
         self.heard: dict[tuple[str, str], _Heard] = {}
+        self.sensors: dict[str, dict[int, Sensed]] = {}
+        self.moves: dict[str, float] = {}
+        self.claimed: dict[str, float] = {}
+        for role in second_witnesses(device, joint, read):
+            found = _bound(recordings, device.joint, joint, [role], ()) if _is_sensor(role) else None
+            if found is not None:
+                self.moves[role] = MOVES * found.resolution.get(role, 0.0)
+                self.sensors[role] = _sensed(found.stamps, found.run, found.roles[role], found.period)
+        if motor := _motor_roles(device, joint, read):
+            signals = _bound(recordings, device.joint, joint, motor, setpoints)
+            if signals is not None:
+                self._hear_motor(signals)
+
+    def _hear_motor(self, signals: JointSignals) -> None:
+        """Take what residual-rls learns for what a sensor says."""
+        traces: list[Trace] = []
+        try:
+            fold = residual_rls.build(self.device, signals, residual_rls.TUNING())
+            fold.conditioner.check_length(signals.longest_run)
+            fold_over(fold, signals, BLOCK, traces.append)
+        except VsalogError:
+            return
+        trace = Trace.concatenate(traces)
+        for name, columns in trace.transmissions.items():
+            role, (_, std, sure) = f"{MOTOR} {name}", _torque(columns)
+            # Not what it fits, which would show where its basis ends; noise is averaged out anyway.
+            torque = np.asarray(columns["flexibility_torque"], float)
+            self.sensors[role] = _sensed(trace.stamps, trace.run, torque, signals.period)
+            self.moves[role], self.claimed[role] = 0.0, float(np.median(std[sure])) if sure.any() else 0.0
 
     def add(self, trace: Trace) -> None:
         """Hear them on a block of the estimates."""
@@ -141,9 +184,10 @@ class SecondWitness:
             columns = trace.transmissions.get(name)
             if columns is None:
                 continue
-            if role in self.sensors:
-                torque, std, sure = _torque(columns)
-                self._hear(name, role, np.where(sure, torque, np.nan), std, trace)
+            torque, std, sure = _torque(columns)
+            for witness in (role, f"{MOTOR} {name}"):
+                if witness in self.sensors:
+                    self._hear(name, witness, np.where(sure, torque, np.nan), std, trace)
             if ANGLE in self.sensors and f"{ANGLE}_std" in columns:
                 angle, std = (np.asarray(columns[n], float) for n in (ANGLE, f"{ANGLE}_std"))
                 self._hear(name, ANGLE, angle, std, trace)
@@ -163,15 +207,34 @@ class SecondWitness:
             if estimated.size < AVERAGES or not np.ptp(sensed) > self.moves[role] or not np.isfinite(claimed):
                 continue
             where = f"joint '{self.device.joint}'" + ("" if name == "total" else f", transmission {name}")
-            words = _of_angles(estimated, sensed, claimed) if role == ANGLE else _of_torques(estimated, sensed, claimed)
+            claimed = float(np.hypot(claimed, self.claimed.get(role, 0.0)))
+            if role == ANGLE:
+                who, words = role, _of_angles(estimated, sensed, claimed)
+            elif _is_sensor(role):
+                who, words = role, _of_torques(estimated, sensed, claimed, "the sensor's scale")
+            else:
+                who = f"{MOTOR} (its torque and motion, by residual-rls)"
+                words = _of_torques(
+                    estimated, sensed, claimed, "the motor's torque, its inertia or friction in the rig"
+                )
+                words = "" if _too_noisy(estimated, sensed) else words
             if words:
-                said.append(f"{where}: {role}, which {estimator} does not read, does not bear it out: {words}")
+                said.append(f"{where}: {who}, which {estimator} does not read, does not bear it out: {words}")
         return tuple(said)
 
 
-def _of_torques(estimated: Array, sensed: Array, claimed: float) -> str:
-    """Say by how much the changes of two torques differ; nothing where they agree."""
-    (xx, xy), (_, yy) = np.cov(estimated, sensed)
+def _is_sensor(role: str) -> bool:
+    return role.startswith("torque_sensor") or role == ANGLE
+
+
+def _sensed(stamps: NDArray[np.int64], runs: NDArray[np.int32], values: Array, period: float) -> dict[int, Sensed]:
+    """Tell the runs apart: each log has a clock of its own."""
+    return {int(run): Sensed(stamps[runs == run], values[runs == run], period) for run in np.unique(runs)}
+
+
+def _of_torques(estimated: Array, sensed: Array, claimed: float, what: str) -> str:
+    """Say by how much the changes of two torques differ, and what may be off beside; nothing where they agree."""
+    (xx, xy), (_, yy) = _without_transients(estimated, sensed)
     shared = max(float(xy), 0.0) ** 2 / (xx * yy) if xx * yy > 0.0 else 0.0
     if shared < SHARED:
         return f"of the torque it measures {shared:.0%} of the power is in the estimate's"
@@ -179,10 +242,45 @@ def _of_torques(estimated: Array, sensed: Array, claimed: float) -> str:
     if 1.0 - margin <= most and least <= 1.0 + margin:
         return ""
     slope = (least * most) ** 0.5
+    if not _lasts(estimated, sensed, slope):
+        return ""
     return (
-        f"where the estimated torque changes by 1 N·m it changes by {slope:.3g} N·m. The stiffness may be off by as much, or the"
-        " sensor's scale; 'vsalog compare' shows what other estimators make of the log"
+        f"where the estimated torque changes by 1 N·m it changes by {slope:.3g} N·m. The stiffness may be off by as much, or"
+        f" {what}; 'vsalog compare' shows what other estimators make of the log"
     )
+
+
+def _lasts(estimated: Array, sensed: Array, slope: float) -> bool:
+    """Tell whether a slope is there in longer averages too: what a filter makes of quick changes is not."""
+    (xx, xy), (_, yy) = np.cov(_long(estimated), _long(sensed))
+    if not min(xx, xy, yy) > 0.0:
+        return True
+    return bool(np.log(yy / xx) / 2.0 * np.sign(np.log(slope)) > LASTS * abs(np.log(slope)))
+
+
+def _too_noisy(estimated: Array, sensed: Array) -> bool:
+    """Tell whether what an encoder makes, differentiated twice, is a torque of its own: not much larger, and averaging out."""
+    (xx, xy), (_, yy) = np.cov(estimated, sensed)
+    own = sensed - xy / xx * estimated if xx > 0.0 else sensed
+    return bool(own.var() > SHARED * yy and yy < LARGE * xx and _long(own).var() < SLOW * own.var())
+
+
+def _long(averages: Array) -> Array:
+    """Average some averages in a row."""
+    return np.asarray(averages[: averages.size // LONG * LONG].reshape(-1, LONG).mean(axis=1))
+
+
+def _without_transients(estimated: Array, sensed: Array) -> Array:
+    """Return the covariance of two torques, without those averages in which one of them lags the other in a quick change."""
+    kept = np.ones(estimated.size, dtype=np.bool_)
+    for _ in range(TRIALS):
+        (xx, xy), (_, yy) = cov = np.cov(estimated[kept], sensed[kept])
+        if not xx > 0.0:
+            break
+        off = sensed - np.sign(xy) * (yy / xx) ** 0.5 * estimated
+        off = np.abs(off - np.median(off[kept]))
+        kept = off <= np.quantile(off, KEPT)
+    return cov
 
 
 def _of_angles(estimated: Array, sensed: Array, claimed: float) -> str:
@@ -209,15 +307,21 @@ def _torque(columns: Mapping[str, Any]) -> tuple[Array, Array, Flags]:
     return np.asarray(columns["flexibility_torque"], float), np.where(excited, std, 0.0), np.ones_like(excited)
 
 
-def _bound(recordings: Sequence[Recording | LongRecording], name: str, joint: Joint, role: str) -> JointSignals | None:
-    """Bind a sensor, what is looked at of it where a log is too long for memory; None where that is not possible."""
+def _bound(
+    recordings: Sequence[Recording | LongRecording],
+    name: str,
+    joint: Joint,
+    roles: Sequence[str],
+    setpoints: Sequence[float | None],
+) -> JointSignals | None:
+    """Bind roles, what is looked at of them where a log is too long for memory; None where that is not possible."""
     short = [recording for recording in recordings if isinstance(recording, Recording)]
     try:
         if len(short) == len(recordings):
-            return bind(short, name, joint, [role])
+            return bind(short, name, joint, roles, setpoints)
         from vsalog.long_binding import bind_long
 
         long = [LongRecording.of_short(r) if isinstance(r, Recording) else r for r in recordings]
-        return bind_long(long, name, joint, [role]).look()
+        return bind_long(long, name, joint, roles, setpoints).look()
     except VsalogError:
         return None
