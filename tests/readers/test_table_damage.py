@@ -193,9 +193,37 @@ def test_a_hole_of_zeros_costs_a_line(tmp_path, hole):
     assert len(read(path).channels["pos"].values) == 199
 
 
-def test_a_last_line_whose_numbers_are_as_short_as_they_can_be_is_whole(tmp_path):
-    """Most programs write no more digits than are needed, and some no end of the last line."""
-    x = [*np.random.default_rng(0).normal(size=40), 0.5]
-    text = "time,x\n" + "\n".join(f"{0.01 * k:.2f},{v!r}" for k, v in enumerate(map(float, x)))
-    (tmp_path / "log.csv").write_text(text)
-    assert read(tmp_path / "log.csv").channel("x").values.tolist() == x
+@pytest.mark.parametrize(
+    ("cells", "last", "whole"),
+    [
+        ([0.1234567, 0.25, 2.5, 12.0, 1e-3], "0.5", False),  # or 0.5123
+        ([0.1234567, 0.25, 2.5], "0.7654321", True),
+        ([0.1234567, 0.25, 2.5], "1.12345678", True),
+        ([1e-5, 0.5, 2.5], "1.2345", False),  # or 1.2345e-05
+        ([998, 999, 1000], "1001", True),
+        ([998, 999, 1000], "10", False),
+        ([0, 1], "1", True),
+        ([0, 1, 10], "1", False),
+        ([0.5, -1.25, 3.0], "-", False),
+        (["up", "up", "down"], "up", True),
+        (["up", "up", "down"], "do", False),
+        (["0,25", "0,5", "1,125"], "0,375", True),
+        (["0,25", "0,5", "1,125"], "0,37", False),
+        (["1.2345", "12.3456", "3.4567"], "12.345", False),
+        (["1.50e+00", "2.75e-01"], "3.25e-0", False),
+        (["1.50e+00", "2.75e-01"], "3.25e-02", True),
+    ],
+)
+@pytest.mark.parametrize("kind", ["plain", "gz", "latin-1", "blanks"])
+def test_a_last_line_without_end_is_whole_where_its_last_number_cannot_be_longer(tmp_path, cells, last, whole, kind):
+    """A row that is left out is one sample, half a number is another one; those of programs that end no last line mostly stay."""
+    separator = " " if kind == "blanks" else ";"
+    rows = [separator.join(map(str, (k / 4, -7, cells[k % len(cells)]))) for k in range(60)]
+    text = "\n".join(
+        [separator.join(["time", "q", "µ" if kind == "latin-1" else "x"]), *rows, separator.join(["15.0", "8", last])]
+    )
+    data = text.encode("latin-1" if kind == "latin-1" else "utf-8")
+    (tmp_path / "log.csv").write_bytes(gzip.compress(data) if kind == "gz" else data)
+    log = read(tmp_path / "log.csv")
+    assert len(log.channel("q").values) == 60 + whole
+    assert any("the last line is left out" in note for note in log.notes) != whole

@@ -98,7 +98,7 @@ class Rows:
                 self._dialect = heeding_quotes(self._path, self._dialect)
             written = zip(names, self._dialect.notations, strict=True)
             self._notations = {name: notation for name, notation in written if notation != Notation()}
-            text = TextSource(file, self._dialect.encoding, self._dialect.separator == WHITESPACE)
+            text = TextSource(file, self._dialect.encoding, self._dialect.separator)
             try:
                 with self._open(file, text, chosen) as reader:
                     parsed = 0
@@ -117,6 +117,8 @@ class Rows:
                 raise ReadError(f"{self._path}: cannot be read: {error.strerror or error}") from error
             if text.damage:
                 self.notes.append(text.damage)
+            if text.cut:
+                self.notes.append(_cut(text.cut))
         self.notes.extend(self._thousands())
         self._odd.remarks += self._words.remarks - self._words.odd_remarks
         self._odd.count -= self._words.odd
@@ -170,8 +172,7 @@ class Rows:
         last = cut_off(self._path, self._dialect.separator)
         if not last:
             return file
-        shown = printable_cell(last.decode("utf-8", "replace"))
-        self.notes.append(f"the last line is left out: it ends within its last number, with no end of line ('{shown}')")
+        self.notes.append(_cut(last.decode("utf-8", "replace")))
         return pa.BufferReader(file.read_buffer(file.size() - len(last)))
 
     def _without_labels(self, batch: pa.RecordBatch) -> pa.RecordBatch:
@@ -215,6 +216,10 @@ class Rows:
             else:
                 use = "as setting thousands apart"
             yield f"column '{name}': the '{mark}' in '{printable_cell(cell)}' is read {use}"
+
+
+def _cut(line: str) -> str:
+    return f"the last line is left out: it has no end, and its last number may be cut off ('{printable_cell(line)}')"
 
 
 class _OddLines:

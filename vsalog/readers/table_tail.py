@@ -1,37 +1,91 @@
-"""The last line of a text table that was cut off within a number, as where power failed: half a number is another one."""
+"""A last line without an end, as where power failed while a number was written: half a number is another one."""
 
 from __future__ import annotations
 
+import re
+from collections.abc import Sequence
 from pathlib import Path
 
-from vsalog.readers.table_text import WHITESPACE, split
+from vsalog.readers.table_text import WHITESPACE, is_comment, split
 
-_TAIL = 1 << 16
+TAIL = 1 << 16
+"""So much of a file's end is looked at [bytes]."""
 _ENOUGH = 10
+_NEGLIGIBLE = 1e-6
+"""Of the range of a column: digits that are missing behind it make no other number."""
+_NUMBER = re.compile(r"^[+-]?(\d*)(?:[.,](\d*))?$")
 
 
 def cut_off(path: Path, separator: str) -> bytes:
-    """Return the last line of a file where it has no end and its last cell is shorter than all of the lines ahead, else b""."""
+    """Return the last line of a file where it has no end and its last cell may have been longer, else b""."""
     with path.open("rb") as file:
         size = file.seek(0, 2)
-        file.seek(max(size - _TAIL, 0))
-        lines = file.read().replace(b"\r\n", b"\n").split(b"\n")
+        file.seek(max(size - TAIL, 0))
+        lines = file.read().replace(b"\r\n", b"\n").replace(b"\r", b"\n").split(b"\n")
     last = lines.pop()
-    if not last.strip() or len(lines) < _ENOUGH:
-        return b""
-    cells = [_last_cell(line, separator) for line in lines[1:] if line.strip()]
-    cell = _last_cell(last, separator)
-    # Numbers that are written as short as can be have any length: only where all have the same one may be too short.
-    lengths, decimals = {len(c) for c in cells}, {_decimals(c) for c in cells}
-    shorter = len(lengths) == 1 and len(cell) < min(lengths)
-    return last if shorter or (len(decimals) == 1 and _decimals(cell) < min(decimals)) else b""
+    ahead = [line.decode("latin-1") for line in lines[size > TAIL :]]
+    return last if may_be_cut(ahead, last.decode("latin-1"), separator) else b""
 
 
-def _last_cell(line: bytes, separator: str) -> str:
-    text = line.decode("latin-1")
-    return (text.split() if separator == WHITESPACE else split(text, separator) or [""])[-1]
+def may_be_cut(lines: Sequence[str], last: str, separator: str) -> bool:
+    """Tell whether the last cell of a line without an end may have been longer.
+
+    Where programs do not end the last line, most have written all of it: as long as the longest above it, in the same format, a
+    number is whole, and what lacks digits that hardly count is no other number.
+
+    Parameters
+    ----------
+    lines : sequence of str
+        Those ahead of it, whole.
+    last : str
+        The line.
+    separator : str
+        What separates cells.
+    """
+    rows = [line for line in lines if line.strip() and not is_comment(line)]
+    if not last.strip() or is_comment(last) or last.endswith('"') or len(rows) < _ENOUGH:
+        return False
+    width = len(_cells(last, separator))
+    above = [cells[-1] for line in rows if len(cells := _cells(line, separator)) == width]
+    cell = _cells(last, separator)[-1]
+    if len(above) < _ENOUGH:
+        return False
+    if not cell:
+        return "" not in above
+    for sign in ("", "+-"):  # of one width with it or without it
+        widths = {len(one.lstrip(sign)) for one in above[1:]}  # the header's may be the first
+        if len(widths) == 1:
+            return len(cell.lstrip(sign)) < min(widths)
+    longer = any(one != cell and one.startswith(cell) for one in above)
+    return longer if cell in above and len(set(above)) < len(above) / 4 else _lacks_digits(cell, above)
 
 
-def _decimals(cell: str) -> int:
-    """Return how many characters there are behind the decimal mark."""
-    return len(cell.replace(",", ".").partition(".")[2])
+def _lacks_digits(cell: str, above: Sequence[str]) -> bool:
+    """Tell whether a number has fewer digits than some above it, and may have lost some that count."""
+    parts = [match for one in above if (match := _NUMBER.match(one))]
+    number = _NUMBER.match(cell)
+    if number is None or len(parts) < len(above) - 1:  # the header may be among them
+        return True  # exponents, or words
+    decimals, others = len(number[2] or ""), {len(part[2] or "") for part in parts}
+    if others != {0} and (len(others) == 1 or decimals == max(others)):
+        return decimals < max(others)
+    if _digits(number) >= max(_digits(part) for part in parts):
+        return False
+    values = [_value(part) for part in parts]
+    return not decimals or 10.0**-decimals > _NEGLIGIBLE * (max(values) - min(values))
+
+
+def _digits(number: re.Match[str]) -> int:
+    """Return how many digits count."""
+    return len((number[1] + (number[2] or "")).lstrip("0"))
+
+
+def _value(number: re.Match[str]) -> float:
+    try:
+        return float(number[0].replace(",", "."))
+    except ValueError:  # a sign alone
+        return 0.0
+
+
+def _cells(line: str, separator: str) -> list[str]:
+    return line.split() if separator == WHITESPACE else split(line, separator)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import codecs
 import io
+import re
 import zlib
 from pathlib import Path
 from typing import IO, cast
@@ -11,6 +12,8 @@ from typing import IO, cast
 from vsalog.errors import ReadError
 from vsalog.readers.base import DOUBTFUL
 from vsalog.readers.compression import FREE_BYTES
+from vsalog.readers.table_tail import TAIL, may_be_cut
+from vsalog.readers.table_text import WHITESPACE
 
 DAMAGE = (EOFError, zlib.error)
 """What a damaged compressed file raises."""
@@ -156,24 +159,30 @@ class TextSource(io.RawIOBase):
         What to read.
     encoding : str
         Python's name of its encoding; what does not decode is replaced.
-    squeeze : bool
-        Turn every run of blanks into a single space, and drop those at the ends of lines.
+    separator : str
+        What separates cells. Where that is blanks, every run of them becomes a single space, and those at the ends of lines
+        are dropped.
 
     Attributes
     ----------
+    cut : str
+        The last line where it was left out, as it has no end and may be cut off; else "".
     damage : str
         What is wrong with a compressed file, in words, "" where it is sound.
     """
 
-    def __init__(self, file: IO[bytes], encoding: str, squeeze: bool) -> None:
+    def __init__(self, file: IO[bytes], encoding: str, separator: str) -> None:
         super().__init__()
         self._file = file
         self._decoder = codecs.getincrementaldecoder(encoding)("replace")
-        self._squeeze = squeeze
+        self._separator = separator
+        self._squeeze = separator == WHITESPACE
         self._ready = b""
         self._line = ""
         self._ended = False
+        self._tail = ""
         self.damage = ""
+        self.cut = ""
 
     def readable(self) -> bool:
         """Tell that the file can be read."""
@@ -202,7 +211,12 @@ class TextSource(io.RawIOBase):
         # A line that is not whole waits for its end, which never comes where the file is damaged: half a number is another one.
         whole = self._ended and not self.damage
         cut = len(text) if whole or len(text) > _LONGEST_LINE else end + 1
+        if whole and may_be_cut(
+            re.split(r"\r\n|\n|\r", self._tail + text[: end + 1]), text[end + 1 :], self._separator
+        ):
+            cut, self.cut = end + 1, text[end + 1 :]
         text, self._line = text[:cut], text[cut:]
+        self._tail = text[-TAIL:] or self._tail
         self._ready = (_squeezed(text) if self._squeeze else text).encode("utf-8")
 
 
