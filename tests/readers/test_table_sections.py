@@ -31,7 +31,9 @@ def check(log):
     assert not any(name.startswith("time") for name in log.channels)
 
 
-@pytest.mark.parametrize("header", ["time,q,p,time,tau", "time [s],q,p,time [s],tau"])
+@pytest.mark.parametrize(
+    "header", ["time,q,p,time,tau", "time [s],q,p,time [s],tau", "time,q,p,time.1,tau", "time [s],q,p,time [s].1,tau"]
+)
 @pytest.mark.parametrize("packed", [False, True])
 def test_each_has_its_own_clock(tmp_path, header, packed):
     """On the clock of the first, those of the second would be at wrong times."""
@@ -64,3 +66,36 @@ def test_a_time_that_cannot_be_read_is_told(tmp_path):
     np.testing.assert_array_equal(log.channel("q").values, np.delete(Q, 300))
     np.testing.assert_array_equal(log.channel("tau").values, np.delete(TAU, 100))
     assert any("2 rows without a time left out" in note for note in log.notes)
+
+
+@pytest.mark.parametrize(("again", "q"), [("time.1", "q.1"), ("time_1", "q_1"), ("time (2)", "q (2)"), ("time2", "q2")])
+def test_two_tables_of_the_same_columns_side_by_side(tmp_path, again, q):
+    """As programs rename what would be there twice."""
+    text = table(f"time,q,p,{again},{q}")
+    (tmp_path / "log").write_text(text)
+    log = read(tmp_path / "log")
+    assert list(log.channels) == ["q", "p", q]
+    np.testing.assert_array_equal(log.channel(q).values, TAU)
+    np.testing.assert_array_equal(log.channel(q).stamps, np.arange(M) * 25 * 10**6)
+
+
+def test_units_of_columns_that_pandas_numbered(tmp_path):
+    (tmp_path / "log").write_text(table("time [s],q [rad],p [N],time [s].1,q [rad].1"))
+    assert {name: channel.unit for name, channel in read(tmp_path / "log").channels.items()} == {
+        "q": "rad",
+        "p": "N",
+        "q.1": "rad",
+    }
+
+
+@pytest.mark.parametrize(
+    "header", ["time,time.1,q", "time,q,time.1", "time,q,time_1", "time,q,time_2,tau", "time.1,q,tau"]
+)
+def test_a_second_clock_of_no_columns_is_a_signal(tmp_path, header):
+    """So is one with a number that no other column has."""
+    width = header.count(",")
+    rows = "".join(",".join([f"{i / 100:.2f}"] * 2 + [str(i)] * (width - 1)) + "\n" for i in range(N))
+    (tmp_path / "log").write_text(f"{header}\n{rows}")
+    log = read(tmp_path / "log", rate=100.0)
+    assert len(log.channels) == (width if header.startswith("time,") else 3)
+    assert len(log.streams) == 1

@@ -12,7 +12,7 @@ import pyarrow as pa
 from vsalog.errors import UnitError
 from vsalog.printable import printable
 from vsalog.readers.headers import printable_cell, unique_names
-from vsalog.readers.table_header import NO_UNIT, is_clock, named
+from vsalog.readers.table_header import NO_UNIT, is_clock, named, split_names
 from vsalog.readers.table_notation import Notation
 from vsalog.readers.table_text import NUMBER, SEPARATORS, WHITESPACE, is_comment, is_value, split
 from vsalog.readers.time_names import UNITS, stated_unit
@@ -167,7 +167,7 @@ class FirstHeader:
     def _adopted(self, line: Line) -> Order:
         """Take a line for the header of a table that has none at the top."""
         self._headless = False
-        pairs = [split_header(cell) for cell in line.cells.values()]
+        pairs = split_names([*line.cells.values()])
         self._names, self._units = unique_names([name for name, _ in pairs]), tuple(unit for _, unit in pairs)
         shown = printable_cell(", ".join(line.texts))
         note = f"a header ('{shown}') stands below rows that have none, and names no column: put it at the top"
@@ -192,7 +192,7 @@ class FirstHeader:
 
     def _order(self, line: Line, below: Sequence[list[str]]) -> Order | None:
         names, own_units, _ = named([*line.cells.values()], below, len(self._columns))
-        pairs = [split_header(name) for name in names]
+        pairs = split_names(names)
         names = unique_names([name for name, _ in pairs])
         at = self._matched(names)
         if at is None:

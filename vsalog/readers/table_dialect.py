@@ -10,11 +10,10 @@ from dataclasses import dataclass, replace
 from vsalog.readers.headers import printable_cell, unique_names
 from vsalog.readers.sniff import without_holes
 from vsalog.readers.table_again import own_rows
-from vsalog.readers.table_header import find_header, join_torn_names, without_labview_head
+from vsalog.readers.table_header import find_header, join_torn_names, split_names, without_labview_head
 from vsalog.readers.table_labels import labels_of, without_label
 from vsalog.readers.table_notation import Notation, find_notations
 from vsalog.readers.table_text import SEPARATORS, WHITESPACE, is_comment, is_value, most_common_width, split
-from vsalog.units import split_header
 
 SAMPLE_LINES = 200
 
@@ -99,7 +98,7 @@ def detect(head: bytes, whole: bool) -> Dialect:
     decimal_comma = any(notation.decimal_comma for notation in notations)
     header = find_header(lines, table, width, decimal_comma)
     torn = _torn(rows, width) if separator == "," else 0
-    pairs = [split_header(name) for name in header.names]
+    pairs = split_names(header.names)
     names = unique_names([name for name, _ in pairs])
     units = [unit or own for (_, unit), own in zip(pairs, header.units, strict=True)]
     notes = [one for one in (note, *_units_in_cells(names, units, notations)) if one]

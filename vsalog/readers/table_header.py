@@ -15,6 +15,7 @@ from vsalog.units import is_known_by_heart, split_header
 NO_UNIT = ("-", "–", "1")
 _UNIT_LABEL = re.compile(r"^units?:\s*", re.IGNORECASE)
 """As Simulink writes them."""
+_NUMBERED = re.compile(r"^(.*)(\.\d+)$", re.DOTALL)
 _LABVIEW_END = "***End_of_Header***"
 _MOST_SETTINGS = 50
 _MOST_EARLY = 5
@@ -113,6 +114,23 @@ def named(first: list[str], below: Sequence[list[str]], width: int) -> tuple[lis
     if names and names[0].startswith("%time"):
         names = [name.removeprefix("field.") for name in names]
     return names, units, notes
+
+
+def split_names(names: Sequence[str]) -> list[tuple[str, str | None]]:
+    """Split the cells of a header into names and units, also where pandas put a number behind one that comes again.
+
+    >>> split_names(["q [rad]", "q [rad].1"])
+    [('q', 'rad'), ('q.1', 'rad')]
+    """
+    return [
+        _again(match[1], match[2]) if (match := _NUMBERED.match(name)) and match[1] in names else split_header(name)
+        for name in names
+    ]
+
+
+def _again(cell: str, number: str) -> tuple[str, str | None]:
+    name, unit = split_header(cell)
+    return name + number, unit
 
 
 def without_labview_head(lines: list[str]) -> None:

@@ -1,7 +1,8 @@
-"""Tables in which several logs stand side by side, each with a clock of its own: ``time,position,time,torque``."""
+"""Tables in which several logs stand side by side, each with a clock of its own: ``time,position,time.1,torque``."""
 
 from __future__ import annotations
 
+import re
 from bisect import bisect
 from collections.abc import Mapping, Sequence
 from typing import NamedTuple
@@ -35,7 +36,7 @@ def find_sections(
     Parameters
     ----------
     names : sequence of str
-        Of all columns, the second of one name with ``#2`` behind it.
+        Of all columns, the second of one name with ``#2`` behind it, or ``.1`` where pandas wrote the table.
     sample : sequence of pyarrow arrays
         First rows of all columns.
     plan : ClockPlan
@@ -47,7 +48,7 @@ def find_sections(
     if clock is None or len(clock.columns) > 1:
         return [Section(plan.clocks, [*channels])]
     first = clock.columns[0]
-    again = [i for i in channels if names[i].rpartition("#")[0] == names[first] and _rises(sample[i], clock.form)]
+    again = [i for i in _called_again(names, first) if i in channels and _rises(sample[i], clock.form)]
     clocks = [first, *again]
     ahead = first > 0 and clocks[-1] == len(names) - 1  # values stand ahead of their clock
     sections = [Section({"column": ClockColumn((at,), clock.form)}, []) for at in clocks]
@@ -55,7 +56,21 @@ def find_sections(
     for i in channels:
         if i not in others:
             sections[bisect(clocks if ahead else again, i)].columns.append(i)
-    return sections
+    return sections if all(section.columns for section in sections) else [Section(plan.clocks, [*channels])]
+
+
+def _called_again(names: Sequence[str], first: int) -> list[int]:
+    """Return the columns that are called as the clock once more: by the same name, or by one that programs make of it.
+
+    A number is that of a further log only where others have it too: ``time,position,time_1,position_1``.
+    """
+    written = re.compile(rf"{re.escape(names[first])}(?:#\d+|\.\d+|(?P<number>[_ -]?\d+|[_ ]*\(\d+\)))")
+    again = [(i, match["number"]) for i, name in enumerate(names) if (match := written.fullmatch(name))]
+    return [i for i, number in again if number is None or _follows(names, i, number)]
+
+
+def _follows(names: Sequence[str], at: int, number: str) -> bool:
+    return any(name.removesuffix(number) in names for name in names[at + 1 :] if name.endswith(number))
 
 
 def _rises(cells: pa.Array, form: str) -> bool:
