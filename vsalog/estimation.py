@@ -27,6 +27,7 @@ from vsalog.recording import Recording
 from vsalog.rig.schema import Joint, RigFile
 from vsalog.second_witness import SecondWitness
 from vsalog.signals import JointSignals
+from vsalog.spring_shape import SpringShape
 from vsalog.summary import JointSummary, Summarizer
 from vsalog.trace import Trace
 
@@ -241,11 +242,13 @@ def estimate_joint(
         fold = choice.method.build(device, look, choice.tuning)
         fold.conditioner.check_length(signals.longest_run)
         witness = SecondWitness(recordings, device, joint, choice.roles, setpoints)
+        shape = SpringShape(device, look)
         pass_on = kept.append if sink is None else sink
 
         def give(trace: Trace) -> None:
             summarizer.add(trace)
             witness.add(trace)
+            shape.add(trace)
             pass_on(trace)
 
         state = fold_over(fold, signals, block, give)
@@ -257,7 +260,7 @@ def estimate_joint(
             _settings(choice.tuning, fold),
             fold.model(state),
             summary,
-            (*warnings, *fold.warnings(state), *witness.said(choice.name), *summary.warnings),
+            (*warnings, *fold.warnings(state), *witness.said(choice.name), *shape.said(), *summary.warnings),
             Trace.concatenate(kept) if kept else None,
         )
 

@@ -1,0 +1,87 @@
+"""A spring that the rig's basis cannot follow: told where the stiffness is off by it, and sound springs are left alone."""
+
+import re
+
+import numpy as np
+import pyarrow.parquet as pq
+import pytest
+from command_line import vsalog_run
+
+PERIOD, COUNT = 2e-3, 10_000
+RIG = """[joint.arm]
+kind = "elastic"
+[joint.arm.motor]
+inertia = 0.05
+damping = 0.3
+[joint.arm.signals]
+link_position = "q"
+motor_position = "theta"
+motor_torque = "tau"
+torque_sensor = "sensor"
+"""
+
+
+def spring(phi, kind):
+    """Torque and stiffness over the deflection."""
+    if kind.startswith("backlash"):
+        half = float(kind.split()[1]) / 2.0
+        return 60.0 * np.sign(phi) * np.maximum(np.abs(phi) - half, 0.0), 60.0 * (np.abs(phi) > half)
+    if kind == "stop":
+        beyond = np.maximum(np.abs(phi) - 0.04, 0.0)
+        return 30.0 * phi + 300.0 * np.sign(phi) * beyond, 30.0 + 300.0 * (beyond > 0.0)
+    return 40.0 * phi + 3000.0 * phi**3, 40.0 + 9000.0 * phi**2
+
+
+def log(folder, kind, seed=0, noise=1.0, pulses=36_000):
+    t, rng = np.arange(COUNT) * PERIOD, np.random.default_rng(seed)
+
+    def moved(*sines):
+        values = [
+            (a * np.sin(w * t + seed), a * w * np.cos(w * t + seed), -a * w * w * np.sin(w * t + seed))
+            for a, w in sines
+        ]
+        return np.sum(values, axis=0)
+
+    (phi, dphi, ddphi), (q, dq, ddq) = moved((0.05, 2.1), (0.03, 5.3)), moved((0.4, 1.3), (0.2, 3.7))
+    torque, stiffness = spring(phi, kind)
+    step = 2 * np.pi / pulses
+    table = np.column_stack(
+        [
+            t,
+            step * np.round(q / step),
+            step * np.round((q - phi) / step),
+            0.05 * (ddq - ddphi) + 0.3 * (dq - dphi) - torque + noise * 0.01 * rng.standard_normal(COUNT),
+            torque + noise * 0.02 * rng.standard_normal(COUNT),
+        ]
+    )
+    np.savetxt(folder / "arm.csv", table, delimiter=",", header="time,q,theta,tau,sensor", comments="")
+    (folder / "arm.rig.toml").write_text(RIG)
+    return stiffness
+
+
+def estimated(folder, estimator):
+    done = vsalog_run("estimate", "arm.csv", "-e", estimator, "-o", "arm.parquet", cwd=folder)
+    assert done.returncode == 0, done.stderr
+    return done.stderr
+
+
+@pytest.mark.parametrize("estimator", ["residual-rls", "direct", "grioli-parametric"])
+@pytest.mark.parametrize("kind", ["backlash 0.006", "backlash 0.02", "stop"])
+def test_what_the_basis_cannot_follow_is_told_with_its_size(tmp_path, estimator, kind):
+    truth = log(tmp_path, kind)
+    said = estimated(tmp_path, estimator)
+    assert "has a shape over the deflection" in said
+    told = float(re.search(r"the stiffness is at least (\d+)% off on average", said)[1]) / 100.0
+    trace = pq.read_table(tmp_path / "arm.parquet").to_pandas()
+    trace = trace[trace["excited"] & (trace["transmission"] == "1")]
+    rows = np.round(trace["time"] / PERIOD).astype(int)
+    off = (truth[rows] - trace["stiffness"]) / trace["stiffness"]
+    # A jump of the stiffness is smeared over a bin or two, so that it is more rather than less.
+    assert 0.5 < told / np.sqrt(np.mean(off**2)) < 1.2
+
+
+@pytest.mark.parametrize("estimator", ["residual-rls", "direct", "grioli-parametric", "qr-rls", "batch-ls"])
+@pytest.mark.parametrize(("seed", "noise", "pulses"), [(0, 1.0, 36_000), (1, 20.0, 36_000), (2, 1.0, 2000)])
+def test_a_spring_that_it_can_follow_is_left_alone(tmp_path, estimator, seed, noise, pulses):
+    log(tmp_path, "cubic", seed, noise, pulses)
+    assert "has a shape" not in estimated(tmp_path, estimator)

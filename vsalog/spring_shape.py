@@ -1,0 +1,141 @@
+"""Whether what a fit leaves over has a shape over the deflection, as where the spring is none that its basis can follow.
+
+Backlash, a stop or a spring that stiffens suddenly are smoothed by a basis of a few terms: little of the torque is left over,
+and the stiffness, which is the torque's slope, is off by a lot. What is left over is averaged in bins of the deflection; from bin
+to bin it changes by what the stiffness lacks. That is done twice, with every other stretch of the log, and what both have in
+common is no noise.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vsalog.estimators.device import Device, TransmissionView, deflection_of, has_deflection
+from vsalog.signals import JointSignals
+from vsalog.trace import Trace
+
+Array = NDArray[np.float64]
+Flags = NDArray[np.bool_]
+
+# Bins, fewer where one would have less than so many of the encoders' steps, but no fewer than tell a shape.
+BINS, STEPS, FEWEST = 40, 4.0, 8
+# What is beyond these parts of the deflection is too seldom to tell.
+RANGE = (0.005, 0.995)
+# So many stretches of the log, and samples of a bin in either half; so many times more where they are spread evenly.
+STRETCHES, SAMPLES, SPREAD = 40, 30, 4
+# A stiffness that lacks so much of itself is told, or so many of its deviations where these are more; halves agree so well.
+LACKS, BEYOND, ALIKE = 0.05, 3.0, 0.5
+
+
+@dataclass(slots=True)
+class _Bins:
+    """Sums per half and bin: how many, of the deflection, of what is left over, of the stiffness; and what is claimed."""
+
+    edges: Array
+    sums: Array
+    claimed: list[float]
+
+
+class SpringShape:
+    """What is left over of the torques of a joint, over their deflections.
+
+    Parameters
+    ----------
+    device : of the joint
+    look : the signals from which the deflections' ranges are taken
+    """
+
+    def __init__(self, device: Device, look: JointSignals) -> None:
+        self.device = device
+        self.stretch = float(np.ptp(look.time)) / STRETCHES
+        self.bins: dict[str, _Bins] = {}
+        for view in device.transmissions:
+            edges = _edges(look, view) if has_deflection(look.roles, view) else None
+            if edges is not None:
+                self.bins[view.name] = _Bins(edges, np.zeros((2, edges.size + 1, 4)), [])
+
+    def add(self, trace: Trace) -> None:
+        """Take a block of the estimates into account."""
+        half = np.floor(trace.time / self.stretch).astype(np.int64) % 2 if self.stretch > 0.0 else None
+        for name, bins in self.bins.items():
+            columns = trace.transmissions.get(name)
+            if columns is None or half is None:
+                continue
+            deflection, torque, fit, stiffness, std = (
+                np.asarray(columns[c], float)
+                for c in ("deflection", "flexibility_torque", "flexibility_torque_fit", "stiffness", "stiffness_std")
+            )
+            left = torque - fit
+            use = np.asarray(columns["excited"], bool) & np.isfinite(left + deflection + stiffness)
+            if not use.any():
+                continue
+            halves, places, _ = bins.sums.shape
+            cell = half[use] * places + np.searchsorted(bins.edges, deflection[use])
+            for k, values in enumerate((None, deflection[use], left[use], stiffness[use])):
+                bins.sums[..., k] += np.bincount(cell, values, halves * places).reshape(halves, places)
+            bins.claimed.append(float(np.median(std[use] / np.abs(stiffness[use]))))
+
+    def said(self) -> tuple[str, ...]:
+        """Say of which transmissions the stiffness lacks something everywhere that bins agree on."""
+        return tuple(words for name, bins in self.bins.items() if (words := self._of(name, bins)))
+
+    def _of(self, name: str, bins: _Bins) -> str:
+        found = _lacking(bins)
+        if found is None or found.alike < ALIKE or found.part < max(LACKS, BEYOND * float(np.median(bins.claimed))):
+            return ""
+        several = len(self.bins) > 1
+        where = f"joint '{self.device.joint}'" + (f", transmission {name}" if several else "")
+        k = int(np.argmax(np.abs(found.lacks)))
+        change = "more" if found.lacks[k] > 0.0 else "less"
+        return (
+            f"{where}: what the fit leaves over has a shape over the deflection: the stiffness is at least {found.part:.0%}"
+            f" off on average, at {found.deflection[k]:.3g} rad it is {abs(found.lacks[k]):.0%} {change} than estimated. The"
+            f" basis cannot follow the spring, as where there is backlash, a stop or a term too few: [joint.{self.device.joint}.basis]"
+            " in the rig takes more of them, 'vsalog diagnose' tells which it is"
+        )
+
+
+def _edges(look: JointSignals, view: TransmissionView) -> Array | None:
+    """Return the inner edges of the bins of a deflection [rad]; None where it spans too few steps."""
+    deflection = deflection_of(look.roles, view)
+    known = deflection[np.isfinite(deflection)]
+    count = min(BINS, known.size // (2 * SPREAD * SAMPLES))
+    if count < FEWEST:
+        return None
+    low, high = np.quantile(known, RANGE)
+    step = max((look.resolution.get(role, 0.0) for role in view.deflection_roles(look.roles)), default=0.0)
+    count = count if step <= 0.0 else min(count, int((high - low) / (STEPS * step)))
+    return np.linspace(low, high, count + 1) if count >= FEWEST else None
+
+
+class _Lacking(NamedTuple):
+    """What a stiffness lacks as a part of it, on average; how well both halves agree; per bin; at which deflection [rad]."""
+
+    part: float
+    alike: float
+    lacks: Array
+    deflection: Array
+
+
+def _lacking(bins: _Bins) -> _Lacking | None:
+    """Return what the stiffness lacks; None where too few bins tell."""
+    sums = bins.sums[:, 1:-1]
+    count = sums[..., 0]
+    with np.errstate(divide="ignore", invalid="ignore"):
+        deflection, left, stiffness = (sums[..., k] / count for k in (1, 2, 3))
+        slope = (left[:, 2:] - left[:, :-2]) / (deflection[:, 2:] - deflection[:, :-2])
+        lacks = slope / stiffness.mean(axis=0)[1:-1]
+    enough = np.asarray((count >= SAMPLES).all(axis=0))
+    good = enough[2:] & enough[1:-1] & enough[:-2] & np.asarray(np.isfinite(lacks).all(axis=0))
+    if np.count_nonzero(good) < FEWEST - 2:
+        return None
+    one, other = lacks[:, good]
+    weights = count.sum(axis=0)[1:-1][good]
+    both = float(np.average(one * other, weights=weights))
+    power = float(np.average(0.5 * (one**2 + other**2), weights=weights))
+    alike = both / power if power > 0.0 else 0.0
+    return _Lacking(max(both, 0.0) ** 0.5, alike, 0.5 * (one + other), deflection.mean(axis=0)[1:-1][good])
