@@ -91,11 +91,12 @@ class SpringShape:
         where = f"joint '{self.device.joint}'" + (f", transmission {name}" if several else "")
         k = int(np.argmax(np.abs(found.lacks)))
         change = "more" if found.lacks[k] > 0.0 else "less"
+        basis = f"[joint.{self.device.joint}.basis]"
         return (
             f"{where}: what the fit leaves over has a shape over the deflection: the stiffness is at least {found.part:.0%}"
             f" off on average, at {found.deflection[k]:.3g} rad it is {abs(found.lacks[k]):.0%} {change} than estimated. The"
-            f" basis cannot follow the spring, as where there is backlash, a stop or a term too few: [joint.{self.device.joint}.basis]"
-            " in the rig takes more of them, 'vsalog diagnose' tells which it is"
+            f" basis cannot follow the spring, as where there is backlash, a stop or a term too few: {basis} in the rig takes"
+            " more of them, 'vsalog diagnose' tells which it is"
         )
 
 
