@@ -90,13 +90,13 @@ class ParquetReader:
         keys = self._keys()
         # A trace carries the rig of the log that it was estimated from, whose channels it does not have.
         self.rig_text = None if keys else _text(schema.metadata, RIG)
-        self._speakers = (
-            Speakers(" and ".join(KEYS), keys, self._all_rows(keys))
-            if keys
-            else find_speakers(self._names, self._known_cells(), self._plan, self._all_rows)
-        )
-        if self._speakers and not keys:
-            self.notes.append(self._speakers.note())
+        self._speakers: Speakers | None
+        if keys:
+            self._speakers = Speakers(KEYS, keys, self._all_rows(keys))
+        else:
+            self._speakers, note = find_speakers(self._names, self._known_cells(), self._plan, self._all_rows)
+            note = self._speakers.note() if self._speakers else note
+            self.notes += [note] if note else []
 
     def _keys(self) -> tuple[int, ...]:
         """Return the columns of a trace that name the part of the device, none for other tables."""

@@ -74,7 +74,7 @@ class TableReader:
             raise ReadError(f"{path}: holds text, but no table: none of its columns holds numbers")
         self._numbers = [i for i, (good, words) in enumerate(numbers) if good > words]
         whole = self._all_rows if thorough else self._first_rows
-        self._speakers = find_speakers(self._dialect.names, self._sample, self._plan, whole)
+        self._speakers, self._perhaps = find_speakers(self._dialect.names, self._sample, self._plan, whole)
         taken = {*clocks, *(self._speakers.columns if self._speakers else ())}
         names = self._dialect.names
         self._sections = find_sections(
@@ -115,8 +115,12 @@ class TableReader:
         """
         self._note_dialect()
         names = self._dialect.names
+        texts = self.catalogue().unread if self._speakers else {}  # whose text would be unread for each
+        self.unread |= texts
         columns = [
-            i for i in self._channels if wanted is None or any(names[i] + part in wanted for part in self._parts)
+            i
+            for i in self._channels
+            if names[i] not in texts and (wanted is None or any(names[i] + part in wanted for part in self._parts))
         ]
         self._counts = {names[i]: Cells() for i in columns}
         self._folds = {
@@ -282,6 +286,8 @@ class TableReader:
             self.notes.append("the comma in the quoted numbers is read as a decimal mark")
         if self._speakers:
             self.notes.append(self._speakers.note())
+        if self._perhaps:
+            self.notes.append(self._perhaps)
         if self.rate is not None and self._plan.clocks:
             self.notes.append("the table has a time column: the sample rate that was given is not used")
         others = self._sections[1:]
@@ -335,7 +341,7 @@ class TableReader:
         """Say which columns are no signals after all."""
         for name, cells in self._counts.items():
             if cells.text:
-                self.unread[name] = self._why_unread(name, cells)
+                self.unread |= dict.fromkeys((name + part for part in self._parts), self._why_unread(name, cells))
 
 
 def _columns(clocks: Mapping[str, ClockColumn]) -> set[int]:
