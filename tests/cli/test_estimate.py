@@ -262,3 +262,13 @@ def test_an_encoder_that_wraps_is_unwrapped(run, tmp_path):
     assert run("estimate", "log.csv").returncode == 0
     trace = columns(tmp_path / "log.stiffness.parquet", "1")
     np.testing.assert_allclose(trace.stiffness[trace.time > 5.0], 80.0, rtol=0.02)
+
+
+def test_a_state_that_is_observed_is_not_called_an_unsupported_stiffness(run, tmp_path):
+    assert run("simulate", "kuka-kr15", "--duration", "1", "-o", "arm.mcap").returncode == 0
+    done = run("estimate", "arm.mcap", "--joint", "axis2")
+    assert done.returncode == 0, done.stderr
+    trace = columns(tmp_path / "arm.stiffness.parquet", "total")
+    span = trace.deflection.max() - trace.deflection.min()
+    assert f"state observed, no stiffness estimated; the deflection spans {span:.4g} rad" in done.stdout
+    assert "supported" not in done.stdout + done.stderr

@@ -82,7 +82,7 @@ def print_summary(job: Job, estimates: Sequence[JointEstimate], outputs: Outputs
             f"[bold]{escape(printable(e.joint))}[/]: {escape(e.estimator)} ({escape(e.reason)});"
             f" {s.duration:.4g} s at {1.0 / s.period:.4g} Hz"
         )
-        console.print(_table(s.transmissions))
+        console.print(_observed(s.transmissions) or _table(s.transmissions))
         for line in _motor(e.model.motor):
             console.print(f"  {escape(line)}")
     console.print(
@@ -91,6 +91,13 @@ def print_summary(job: Job, estimates: Sequence[JointEstimate], outputs: Outputs
     )
     if outputs.mcap is not None:
         console.print(f"log of the trace: {escape(printable(str(outputs.mcap)))}", soft_wrap=True)
+
+
+def _observed(parts: Sequence[TransmissionSummary]) -> str:
+    """Say of a method that observes the joint's state how far that moves; "" for those that estimate a stiffness."""
+    fitted = any(p.transmission != "total" or p.fit_rms is not None or p.stiffness_low is not None for p in parts)
+    spans = [p.deflection_span for p in parts if p.deflection_span is not None]
+    return "" if fitted or not spans else f"state observed, no stiffness estimated; the deflection spans {spans[0]:.4g} rad"
 
 
 def _table(parts: Sequence[TransmissionSummary]) -> Table:
