@@ -97,7 +97,11 @@ def _observed(parts: Sequence[TransmissionSummary]) -> str:
     """Say of a method that observes the joint's state how far that moves; "" for those that estimate a stiffness."""
     fitted = any(p.transmission != "total" or p.fit_rms is not None or p.stiffness_low is not None for p in parts)
     spans = [p.deflection_span for p in parts if p.deflection_span is not None]
-    return "" if fitted or not spans else f"state observed, no stiffness estimated; the deflection spans {spans[0]:.4g} rad"
+    return (
+        ""
+        if fitted or not spans
+        else f"state observed, no stiffness estimated; the deflection spans {spans[0]:.4g} rad"
+    )
 
 
 def _table(parts: Sequence[TransmissionSummary]) -> Table:
