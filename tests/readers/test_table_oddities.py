@@ -210,6 +210,17 @@ def test_thousands_of_columns(table):
         table("time," + ",".join(f"c{i}" for i in range(10500)) + "\n" + "0," * 10500 + "0\n")
 
 
+@pytest.mark.parametrize("separator", [",", ";", "\t", "|", " "])
+@pytest.mark.parametrize(("header", "columns"), [(True, "more than"), (False, "700000")])
+def test_a_million_columns_are_refused_at_once(table, separator, header, columns, monkeypatch):
+    """No time is spent on what each of them is called, and how it is written."""
+    monkeypatch.setattr("vsalog.readers.table.detect", None)
+    row = separator.join(["1.5"] * 700_000) + "\n"
+    names = separator.join(["time", *(f"c{i}" for i in range(699_999))]) + "\n"
+    with pytest.raises(ReadError, match=rf"has {columns}.* columns; more than 10000"):
+        table((names if header else "") + row * 2)
+
+
 def bomb(size):
     """Return what decompresses to `size` bytes of rows that are no more than zeros."""
     out = io.BytesIO()

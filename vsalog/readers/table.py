@@ -218,6 +218,8 @@ class TableReader:
                     whole = len(head) < HEAD_BYTES
         except OSError as error:
             raise ReadError(f"{self.path}: cannot be read: {error.strerror or error}") from error
+        if columns := _too_many_columns(head):
+            raise ReadError(f"{self.path}: has {columns} columns; more than {MAX_COLUMNS} are no log of a machine")
         dialect = detect(head, whole)
         if not dialect.names or not dialect.rows:
             raise ReadError(f"{self.path}: holds text, but no table: no row of values was found")
@@ -355,6 +357,16 @@ def _chosen(
     if own.all():
         return stamps, values
     return {kind: times[own] for kind, times in stamps.items()}, {name: cells[own] for name, cells in values.items()}
+
+
+def _too_many_columns(head: bytes) -> str:
+    """Return how many columns the first lines have, "" where they are not too many: to look at all of them takes long."""
+    *lines, last = head.split(b"\n")
+    lines = [line for line in lines[:FEW_LINES] if line.strip() and not line.lstrip().startswith((b"#", b"%"))]
+    fewest = min(lines, key=len, default=last)
+    count = max(len(fewest.split()), *(fewest.count(mark) + 1 for mark in (b",", b";", b"\t", b"|")))
+    quotes = 10 if b'"' in fewest else 1  # which may hold such marks
+    return "" if count <= quotes * MAX_COLUMNS else f"{count}" if lines else f"more than {count}"
 
 
 def _with_unit_of_time(dialect: Dialect, plan: ClockPlan) -> Dialect:

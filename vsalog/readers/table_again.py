@@ -26,6 +26,8 @@ _DIGITS = Context(prec=30, traps=[])
 _NUMBER = re.compile(NUMBER)
 _UNSTATED = "a header further down states no unit for {}, as the first does: taken as the same"
 _STATED = "a header further down states a unit of the SI for {}, the first none: taken as the same"
+_TELLING_ROWS = 50
+"""So many rows say which columns hold values."""
 _FEW = 3
 """Columns of which words in all say that the line is a header, whatever they are."""
 MOST_LINES = 32
@@ -97,16 +99,13 @@ class FirstHeader:
         self._units = dialect.units
         self._notations = dialect.notations
         self._separator = dialect.separator
+        columns = [[cell for cell in cells if cell] for cells in zip(*dialect.rows[:_TELLING_ROWS], strict=True)]
         filled = [
-            [bool(cell) and is_value(cell, n.decimal_comma) for cell in cells]
-            for n, cells in zip(dialect.notations, zip(*dialect.rows, strict=True), strict=False)
+            sum(is_value(cell, notation.decimal_comma) for cell in cells)
+            for notation, cells in zip(dialect.notations, columns, strict=False)
         ]
-        words = [
-            sum(map(bool, cells)) - sum(good)
-            for good, cells in zip(filled, zip(*dialect.rows, strict=True), strict=True)
-        ]
-        valued = [i for i, good in enumerate(filled) if sum(good) > words[i]]
-        self.values = tuple(dialect.names[i] for i in sorted(valued, key=lambda i: -sum(filled[i])))
+        valued = [i for i, good in enumerate(filled) if 2 * good > len(columns[i])]
+        self.values = tuple(dialect.names[i] for i in sorted(valued, key=lambda i: -filled[i]))
         self._valued = set(valued)
 
     def line(self, text: str) -> Line | None:

@@ -117,7 +117,7 @@ class _FirstRows:
                 continue
             called = _NAMED.search(plain(name)) is not None
             numbers, words = numbers_and_words(pc.cast(cells, pa.string()))
-            if (called if numbers else words) or (numbered and (floats(cells) % 1 == 0).all()):
+            if (called if numbers else words) or (numbered and _whole(cells)):
                 yield self._candidate(i, called)
 
     def _candidate(self, column: int, called: bool) -> _Candidate:
@@ -169,6 +169,11 @@ class _FirstRows:
         for i, cells in enumerate(self._sample):
             if i != but and i not in self._clocks and np.isfinite(values := floats(cells)).any():
                 yield values[self._good]
+
+
+def _whole(cells: pa.Array) -> bool:
+    values = floats(cells)
+    return bool(np.isfinite(values).all() and (np.rint(values) == values).all())
 
 
 def _jump(values: Values, who: Numbers) -> bool:

@@ -92,7 +92,8 @@ class Rows:
         self._words = WordLines(self._dialect, self._known)
         self._odd = _OddLines(self._dialect, self._words)
         names = self._dialect.names
-        chosen = [name for name in names if name in self._chosen(columns)]
+        known = self._chosen(columns)
+        chosen = [name for name in names if name in known]
         with open_text(self._path) as file:
             if not isinstance(file, BoundedGzip):  # a look at all of it would take long
                 self._dialect = heeding_quotes(self._path, self._dialect)
