@@ -65,7 +65,7 @@ def estimated(folder, estimator):
     return done.stderr
 
 
-@pytest.mark.parametrize("estimator", ["residual-rls", "direct", "grioli-parametric"])
+@pytest.mark.parametrize("estimator", ["residual-rls", "direct", "grioli-parametric", "algebraic"])
 @pytest.mark.parametrize("kind", ["backlash 0.006", "backlash 0.02", "stop"])
 def test_what_the_basis_cannot_follow_is_told_with_its_size(tmp_path, estimator, kind):
     truth = log(tmp_path, kind)
@@ -80,7 +80,9 @@ def test_what_the_basis_cannot_follow_is_told_with_its_size(tmp_path, estimator,
     assert 0.5 < told / np.sqrt(np.mean(off**2)) < 1.2
 
 
-@pytest.mark.parametrize("estimator", ["residual-rls", "direct", "grioli-parametric", "qr-rls", "batch-ls"])
+@pytest.mark.parametrize(
+    "estimator", ["residual-rls", "direct", "grioli-parametric", "qr-rls", "batch-ls", "algebraic"]
+)
 @pytest.mark.parametrize(("seed", "noise", "pulses"), [(0, 1.0, 36_000), (1, 20.0, 36_000), (2, 1.0, 2000)])
 def test_a_spring_that_it_can_follow_is_left_alone(tmp_path, estimator, seed, noise, pulses):
     log(tmp_path, "cubic", seed, noise, pulses)

@@ -260,7 +260,7 @@ def estimate_joint(
             _settings(choice.tuning, fold),
             fold.model(state),
             summary,
-            (*warnings, *fold.warnings(state), *witness.said(choice.name), *shape.said(), *summary.warnings),
+            (*warnings, *fold.warnings(state), *witness.said(choice.name), *shape.said(look), *summary.warnings),
             Trace.concatenate(kept) if kept else None,
         )
 

@@ -18,11 +18,9 @@ from numpy.typing import NDArray
 
 from vsalog.binding import bind, offered_roles
 from vsalog.errors import VsalogError
-from vsalog.estimators import residual_rls
 from vsalog.estimators.device import Device
-from vsalog.estimators.folding import fold_over
-from vsalog.estimators.regression import BLOCK
 from vsalog.long_recording import LongRecording
+from vsalog.motor_side import motor_roles, motor_trace
 from vsalog.recording import Recording
 from vsalog.rig.schema import Joint
 from vsalog.signals import JointSignals
@@ -55,21 +53,8 @@ APART = 3.0
 def second_witnesses(device: Device, joint: Joint, read: Sequence[str]) -> tuple[str, ...]:
     """Return the roles that could bear an estimate out: offered by the rig, and not among those that are read."""
     unread = (r for r, s in offered_roles(joint).items() if r not in read and s.channel is not None)
-    motor = _motor_roles(device, joint, read)
+    motor = motor_roles(device, joint, read)
     return tuple(role for role in unread if role.startswith("torque_sensor") or role == ANGLE or role in motor)
-
-
-def _motor_roles(device: Device, joint: Joint, read: Sequence[str]) -> tuple[str, ...]:
-    """Return the roles that residual-rls would read beside; none where it is no witness of its own, or lacks something."""
-    views, offered = device.transmissions, offered_roles(joint)
-    if not views or any(
-        v.motor_torque in read or v.motor_torque not in offered or v.motor.inertia is None for v in views
-    ):
-        return ()
-    try:
-        return residual_rls.roles(device, offered, residual_rls.TUNING())
-    except VsalogError:
-        return ()
 
 
 class Sensed:
@@ -153,21 +138,16 @@ class SecondWitness:
             if found is not None:
                 self.moves[role] = MOVES * found.resolution.get(role, 0.0)
                 self.sensors[role] = _sensed(found.stamps, found.run, found.roles[role], found.period)
-        if motor := _motor_roles(device, joint, read):
+        if motor := motor_roles(device, joint, read):
             signals = _bound(recordings, device.joint, joint, motor, setpoints)
             if signals is not None:
                 self._hear_motor(signals)
 
     def _hear_motor(self, signals: JointSignals) -> None:
         """Take what residual-rls learns for what a sensor says."""
-        traces: list[Trace] = []
-        try:
-            fold = residual_rls.build(self.device, signals, residual_rls.TUNING())
-            fold.conditioner.check_length(signals.longest_run)
-            fold_over(fold, signals, BLOCK, traces.append)
-        except VsalogError:
+        trace = motor_trace(self.device, signals)
+        if trace is None:
             return
-        trace = Trace.concatenate(traces)
         for name, columns in trace.transmissions.items():
             role, (_, std, sure) = f"{MOTOR} {name}", _torque(columns)
             # Not what it fits, which would show where its basis ends; noise is averaged out anyway.

@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vsalog.estimators.device import Device, TransmissionView, deflection_of, has_deflection
+from vsalog.motor_side import motor_trace
 from vsalog.signals import JointSignals
 from vsalog.trace import Trace
 
@@ -53,6 +54,7 @@ class SpringShape:
         self.device = device
         self.stretch = float(np.ptp(look.time)) / STRETCHES
         self.bins: dict[str, _Bins] = {}
+        self.lacks_torque = False
         for view in device.transmissions:
             edges = _edges(look, view) if has_deflection(look.roles, view) else None
             if edges is not None:
@@ -70,8 +72,10 @@ class SpringShape:
                 for c in ("deflection", "flexibility_torque", "flexibility_torque_fit", "stiffness", "stiffness_std")
             )
             left = torque - fit
-            use = np.asarray(columns["excited"], bool) & np.isfinite(left + deflection + stiffness)
+            excited = np.asarray(columns["excited"], bool)
+            use = excited & np.isfinite(left + deflection + stiffness)
             if not use.any():
+                self.lacks_torque |= bool(excited.any()) and not np.isfinite(torque).any()
                 continue
             halves, places, _ = bins.sums.shape
             cell = half[use] * places + np.searchsorted(bins.edges, deflection[use])
@@ -79,8 +83,19 @@ class SpringShape:
                 bins.sums[..., k] += np.bincount(cell, values, halves * places).reshape(halves, places)
             bins.claimed.append(float(np.median(std[use] / np.abs(stiffness[use]))))
 
-    def said(self) -> tuple[str, ...]:
-        """Say of which transmissions the stiffness lacks something everywhere that bins agree on."""
+    def said(self, look: JointSignals) -> tuple[str, ...]:
+        """Say of which transmissions the stiffness lacks something that both halves of the log agree on.
+
+        Parameters
+        ----------
+        look : as much of the signals as is in memory; of a method that knows no torque beside what it fits, the motor's side
+            says in its place what the basis cannot follow
+        """
+        if (
+            not any(bins.claimed for bins in self.bins.values())
+            and (trace := motor_trace(self.device, look)) is not None
+        ):
+            self.add(trace)
         return tuple(words for name, bins in self.bins.items() if (words := self._of(name, bins)))
 
     def _of(self, name: str, bins: _Bins) -> str:
