@@ -32,6 +32,7 @@ def motor_trace(device: Device, signals: JointSignals) -> Trace | None:
     """Return what residual-rls makes of a joint's signals; None where it cannot."""
     traces: list[Trace] = []
     try:
+        residual_rls.roles(device, signals.roles, residual_rls.TUNING())
         fold = residual_rls.build(device, signals, residual_rls.TUNING())
         fold.conditioner.check_length(signals.longest_run)
         fold_over(fold, signals, BLOCK, traces.append)

@@ -54,7 +54,7 @@ class SpringShape:
         self.device = device
         self.stretch = float(np.ptp(look.time)) / STRETCHES
         self.bins: dict[str, _Bins] = {}
-        self.lacks_torque = False
+        self.knows_torque = False
         for view in device.transmissions:
             edges = _edges(look, view) if has_deflection(look.roles, view) else None
             if edges is not None:
@@ -72,10 +72,9 @@ class SpringShape:
                 for c in ("deflection", "flexibility_torque", "flexibility_torque_fit", "stiffness", "stiffness_std")
             )
             left = torque - fit
-            excited = np.asarray(columns["excited"], bool)
-            use = excited & np.isfinite(left + deflection + stiffness)
+            self.knows_torque |= bool(np.isfinite(torque).any())
+            use = np.asarray(columns["excited"], bool) & np.isfinite(left + deflection + stiffness)
             if not use.any():
-                self.lacks_torque |= bool(excited.any()) and not np.isfinite(torque).any()
                 continue
             halves, places, _ = bins.sums.shape
             cell = half[use] * places + np.searchsorted(bins.edges, deflection[use])
