@@ -12,9 +12,16 @@ import pyarrow.parquet as pq
 from vsalog.readers.parquet_rows import ParquetRows
 from vsalog.readers.sampling import STRETCHES, Cut, Piece, chosen_pieces, copy_pieces
 from vsalog.readers.table import TableReader
+from vsalog.readers.table_between import last_header
 from vsalog.readers.text_source import open_text, read_beginning
 
 _LONGEST_LINE = 2**20
+_SEARCHED = 2**32
+"""To look for headers in a larger table would take longer than anybody waits for a glance at it."""
+_UNSEEN = (
+    "a second header, as where tables were put behind one another, was looked for only in the parts that were read: below one,"
+    " columns may be others"
+)
 
 
 def cut_parquet(source: Path, target: Path, budget: int) -> Cut | None:
@@ -37,20 +44,29 @@ def cut_parquet(source: Path, target: Path, budget: int) -> Cut | None:
 
 
 def cut_text(source: Path, target: Path, budget: int) -> Cut | None:
-    """Cut stretches of lines out of a text table, or its beginning where lines do not tell their time. See `sampling.Cutter`."""
+    """Cut stretches of lines out of a text table, or its beginning where lines do not tell their time. See `sampling.Cutter`.
+
+    A header between two stretches is taken along, for it says what the columns below it are; to look for one takes a fraction
+    of the time that reading everything does.
+    """
     reader = TableReader(source, None, thorough=False)
     size = source.stat().st_size
     with open_text(source) as file, target.open("wb") as out:
         if not (reader.has_clock and reader.seekable):
             beginning = read_beginning(file, budget)
-            text = beginning.decode(reader.encoding, "replace")
+            text = beginning.decode(reader.dialect.encoding, "replace")
             out.write(text[: text.rfind("\n") + 1].encode())
             return Cut(len(beginning), 1)
         share = budget // STRETCHES
         begins = [_next_line(file, int(at)) for at in np.linspace(0, size - share, STRETCHES)]
         pieces = [Piece(begin, _next_line(file, begin + share) - begin) for begin in begins]
-        copy_pieces(file, pieces, out)
-        return Cut(out.tell(), STRETCHES)
+        end, searched = 0, size <= _SEARCHED
+        for piece in pieces:
+            if end and searched:
+                out.write(last_header(source, reader.dialect, end, piece.position))
+            copy_pieces(file, [piece], out)
+            end = piece.position + piece.size
+        return Cut(out.tell(), STRETCHES, notes=() if searched else (_UNSEEN,))
 
 
 def _next_line(file: IO[bytes], position: int) -> int:

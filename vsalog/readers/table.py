@@ -241,14 +241,14 @@ class TableReader:
         return bool(self._plan.clocks)
 
     @property
-    def encoding(self) -> str:
-        """Python's name of the text's encoding."""
-        return self._dialect.encoding
+    def dialect(self) -> Dialect:
+        """How the text is written."""
+        return self._dialect
 
     @property
     def seekable(self) -> bool:
         """Whether lines can be found from anywhere in the file: it is not compressed, and a line's end is one byte."""
-        return not self._compressed and not self.encoding.startswith("utf-16")
+        return not self._compressed and not self._dialect.encoding.startswith("utf-16")
 
     def _clock(
         self, clocks: Mapping[str, ClockColumn], batch: pa.RecordBatch, row: int, parts: dict[str, NDArray[np.bool_]]
