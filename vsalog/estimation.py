@@ -241,7 +241,7 @@ def estimate_joint(
     with np.errstate(over="ignore", invalid="ignore", divide="ignore"):
         fold = choice.method.build(device, look, choice.tuning)
         fold.conditioner.check_length(signals.longest_run)
-        witness = SecondWitness(recordings, device, joint, choice.roles, setpoints)
+        witness = SecondWitness(recordings, device, joint, choice.roles, look.period, setpoints)
         shape = SpringShape(device, look)
         pass_on = kept.append if sink is None else sink
 

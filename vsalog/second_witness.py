@@ -29,8 +29,8 @@ from vsalog.trace import Trace
 Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]
 
-# Samples that are averaged; averages without which nothing is said.
-BOX, AVERAGES = 50, 20
+# Samples that are averaged, and seconds, at least; averages without which nothing is said.
+BOX, LASTING, AVERAGES = 50, 0.05, 20
 # A slope that is off by so much is told, or by so many of the stiffness' deviations where these are more; sensors that have less
 # of their power in common with the estimate than this follow something else.
 OFF, BEYOND, SHARED = 0.05, 2.0, 0.5
@@ -91,10 +91,10 @@ class _Heard:
     sensed: list[Array] = field(default_factory=list)
     claimed: list[Array] = field(default_factory=list)
 
-    def add(self, estimated: Array, sensed: Array, claimed: Array) -> None:
-        """Average what belongs together."""
+    def add(self, estimated: Array, sensed: Array, claimed: Array, box: int) -> None:
+        """Average what belongs together, so many samples at a time."""
         columns = np.column_stack((estimated, sensed, claimed**2))
-        whole = columns[: len(columns) // BOX * BOX].reshape(-1, BOX, 3)
+        whole = columns[: len(columns) // box * box].reshape(-1, box, 3)
         known = whole[np.isfinite(whole).all(axis=(1, 2))].mean(axis=1)
         for kept, values in zip((self.estimated, self.sensed, self.claimed), known.T, strict=True):
             kept.append(values)
@@ -117,6 +117,7 @@ class SecondWitness:
     recordings, joint : as they are bound for the estimator
     device : of the joint
     read : the roles that the estimator reads
+    period : of the estimate's rows [s]
     setpoints : as they are bound for the estimator
     """
 
@@ -126,9 +127,11 @@ class SecondWitness:
         device: Device,
         joint: Joint,
         read: Sequence[str],
+        period: float,
         setpoints: Sequence[float | None] = (),
     ) -> None:
         self.device = device
+        self.box = max(BOX, round(LASTING / period))
         self.heard: dict[tuple[str, str], _Heard] = {}
         self.sensors: dict[str, dict[int, Sensed]] = {}
         self.moves: dict[str, float] = {}
@@ -177,7 +180,7 @@ class SecondWitness:
         for run in np.unique(trace.run):
             rows, sensor = trace.run == run, self.sensors[role].get(int(run))
             if sensor is not None:
-                heard.add(estimated[rows], sensor.at(trace.stamps[rows]), claimed[rows])
+                heard.add(estimated[rows], sensor.at(trace.stamps[rows]), claimed[rows], self.box)
 
     def said(self, estimator: str) -> tuple[str, ...]:
         """Say which of them do not bear the estimate out."""

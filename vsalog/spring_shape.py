@@ -34,11 +34,16 @@ LACKS, BEYOND, ALIKE = 0.05, 3.0, 0.5
 
 @dataclass(slots=True)
 class _Bins:
-    """Sums per half and bin: how many, of the deflection, of what is left over, of the stiffness; and what is claimed."""
+    """Sums per half and bin: how many, of the deflection, of what is left over, of the stiffness, of its relative variance."""
 
     edges: Array
     sums: Array
-    claimed: list[float]
+
+    @property
+    def claimed(self) -> float:
+        """The stiffness' deviation as a part of it, root mean square."""
+        count, variance = self.sums[..., 0].sum(), self.sums[..., 4].sum()
+        return float((variance / count) ** 0.5) if count else np.inf
 
 
 class SpringShape:
@@ -58,7 +63,7 @@ class SpringShape:
         for view in device.transmissions:
             edges = _edges(look, view) if has_deflection(look.roles, view) else None
             if edges is not None:
-                self.bins[view.name] = _Bins(edges, np.zeros((2, edges.size + 1, 4)), [])
+                self.bins[view.name] = _Bins(edges, np.zeros((2, edges.size + 1, 5)))
 
     def add(self, trace: Trace) -> None:
         """Take a block of the estimates into account."""
@@ -78,9 +83,9 @@ class SpringShape:
                 continue
             halves, places, _ = bins.sums.shape
             cell = half[use] * places + np.searchsorted(bins.edges, deflection[use])
-            for k, values in enumerate((None, deflection[use], left[use], stiffness[use])):
+            variance = (std[use] / stiffness[use]) ** 2
+            for k, values in enumerate((None, deflection[use], left[use], stiffness[use], variance)):
                 bins.sums[..., k] += np.bincount(cell, values, halves * places).reshape(halves, places)
-            bins.claimed.append(float(np.median(std[use] / np.abs(stiffness[use]))))
 
     def said(self, look: JointSignals) -> tuple[str, ...]:
         """Say of which transmissions the stiffness lacks something that both halves of the log agree on.
@@ -90,16 +95,13 @@ class SpringShape:
         look : as much of the signals as is in memory; of a method that knows no torque beside what it fits, the motor's side
             says in its place what the basis cannot follow
         """
-        if (
-            not any(bins.claimed for bins in self.bins.values())
-            and (trace := motor_trace(self.device, look)) is not None
-        ):
+        if self.bins and not self.knows_torque and (trace := motor_trace(self.device, look)) is not None:
             self.add(trace)
         return tuple(words for name, bins in self.bins.items() if (words := self._of(name, bins)))
 
     def _of(self, name: str, bins: _Bins) -> str:
         found = _lacking(bins)
-        if found is None or found.alike < ALIKE or found.part < max(LACKS, BEYOND * float(np.median(bins.claimed))):
+        if found is None or found.alike < ALIKE or found.part < max(LACKS, BEYOND * bins.claimed):
             return ""
         several = len(self.bins) > 1
         where = f"joint '{self.device.joint}'" + (f", transmission {name}" if several else "")
