@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import re
 from datetime import UTC, date, datetime, timedelta
+from decimal import ROUND_HALF_EVEN, Decimal
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from vsalog.readers import read
@@ -318,3 +320,17 @@ def test_a_counter_of_32_bits_that_overflows(table, unit, size):
 def test_seconds_as_labview_counts_them_are_told(table, epoch, told):
     recording = table("time,pos\n" + "".join(f"{epoch + i / 10},{i}\n" for i in range(50)))
     assert any("LabVIEW counts from 1904" in note for note in recording.notes) == told
+
+
+@pytest.mark.parametrize("begin", ["0", "99999", "100001", "1700000000", "-99999"])
+@pytest.mark.parametrize("decimals", [0, 3, 9, 11, 15])
+@pytest.mark.parametrize("unit", ["s", "ms", "us"])
+def test_seconds_in_decimals_are_read_exactly(table, begin, decimals, unit):
+    """To the nanosecond, whatever a floating point number would make of them; rounded where there are more digits."""
+    rng = np.random.default_rng(7)
+    steps = np.cumsum(rng.integers(10 ** max(decimals - 1, 0), 10 ** (decimals + 1), 200))
+    cells = [Decimal(begin) + Decimal(int(step)).scaleb(-decimals) for step in steps]
+    log = table(f"time [{unit}],x", *(f"{cell},{i}" for i, cell in enumerate(cells)))
+    digits = {"s": 9, "ms": 6, "us": 3}[unit]
+    expected = [int(cell.scaleb(digits).to_integral_value(ROUND_HALF_EVEN)) for cell in cells]
+    assert log.channels["x"].stamps.tolist() == expected
