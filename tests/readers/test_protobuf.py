@@ -299,3 +299,23 @@ def test_without_the_package_its_name_is_told(tmp_path, monkeypatch):
     recording = read(path)
     assert "vsalog[protobuf]" in recording.unread["/t"]
     assert not recording.channels
+
+
+@pytest.mark.parametrize("path", ["header", ""])
+def test_frames_by_turns_are_streams_of_their_own(tmp_path, path):
+    schema = Schema().message("Header", stamp=".google.protobuf.Timestamp", frame_id="string")
+    own = {"header": ".t.Header"} if path else {"timestamp": ".google.protobuf.Timestamp", "frame_id": "string"}
+    schema.message("P", **own, x="double")
+    kind, log = schema.new("P"), McapLog(profile="")
+    channel = log.writer.register_channel(
+        "/p", "protobuf", log.writer.register_schema("t.P", "protobuf", schema.data())
+    )
+    for i in range(60):
+        for k, frame in enumerate(("left", "")):
+            message = kind(x=i + 1000 * k)
+            head = message.header if path else message
+            head.frame_id = frame
+            log.raw(channel, message.SerializeToString(), START + i * MS)
+    recording = read(log.save(tmp_path / "log"))
+    for k, name in enumerate(("left", "unnamed")):
+        np.testing.assert_array_equal(recording.channel(f"/p@{name}.x").values, np.arange(60) + 1000 * k)

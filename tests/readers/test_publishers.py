@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from itertools import chain
+
 import numpy as np
 import pytest
 from random_messages import STORES
@@ -9,7 +11,7 @@ from rosbags import rosbag1
 from write_logs import JOINT_STATE, MS, START, McapLog, joint_state, serialised
 
 from vsalog.readers import open_reader, read, read_within, streams
-from vsalog.readers.frames import Frames
+from vsalog.readers.frames import MOST, Frames, header_frames
 from vsalog.readers.packets import Messages
 
 COUNT = 40
@@ -133,6 +135,92 @@ def test_frames_that_are_no_publishers_are_one_stream(tmp_path, sent):
     assert not any("frames" in note for note in recording.notes)
 
 
+def at(frame, times, base):
+    """What a publisher sends: (frame, time, value), at some milliseconds."""
+    return [(frame, START + round(t * MS), base + k) for k, t in enumerate(times)]
+
+
+def in_time(*publishers):
+    return sorted(chain(*publishers), key=lambda one: one[1])
+
+
+BY_TURNS = {
+    "1:30": in_time(at("left", range(600), 0), at("right", np.arange(20) * 30 + 0.5, 5000)),
+    "1:30, same stamps": in_time(at("left", range(600), 0), at("right", np.arange(20) * 30, 5000)),
+    "rare bursts": in_time(
+        at("left", range(900), 0), at("right", [t + k / 20 for t in (200, 500, 800) for k in range(9)], 0)
+    ),
+    "rare, irregular": in_time(
+        at("left", np.cumsum(np.random.default_rng(1).exponential(1, 800)), 0), at("right", range(9, 800, 40), 0)
+    ),
+    "bursts": [(f"{'left' if i // 10 % 2 else 'right'}", START + i * MS, i) for i in range(400)],
+    "two rare bursts": in_time(
+        at("left", range(900), 0), at("right", [t + k / 20 for t in (200, 500) for k in range(9)], 0)
+    ),
+    "put together later": [*at("left", range(100), 0), *at("right", range(100), 1000)],
+    "many": in_time(*(at(f"imu{k}", np.arange(9) + k / 100, 100 * k) for k in range(40))),
+}
+
+
+@pytest.mark.parametrize("sent", BY_TURNS.values(), ids=BY_TURNS)
+@pytest.mark.parametrize("json", [False, True])
+def test_frames_by_turns_are_streams_of_their_own(tmp_path, sent, json):
+    path = (as_json if json else framed)(tmp_path / "log", sent)
+    recording = read(path)
+    for frame in {frame for frame, _, _ in sent}:
+        own = sorted((time, value) for name, time, value in sent if name == frame)
+        channel = recording.channel(f"/j@{frame}.{'value' if json else 'position[a]'}")
+        assert [*zip(channel.stamps.tolist(), channel.values.tolist(), strict=True)] == own
+    assert set(recording.streams) == {f"/j@{frame}" for frame, _, _ in sent}
+    assert sum("frames give the same values" in note for note in recording.notes) == 1
+
+
+@pytest.mark.parametrize("more", [1, 4])
+def test_frames_beyond_those_told_apart_are_alone_or_said_to_be_mixed(tmp_path, more):
+    names = [f"imu{k}" for k in range(MOST + more)]
+    sent = in_time(*(at(name, np.arange(6) + k / 1000, 100 * k) for k, name in enumerate(names)))
+    recording = read(framed(tmp_path / "log", sent))
+    assert set(recording.streams) == {*(f"/j@{name}" for name in names[:MOST]), "/j"}
+    assert any(f"{more} frames" in note and "are mixed" in note for note in recording.notes) == (more > 1)
+
+
+def as_json(path, sent, place="header"):
+    log = McapLog()
+    for frame, time, value in sent:
+        stamp = {"sec": time // 10**9, "nanosec": time % 10**9}
+        header = (
+            {"header": {"frame_id": frame, "stamp": stamp}}
+            if place == "header"
+            else {"frame_id": frame, "timestamp": stamp}
+        )
+        log.add_json("/j", {**header, "value": float(value)}, time)
+    return log.save(path)
+
+
+def test_frames_beside_the_values_of_json_are_told(tmp_path):
+    assert set(read(as_json(tmp_path / "log", BY_TURNS["1:30"], "")).streams) == {"/j@left", "/j@right"}
+
+
+@pytest.mark.parametrize("ros1", [False, True])
+def test_a_frame_that_changes_for_a_moment_or_for_good_is_one_publishers(tmp_path, ros1):
+    rng = np.random.default_rng(1)
+    times = START + (np.arange(2000) + rng.uniform(-0.2, 0.2, 2000)) * MS
+    for k, frames in enumerate(
+        (
+            ["left" if i < 900 else "right" for i in range(2000)],
+            ["left" if i < 900 or i > 1200 else "right" for i in range(2000)],
+            ["left" if i < 500 or 900 < i < 1200 else "right" for i in range(2000)],
+            ["left" if i % 97 else "" for i in range(2000)],
+            ["left" if i % 400 > 5 else "" for i in range(2000)],
+        )
+    ):
+        sent = [(frame, round(time), i) for i, (frame, time) in enumerate(zip(frames, times, strict=True))]
+        recording = read(framed(tmp_path / f"log{k}", sent, ros1))
+        assert set(recording.streams) == {"/j"}
+        assert recording.channel("/j.position[a]").values.size == len(sent)
+        assert not recording.notes
+
+
 def test_frames_that_were_not_seen_in_time_are_told(tmp_path, monkeypatch):
     """Of a large log without an index, only the beginning is looked at beforehand."""
     monkeypatch.setattr(streams, "WHOLE_BYTES", 0)
@@ -150,6 +238,6 @@ def test_frames_in_messages_of_either_byte_order():
         message.header.frame_id = ("left", "r", "")[k % 3]
         messages.append(bytes(STORES[False].serialize_cdr(message, JOINT_STATE, little_endian=k < 3)))
     frames = Frames()
-    found = frames.numbers(Messages.of([*messages, messages[0][:18], messages[0][:14], b""]), cdr=True)
+    found = frames.numbers(header_frames(Messages.of([*messages, messages[0][:18], messages[0][:14], b""]), cdr=True))
     assert found.tolist() == [0, 1, 2, 0, 1, 2, -1, -1, -1]
     assert frames.names == ["left", "r", ""]

@@ -40,7 +40,7 @@ class _Batch:
     """Messages of one stream and one definition that wait to be decoded; `rows` of them are, at once.
 
     `expected` is how many there are in all, where the log says so. Messages of the first of `frames` wait elsewhere,
-    `apart`; `watch` looks for such frames that were not seen before.
+    `apart`; `watch` looks for such frames that were not seen before, or were too many.
     """
 
     stream: str
@@ -63,7 +63,7 @@ class _Batch:
         if not self.apart:
             yield self, rows
             return
-        numbers = self.frames.numbers(messages.some(rows), self.connection.encoding == "cdr")
+        numbers = self.frames.numbers(self.decoder.frames(messages.some(rows)))
         numbers[numbers >= len(self.apart)] = -1  # other frames are this batch's, as what is of none
         for k, batch in enumerate((self, *self.apart), -1):
             if (own := numbers == k).any():
@@ -237,7 +237,7 @@ class BagReader:
             for stream in (named.stream, *(publisher_stream(named.stream, frame) for frame in named.frames))
         )
         batch.apart, batch.frames = others, Frames(named.frames)
-        if batch.decoder.framed and not batch.apart and not self._streams.seen_wholly():
+        if batch.decoder.framed and (batch.apart or not self._streams.seen_wholly()):
             batch.watch = FrameWatch()
         return batch
 

@@ -10,8 +10,10 @@ from numba import njit
 from vsalog.readers.definitions import Scalar, Struct, Text, Time
 from vsalog.readers.packets import Bytes, Integers, Messages
 
-MOST, LONGEST = 16, 256
+MOST, LONGEST = 256, 256
 """Frames of a channel that are told apart, and bytes of one; more are a counter."""
+
+_FEW = 4  # frames that there is room for at first
 
 _AT = (
     12  # behind the time stamp, and what is ahead of it: a sequence number in ROS 1, what tells the byte order in ROS 2
@@ -25,6 +27,25 @@ def has_frame(root: Struct, cdr: bool) -> bool:
     return kinds == ([Time, Text] if cdr else [Scalar, Time, Text])
 
 
+def header_frames(messages: Messages, cdr: bool) -> Messages:
+    """Return the frames in headers that messages, of ROS 2's encoding or ROS 1's, begin with; length -1 where none is clear."""
+    at, size = np.empty(len(messages), np.int64), np.empty(len(messages), np.int64)
+    data = messages.data.view()
+    data.flags.writeable = False  # always, so that the loops are compiled once
+    _places(data, messages.start, messages.length, cdr, at, size)
+    return Messages(data, at, size)
+
+
+def stated_frames(frames: Sequence[object]) -> Messages:
+    """Return frames as `header_frames` does; what is no text is none."""
+    texts = [frame.encode("utf-8", "surrogateescape") if isinstance(frame, str) else None for frame in frames]
+    joined = Messages.of([text or b"" for text in texts])
+    length = np.where([text is None for text in texts], -1, joined.length)
+    data = joined.data.view()
+    data.flags.writeable = False
+    return Messages(data, joined.start, length)
+
+
 class Frames:
     """The frames met in a channel so far.
 
@@ -35,7 +56,9 @@ class Frames:
     """
 
     def __init__(self, known: Sequence[str] = ()) -> None:
-        self._pool, self._sizes, self._count = np.zeros((MOST, LONGEST), np.uint8), np.zeros(MOST, np.int64), len(known)
+        self._pool, self._sizes, self._count = np.zeros((_FEW, LONGEST), np.uint8), np.zeros(_FEW, np.int64), len(known)
+        while self._count > len(self._sizes):
+            self._grow()
         for k, name in enumerate(known):
             raw = np.frombuffer(name.encode("utf-8", "surrogateescape"), np.uint8)
             self._pool[k, : raw.size], self._sizes[k] = raw, raw.size
@@ -46,24 +69,29 @@ class Frames:
         texts = (self._pool[k, : self._sizes[k]].tobytes() for k in range(self._count))
         return [text.decode("utf-8", "surrogateescape") for text in texts]
 
-    def numbers(self, messages: Messages, cdr: bool) -> Integers:
-        """Return which frame each message, of ROS 2's encoding or ROS 1's, has, shape (n,); -1 where that is not clear."""
-        found = np.empty(len(messages), np.int64)
-        data = messages.data.view()
-        data.flags.writeable = False  # always, so that the loop is compiled once
-        self._count = int(
-            _numbers(data, messages.start, messages.length, cdr, self._pool, self._sizes, self._count, found)
-        )
-        return found
+    def numbers(self, frames: Messages) -> Integers:
+        """Return which frame each message has, shape (n,), of the texts of their frames; -1 where that is not clear."""
+        found = np.full(len(frames), -1, np.int64)
+        done = 0
+        while True:
+            done, self._count = _numbers(
+                frames.data, frames.start, frames.length, self._pool, self._sizes, self._count, found, done
+            )
+            if done == found.size:
+                return found
+            self._grow()
+
+    def _grow(self) -> None:
+        more = 3 * len(self._sizes)
+        self._pool = np.concatenate((self._pool, np.zeros((more, LONGEST), np.uint8)))
+        self._sizes = np.concatenate((self._sizes, np.zeros(more, np.int64)))
 
 
 @njit(cache=True, nogil=True)
-def _numbers(
-    data: Bytes, start: Integers, length: Integers, cdr: bool, pool: Bytes, sizes: Integers, count: int, out: Integers
-) -> int:
-    """Write down which frame each message has; returns how many are known then."""
+def _places(data: Bytes, start: Integers, length: Integers, cdr: bool, place: Integers, sizes: Integers) -> None:
+    """Write down where each message's frame begins and how long it is, -1 where that is not clear."""
     for k in range(start.size):
-        at, out[k] = start[k] + _AT, -1
+        at, place[k], sizes[k] = start[k] + _AT, 0, -1
         if length[k] < _AT + 4:
             continue
         size = 0
@@ -74,17 +102,30 @@ def _numbers(
             continue
         while size and data[at + size - 1] == 0:
             size -= 1
-        if size > LONGEST:
+        place[k], sizes[k] = at, size
+
+
+@njit(cache=True, nogil=True)
+def _numbers(
+    data: Bytes, start: Integers, length: Integers, pool: Bytes, sizes: Integers, count: int, out: Integers, begin: int
+) -> tuple[int, int]:
+    """Write down which frame each message has, from one on; returns how far there was room for them, and how many are known."""
+    for k in range(begin, start.size):
+        at, size = start[k], length[k]
+        if size < 0 or size > LONGEST:
             continue
         for j in range(count):
-            same = sizes[j] == size
-            for i in range(size):
-                same = same and pool[j, i] == data[at + i]
-            if same:
+            i = 0
+            while sizes[j] == size and i < size and pool[j, i] == data[at + i]:
+                i += 1
+            if sizes[j] == size and i == size:
                 out[k] = j
                 break
-        if out[k] < 0 and count < sizes.size:
-            pool[count, :size] = data[at : at + size]
-            sizes[count], out[k] = size, count
-            count += 1
-    return count
+        if out[k] >= 0 or count == MOST:
+            continue
+        if count == sizes.size:
+            return k, count
+        pool[count, :size] = data[at : at + size]
+        sizes[count], out[k] = size, count
+        count += 1
+    return start.size, count

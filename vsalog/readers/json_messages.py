@@ -5,13 +5,14 @@ from __future__ import annotations
 import json
 from collections.abc import Collection
 from itertools import islice
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from vsalog.printable import printable
 from vsalog.readers.base import MAX_ARRAY
 from vsalog.readers.fields import LARGE_MESSAGES, LONG_NAMES, MAX_BYTES, MAX_FIELDS, MAX_NAME, Fields
+from vsalog.readers.frames import stated_frames
 from vsalog.readers.labels import (
     BAD_NAMES,
     ELEMENT_NAME,
@@ -24,6 +25,9 @@ from vsalog.readers.labels import (
 from vsalog.readers.messages import Decoded
 from vsalog.readers.packets import Messages
 from vsalog.readers.reach import FARTHEST, NEVER
+
+if TYPE_CHECKING:
+    import msgspec
 
 MAX_DEPTH = 32
 MAX_PARTS = 4 * MAX_FIELDS
@@ -44,7 +48,7 @@ class JsonDecoder:
     """
 
     misfit = ("are no JSON objects", "is a JSON object")
-    framed = False
+    framed = True
 
     def __init__(self, prefix: str, wanted: Collection[str] | None) -> None:
         self.prefix = prefix
@@ -64,13 +68,17 @@ class JsonDecoder:
             if len(raw) > MAX_BYTES:
                 self._fields.leave(self.prefix, LARGE_MESSAGES)
                 continue
-            try:
-                message = decoder.decode(raw)
-            except (msgspec.DecodeError, UnicodeDecodeError, RecursionError):
-                message = _with_nan(raw)
-            if isinstance(message, dict):
+            message = _loaded(decoder, raw)
+            if message is not None:
                 self._message(message, i, count, result)
         return result
+
+    def frames(self, messages: Messages) -> Messages:
+        """Return ``header.frame_id``, or else ``frame_id``, of messages, as text; length -1 where they have none."""
+        import msgspec
+
+        decoder = msgspec.json.Decoder()
+        return stated_frames([_frame(_loaded(decoder, raw)) if len(raw) <= MAX_BYTES else None for raw in messages])
 
     def _message(self, message: dict[str, Any], row: int, count: int, result: Decoded) -> None:
         result.good[row] = True
@@ -150,6 +158,23 @@ def _own_names(value: list[Any]) -> list[str] | None:
     names = [child.get(ELEMENT_NAME) if isinstance(child, dict) else None for child in value]
     texts = [printable(name) for name in names if isinstance(name, str)]
     return (labels_of(texts) if len(texts) == len(names) else []) or None
+
+
+def _loaded(decoder: msgspec.json.Decoder[Any], raw: bytes) -> dict[str, Any] | None:
+    """Return the object that a message is, or None."""
+    import msgspec
+
+    try:
+        message = decoder.decode(raw)
+    except (msgspec.DecodeError, UnicodeDecodeError, RecursionError):
+        message = _with_nan(raw)
+    return message if isinstance(message, dict) else None
+
+
+def _frame(message: dict[str, Any] | None) -> object:
+    """Return the frame that a message names, or something that is no text."""
+    header = None if message is None else message.get("header")
+    return None if message is None else (header if isinstance(header, dict) else message).get("frame_id")
 
 
 def _with_nan(raw: bytes) -> Any:

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from vsalog.readers.definitions import Struct, Time
 from vsalog.readers.fields import Fields
-from vsalog.readers.frames import has_frame
+from vsalog.readers.frames import has_frame, header_frames
 from vsalog.readers.irregular import IrregularDecoder
 from vsalog.readers.layout import (
     Bytes,
@@ -74,7 +74,7 @@ class Decoder(Protocol):
     """Decodes the messages of one type.
 
     `unread` collects fields that are no signal, by full name, with the reason; `stamped` tells that messages may have a
-    time stamp of their own, `framed` that they begin with a header that names a frame. `misfit` says of messages that cannot be
+    time stamp of their own, `framed` that they may name a frame. `misfit` says of messages that cannot be
     decoded what they are not, and of one what it should be.
     """
 
@@ -87,6 +87,10 @@ class Decoder(Protocol):
 
     def decode(self, messages: Messages) -> Decoded:
         """Decode a batch of messages."""
+        ...
+
+    def frames(self, messages: Messages) -> Messages:
+        """Return the frames that messages name, as text; length -1 where that is not clear."""
         ...
 
 
@@ -153,6 +157,10 @@ class RosDecoder:
         self._few = 2**62 if one_by_one else FEW
         self._remember = remember
         self._irregular: IrregularDecoder | None = None
+
+    def frames(self, messages: Messages) -> Messages:
+        """Return the frames in the headers of messages, which begin with one, as text; length -1 where that is not clear."""
+        return header_frames(messages, self.cdr)
 
     def decode(self, messages: Messages) -> Decoded:
         """Decode a batch of messages."""

@@ -12,6 +12,7 @@ import numpy as np
 from vsalog.printable import printable
 from vsalog.readers.base import MAX_ARRAY
 from vsalog.readers.fields import LARGE_MESSAGES, LONG_NAMES, MAX_BYTES, MAX_FIELDS, MAX_NAME, Fields
+from vsalog.readers.frames import stated_frames
 from vsalog.readers.labels import ELEMENT_NAME, MAX_LABELS, best_label_field, labels_of, naming_texts
 from vsalog.readers.messages import MISFIT, Decoded
 from vsalog.readers.packets import Messages
@@ -25,6 +26,8 @@ NUMBER, TIME, MESSAGE, TEXT, OTHER = range(5)
 _TIMES = ("google.protobuf.Timestamp", "google.protobuf.Duration")
 _STAMPS = (("timestamp",), ("stamp",), ("header", "stamp"), ("header", "timestamp"))
 """Where a message may have its time, best first."""
+_FRAMES = (("header", "frame_id"), ("frame_id",))
+"""Where a message may name its frame, best first."""
 _CLOCKS = (("seconds", "nanos"), ("sec", "nsec"), ("sec", "nanosec"))
 
 
@@ -67,7 +70,6 @@ class ProtobufDecoder:
     """
 
     misfit = MISFIT
-    framed = False
 
     def __init__(self, name: str, descriptors: bytes, prefix: str, wanted: Collection[str] | None) -> None:
         self.prefix = prefix
@@ -76,7 +78,8 @@ class ProtobufDecoder:
         self._class = message_class(name, descriptors)
         self._fields: dict[str, tuple[_Field, ...]] = {}
         self._stamp_path = _stamp_path(self._class.DESCRIPTOR)
-        self.stamped = bool(self._stamp_path)
+        self._frame_path = _frame_path(self._class.DESCRIPTOR)
+        self.stamped, self.framed = bool(self._stamp_path), bool(self._frame_path)
 
     def decode(self, messages: Messages) -> Decoded:
         """Decode a batch of messages; what is no message of this type counts as damaged."""
@@ -96,6 +99,25 @@ class ProtobufDecoder:
                 continue
             self._message(message, row, result)
         return result
+
+    def frames(self, messages: Messages) -> Messages:
+        """Return the frames that messages name, as text; length -1 where that is not clear."""
+        return stated_frames([self._frame(raw) for raw in messages])
+
+    def _frame(self, raw: bytes) -> object:
+        from google.protobuf.message import DecodeError
+
+        if len(raw) > MAX_BYTES:
+            return None
+        try:
+            part: Any = self._class.FromString(raw)
+        except (DecodeError, RecursionError):
+            return None
+        for name in self._frame_path:
+            part = next((value for field, value in type(part).ListFields(part) if field.name == name), "")
+            if part == "":
+                break  # proto3 leaves empty texts out
+        return part
 
     def _message(self, message: Any, row: int, result: Decoded) -> None:
         result.good[row] = True
@@ -206,6 +228,18 @@ def _stamp_path(descriptor: Any) -> tuple[str, ...]:
             field = None if part is None else part.fields_by_name.get(name)
             part = None if field is None or field.is_repeated else field.message_type
         if part is not None and (part.full_name == _TIMES[0] or _clock_of(part)):
+            return path
+    return ()
+
+
+def _frame_path(descriptor: Any) -> tuple[str, ...]:
+    """Return where a message type names its frame, () where it does not."""
+    for path in _FRAMES:
+        part, field = descriptor, None
+        for name in path:
+            field = None if part is None else part.fields_by_name.get(name)
+            part = None if field is None or field.is_repeated else field.message_type
+        if field is not None and field.type == field.TYPE_STRING and not field.is_repeated:
             return path
     return ()
 

@@ -7,7 +7,7 @@ tells no publishers apart, the frames in the headers of their messages may.
 from __future__ import annotations
 
 from collections.abc import Callable, Collection, Iterable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from itertools import combinations
 
 import numpy as np
@@ -17,25 +17,33 @@ from vsalog.readers.container import Connection
 from vsalog.readers.decoders import decoder_of
 from vsalog.readers.definitions import DefinitionError
 from vsalog.readers.frames import Frames
-from vsalog.readers.packets import Messages, Packet
+from vsalog.readers.messages import Decoder
+from vsalog.readers.packets import Integers, Messages, Packet
 from vsalog.recording import Stamps
 
 _DECODED = 20  # messages of a packet that tell which values a connection gives
-# A frame that is so many times rarer than another is a slip of the same publisher, and so are some that come together; those of
-# two publishers come by turns, the rarer one so many times in a row at most.
-_RARE, _LEAST_RUNS, _LONGEST_RUN = 20, 3, 4
+# What comes by turns is of two publishers. A publisher that is set up anew changes its frame fewer times, and a frame that is so
+# many times rarer than another may be its slip: then it stands where one of the other would have been.
+_LEAST_RUNS, _RARE = 3, 20
+# So much longer than usual [times] the other's interval is then, if it is regular; and so many intervals tell.
+_LONGER, _INTERVALS = 1.5, 4096
 _UNNAMED = "unnamed"  # what publishers without a name are called
 
 
 @dataclass(slots=True)
 class _Publisher:
-    """From when to when a publisher gives values [ns], their paths, in how many messages, and in how many runs of these."""
+    """From when to when a publisher gives values [ns], their paths, in how many messages, and in how many runs of these.
+
+    `usual` are intervals of its messages [ns], `across` those with messages of others in between.
+    """
 
     first: int
     last: int
     paths: set[str]
     count: int = 0
     runs: int = 0
+    usual: list[int] = field(default_factory=list)
+    across: list[int] = field(default_factory=list)
 
     def add(self, log: Stamps) -> None:
         """Take note of log times [ns] of messages."""
@@ -48,11 +56,26 @@ class _Publisher:
         shorter = min(self.last - self.first, other.last - other.first)
         return both > 0 and 2 * both >= shorter and bool(self.paths & other.paths)
 
+    def note_intervals(self, log: Stamps, rows: Integers) -> None:
+        """Take note of how far log times [ns] are apart that are in some rows of a packet, shape (n,)."""
+        steps, lone = np.diff(log), np.diff(rows) == 1
+        for known, found in (self.usual, steps[lone]), (self.across, steps[~lone]):
+            known += found[: _INTERVALS - len(known)].tolist()
+
+    def gives_way(self) -> bool | None:
+        """Tell whether messages of others stand where its own would have been; None where that is not clear."""
+        if not self.usual or not self.across:
+            return None
+        usual, late = np.percentile(self.usual, (50, 90))
+        return bool(np.median(self.across) > _LONGER * usual) if late <= _LONGER * usual else None
+
     def alternates(self, other: _Publisher) -> bool:
-        """Tell whether messages of both come by turns, and neither is a slip of the other."""
-        rarer, most = sorted((self.count, other.count))
-        runs = min(self.runs, other.runs)
-        return runs >= _LEAST_RUNS and runs * _LONGEST_RUN >= rarer and rarer * _RARE > most
+        """Tell whether messages of both come by turns, and neither is a slip of the other or what it became."""
+        rarer, more = sorted((self, other), key=lambda one: one.count)
+        if rarer.runs >= _LEAST_RUNS:
+            return rarer.count * _RARE > more.count or not more.gives_way()
+        # All of one and then all of the other, though at the same time: they were put together later.
+        return more.runs == 1 or more.gives_way() is False
 
 
 def clashing(streams: Mapping[str, Collection[Connection]], packets: Iterable[Packet]) -> dict[str, list[str]]:
@@ -86,12 +109,15 @@ class FrameWatch:
 
     def __init__(self) -> None:
         self._frames = Frames()
+        self._decoders: dict[int, Decoder] = {}
         self._seen: dict[int, _Publisher] = {}
         self._last = -1
 
     def add(self, connection: Connection, messages: Messages, log: Stamps) -> None:
-        """Take note of a connection's messages, which begin with headers, and their log times [ns], shape (n,)."""
-        numbers = self._frames.numbers(messages, connection.encoding == "cdr")
+        """Take note of a connection's messages, which may name frames, and their log times [ns], shape (n,)."""
+        if connection.id not in self._decoders:
+            self._decoders[connection.id] = decoder_of(connection, "", None)
+        numbers = self._frames.numbers(self._decoders[connection.id].frames(messages))
         if not numbers.size:
             return
         begins = np.flatnonzero(numbers[1:] != numbers[:-1]) + 1
@@ -103,6 +129,7 @@ class FrameWatch:
         for number, own in rows.items():
             one = self._seen.setdefault(number, _Publisher(int(log[own[0]]), int(log[own[0]]), set()))
             one.add(log[own])
+            one.note_intervals(log[own], own)
             one.runs += int(np.count_nonzero(numbers[begins] == number))
         for number, own in rows.items() if len(self._seen) > 1 else ():
             if not self._seen[number].paths:

@@ -174,6 +174,6 @@ def _grouped(named: list[tuple[Connection, str]], known: Collection[str]) -> dic
 
 def _is_framed(connection: Connection) -> bool:
     try:
-        return connection.encoding in ("cdr", "ros1") and decoder_of(connection, "", None).framed
+        return decoder_of(connection, "", None).framed
     except DefinitionError:
         return False
