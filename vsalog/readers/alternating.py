@@ -1,4 +1,9 @@
-"""Values that go back and forth from sample to sample: those of two publishers that nothing in the log tells apart."""
+"""Values that go back and forth from sample to sample: those of publishers that nothing in the log tells apart.
+
+Where two publish by turns, values two samples apart are close and neighbours are not; where three do, or one does twice as often
+as the other, it is values three samples apart, and so on. So are those of a vibration or a pulse that repeats in so many samples.
+But its shape remains, while what publishers of different values are apart changes, gradually.
+"""
 
 from __future__ import annotations
 
@@ -13,9 +18,12 @@ STRETCHES, LENGTH = 8, 512
 """So many stretches of a channel are looked at, and how many samples each has."""
 
 LEAST = 64  # samples of a stretch that tell anything
+MOST_TURNS = 6  # samples after which it is the same one's turn
 _FEW = 8  # different values that a switch may have, which goes back and forth by itself
-_TIMES = 5  # so many times smaller is a step over two samples than one over one
+_TIMES = 5  # so many times smaller is a step over all turns than one over one
 _PART = 0.2  # of the range is a step at least: an encoder's last digit goes back and forth by itself, too
+_LEAST_PART = 0.05  # of the range where no step over all turns is as large, as steps of an encoder are
+_PARTS, _CHANGE = 8, 0.5  # how much publishers are apart differs so much among the parts of a stretch
 
 
 def alternating_note(stream: str, columns: Mapping[str, Column]) -> str:
@@ -41,5 +49,35 @@ def _alternates(values: Values) -> bool | None:
     values = values[np.isfinite(values)]
     if values.size < LEAST or np.unique(values).size <= _FEW:
         return None
+    values = values / np.abs(values).max()  # whose differences are finite
+    if float(np.ptp(values)) == 0:
+        return None
+    if _by_two(values):
+        return True
+    found = [_by_more(values, turns) for turns in range(3, MOST_TURNS + 1)]
+    return True if True in found else None if None in found else False
+
+
+def _by_two(values: Values) -> bool:
     one, two = (float(np.median(np.abs(values[k:] - values[:-k]))) for k in (1, 2))
     return _TIMES * two < one and one > _PART * float(np.ptp(values))
+
+
+def _by_more(values: Values, turns: int) -> bool | None:
+    """Tell whether values are alike after so many turns and not before, and are apart now more and now less.
+
+    None where they are less and less apart: a vibration that fades would be, too.
+    """
+    one, all_turns = (np.abs(values[k:] - values[:-k]) for k in (1, turns))
+    step = float(one.mean())
+    if (
+        _TIMES * float(all_turns.mean()) >= step
+        or step <= _LEAST_PART * float(np.ptp(values))
+        or all_turns.max() > step
+    ):
+        return False
+    rounds = values[: values.size // turns * turns].reshape(-1, turns)
+    apart = [float(part.mean()) for part in np.array_split(rounds.var(axis=1), _PARTS)]
+    if max(apart) - min(apart) <= _CHANGE * float(np.mean(apart)):
+        return False
+    return True if any(np.diff(apart) > 0) else None
