@@ -134,7 +134,7 @@ def naming_one_another():
 def wide():
     """Few fields for one stream, but many for a log."""
     log = McapLog(profile="")
-    for i in range(40):
+    for i in range(300):
         log.add_json(f"/t{i}", {f"x{j}": 1 for j in range(1000)}, START)
     return log.bytes()
 
@@ -222,7 +222,7 @@ BOMBS = {
     "lz4-more": (lambda: grown("lz4", 2**20), "1 of 1 chunk damaged"),
     "bz2-large": (lambda: grown_bag(2**31), "1 of 1 chunk damaged"),
     "bz2-more": (lambda: grown_bag(100), "1 of 1 chunk damaged"),
-    "channels": (lambda: many_channels(4200), "refused.*4096 topics"),
+    "channels": (lambda: many_channels(16_400), "refused.*16384 topics"),
     "connections": (lambda: many_connections(70_000), "refused.*65536 connections"),
     "sparse": (sparse, "refused.*unfolds"),
     "json-keys": (lambda: many_keys(1), "more than 4096 different fields"),
@@ -235,7 +235,7 @@ BOMBS = {
     "json-names": (naming_one_another, "more than 16384 parts"),
     "topic-name": (lambda: json_log("/" + "t" * 2**21, {f"x{i}": 1 for i in range(4000)}), "more than 1024 characters"),
     "field-name": (lambda: defined(f"E[64] x\n{RULE}E\nfloat64[64] {'x' * 2**16}\n"), "longer than 256"),
-    "wide": (wide, "refused.*16384 channels"),
+    "wide": (wide, "refused.*262144 channels"),
     "units": (stated_units, ""),
     "messages": (many_messages, "compressed so much"),
     "images": (large_messages, "array of 12582912 values"),

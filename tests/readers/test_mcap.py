@@ -363,3 +363,18 @@ def test_a_footer_that_points_anywhere_is_passed_by(tmp_path, start):
     struct.pack_into("<Q", raw, len(raw) - 28, start)
     path.write_bytes(raw)
     assert read(path).streams["/joint_states"].count == 100
+
+
+def test_large_robots_and_many_topics_are_read(tmp_path):
+    """Twenty robots of 300 joints, three values each, beside 5000 topics of one value."""
+    log = McapLog()
+    names = [f"joint_{k}" for k in range(300)]
+    for robot in range(20):
+        values = robot + np.arange(300) / 1000
+        log.add(f"/r{robot}/joint_states", joint_state(START, names, values, -values, 2 * values), START)
+    for k in range(5000):
+        log.add_json(f"/t{k}", {"value": k}, START)
+    recording = read(log.save(tmp_path / "log"))
+    assert len(recording.channels) == 20 * 300 * 3 + 5000
+    assert recording.channel("/r19/joint_states.velocity[joint_299]").values.tolist() == [-19.299]
+    assert recording.channel("/t4999.value").values.tolist() == [4999]

@@ -32,7 +32,7 @@ MANY = 512
 # So many connections are looked for one by one; of more, those that are there are found first.
 FEW = 16
 # What is beyond is no recording, and would take minutes and memory to prepare for.
-MOST_CHANNELS = 2**14
+MOST_CHANNELS = 2**18
 
 
 @dataclass(slots=True)

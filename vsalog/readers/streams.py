@@ -21,7 +21,7 @@ from vsalog.readers.publishers import FrameWatch, clashing, mixed_note, publishe
 LONGEST_NAME = 1024
 """Characters of a topic or type; memory would not last for names of megabytes ahead of thousands of fields."""
 
-MOST_STREAMS, MOST_TEXT = 4096, 2 * 2**20
+MOST_STREAMS, MOST_TEXT = 2**14, 2 * 2**20
 """Topics, and characters of definitions, beyond which a log is no recording, and would take minutes to prepare for."""
 
 WHOLE_BYTES, FIRST_PACKETS = 8 * 2**20, 8
