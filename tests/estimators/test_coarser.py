@@ -1,5 +1,7 @@
 """Steps that repeat with the motion: what they do to an estimate, told by coarser ones."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -84,3 +86,27 @@ def test_sensors_without_steps_move_nothing():
     for role in ("link_position", "motor_position"):
         signals.roles[role][:] += 1e-5 * rng.standard_normal(COUNT)
     assert fold_of(signals).coarse == {}
+
+
+def test_two_springs_behind_one_encoder_are_moved_alike():
+    signals = to_and_fro((0.0, 0.4))
+    one = signals.roles
+    roles = {"link_position": one["link_position"]}
+    roles |= {f"{role}_{i}": one[role] for role in ("motor_position", "torque_sensor") for i in (1, 2)}
+    both = replace(signals, roles=roles, resolution={role: STEP for role in roles if "position" in role})
+    device = device_of("vsa2", Rig.preset("vsa2").file.joint["vsa2"], roles)
+    fold = direct.build(device, both, direct.DirectTuning())
+
+    def columns(coarse):
+        fold.coarse = coarse
+        state, traces = fold.step(fold.start(), both)
+        _, rest = fold.finish(state)
+        names = ("stiffness", "stiffness_std")
+        return [np.concatenate([np.array([t[p][n] for n in names]) for t in (*traces, *rest)], axis=1) for p in "12"], [
+            np.concatenate([np.asarray(t["total"][n]) for t in (*traces, *rest)]) for n in names
+        ]
+
+    (without, (_, plain)), (_, (_, told)) = columns({}), columns({"1": 0.1, "2": 0.2})
+    known = np.isfinite(plain)
+    added = 0.1 * without[0][0] + 0.2 * without[1][0]
+    np.testing.assert_allclose((told**2 - plain**2)[known], (added**2)[known], rtol=1e-6)

@@ -177,6 +177,10 @@ class RegressionFold:
                 if rows.doubted is not None:
                     names = ", ".join(t.name for t in equation.transmissions)
                     new.doubted[names] = new.doubted.get(names, 0) + int(np.count_nonzero(rows.doubted))
+            # What steps do to one transmission they do to the other, too.
+            variance += (
+                sum(self.coarse.get(v.name, 0.0) * columns[v.name]["stiffness"] for v in self.device.transmissions) ** 2
+            )
             columns["total"] = _total(columns, variance, self.device)
             if "total" in rows.fed:
                 columns["total"]["flexibility_torque"] = self._fed(rows.fed["total"])
@@ -220,10 +224,8 @@ class RegressionFold:
             each, together = rows.resting.unseen(values[:, 2 : 4 * count : 4], max(self.conditioner.window, LASTING))
             variances[:, 1 : 4 * count : 4] += each
             variances[:, 4 * count] += together
-        parts = [view.name for view in equation.transmissions]
-        functionals = (*range(1, 4 * len(parts), 4), 4 * len(parts))
-        for place, name in zip(functionals, [*parts, parts[0] if len(parts) == 1 else "total"], strict=True):
-            variances[:, place] += (self.coarse.get(name, 0.0) * values[:, place]) ** 2
+        for i, view in enumerate(equation.transmissions):
+            variances[:, 4 * i + 1] += (self.coarse.get(view.name, 0.0) * values[:, 4 * i + 1]) ** 2
         deviations = np.sqrt(variances)
         columns: dict[str, dict[str, Any]] = {}
         for i, view in enumerate(equation.transmissions):
