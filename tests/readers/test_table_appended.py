@@ -291,3 +291,83 @@ def test_a_header_below_rows_without_one_names_nothing(tmp_path):
     np.testing.assert_array_equal(log.channels["column_1"].values[: 2 * N], 1000 + np.arange(2.0 * N))
     np.testing.assert_array_equal(log.channels["column_1"].values[2 * N :], SECOND["motor"])
     assert any("stands below rows that have none" in note for note in log.notes)
+
+
+@pytest.mark.parametrize(
+    "words", ["Calibrating,please,wait", "Warning,overheat,off", "motor,hot,now", "# time is up", "Link,lost,again"]
+)
+@pytest.mark.parametrize("count", [1, 3])
+@pytest.mark.parametrize("separator", [",", " "])
+def test_what_a_program_says_is_no_header_where_the_clock_goes_on(tmp_path, words, count, separator):
+    order = ["time", "motor", "link"]
+    said = (words.replace(",", separator) + "\n") * count
+    text = separator.join(order) + "\n" + rows(FIRST, order, separator) + said + rows(SECOND, order, separator)
+    (tmp_path / "log.csv").write_text(text)
+    log = read(tmp_path / "log.csv")
+    np.testing.assert_array_equal(log.channels["motor"].values, np.concatenate([FIRST["motor"], SECOND["motor"]]))
+    assert not any("left out from" in note for note in log.notes)
+
+
+@pytest.mark.parametrize("words", ["Sample,Winkel,Moment", "# time pressure temperature"])
+def test_a_header_of_other_names_is_one_where_the_clock_does_not_go_on(tmp_path, words):
+    order = ["time", "motor", "link"]
+    separator = " " if "#" in words else ","
+    text = (
+        separator.join(order)
+        + "\n"
+        + rows(FIRST, order, separator)
+        + words
+        + "\n"
+        + rows(FIRST, order[::-1], separator)
+    )
+    (tmp_path / "log.csv").write_text(text)
+    log = read(tmp_path / "log.csv")
+    np.testing.assert_array_equal(log.channels["motor"].values, FIRST["motor"])
+    assert any("left out from row 301 on" in note for note in log.notes)
+
+
+@pytest.mark.parametrize("remark", ["", "# ", "#", '"'])
+@pytest.mark.parametrize("separator", [",", ";", " "])
+def test_a_header_behind_a_row_without_an_end(tmp_path, remark, separator):
+    """As `cat` puts files together: the row is lost, and columns below are others."""
+    names = [f'"{name}"' if remark == '"' else name for name in ("time", "link", "motor")]
+    header = remark.strip('"') + separator.join(names)
+    above = separator.join(["time", "motor", "link"]) + "\n" + rows(FIRST, ["time", "motor", "link"], separator)
+    (tmp_path / "log.csv").write_text(above[:-1] + header + "\n" + rows(SECOND, ["time", "link", "motor"], separator))
+    log = read(tmp_path / "log.csv")
+    expected = np.delete(np.concatenate([FIRST["motor"], SECOND["motor"]]), N - 1)
+    np.testing.assert_array_equal(log.channels["motor"].values, expected)
+    assert any("1 line without exactly 3 cells skipped" in note for note in log.notes)
+
+
+@pytest.mark.parametrize(
+    ("first", "again"),
+    [("motor,time", "time,motor"), (",motor,time", "time,,motor"), ("row,motor,time", "row,time,motor,")],
+)
+def test_a_header_with_a_name_too_few_or_a_separator_too_many(tmp_path, first, again):
+    """Its columns change places all the same, or nothing below it is read."""
+    above = "".join(f"{i},{1000 + i},{i / 100}\n" for i in range(N))
+    below = "".join(f"{i},{i / 100},{1000 + i}\n" for i in range(N, 2 * N))
+    (tmp_path / "log.csv").write_text(f"{first}\n{above}{again}\n{below}")
+    log = read(tmp_path / "log.csv")
+    values = log.channels["motor"].values
+    np.testing.assert_array_equal(values, 1000.0 + np.arange(len(values)))
+    np.testing.assert_array_equal(log.channels["motor"].stamps, np.arange(len(values)) * 10**7)
+    assert len(values) == 2 * N or any("left out from row 301 on" in note for note in log.notes)
+
+
+def test_the_mark_at_a_files_beginning_is_in_the_middle_of_two(tmp_path):
+    for first, again in (("\ufefftime,motor", "\ufeffmotor,time"), ("\ufeff# time,motor", "\ufeff# motor,time")):
+        above, below = rows(FIRST, ["time", "motor"]), rows(SECOND, ["motor", "time"])
+        (tmp_path / "log.csv").write_text(f"{first}\n{above}{again}\n{below}", encoding="utf-8")
+        (channel,) = read(tmp_path / "log.csv").channels.values()
+        np.testing.assert_array_equal(channel.values, 1000 + np.arange(2.0 * N))
+
+
+def test_a_remark_at_the_end_of_a_row_is_no_header(tmp_path):
+    text = "time motor link\n" + rows(FIRST, ["time", "motor", "link"], " ")
+    (tmp_path / "log.csv").write_text(
+        text + "3 1300 5300 # lost link again\n" + rows(SECOND, ["time", "motor", "link"], " ")
+    )
+    check_both(log := read(tmp_path / "log.csv"))
+    assert log.notes == ("1 line without exactly 3 cells skipped (the first: '3 1300 5300 # lost link again')",)

@@ -26,8 +26,12 @@ _DIGITS = Context(prec=30, traps=[])
 _NUMBER = re.compile(NUMBER)
 _UNSTATED = "a header further down states no unit for {}, as the first does: taken as the same"
 _STATED = "a header further down states a unit of the SI for {}, the first none: taken as the same"
+_GLUED = re.compile(r"^[+-]?[\d.,]*\d(?:[eE][+-]?\d+)?\W*?((?:[#%]|\W?[^\W\d]).*)$")
+"""The last number of a row and the first name of a header, as where a file whose last line has no end is put ahead of another."""
 _TELLING_ROWS = 50
 """So many rows say which columns hold values."""
+_LONGEST_PAUSE = 1000
+"""Steps of a clock for which a log may pause."""
 _FEW = 3
 """Columns of which words in all say that the line is a header, whatever they are."""
 MOST_LINES = 32
@@ -45,11 +49,14 @@ class Line(NamedTuple):
         It begins with # or %.
     blanks : bool
         Nothing but blanks separates its cells, as those of any sentence.
+    behind : bool
+        It stands behind a row that had no end.
     """
 
     cells: dict[int, str]
     remark: bool = False
     blanks: bool = False
+    behind: bool = False
 
     @property
     def texts(self) -> list[str]:
@@ -111,8 +118,13 @@ class FirstHeader:
     def line(self, text: str) -> Line | None:
         """Return a line as it may be a header; None for one that has other than words, or not as many as columns."""
         if not is_comment(text):
+            row, _, remark = text.partition("#")
+            if remark and len(split(row, self._separator)) == len(self._columns):
+                line = self.line("#" + remark)
+                return line and line._replace(behind=True)
             cells = split(text, self._separator)
-            return self._of_cells(cells[:-1] if len(cells) == len(self._columns) + 1 and not cells[-1] else cells)
+            line = self._of_cells(self._fitted(cells))
+            return line and line._replace(behind=len(cells) > len(self._columns) + 1)
         content = text.strip().lstrip("#%").strip()
         for separator in dict.fromkeys((self._separator, *SEPARATORS)):
             line = self._of_cells(split(content, separator))
@@ -122,6 +134,19 @@ class FirstHeader:
 
     def _of_cells(self, cells: list[str]) -> Line | None:
         return self.row(dict(enumerate(cells)), False) if len(cells) == len(self._columns) else None
+
+    def _fitted(self, cells: list[str]) -> list[str]:
+        """Return the cells of a header that has one too many or too few, or stands behind a row that had no end."""
+        width = len(self._columns)
+        if len(cells) == width + 1 and not cells[-1]:
+            return cells[:-1]
+        if len(cells) == width - 1 and self._columns[0] == "column_0":
+            return ["", *cells]
+        if len(cells) == width - 1 and self._columns[-1] == f"column_{width - 1}":
+            return [*cells, ""]
+        if len(cells) == 2 * width - 1 > 1 and (both := _GLUED.match(cells[width - 1])) and is_value(cells[0], True):
+            return [both[1].lstrip("#% "), *cells[width:]]
+        return cells
 
     def row(self, cells: dict[int, str], remark: bool) -> Line | None:
         """Return what `line` does, of those cells of a row that are at hand."""
@@ -160,7 +185,7 @@ class FirstHeader:
             order = self._order(lines[k], [[*line.cells.values()] for line in lines[k + 1 :]])
             if order is not None:
                 return order
-        found = next((line for line in lines if self.names_others([line])), None) if self._headless else None
+        found = next((line for line in lines if self.names_others([line], None)), None) if self._headless else None
         return None if found is None else self._adopted(found)
 
     def _adopted(self, line: Line) -> Order:
@@ -172,11 +197,19 @@ class FirstHeader:
         note = f"a header ('{shown}') stands below rows that have none, and names no column: put it at the top"
         return self.as_above._replace(notes=(note,))
 
-    def names_others(self, lines: Sequence[Line]) -> bool:
-        """Tell whether one of some lines is a header, of other columns than the first or in units that do not fit."""
-        return any(self._names_others(line) for line in lines)
+    def names_others(self, lines: Sequence[Line], goes_on: bool | None) -> bool:
+        """Tell whether one of some lines is a header, of other columns than the first or in units that do not fit.
 
-    def _names_others(self, line: Line) -> bool:
+        Parameters
+        ----------
+        lines : sequence of Line
+            Those in question.
+        goes_on : bool or None
+            Whether the clock goes on below them as above, as it does where a program says something; None if nobody knows.
+        """
+        return any(self._names_others(line, goes_on) for line in lines)
+
+    def _names_others(self, line: Line, goes_on: bool | None) -> bool:
         cells = line.texts
         if len(cells) < 2 or not all(re.search(r"[^\W\d_]", cell) for cell in cells):
             return False
@@ -184,10 +217,10 @@ class FirstHeader:
         if not clock and len(set(cells)) < len(cells):
             return False
         names = {_bare(split_header(cell)[0]) for cell in cells}
-        known = len(names & {_bare(name) for name in self._names})
+        most = 2 * len(names & {_bare(name) for name in self._names}) >= len(cells)
         if line.remark:  # whose words may be those of a sentence
-            return (clock and not line.blanks) or (clock and 2 * known >= len(cells)) or known == len(cells)
-        return clock or known > 0 or len(cells) >= _FEW
+            return clock and (most or not line.blanks or goes_on is False)
+        return clock or most or (not goes_on if len(cells) >= _FEW else goes_on is False)
 
     def _order(self, line: Line, below: Sequence[list[str]]) -> Order | None:
         names, own_units, _ = named([*line.cells.values()], below, len(self._columns))
@@ -264,11 +297,20 @@ def own_rows(dialect: Dialect, lines: Sequence[str]) -> list[int]:
         order = first.order(found)
         if order is not None:
             words.update(i for i, _ in run)
-        if (first.names_others(found) and order is None) or (order and order[:2] != first.as_above[:2]):
+        if (first.names_others(found, True) and order is None) or (order and order[:2] != first.as_above[:2]):
             end = run[0][0]
             break
         run.clear()
     return [k for k, line in enumerate(dialect.lines) if line - 1 < end and line - 1 not in words]
+
+
+def goes_on(earlier: str, before: str, after: str) -> bool:
+    """Tell whether a clock goes on as it did, from two of its cells to a third."""
+    try:
+        a, b, c = (float(cell.replace(",", ".")) for cell in (earlier, before, after))
+    except ValueError:  # a date looks like the others
+        return re.sub(r"\d", "0", before) == re.sub(r"\d", "0", after)
+    return 0 <= c - b <= _LONGEST_PAUSE * max(b - a, 0.0) or c == b
 
 
 def rescaled(cells: pa.Array, factor: Decimal, notation: Notation) -> pa.Array:

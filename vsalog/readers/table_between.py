@@ -50,7 +50,7 @@ def last_header(path: Path, dialect: Dialect, begin: int, end: int) -> bytes:
 
 def _header(first: FirstHeader, run: list[bytes], lines: list[Line]) -> bytes:
     """Return lines that follow one another if they are a header, else b""."""
-    return b"".join(run) if lines and (first.order(lines) or first.names_others(lines)) else b""
+    return b"".join(run) if lines and (first.order(lines) or first.names_others(lines, True)) else b""
 
 
 def _beginnings(text: mmap.mmap, first: FirstHeader, dialect: Dialect, begin: int, end: int) -> Iterator[int]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterable, Iterator
 from typing import NamedTuple
 
@@ -11,12 +12,14 @@ import pyarrow.compute as pc
 
 from vsalog.readers.base import plural
 from vsalog.readers.headers import printable_cell
-from vsalog.readers.table_again import MOST_LINES, FirstHeader, Line, Order, rescaled
+from vsalog.readers.table_again import MOST_LINES, FirstHeader, Line, Order, goes_on, rescaled
 from vsalog.readers.table_dialect import Dialect
+from vsalog.readers.table_header import is_clock
 
 _WORD = r"^\s*([^\s\d.+-]|\d+_)"
 _NO_NUMBER = r"^\s*(?i:nan|inf|infinity)\s*$"
 _DIGITS = b"0123456789.+-"
+_NO_TIME = re.compile(r"\D*$")
 _COMMENT = r"^\s*(#|%)"
 _MOST_HEADERS = 10_000
 
@@ -64,6 +67,8 @@ class WordLines:
         self._known = known
         self._notations = dict(zip(dialect.names, dialect.notations, strict=True))
         self._first = FirstHeader(dialect)
+        self._clock = next((name for name in self._first.values if is_clock(name)), "")
+        self._ahead: list[str] = []  # its last cells so far
         self._order: Order | None = self._first.as_above
         self._odd: list[tuple[int, Line]] = []
         self._held: pa.RecordBatch | None = None
@@ -76,7 +81,7 @@ class WordLines:
     @property
     def needed(self) -> tuple[str, ...]:
         """Names of columns without which no header is found."""
-        return self._first.values[:1]
+        return (*self._first.values[:1], *([self._clock] if self._clock else []))
 
     def odd_line(self, text: str, parsed: int) -> None:
         """Heed a line that has not as many cells as a row, behind so many rows parsed."""
@@ -167,16 +172,25 @@ class WordLines:
         lines = [one.line for one in run if one.line is not None][-MOST_LINES:]
         inside = [one for one in run if one.inside]
         again = self._order_of(run, lines)
-        if again is None and not self._first.names_others(lines):
+        further = self._goes_on(batch, run[-1].row + run[-1].inside)
+        if again is None and not self._first.names_others(lines, further):
             self._leave(sum(one.remark for one in inside), 0)
             return [part for one in inside if not one.remark for part in self._ordered(batch.slice(one.row, 1))]
         self._leave(sum(one.remark and one.line is None for one in inside), sum(one.line is not None for one in inside))
-        self.odd += sum(not (one.inside or one.remark) for one in run)
-        self.odd_remarks += sum(one.remark and not one.inside for one in run)
+        odd = [one for one in run if one.line is not None and not (one.inside or one.line.behind)]
+        self.odd += sum(not one.remark for one in odd)
+        self.odd_remarks += sum(one.remark for one in odd)
         self._lines += len(run)
         self.ended = self._lines > _MOST_HEADERS
         self._go_by(None if self.ended else again, lines)
         return []
+
+    def _goes_on(self, batch: pa.RecordBatch, row: int) -> bool | None:
+        """Tell whether the clock goes on in a row as in those ahead; None where nobody knows."""
+        if self._order is None or not self._clock or len(self._ahead) < 2 or row >= batch.num_rows:
+            return None
+        earlier, before = self._ahead
+        return goes_on(earlier, before, batch.column(self._order.places[self._clock])[row].as_py() or "")
 
     def _leave(self, remarks: int, others: int) -> None:
         self.remarks += remarks
@@ -204,7 +218,7 @@ class WordLines:
         """Read what follows by what a header says of it, or leave it out."""
         self._order = order
         if order is None:
-            shown = next((line for line in lines if self._first.names_others([line])), lines[-1])
+            shown = next((line for line in lines if self._first.names_others([line], False)), lines[-1])
             why = (
                 "is one too many of a recording" if self.ended else "names other columns than the first, or other units"
             )
@@ -222,10 +236,18 @@ class WordLines:
         if self._order is None:
             self.removed += batch.num_rows
             return []
-        if not batch.num_rows or self._order == self._first.as_above:
+        if not batch.num_rows:
             return [batch]
+        if self._order != self._first.as_above:
+            batch = self._by_name(batch, self._order)
+        if self._clock:
+            last = batch.column(self._clock)[-2:].to_pylist()
+            self._ahead = [*self._ahead, *(cell for cell in last if cell and not _NO_TIME.match(cell))][-2:]
+        return [batch]
+
+    def _by_name(self, batch: pa.RecordBatch, order: Order) -> pa.RecordBatch:
         names = batch.schema.names
-        places, factors, _ = self._order
+        places, factors, _ = order
         if any(places[name] not in names for name in names):
             raise OtherOrderError
         columns = [batch.column(places[name]) for name in names]
@@ -233,7 +255,7 @@ class WordLines:
             rescaled(cells, factors[name], self._notations[name]) if name in factors else cells
             for name, cells in zip(names, columns, strict=True)
         ]
-        return [pa.RecordBatch.from_arrays(columns, names)]
+        return pa.RecordBatch.from_arrays(columns, names)
 
     def notes(self) -> list[str]:
         """Return what to tell of headers."""
