@@ -226,7 +226,10 @@ class McapContainer:
             passed = self._passed_by(file)
             whole = not passed and needed is None
             walk = Walk(
-                file, whole and states_checksum(file), lambda at: at in passed or not self._may_hold(at, needed)
+                file,
+                whole and states_checksum(file),
+                lambda at: at in passed or not self._may_hold(at, needed),
+                chunked=bool(self._chunks),
             )
             for record, content, position in walk.records():
                 if record != CHUNK:

@@ -59,6 +59,8 @@ class Walk:
         Tells of a chunk's position whether it is passed by unread.
     kept : collection of int
         Kinds of records that are handed over; the others are passed by.
+    chunked : bool
+        It is known that messages are in chunks.
 
     Attributes
     ----------
@@ -78,6 +80,7 @@ class Walk:
         verify: bool,
         passed: Callable[[int], bool] = lambda position: False,
         kept: Collection[int] = KEPT,
+        chunked: bool = False,
     ) -> None:
         self.skipped: list[tuple[int, int]] = []
         self.unknown = 0
@@ -89,7 +92,7 @@ class Walk:
         self._passed = passed
         self._kept = kept
         self._checksum = zlib.crc32(MAGIC)
-        self._chunked = False
+        self._chunked = chunked
 
     def records(self) -> Iterator[tuple[int, bytes, int]]:
         """Yield kind, content and position of the records in `kept`, up to the end of the data section or of what there is."""
@@ -100,6 +103,7 @@ class Walk:
                 self._end(kind, position)
                 return
             if kind < 0:
+                self._chunked |= self._resembles_chunk(position)
                 following = self._resume(position)
                 if following < 0:
                     self.cut = (position, self._size)
@@ -153,6 +157,15 @@ class Walk:
         end = position + _HEAD.size + length
         return (kind, length) if end == self._size or self._head(end)[0] > 0 else (-1, 0)
 
+    def _resembles_chunk(self, position: int) -> bool:
+        """Tell whether a damaged record was a chunk: by its kind, or by its lengths."""
+        self._file.seek(position)
+        head = self._file.read(_HEAD.size + _BEGINNING)
+        if len(head) < _HEAD.size:
+            return False
+        kind, length = _HEAD.unpack_from(head)
+        return bool(kind == CHUNK or length == _least_length(CHUNK, head[_HEAD.size :]))
+
     def _head(self, position: int) -> tuple[int, int]:
         """Return kind and length as a record's head has them; kind -1 where they cannot be right."""
         self._file.seek(position)
@@ -189,7 +202,7 @@ class Walk:
     def _resume(self, position: int) -> int:
         """Return the next place where a record surely begins, -1 where there is none.
 
-        Messages count only as long as no chunk was seen: within a chunk, nothing would vouch for them.
+        Messages count only as long as no chunk was seen, whole or damaged: within a chunk, nothing would vouch for them.
         """
         start = position + 1
         while start < self._size:
