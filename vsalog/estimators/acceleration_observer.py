@@ -20,6 +20,7 @@ from vsalog.estimators.device import Device, largest
 from vsalog.estimators.net_torque import NetTorque, NetTorqueState, extended
 from vsalog.estimators.sensor_error import ENOUGH, sensor_error
 from vsalog.estimators.tuning import Positive, Tuning
+from vsalog.estimators.unfiltered import Unfiltered
 from vsalog.filters.acceleration_arm import Arm, ArmState, arm_start, axis_rows, observe_arm
 from vsalog.filters.acceleration_observer import (
     ENCODER,
@@ -108,16 +109,6 @@ def build(device: Device, signals: JointSignals, tuning: AccelerationTuning) -> 
 
 
 @dataclass(frozen=True, slots=True)
-class _NoFilter:
-    """Nothing is filtered before: every sample counts."""
-
-    window = 1
-
-    def check_length(self, longest: int) -> None:
-        """Any stretch is long enough."""
-
-
-@dataclass(frozen=True, slots=True)
 class AccelerationState:
     """Where the fold stands: the observers, the motors' friction, samples seen, and those without an acceleration."""
 
@@ -131,7 +122,7 @@ class AccelerationFold:
     """The observers of a joint and of those it has to be looked at with, as a fold that gives the joint's trace."""
 
     passes = 1
-    conditioner = _NoFilter()
+    conditioner = Unfiltered()
 
     def __init__(self, device: Device, group: Group, signals: JointSignals, tuning: AccelerationTuning) -> None:
         self.device, self.group, self.tuning, self.period = device, group, tuning, signals.period

@@ -24,6 +24,7 @@ from vsalog.estimators.pam_states import ANGLE, PRESSURE_1, PRESSURE_2, VELOCITY
 from vsalog.estimators.region import lengths
 from vsalog.estimators.regression import SUPPORTED_SHARE
 from vsalog.estimators.tuning import Tuning
+from vsalog.estimators.unfiltered import Unfiltered
 from vsalog.filters.square_root_ukf import UnscentedTrace
 from vsalog.grid import GAP
 from vsalog.model import JointModel, basis_spec
@@ -175,16 +176,6 @@ def _below_outside(role: str, pressure: Array, noise: float, device: Device) -> 
 
 
 @dataclass(frozen=True, slots=True)
-class _NoFilter:
-    """Nothing is filtered before: every sample counts."""
-
-    window = 1
-
-    def check_length(self, longest: int) -> None:
-        """Any stretch is long enough."""
-
-
-@dataclass(frozen=True, slots=True)
 class PamFoldState:
     """Where the fold stands: the filter's state, samples seen, those at which it had lost the joint, and of the last its run, its
     stamp [ns], and how many in a row had no pressure by then.
@@ -207,7 +198,7 @@ class PamEstimate:
     """The filter as an estimator: a fold over blocks of signals that gives a trace."""
 
     passes = 1
-    conditioner = _NoFilter()
+    conditioner = Unfiltered()
 
     def __init__(
         self,
