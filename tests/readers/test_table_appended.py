@@ -371,3 +371,53 @@ def test_a_remark_at_the_end_of_a_row_is_no_header(tmp_path):
     )
     check_both(log := read(tmp_path / "log.csv"))
     assert log.notes == ("1 line without exactly 3 cells skipped (the first: '3 1300 5300 # lost link again')",)
+
+
+@pytest.mark.parametrize("channels", [["motor"], ["motor", "link"]])
+@pytest.mark.parametrize("end", ["", "\t"])
+def test_segments_of_labview(tmp_path, channels, end):
+    """Each has a head of its own."""
+    text = "LabVIEW Measurement\t\nWriter_Version\t2\n***End_of_Header***\t\n\t\n"
+    for part in (FIRST, SECOND):
+        per = "\t".join("{}" for _ in channels)
+        text += f"Channels\t{len(channels)}\nSamples\t{per.replace('{}', '300')}\nX_Dimension\t{per.replace('{}', 'Time')}\n"
+        text += "***End_of_Header***\nX_Value\t" + "\t".join(channels) + "\tComment\n"
+        text += rows(part, ["time", *channels], "\t").replace("\n", end + "\n")
+    (tmp_path / "log.lvm").write_text(text)
+    log = read(tmp_path / "log.lvm")
+    for name in channels:
+        np.testing.assert_array_equal(log.channels[name].values, np.concatenate([FIRST[name], SECOND[name]]))
+        np.testing.assert_array_equal(log.channels[name].stamps, np.arange(2 * N) * 10**7)
+    assert not any("left out from" in note for note in log.notes)
+
+
+@pytest.mark.parametrize(
+    ("first", "again"),
+    [
+        ("%time,field.motor,field.link", "%time,field.link,field.motor"),
+        ("Zeit,motor,link", "time,link,motor"),
+        ("stamp,a.motor,b.motor", "stamp,b.motor,a.motor"),
+        ('time,"motor, left",link', 'time,link,"motor, left"'),
+        ("time,q+,q-", "time,q-,q+"),
+    ],
+)
+def test_names_of_many_kinds_in_another_order(tmp_path, first, again):
+    text = f"{first}\n{rows(FIRST, ['time', 'motor', 'link'])}\n\n{again}\n\n{rows(SECOND, ['time', 'link', 'motor'])}"
+    (tmp_path / "log.csv").write_text(text)
+    log = read(tmp_path / "log.csv")
+    for channel, begin in zip(log.channels.values(), (1000.0, 5000.0), strict=True):
+        scale = 10**7 if first[0] != "%" else 1
+        np.testing.assert_array_equal(channel.values, begin + np.arange(2.0 * N))
+        assert scale == 1 or (channel.stamps == np.arange(2 * N) * scale).all()
+
+
+def test_an_index_without_a_name_ahead_of_columns_that_change_places(tmp_path):
+    """A blank cell begins its header, and no word."""
+    text = ",time,motor,link\n" + "".join(
+        f"{i},{row}\n" for i, row in enumerate(rows(FIRST, ["time", "motor", "link"]).split())
+    )
+    text += ",time,link,motor\n" + "".join(
+        f"{i},{row}\n" for i, row in enumerate(rows(SECOND, ["time", "link", "motor"]).split())
+    )
+    (tmp_path / "log.csv").write_text(text)
+    check_both(read(tmp_path / "log.csv"))

@@ -12,7 +12,7 @@ import pyarrow as pa
 from vsalog.errors import UnitError
 from vsalog.printable import printable
 from vsalog.readers.headers import printable_cell, unique_names
-from vsalog.readers.table_header import NO_UNIT, is_clock, named, split_names
+from vsalog.readers.table_header import LABVIEW_CLOCK, NO_UNIT, is_clock, named, split_names
 from vsalog.readers.table_notation import Notation
 from vsalog.readers.table_text import NUMBER, SEPARATORS, WHITESPACE, is_comment, is_value, split
 from vsalog.readers.time_names import UNITS, stated_unit
@@ -28,6 +28,8 @@ _UNSTATED = "a header further down states no unit for {}, as the first does: tak
 _STATED = "a header further down states a unit of the SI for {}, the first none: taken as the same"
 _GLUED = re.compile(r"^[+-]?[\d.,]*\d(?:[eE][+-]?\d+)?\W*?((?:[#%]|\W?[^\W\d]).*)$")
 """The last number of a row and the first name of a header, as where a file whose last line has no end is put ahead of another."""
+_OF_LABVIEW = {LABVIEW_CLOCK: "time [s]", "Comment": ""}
+"""What it calls the clock, and remarks behind the rows."""
 _TELLING_ROWS = 50
 """So many rows say which columns hold values."""
 _LONGEST_PAUSE = 1000
@@ -138,7 +140,7 @@ class FirstHeader:
     def _fitted(self, cells: list[str]) -> list[str]:
         """Return the cells of a header that has one too many or too few, or stands behind a row that had no end."""
         width = len(self._columns)
-        if len(cells) == width + 1 and not cells[-1]:
+        if len(cells) == width + 1 and (not cells[-1] or cells[0] == LABVIEW_CLOCK):
             return cells[:-1]
         if len(cells) == width - 1 and self._columns[0] == "column_0":
             return ["", *cells]
@@ -154,6 +156,10 @@ class FirstHeader:
         cells = {i: cell.strip('" ') for i, cell in cells.items()}  # a table without quotes may have some in its header
         if remark and not all(cells.values()):
             return None
+        if cells.get(0) == "X_Dimension":  # LabVIEW says so that its clock is one
+            return None
+        if cells.get(0) == LABVIEW_CLOCK and is_clock(self._columns[0]):
+            cells = {i: _OF_LABVIEW.get(cell, cell) for i, cell in cells.items()}
         valued = [(i, cells[i]) for i in self._valued.intersection(cells) if cells[i]]
         if not any(cells.values()) or any(is_value(cell, self._notations[i].decimal_comma) for i, cell in valued):
             return None
@@ -224,6 +230,8 @@ class FirstHeader:
 
     def _order(self, line: Line, below: Sequence[list[str]]) -> Order | None:
         names, own_units, _ = named([*line.cells.values()], below, len(self._columns))
+        if self._columns[0].startswith("%time"):
+            names = [name.removeprefix("field.") for name in names]
         pairs = split_names(names)
         names = unique_names([name for name, _ in pairs])
         at = self._matched(names)

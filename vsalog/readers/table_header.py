@@ -16,6 +16,7 @@ NO_UNIT = ("-", "–", "1")
 _UNIT_LABEL = re.compile(r"^units?:\s*", re.IGNORECASE)
 """As Simulink writes them."""
 _NUMBERED = re.compile(r"^(.*)(\.\d+)$", re.DOTALL)
+LABVIEW_CLOCK = "X_Value"
 _LABVIEW_END = "***End_of_Header***"
 _MOST_SETTINGS = 50
 _MOST_EARLY = 5
@@ -146,7 +147,7 @@ def without_labview_head(lines: list[str]) -> None:
         head, lines[len(head)].removesuffix("Comment").rstrip("\t,")
     )  # rows need not have its cell
     if any(line.startswith("X_Dimension") and "Time" in line for line in head):
-        lines[len(head)] = lines[len(head)].replace("X_Value", "time [s]")
+        lines[len(head)] = lines[len(head)].replace(LABVIEW_CLOCK, "time [s]")
 
 
 def _with_units(head: Sequence[str], header: str) -> str:

@@ -135,7 +135,7 @@ class WordLines:
         self._odd = [(at, line) for at, line in self._odd if at >= end]
         first = batch.column(0)
         words = not _all_digits(first) and pc.any(pc.match_substring_regex(first, _WORD)).as_py()
-        if words or batch.schema.names[0] not in self._first.values:
+        if words or first.null_count or batch.schema.names[0] not in self._first.values:
             remarks = pc.fill_null(pc.match_substring_regex(first, _COMMENT), False)
             for row in pc.indices_nonzero(pc.or_(remarks, self._wordy(batch))).to_pylist():
                 remark = remarks[row].as_py()

@@ -79,8 +79,8 @@ def _surely(array: pa.Array, digits: int) -> tuple[Stamps, NDArray[np.bool_]] | 
     except pa.ArrowInvalid:
         return None
     good = np.asarray(pc.is_valid(numbers).to_numpy(zero_copy_only=False), bool)
-    values = np.asarray(pc.fill_null(numbers, 0.0).to_numpy(zero_copy_only=False), np.float64) * 10.0**digits
-    with np.errstate(invalid="ignore"):
+    with np.errstate(invalid="ignore", over="ignore"):
+        values = np.asarray(pc.fill_null(numbers, 0.0).to_numpy(zero_copy_only=False), np.float64) * 10.0**digits
         whole = np.rint(values)
         if not (np.abs(values) < _SMALL).all() or (np.abs(values - whole) > _NEAR).any():
             return None
