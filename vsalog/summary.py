@@ -200,6 +200,6 @@ def _warnings(joint: str, odd: bool, parts: tuple[TransmissionSummary, ...], who
         if p.negative_share > NEGATIVE:
             warnings.append(
                 f"{where}: a negative stiffness was estimated for {p.negative_share:.0%} of the time: check the signs of the"
-                " torque and of the positions in the rig (sign = -1)"
+                " torque and of the positions in the rig (sign = -1), and whether motor and link are swapped"
             )
     return warnings
