@@ -144,9 +144,24 @@ def set_ahead(stamps):
     stamps[900:] += 3_600_000 * MS
 
 
+def set_ahead_a_little(stamps):
+    stamps[900:] += 5000 * MS
+
+
+def set_right(stamps):
+    stamps[:900] -= 2000 * MS
+
+
+def ahead_for_a_while(stamps):
+    stamps[900:1300] += 5000 * MS
+
+
 @pytest.mark.parametrize(
     ("change", "words"),
     [
+        (set_ahead_a_little, "step ahead by 5 s"),
+        (set_right, "step ahead by 2 s"),
+        (ahead_for_a_while, "step back by 5 s"),
         (set_back, "step back by 0.3 s"),
         (set_back_twice, "step back by"),
         (set_back_at_the_end, "step back by 3 s"),
@@ -186,13 +201,17 @@ def an_hour_ahead(stamps):
     stamps[[0, 298, 299, 700, 701, 702, 1500, -1]] += 3_600_000 * MS  # at the border of parts on disk, too
 
 
+def seconds_off(stamps):
+    stamps[[9, 298, 299, 700, 701, 702, 1500]] += np.array([5000, 5000, -2000, 5000, 5000, 5000, -40_000]) * MS
+
+
 def years_ahead(stamps):
     stamps[700] = 2**60
 
 
 @pytest.mark.parametrize(
     ("change", "count"),
-    [(zeros_at_the_start, 40), (zeros_here_and_there, 80), (an_hour_ahead, 8), (years_ahead, 1)],
+    [(zeros_at_the_start, 40), (zeros_here_and_there, 80), (an_hour_ahead, 8), (seconds_off, 7), (years_ahead, 1)],
 )
 @pytest.mark.parametrize("time", ["auto", "header"])
 def test_a_few_stamps_that_are_none_cost_their_samples(tmp_path, monkeypatch, change, count, time):
@@ -274,3 +293,68 @@ def test_stamps_that_wait_in_a_queue_are_right(tmp_path):
     log_times[900:1500] = log_times[1500]  # the network stood still, then all came at once
     path = log_of(tmp_path, stamps_that(lambda stamps: None), log_times=log_times.tolist())
     assert read(path).streams["/j"].time_source == "header"
+
+
+@pytest.mark.parametrize("off", [5000, -5000, 3_600_000])
+def test_many_stamps_that_are_off_cost_the_clock(tmp_path, off):
+    rows = np.random.default_rng(1).choice(np.arange(5, 1995), 180, replace=False)
+
+    def change(stamps):
+        stamps[rows] += off * MS
+
+    path = log_of(tmp_path, stamps_that(change))
+    for recording in (read(path), read_within(0, path).look):
+        stream = recording.streams["/j"]
+        assert (stream.time_source, stream.count) == ("log", 2000)
+        assert "more than one in 20" in stream.time_reason
+
+
+def on_a_slow_network(kept):
+    """Stamps and log times [ms] of samples that wait for five seconds, twice, while some of them get lost."""
+    stamps = np.arange(20_000)
+    times = stamps + 2 + np.random.default_rng(2).exponential(0.3, stamps.size)
+    which = np.ones(stamps.size, bool)
+    for begin in (4000, 12_000):
+        waits = np.arange(begin, begin + 5000)
+        times[waits] = begin + 5000 + 0.05 * np.arange(waits.size)
+        which[waits] = kept(np.arange(5000))
+    return stamps[which], np.maximum.accumulate(times)[which]
+
+
+def backlog():
+    """Samples come later and later, then always three seconds late, until those that wait are thrown away."""
+    stamps = np.arange(30_000)
+    times = stamps + 2 + np.minimum(np.clip((stamps - 5000) / 2, 0, None), 3000) * (stamps < 20_000)
+    kept = (stamps < 17_000) | (stamps >= 20_000)
+    return stamps[kept], times[kept]
+
+
+def late_ones():
+    stamps = np.arange(5000)
+    times = stamps + 2.0
+    times[[700, 1500, 1501, 4000]] += 2000
+    order = np.argsort(times, kind="stable")
+    return stamps[order], times[order]
+
+
+def a_first_one_of_old():
+    return np.concatenate(([0], np.arange(7000, 12_000))), np.concatenate(([7001.5], np.arange(7000, 12_000) + 2))
+
+
+@pytest.mark.parametrize(
+    "samples",
+    [
+        lambda: on_a_slow_network(lambda k: k >= 0),
+        lambda: on_a_slow_network(lambda k: k < 20),
+        lambda: on_a_slow_network(lambda k: k < 500),
+        lambda: on_a_slow_network(lambda k: k >= 4980),
+        lambda: on_a_slow_network(lambda k: k < 0),
+        backlog,
+        late_ones,
+        a_first_one_of_old,
+    ],
+)
+def test_samples_that_had_to_wait_keep_their_stamps(samples):
+    stamps, times = (START + np.round(np.asarray(part) * MS).astype(np.int64) for part in samples())
+    clock = choose_clock({"header": stamps, "log": times}, "auto")
+    assert (clock.source, clock.bad, clock.reason) == ("header", None, "")

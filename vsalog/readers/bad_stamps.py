@@ -2,6 +2,8 @@
 
 A node that starts before its clock is set, a field that nobody filled in, a flipped bit: a few such stamps say nothing against
 the others. Their samples have no place in time and are left out; were they put on the log's time, a stream would have two clocks.
+
+What is seconds off may also be a sample that came late. Then its stamp is right, and none is missing where it came.
 """
 
 from __future__ import annotations
@@ -11,8 +13,10 @@ from collections.abc import Collection
 import numpy as np
 from numpy.typing import NDArray
 
-from vsalog.readers.clock_steps import AHEAD
+from vsalog.readers.clock_steps import AHEAD, NEAR
 from vsalog.recording import Stamps
+
+_FAR = 4  # times farther from where it belongs than those around it
 
 ONE_DAY = 86_400_000_000_000
 
@@ -43,11 +47,35 @@ def bad_stamps(header: Stamps, log: Stamps) -> NDArray[np.bool_]:
         Header stamps and log times [ns].
     """
     delay = log - header
-    if not delay.size or (delay.max() - delay.min() <= AHEAD and abs(int(delay[0])) <= ONE_DAY - AHEAD):
+    if not delay.size or (delay.max() - delay.min() <= NEAR and abs(int(delay[0])) <= ONE_DAY - NEAR):
         return np.zeros(delay.size, np.bool_)
     bad: NDArray[np.bool_] = np.abs(delay) > ONE_DAY
-    if delay.size > 2 * REACH:
+    if delay.size > 2 * REACH and delay.max() - delay.min() > AHEAD:
         # At either end those beside the last are looked at twice, lest it vouch for itself.
         around = np.lib.stride_tricks.sliding_window_view(np.pad(delay, REACH, mode="reflect"), 2 * REACH + 1)
         bad |= np.abs(delay - np.median(around, axis=1)) > AHEAD
+    for row in _near_jumps(delay):
+        bad[row] |= _is_off(header, delay, row)
     return bad
+
+
+def _near_jumps(delay: Stamps) -> list[int]:
+    """Return rows with as many on either side as are looked at, close to where delays jump."""
+    jumps = np.flatnonzero(np.abs(np.diff(delay)) > NEAR)
+    rows = np.unique(jumps[:, None] + np.arange(1 - REACH, REACH + 1))
+    return [int(row) for row in rows if REACH <= row < delay.size - REACH]
+
+
+def _is_off(header: Stamps, delay: Stamps, row: int) -> bool:
+    """Tell whether a stamp is far from those around it on both sides, which leave the place empty where it came."""
+    around = slice(row - REACH, row + REACH + 1)
+    stamps, off = header[around], np.abs(delay[around] - np.median(delay[around]))
+    good = np.flatnonzero(off <= off[REACH] / _FAR)
+    right = int(np.searchsorted(good, REACH))
+    if off[REACH] <= NEAR or not 0 < right < good.size:
+        return False
+    steps, counts = np.diff(stamps[good]), np.diff(good)
+    usual = steps[counts == 1]
+    if not usual.size or steps.min() <= 0:
+        return False
+    return bool(2 * steps[right - 1] > (counts[right - 1] + 1) * np.median(usual))

@@ -1,7 +1,8 @@
 """Header clocks that are set back, or far ahead, while the log's time goes on, as NTP or a restarted controller does it.
 
 Samples that merely come late are not meant: after those, stamps lie as far from the log's times as before them. After a step they
-lie elsewhere, for good.
+lie elsewhere, for good. Where stamps leap less far ahead, samples may have waited before, and others of them been lost: then the
+log's times come in bursts, or the delay is again what it was. Where both go on as evenly as before, it was the clock.
 """
 
 from __future__ import annotations
@@ -15,11 +16,15 @@ from vsalog.recording import Stamps
 AHEAD = 60_000_000_000
 """A clock that leaps farther ahead of the log's time [ns] was set; less may be messages that were lost on the way."""
 
+NEAR = 1_000_000_000
+"""So much [ns] do the delays of samples vary by themselves."""
+
 _LEAST = 4  # samples that a step moves among others; fewer are jitter
 _LEVEL = 64  # samples that tell how far stamps are from the log's times
 _SPREAD = (10, 50, 90)  # percentiles of that: steps are beyond what it varies
 _PIECE = 2**16  # samples that are looked at together, however they come
 _KEPT = 4 * _LEVEL  # samples of a piece that are seen again with the next one, for steps at its end
+_EVEN, _GAP = 2, 4  # intervals differ by such a factor at most, and one of the log's may be so many times longer
 _JUDGED = 64  # places in a piece that are looked at, the largest steps first
 
 _NONE = np.empty(0, np.int64)
@@ -31,6 +36,7 @@ class ClockSteps:
 
     back: int = 0
     ahead: int = 0
+    _lowest: int = 2**63 - 1
     _header: Stamps = field(default_factory=_NONE.copy)
     _log: Stamps = field(default_factory=_NONE.copy)
 
@@ -39,6 +45,7 @@ class ClockSteps:
         header, log = np.concatenate((self._header, header)), np.concatenate((self._log, log))
         while header.size > _PIECE:
             self._look(header[:_PIECE], log[:_PIECE], 2 * _LEVEL)
+            self._lowest = self._lowest_before(log[:_PIECE] - header[:_PIECE], _PIECE - _KEPT)
             header, log = header[_PIECE - _KEPT :], log[_PIECE - _KEPT :]
         self._header, self._log = header, log
 
@@ -53,12 +60,24 @@ class ClockSteps:
         steps = np.diff(header)
         if steps.min() < 0:
             self._look_back(header, log, header.size - waiting)
-        places = np.flatnonzero(steps > AHEAD)
-        places = places[steps[places] - (log[places + 1] - log[places]) > AHEAD]
-        for k in places[np.argsort(-steps[places], kind="stable")[:_JUDGED]].tolist():
+        leads = steps - np.diff(log)
+        places = np.flatnonzero((steps > NEAR) & (leads > NEAR))
+        for k in places[np.argsort(-leads[places], kind="stable")[:_JUDGED]].tolist():
             size = _moved(log - header, k, slice(k + 1, k + 1 + _LEVEL))
-            if header.size - k > max(waiting, _LEAST) and -size > steps[k] // 2:
+            if header.size - k <= max(waiting, _LEAST) or -size <= leads[k] // 2:
+                continue
+            if leads[k] > AHEAD or (_goes_on_evenly(header, log, k) and self._is_new(log - header, k)):
                 self.ahead = max(self.ahead, -size)
+
+    def _is_new(self, delay: Stamps, last: int) -> bool:
+        """Tell whether samples behind the `last` have less delay than any before, not what it was before they had to wait."""
+        before, after = delay[max(0, last + 1 - _LEVEL) : last + 1], delay[last + 1 : last + 1 + _LEVEL]
+        return bool(2 * self._lowest_before(delay, last + 1) > np.median(before) + np.median(after))
+
+    def _lowest_before(self, delay: Stamps, end: int) -> int:
+        """Return the least delay [ns] that samples had for a while, up to one."""
+        whole = delay[: end // _LEVEL * _LEVEL].reshape(-1, _LEVEL) if end >= _LEVEL else delay[None, :end]
+        return min(self._lowest, int(np.median(whole, axis=1).min()))
 
     def _look_back(self, header: Stamps, log: Stamps, until: int) -> None:
         """Look for steps back, which begin before sample number `until`."""
@@ -85,3 +104,13 @@ def _moved(delay: Stamps, last: int, after: slice) -> int:
     low, level, high = np.percentile(delay[max(0, last + 1 - _LEVEL) : last + 1], _SPREAD)
     new_low, new_level, new_high = np.percentile(delay[after], _SPREAD)
     return int(new_level - level) if new_low > high or new_high < low else 0
+
+
+def _goes_on_evenly(header: Stamps, log: Stamps, last: int) -> bool:
+    """Tell whether stamps and log times follow one another as before behind the `last` sample ahead of a step."""
+    before, after = slice(max(0, last + 1 - _LEVEL), last + 1), slice(last + 1, last + 1 + _LEVEL)
+    if last < _LEAST or header[after].size <= _LEAST:
+        return False
+    usual = [float(np.median(np.diff(stamps[part]))) for stamps in (header, log) for part in (before, after)]
+    leap = header[last + 1] - header[last]
+    return 0 < max(usual) <= _EVEN * min(usual) and log[last + 1] - log[last] <= max(_GAP * max(usual), leap // _GAP)

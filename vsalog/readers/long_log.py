@@ -13,7 +13,7 @@ from vsalog.readers.bad_stamps import FEW, REACH, are_few, bad_stamps, looked_at
 from vsalog.readers.base import Reader
 from vsalog.readers.collect import Gathered, Placed, assembled, gather, recording_of, summary
 from vsalog.readers.spool import Column, Spool, SpooledColumn, Values, parts
-from vsalog.readers.timing import Clock, HeaderStamps, Order, choose_source, delay_of, put_in_order
+from vsalog.readers.timing import MANY_BAD, Clock, HeaderStamps, Order, choose_source, delay_of, put_in_order
 from vsalog.recording import Recording
 
 # So many samples of a stream may wait for others that are late before the log is sorted in memory.
@@ -66,10 +66,13 @@ def _clock(one: Gathered, time: str, spool: Spool) -> tuple[Clock, Column, Value
     clocks = one.joined_clocks()
     if looked_at(clocks, time):
         bad = _bad_rows(clocks["header"], clocks["log"])
+        doubt = MANY_BAD if bad.size else ""
         if are_few(bad.size, one.count):
             clock, stamps = _chosen({kind: _without(bad, c, spool) for kind, c in clocks.items()}, one.timeless, time)
             if clock.source == "header":
                 return clock, stamps, bad
+            doubt = clock.reason
+        return *_chosen(clocks, one.timeless, time, doubt), _NONE
     return *_chosen(clocks, one.timeless, time), _NONE
 
 
@@ -98,14 +101,14 @@ def _without(rows: Values, column: Column, spool: Spool) -> Column:
     return out
 
 
-def _chosen(clocks: Mapping[str, Column], timeless: str, time: str) -> tuple[Clock, Column]:
+def _chosen(clocks: Mapping[str, Column], timeless: str, time: str, otherwise: str = "") -> tuple[Clock, Column]:
     count = len(next(iter(clocks.values())))
 
     def doubt() -> str:
         seen = HeaderStamps()
         for first, last in parts(count):
             seen.add(clocks["header"][first:last], clocks["log"][first:last])
-        return seen.doubt()
+        return seen.doubt() or otherwise
 
     source, reason = choose_source(clocks, time, doubt)
     begins = np.unique(np.linspace(0, max(0, count - DELAY_ROWS), DELAYS).astype(np.int64)).tolist()

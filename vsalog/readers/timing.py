@@ -9,7 +9,7 @@ from typing import TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from vsalog.readers.bad_stamps import ONE_DAY, are_few, bad_stamps, looked_at
+from vsalog.readers.bad_stamps import FEW, ONE_DAY, are_few, bad_stamps, looked_at
 from vsalog.readers.base import CLOCKS, plural
 from vsalog.readers.clock_steps import ClockSteps
 from vsalog.recording import Stamps
@@ -19,6 +19,8 @@ YEAR_2000 = 946_684_800_000_000_000
 
 ASKED_FOR = "it was asked for"
 """Begins the reason of a clock that was insisted on against doubts."""
+
+MANY_BAD = f"more than one in {FEW} of its header stamps are far from those around them"
 
 Number = TypeVar("Number", np.int64, np.float64)
 
@@ -84,15 +86,18 @@ def choose_clock(clocks: Mapping[str, Stamps], time: str) -> Clock:
     """
     if looked_at(clocks, time):
         bad = bad_stamps(clocks["header"], clocks["log"])
-        if are_few(int(np.count_nonzero(bad)), bad.size):
-            clock = _chosen({kind: stamps[~bad] for kind, stamps in clocks.items()}, time)
-            if clock.source == "header":
-                return replace(clock, bad=bad)
+        if not bad.any():
+            return _chosen(clocks, time)
+        if not are_few(int(np.count_nonzero(bad)), bad.size):
+            return _chosen(clocks, time, MANY_BAD)
+        clock = _chosen({kind: stamps[~bad] for kind, stamps in clocks.items()}, time)
+        return replace(clock, bad=bad) if clock.source == "header" else _chosen(clocks, time, clock.reason)
     return _chosen(clocks, time)
 
 
-def _chosen(clocks: Mapping[str, Stamps], time: str) -> Clock:
-    source, reason = choose_source(clocks, time, lambda: implausible(clocks["header"], clocks["log"]))
+def _chosen(clocks: Mapping[str, Stamps], time: str, otherwise: str = "") -> Clock:
+    """Choose a clock for all samples; `otherwise` says what doubt there is where the stamps show none by themselves."""
+    source, reason = choose_source(clocks, time, lambda: implausible(clocks["header"], clocks["log"]) or otherwise)
     median, spread = delay_of(clocks, source)
     return Clock(source, clocks[source], reason, median, spread)
 
