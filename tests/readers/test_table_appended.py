@@ -294,7 +294,15 @@ def test_a_header_below_rows_without_one_names_nothing(tmp_path):
 
 
 @pytest.mark.parametrize(
-    "words", ["Calibrating,please,wait", "Warning,overheat,off", "motor,hot,now", "# time is up", "Link,lost,again"]
+    "words",
+    [
+        "Calibrating,please,wait",
+        "motor,hot,now\nStopped,0,0",
+        "Warning,overheat,off",
+        "motor,hot,now",
+        "# time is up",
+        "Link,lost,again",
+    ],
 )
 @pytest.mark.parametrize("count", [1, 3])
 @pytest.mark.parametrize("separator", [",", " "])
@@ -326,7 +334,7 @@ def test_a_header_of_other_names_is_one_where_the_clock_does_not_go_on(tmp_path,
     assert any("left out from row 301 on" in note for note in log.notes)
 
 
-@pytest.mark.parametrize("remark", ["", "# ", "#", '"'])
+@pytest.mark.parametrize("remark", ["", "# ", "#", '"', "% "])
 @pytest.mark.parametrize("separator", [",", ";", " "])
 def test_a_header_behind_a_row_without_an_end(tmp_path, remark, separator):
     """As `cat` puts files together: the row is lost, and columns below are others."""

@@ -28,6 +28,7 @@ _UNSTATED = "a header further down states no unit for {}, as the first does: tak
 _STATED = "a header further down states a unit of the SI for {}, the first none: taken as the same"
 _GLUED = re.compile(r"^[+-]?[\d.,]*\d(?:[eE][+-]?\d+)?\W*?((?:[#%]|\W?[^\W\d]).*)$")
 """The last number of a row and the first name of a header, as where a file whose last line has no end is put ahead of another."""
+_REMARK_BEHIND = re.compile(r"^([^#%]+)([#%].*)$")
 _OF_LABVIEW = {LABVIEW_CLOCK: "time [s]", "Comment": ""}
 """What it calls the clock, and remarks behind the rows."""
 _TELLING_ROWS = 50
@@ -120,9 +121,9 @@ class FirstHeader:
     def line(self, text: str) -> Line | None:
         """Return a line as it may be a header; None for one that has other than words, or not as many as columns."""
         if not is_comment(text):
-            row, _, remark = text.partition("#")
-            if remark and len(split(row, self._separator)) == len(self._columns):
-                line = self.line("#" + remark)
+            both = _REMARK_BEHIND.match(text)
+            if both and len(split(both[1], self._separator)) == len(self._columns):
+                line = self.line(both[2])
                 return line and line._replace(behind=True)
             cells = split(text, self._separator)
             line = self._of_cells(self._fitted(cells))

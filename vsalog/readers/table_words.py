@@ -190,7 +190,9 @@ class WordLines:
         if self._order is None or not self._clock or len(self._ahead) < 2 or row >= batch.num_rows:
             return None
         earlier, before = self._ahead
-        return goes_on(earlier, before, batch.column(self._order.places[self._clock])[row].as_py() or "")
+        cells = batch.column(self._order.places[self._clock])[row : row + MOST_LINES].to_pylist()
+        after = next((cell for cell in cells if cell and not _NO_TIME.match(cell)), None)
+        return None if after is None else goes_on(earlier, before, after)
 
     def _leave(self, remarks: int, others: int) -> None:
         self.remarks += remarks
@@ -241,7 +243,7 @@ class WordLines:
         if self._order != self._first.as_above:
             batch = self._by_name(batch, self._order)
         if self._clock:
-            last = batch.column(self._clock)[-2:].to_pylist()
+            last = batch.column(self._clock)[-MOST_LINES:].to_pylist()
             self._ahead = [*self._ahead, *(cell for cell in last if cell and not _NO_TIME.match(cell))][-2:]
         return [batch]
 
