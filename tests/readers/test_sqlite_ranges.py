@@ -12,6 +12,7 @@ from hypothesis import strategies as st
 import vsalog.readers.rosbag2_sqlite as rosbag2_sqlite
 import vsalog.readers.sqlite_ranges as sqlite_ranges
 from vsalog.errors import ReadError
+from vsalog.readers import read
 from vsalog.readers.chunk_index import Part
 from vsalog.readers.rosbag2_sqlite import SqliteContainer
 from vsalog.readers.sqlite_ranges import ranges
@@ -205,3 +206,15 @@ def test_a_file_that_ends_within_a_row_has_no_row_that_ends_in_zeros(tmp_path, s
         assert not wrong, length
         seen += len(got)
     assert seen > 1000
+
+
+def test_topics_whose_row_is_damaged_say_so(tmp_path):
+    path = write(tmp_path / "log", sound(30))
+    with sqlite3.connect(path) as database:
+        database.execute("UPDATE topics SET name = NULL, type = NULL, serialization_format = NULL WHERE id = 2")
+        database.execute("UPDATE topics SET serialization_format = NULL WHERE id = 5")
+    recording = read(path)
+    assert recording.unread["topic 2"] == recording.unread["/t5"] == "the log does not say how its messages are encoded"
+    for words in ("topic 2 (unnamed) has no name", "topic 5 (/t5) has no name"):
+        assert any(words in note and "damaged" in note for note in recording.notes)
+    assert not any("None" in text for text in (*recording.notes, *recording.unread, *recording.unread.values()))

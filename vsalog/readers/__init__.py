@@ -85,6 +85,7 @@ def read(
     time : str
         ``auto``: header stamps, or log time for a whole stream where they are missing, zero or implausible in more than a few
         samples, which are left out; or one of ``header``, ``log`` and ``publish`` to insist on that clock where a stream has it.
+        With ``header``, too, the few samples are left out that have no stamp to be placed by.
     rate : float, optional
         Samples per second [Hz] of tables that have no time column.
     start, end : str or float, optional

@@ -285,8 +285,9 @@ def assembled(
             notes.append(note)
         if placed.left_out:
             notes.append(
-                f"{name}: {plural(placed.left_out, 'sample')} left out whose header stamp is missing, zero, impossible or"
-                " far from those around it"
+                f"{name}: {plural(placed.left_out, 'sample')} left out whose header"
+                f" {'stamp is' if placed.left_out == 1 else 'stamps are'} missing, zero, impossible or far from those around;"
+                " --time log keeps all samples"
             )
         if len(placed.stamps):
             dates.append(bool(placed.stamps[:1][0] >= YEAR_2000))

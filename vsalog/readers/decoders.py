@@ -26,6 +26,8 @@ def decoder_of(connection: Connection, stream: str, wanted: frozenset[str] | Non
         return JsonDecoder(stream, wanted)
     if connection.encoding == connection.language == "protobuf":
         return ProtobufDecoder(connection.type, connection.definition.encode("latin-1"), stream, wanted)
+    if not connection.encoding:
+        raise DefinitionError("the log does not say how its messages are encoded")
     if connection.encoding not in ("cdr", "ros1"):
         raise DefinitionError(f"messages encoded as '{printable(connection.encoding)}' are not supported")
     if connection.definition.strip() and connection.language not in ("msg", "idl"):

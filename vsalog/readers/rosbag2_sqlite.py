@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 
 from vsalog.errors import ReadError
+from vsalog.printable import printable
 from vsalog.readers.base import plural
 from vsalog.readers.chunk_index import GLIMPSES, Needed, Part
 from vsalog.readers.compression import MAX_BYTES
@@ -66,10 +67,16 @@ class SqliteContainer:
         """Return the bag's topics."""
         definitions = self._definitions()
         found = []
-        for number, topic, kind, encoding in self._topics():
-            language, text = definitions.get(str(kind), ("", ""))
+        for number, *texts in self._topics():
+            topic, kind, encoding = (text if isinstance(text, str) else "" for text in texts)
+            if not all((topic, kind, encoding)):
+                self._note(
+                    f"topic {number} ({printable(topic) or 'unnamed'}) has no name, type or encoding that can be read, as when"
+                    " the table of topics is damaged"
+                )
+            language, text = definitions.get(kind, ("", ""))
             found.append(
-                Connection(number, str(topic), str(kind), str(encoding), language, text, publisher=str(number))
+                Connection(number, topic or f"topic {number}", kind, encoding, language, text, publisher=str(number))
             )
         return found
 
