@@ -12,6 +12,7 @@ from write_logs import JOINT_STATE, MS, START, McapLog, joint_state, serialised
 
 from vsalog.readers import open_reader, read, read_within, streams
 from vsalog.readers.frames import MOST, Frames, header_frames
+from vsalog.readers.json_messages import JsonDecoder
 from vsalog.readers.packets import Messages
 
 COUNT = 40
@@ -199,6 +200,24 @@ def as_json(path, sent, place="header"):
 
 def test_frames_beside_the_values_of_json_are_told(tmp_path):
     assert set(read(as_json(tmp_path / "log", BY_TURNS["1:30"], "")).streams) == {"/j@left", "/j@right"}
+
+
+def test_frames_of_json_in_all_places():
+    raws = [
+        b'{"header": {"frame_id": "a"}, "frame_id": "b"}',
+        b'{"frame_id": "b", "x": [1]}',
+        b'{"header": 3, "frame_id": "b"}',
+        b'{"header": {"frame_id": "a"}, "x": NaN}',
+        b'{"header": {"stamp": 1}, "frame_id": "b"}',
+        b'{"header": {"frame_id": 5}}',
+        b'{"frame_id": null}',
+        b'["frame_id"]',
+        b'{"frame_id": ',
+        b'{"x": 1}',
+    ]
+    frames = Frames()
+    assert frames.numbers(JsonDecoder("/j", None).frames(Messages.of(raws))).tolist() == [0, 1, 1, 0] + 6 * [-1]
+    assert frames.names == ["a", "b"]
 
 
 @pytest.mark.parametrize("ros1", [False, True])

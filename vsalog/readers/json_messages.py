@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Collection
+from functools import cache
 from itertools import islice
 from typing import TYPE_CHECKING, Any
 
@@ -30,6 +31,7 @@ if TYPE_CHECKING:
     import msgspec
 
 MAX_DEPTH = 32
+_FRAME = b"frame_id"
 MAX_PARTS = 4 * MAX_FIELDS
 """Members and elements of a message that are looked at."""
 
@@ -75,10 +77,7 @@ class JsonDecoder:
 
     def frames(self, messages: Messages) -> Messages:
         """Return ``header.frame_id``, or else ``frame_id``, of messages, as text; length -1 where they have none."""
-        import msgspec
-
-        decoder = msgspec.json.Decoder()
-        return stated_frames([_frame(_loaded(decoder, raw)) if len(raw) <= MAX_BYTES else None for raw in messages])
+        return stated_frames([_frame(raw) if _FRAME in raw and len(raw) <= MAX_BYTES else None for raw in messages])
 
     def _message(self, message: dict[str, Any], row: int, count: int, result: Decoded) -> None:
         result.good[row] = True
@@ -171,10 +170,29 @@ def _loaded(decoder: msgspec.json.Decoder[Any], raw: bytes) -> dict[str, Any] | 
     return message if isinstance(message, dict) else None
 
 
-def _frame(message: dict[str, Any] | None) -> object:
+def _frame(raw: bytes) -> object:
     """Return the frame that a message names, or something that is no text."""
+    import msgspec
+
+    try:
+        found = _frame_decoder().decode(raw)
+        return found.frame_id if found.header is None else found.header.frame_id
+    except (msgspec.DecodeError, UnicodeDecodeError, RecursionError):
+        pass  # of other members by these names
+    message = _loaded(msgspec.json.Decoder(), raw)
     header = None if message is None else message.get("header")
     return None if message is None else (header if isinstance(header, dict) else message).get("frame_id")
+
+
+@cache
+def _frame_decoder() -> msgspec.json.Decoder[Any]:
+    """Return what decodes nothing of a message but its frame, which is several times as fast."""
+    import msgspec
+
+    header = msgspec.defstruct("Header", [("frame_id", str | None, None)])
+    return msgspec.json.Decoder(
+        msgspec.defstruct("Framed", [("header", header | None, None), ("frame_id", str | None, None)])
+    )
 
 
 def _with_nan(raw: bytes) -> Any:
