@@ -14,9 +14,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vsalog.readers.clock_steps import AHEAD, NEAR
+from vsalog.readers.reach import NEVER
 from vsalog.recording import Stamps
 
 _FAR = 4  # times farther from where it belongs than those around it
+_TOGETHER = 2**16  # rows that are looked at at once
 
 ONE_DAY = 86_400_000_000_000
 
@@ -54,28 +56,38 @@ def bad_stamps(header: Stamps, log: Stamps) -> NDArray[np.bool_]:
         # At either end those beside the last are looked at twice, lest it vouch for itself.
         around = np.lib.stride_tricks.sliding_window_view(np.pad(delay, REACH, mode="reflect"), 2 * REACH + 1)
         bad |= np.abs(delay - np.median(around, axis=1)) > AHEAD
-    for row in _near_jumps(delay):
-        bad[row] |= _is_off(header, delay, row)
+    rows = _near_jumps(delay)
+    for first in range(0, rows.size, _TOGETHER):
+        some = rows[first : first + _TOGETHER]
+        bad[some] |= _are_off(header, delay, some)
     return bad
 
 
-def _near_jumps(delay: Stamps) -> list[int]:
+def _near_jumps(delay: Stamps) -> Stamps:
     """Return rows with as many on either side as are looked at, close to where delays jump."""
     jumps = np.flatnonzero(np.abs(np.diff(delay)) > NEAR)
     rows = np.unique(jumps[:, None] + np.arange(1 - REACH, REACH + 1))
-    return [int(row) for row in rows if REACH <= row < delay.size - REACH]
+    return rows[(rows >= REACH) & (rows < delay.size - REACH)]
 
 
-def _is_off(header: Stamps, delay: Stamps, row: int) -> bool:
-    """Tell whether a stamp is far from those around it on both sides, which leave the place empty where it came."""
-    around = slice(row - REACH, row + REACH + 1)
-    stamps, off = header[around], np.abs(delay[around] - np.median(delay[around]))
-    good = np.flatnonzero(off <= off[REACH] / _FAR)
-    right = int(np.searchsorted(good, REACH))
-    if off[REACH] <= NEAR or not 0 < right < good.size:
-        return False
-    steps, counts = np.diff(stamps[good]), np.diff(good)
-    usual = steps[counts == 1]
-    if not usual.size or steps.min() <= 0:
-        return False
-    return bool(2 * steps[right - 1] > (counts[right - 1] + 1) * np.median(usual))
+def _are_off(header: Stamps, delay: Stamps, rows: Stamps) -> NDArray[np.bool_]:
+    """Tell which stamps are far from those around them on both sides, which leave the place empty where they came."""
+    around = rows[:, None] + np.arange(-REACH, REACH + 1)
+    stamps, delays = header[around], delay[around]
+    off = np.abs(delays - np.median(delays, axis=1)[:, None])
+    good = off <= off[:, REACH : REACH + 1] / _FAR
+    usual = np.where(good[:, 1:] & good[:, :-1], np.diff(stamps), np.nan)
+    known = ~np.isnan(usual).all(axis=1)
+    usual[~known] = 0
+    # From good stamp to good stamp: all have to increase, and that across the one in the middle is as long as its places.
+    last, place = np.full(rows.size, NEVER), np.zeros(rows.size, np.int64)
+    increasing, gap, places = np.ones(rows.size, np.bool_), np.zeros(rows.size, np.int64), np.zeros(rows.size, np.int64)
+    for k in range(2 * REACH + 1):
+        here = good[:, k]
+        increasing &= ~here | (stamps[:, k] > last)
+        crossing = here & (last > NEVER) & (place < REACH) & (k > REACH)
+        gap, places = np.where(crossing, stamps[:, k] - last, gap), np.where(crossing, k - place, places)
+        last, place = np.where(here, stamps[:, k], last), np.where(here, k, place)
+    long = 2 * gap > (places + 1) * np.nanmedian(usual, axis=1)
+    found: NDArray[np.bool_] = known & increasing & (places > 0) & long & ~good[:, REACH] & (off[:, REACH] > NEAR)
+    return found
