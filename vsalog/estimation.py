@@ -16,6 +16,7 @@ from vsalog.estimators.acceleration_group import senses_acceleration
 from vsalog.estimators.device import Device, device_of
 from vsalog.estimators.folding import fold_over
 from vsalog.estimators.grioli_bicchi import told_by_the_link
+from vsalog.estimators.left_over import FOLLOWS
 from vsalog.estimators.needs import meaning
 from vsalog.estimators.regression import BLOCK
 from vsalog.estimators.tuning import Tuning, read_tuning
@@ -252,6 +253,9 @@ def estimate_joint(
             pass_on(trace)
 
         state = fold_over(fold, signals, block, give)
+        told = fold.warnings(state)
+        # What follows the motor's motion has a shape over the deflection, too, where both go together.
+        bent = () if any(FOLLOWS in words for words in told) else shape.said(look)
         summary = summarizer.result(signals, whole_windows(look, fold.conditioner.window))
         return JointEstimate(
             name,
@@ -260,7 +264,7 @@ def estimate_joint(
             _settings(choice.tuning, fold),
             fold.model(state),
             summary,
-            (*warnings, *fold.warnings(state), *witness.said(choice.name), *shape.said(look), *summary.warnings),
+            (*warnings, *told, *witness.said(choice.name), *bent, *summary.warnings),
             Trace.concatenate(kept) if kept else None,
         )
 

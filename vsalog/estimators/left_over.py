@@ -36,6 +36,8 @@ LONG, LEFT, REACH = 4, 0.6, 0.3
 # What is left over of a torque and does not average out: this part of it, of which so much is left in long averages (of white
 # noise a half), beyond so much of an encoder's step. More than all is left where the torque itself averages out.
 POOR, SLOW, COARSE = 0.05, (0.7, 1.1), 0.5
+# How a warning of these begins, behind where it is.
+FOLLOWS = "what the fit leaves over follows"
 SPEED, ACCELERATION, POSITION = "speed", "acceleration", "position"
 SUSPECTS = (SPEED, ACCELERATION, POSITION)
 
@@ -220,7 +222,7 @@ def following(where: str, found: list[Follower], motor: tuple[float, float] | No
     names = " and ".join(f"the motor's {f.suspect} ({f.taken:.0%} of its power)" for f in found)
     causes = "; or with ".join(_causes(f, motor) for f in found)
     return (
-        f"{where}: what the fit leaves over follows {names}, as it does where a sensor is late or wrong, or the rig is: with"
+        f"{where}: {FOLLOWS} {names}, as it does where a sensor is late or wrong, or the rig is: with"
         f" {causes}. 'vsalog diagnose' tells which"
     )
 
