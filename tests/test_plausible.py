@@ -155,8 +155,25 @@ def test_a_torque_that_rests_between_its_steps_is_not_stuck():
     """Steps of 0.1 N·m hide the noise: the torque stays where it is, in motion and at rest."""
     made = channels()
     made["tau"] = 0.1 * np.round(made["tau"] / 0.1)
-    made["tau"][3000:5500] = made["tau"][2999]
+    for values in made.values():
+        values[3000:5500] = values[2999]
     assert warned(made) == ()
+
+
+def test_a_torque_without_noise_that_is_stuck_while_the_spring_gives_way():
+    made = channels()
+    tau = np.round(3.0 * np.sin(5.0 * T) * np.cos(0.7 * T) / 0.05) * 0.05
+    assert warned(made | {"tau": tau}) == ()
+    tau[2000:2900] = tau[2000]
+    text = one(made | {"tau": tau})
+    assert "torque_sensor does not change by a single step from 2 s" in text
+    assert "while the deflection changes by" in text
+
+
+def test_a_small_torque_in_noise_reads_zero_now_and_then():
+    made = channels()
+    noise = np.random.default_rng(3).normal(0.0, 0.02, T.size)
+    assert warned(made | {"tau": np.round((0.03 * np.sin(5.0 * T) + noise) / 0.0067) * 0.0067}) == ()
 
 
 def test_packets_that_were_lost_and_read_as_zero():

@@ -105,7 +105,7 @@ def test_logs_with_the_same_clock_are_borne_out_each_by_its_own_sensor(tmp_path)
 
 def test_a_sensor_of_another_sign_is_told(tmp_path):
     log(tmp_path / "arm.csv", sensor_scale=-1.0)
-    assert "0% of the power is in the estimate's" in estimated(tmp_path, "qr-rls")
+    assert "of the power of its torque 0% is in the estimated one too" in estimated(tmp_path, "qr-rls")
 
 
 @pytest.mark.parametrize("estimator", ["qr-rls", "batch-ls"])
@@ -117,6 +117,30 @@ def test_a_motor_that_comes_out_as_another_one_is_told(tmp_path, estimator, moto
     assert ("the motor's inertia comes out as" in said) == told
     if told:
         assert float(said.split("comes out as ")[1].split(" ")[0]) == pytest.approx(0.05 * motor, rel=0.05)
+
+
+@pytest.mark.parametrize(("sensor", "told"), [(1.0, False), (1.3, True), (1000.0, True)])
+def test_a_link_that_comes_out_as_another_one_is_told(tmp_path, sensor, told):
+    """Without any motor: the link's inertia in the rig is what there is."""
+    t, rng = np.arange(COUNT) * PERIOD, np.random.default_rng(0)
+    waves = ((0.4, 1.3), (0.2, 3.7), (0.05, 9.1))
+    q, dq, ddq = (sum(f(a, w) for a, w in waves) for f in (
+        lambda a, w: a * np.sin(w * t), lambda a, w: a * w * np.cos(w * t), lambda a, w: -a * w * w * np.sin(w * t)
+    ))  # fmt: skip
+    torque = -(0.12 * ddq + 0.3 * dq)
+    step = 2 * np.pi / 36_000
+    theta = q - torque / 40.0
+    table = np.column_stack([t, *(step * np.round(x / step) for x in (q, theta)), sensor * torque])
+    table[:, 3] += sensor * 0.005 * rng.standard_normal(COUNT)
+    np.savetxt(tmp_path / "arm.csv", table, delimiter=",", header="time,q,theta,sensor", comments="")
+    link = "[joint.arm.link]\ninertia = 0.12\n[joint.arm.signals]"
+    (tmp_path / "arm.rig.toml").write_text(
+        RIG.replace("[joint.arm.signals]", link).replace('motor_torque = "tau"\n', "")
+    )
+    said = estimated(tmp_path, "impedance")
+    assert ("the link's inertia comes out as" in said) == told
+    if told:
+        assert float(said.split("comes out as ")[1].split(" ")[0]) == pytest.approx(0.12 * sensor, rel=0.05)
 
 
 def test_a_sensor_that_is_read_is_no_second_witness(tmp_path):

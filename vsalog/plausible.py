@@ -33,8 +33,8 @@ STILL, TURNS_BACK = 0.3, 0.2
 # deflection that is, and how the two are correlated elsewhere.
 STUCK, MOVED, MOVED_SHARE, MORE, TOGETHER = 0.5, 50.0, 0.2, 1.5, 0.8
 # A lost value that reads zero: samples in a row, by what part the torque changes across it, how far from zero that
-# is, as a part of its range, and how many are no chance.
-ZEROS, CALM, AWAY, FEW = 3, 0.2, 0.05, 5
+# is, as a part of its range and in the usual steps from sample to sample, and how many are no chance.
+ZEROS, CALM, AWAY, LOUD, FEW = 3, 0.2, 0.05, 5.0, 5
 # Fewer samples tell nothing, and more tell no more about where a signal usually is.
 FEWEST, ENOUGH = 50, 100_000
 
@@ -52,6 +52,7 @@ def passing(device: Device, signals: JointSignals) -> Iterator[str]:
     """Yield warnings of what may befall a sensor for a while, and is told from that while."""
     for view in _with_both_positions(device, signals):
         yield from _stuck(signals, view)
+    yield from _torque_stuck(device, signals)
     for role in signals.roles:
         if role.startswith(("torque_sensor", "link_position", "motor_position", "deflection")):
             yield from _clipped(signals, role)
@@ -210,6 +211,36 @@ def _frozen(signals: JointSignals, role: str) -> Iterator[str]:
     )
 
 
+def _torque_stuck(device: Device, signals: JointSignals) -> Iterator[str]:
+    """Tell of a torque sensor that stands still while its spring gives way, as it does not elsewhere."""
+    for view in device.transmissions:
+        role = view.torque_sensor if view.torque_sensor in signals.roles else "torque_sensor"
+        alone = role != "torque_sensor" or len(device.transmissions) == 1
+        if not (alone and role in signals.roles and has_deflection(signals.roles, view)):
+            continue
+        x, y = signals.roles[role], deflection_of(signals.roles, view)
+        first, after = _runs(np.concatenate(([False], np.diff(x) == 0.0)) & ~signals.starts)
+        long = (after - first) * signals.period >= STUCK
+        resting = np.zeros(x.shape, dtype=np.bool_)
+        for begin, end in zip(first[long], after[long], strict=True):
+            resting[begin - 1 : end] = True
+        elsewhere = ~resting & np.isfinite(x) & np.isfinite(y)
+        if not resting.any() or _noisy(x, ~resting) or np.count_nonzero(elsewhere) < FEWEST:
+            continue  # what is noisy elsewhere is told by itself
+        if not (_go_together(x[elsewhere], y[elsewhere]) or _go_together(-x[elsewhere], y[elsewhere])):
+            continue
+        low, high = _span(y)
+        for begin, end in zip(first[long] - 1, after[long], strict=True):
+            moved = y[begin:end][np.isfinite(y[begin:end])]
+            if moved.size and float(np.ptp(moved)) > MOVED_SHARE * (high - low):
+                yield (
+                    f"joint '{signals.joint}': {role} does not change by a single step from {signals.time[begin]:.4g} s to"
+                    f" {signals.time[end - 1]:.4g} s, while the deflection changes by {np.ptp(moved):.3g} rad; elsewhere they"
+                    " change together: the sensor was stuck. Leave that stretch out (--start, --end)"
+                )
+                break
+
+
 def _dropped_to_zero(signals: JointSignals, role: str) -> Iterator[str]:
     x = signals.roles[role]
     first, after = _runs(x == 0.0)
@@ -220,7 +251,10 @@ def _dropped_to_zero(signals: JointSignals, role: str) -> Iterator[str]:
         # On either side the torque goes on where it was, far from zero.
         away = np.minimum(np.abs(before), np.abs(behind))
         low, high = _span(x)
-        torn = (np.abs(before - behind) < CALM * away) & (away > AWAY * (high - low))
+        steps = np.abs(np.diff(x))
+        steps = steps[np.isfinite(steps)]
+        usual = float(np.median(steps)) if steps.size else 0.0
+        torn = (np.abs(before - behind) < CALM * away) & (away > max(AWAY * (high - low), LOUD * usual))
     count = int((after - first)[torn].sum())
     if np.count_nonzero(torn) >= FEW:
         yield (

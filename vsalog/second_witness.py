@@ -30,7 +30,7 @@ Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]
 
 # Samples that are averaged, and seconds, at least; averages without which nothing is said.
-BOX, LASTING, AVERAGES = 50, 0.05, 20
+BOX, LASTING, AVERAGES = 25, 0.05, 20
 # A slope that is off by so much is told, or by so many of the stiffness' deviations where these are more; sensors that have less
 # of their power in common with the estimate than this follow something else.
 OFF, BEYOND, SHARED = 0.05, 2.0, 0.5
@@ -44,6 +44,8 @@ MOVES = 10.0
 # An angle that is off by so much of its range is told, or by so many of its own deviations where these are more.
 ASTRAY = 0.05
 ANGLE = "link_position"
+# A link's inertia that differs from the rig's by so much, and by so many of its deviations, is told.
+ANOTHER, SURE = 0.1, 5.0
 # What is no sensor, but made of the motor's torque and motion.
 MOTOR = "the motor's side"
 # Between samples of a sensor further apart than so many of its periods it says nothing.
@@ -136,6 +138,7 @@ class SecondWitness:
         self.sensors: dict[str, dict[int, Sensed]] = {}
         self.moves: dict[str, float] = {}
         self.claimed: dict[str, float] = {}
+        self.inertia: tuple[float, float] | None = None
         for role in second_witnesses(device, joint, read):
             found = _bound(recordings, device.joint, joint, [role], ()) if _is_sensor(role) else None
             if found is not None:
@@ -160,6 +163,7 @@ class SecondWitness:
 
     def add(self, trace: Trace) -> None:
         """Hear them on a block of the estimates."""
+        self._hear_link(trace)
         parts = {view.name: view.torque_sensor for view in self.device.transmissions}
         if len(parts) != 1:
             parts["total"] = "torque_sensor"
@@ -174,6 +178,15 @@ class SecondWitness:
             if ANGLE in self.sensors and f"{ANGLE}_std" in columns:
                 angle, std = (np.asarray(columns[n], float) for n in (ANGLE, f"{ANGLE}_std"))
                 self._hear(name, ANGLE, angle, std, trace)
+
+    def _hear_link(self, trace: Trace) -> None:
+        """Take the link's inertia as it was found last, and its deviation."""
+        columns = trace.transmissions["total"]
+        if "link_inertia" in columns:
+            found = np.asarray(columns["link_inertia"], float)
+            known = np.flatnonzero(np.isfinite(found))
+            if known.size:
+                self.inertia = float(found[known[-1]]), float(np.asarray(columns["link_inertia_std"])[known[-1]])
 
     def _hear(self, name: str, role: str, estimated: Array, claimed: Array, trace: Trace) -> None:
         heard = self.heard.setdefault((name, role), _Heard())
@@ -203,7 +216,22 @@ class SecondWitness:
                 words = "" if _too_noisy(estimated, sensed) else words
             if words:
                 said.append(f"{where}: {who}, which {estimator} does not read, does not bear it out: {words}")
-        return tuple(said)
+        return (*said, *self._of_link())
+
+    def _of_link(self) -> tuple[str, ...]:
+        """Say that the link comes out as another one: the scale of its torque goes into its inertia and into the stiffness."""
+        rig = None if self.device.link is None else self.device.link.inertia
+        if (
+            rig is None
+            or self.inertia is None
+            or abs(self.inertia[0] - rig) <= max(ANOTHER * rig, SURE * self.inertia[1])
+        ):
+            return ()
+        return (
+            f"joint '{self.device.joint}': the link's inertia comes out as {self.inertia[0]:.3g} kg·m²,"
+            f" {self.inertia[0] / rig:.3g} times the rig's {rig:.3g}. The torque sensor's scale or unit, or the angles' unit,"
+            " would make it so, and the stiffness would be as far off; or the rig has another link",
+        )
 
 
 def _is_sensor(role: str) -> bool:
@@ -220,7 +248,10 @@ def _of_torques(estimated: Array, sensed: Array, claimed: float, what: str) -> s
     (xx, xy), (_, yy) = _without_transients(estimated, sensed)
     shared = max(float(xy), 0.0) ** 2 / (xx * yy) if xx * yy > 0.0 else 0.0
     if shared < SHARED:
-        return f"of the torque it measures {shared:.0%} of the power is in the estimate's"
+        return (
+            f"of the power of its torque {shared:.0%} is in the estimated one too: a sign, a unit or a channel may be another"
+            " one than the rig says"
+        )
     least, most, margin = xy / xx, yy / xy, max(OFF, BEYOND * claimed)
     if 1.0 - margin <= most and least <= 1.0 + margin:
         return ""

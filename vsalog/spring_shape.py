@@ -27,7 +27,7 @@ BINS, STEPS, FEWEST = 40, 4.0, 8
 # What is beyond these parts of the deflection is too seldom to tell.
 RANGE = (0.005, 0.995)
 # So many stretches of the log, and samples of a bin in either half; so many times more where they are spread evenly.
-STRETCHES, SAMPLES, SPREAD = 40, 30, 4
+STRETCHES, SAMPLES, SPREAD = 40, 20, 3
 # A stiffness that lacks so much of itself is told, or so many of its deviations where these are more; halves agree so well.
 LACKS, BEYOND, ALIKE = 0.05, 3.0, 0.5
 

@@ -1,0 +1,5 @@
+"""`python -m vsalog` is `vsalog`."""
+
+from vsalog.cli import main
+
+main()
