@@ -58,6 +58,9 @@ class _Publisher:
 
     def note_intervals(self, log: Stamps, rows: Integers) -> None:
         """Take note of how far log times [ns] are apart that are in some rows of a packet, shape (n,)."""
+        alone = int(rows[-1] - rows[0]) + 1 == rows.size
+        if len(self.usual) == _INTERVALS and (alone or len(self.across) == _INTERVALS):
+            return
         steps, lone = np.diff(log), np.diff(rows) == 1
         for known, found in (self.usual, steps[lone]), (self.across, steps[~lone]):
             known += found[: _INTERVALS - len(known)].tolist()
