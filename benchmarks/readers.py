@@ -1,6 +1,6 @@
 """Reading logs into columns, beside rosbags and rerun-sdk on the same files in the same run.
 
-    python -m benchmarks.readers [--minutes 10] [--rounds 3]
+    python -m benchmarks.readers [--minutes 10] [--rounds 5]
 
 Four topics at 1 kHz (JointState with three joints, WrenchStamped, FluidPressure, Imu: 2.4 million messages in 10 minutes) as MCAP
 (zstd), ROS 1 bag (lz4) and ROS 2 bag (sqlite3). Every number is noise in steps, but for covariances, which are zero as most
@@ -224,7 +224,7 @@ def run(code: str, path: Path) -> tuple[float, int]:
 def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--minutes", type=float, default=10.0)
-    parser.add_argument("--rounds", type=int, default=3)
+    parser.add_argument("--rounds", type=int, default=5)
     asked = parser.parse_args()
     rows = round(asked.minutes * 60_000)
     print(machine("vsalog", "rosbags", "rerun-sdk", "mcap", "zstandard", "numpy", "numba"))

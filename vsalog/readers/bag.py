@@ -256,20 +256,21 @@ class BagReader:
         self, batch: _Batch, packet: Packet, rows: Integers, total: Counter[str], damaged: Counter[str]
     ) -> Block:
         """Decode messages of a batch's stream."""
-        decoded = batch.decoder.decode(packet.messages.some(rows))
+        messages, log = packet.messages.some(rows), packet.log[rows]
+        decoded = batch.decoder.decode(messages)
         if batch.watch is not None:
-            batch.watch.add(batch.connection, packet.messages.some(rows), packet.log[rows])
+            batch.watch.add(batch.connection, messages, log)
         batch.rows = max(LEAST_ROWS, min(BLOCK_ROWS, BLOCK_VALUES // max(1, len(decoded.columns))))
         total[batch.stream] += rows.size
         damaged[batch.stream] += int(len(decoded.good) - decoded.good.sum())
-        clocks: dict[str, Stamps] = {"log": packet.log[rows]}
+        clocks: dict[str, Stamps] = {"log": log}
         if self._container.has_publish:
             publish = packet.publish[rows]
-            clocks["publish"] = clocks["log"] if np.array_equal(publish, clocks["log"]) else publish
+            clocks["publish"] = log if np.array_equal(publish, log) else publish
         if decoded.stamps is not None:
             clocks["header"] = decoded.stamps
             if self._promise is not None:
-                self._promise.keep(batch.stream, decoded.stamps[decoded.good], clocks["log"][decoded.good])
+                self._promise.keep(batch.stream, decoded.stamps[decoded.good], log[decoded.good])
         columns: dict[str, Values] = decoded.columns
         if not decoded.good.all():
             alike = clocks.get("publish") is clocks["log"]

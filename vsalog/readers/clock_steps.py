@@ -27,8 +27,6 @@ _KEPT = 4 * _LEVEL  # samples of a piece that are seen again with the next one, 
 _EVEN, _GAP = 2, 4  # intervals differ by such a factor at most, and one of the log's may be so many times longer
 _JUDGED = 64  # places in a piece that are looked at, the largest steps first
 
-_NONE = np.empty(0, np.int64)
-
 
 @dataclass(slots=True)
 class ClockSteps:
@@ -37,21 +35,28 @@ class ClockSteps:
     back: int = 0
     ahead: int = 0
     _lowest: int = 2**63 - 1
-    _header: Stamps = field(default_factory=_NONE.copy)
-    _log: Stamps = field(default_factory=_NONE.copy)
+    _headers: list[Stamps] = field(default_factory=list)
+    _logs: list[Stamps] = field(default_factory=list)
+    _waiting: int = 0
 
     def add(self, header: Stamps, log: Stamps) -> None:
         """Take a block of header stamps and log times [ns], shape (n,), into account."""
-        header, log = np.concatenate((self._header, header)), np.concatenate((self._log, log))
+        self._headers.append(header)
+        self._logs.append(log)
+        self._waiting += header.size
+        if self._waiting <= _PIECE:
+            return
+        header, log = np.concatenate(self._headers), np.concatenate(self._logs)
         while header.size > _PIECE:
             self._look(header[:_PIECE], log[:_PIECE], 2 * _LEVEL)
             self._lowest = self._lowest_before(log[:_PIECE] - header[:_PIECE], _PIECE - _KEPT)
             header, log = header[_PIECE - _KEPT :], log[_PIECE - _KEPT :]
-        self._header, self._log = header, log
+        self._headers, self._logs, self._waiting = [header], [log], header.size
 
     def end(self) -> None:
         """Look at what is left."""
-        self._look(self._header, self._log, 0)
+        if self._headers:
+            self._look(np.concatenate(self._headers), np.concatenate(self._logs), 0)
 
     def _look(self, header: Stamps, log: Stamps, waiting: int) -> None:
         """Look for steps; those in as many samples at the end as are `waiting` are left for later."""
