@@ -14,6 +14,7 @@ from vsalog.errors import EstimatorError, VsalogError, did_you_mean
 from vsalog.estimators import Fold, Method, method
 from vsalog.estimators.acceleration_group import senses_acceleration
 from vsalog.estimators.device import Device, device_of
+from vsalog.estimators.fewer import moved_by_samples, said, widened
 from vsalog.estimators.folding import fold_over
 from vsalog.estimators.grioli_bicchi import told_by_the_link
 from vsalog.estimators.left_over import FOLLOWS
@@ -245,8 +246,10 @@ def estimate_joint(
         witness = SecondWitness(recordings, device, joint, choice.roles, look.period, setpoints)
         shape = SpringShape(device, look)
         pass_on = kept.append if sink is None else sink
+        moved = moved_by_samples(choice.method, device, look, choice.tuning, fold)
 
         def give(trace: Trace) -> None:
+            trace = widened(trace, moved)
             summarizer.add(trace)
             witness.add(trace)
             shape.add(trace)
@@ -264,7 +267,7 @@ def estimate_joint(
             _settings(choice.tuning, fold),
             fold.model(state),
             summary,
-            (*warnings, *told, *witness.said(choice.name), *bent, *summary.warnings),
+            (*warnings, *told, *said(device, moved), *witness.said(choice.name), *bent, *summary.warnings),
             Trace.concatenate(kept) if kept else None,
         )
 

@@ -15,6 +15,7 @@ from msgspec import Meta
 from vsalog.errors import EstimatorError
 from vsalog.estimators.borne_torque import BorneTorque, LoadFriction, carried_by, effects_left_in
 from vsalog.estimators.device import Device, TransmissionView
+from vsalog.estimators.fewer import estimated, moved_beyond
 from vsalog.estimators.first_look import FirstLook, first_look
 from vsalog.estimators.following import ObserverFold, ObserverState, ObserverTuning
 from vsalog.estimators.known import known_of
@@ -25,7 +26,6 @@ from vsalog.estimators.windows import noisy_rates, suitable_windows, with_window
 from vsalog.filters.derivatives import Derivatives
 from vsalog.mechanics.friction import rubs
 from vsalog.signals import JointSignals
-from vsalog.trace import Trace
 
 NAME = "grioli-bicchi"
 SUMMARY = "stiffness observer without torque sensor or basis (Grioli and Bicchi 2010); needs the motor's inertia, or the link's"
@@ -112,7 +112,11 @@ def build(device: Device, signals: JointSignals, tuning: GrioliBicchiTuning) -> 
             best, least = window, share
         if share <= GOOD:
             break
-    return fold(best, signals)
+    found = fold(best, signals)
+    shorter = best // 2 | 1
+    if tuning.window is None and shorter > tuning.degree + 1:
+        found.within = float(np.hypot(found.within, smoothed_away(found, fold(shorter, part), part)))
+    return found
 
 
 class GrioliBicchiFold(ObserverFold):
@@ -147,10 +151,20 @@ class GrioliBicchiFold(ObserverFold):
 
 def claimed_share(fold: ObserverFold, signals: JointSignals) -> float:
     """Return the median of stiffness_std / stiffness that a fold claims on a log; infinite where it claims nothing."""
-    _, traces = fold.step(fold.start(), signals)
-    total = Trace.concatenate(traces)["total"]
+    total = estimated(fold, signals)["total"]
     share = np.asarray(total["stiffness_std"]) / np.abs(np.asarray(total["stiffness"]))
     return float(np.median(share[np.isfinite(share)])) if np.isfinite(share).any() else np.inf
+
+
+def smoothed_away(fold: ObserverFold, shorter: ObserverFold, signals: JointSignals) -> float:
+    """Return how far stiffnesses move with a shorter window, beyond their bands there [N·m/rad]; of two the larger."""
+    before, after = estimated(fold, signals), estimated(shorter, signals)
+    sizes = [0.0]
+    for name, columns in before.transmissions.items():
+        share = moved_beyond(columns, after[name], slice(None)) if name != "total" else None
+        if share is not None:
+            sizes.append(share**0.5 * float(np.nanmedian(np.asarray(columns["stiffness"], dtype=np.float64))))
+    return max(sizes)
 
 
 def motor_torque(

@@ -1,0 +1,112 @@
+"""Samples too few for a motion: what they do to an estimate, told by taking every second one."""
+
+import numpy as np
+import pytest
+from command_line import vsalog_run
+from hypothesis import given
+from hypothesis import strategies as st
+
+from vsalog.estimators import algebraic, residual_rls
+from vsalog.estimators.device import device_of
+from vsalog.estimators.fewer import estimated, every_second, moved_by_samples, widened
+from vsalog.rig import Rig
+from vsalog.signals import JointSignals
+
+INERTIA, DAMPING, STIFFNESS, JERK = 0.08, 0.4, 150.0, 40.0
+
+
+def jerked(rate, seconds=20.0, jolt=0.11, starts=(0,)):
+    """A motor whose acceleration changes its sign at once, every `jolt` seconds, on a linear spring that swings beside it.
+
+    In closed form: the torque is what the motor's equation of motion leaves for it, sampled where it stands.
+    """
+    t = np.arange(round(seconds * rate)) / rate
+    phase = t / jolt
+    half, into = np.floor(phase), (phase - np.floor(phase)) * jolt
+    sign = np.where(half % 2 == 0, 1.0, -1.0)
+    acceleration = JERK * sign
+    speed = JERK * (sign * into + np.where(sign > 0, 0.0, jolt) - jolt / 2)
+    angle = JERK * np.where(sign > 0, into * (into - jolt) / 2, -into * (into - jolt) / 2)
+    phi = 0.02 * np.sin(2 * np.pi * 1.3 * t) + 0.3 * angle
+    torque = INERTIA * acceleration + DAMPING * speed - STIFFNESS * phi
+    rng = np.random.default_rng(1)
+    roles = {
+        "motor_position": angle + 1e-6 * rng.standard_normal(t.size),
+        "link_position": angle + phi + 1e-6 * rng.standard_normal(t.size),
+        "motor_torque": torque + 0.01 * rng.standard_normal(t.size),
+    }
+    begins = np.isin(np.arange(t.size), starts)
+    stamps = np.round(t * 1e9).astype(np.int64)
+    return JointSignals("sea", 1.0 / rate, stamps, t, roles, begins, np.zeros(t.size, np.int32))
+
+
+def device(signals):
+    return device_of("sea", Rig.preset("sea").file.joint["sea"], signals.roles)
+
+
+def traced(method, signals):
+    """Return the estimate as the fold alone claims it, and as it is told."""
+    own = device(signals)
+    fold = method.build(own, signals, method.TUNING())
+    alone = estimated(fold, signals)
+    return alone, widened(alone, moved_by_samples(method, own, signals, method.TUNING(), fold))
+
+
+def plausible_and_wrong(trace):
+    """Return of how much of what is supported the stiffness is off by 3 % and by three deviations."""
+    columns = trace["1"]
+    off = np.abs(columns["stiffness"] - STIFFNESS)
+    sure = columns["excited"].copy()
+    sure[: sure.size // 2] = False
+    assert sure.any()
+    return float(np.mean((off > 0.03 * STIFFNESS)[sure] & (off > 3.0 * columns["stiffness_std"])[sure]))
+
+
+def test_the_log_is_what_a_motor_does():
+    signals = jerked(20_000.0, seconds=2.0)
+    angle, t = signals.roles["motor_position"], signals.time
+    smooth = np.convolve(angle, np.ones(41) / 41, "same")
+    speed = np.gradient(smooth, t)
+    assert np.abs(speed[100:-100]).max() == pytest.approx(JERK * 0.11 / 2, rel=0.05)
+
+
+@pytest.mark.parametrize(("rate", "jolt"), [(50.0, 0.23), (100.0, 0.11), (100.0, 0.23), (400.0, 0.11)])
+def test_what_jerks_bend_is_told(rate, jolt):
+    alone, told = traced(residual_rls, jerked(rate, jolt=jolt))
+    assert plausible_and_wrong(alone) > 0.15
+    assert plausible_and_wrong(told) < 0.05
+
+
+def test_a_motion_that_is_resolved_is_left_alone():
+    signals = jerked(1000.0, jolt=0.23)
+    for method in (residual_rls, algebraic):
+        own = device(signals)
+        fold = method.build(own, signals, method.TUNING())
+        assert moved_by_samples(method, own, signals, method.TUNING(), fold) == {}
+
+
+@given(st.integers(2, 60), st.sets(st.integers(1, 59), max_size=5), st.integers(0, 1))
+def test_every_second_sample(count, gaps, first):
+    signals = jerked(100.0, seconds=count / 100.0, starts=(0, *gaps))
+    half = every_second(signals, first)
+    assert half.period == 2.0 * signals.period
+    assert np.array_equal(half.stamps, signals.stamps[first::2])
+    runs, kept = np.cumsum(signals.starts), np.arange(len(signals))[first::2]
+    # A run begins with whatever is kept first of it.
+    begins = np.diff(runs[kept], prepend=-1) != 0
+    assert half.starts.tolist() == begins.tolist()
+
+
+def test_the_command_says_so(tmp_path):
+    signals = jerked(100.0, jolt=0.23)
+    names = list(signals.roles)
+    table = np.column_stack([signals.time, *signals.roles.values()])
+    np.savetxt(tmp_path / "jerked.csv", table, "%.9g", ",", header=",".join(["time", *names]), comments="")
+    channels = "\n".join(f'{name} = "{name}"' for name in names)
+    (tmp_path / "rig.toml").write_text(
+        f'[joint.elbow]\nkind = "elastic"\n[joint.elbow.motor]\ninertia = {INERTIA}\ndamping = {DAMPING}\n'
+        f"[joint.elbow.signals]\n{channels}\n"
+    )
+    done = vsalog_run("estimate", "jerked.csv", "--rig", "rig.toml", cwd=tmp_path)
+    assert done.returncode == 0
+    assert "from every second sample only, the stiffness comes out" in done.stdout + done.stderr

@@ -1,0 +1,131 @@
+"""What too few samples do to an estimate, told by taking every second one.
+
+A motion that is hardly resolved, as of jerks at 50 Hz, bends what is estimated from it: torques jump between samples, and
+derivatives lose what is fast. That repeats with the motion and is in no left-over. But every second sample alone is a recording
+at half the rate, in which the error is twice to eight times as large. How far the estimate moves then, beyond what its band there
+allows, is no less than how far it is off. (After Richardson's deferred approach to the limit.)
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vsalog.errors import VsalogError
+from vsalog.estimators.device import Device
+from vsalog.estimators.folding import fold_over
+from vsalog.estimators.regression import BLOCK, SUPPORTED_SHARE
+from vsalog.estimators.tuning import Tuning
+from vsalog.signals import JointSignals
+from vsalog.trace import Trace
+
+if TYPE_CHECKING:
+    from vsalog.estimators import Fold, Method
+
+Columns = Mapping[str, NDArray[np.generic]]
+
+# What moves a stiffness by less is no matter.
+LEAST = 0.01
+# So many samples are tried.
+TRIED = 1 << 15
+
+
+def moved_by_samples(
+    method: Method, device: Device, signals: JointSignals, tuning: Tuning, fold: Fold
+) -> dict[str, float]:
+    """Return by which part each stiffness moves with half the samples; nothing of those that do not, or are not supported.
+
+    Parameters
+    ----------
+    method : by which the stiffness is estimated
+    device, signals, tuning : what it is built for
+    fold : as it was built for them
+    """
+    if device.pneumatic is not None:
+        return {}
+    part = signals[:TRIED]
+    before = estimated(fold, part)
+    changes: dict[str, list[float]] = {}
+    for first in (0, 1):
+        half = every_second(part, first)
+        try:
+            other = method.build(device, half, tuning)
+            other.conditioner.check_length(half.longest_run)
+        except VsalogError:
+            continue  # there is nothing to compare with
+        after = estimated(other, half)
+        for name, columns in before.transmissions.items():
+            if (moved := moved_beyond(columns, after[name], slice(first, None, 2))) is not None:
+                changes.setdefault(name, []).append(moved)
+    shares = {name: float(np.mean(squares)) ** 0.5 for name, squares in changes.items()}
+    return {name: share for name, share in shares.items() if share > LEAST}
+
+
+def every_second(signals: JointSignals, first: int) -> JointSignals:
+    """Return every second sample, of those from the `first` on, as a log of half the rate."""
+    part = signals[first::2]
+    starts = np.zeros(len(part), dtype=np.bool_)
+    begins = (np.flatnonzero(signals.starts) - first + 1) // 2
+    starts[begins[(begins >= 0) & (begins < len(part))]] = True
+    starts[:1] = True
+    return replace(part, period=2.0 * signals.period, starts=starts)
+
+
+def widened(trace: Trace, shares: Mapping[str, float]) -> Trace:
+    """Return a trace with standard deviations that count in by which part each stiffness moves."""
+    parts = dict(trace.transmissions)
+    for name, share in shares.items():
+        columns = parts[name]
+        stiffness = np.asarray(columns["stiffness"], dtype=np.float64)
+        std = np.hypot(np.asarray(columns["stiffness_std"], dtype=np.float64), share * stiffness)
+        excited = np.asarray(columns["excited"], dtype=np.bool_) & (std < SUPPORTED_SHARE * stiffness)
+        parts[name] = {**columns, "stiffness_std": std, "excited": excited}
+    return replace(trace, transmissions=parts)
+
+
+def said(device: Device, shares: Mapping[str, float]) -> tuple[str, ...]:
+    """Say of which stiffness samples are too few."""
+    return tuple(
+        f"joint '{device.joint}', {'the whole' if name == 'total' else f'transmission {name}'}: from every second sample only,"
+        f" the stiffness comes out {share:.0%} different: the samples are too few for so fast a motion, and the standard"
+        " deviation counts that in; record at a higher rate, or move more smoothly"
+        for name, share in shares.items()
+        if name != "total" or len(device.transmissions) > 1
+    )
+
+
+def moved_beyond(before: Columns, after: Columns, every: slice) -> float | None:
+    """Return the median square of how far a stiffness moves beyond the band of its second estimate, as a part of it.
+
+    Parameters
+    ----------
+    before, after : columns of the first estimate and of the second
+    every : the samples of the first that the second has
+
+    Returns
+    -------
+    of the second half of the log, where the first is supported; None where nothing is
+    """
+    sure = np.asarray(before["excited"], dtype=np.bool_).copy()
+    sure[: sure.size // 2] = False
+    sigma, now, std = (
+        np.asarray(values, dtype=np.float64)
+        for values in (before["stiffness"][every], after["stiffness"], after["stiffness_std"])
+    )
+    told = sure[every] & np.isfinite(now) & np.isfinite(std)
+    if not told.any():
+        return None
+    beyond = ((now - sigma) ** 2 - std**2)[told] / sigma[told] ** 2
+    return max(0.0, float(np.median(beyond)))
+
+
+def estimated(fold: Fold, signals: JointSignals) -> Trace:
+    """Return an estimator's trace of signals."""
+    kept: list[Trace] = []
+    with np.errstate(over="ignore", invalid="ignore", divide="ignore"):
+        fold_over(fold, signals, BLOCK, kept.append)
+    return Trace.concatenate(kept)
