@@ -195,7 +195,16 @@ NOON = datetime.datetime(2024, 2, 29, 12, tzinfo=datetime.UTC)
     ("name", "time", "begin", "note"),
     [
         ("time", SECONDS, 0.0, ""),
-        ("time", SECONDS * 1000, 0.0, "'time' states no unit and is read as ms because its steps are about 10"),
+        (
+            "time",
+            SECONDS * 1000,
+            0.0,
+            "'time' states no unit and is read as milliseconds because its steps are about 10",
+        ),
+        # Microseconds and nanoseconds since the machine was switched on, whose size is that of dates in larger units.
+        ("time", 1.2e9 + SECONDS * 1e6, 1200.0, "'time' states no unit and is read as microseconds"),
+        ("time", 1.2e12 + SECONDS * 1e9, 1200.0, "'time' states no unit and is read as nanoseconds"),
+        ("time", 5e14 + SECONDS * 1e9, 5e5, "'time' states no unit and is read as nanoseconds"),
         ("t_ms", SECONDS * 1000, 0.0, ""),
         ("time_s", SECONDS, 0.0, ""),
         ("time", NOON.timestamp() + SECONDS, NOON.timestamp(), ""),

@@ -228,6 +228,36 @@ def test_a_time_in_any_unit(table, header, unit):
     assert recording.notes == ()
 
 
+UP = {"switched on": 0.0, "for minutes": 1200.0, "for hours": 18_000.0, "for days": 501_120.0, "today": 1.75e9}
+"""How long before a log machines began to count [s]."""
+
+
+@pytest.mark.parametrize("before", UP)
+@pytest.mark.parametrize("rate", [100, 1000])
+@pytest.mark.parametrize("unit", [1, 10**3, 10**6, 10**9])
+def test_a_unit_is_guessed_by_size_and_steps(table, before, rate, unit):
+    """The size of microseconds since some minutes ago is that of today in seconds."""
+    times = [round((UP[before] + i / rate + 1e-4 * (i % 3)) * 10**6) for i in range(500)]
+    lines = (f"{(Decimal(time) * unit / 10**6).normalize():f},{i}" for i, time in enumerate(times))
+    recording = table("time,x", *lines)
+    assert stamps(recording) == [time * 1000 for time in times]
+    told = ["states no unit" in note for note in recording.notes]
+    assert told == ([] if before == "today" or unit == 1 else [True])
+
+
+@pytest.mark.parametrize(("name", "notes"), [("time", 1), ("time [s]", 0), ("unix_time", 0)])
+def test_dates_in_long_steps_are_told(table, name, notes):
+    """They may be milliseconds since some weeks ago."""
+    recording = table(f"{name},x", *(f"{1_750_000_000 + 2 * i},{i}" for i in range(20)))
+    assert since_first(recording) == [2 * i * S for i in range(20)]
+    assert ["call it 'time [ms]' if it counts milliseconds" in note for note in recording.notes] == [True] * notes
+
+
+def test_hours_that_are_not_called_so_are_told(table):
+    recording = table("time,x", *(f"{i / 3.6e6:.12f},{i}" for i in range(20)))
+    assert any("read as seconds because its steps are about 2.7" in note for note in recording.notes)
+
+
 def test_whole_seconds_are_seconds_where_the_name_says_so(table):
     assert stamps(table("seconds,x", *(f"{i},{i}" for i in range(5)))) == [i * S for i in range(5)]
 

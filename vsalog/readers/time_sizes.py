@@ -1,11 +1,21 @@
-"""The unit of a clock that states none: dates are told by their size, other times by their steps."""
+"""The unit of a clock that states none: told by its size and its steps."""
 
 from __future__ import annotations
+
+import re
 
 import numpy as np
 from numpy.typing import NDArray
 
 _WORDS = {"s": "seconds", "ms": "milliseconds", "us": "microseconds", "ns": "nanoseconds"}
+_SECONDS = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9}
+_USUAL, _LONGEST = 0.5, 10.0
+"""Samples of a log are so far apart at most [s]: of nearly all, and of one whose clock is called no date."""
+_SHORT, _SHORTEST = 5e-5, 1e-5
+"""So far apart they are at least [s]: of nearly all, and of any."""
+_UP = 10 * 86_400.0
+"""Machines are seldom on for longer [s]."""
+_SAYS_EPOCH = re.compile("epoch|unix")
 # Days that spreadsheets and MATLAB count: those between 2000 and 2050, and the number of 1970-01-01.
 SERIAL = {"serial": (36_526, 54_789, 25_569), "datenum": (730_486, 748_749, 719_529)}
 _SERIAL_WORDS = {
@@ -30,25 +40,67 @@ def epoch_unit(size: float) -> str | None:
     return None
 
 
-def guessed_unit(name: str, values: NDArray[np.float64]) -> tuple[str, str]:
-    """Guess the unit of a clock: dates by their size, other times by their steps."""
-    unit = epoch_unit(float(np.abs(values).max()))
-    if unit is not None:
-        return unit, _on_labview(name, float(values.min())) if unit == "s" else ""
+def guessed_unit(name: str, values: NDArray[np.float64], written: str = "{} [{}]") -> tuple[str, str]:
+    """Guess the unit of a clock by its size and its steps, and say what to doubt of it.
+
+    A number that is a date of this century in seconds is one of the first hour in microseconds, too: it is the former only if
+    the samples of a log can be so far apart then.
+
+    Parameters
+    ----------
+    name : str
+        What the clock is called.
+    values : float64 array, shape (n,)
+        Its first numbers, all finite.
+    written : str
+        How a clock's name states its unit, with braces for both.
+
+    Returns
+    -------
+    unit : str
+        As in `vsalog.readers.time_columns.ClockColumn`.
+    note : str
+        What to tell, "" where there is no doubt.
+    """
     steps = np.diff(values)
     step = float(np.median(steps[steps > 0])) if (steps > 0).any() else 0.0
+    size = float(np.median(np.abs(values)))
+    unit = epoch_unit(size)
+    if unit is not None:
+        apart = step * _SECONDS[unit]
+        if apart <= _USUAL or _SAYS_EPOCH.search(name.lower()):
+            return unit, _on_labview(name, float(values.min())) if unit == "s" else ""
+        if apart <= _LONGEST:
+            return unit, _in_doubt(name, unit, apart, written)
     for form, (first, last, _) in SERIAL.items():
         if first <= values.min() and values.max() <= last and 0 < step < _SERIAL_STEP:
-            return form, f"column '{name}' is read as {_SERIAL_WORDS[form]}; call it '{name} [s]' if it is in seconds"
-    limits = ((0.5, "s"), (500.0, "ms"), (5e5, "us"))
-    unit = next((unit for limit, unit in limits if step <= limit), "ns")
-    if unit == "s":
+            said = written.format(name, "s")
+            return form, f"column '{name}' is read as {_SERIAL_WORDS[form]}; call it '{said}' if it is in seconds"
+    return _counted(name, step, size, written)
+
+
+def _counted(name: str, step: float, size: float, written: str) -> tuple[str, str]:
+    """Guess the unit of a clock that counts from some start, in the coarsest whose steps a log may have."""
+    likely = [unit for unit, second in _SECONDS.items() if step * second <= _USUAL] or ["ns"]
+    recent = [unit for unit in likely if size * _SECONDS[unit] <= _UP and step * _SECONDS[unit] >= _SHORT]
+    unit = (recent or likely)[0]
+    if unit == "s" and (step >= _SHORTEST or not step):
         return unit, ""
-    note = (
-        f"column '{name}' states no unit and is read as {_WORDS[unit]} because its steps are about {step:g};"
-        f" write the unit behind its name if it is another one, such as '{name} [s]' or '{name} [min]'"
+    return unit, (
+        f"column '{name}' states no unit and is read as {_WORDS[unit]} because its steps are about {step:g}; write the unit"
+        f" behind its name if it is another one, such as '{written.format(name, 'ms' if unit == 's' else 's')}'"
     )
-    return unit, note
+
+
+def _in_doubt(name: str, unit: str, apart: float, written: str) -> str:
+    """Return what to tell of a date in steps that would suit a log better in the next smaller unit."""
+    finer = dict(zip(_SECONDS, [*_SECONDS][1:], strict=False)).get(unit)
+    if finer is None:
+        return ""
+    return (
+        f"column '{name}' states no unit and is read as {_WORDS[unit]} since 1970 by its size, so that its samples are"
+        f" {apart:.3g} s apart; call it '{written.format(name, finer)}' if it counts {_WORDS[finer]} from some start"
+    )
 
 
 def _on_labview(name: str, first: float) -> str:
