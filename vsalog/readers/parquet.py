@@ -4,10 +4,12 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Collection, Iterator, Mapping, Sequence
+from functools import partial
 from pathlib import Path
 
 import numpy as np
 import pyarrow as pa
+from numpy.typing import NDArray
 
 from vsalog.errors import ReadError
 from vsalog.printable import printable
@@ -19,10 +21,11 @@ from vsalog.readers.parquet_flat import FlatRows
 from vsalog.readers.parquet_footer import footer_trouble
 from vsalog.readers.parquet_rows import ParquetRows
 from vsalog.readers.row_clock import ROW_NOTE, row_clock
+from vsalog.readers.row_times import RowTimes
 from vsalog.readers.table_cells import ROUNDED, Cells, numbers_and_words
 from vsalog.readers.table_speakers import Speakers, find_speakers
-from vsalog.readers.time_columns import ClockPlan, find_clocks, folds_of, looks_like_clock, nanoseconds
-from vsalog.readers.time_folds import Folds
+from vsalog.readers.time_columns import ClockPlan, find_clocks, looks_like_clock
+from vsalog.readers.time_steps import row_marks
 from vsalog.recording import Stamps, Values
 from vsalog.units import split_header
 
@@ -85,7 +88,7 @@ class ParquetReader:
         self._plan = self._find_clocks(rate)
         self._rounded: dict[int, str] = {}
         self._written = self._numbers_as_text()
-        self._folds: dict[tuple[str, str], Folds] = {}
+        self._times = RowTimes(self._plan.clocks, ())
         self._streams = [_text(field.metadata, STREAM) or path.stem for field in schema]
         keys = self._keys()
         # A trace carries the rig of the log that it was estimated from, whose channels it does not have.
@@ -116,7 +119,7 @@ class ParquetReader:
         """Yield all of some columns, part by part, without rows of which one of them is damaged."""
         names = [self._rows.schema.names[i] for i in columns]
         for _, batch in self._rows.batches(names, names):
-            yield [self._cells(batch, i) for i in columns]
+            yield self._all_cells(batch, columns)
 
     def _find_clocks(self, rate: float | None) -> ClockPlan:
         """Return which columns are the clock.
@@ -162,7 +165,7 @@ class ParquetReader:
         """
         self.unread.update(self._text_columns())
         self._note_clock()
-        self._folds = {}
+        self._times = RowTimes(self._plan.clocks, self._parts)
         self._written = {i: Cells() for i in self._written}
         parts = self._parts
         columns = [
@@ -176,18 +179,24 @@ class ParquetReader:
         needed = [schema.names[i] for i in sorted(read)] or schema.names[:1]
         dropped = 0
         for row, batch in self._batches(needed):
-            for part, piece in self._split(batch):
-                missing = 0
+            whose = self._whose(batch)
+            values = {i: self._values(batch, i) for i in columns}
+            named = {self._names[i]: cells for i, cells in values.items()}
+            stamps, good = row_clock(row, batch.num_rows, self.rate), np.ones(batch.num_rows, bool)
+            if self._plan.clocks:
+                cells = partial(self._all_cells, batch)
+                stamps, good = self._times.of(cells, whose, partial(row_marks, named, batch.num_rows))
+            dropped += int(np.count_nonzero(np.logical_or.reduce([*whose.values()]) & ~good))
+            for part, own in whose.items():
                 for members, tellers in streams:
-                    block, missing = self._block(piece, part, members, tellers, row, wanted)
-                    yield block
-                dropped += missing
+                    rows = good & own & self._told(batch, tellers)
+                    yield self._block(part, stamps, {i: values[i] for i in members}, rows, wanted)
         if dropped:
             self.notes.append(f"{plural(dropped, 'row')} {NO_TIME}")
         if self._speakers:
             self.notes += self._speakers.left_out()
         self.notes += self._notes_on_cells()
-        self.notes += dict.fromkeys(note for folds in self._folds.values() for note in folds.notes())
+        self.notes += self._times.notes()
 
     def _batches(self, columns: list[str]) -> Iterator[tuple[int, pa.RecordBatch]]:
         """Yield the number of the first row and the rows; what is damaged is noted.
@@ -203,43 +212,39 @@ class ParquetReader:
 
     def _block(
         self,
-        batch: pa.RecordBatch,
         part: str,
-        columns: list[int],
-        tellers: list[int],
-        row: int,
+        stamps: Mapping[str, Stamps],
+        columns: Mapping[int, Values],
+        rows: NDArray[np.bool_],
         wanted: Collection[str] | None,
-    ) -> tuple[Block, int]:
-        """Return a batch as a block, and how many of its rows have no time."""
-        good = np.ones(batch.num_rows, dtype=bool)
-        stamps: dict[str, Stamps] = {} if self._plan.clocks else row_clock(row, batch.num_rows, self.rate)
-        for kind, clock in self._plan.clocks.items():
-            cells = [self._cells(batch, i) for i in clock.columns]
-            stamps[kind], valid = nanoseconds(cells, clock.form)
-            if isinstance(folds := self._folds.get((kind, part), folds_of(clock.form)), Folds):
-                stamps[kind] = self._folds.setdefault((kind, part), folds).unfold(stamps[kind], valid)
-            good &= valid
+    ) -> Block:
+        """Return some rows of a batch as a block."""
         values: dict[str, Values] = {}
         units: dict[str, str] = {}
-        for i in columns:
+        for i, cells in columns.items():
             name = self._names[i] + part
             if wanted is None or name in wanted:
-                cells = self._cells(batch, i)
-                values[name] = self._written[i].convert(cells) if i in self._written else as_numbers(cells)
-                if i not in self._rounded and (rounded := rounded_in(cells, values[name])):
-                    self._rounded[i] = rounded
-                unit = self._units[i]
-                if unit is not None:
+                values[name] = cells if rows.all() else cells[rows]
+                if (unit := self._units[i]) is not None:
                     units[name] = unit
-        missing = int(np.count_nonzero(~good))
-        if tellers:
-            cells = [self._cells(batch, i).is_valid() for i in tellers]
-            good &= np.logical_or.reduce([np.asarray(one.to_numpy(zero_copy_only=False), bool) for one in cells])
-        if not good.all():
-            stamps = {kind: times[good] for kind, times in stamps.items()}
-            values = {name: cells[good] for name, cells in values.items()}
-        stream = self._stream(part, columns[0] if columns else None)
-        return Block(stream, "parquet", stamps, values, units, self._timeless()), missing
+        times = {kind: one if rows.all() else one[rows] for kind, one in stamps.items()}
+        stream = self._stream(part, next(iter(columns), None))
+        return Block(stream, "parquet", times, values, units, self._timeless())
+
+    def _values(self, batch: pa.RecordBatch, column: int) -> Values:
+        """Return a column's numbers; those that had to be rounded are noted."""
+        cells = self._cells(batch, column)
+        values = self._written[column].convert(cells) if column in self._written else as_numbers(cells)
+        if column not in self._rounded and (rounded := rounded_in(cells, values)):
+            self._rounded[column] = rounded
+        return values
+
+    def _told(self, batch: pa.RecordBatch, tellers: list[int]) -> NDArray[np.bool_]:
+        """Return which rows any of some columns has a sample in; all, where there are none of these."""
+        if not tellers:
+            return np.ones(batch.num_rows, bool)
+        filled = [self._cells(batch, i).is_valid().to_numpy(zero_copy_only=False) for i in tellers]
+        return np.asarray(np.logical_or.reduce(filled), bool)
 
     def _by_stream(self, columns: list[int]) -> list[list[int]]:
         """Group columns by their stream; without any column there is the clock alone."""
@@ -311,14 +316,15 @@ class ParquetReader:
         """What stands behind the names of channels and streams."""
         return self._speakers.parts if self._speakers else ("",)
 
-    def _split(self, batch: pa.RecordBatch) -> Iterator[tuple[str, pa.RecordBatch]]:
-        """Yield the rows of each part of the device."""
+    def _whose(self, batch: pa.RecordBatch) -> dict[str, NDArray[np.bool_]]:
+        """Return which rows are of which part of the device, of those that have some."""
         if self._speakers is None:
-            yield "", batch
-            return
-        for part, own in self._speakers.rows([self._cells(batch, i) for i in self._speakers.columns]).items():
-            if own.any():
-                yield part, batch.filter(pa.array(own))
+            return {"": np.ones(batch.num_rows, bool)}
+        parts = self._speakers.rows(self._all_cells(batch, self._speakers.columns))
+        return {part: own for part, own in parts.items() if own.any()}
+
+    def _all_cells(self, batch: pa.RecordBatch, columns: Sequence[int]) -> list[pa.Array]:
+        return [self._cells(batch, i) for i in columns]
 
     def _stream(self, part: str, column: int | None) -> str:
         return (self.path.stem if column is None else self._streams[column]) + part

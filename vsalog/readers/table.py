@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -14,6 +15,7 @@ from vsalog.errors import ReadError
 from vsalog.readers.base import NO_TIME, Block, Catalogue, ChannelInfo, first_of_each, plural
 from vsalog.readers.headers import printable_cell
 from vsalog.readers.row_clock import ROW_NOTE, row_clock
+from vsalog.readers.row_times import RowTimes
 from vsalog.readers.sparse import group_by_blanks
 from vsalog.readers.table_cells import ROUNDED, Cells, numbers_and_words
 from vsalog.readers.table_damage import Damage
@@ -23,9 +25,9 @@ from vsalog.readers.table_sections import find_sections
 from vsalog.readers.table_speakers import find_speakers
 from vsalog.readers.table_text import NULLS
 from vsalog.readers.text_source import BoundedGzip, open_text, read_beginning
-from vsalog.readers.time_columns import ClockColumn, ClockPlan, find_clocks, folds_of, looks_like_clock, nanoseconds
-from vsalog.readers.time_folds import Folds, Restarts
+from vsalog.readers.time_columns import ClockColumn, ClockPlan, find_clocks, looks_like_clock
 from vsalog.readers.time_names import UNITS
+from vsalog.readers.time_steps import row_marks
 from vsalog.recording import Stamps, Values
 
 HEAD_BYTES = 256 * 1024
@@ -67,7 +69,7 @@ class TableReader:
         )
         self._dialect = _with_unit_of_time(self._dialect, self._plan)
         self._counts: dict[str, Cells] = {}
-        self._folds: dict[tuple[ClockColumn, str], Folds | Restarts] = {}
+        self._times: list[RowTimes] = []
         clocks = self._plan.columns()
         numbers = [numbers_and_words(column) for column in self._sample]
         if not any(good and (clocks or good > words) for good, words in numbers):
@@ -123,12 +125,7 @@ class TableReader:
             if names[i] not in texts and (wanted is None or any(names[i] + part in wanted for part in self._parts))
         ]
         self._counts = {names[i]: Cells() for i in columns}
-        self._folds = {
-            (clock, part): folds_of(clock.form)
-            for section in self._sections
-            for clock in section.clocks.values()
-            for part in self._parts
-        }
+        self._times = [RowTimes(section.clocks, self._parts) for section in self._sections]
         speaker = self._speakers.columns if self._speakers else ()
         row, dropped = 0, 0
         damage = Damage(self.path) if self._compressed else None
@@ -139,7 +136,13 @@ class TableReader:
             everyones = {"": np.ones(batch.num_rows, bool)}
             parts = self._speakers.rows(self._cells(batch, speaker)) if self._speakers else everyones
             values = {names[i]: self._counts[names[i]].convert(batch.column(names[i])) for i in columns}
-            timed = [self._clock(clocks, batch, row, parts) for clocks, _ in sections]
+            marks = partial(row_marks, values, batch.num_rows)
+            timed = [
+                times.of(partial(self._cells, batch), parts, marks)
+                if clocks
+                else (row_clock(row, batch.num_rows, self.rate), np.ones(batch.num_rows, bool))
+                for times, (clocks, _) in zip(self._times, sections, strict=True)
+            ]
             told = np.logical_or.reduce([good for _, good in timed])
             sound = damage.sound_rows(row, told, self._counts.values(), rows.first_odd) if damage else None
             if sound is None:
@@ -250,24 +253,6 @@ class TableReader:
         """Whether lines can be found from anywhere in the file: it is not compressed, and a line's end is one byte."""
         return not self._compressed and not self._dialect.encoding.startswith("utf-16")
 
-    def _clock(
-        self, clocks: Mapping[str, ClockColumn], batch: pa.RecordBatch, row: int, parts: dict[str, NDArray[np.bool_]]
-    ) -> tuple[dict[str, Stamps], NDArray[np.bool_]]:
-        """Return a batch's stamps by kind of clock, and which rows have one."""
-        good = np.ones(batch.num_rows, dtype=bool)
-        if not clocks:
-            return row_clock(row, batch.num_rows, self.rate), good
-        stamps = {}
-        for kind, clock in clocks.items():
-            stamps[kind], valid = nanoseconds(self._cells(batch, clock.columns), clock.form)
-            for part, own in parts.items():
-                stamps[kind] = self._folds[clock, part].unfold(stamps[kind], valid & own)
-            if kind == "header":  # without it there is still the log's time, for all rows then
-                stamps[kind] = np.where(valid, stamps[kind], 0)
-            else:
-                good &= valid
-        return stamps, good
-
     def _untimed(self, clocks: Mapping[str, ClockColumn], batch: pa.RecordBatch, good: NDArray[np.bool_]) -> int:
         """Return how many rows have no time, without those at which one of several logs side by side had ended."""
         if len(self._sections) > 1:
@@ -327,8 +312,8 @@ class TableReader:
             self.notes.append(f"{plural(dropped, 'row')} {NO_TIME}")
         if self._speakers:
             self.notes += self._speakers.left_out()
-        for folds in self._folds.values():
-            self.notes += [note for note in folds.notes() if note not in self.notes]
+        for times in self._times:
+            self.notes += [note for note in times.notes() if note not in self.notes]
         self._note_text()
         for name, cells in self._counts.items():
             if cells.rounded:

@@ -1,0 +1,100 @@
+"""Clocks of tables that are set while rows are written, and rows that merely come in another order."""
+
+from __future__ import annotations
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.parquet as pq
+import pytest
+
+from vsalog.readers import read
+
+N, STEP = 12_000, 10**6
+TODAY = 1_750_000_000 * 10**9
+TRUE = TODAY + STEP * np.arange(N)
+Q = np.sin(np.arange(N) / 40)
+
+
+@pytest.fixture(params=["csv", "parquet"])
+def log(request, tmp_path):
+    """Read a table of times [ns] and of the numbers of rows."""
+
+    def log(times, numbers, header="time [ns]"):
+        columns = {header: times, "x": np.asarray(numbers, float), "q": Q[np.asarray(numbers)]}
+        if request.param == "parquet":
+            pq.write_table(pa.table(columns), tmp_path / "log")
+        else:
+            rows = zip(*(column.tolist() for column in columns.values()), strict=True)
+            (tmp_path / "log").write_text(",".join(columns) + "\n" + "".join(f"{t},{x},{q}\n" for t, x, q in rows))
+        return read(tmp_path / "log")
+
+    return log
+
+
+def told(recording):
+    return [note for note in recording.notes if "the time steps back" in note]
+
+
+BACK = [(size, at) for size in (0.05, 2.0, 2.0003, 10.0) for at in (700, 6000, N - 50)]
+
+
+@pytest.mark.parametrize(("begin", "size", "at"), [*((TODAY, *one) for one in BACK), (3 * 10**12, 2.0, 6000)])
+def test_a_clock_that_is_set_back_goes_on(log, begin, size, at):
+    """As NTP sets it; by whole milliseconds, later rows would have the stamps of earlier ones, and be lost."""
+    times = TRUE - TODAY + begin
+    times[at:] -= round(size * 1e9)
+    recording = log(times, range(N))
+    assert recording.channel("x").values.tolist() == list(range(N))
+    assert np.diff(recording.channel("x").stamps).tolist() == [STEP] * (N - 1)
+    assert [f"by {size:g} s" in note for note in told(recording)] == [True]
+
+
+def test_a_clock_that_is_set_back_twice_with_jitter_and_dropouts(log):
+    times = TRUE + np.random.default_rng(1).integers(0, STEP // 2, N)
+    times[4000:] -= 2 * 10**9
+    times[9000:] -= 10**9
+    kept = np.delete(np.arange(N), np.r_[3000:3300, 5000:5200])
+    recording = log(times[kept], kept)
+    assert recording.channel("x").values.tolist() == kept.tolist()
+    np.testing.assert_allclose(recording.channel("x").stamps, TRUE[kept], atol=2 * STEP)
+    assert ["2 times, by up to 2" in note for note in told(recording)] == [True]
+
+
+def test_a_step_back_far_below(log):
+    """In another block than the rows whose times come again."""
+    many = 80_000
+    times = TODAY + STEP * np.arange(many)
+    times[70_000:] -= 50 * 10**9
+    recording = log(times, np.arange(many) % N)
+    assert recording.channel("x").values.tolist() == (np.arange(many) % N).tolist()
+    assert told(recording)
+
+
+LATE = [
+    np.r_[0:6000, 6000 + late : 6000 + late + ahead, 6000 : 6000 + late, 6000 + late + ahead : N]
+    for late, ahead in ((1, 1), (1, 40), (4, 14), (9, 5), (14, 10), (20, 5), (12, 12), (200, 200), (20, 300))
+]
+
+
+@pytest.mark.parametrize("order", [*LATE, np.r_[6000:N, 0:6000], np.r_[0:3000, 6000:9000, 3000:6000, 9000:N]])
+def test_rows_in_another_order_are_sorted(log, order):
+    """Packets that are late, and logs that were put together in another order."""
+    recording = log(TRUE[order], order)
+    assert recording.channel("x").values.tolist() == list(range(N))
+    assert recording.channel("x").stamps.tolist() == TRUE.tolist()
+    assert not told(recording)
+
+
+def test_rows_that_were_written_twice_are_dropped(log):
+    order = np.r_[0:6000, 5000:N]
+    recording = log(TRUE[order], order)
+    assert recording.channel("x").values.tolist() == list(range(N))
+    assert recording.streams["log"].duplicates == 1000
+    assert not told(recording)
+
+
+def test_a_log_appended_to_another_is_put_behind_it(log):
+    """Of Parquet files as of text."""
+    recording = log(np.r_[TRUE[:6000], TRUE[:6000]] - TODAY, range(N))
+    assert recording.channel("x").values.tolist() == list(range(N))
+    assert any("the time begins anew once" in note for note in recording.notes)

@@ -1,0 +1,70 @@
+"""When the rows of a table were: what its clocks say, made to go on where they go back."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Collection, Mapping, Sequence
+from itertools import product
+
+import numpy as np
+import pyarrow as pa
+from numpy.typing import NDArray
+
+from vsalog.readers.time_columns import ClockColumn, folds_of, nanoseconds
+from vsalog.readers.time_steps import Marks, StepsBack
+from vsalog.recording import Stamps
+
+
+class RowTimes:
+    """Tells the times of a table's rows, block by block.
+
+    Parameters
+    ----------
+    clocks : mapping of str to ClockColumn
+        By kind.
+    parts : collection of str
+        Those whose rows go on each by themselves, as of the joints that a long table holds.
+    """
+
+    def __init__(self, clocks: Mapping[str, ClockColumn], parts: Collection[str]) -> None:
+        self._clocks = clocks
+        self._folds = {(kind, part): folds_of(clocks[kind].form) for kind, part in product(clocks, parts)}
+        # Of two clocks, what is wrong with the one is told by the other.
+        self._steps = {part: StepsBack() for part in parts} if [*clocks] == ["column"] else {}
+
+    def of(
+        self,
+        cells: Callable[[Sequence[int]], Sequence[pa.Array]],
+        parts: Mapping[str, NDArray[np.bool_]],
+        marks: Marks,
+    ) -> tuple[dict[str, Stamps], NDArray[np.bool_]]:
+        """Return a block's stamps by kind of clock, and which rows have one.
+
+        Parameters
+        ----------
+        cells : callable
+            Gives columns of the block by their numbers.
+        parts : mapping of str to bool array, shape (n,)
+            Whose rows they are.
+        marks : callable
+            See `vsalog.readers.time_steps.StepsBack.unfold`.
+        """
+        good = np.ones(len(next(iter(parts.values()))), dtype=bool)
+        stamps: dict[str, Stamps] = {}
+        for kind, clock in self._clocks.items():
+            times, valid = nanoseconds(cells(clock.columns), clock.form)
+            for part, own in parts.items():
+                times = self._folds[kind, part].unfold(times, valid & own)
+                if self._steps:
+                    times = self._steps[part].unfold(times, valid & own, marks)
+            if kind == "header":  # without it there is still the log's time, for all rows then
+                times = np.where(valid, times, 0)
+            else:
+                good &= valid
+            stamps[kind] = times
+        return stamps, good
+
+    def notes(self) -> list[str]:
+        """Return what to tell."""
+        return list(
+            dict.fromkeys(note for one in (*self._folds.values(), *self._steps.values()) for note in one.notes())
+        )
