@@ -15,7 +15,7 @@ from write_logs import START, McapLog, joints_mcap
 
 from vsalog.errors import ReadError
 from vsalog.readers import read
-from vsalog.readers.collect import _Column
+from vsalog.readers.gathered import _Column
 
 
 def test_a_pipe_is_not_waited_for(tmp_path):

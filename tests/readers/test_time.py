@@ -85,25 +85,37 @@ def test_plausible_stamps_have_no_reason():
     assert implausible(log[:0], log[:0]) == ""
 
 
-@given(st.lists(st.tuples(st.integers(-5, 5), st.sampled_from([0.0, 1.0, float("nan")])), max_size=60))
-def test_order_keeps_the_first_of_each_stamp(samples):
-    stamps = np.array([s for s, _ in samples], dtype=np.int64)
-    values = np.array([v for _, v in samples], dtype=np.float64)
-    order = put_in_order(stamps, [values])
+NUMBERS = st.sampled_from([0.0, 1.0, float("nan")])
+
+
+@given(st.lists(st.tuples(st.integers(-5, 5), NUMBERS, NUMBERS), max_size=60))
+def test_order_keeps_the_first_of_each_stamp_and_what_it_lacks(samples):
+    """Held against a walk from sample to sample."""
+    stamps = np.array([s for s, *_ in samples], dtype=np.int64)
+    columns = [np.array([sample[k] for sample in samples], dtype=np.float64) for k in (1, 2)]
+    order = put_in_order(stamps, columns)
     kept = slice(None) if order.keep is None else order.keep
     first = {}
-    duplicates = conflicts = 0
-    for stamp, value in samples:
-        if stamp not in first:
-            first[stamp] = value
-        elif np.array_equal([value], [first[stamp]], equal_nan=True):
-            duplicates += 1
-        else:
-            conflicts += 1
+    for stamp, *values in samples:
+        known = first.setdefault(stamp, [np.nan, np.nan])
+        first[stamp] = [value if np.isnan(old) else old for old, value in zip(known, values, strict=True)]
     assert stamps[kept].tolist() == sorted(first)
-    np.testing.assert_array_equal(values[kept], [first[s] for s in sorted(first)])
-    assert (order.duplicates, order.conflicts) == (duplicates, conflicts)
+    for k, column in enumerate(columns):
+        np.testing.assert_array_equal(column[kept], [first[s][k] for s in sorted(first)])
+    conflicts = sum(
+        any(not np.isnan(value) and value != known for value, known in zip(values, first[stamp], strict=True))
+        for stamp, *values in samples
+    )
+    assert order.conflicts == conflicts
+    assert order.duplicates <= len(samples) - len(first) - conflicts
     assert order.inversions == sum(stamp < max(stamps[: i + 1]) for i, stamp in enumerate(stamps))
+
+
+@given(st.lists(st.integers(-5, 5), max_size=60))
+def test_samples_that_are_alike_are_copies(numbers):
+    stamps = np.array(numbers, dtype=np.int64)
+    order = put_in_order(stamps, [np.where(stamps > 2, np.nan, stamps)])
+    assert (order.duplicates, order.conflicts) == (stamps.size - np.unique(stamps).size, 0)
 
 
 ROUNDED = "time,a\n" + "".join(f"{1.7e9 + 64 * (k // 8)},{k}\n" for k in range(4000))

@@ -77,3 +77,9 @@ def joints_mcap(path, count=100, **options):
         message = joint_state(START + i * MS, ["elbow", "knee"], [i, -i], [0.5 * i, 0], [])
         log.add("/joint_states", message, START + i * MS + 100_000)
     return log.save(path)
+
+
+def at(channel, stamps):
+    """A channel's values at some stamps, NaN where it has no sample there."""
+    known = dict(zip(channel.stamps.tolist(), channel.values.tolist(), strict=True))
+    return np.array([known.get(int(stamp), np.nan) for stamp in stamps])

@@ -3,159 +3,24 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Collection, Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
-from typing import Generic, TypeVar
 
 import numpy as np
-from numpy.typing import NDArray
 
 from vsalog.errors import ReadError
 from vsalog.readers.alternating import alternating_note
-from vsalog.readers.base import NO_TIME, Block, Reader, plural
+from vsalog.readers.base import NO_TIME, Reader, plural
+from vsalog.readers.carried import part_stream, stray_note
+from vsalog.readers.gathered import Gathered
 from vsalog.readers.reach import BEYOND, within_reach
-from vsalog.readers.spool import Column, Kind, Spool, SpooledColumn, in_memory, parts
+from vsalog.readers.spool import Column, Spool, in_memory
 from vsalog.readers.timing import ASKED_FOR, YEAR_2000, Clock, Order, choose_clock, put_in_order
 from vsalog.recording import Channel, Recording, Stream
 
 # Beyond so many bytes of samples, a log that grows so many times is a bomb.
 FREE_BYTES, MOST_TIMES = 256 * 2**20, 60
-
-# So many samples are made room for at once where a log promises them; the room is no memory before it is filled.
-_MOST_ROOM, _PIECE = 2**22, 2**13
-
-T = TypeVar("T", np.int64, np.float64)
-
-
-@dataclass(slots=True)
-class _Column(Generic[T]):
-    """Values that grow block by block.
-
-    Memory that was never written to is zero and takes no room, so a column of zeros, as of covariances that nobody fills in,
-    is not written before another number comes.
-    """
-
-    values: NDArray[T]
-    filled: int = 0
-    blocks: int = 0
-    zero: bool = True
-
-    def spooled(self, spool: Spool) -> SpooledColumn:
-        """Return the same values in a temporary file, and forget them here."""
-        column = SpooledColumn(spool, self.values.dtype.type)
-        column.add(0, self.values[: self.filled])
-        column.blocks = self.blocks
-        self.values = self.values[:0]
-        return column
-
-    def add(self, at: int, new: NDArray[T]) -> None:
-        """Put a block's values in place; what blocks before it had not is NaN."""
-        end = at + len(new)
-        if end > self.values.size:
-            smaller, self.values = self.values, np.zeros(max(end, 2 * self.values.size), dtype=self.values.dtype)
-            for begin in range(0, self.filled, _PIECE):
-                self._put(begin, smaller[begin : min(begin + _PIECE, self.filled)])
-        if self.filled < at:
-            self.values[self.filled : at] = np.nan
-        self._put(at, new)
-        self.filled, self.blocks = end, self.blocks + 1
-
-    def whole(self, count: int) -> NDArray[T]:
-        """Return all values, NaN at the end where the last blocks had none."""
-        self.add(count, self.values[:0])
-        self.values.resize(count, refcheck=False)
-        return self.values
-
-    def _put(self, at: int, new: NDArray[T]) -> None:
-        self.zero = self.zero and not new.view(np.int64).any()
-        if not self.zero:
-            self.values[at : at + len(new)] = new
-
-
-@dataclass(slots=True)
-class Gathered:
-    """The blocks of one stream; in `alike` of them publish times are the log's.
-
-    Columns are arrays, or lie in `spool` where there is one.
-    """
-
-    type: str
-    spool: Spool | None = None
-    count: int = 0
-    blocks: int = 0
-    clocks: dict[str, _Column[np.int64] | SpooledColumn] = field(default_factory=dict)
-    columns: dict[str, _Column[np.float64] | SpooledColumn] = field(default_factory=dict)
-    units: dict[str, str] = field(default_factory=dict)
-    timeless: str = ""
-    alike: int = 0
-
-    def add(self, block: Block) -> None:
-        """Take a block in."""
-        room = min(block.expected, _MOST_ROOM)
-        log = block.clocks.get("log")
-        for kind, stamps in block.clocks.items():
-            if kind == "publish" and stamps is log and kind not in self.clocks:
-                self.alike += 1  # one array does for both, until they differ
-                continue
-            if kind not in self.clocks:
-                self.clocks[kind] = self._new_clock(room)
-                if kind == "publish" and self.alike:
-                    self._as_the_log()
-            # A clock that a block has not is none; the rest of it does not matter then.
-            self.clocks[kind].add(self.clocks[kind].filled, stamps)
-        for name, values in block.columns.items():
-            if name not in self.columns:
-                self.columns[name] = _Column(np.zeros(room)) if self.spool is None else self._spooled(np.float64)
-            self.columns[name].add(self.count, values)
-        for name, unit in block.units.items():
-            self.units.setdefault(name, unit)
-        self.timeless = block.timeless
-        self.count += len(next(iter(block.clocks.values())))
-        self.blocks += 1
-
-    def _new_clock(self, room: int) -> _Column[np.int64] | SpooledColumn:
-        return _Column(np.zeros(room, dtype=np.int64)) if self.spool is None else self._spooled(np.int64)
-
-    def _spooled(self, kind: Kind) -> SpooledColumn:
-        assert self.spool is not None
-        return SpooledColumn(self.spool, kind)
-
-    def _as_the_log(self) -> None:
-        """Begin the publish times with those of the log, which they were so far."""
-        log, publish = self.clocks["log"], self.clocks["publish"]
-        for first, last in parts(self.count):
-            publish.add(first, (log[first:last] if isinstance(log, SpooledColumn) else log.values[first:last]))
-        publish.blocks = self.alike
-
-    def to_disk(self, spool: Spool) -> None:
-        """Put what there is and what is to come into a temporary file."""
-        self.spool = spool
-        self.clocks = {k: c.spooled(spool) if isinstance(c, _Column) else c for k, c in self.clocks.items()}
-        for name, column in self.columns.items():
-            if isinstance(column, _Column):
-                self.columns[name] = column.spooled(spool)
-
-    def growth(self, block: Block) -> int:
-        """Return how many bytes more the samples take with another block."""
-        new = block.columns.keys() - self.columns.keys()
-        rows = len(next(iter(block.clocks.values())))
-        return 8 * (rows * (len(self.columns) + len(new) + len(block.clocks)) + self.count * len(new))
-
-    def joined_clocks(self) -> dict[str, Column]:
-        """Return the clocks that every block has."""
-        found: dict[str, Column] = {
-            kind: clock if isinstance(clock, SpooledColumn) else clock.values[: self.count]
-            for kind, clock in self.clocks.items()
-            if clock.blocks == self.blocks
-        }
-        if "publish" not in self.clocks and self.alike == self.blocks and self.alike:
-            found["publish"] = found["log"]
-        return found
-
-    def take_column(self, name: str) -> Column:
-        """Return a column over all blocks, NaN where a block has none of it, and forget it here."""
-        return self.columns.pop(name).whole(self.count)
 
 
 @dataclass(frozen=True, slots=True)
@@ -230,7 +95,23 @@ def gather(
     for one in gathered.values():
         for column in [column for column in one.columns if column in reader.unread]:
             del one.columns[column]  # only the last block tells that a column holds no number at all
-    return gathered, spool
+    return _apart(gathered, reader.notes), spool
+
+
+def _apart(gathered: dict[str, Gathered], notes: list[str]) -> dict[str, Gathered]:
+    """Make streams of their own of what comes in messages of its own."""
+    found: dict[str, Gathered] = {}
+    for stream in list(gathered):
+        one = gathered.pop(stream)
+        parts = one.parts()
+        if len(parts) == 1 and parts[0].bits is None:
+            found[stream] = one
+            continue
+        if note := stray_note(stream, parts):
+            notes.append(note)
+        for part in parts:
+            found[part_stream(stream, part)] = one.take_part(part)
+    return found
 
 
 def collect(path: Path, reader: Reader, wanted: Collection[str] | None, time: str) -> Recording:

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from vsalog.readers.carried import ABSENT
 from vsalog.readers.definitions import Struct, is_placeholder
 from vsalog.readers.layout import Field, Integers
 from vsalog.readers.layout_values import column, stamps
@@ -31,7 +32,7 @@ class Numbers:
     stamps : int64 array, shape (n,), or None
         Header stamps [ns]; None where the type has none.
     columns : dict of str to float64 array, shape (n,)
-        By path, NaN where a message has no such value.
+        By path, ABSENT where a message has no such value.
     units : dict of str to str
         By path, where the message type implies one.
     """
@@ -121,7 +122,7 @@ class IrregularDecoder:
             line[one] = lines.setdefault(path, len(lines))
             if unit is not None:
                 units[path] = unit
-        table = np.full((len(lines), count), np.nan)
+        table = np.full((len(lines), count), ABSENT)
         kinds = self._kind[number]
         for kind in np.unique(self._kind[here]).tolist():
             own = np.flatnonzero(kinds == kind)

@@ -11,7 +11,8 @@ import numpy as np
 from vsalog.long_recording import LongChannel, LongRecording
 from vsalog.readers.bad_stamps import FEW, REACH, are_few, bad_stamps, looked_at
 from vsalog.readers.base import Reader
-from vsalog.readers.collect import Gathered, Placed, assembled, gather, recording_of, summary
+from vsalog.readers.collect import Placed, assembled, gather, recording_of, summary
+from vsalog.readers.gathered import Gathered
 from vsalog.readers.spool import Column, Spool, SpooledColumn, Values, parts
 from vsalog.readers.timing import MANY_BAD, Clock, HeaderStamps, Order, choose_source, delay_of, put_in_order
 from vsalog.recording import Recording

@@ -9,6 +9,7 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
+from vsalog.readers.carried import ABSENT
 from vsalog.readers.definitions import Struct, Time
 from vsalog.readers.fields import Fields
 from vsalog.readers.frames import has_frame, header_frames
@@ -47,7 +48,7 @@ class Decoded:
     stamps : int64 array, shape (n,), or None
         Header stamps [ns], 0 where a message has none; None where the type has none.
     columns : dict of str to float64 array, shape (n,)
-        By channel name, NaN where a message has no such value.
+        By channel name, ABSENT where a message has no such value.
     units : dict of str to str
         By channel name, where the message type implies one.
     """
@@ -63,7 +64,7 @@ class Decoded:
             if not fields.take(name):
                 continue
             if name not in self.columns:
-                self.columns[name] = np.full(len(self.good), np.nan)
+                self.columns[name] = np.full(len(self.good), ABSENT)
             self.columns[name][row] = value
 
 
@@ -296,7 +297,7 @@ def _put(name: str, values: Values, rows: Integers, result: Decoded) -> None:
         result.columns[name] = values
         return
     if name not in result.columns:
-        result.columns[name] = np.full(len(result.good), np.nan)
+        result.columns[name] = np.full(len(result.good), ABSENT)
     result.columns[name][rows] = values
 
 

@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vsalog.errors import ReadError
+from vsalog.readers.carried import ABSENT
 
 Values = NDArray[Any]
 Kind = type[np.int64 | np.float64]
@@ -119,14 +120,14 @@ class SpooledColumn:
         return self.filled
 
     def add(self, at: int, new: Values) -> None:
-        """Put a block's values in place; what blocks before it had not is NaN."""
+        """Put a block's values in place; what blocks before it had not is absent."""
         while self.filled < at:
-            self._append(np.full(min(at - self.filled, EXTENT), np.nan).astype(self._kind))
+            self._append(np.full(min(at - self.filled, EXTENT), ABSENT).astype(self._kind))
         self._append(new)
         self.blocks += 1
 
     def whole(self, count: int) -> SpooledColumn:
-        """Return the column with so many values, NaN at the end where the last blocks had none."""
+        """Return the column with so many values, absent at the end where the last blocks had none."""
         self.add(count, np.empty(0, self._kind))
         return self
 

@@ -61,6 +61,7 @@ class Order:
         Indices of the samples to keep, in order; None means all as they are.
     inversions, duplicates, conflicts : int
         Samples earlier than one before them, exact copies, and samples with the stamp of another but other values.
+        Samples that have values where others of their stamp have none are none of these: nothing of them is lost.
     """
 
     keep: NDArray[np.intp] | None
@@ -212,15 +213,15 @@ def delay_of(clocks: Mapping[str, Stamps], source: str) -> tuple[float, float]:
 def put_in_order(stamps: Stamps, columns: list[NDArray[np.float64]]) -> Order:
     """Tell how to make stamps strictly increasing.
 
-    Of samples with equal stamps the first in the log is kept. The others are copies where all their values are the same,
-    and conflicts otherwise.
+    Of samples with equal stamps the first in the log is kept, with the first of their values of each column where it has
+    none itself. The others are copies where all their values are the same, and conflicts where one is another.
 
     Parameters
     ----------
     stamps : int64 array, shape (n,)
         Nanoseconds.
     columns : list of float64 array, shape (n,)
-        The stream's values.
+        The stream's values; those that kept samples take over from others are put into them.
     """
     steps = np.diff(stamps)
     if not len(steps) or steps.min() > 0:
@@ -233,9 +234,12 @@ def put_in_order(stamps: Stamps, columns: list[NDArray[np.float64]]) -> Order:
     first = np.concatenate([[True], np.diff(ordered) > 0])
     leader = order[np.flatnonzero(first)[np.cumsum(first) - 1]]  # the kept sample with the same stamp
     repeats = np.flatnonzero(~first)
-    same = np.ones(len(repeats), dtype=bool)
+    copies, agree = np.ones(len(repeats), dtype=bool), np.ones(len(repeats), dtype=bool)
     for values in columns:
         mine, kept = values[order[repeats]], values[leader[repeats]]
-        same &= (mine == kept) | (np.isnan(mine) & np.isnan(kept))
-    duplicates = int(np.count_nonzero(same))
-    return Order(order[first], inversions, duplicates, len(repeats) - duplicates)
+        copies &= (mine == kept) | (np.isnan(mine) & np.isnan(kept))
+        taken = np.flatnonzero(np.isnan(kept) & ~np.isnan(mine))[::-1]  # the first last, which remains
+        values[leader[repeats[taken]]] = mine[taken]
+        agree &= (mine == values[leader[repeats]]) | np.isnan(mine)
+    duplicates = int(np.count_nonzero(copies))
+    return Order(order[first], inversions, duplicates, int(np.count_nonzero(~agree)))

@@ -120,7 +120,9 @@ def meaning_of(channel: Channel, *, with_stream: bool = True) -> Meaning:
 def _parts(channel: Channel) -> tuple[str, str, str]:
     """Split a full name into topic, field path and the element's label (not an index)."""
     name = channel.name
-    topic = channel.stream if name.startswith(channel.stream + ".") else ""
+    # A stream that is a part of a topic is called "/topic (field …)".
+    names = channel.stream, channel.stream.rpartition(" (")[0]
+    topic = next((stream for stream in names if stream and name.startswith(f"{stream}.")), "")
     rest = name[len(topic) + 1 :] if topic else name
     match = re.fullmatch(r"(.*)\[([^\[\]]*)\]", rest, re.DOTALL)
     if match is None or match[2].isdigit():

@@ -1,0 +1,189 @@
+"""Which values of a stream come in the same messages, and so make a stream of their own.
+
+Several may publish on one topic, each for joints of its own, and one may send a message per joint. What comes together has
+a clock of its own then: with the messages of the others in between, every second sample of a joint would be none.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vsalog.readers.base import plural
+from vsalog.recording import Values
+
+if TYPE_CHECKING:
+    from vsalog.readers.spool import Column
+
+_BITS = 0x7FFA_5C31_9E07_D24B
+ABSENT = np.int64(_BITS).view(np.float64)
+"""What a message does not carry: a NaN as any other, but told from those that are sent by its bits."""
+
+MOSTLY = 0.75
+"""Values come together that share this part of the messages that have either; the others of these lack it, NaN."""
+
+MOST_PARTS = 256
+"""Parts of a stream that are told apart; what comes in few messages is one part beyond."""
+
+LEAST, STRAYS, FEW = 1000, 2, 8
+"""Of so many messages, what only so few of them carry may be a damaged name, unless there are many of these."""
+
+_Bits = NDArray[np.uint8]
+_PIECE = 2**16  # rows, a multiple of eight
+
+
+@dataclass(frozen=True, slots=True)
+class Together:
+    """Columns of a stream that come in the same messages.
+
+    Attributes
+    ----------
+    columns : list of str
+        Names, in the log's order.
+    messages : int
+        Of the stream.
+    bits : uint8 array, or None
+        A bit for each of its messages: any of the columns is in it; None where that is so in all of them.
+    stray : bool
+        Hardly any message has them, and these lack what all others of their kind have.
+    """
+
+    columns: list[str]
+    messages: int
+    bits: _Bits | None = None
+    stray: bool = False
+
+    @property
+    def count(self) -> int:
+        """In how many messages any of the columns is."""
+        return self.messages if self.bits is None else _count(self.bits)
+
+    def pieces(self) -> Iterator[tuple[int, int, NDArray[np.bool_]]]:
+        """Yield first row, last row, that one excluded, and which of the rows there are of the part, piece by piece."""
+        for first in range(0, self.messages, _PIECE):
+            last = min(first + _PIECE, self.messages)
+            if self.bits is None:
+                yield first, last, np.ones(last - first, np.bool_)
+            else:
+                bits = self.bits[first // 8 : first // 8 + _PIECE // 8]
+                yield first, last, np.unpackbits(bits, count=last - first).astype(np.bool_)
+
+
+def lacks_any(values: Values) -> bool:
+    """Tell whether a message does not carry a value."""
+    return bool((values.view(np.int64) == _BITS).any())
+
+
+def carried(column: Column) -> _Bits:
+    """Return in which messages a value is, a bit each."""
+    begins = range(0, len(column), _PIECE)
+    return np.concatenate([np.packbits(column[k : k + _PIECE].view(np.int64) != _BITS) for k in begins])
+
+
+def together(columns: Sequence[str], partial: Mapping[str, _Bits], messages: int) -> list[Together]:
+    """Group columns that come in the same messages.
+
+    Parameters
+    ----------
+    columns : sequence of str
+        All of a stream.
+    partial : mapping of str to uint8 array
+        Those that some messages do not carry, with a bit for each message that does.
+    messages : int
+        Of the stream.
+    """
+    # Nearly all columns are in the same messages as another one.
+    alike: dict[bytes, list[str]] = {}
+    for name, bits in partial.items():
+        alike.setdefault(bits.tobytes(), []).append(name)
+    full = [name for name in columns if name not in partial]
+    if full:
+        alike.setdefault(np.packbits(np.ones(messages, np.bool_)).tobytes(), []).extend(full)
+    patterns, members = [np.frombuffer(raw, np.uint8) for raw in alike], [*alike.values()]
+    groups = _alike(patterns)
+    strays = _strays(patterns, members, groups, messages)
+    place = {name: k for k, name in enumerate(columns)}
+    found = []
+    for k, group in enumerate(groups):
+        names = sorted((name for i in group for name in members[i]), key=place.__getitem__)
+        bits = np.bitwise_or.reduce([patterns[i] for i in group])
+        found.append(Together(names, messages, None if _count(bits) == messages else bits, k in strays))
+    return sorted(found, key=lambda one: place[one.columns[0]])
+
+
+def _alike(patterns: Sequence[_Bits]) -> list[list[int]]:
+    """Group patterns that mostly agree with the one of a group that has most messages."""
+    counts = [_count(bits) for bits in patterns]
+    first = np.empty((min(len(patterns), MOST_PARTS), patterns[0].size), np.uint8)
+    groups: list[list[int]] = []
+    for k in sorted(range(len(patterns)), key=lambda k: -counts[k]):
+        known = first[: len(groups)]
+        both = np.bitwise_count(known & patterns[k]).sum(axis=1, dtype=np.int64)
+        either = counts[k] + np.array([counts[group[0]] for group in groups], np.int64) - both
+        fitting = np.flatnonzero(both >= MOSTLY * either)
+        if fitting.size or len(groups) == MOST_PARTS:
+            groups[int(fitting[0]) if fitting.size else -1].append(k)
+        else:
+            first[len(groups)] = patterns[k]
+            groups.append([k])
+    return groups
+
+
+def _strays(
+    patterns: Sequence[_Bits], members: Sequence[Sequence[str]], groups: Sequence[Sequence[int]], count: int
+) -> set[int]:
+    """Return the groups in hardly any message that took the place of others, as a name does that has changed.
+
+    Beside them is a choice of others that no other message has, or nothing at all, and they are called much as others are.
+    """
+    few = [k for k, group in enumerate(groups) if _count(patterns[group[0]]) <= STRAYS]
+    if count < LEAST or len(few) > FEW:
+        return set()
+    others = [i for k, group in enumerate(groups) if k not in few for i in group]
+    strays = set()
+    for k in few:
+        own = patterns[groups[k][0]]
+        byte = int(np.argmax(own > 0))
+        bit = np.uint8(1 << (int(own[byte]).bit_length() - 1))
+        beside = [i for i in others if patterns[i][byte] & bit]
+        alike = np.full(own.size, 255, np.uint8)
+        for i in others:
+            alike &= patterns[i] if i in beside else ~patterns[i]
+        if _count(alike[: count // 8]) <= STRAYS and (beside or _resembles(members[groups[k][0]][0], others, members)):
+            strays.add(k)
+    return strays
+
+
+def _resembles(name: str, others: Sequence[int], members: Sequence[Sequence[str]]) -> bool:
+    """Tell whether a name differs from another one in a single character."""
+    same_length = (other for i in others for other in members[i] if len(other) == len(name))
+    return any(sum(a != b for a, b in zip(name, other, strict=True)) == 1 for other in same_length)
+
+
+def _count(bits: _Bits) -> int:
+    return int(np.bitwise_count(bits).sum(dtype=np.int64))
+
+
+def part_stream(stream: str, part: Together) -> str:
+    """Return what a stream's part is called: as the stream where it is in most of its messages."""
+    if part.count >= MOSTLY * part.messages:
+        return stream
+    return f"{stream} ({part.columns[0].removeprefix(f'{stream}.')} …)"
+
+
+def stray_note(stream: str, parts: Sequence[Together]) -> str:
+    """Say that parts may be damaged names; "" where none is."""
+    strays = [part for part in parts if part.stray]
+    names = [name.removeprefix(f"{stream}.") for part in strays for name in part.columns]
+    if not names:
+        return ""
+    shown = ", ".join(names[:3]) + (f" and {len(names) - 3} more" if len(names) > 3 else "")
+    count, messages = sum(part.count for part in strays), strays[0].messages
+    return (
+        f"{stream}: {shown} {'is' if len(names) == 1 else 'are'} in {count} of {plural(messages, 'message')} only, in"
+        " place of others, as when a byte of a name has changed; the others' samples of these messages are missing"
+    )
