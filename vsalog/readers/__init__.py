@@ -199,17 +199,17 @@ def open_container(path: Path, kind: str) -> Container:
         It cannot be opened.
     """
     if kind == "rosbag1":
-        from vsalog.readers.rosbag1 import Rosbag1Container
+        from vsalog.readers.joined import opened_rosbag1
 
-        return Rosbag1Container(path)
+        return opened_rosbag1(path)
     if kind == "rosbag2-folder":
         from vsalog.readers.rosbag2 import FolderContainer
 
         return FolderContainer(path)
     if kind == "mcap":
-        from vsalog.readers.mcap_file import McapContainer
+        from vsalog.readers.joined import opened_mcap
 
-        return McapContainer(path)
+        return opened_mcap(path)
     from vsalog.readers.rosbag2 import bag_file
 
     return bag_file(path, shown=path)

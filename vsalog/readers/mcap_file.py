@@ -27,6 +27,7 @@ from vsalog.readers.container import Connection
 from vsalog.readers.mcap_scan import ends_whole, messages_in, others_in
 from vsalog.readers.mcap_summary import chunk_in, states_checksum, summary_records, vouched
 from vsalog.readers.mcap_walk import CHANNEL, CHUNK, MAGIC, MESSAGE, METADATA, SCHEMA, Walk
+from vsalog.readers.opened import FilePart
 from vsalog.readers.packets import PACKED, Packet, RawMessage, ahead, packet_of
 
 RIG_METADATA = "vsalog.rig"
@@ -44,6 +45,13 @@ _CHUNK_HEAD = struct.Struct("<QQQII")
 class McapContainer:
     """One MCAP file; see `vsalog.readers.container.Container`.
 
+    Parameters
+    ----------
+    path : Path
+        Where it is.
+    span : (int, int), optional
+        From which byte of the file on and up to which, where others are in it, too.
+
     Attributes
     ----------
     schemas, channels : dict of int to record
@@ -58,14 +66,16 @@ class McapContainer:
     format = "mcap"
     has_publish = True
 
-    def __init__(self, path: Path) -> None:
+    def __init__(self, path: Path, span: tuple[int, int] | None = None) -> None:
         self.path = path
+        self._span = span
         self.notes: list[str] = []
         self.schemas: dict[int, Schema] = {}
         self.channels: dict[int, Channel] = {}
         self._counts: dict[int, int] = {}
         self._rig_text: str | None = None
         self._scanned = False
+        self._indexed: bool | None = None
         self._text = 0
         self._chunks: dict[int, Chunk] = {}
         self._vouched = False
@@ -89,7 +99,34 @@ class McapContainer:
 
     def size(self) -> int:
         """Return how many bytes the file has."""
-        return self.path.stat().st_size
+        return self.path.stat().st_size if self._span is None else self._span[1] - self._span[0]
+
+    def open(self) -> IO[bytes]:
+        """Open the file, or what is this one's part of it.
+
+        Raises
+        ------
+        ReadError
+            It cannot be opened or is no MCAP file.
+        """
+        try:
+            file = self.path.open("rb") if self._span is None else FilePart.opened(self.path, *self._span)
+        except OSError as error:
+            raise ReadError(f"{self.path}: cannot be opened: {error.strerror or error}") from error
+        if file.read(len(MAGIC)) != MAGIC:
+            file.close()
+            raise ReadError(f"{self.path}: is no MCAP file")
+        file.seek(0)
+        return file
+
+    def has_summary(self) -> bool:
+        """Tell whether there is a sound summary at the end, and learn what it tells."""
+        if self._indexed is None:
+            try:
+                self._indexed = self._summary()
+            except (ValueError, LookupError, OSError, struct.error, McapError):
+                self._indexed = False  # damage anywhere in the summary: the walk will find what there is
+        return self._indexed
 
     def narrow(self, part: Part) -> bool:
         """Pass by chunks without a message of a part of the log, where the summary at the end tells of chunks."""
@@ -101,7 +138,7 @@ class McapContainer:
         """Yield the first messages of chunks from all over the file."""
         self._scan()
         wanted = _flags(ids)
-        with _open(self.path) as file:
+        with self.open() as file:
             for position in some_of(self._chunks, ids):
                 file.seek(position + _HEAD.size)
                 head = _chunk_head(file.read(_GLIMPSE))
@@ -153,11 +190,8 @@ class McapContainer:
         if self._scanned:
             return
         self._scanned = True
-        try:
-            if self._summary():
-                return
-        except (ValueError, LookupError, OSError, struct.error, McapError):
-            pass  # damage anywhere in the summary: the walk will find what there is
+        if self.has_summary():
+            return
         self.schemas, self.channels, self._counts, self._chunks = {}, {}, {}, {}
         for record, content in self.records():
             if record == CHUNK:
@@ -170,7 +204,7 @@ class McapContainer:
         """Read the summary at the end of the file; False where it is missing, damaged or incomplete."""
         statistics: Statistics | None = None
         metadata: list[MetadataIndex] = []
-        with _open(self.path) as file:
+        with self.open() as file:
             for kind, content in summary_records(file) or ():
                 if kind == _STATISTICS:
                     statistics = Statistics.read(ReadDataStream(BytesIO(content)))
@@ -222,7 +256,7 @@ class McapContainer:
         """
         chunks = 0
         damage: list[str] = []
-        with _open(self.path) as file:
+        with self.open() as file:
             passed = self._passed_by(file)
             whole = not passed and needed is None
             walk = Walk(
@@ -277,18 +311,6 @@ class McapContainer:
 def _definition(schema: Schema) -> str:
     """Return a schema's text; bytes that are none, such as those of protobuf, one character each."""
     return schema.data.decode("latin-1") if schema.encoding == "protobuf" else schema.data.decode("utf-8", "replace")
-
-
-def _open(path: Path) -> IO[bytes]:
-    try:
-        file = path.open("rb")
-    except OSError as error:
-        raise ReadError(f"{path}: cannot be opened: {error.strerror or error}") from error
-    if file.read(len(MAGIC)) != MAGIC:
-        file.close()
-        raise ReadError(f"{path}: is no MCAP file")
-    file.seek(0)
-    return file
 
 
 def _flags(ids: Collection[int]) -> NDArray[np.bool_]:

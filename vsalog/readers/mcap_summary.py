@@ -10,7 +10,7 @@ from typing import IO
 import numpy as np
 
 from vsalog.readers.chunk_index import Chunk
-from vsalog.readers.mcap_scan import others_in
+from vsalog.readers.mcap_scan import ends_whole, others_in
 from vsalog.readers.mcap_walk import DATA_END, FOOTER, MAGIC
 
 _HEAD = struct.Struct("<BQ")
@@ -21,7 +21,7 @@ _MOST_BYTES = 256 * 2**20
 
 
 def summary_records(file: IO[bytes]) -> Iterator[tuple[int, bytes]] | None:
-    """Return kind and content of the records in the summary; None where there is none or its checksum does not match.
+    """Return kind and content of the records in the summary; None where there is none, or it is damaged.
 
     Parameters
     ----------
@@ -39,7 +39,8 @@ def summary_records(file: IO[bytes]) -> Iterator[tuple[int, bytes]] | None:
     # The checksum covers the footer up to itself.
     if checksum and zlib.crc32(section[:-4]) != checksum:
         return None
-    return others_in(np.frombuffer(section[: position - start], np.uint8))
+    records = np.frombuffer(section[: position - start], np.uint8)
+    return others_in(records) if ends_whole(records) else None
 
 
 def vouched(file: IO[bytes]) -> bool:

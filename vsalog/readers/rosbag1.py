@@ -17,6 +17,7 @@ from vsalog.readers.chunk_index import Chunk, Needed, Part, some_of
 from vsalog.readers.compression import beginning
 from vsalog.readers.container import CATALOGUE_MESSAGES, Connection
 from vsalog.readers.definitions import DefinitionError, ros1_checksum
+from vsalog.readers.opened import FilePart
 from vsalog.readers.packets import PACKED, Packet, RawMessage, ahead, packet_of
 from vsalog.readers.rosbag1_index import IndexCheck, chunk_told
 from vsalog.readers.rosbag1_scan import connections_in, messages_in
@@ -45,6 +46,13 @@ Found = dict[int, tuple[Connection, bool]]
 class Rosbag1Container:
     """One ROS 1 bag; see `vsalog.readers.container.Container`.
 
+    Parameters
+    ----------
+    path : Path
+        Where it is.
+    span : (int, int), optional
+        From which byte of the file on and up to which, where others are in it, too.
+
     Raises
     ------
     ReadError
@@ -55,8 +63,10 @@ class Rosbag1Container:
     has_publish = False
     rig_text: str | None = None
 
-    def __init__(self, path: Path) -> None:
+    def __init__(self, path: Path, span: tuple[int, int] | None = None) -> None:
         self.path = path
+        self._span = span
+        self._index: Found | None = None
         self.notes: list[str] = []
         self._connections: dict[int, Connection] | None = None
         self._counts: Counter[int] = Counter()
@@ -67,7 +77,7 @@ class Rosbag1Container:
         """Return the bag's connections, from its index or else by walking the bag."""
         if self._connections is None:
             with self._open() as file:
-                found = self._indexed(file)
+                found = dict(self._indexed(file))
                 if not found or not all(sound for _, sound in found.values()):
                     for header, data in Walk(file).records():
                         self._keep_all(found, header, data)
@@ -81,7 +91,12 @@ class Rosbag1Container:
 
     def size(self) -> int:
         """Return how many bytes the bag has."""
-        return self.path.stat().st_size
+        return self.path.stat().st_size if self._span is None else self._span[1] - self._span[0]
+
+    def has_index(self) -> bool:
+        """Tell whether there is a sound index at the end, and learn what it tells."""
+        with self._open() as file:
+            return bool(self._indexed(file))
 
     def narrow(self, part: Part) -> bool:
         """Pass by chunks without a message of a part of the log, where the index tells of chunks."""
@@ -158,7 +173,7 @@ class Rosbag1Container:
     def _note_index(self, position: int) -> None:
         if position == 0:
             self._note("the bag has no index (it was not closed properly): all that is in it was read")
-        elif position >= self.path.stat().st_size:
+        elif position >= self.size():
             self._note("the bag ends ahead of its index, as when it is cut off: all that is in it was read")
 
     def _compare(self, chunk: bytes) -> None:
@@ -190,7 +205,7 @@ class Rosbag1Container:
 
     def _open(self) -> IO[bytes]:
         try:
-            file = self.path.open("rb")
+            file = self.path.open("rb") if self._span is None else FilePart.opened(self.path, *self._span)
         except OSError as error:
             raise ReadError(f"{self.path}: cannot be opened: {error.strerror or error}") from error
         version = file.readline(20)
@@ -205,6 +220,11 @@ class Rosbag1Container:
 
     def _indexed(self, file: IO[bytes]) -> Found:
         """Return the connections in the index at the end; none where the bag has no index or it is damaged."""
+        if self._index is None:
+            self._index = self._read_index(file)
+        return self._index
+
+    def _read_index(self, file: IO[bytes]) -> Found:
         found: Found = {}
         header, _ = next(Walk(file).records(), ({}, b""))
         if header.get(b"encryptor"):
@@ -231,6 +251,12 @@ class Rosbag1Container:
     def _note(self, text: str) -> None:
         if text not in self.notes:
             self.notes.append(text)
+
+
+def begins_bag(file: IO[bytes], at: int) -> bool:
+    """Tell whether a bag begins at a place in a file: its first record follows its version."""
+    header, _ = next(Walk(file).records(at + len(VERSION)), ({}, b""))
+    return op(header) == BAG_HEADER
 
 
 def _keep(found: Found, header: Header, data: bytes) -> None:

@@ -5,8 +5,6 @@ from __future__ import annotations
 import re
 import tempfile
 from collections.abc import Collection, Iterator, Mapping
-from dataclasses import replace
-from functools import partial
 from pathlib import Path
 
 from vsalog.errors import ReadError
@@ -14,16 +12,16 @@ from vsalog.readers.base import plural
 from vsalog.readers.chunk_index import Needed, Part
 from vsalog.readers.compression import FREE_BYTES, MAX_RATIO
 from vsalog.readers.container import ZSTD_MAGIC, Connection, Container
-from vsalog.readers.mcap_file import McapContainer
+from vsalog.readers.joined import opened_mcap
 from vsalog.readers.mcap_walk import MAGIC as MCAP_MAGIC
 from vsalog.readers.packets import Packet
 from vsalog.readers.rosbag2_sqlite import SQLITE_MAGIC, SqliteContainer
+from vsalog.readers.several import SeveralContainer
 
 METADATA = "metadata.yaml"
 
 _LOG_ENDINGS = (".bag", ".csv", ".tsv", ".parquet", ".mat", ".mcap", ".db3")
 _BAG_ENDINGS = (".mcap", ".db3", ".zstd")
-_IDS_PER_FILE = 2**32
 
 
 class CompressedContainer:
@@ -88,8 +86,8 @@ class CompressedContainer:
         return self.inner.packets(ids, needed)
 
 
-class FolderContainer:
-    """The files of a ROS 2 bag, which are `parts`, one after the other; see `vsalog.readers.container.Container`.
+class FolderContainer(SeveralContainer):
+    """The files of a ROS 2 bag.
 
     Raises
     ------
@@ -98,79 +96,17 @@ class FolderContainer:
     """
 
     def __init__(self, folder: Path) -> None:
-        self.notes: list[str] = []
-        self.parts: list[Container] = []
-        for path in _bag_files(folder, self.notes):
+        notes: list[str] = []
+        parts: list[Container] = []
+        for path in _bag_files(folder, notes):
             try:
-                self.parts.append(bag_file(path, shown=path))
+                parts.append(bag_file(path, shown=path))
             except ReadError as error:
-                self.notes.append(f"{path.name} was left out: {str(error).removeprefix(f'{path}: ')}")
-        if not self.parts:
-            raise ReadError("; ".join([f"{folder}: none of its files can be read", *self.notes]))
-        formats = {part.format for part in self.parts}
-        self.format = "rosbag2-mcap" if formats == {"mcap"} else "rosbag2-sqlite3"
-        self.has_publish = all(part.has_publish for part in self.parts)
-
-    @property
-    def rig_text(self) -> str | None:
-        """The rig in the first file that has one."""
-        return next((part.rig_text for part in self.parts if part.rig_text is not None), None)
-
-    def connections(self) -> list[Connection]:
-        """Return the connections of all files."""
-        return [
-            replace(one, id=part * _IDS_PER_FILE + one.id)
-            for part, container in enumerate(self.parts)
-            for one in container.connections()
-        ]
-
-    def counts(self) -> Mapping[int, int]:
-        """Return how many messages connections have, where their file says so."""
-        return {
-            part * _IDS_PER_FILE + number: count
-            for part, container in enumerate(self.parts)
-            for number, count in container.counts().items()
-        }
-
-    def _numbered(self) -> Iterator[tuple[int, Container]]:
-        """Yield each file with what is added to its connections' numbers."""
-        for part, container in enumerate(self.parts):
-            yield part * _IDS_PER_FILE, container
-
-    def size(self) -> int:
-        """Return how many bytes all files have."""
-        return sum(container.size() for container in self.parts)
-
-    def narrow(self, part: Part) -> bool:
-        """Pass by what lies outside of a part of the log, in all files that can."""
-        able = [
-            container.narrow(replace(part, throughout=frozenset(_own(first, part.throughout))))
-            for first, container in self._numbered()
-        ]
-        return any(able)
-
-    def glimpses(self, ids: Collection[int]) -> Iterator[Packet]:
-        """Yield messages from all over each file."""
-        for first, container in self._numbered():
-            for packet in container.glimpses(_own(first, ids)):
-                yield replace(packet, connection=packet.connection + first)
-
-    def packets(self, ids: Collection[int], needed: Needed | None = None) -> Iterator[Packet]:
-        """Yield the messages of some connections, file by file."""
-        for first, container in self._numbered():
-            mine = None if needed is None else partial(_shifted, needed, first)
-            for packet in container.packets(_own(first, ids), mine):
-                yield replace(packet, connection=packet.connection + first)
-            self.notes.extend(note for note in container.notes if note not in self.notes)
-
-
-def _own(first: int, ids: Collection[int]) -> list[int]:
-    """Return a file's own numbers of those connections that are in it."""
-    return [number - first for number in ids if first <= number < first + _IDS_PER_FILE]
-
-
-def _shifted(needed: Needed, first: int, number: int) -> bool:
-    return needed(first + number)
+                notes.append(f"{path.name} was left out: {str(error).removeprefix(f'{path}: ')}")
+        if not parts:
+            raise ReadError("; ".join([f"{folder}: none of its files can be read", *notes]))
+        formats = {part.format for part in parts}
+        super().__init__(parts, "rosbag2-mcap" if formats == {"mcap"} else "rosbag2-sqlite3", notes)
 
 
 def bag_file(path: Path, shown: Path) -> Container:
@@ -187,7 +123,7 @@ def bag_file(path: Path, shown: Path) -> Container:
     except OSError as error:
         raise ReadError(f"{shown}: cannot be opened: {error.strerror or error}") from error
     if head.startswith(MCAP_MAGIC):
-        return McapContainer(path)
+        return opened_mcap(path)
     if head == SQLITE_MAGIC:
         return SqliteContainer(path)
     if head.startswith(ZSTD_MAGIC) and path == shown:  # compressed once, not twice

@@ -15,10 +15,12 @@ import numpy as np
 from rosbags.rosbag1.reader import Header, ReaderError, RecordType
 
 from vsalog.printable import printable
+from vsalog.readers.joined import opened_rosbag1
 from vsalog.readers.opened import for_sqlite
 from vsalog.readers.sampling import STRETCHES, Cut, Piece, chosen_pieces, copy_pieces
 from vsalog.readers.sampling_mcap import MAGIC as MCAP_MAGIC
 from vsalog.readers.sampling_mcap import cut_mcap
+from vsalog.readers.several import SeveralContainer
 from vsalog.readers.sqlite_opened import attach
 
 _VERSION = b"#ROSBAG V2.0\n"
@@ -34,7 +36,9 @@ Record = tuple[Header, Piece]
 
 
 def cut_rosbag1(source: Path, target: Path, budget: int) -> Cut | None:
-    """Cut stretches of chunks out of a ROS 1 bag; of one without chunks nothing. See `sampling.Cutter`."""
+    """Cut stretches of chunks out of a ROS 1 bag; of one without chunks, or several in one, nothing. See `sampling.Cutter`."""
+    if isinstance(opened_rosbag1(source), SeveralContainer):
+        return None
     with source.open("rb") as file:
         index = _index(file)
         walked = index or [

@@ -10,7 +10,9 @@ from pathlib import Path
 from typing import IO, Any
 
 from vsalog.printable import printable
+from vsalog.readers.joined import opened_mcap
 from vsalog.readers.sampling import Cut, Piece, chosen_pieces, copy_pieces
+from vsalog.readers.several import SeveralContainer
 
 MAGIC = b"\x89MCAP0\r\n"
 _FOOTER, _SCHEMA, _CHANNEL, _CHUNK, _METADATA, _DATA_END = 2, 3, 4, 6, 12, 15
@@ -40,7 +42,12 @@ class _Plan:
 
 
 def cut_mcap(source: Path, target: Path, budget: int) -> Cut | None:
-    """Cut stretches of chunks out of an MCAP file; of one without chunks its beginning. See `sampling.Cutter`."""
+    """Cut stretches of chunks out of an MCAP file; of one without chunks its beginning, of several in one file nothing.
+
+    See `sampling.Cutter`.
+    """
+    if isinstance(opened_mcap(source), SeveralContainer):
+        return None
     with source.open("rb") as file:
         plan = _by_summary(file) or _by_walk(file)
         pieces, stretches = chosen_pieces(plan.chunks, budget) if plan.chunks else ([_beginning(file, budget)], 1)

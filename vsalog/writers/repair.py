@@ -29,8 +29,9 @@ from vsalog.readers.mcap_summary import summary_records
 from vsalog.readers.mcap_walk import ATTACHMENT, ATTACHMENT_INDEX, CHUNK, HEADER, MESSAGE, METADATA, Walk
 from vsalog.readers.plain_messages import plain
 from vsalog.readers.remote import local
-from vsalog.readers.rosbag2 import CompressedContainer, FolderContainer
+from vsalog.readers.rosbag2 import CompressedContainer
 from vsalog.readers.sampling_mcap import record_heads
+from vsalog.readers.several import SeveralContainer
 from vsalog.readers.sniff import sniff
 from vsalog.reports.inspect_repair import Repaired
 from vsalog.writers.atomic import atomic_path
@@ -110,7 +111,7 @@ def _keep_source(source: Path, target: Path) -> None:
 
 def _parts(container: Container) -> Iterator[Container]:
     """Yield the files that a container consists of."""
-    if isinstance(container, FolderContainer):
+    if isinstance(container, SeveralContainer):
         for part in container.parts:
             yield from _parts(part)
     elif isinstance(container, CompressedContainer):
@@ -123,7 +124,7 @@ def _profile(parts: list[Container]) -> str:
     first = parts[0]
     if not isinstance(first, McapContainer):
         return "ros1" if first.format == "rosbag1" else "ros2"
-    header = next(_side_records(first.path, HEADER), b"")
+    header = next(_side_records(first, HEADER), b"")
     try:
         return str(Header.read(ReadDataStream(BytesIO(header))).profile)
     except (ValueError, struct.error, McapError):
@@ -184,7 +185,7 @@ def _messages(writer: Writer, part: Container, numbers: Mapping[int, int], notes
 def _mcap_messages(
     writer: Writer, part: McapContainer, numbers: Mapping[int, int], notes: list[str]
 ) -> Iterator[RawMessage]:
-    for content in _attachments(part.path):
+    for content in _attachments(part):
         try:
             _copy_attachment(writer, content)
         except (ValueError, struct.error, McapError):
@@ -224,10 +225,10 @@ def _in_record(record: int, content: bytes) -> Iterator[RawMessage]:
             yield *head, content[start : start + length]
 
 
-def _attachments(path: Path) -> Iterator[bytes]:
+def _attachments(part: McapContainer) -> Iterator[bytes]:
     """Yield the contents of the attachments: those between other records, and those only the summary tells of."""
     found = set()
-    with path.open("rb") as file:
+    with part.open() as file:
         for _, content, position in Walk(file, verify=False, kept=(ATTACHMENT,)).records():
             found.add(position)
             yield content
@@ -240,9 +241,9 @@ def _attachments(path: Path) -> Iterator[bytes]:
                     yield record[_HEAD_SIZE:]
 
 
-def _side_records(path: Path, kind: int) -> Iterator[bytes]:
+def _side_records(part: McapContainer, kind: int) -> Iterator[bytes]:
     """Yield the contents of the records of a kind, up to the first damage between records."""
-    with path.open("rb") as file:
+    with part.open() as file:
         for found, piece in record_heads(file):
             if found == kind and piece.size <= MAX_BYTES:
                 file.seek(piece.position + _HEAD_SIZE)

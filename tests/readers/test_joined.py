@@ -1,0 +1,130 @@
+"""Several logs in one file, as `cat a.mcap b.mcap` makes it."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from mcap.reader import make_reader
+from mcap.writer import CompressionType, IndexType
+from random_messages import STORES
+from rosbags import rosbag1
+from write_logs import JOINT_STATE, MS, START, McapLog, joint_state, serialised
+
+from vsalog.readers import read, read_within
+from vsalog.readers.sampling_bags import cut_rosbag1
+from vsalog.readers.sampling_mcap import cut_mcap
+from vsalog.writers.repair import repair
+
+COUNT = 300
+BARE = {
+    "index_types": IndexType.NONE,
+    "use_statistics": False,
+    "repeat_channels": False,
+    "repeat_schemas": False,
+    "use_summary_offsets": False,
+    "enable_data_crcs": False,
+}
+
+
+def mcap(path, topic, begin, **options):
+    """The topics of all these logs have the same number in them."""
+    log = McapLog(**options)
+    for i in range(begin, begin + COUNT):
+        log.add(topic, joint_state(START + i * MS, ["x"], [i]), START + i * MS)
+    return log.save(path)
+
+
+def bag1(path, topic, begin):
+    with rosbag1.Writer(path) as writer:
+        node = writer.add_connection(topic, JOINT_STATE, typestore=STORES[True])
+        for i in range(begin, begin + COUNT):
+            message = joint_state(START + i * MS, ["x"], [i], ros1=True)
+            writer.write(node, START + i * MS, serialised(message, ros1=True))
+    return path
+
+
+def joined(folder, write, *logs, **options):
+    raws = [write(folder / f"part{k}", *log, **options).read_bytes() for k, log in enumerate(logs)]
+    path = folder / "log"
+    path.write_bytes(b"".join(raws))
+    return path, raws
+
+
+def assert_all_there(recording, logs):
+    assert set(recording.streams) == {topic for topic, _ in logs}
+    for topic in recording.streams:
+        expected = np.concatenate([np.arange(begin, begin + COUNT) for name, begin in logs if name == topic])
+        np.testing.assert_array_equal(recording.channel(f"{topic}.position[x]").values, expected)
+
+
+OPTIONS = [
+    {},
+    {"enable_crcs": False},
+    {"compression": CompressionType.NONE},
+    {"use_chunking": False},
+    {"use_statistics": False},
+    BARE,
+]
+
+
+@pytest.mark.parametrize(
+    "logs", [[("/a", 0), ("/b", COUNT)], [("/a", 0), ("/a", COUNT)], [("/a", 0), ("/b", 0), ("/a", 2 * COUNT)]]
+)
+@pytest.mark.parametrize(("write", "options"), [*((mcap, options) for options in OPTIONS), (bag1, {})])
+def test_all_logs_in_a_file_are_read_and_told(tmp_path, write, options, logs):
+    path, raws = joined(tmp_path, write, *logs, **options)
+    for recording in (read(path), read_within(0, path).look, read(path, start=0)):
+        assert_all_there(recording, logs)
+        (note,) = recording.notes
+        assert f"{len(logs)} logs stand one behind another" in note
+        assert f"begin at byte {len(raws[0])}" in note
+    cut = cut_mcap if write is mcap else cut_rosbag1
+    assert cut(path, tmp_path / "sample", 1) is None
+
+
+@pytest.mark.parametrize("options", OPTIONS)
+def test_no_log_takes_the_topics_of_the_one_behind_it_that_was_cut_off(tmp_path, options):
+    path, raws = joined(tmp_path, mcap, ("/a", 0), ("/b", COUNT), chunk_size=1024, **options)
+    path.write_bytes(raws[0][: len(raws[0]) // 2] + raws[1])
+    recording = read(path)
+    np.testing.assert_array_equal(recording.channel("/b.position[x]").values, np.arange(COUNT, 2 * COUNT))
+    values = recording.channel("/a.position[x]").values
+    assert 10 < values.size < COUNT
+    np.testing.assert_array_equal(values, np.arange(values.size))
+    assert sum("cut off" in note for note in recording.notes) == 1
+
+
+def test_a_bag_that_was_cut_off_ahead_of_another_one(tmp_path):
+    path, raws = joined(tmp_path, bag1, ("/a", 0), ("/b", COUNT))
+    path.write_bytes(raws[0][: len(raws[0]) - 100] + raws[1])
+    recording = read(path)
+    assert_all_there(recording, [("/a", 0), ("/b", COUNT)])
+    assert len(recording.notes) > 1
+
+
+@pytest.mark.parametrize("cut", [0, 5])
+def test_a_log_attached_to_another_one_is_no_further_one(tmp_path, cut):
+    inner = mcap(tmp_path / "inner", "/inner", 0).read_bytes()
+    log = McapLog()
+    log.writer.add_attachment(START, START, "calibration.mcap", "application/octet-stream", inner)
+    for i in range(COUNT):
+        log.add("/a", joint_state(START + i * MS, ["x"], [i]), START + i * MS)
+    path = tmp_path / "log"
+    path.write_bytes(log.bytes()[: -cut or None])
+    recording = read(path)
+    assert_all_there(recording, [("/a", 0)])
+    assert not any("logs" in note for note in recording.notes)
+
+
+def test_logs_in_one_file_within_a_folder_and_repaired(tmp_path):
+    folder = tmp_path / "bag"
+    folder.mkdir()
+    path, _ = joined(tmp_path, mcap, ("/a", 0), ("/b", COUNT))
+    path.rename(folder / "bag_0.mcap")
+    mcap(folder / "bag_1.mcap", "/c", 0)
+    logs = [("/a", 0), ("/b", COUNT), ("/c", 0)]
+    assert_all_there(read(folder), logs)
+    repair(folder, tmp_path / "one.mcap")
+    assert_all_there(read(tmp_path / "one.mcap"), logs)
+    with (tmp_path / "one.mcap").open("rb") as file:
+        assert make_reader(file).get_summary().statistics.message_count == 3 * COUNT

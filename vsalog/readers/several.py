@@ -1,0 +1,96 @@
+"""Several files of messages as one log."""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Iterator, Mapping, Sequence
+from dataclasses import replace
+from functools import partial
+
+from vsalog.readers.chunk_index import Needed, Part
+from vsalog.readers.container import Connection, Container
+from vsalog.readers.packets import Packet
+
+_IDS_PER_FILE = 2**32
+
+
+class SeveralContainer:
+    """Files, which are `parts`, one after the other; see `vsalog.readers.container.Container`.
+
+    Parameters
+    ----------
+    parts : sequence of Container
+        Opened.
+    format : str
+        Of all together.
+    notes : list of str
+        What is known so far.
+    """
+
+    def __init__(self, parts: Sequence[Container], format: str, notes: list[str]) -> None:
+        self.parts, self.format, self.notes = parts, format, notes
+        self.has_publish = all(part.has_publish for part in parts)
+
+    @property
+    def rig_text(self) -> str | None:
+        """The rig in the first file that has one."""
+        return next((part.rig_text for part in self.parts if part.rig_text is not None), None)
+
+    def connections(self) -> list[Connection]:
+        """Return the connections of all files."""
+        return [
+            replace(one, id=numbers.start + one.id)
+            for numbers, container in self._numbered()
+            for one in container.connections()
+        ]
+
+    def counts(self) -> Mapping[int, int]:
+        """Return how many messages connections have, where their file says so."""
+        return {
+            numbers.start + number: count
+            for numbers, container in self._numbered()
+            for number, count in container.counts().items()
+        }
+
+    def _numbered(self) -> Iterator[tuple[range, Container]]:
+        """Yield each file with the numbers of its connections here, which begin where its own begin with 0."""
+        first = 0
+        for container in self.parts:
+            most = max((one.id for one in container.connections()), default=0)  # a file may be several itself
+            last = first + _IDS_PER_FILE * (1 + most // _IDS_PER_FILE)
+            yield range(first, last), container
+            first = last
+
+    def size(self) -> int:
+        """Return how many bytes all files have."""
+        return sum(container.size() for container in self.parts)
+
+    def narrow(self, part: Part) -> bool:
+        """Pass by what lies outside of a part of the log, in all files that can."""
+        able = [
+            container.narrow(replace(part, throughout=frozenset(_own(numbers, part.throughout))))
+            for numbers, container in self._numbered()
+        ]
+        return any(able)
+
+    def glimpses(self, ids: Collection[int]) -> Iterator[Packet]:
+        """Yield messages from all over each file."""
+        for numbers, container in self._numbered():
+            for packet in container.glimpses(_own(numbers, ids)):
+                yield replace(packet, connection=packet.connection + numbers.start)
+
+    def packets(self, ids: Collection[int], needed: Needed | None = None) -> Iterator[Packet]:
+        """Yield the messages of some connections, file by file."""
+        for numbers, container in self._numbered():
+            mine = None if needed is None else partial(_shifted, needed, numbers.start)
+            for packet in container.packets(_own(numbers, ids), mine):
+                yield replace(packet, connection=packet.connection + numbers.start)
+            self.notes.extend(note for note in container.notes if note not in self.notes)
+
+
+def _own(numbers: range, ids: Collection[int]) -> list[int]:
+    """Return a file's own numbers of those connections that are in it."""
+    return [number - numbers.start for number in ids if number in numbers]
+
+
+def _shifted(needed: Needed, first: int, number: int) -> bool:
+    return needed(first + number)
