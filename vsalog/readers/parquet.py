@@ -22,6 +22,7 @@ from vsalog.readers.parquet_footer import footer_trouble
 from vsalog.readers.parquet_rows import ParquetRows
 from vsalog.readers.row_clock import ROW_NOTE, row_clock
 from vsalog.readers.row_times import RowTimes
+from vsalog.readers.sparse import Layers, blank, group_by_blanks, notes_on, stretches
 from vsalog.readers.table_cells import ROUNDED, Cells, numbers_and_words
 from vsalog.readers.table_speakers import Speakers, find_speakers
 from vsalog.readers.time_columns import ClockPlan, find_clocks, looks_like_clock
@@ -88,7 +89,6 @@ class ParquetReader:
         self._plan = self._find_clocks(rate)
         self._rounded: dict[int, str] = {}
         self._written = self._numbers_as_text()
-        self._times = RowTimes(self._plan.clocks, ())
         self._streams = [_text(field.metadata, STREAM) or path.stem for field in schema]
         keys = self._keys()
         # A trace carries the rig of the log that it was estimated from, whose channels it does not have.
@@ -100,6 +100,27 @@ class ParquetReader:
             self._speakers, note = find_speakers(self._names, self._known_cells(), self._plan, self._all_rows)
             note = self._speakers.note() if self._speakers else note
             self.notes += [note] if note else []
+        self._layers = self._merged()
+        self._times = RowTimes(self._plan.clocks, (), self._layers)
+
+    def _merged(self) -> Layers:
+        """Give columns that leave others' rows blank streams of their own; return which tables were put below one another.
+
+        Columns of a trace, and of logs that say which stream they are of, stay as they are.
+        """
+        self._sparse: list[list[int]] = []
+        schema = self._rows.schema
+        columns = [i for i in self._number_columns() if self._sample and self._sample[i] is not None]
+        if not columns or not self._plan.clocks or self._keys() or any(_text(f.metadata, STREAM) for f in schema):
+            return Layers([], [])
+        seen = stretches(self._known_cells(), columns, self._any_rows)
+        groups = group_by_blanks(seen, columns)
+        layers = Layers(seen, groups)
+        self._sparse = groups[1:] if layers.apart else []
+        for group in self._sparse:
+            for i in group:
+                self._streams[i] = f"{self.path.stem} ({self._names[group[0]]} …)"
+        return layers
 
     def _keys(self) -> tuple[int, ...]:
         """Return the columns of a trace that name the part of the device, none for other tables."""
@@ -119,6 +140,11 @@ class ParquetReader:
         """Yield all of some columns, part by part, without rows of which one of them is damaged."""
         names = [self._rows.schema.names[i] for i in columns]
         for _, batch in self._rows.batches(names, names):
+            yield self._all_cells(batch, columns)
+
+    def _any_rows(self, columns: Sequence[int]) -> Iterator[list[pa.Array]]:
+        """Yield all of some columns, part by part, null where they are damaged."""
+        for _, batch in self._rows.batches([self._rows.schema.names[i] for i in columns], ()):
             yield self._all_cells(batch, columns)
 
     def _find_clocks(self, rate: float | None) -> ClockPlan:
@@ -165,7 +191,7 @@ class ParquetReader:
         """
         self.unread.update(self._text_columns())
         self._note_clock()
-        self._times = RowTimes(self._plan.clocks, self._parts)
+        self._times = RowTimes(self._plan.clocks, self._parts, self._layers)
         self._written = {i: Cells() for i in self._written}
         parts = self._parts
         columns = [
@@ -175,7 +201,7 @@ class ParquetReader:
         ]
         schema = self._rows.schema
         streams = [(members, self._tellers(members)) for members in self._by_stream(columns)]
-        read = {*columns, *self._not_channels(), *(i for _, tellers in streams for i in tellers)}
+        read = {*columns, *self._not_channels(), *self._layers.columns, *(i for _, tellers in streams for i in tellers)}
         needed = [schema.names[i] for i in sorted(read)] or schema.names[:1]
         dropped = 0
         for row, batch in self._batches(needed):
@@ -243,8 +269,7 @@ class ParquetReader:
         """Return which rows any of some columns has a sample in; all, where there are none of these."""
         if not tellers:
             return np.ones(batch.num_rows, bool)
-        filled = [self._cells(batch, i).is_valid().to_numpy(zero_copy_only=False) for i in tellers]
-        return np.asarray(np.logical_or.reduce(filled), bool)
+        return np.asarray(np.logical_or.reduce([~blank(self._cells(batch, i)) for i in tellers]), bool)
 
     def _by_stream(self, columns: list[int]) -> list[list[int]]:
         """Group columns by their stream; without any column there is the clock alone."""
@@ -258,6 +283,9 @@ class ParquetReader:
 
         A row is there for a stream where any of its columns has a sample, whichever of them are wanted.
         """
+        sparse = next((group for group in self._sparse if columns and columns[0] in group), None)
+        if sparse:
+            return sparse
         if not columns or not _text(self._rows.schema.field(columns[0]).metadata, STREAM):
             return []
         if not self._gaps.issuperset(self._places[i][0] for i in columns):
@@ -336,7 +364,8 @@ class ParquetReader:
         return f"its time column '{self._names[column]}' runs backwards at row {row + 1}"
 
     def _note_clock(self) -> None:
-        self.notes += [note for note in self._plan.notes if note not in self.notes]
+        said = [*self._plan.notes, *notes_on(len(self._sparse), self._layers)]
+        self.notes += [note for note in said if note not in self.notes]
         if not self._plan.clocks and self.rate is None:
             self.notes.append(ROW_NOTE if self._plan.backwards is None else f"{self._timeless()}, so there is no time")
             for name, cells in zip(self._names, self._sample, strict=False):

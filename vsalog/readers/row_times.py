@@ -9,6 +9,7 @@ import numpy as np
 import pyarrow as pa
 from numpy.typing import NDArray
 
+from vsalog.readers.sparse import Layers
 from vsalog.readers.time_columns import ClockColumn, folds_of, nanoseconds
 from vsalog.readers.time_steps import Marks, StepsBack
 from vsalog.recording import Stamps
@@ -23,13 +24,16 @@ class RowTimes:
         By kind.
     parts : collection of str
         Those whose rows go on each by themselves, as of the joints that a long table holds.
+    layers : Layers
+        Tables that were put below one another, whose rows go on each by themselves, too.
     """
 
-    def __init__(self, clocks: Mapping[str, ClockColumn], parts: Collection[str]) -> None:
-        self._clocks = clocks
-        self._folds = {(kind, part): folds_of(clocks[kind].form) for kind, part in product(clocks, parts)}
+    def __init__(self, clocks: Mapping[str, ClockColumn], parts: Collection[str], layers: Layers) -> None:
+        self._clocks, self._layers = clocks, layers
+        every = [*product(parts, range(layers.count))]
+        self._folds = {(kind, *one): folds_of(clocks[kind].form) for kind, one in product(clocks, every)}
         # Of two clocks, what is wrong with the one is told by the other.
-        self._steps = {part: StepsBack() for part in parts} if [*clocks] == ["column"] else {}
+        self._steps = {one: StepsBack() for one in every} if [*clocks] == ["column"] else {}
 
     def of(
         self,
@@ -48,14 +52,16 @@ class RowTimes:
         marks : callable
             See `vsalog.readers.time_steps.StepsBack.unfold`.
         """
-        good = np.ones(len(next(iter(parts.values()))), dtype=bool)
+        good = np.ones(len(next(iter(parts.values()), ())), dtype=bool)
+        layers = self._layers.rows(cells, good.size)
         stamps: dict[str, Stamps] = {}
         for kind, clock in self._clocks.items():
             times, valid = nanoseconds(cells(clock.columns), clock.form)
-            for part, own in parts.items():
-                times = self._folds[kind, part].unfold(times, valid & own)
+            for (part, own), (layer, theirs) in product(parts.items(), enumerate(layers)):
+                rows = valid & own & theirs
+                times = self._folds[kind, part, layer].unfold(times, rows)
                 if self._steps:
-                    times = self._steps[part].unfold(times, valid & own, marks)
+                    times = self._steps[part, layer].unfold(times, rows, marks)
             if kind == "header":  # without it there is still the log's time, for all rows then
                 times = np.where(valid, times, 0)
             else:

@@ -16,7 +16,7 @@ from vsalog.readers.base import NO_TIME, Block, Catalogue, ChannelInfo, first_of
 from vsalog.readers.headers import printable_cell
 from vsalog.readers.row_clock import ROW_NOTE, row_clock
 from vsalog.readers.row_times import RowTimes
-from vsalog.readers.sparse import group_by_blanks
+from vsalog.readers.sparse import Layers, group_by_blanks, notes_on, stretches
 from vsalog.readers.table_cells import ROUNDED, Cells, numbers_and_words
 from vsalog.readers.table_damage import Damage
 from vsalog.readers.table_dialect import Dialect, detect
@@ -84,7 +84,10 @@ class TableReader:
         )
         self._channels = [i for section in self._sections for i in section.columns]
         whole_rows, *apart = self._sections
-        groups = group_by_blanks(self._sample, whole_rows.columns) if clocks else [whole_rows.columns]
+        named = [i for i in whole_rows.columns if names[i] != f"column_{i}"]
+        self._seen = stretches(self._sample, named if clocks and not apart else (), whole)
+        groups = group_by_blanks(self._seen, whole_rows.columns) if clocks else [whole_rows.columns]
+        self._layers = Layers(self._seen, groups)
         groups += [section.columns for section in apart]
         self._streams = {i: self._stream_name(k, group) for k, group in enumerate(groups) for i in group}
 
@@ -95,7 +98,8 @@ class TableReader:
         for i in self._channels:
             name, unit = self._dialect.names[i], self._dialect.units[i]
             cells = Cells()
-            cells.convert(self._sample[i])
+            for rows in self._seen:
+                cells.convert(rows[i])
             if cells.text:
                 unread[name] = self._why_unread(name, cells)
             else:
@@ -125,13 +129,13 @@ class TableReader:
             if names[i] not in texts and (wanted is None or any(names[i] + part in wanted for part in self._parts))
         ]
         self._counts = {names[i]: Cells() for i in columns}
-        self._times = [RowTimes(section.clocks, self._parts) for section in self._sections]
+        self._times = [RowTimes(section.clocks, self._parts, self._layers) for section in self._sections]
         speaker = self._speakers.columns if self._speakers else ()
         row, dropped = 0, 0
         damage = Damage(self.path) if self._compressed else None
         rows = Rows(self.path, self._dialect, self._numbers)
         sections = [(clocks, [i for i in own if names[i] in self._counts]) for clocks, own in self._sections]
-        needed = {*columns, *speaker, *(i for clocks, _ in sections for i in _columns(clocks))}
+        needed = {*columns, *speaker, *self._layers.columns, *(i for clocks, _ in sections for i in _columns(clocks))}
         for batch in rows.batches(sorted(needed)):
             everyones = {"": np.ones(batch.num_rows, bool)}
             parts = self._speakers.rows(self._cells(batch, speaker)) if self._speakers else everyones
@@ -283,11 +287,7 @@ class TableReader:
                 f"the time has {plural(len(others) + 1, 'column')}: each is that of the columns beside it, up to the next"
             )
         sparse = len(set(self._streams.values())) - (self.path.stem in self._streams.values()) - len(others)
-        if sparse:
-            apart = "a stream of its own" if sparse == 1 else "streams of their own"
-            self.notes.append(
-                f"{plural(sparse, 'group')} of columns with many blank cells read without them, as {apart}"
-            )
+        self.notes += notes_on(sparse, self._layers)
         if self._plan.clocks or self.rate is not None:
             return
         self.notes.append(ROW_NOTE if self._plan.backwards is None else f"{self._timeless()}, so there is no time")

@@ -1,0 +1,93 @@
+"""Tables that were put below one another, each with columns of its own, as pandas' `concat` does it."""
+
+from __future__ import annotations
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.parquet as pq
+import pytest
+
+from vsalog.readers import open_reader, read
+
+MS = 10**6
+POS, TAU, TEMP = np.arange(600.0), 1000 + np.arange(400.0), 5000 + np.arange(90.0)
+TIMES = {"pos": 10 * np.arange(600), "tau": 3 + 15 * np.arange(400), "temp": 70 * np.arange(90)}
+VALUES = {"pos": POS, "tau": TAU, "temp": TEMP}
+
+
+@pytest.fixture(params=["csv", "parquet", "parquet with NaN"])
+def joined(request, tmp_path):
+    """Read tables of times [ms] and columns below one another."""
+
+    def joined(*tables):
+        names = list(dict.fromkeys(name for table in tables for name in table))
+        blanks = [np.full(len(table["time [ms]"]), np.nan) for table in tables]
+        columns = {n: np.concatenate([t.get(n, b) for t, b in zip(tables, blanks, strict=True)]) for n in names}
+        if request.param == "csv":
+            rows = zip(*(column.tolist() for column in columns.values()), strict=True)
+            lines = (",".join("" if cell != cell else f"{cell}" for cell in row) for row in rows)
+            (tmp_path / "log").write_text("\n".join([",".join(names), *lines]) + "\n")
+        else:
+            columns = {n: pa.array(c, from_pandas=request.param == "parquet") for n, c in columns.items()}
+            pq.write_table(pa.table(columns), tmp_path / "log")
+        return read(tmp_path / "log")
+
+    return joined
+
+
+def table(name, begin=0, **others):
+    return {"time [ms]": begin + TIMES[name], name: VALUES[name], **others}
+
+
+def check(recording, *names, begin=0):
+    for name in names:
+        assert recording.channel(name).values.tolist() == VALUES[name].tolist()
+        assert recording.channel(name).stamps.tolist() == ((begin + TIMES[name]) * MS).tolist()
+    assert not any(word in note for note in recording.notes for word in ("dropped", "begins anew", "steps back"))
+
+
+@pytest.mark.parametrize("begin", [0, 1_750_000_000_000])
+def test_their_rows_are_merged_by_time(joined, begin):
+    recording = joined(*(table(name, begin) for name in VALUES))
+    check(recording, *VALUES, begin=begin)
+    assert any("3 tables stand below one another" in note for note in recording.notes)
+
+
+def test_what_stands_in_all_of_them_has_the_times_of_each(joined):
+    recording = joined(table("pos", mode=np.full(600, 1.0)), table("tau", mode=np.full(400, 2.0)))
+    check(recording, "pos", "tau")
+    mode = recording.channel("mode")
+    assert set(mode.stamps[mode.values == 1]) <= set(TIMES["pos"] * MS)
+    assert set(mode.stamps[mode.values == 2]) <= set(TIMES["tau"] * MS)
+
+
+def test_rows_that_take_turns_keep_the_values_of_either(joined):
+    """Once they were sorted by time, rows of one time are those of both."""
+    rows = {"time [ms]": 10 * np.repeat(np.arange(600), 2)}
+    rows["pos"] = np.where(np.arange(1200) % 2 == 0, np.repeat(POS, 2), np.nan)
+    rows["tau"] = np.where(np.arange(1200) % 2 == 1, np.repeat(POS, 2), np.nan)
+    recording = joined(rows)
+    check(recording, "pos")
+    assert recording.channel("tau").values.tolist() == POS.tolist()
+    assert recording.channel("tau").stamps.tolist() == (TIMES["pos"] * MS).tolist()
+
+
+def test_a_sensor_that_begins_late_is_of_the_same_table(joined):
+    late = np.where(np.arange(600) < 300, np.nan, POS)
+    recording = joined(table("pos", late=late))
+    check(recording, "pos")
+    assert np.array_equal(recording.channel("late").values, late, equal_nan=True)
+    assert recording.notes == ()
+
+
+def test_the_same_columns_once_more_are_put_behind(joined):
+    recording = joined(table("pos", empty=np.full(600, np.nan)), table("pos", empty=np.full(600, np.nan)))
+    assert recording.channel("pos").values.tolist() == [*POS, *POS]
+    assert (np.diff(recording.channel("pos").stamps) > 0).all()
+    assert any("begins anew once" in note for note in recording.notes)
+
+
+def test_some_of_their_channels_alone(joined, tmp_path):
+    joined(table("pos"), table("tau"))
+    assert list(open_reader(tmp_path / "log").catalogue().channels) == ["pos", "tau"]
+    check(read(tmp_path / "log", ["tau"]), "tau")
