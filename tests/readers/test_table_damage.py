@@ -227,3 +227,16 @@ def test_a_last_line_without_end_is_whole_where_its_last_number_cannot_be_longer
     log = read(tmp_path / "log.csv")
     assert len(log.channel("q").values) == 60 + whole
     assert any("the last line is left out" in note for note in log.notes) != whole
+
+
+@pytest.mark.filterwarnings("error")
+@pytest.mark.parametrize("cut", [b"9.9,\xc3", b"9\xc3", b"\xc3", b"9.9,7,\xe2\x82"])
+@pytest.mark.parametrize("below", [b"", b"\n99.0,7,word\n"])
+def test_a_row_that_ends_within_a_letter_is_left_out(tmp_path, cut, below):
+    """And one like it amid the others, where two programs wrote into one file."""
+    rows = "time,x,remark\n" + "".join(f"{i / 10},{i},Zähler{i}\n" for i in range(90))
+    (tmp_path / "log").write_bytes(rows.encode() + cut + below)
+    log = read(tmp_path / "log")
+    assert log.channel("x").values.tolist()[:90] == list(range(90))
+    assert not below or log.channel("x").stamps[-1] == 99 * 10**9
+    assert len(log.notes) == (1 if len(cut) < 6 or not below else 0)

@@ -22,7 +22,7 @@ from vsalog.readers.table_quotes import heeding_quotes
 from vsalog.readers.table_tail import cut_off
 from vsalog.readers.table_text import NULLS, WHITESPACE, is_comment, split
 from vsalog.readers.table_words import OtherOrderError, WordLines
-from vsalog.readers.text_source import BoundedGzip, TextSource, open_text
+from vsalog.readers.text_source import BoundedGzip, TextSource, is_utf8, open_text
 
 BLOCK_BYTES = 4 * 2**20
 
@@ -140,7 +140,7 @@ class Rows:
         dialect = self._dialect
         plain = dialect.encoding == "utf-8" and dialect.separator != WHITESPACE and not isinstance(file, BoundedGzip)
         source: Any = text
-        if plain:
+        if plain and is_utf8(file):  # else Arrow could not tell of a line that it is no row
             # Arrow reads ahead in a thread of its own. It must not need the interpreter, which may be gone by then at exit.
             source = self._mapped() if is_text(self._path) else file
         return pacsv.open_csv(

@@ -121,6 +121,20 @@ class BoundedGzip(io.RawIOBase):
         self._compressed.close()
 
 
+def is_utf8(file: IO[bytes]) -> bool:
+    """Tell whether all of a file, which is read from its beginning and left there, is UTF-8, as far as bytes tell."""
+    decoder = codecs.getincrementaldecoder("utf-8")()
+    try:
+        while raw := file.read(_PIECE):
+            decoder.decode(raw)
+        decoder.decode(b"", final=True)
+    except UnicodeDecodeError:
+        return False
+    finally:
+        file.seek(0)
+    return True
+
+
 def read_beginning(source: IO[bytes], most: int) -> bytes:
     """Return the first bytes of a file, of a damaged one as far as it goes."""
     parts: list[bytes] = []
