@@ -50,7 +50,7 @@ def test_columns_types_and_units(tmp_path):
     assert recording.channel("q").unit == "rad"
     assert recording.channel("n").unit == "N*m"
     assert recording.unread["mode"] == "text"
-    assert "list" in recording.unread["list"]
+    assert recording.unread["list[0]"] == "text"
     assert recording.absolute_time
     assert list(read(path, wanted=["on"]).channels) == ["on"]
     assert list(open_reader(path).catalogue().channels) == list(recording.channels)

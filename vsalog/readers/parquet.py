@@ -24,6 +24,7 @@ from vsalog.readers.row_clock import ROW_NOTE, row_clock
 from vsalog.readers.row_times import RowTimes
 from vsalog.readers.sparse import Layers, blank, group_by_blanks, notes_on, stretches
 from vsalog.readers.table_cells import ROUNDED, Cells, numbers_and_words
+from vsalog.readers.table_slots import Slots
 from vsalog.readers.table_speakers import Speakers, find_speakers
 from vsalog.readers.time_columns import ClockPlan, find_clocks, looks_like_clock
 from vsalog.readers.time_steps import row_marks
@@ -90,6 +91,7 @@ class ParquetReader:
         self._rounded: dict[int, str] = {}
         self._written = self._numbers_as_text()
         self._streams = [_text(field.metadata, STREAM) or path.stem for field in schema]
+        self._slots = Slots(self._names, self._known_cells())
         keys = self._keys()
         # A trace carries the rig of the log that it was estimated from, whose channels it does not have.
         self.rig_text = None if keys else _text(schema.metadata, RIG)
@@ -97,7 +99,8 @@ class ParquetReader:
         if keys:
             self._speakers = Speakers(KEYS, keys, self._all_rows(keys))
         else:
-            self._speakers, note = find_speakers(self._names, self._known_cells(), self._plan, self._all_rows)
+            first = self._slots.without_names(self._known_cells())
+            self._speakers, note = find_speakers(self._names, first, self._plan, self._all_rows)
             note = self._speakers.note() if self._speakers else note
             self.notes += [note] if note else []
         self._layers = self._merged()
@@ -202,9 +205,11 @@ class ParquetReader:
         schema = self._rows.schema
         streams = [(members, self._tellers(members)) for members in self._by_stream(columns)]
         read = {*columns, *self._not_channels(), *self._layers.columns, *(i for _, tellers in streams for i in tellers)}
+        read |= self._slots.begin(columns)
         needed = [schema.names[i] for i in sorted(read)] or schema.names[:1]
         dropped = 0
-        for row, batch in self._batches(needed):
+        for row, stored in self._batches(needed):
+            batch = self._slots.in_place(stored, partial(self._at, stored))
             whose = self._whose(batch)
             values = {i: self._values(batch, i) for i in columns}
             named = {self._names[i]: cells for i, cells in values.items()}
@@ -222,7 +227,7 @@ class ParquetReader:
         if self._speakers:
             self.notes += self._speakers.left_out()
         self.notes += self._notes_on_cells()
-        self.notes += self._times.notes()
+        self.notes += [*self._times.notes(), *self._slots.notes()]
 
     def _batches(self, columns: list[str]) -> Iterator[tuple[int, pa.RecordBatch]]:
         """Yield the number of the first row and the rows; what is damaged is noted.
@@ -292,10 +297,18 @@ class ParquetReader:
             return []
         return [i for i in self._number_columns() if self._streams[i] == self._streams[columns[0]]]
 
+    def _all_cells(self, batch: pa.RecordBatch, columns: Sequence[int]) -> list[pa.Array]:
+        return [self._cells(batch, i) for i in columns]
+
     def _cells(self, batch: pa.RecordBatch, column: int) -> pa.Array:
         """Return a column of a batch, by the file's own number: several may have one name."""
+        return batch.column(self._at(batch, column))
+
+    def _at(self, batch: pa.RecordBatch, column: int) -> int:
+        """Return where in a batch a column is, -1 where it is not."""
         name, which = self._places[column]
-        return batch.column(batch.schema.get_all_field_indices(name)[which])
+        found = batch.schema.get_all_field_indices(name)
+        return int(found[which]) if which < len(found) else -1
 
     def _not_channels(self) -> set[int]:
         """Return the columns that tell when and whose the values of a row are."""
@@ -350,9 +363,6 @@ class ParquetReader:
             return {"": np.ones(batch.num_rows, bool)}
         parts = self._speakers.rows(self._all_cells(batch, self._speakers.columns))
         return {part: own for part, own in parts.items() if own.any()}
-
-    def _all_cells(self, batch: pa.RecordBatch, columns: Sequence[int]) -> list[pa.Array]:
-        return [self._cells(batch, i) for i in columns]
 
     def _stream(self, part: str, column: int | None) -> str:
         return (self.path.stem if column is None else self._streams[column]) + part

@@ -104,7 +104,7 @@ class FlatRows:
             members = cells.flatten() if cells is not None else [None] * kind.num_fields
             for member, part in zip(kind, members, strict=True):
                 yield from self._flat(member.with_name(f"{name}.{member.name}"), part)
-        elif (size := self._elements(name, kind)) and is_number(kind.value_type):
+        elif (size := self._elements(name, kind)) and _is_plain(kind.value_type):
             if cells is not None and name in self._sizes:
                 longest = pc.max(pc.list_value_length(cells)).as_py() or 0
                 if longest > max(size, self._longer.get(name, 0)):
@@ -124,6 +124,11 @@ class FlatRows:
 
 def _is_list(kind: pa.DataType) -> bool:
     return bool(pa.types.is_list(kind) or pa.types.is_large_list(kind))
+
+
+def _is_plain(kind: pa.DataType) -> bool:
+    """Tell whether elements of a list have columns: numbers, and the names of what they are numbers of."""
+    return is_number(kind) or bool(pa.types.is_string(kind))
 
 
 def _as_plain(field: pa.Field, cells: pa.Array | None) -> tuple[pa.Field, pa.Array | None]:

@@ -22,6 +22,7 @@ from vsalog.readers.table_damage import Damage
 from vsalog.readers.table_dialect import Dialect, detect
 from vsalog.readers.table_rows import BLOCK_BYTES, Rows
 from vsalog.readers.table_sections import find_sections
+from vsalog.readers.table_slots import Slots
 from vsalog.readers.table_speakers import find_speakers
 from vsalog.readers.table_text import NULLS
 from vsalog.readers.text_source import BoundedGzip, open_text, read_beginning
@@ -76,7 +77,9 @@ class TableReader:
             raise ReadError(f"{path}: holds text, but no table: none of its columns holds numbers")
         self._numbers = [i for i, (good, words) in enumerate(numbers) if good > words]
         whole = self._all_rows if thorough else self._first_rows
-        self._speakers, self._perhaps = find_speakers(self._dialect.names, self._sample, self._plan, whole)
+        self._slots = Slots(self._dialect.names, self._sample)
+        first = self._slots.without_names(self._sample)
+        self._speakers, self._perhaps = find_speakers(self._dialect.names, first, self._plan, whole)
         taken = {*clocks, *(self._speakers.columns if self._speakers else ())}
         names = self._dialect.names
         self._sections = find_sections(
@@ -136,7 +139,9 @@ class TableReader:
         rows = Rows(self.path, self._dialect, self._numbers)
         sections = [(clocks, [i for i in own if names[i] in self._counts]) for clocks, own in self._sections]
         needed = {*columns, *speaker, *self._layers.columns, *(i for clocks, _ in sections for i in _columns(clocks))}
-        for batch in rows.batches(sorted(needed)):
+        needed |= self._slots.begin(columns)
+        for parsed in rows.batches(sorted(needed)):
+            batch = self._slots.in_place(parsed, partial(self._at, parsed))
             everyones = {"": np.ones(batch.num_rows, bool)}
             parts = self._speakers.rows(self._cells(batch, speaker)) if self._speakers else everyones
             values = {names[i]: self._counts[names[i]].convert(batch.column(names[i])) for i in columns}
@@ -209,6 +214,10 @@ class TableReader:
 
     def _cells(self, batch: pa.RecordBatch, columns: Sequence[int]) -> list[pa.Array]:
         return [batch.column(self._dialect.names[i]) for i in columns]
+
+    def _at(self, batch: pa.RecordBatch, column: int) -> int:
+        """Return where in a batch a column is, -1 where it is not."""
+        return int(batch.schema.get_field_index(self._dialect.names[column]))
 
     def _stream_name(self, number: int, group: list[int]) -> str:
         return self.path.stem if number == 0 else f"{self.path.stem} ({self._dialect.names[group[0]]} …)"
@@ -312,6 +321,7 @@ class TableReader:
             self.notes.append(f"{plural(dropped, 'row')} {NO_TIME}")
         if self._speakers:
             self.notes += self._speakers.left_out()
+        self.notes += self._slots.notes()
         for times in self._times:
             self.notes += [note for note in times.notes() if note not in self.notes]
         self._note_text()

@@ -1,0 +1,146 @@
+"""Tables whose rows name the joints of numbered columns, as ``rostopic echo -p`` writes them: ``name0,name1,position0,…``.
+
+A publisher may change the order of its joints from message to message; a joint's values stay in one column here.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable, Mapping, Sequence
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.compute as pc
+from numpy.typing import NDArray
+
+from vsalog.readers.base import plural
+from vsalog.readers.headers import printable_cell
+from vsalog.readers.table_cells import numbers_and_words
+from vsalog.readers.time_dates import trimmed
+
+_NAME = re.compile(r"^(?P<stem>.*?)names?(?P<number>[\[_.]?\d+\]?)$")
+
+
+class Slots:
+    """The numbered columns of a table that say the names of others with the same numbers.
+
+    Parameters
+    ----------
+    names : sequence of str
+        Of all columns.
+    sample : sequence of pyarrow arrays
+        Their first rows.
+    """
+
+    def __init__(self, names: Sequence[str], sample: Sequence[pa.Array]) -> None:
+        self._names = names
+        self._families: list[_Family] = []
+        found: dict[str, dict[str, int]] = {}
+        for i, name in enumerate(names[: len(sample)]):
+            match = _NAME.match(name)
+            if match and pa.types.is_string(sample[i].type) and np.diff(numbers_and_words(sample[i])) > 0:
+                found.setdefault(match["stem"], {})[match["number"]] = i
+        at = {name: i for i, name in enumerate(names[: len(sample)])}
+        for stem, numbered in found.items():
+            ends = {name[len(stem) :].removesuffix(n) for n in numbered for name in at if name.startswith(stem)}
+            kinds = [[at.get(f"{stem}{end}{number}") for number in numbered] for end in sorted(ends)]
+            whole = [[i for i in kind if i is not None] for kind in kinds if None not in kind]
+            called = _called([sample[i] for i in numbered.values()])
+            if called and len(called) > 1:
+                namers = [*numbered.values()]
+                self._families.append(_Family(namers, called, [kind for kind in whole if kind != namers]))
+
+    def begin(self, columns: Sequence[int]) -> set[int]:
+        """Begin to read some columns; return what has to be read with them."""
+        for one in self._families:
+            one.begin()
+        mine = [one for one in self._families if any(set(kind).intersection(columns) for kind in one.kinds)]
+        return {i for one in mine for kind in (one.namers, *one.kinds) for i in kind}
+
+    def without_names(self, sample: Sequence[pa.Array]) -> list[pa.Array]:
+        """Return the first rows of all columns with nothing in those of names, which say nothing of the row as a whole."""
+        namers = {i for one in self._families for i in one.namers}
+        return [pa.nulls(len(cells), cells.type) if i in namers else cells for i, cells in enumerate(sample)]
+
+    def in_place(self, batch: pa.RecordBatch, at: Callable[[int], int]) -> pa.RecordBatch:
+        """Return a block with each joint's cells where the first row has them.
+
+        Parameters
+        ----------
+        batch : RecordBatch
+            Some columns.
+        at : callable
+            Tells where in it a column is, by its number; below zero where it is not.
+        """
+        for family in self._families:
+            if at(family.namers[0]) >= 0:
+                stored = {i: batch.column(at(i)) for kind in (family.namers, *family.kinds) for i in kind if at(i) >= 0}
+                for i, cells in family.in_place(stored).items():
+                    batch = batch.set_column(at(i), batch.schema.field(at(i)), cells)
+        return batch
+
+    def notes(self) -> list[str]:
+        """Return what to tell."""
+        return [note for one in self._families for note in one.notes(self._names)]
+
+
+class _Family:
+    """Columns of names, what they say in the first row, and columns of values of as many joints each."""
+
+    def __init__(self, namers: list[int], called: list[str], kinds: list[list[int]]) -> None:
+        self.namers, self.kinds = namers, kinds
+        self._called = pa.array(called, pa.string())
+        self.begin()
+
+    def begin(self) -> None:
+        """Forget what there is to tell."""
+        self._moved = self._strangers = 0
+        self._stranger = ""
+
+    def in_place(self, cells: Mapping[int, pa.Array]) -> dict[int, pa.Array]:
+        """Return the columns of values that change."""
+        names = [trimmed(cells[i]) for i in self.namers]
+        who = np.stack([_numbers(pc.index_in(one, self._called)) for one in names])
+        usual = np.arange(len(names))[:, None]
+        if (who == usual).all():
+            return {}
+        self._moved += int(np.count_nonzero(((who != usual) & (who >= 0)).any(axis=0)))
+        for one, theirs in zip(names, who, strict=True):
+            strange = np.flatnonzero((theirs < 0) & one.is_valid().to_numpy(zero_copy_only=False))
+            self._strangers += strange.size
+            self._stranger = self._stranger or (str(one[int(strange[0])]) if strange.size else "")
+        moved = {}
+        for kind in (kind for kind in self.kinds if cells.keys() >= set(kind)):
+            for j, column in enumerate(kind):
+                own = [pc.if_else(pa.array(who[k] == j), cells[i], None) for k, i in enumerate(kind)]
+                moved[column] = pc.coalesce(*own)
+        return moved
+
+    def notes(self, names: Sequence[str]) -> list[str]:
+        """Return what to tell."""
+        said = []
+        if self._moved:
+            pairs = zip(self.kinds[0] if self.kinds else (), self._called.to_pylist(), strict=False)
+            shown = ", ".join(f"'{names[i]}' is of '{printable_cell(called)}'" for i, called in [*pairs][:3])
+            said.append(
+                f"the names in column '{names[self.namers[0]]}' and the next change places in {plural(self._moved, 'row')}:"
+                f" values go with their names, {shown} throughout"
+            )
+        if self._strangers:
+            said.append(
+                f"{plural(self._strangers, 'cell')} of names beside which values are left out, as the first row has no such"
+                f" name (the first: '{printable_cell(self._stranger)}')"
+            )
+        return said
+
+
+def _called(columns: Sequence[pa.Array]) -> list[str]:
+    """Return the names in the first row that has all of them, none where two are the same."""
+    for row in zip(*(trimmed(cells).to_pylist() for cells in columns), strict=True):
+        if all(row):
+            return list(row) if len(set(row)) == len(row) else []
+    return []
+
+
+def _numbers(found: pa.Array) -> NDArray[np.int64]:
+    return np.asarray(pc.fill_null(found, -1).to_numpy(zero_copy_only=False), np.int64)
