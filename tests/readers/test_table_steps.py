@@ -98,3 +98,39 @@ def test_a_log_appended_to_another_is_put_behind_it(log):
     recording = log(np.r_[TRUE[:6000], TRUE[:6000]] - TODAY, range(N))
     assert recording.channel("x").values.tolist() == list(range(N))
     assert any("the time begins anew once" in note for note in recording.notes)
+
+
+def left_out(recording):
+    return [note for note in recording.notes if "left out whose time" in note]
+
+
+@pytest.mark.parametrize("unset", [np.arange(1), np.arange(900), np.array([50, 6000, 6001, N - 1])])
+@pytest.mark.parametrize("since", ["zero", "switched on"])
+def test_samples_of_before_the_clock_was_set_are_left_out(log, unset, since):
+    """They would make a log of half a century."""
+    times = TRUE.copy()
+    times[unset] = 0 if since == "zero" else unset * STEP
+    kept = np.delete(np.arange(N), unset)
+    recording = log(times, range(N))
+    assert recording.channel("x").values.tolist() == kept.tolist()
+    assert recording.channel("x").stamps.tolist() == TRUE[kept].tolist()
+    assert [f"{unset.size} sample" in note for note in left_out(recording)] == [True]
+    assert not recording.streams["log"].inversions
+
+
+@pytest.mark.parametrize("begin", [TODAY, 10**12])
+def test_single_stamps_that_are_far_off_are_left_out(log, begin):
+    times = TRUE - TODAY + begin
+    wrong = [700, 3000, 9000, 9001]
+    times[wrong] += [3 * 10**18, -100 * 10**9, 2 * 10**12, 2 * 10**12]
+    recording = log(times, range(N))
+    assert recording.channel("x").values.tolist() == np.delete(np.arange(N), wrong).tolist()
+    assert left_out(recording)
+
+
+@pytest.mark.parametrize("begin", [TODAY, 0])
+def test_pauses_and_slow_rows_are_believed(log, begin):
+    times = begin + np.cumsum(np.random.default_rng(2).choice([STEP, 200 * 10**9], N, p=[0.9, 0.1]))
+    recording = log(times, range(N))
+    assert recording.channel("x").stamps.tolist() == times.tolist()
+    assert recording.notes == ()

@@ -253,6 +253,13 @@ def test_dates_in_long_steps_are_told(table, name, notes):
     assert ["call it 'time [ms]' if it counts milliseconds" in note for note in recording.notes] == [True] * notes
 
 
+def test_a_unit_of_a_clock_that_is_set_late(table):
+    lines = (f"{(1_750_000_000_000 + 10 * i) * (i >= 400)},{i}" for i in range(1000))
+    recording = table("time,x", *lines)
+    assert recording.channel("x").values.tolist() == list(range(400, 1000))
+    assert recording.channel("x").stamps[0] == 1_750_000_004 * S
+
+
 def test_hours_that_are_not_called_so_are_told(table):
     recording = table("time,x", *(f"{i / 3.6e6:.12f},{i}" for i in range(20)))
     assert any("read as seconds because its steps are about 2.7" in note for note in recording.notes)

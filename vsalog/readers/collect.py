@@ -165,11 +165,7 @@ def assembled(
         if note := alternating_note(name, placed.columns):
             notes.append(note)
         if placed.left_out:
-            notes.append(
-                f"{name}: {plural(placed.left_out, 'sample')} left out whose header"
-                f" {'stamp is' if placed.left_out == 1 else 'stamps are'} missing, zero, impossible or far from those around;"
-                " --time log keeps all samples"
-            )
+            notes.append(_left_out(placed))
         if len(placed.stamps):
             dates.append(bool(placed.stamps[:1][0] >= YEAR_2000))
         if placed.stream.time_source == "column" and placed.stream.conflicts > placed.stream.count:
@@ -191,6 +187,17 @@ def assembled(
         absolute_time=all(dates),
     )
     return outline, samples
+
+
+def _left_out(placed: Placed) -> str:
+    """Say why samples are left out."""
+    one = placed.left_out == 1
+    which = f"{placed.stream.name}: {plural(placed.left_out, 'sample')} left out whose"
+    if placed.stream.time_source == "column":
+        time = "time is" if one else "times are"
+        return f"{which} {time} far from those around, or of before the clock was set to the date"
+    stamps = "header stamp is" if one else "header stamps are"
+    return f"{which} {stamps} missing, zero, impossible or far from those around; --time log keeps all samples"
 
 
 def _coarse(stream: Stream) -> str:

@@ -14,6 +14,7 @@ from vsalog.readers.base import Reader
 from vsalog.readers.collect import Placed, assembled, gather, recording_of, summary
 from vsalog.readers.gathered import Gathered
 from vsalog.readers.spool import Column, Spool, SpooledColumn, Values, parts
+from vsalog.readers.table_stamps import stamps_that_are_none
 from vsalog.readers.timing import MANY_BAD, Clock, HeaderStamps, Order, choose_source, delay_of, put_in_order
 from vsalog.recording import Recording
 
@@ -74,6 +75,8 @@ def _clock(one: Gathered, time: str, spool: Spool) -> tuple[Clock, Column, Value
                 return clock, stamps, bad
             doubt = clock.reason
         return *_chosen(clocks, one.timeless, time, doubt), _NONE
+    if "column" in clocks and (bad := stamps_that_are_none(clocks["column"])).size:
+        return *_chosen({kind: _without(bad, c, spool) for kind, c in clocks.items()}, one.timeless, time), bad
     return *_chosen(clocks, one.timeless, time), _NONE
 
 

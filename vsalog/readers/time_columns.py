@@ -216,7 +216,17 @@ def _form(name: str, unit: str | None, sample: pa.Array, rest: Rest) -> tuple[st
     stated = stated_unit(name, unit)
     if stated is not None:
         return UNITS.get(stated), ""
-    return guessed_unit(name, values)
+    return guessed_unit(name, values if values.any() else _once_set(rest))
+
+
+def _once_set(rest: Rest) -> NDArray[np.float64]:
+    """Return a column's first numbers that are not zero, as they are until a clock is set."""
+    for cells in rest():
+        values = floats(cells)
+        values = values[np.isfinite(values) & (values != 0)]
+        if len(values):
+            return np.asarray(values[:_MOST_DATES], np.float64)
+    return np.zeros(1)
 
 
 def _is_text(sample: pa.Array) -> bool:

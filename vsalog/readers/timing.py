@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from vsalog.readers.bad_stamps import FEW, ONE_DAY, are_few, bad_stamps, looked_at
 from vsalog.readers.base import CLOCKS, plural
 from vsalog.readers.clock_steps import ClockSteps
+from vsalog.readers.table_stamps import stamps_that_are_none
 from vsalog.recording import Stamps
 
 YEAR_2000 = 946_684_800_000_000_000
@@ -75,7 +76,7 @@ class Order:
 
 
 def choose_clock(clocks: Mapping[str, Stamps], time: str) -> Clock:
-    """Choose the clock of a stream, for all of its samples but those few whose header stamp is none.
+    """Choose the clock of a stream, for all of its samples but those few whose stamp is none.
 
     Parameters
     ----------
@@ -93,6 +94,10 @@ def choose_clock(clocks: Mapping[str, Stamps], time: str) -> Clock:
             return _chosen(clocks, time, MANY_BAD)
         clock = _chosen({kind: stamps[~bad] for kind, stamps in clocks.items()}, time)
         return replace(clock, bad=bad) if clock.source == "header" else _chosen(clocks, time, clock.reason)
+    if "column" in clocks and (rows := stamps_that_are_none(clocks["column"])).size:
+        bad = np.zeros(len(clocks["column"]), np.bool_)
+        bad[rows] = True
+        return replace(_chosen({kind: stamps[~bad] for kind, stamps in clocks.items()}, time), bad=bad)
     return _chosen(clocks, time)
 
 

@@ -1,0 +1,48 @@
+"""Stamps of a table's only clock that are none: dates of before the clock was set, and such as are far from those around them.
+
+There is no other clock that they could be held against: what merely comes ahead of a pause, or stands in order, is believed.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from vsalog.readers.bad_stamps import REACH, are_few
+from vsalog.readers.clock_steps import AHEAD
+from vsalog.readers.spool import Column, parts
+from vsalog.readers.time_folds import COUNTED
+from vsalog.recording import Stamps
+
+
+def stamps_that_are_none(stamps: Column) -> Stamps:
+    """Return the rows whose stamps [ns] cannot be the time of their samples, in order.
+
+    Parameters
+    ----------
+    stamps : int64 array or column on disk, shape (n,)
+        In the order of the log.
+    """
+    unset = _of_other_times(stamps)
+    lone = np.concatenate([np.empty(0, np.int64), *(_lone(stamps, first, last) for first, last in parts(len(stamps)))])
+    return np.union1d(unset, lone) if are_few(lone.size, len(stamps)) else unset
+
+
+def _of_other_times(stamps: Column) -> Stamps:
+    """Return the rows of dates where most stamps are counted from some start, or the other way round."""
+    dated = [np.flatnonzero(stamps[first:last] >= COUNTED) + first for first, last in parts(len(stamps))]
+    count = sum(rows.size for rows in dated)
+    if not 0 < count < len(stamps):
+        return np.empty(0, np.int64)
+    rows = np.concatenate(dated)
+    return rows if 2 * count < len(stamps) else np.delete(np.arange(len(stamps)), rows)
+
+
+def _lone(stamps: Column, first: int, last: int) -> Stamps:
+    """Return rows from the `first` to the `last` whose stamps are far from the middle of those around them."""
+    begin, end = max(0, first - REACH), min(len(stamps), last + REACH)
+    some = stamps[begin:end]
+    if some.size <= 2 * REACH or (some.size > 1 and np.diff(some).min() >= 0):
+        return np.empty(0, np.int64)
+    around = np.lib.stride_tricks.sliding_window_view(some, 2 * REACH + 1)
+    rows = np.flatnonzero(np.abs(some[REACH:-REACH] - np.median(around, axis=1)) > AHEAD) + begin + REACH
+    return rows[(rows >= first) & (rows < last)]
