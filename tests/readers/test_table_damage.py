@@ -240,3 +240,24 @@ def test_a_row_that_ends_within_a_letter_is_left_out(tmp_path, cut, below):
     assert log.channel("x").values.tolist()[:90] == list(range(90))
     assert not below or log.channel("x").stamps[-1] == 99 * 10**9
     assert len(log.notes) == (1 if len(cut) < 6 or not below else 0)
+
+
+@pytest.mark.parametrize("changed", [False, True])
+def test_a_compressed_log_without_its_end(tmp_path, changed):
+    """Its end would tell of bytes that have changed: from the first row on that does not fit, rows may be made up."""
+    rng = np.random.default_rng(5)
+    numbers = rng.standard_normal(20_000)
+    rows = "".join(f"{i / 1000:.3f},{x:.6f},{i}\n" for i, x in enumerate(numbers.tolist()))
+    packed = gzip.compress(f"time,x,number\n{rows}".encode())
+    for _ in range(10):
+        end = int(rng.integers(len(packed) // 2, len(packed) - 10))
+        data = bytearray(packed[:end])
+        if changed:
+            data[end - int(rng.integers(5000, 20_000))] ^= 1 << int(rng.integers(8))
+        (tmp_path / "log").write_bytes(data)
+        log = read(tmp_path / "log")
+        found = log.channel("number")
+        others = int(np.count_nonzero(found.stamps != found.values * 10**6))
+        assert others <= 5 * changed
+        assert any("checksum" in note for note in log.notes)
+        assert changed or found.values.size > 0.98 * 20_000 * end / len(packed)

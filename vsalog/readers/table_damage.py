@@ -10,13 +10,14 @@ from numpy.typing import NDArray
 
 from vsalog.readers.base import DOUBTFUL
 from vsalog.readers.table_cells import Cells
-from vsalog.readers.text_source import has_changed
+from vsalog.readers.text_source import trouble_at_end
 
 
 class Damage:
     """Finds the first row that does not fit: from a changed byte on, what comes out of a compressed file is made up.
 
-    Whether bytes have changed its end alone tells, so that it is read to there once a row does not fit.
+    Whether bytes have changed its end alone tells, so that it is read to there once a row does not fit; where there is no end,
+    nobody knows.
 
     Parameters
     ----------
@@ -26,7 +27,7 @@ class Damage:
 
     def __init__(self, path: Path) -> None:
         self._path = path
-        self._changed: bool | None = None
+        self._trouble: str | None = None
         self._row = 0
 
     def sound_rows(
@@ -45,7 +46,7 @@ class Damage:
         odd_line : int or None
             How many rows are ahead of the first line with too many or too few cells.
         """
-        if self._changed is None:
+        if self._trouble is None:
             found = [column.first_row for column in columns if column.bad and column.good]
             found += [] if good.all() else [begin + int(np.argmin(good))]
             # Lines are parsed ahead of the rows, by chance how far.
@@ -54,13 +55,18 @@ class Damage:
             if not found:
                 return None
             self._row = min(found)
-            self._changed = has_changed(self._path)
-        if not self._changed or self._row >= begin + len(good):
+            self._trouble = trouble_at_end(self._path)
+        if not self._trouble or self._row >= begin + len(good):
             return None
         return max(self._row - begin, 0)
 
     def note(self) -> str:
         """Return what to tell where rows were left out."""
+        if self._trouble == "missing":
+            return (
+                f"the compressed file is cut off, its checksum missing: left out from row {self._row + 1} on, the first that does"
+                f" not fit, as where bytes have changed; in the rows just ahead {DOUBTFUL}; decompress it first to read all rows"
+            )
         return (
             f"the compressed file is damaged: left out from row {self._row + 1} on, the first that does not fit; in the rows just"
             f" ahead {DOUBTFUL}"

@@ -151,17 +151,20 @@ def read_beginning(source: IO[bytes], most: int) -> bytes:
     return b"".join(parts)
 
 
-def has_changed(path: Path) -> bool:
-    """Tell whether bytes of a compressed file have changed, and not only its end is missing; reads all of it."""
+def trouble_at_end(path: Path) -> str:
+    """Return what is wrong with a compressed file, all of which is read.
+
+    ``changed`` are bytes of it; ``missing`` is its end, which would tell of such; "" is nothing.
+    """
     try:
         with open_text(path) as file:
             while file.read(_PIECE):
                 pass
     except zlib.error:
-        return True
+        return "changed"
     except EOFError:
-        pass
-    return False
+        return "missing"
+    return ""
 
 
 class TextSource(io.RawIOBase):
@@ -247,4 +250,7 @@ def _words(error: Exception) -> str:
         return f"the checksum of the compressed file does not match: some of its bytes have changed, {DOUBTFUL}"
     if isinstance(error, zlib.error):
         return f"the compressed file is damaged ({error}): read up to there, of which the last {DOUBTFUL}"
-    return f"the compressed file is damaged or cut off ({error}): read up to there"
+    return (
+        f"the compressed file is damaged or cut off ({error}): read up to there; its checksum is missing, so that nothing tells"
+        " whether bytes ahead have changed"
+    )
