@@ -210,6 +210,6 @@ def open_container(path: Path, kind: str) -> Container:
         from vsalog.readers.joined import opened_mcap
 
         return opened_mcap(path)
-    from vsalog.readers.rosbag2 import bag_file
+    from vsalog.readers.rosbag2 import bag_file, counted
 
-    return bag_file(path, shown=path)
+    return counted(bag_file(path, shown=path), path)

@@ -22,6 +22,10 @@ METADATA = "metadata.yaml"
 
 _LOG_ENDINGS = (".bag", ".csv", ".tsv", ".parquet", ".mat", ".mcap", ".db3")
 _BAG_ENDINGS = (".mcap", ".db3", ".zstd")
+# Entries of the metadata's list of topics, in either order, and what is wanted of them.
+_TOPIC = re.compile(r"^[ \t]*-[ \t]+(?=topic_metadata:|message_count:)", re.MULTILINE)
+_NAME = re.compile(r"^[ \t]*name:[ \t]*[\"']?([^\s\"']+)", re.MULTILINE)
+_COUNT = re.compile(r"^[ \t]*message_count:[ \t]*(\d{1,18})[ \t]*$", re.MULTILINE)
 
 
 class CompressedContainer:
@@ -106,7 +110,8 @@ class FolderContainer(SeveralContainer):
         if not parts:
             raise ReadError("; ".join([f"{folder}: none of its files can be read", *notes]))
         formats = {part.format for part in parts}
-        super().__init__(parts, "rosbag2-mcap" if formats == {"mcap"} else "rosbag2-sqlite3", notes)
+        kind = "rosbag2-mcap" if formats == {"mcap"} else "rosbag2-sqlite3"
+        super().__init__(parts, kind, notes, _stated(folder / METADATA))
 
 
 def bag_file(path: Path, shown: Path) -> Container:
@@ -219,12 +224,35 @@ def _listed(paths: list[Path]) -> str:
     return ", ".join(path.name for path in paths[:5]) + more
 
 
+def counted(file: Container, path: Path) -> Container:
+    """Return a bag's file, held against the metadata beside it where these say that it is the only one."""
+    metadata = path.with_name(METADATA)
+    if _listed_in(metadata) != [path.name] or not (stated := _stated(metadata)):
+        return file
+    return SeveralContainer([file], file.format, file.notes, stated)
+
+
+def _stated(metadata: Path) -> dict[str, int]:
+    """Return how many messages of each topic the metadata count."""
+    found: dict[str, int] = {}
+    for item in _TOPIC.split((_text(metadata) or "").partition("topics_with_message_count:")[2])[1:]:
+        name, count = _NAME.search(item), _COUNT.search(item)
+        if name and count:
+            found[name[1]] = found.get(name[1], 0) + int(count[1])
+    return found
+
+
+def _text(metadata: Path) -> str | None:
+    """Return the text of the metadata; None where it cannot be read."""
+    try:
+        return metadata.read_text("utf-8", "replace") if metadata.is_file() else None
+    except OSError:
+        return None
+
+
 def _listed_in(metadata: Path) -> list[str] | None:
     """Return the names of the files that the metadata list, without folders; None where they cannot be read."""
-    try:
-        text = metadata.read_text("utf-8", "replace") if metadata.is_file() else None
-    except OSError:
-        text = None
+    text = _text(metadata)
     if text is None:
         return None
     block = re.search(r"^[ \t]*relative_file_paths:[ \t]*\n((?:[ \t]*-[ \t]+\S.*\n?)+)", text, re.MULTILINE)

@@ -20,8 +20,9 @@ from vsalog.readers.compression import MAX_BYTES
 from vsalog.readers.container import CATALOGUE_MESSAGES, Connection
 from vsalog.readers.packets import PACKED, PACKED_BYTES, Messages, Packet
 from vsalog.readers.sqlite_cut import cut_row
-from vsalog.readers.sqlite_opened import connect
+from vsalog.readers.sqlite_opened import connect, left_log
 from vsalog.readers.sqlite_ranges import bounded, ranges
+from vsalog.readers.sqlite_whole import damaged_log_note, missing_note
 
 SQLITE_MAGIC = b"SQLite format 3\0"
 
@@ -62,6 +63,7 @@ class SqliteContainer:
         self._part: Part | None = None
         self._cut = cut_row(self.path)
         self._database = self._connect()
+        self._note_lack()
 
     def connections(self) -> list[Connection]:
         """Return the bag's topics."""
@@ -261,6 +263,15 @@ class SqliteContainer:
             raise ReadError(f"{self.path}: is locked by a program that writes it; try again later") from error
         if code == sqlite3.SQLITE_ERROR:
             raise ReadError(f"{self.path}: the table of messages cannot be read: {error}") from error
+
+    def _note_lack(self) -> None:
+        """Note what is missing of the file and of its log of changes, which may hold pages that the file lacks."""
+        try:
+            log = left_log(self.path)
+            if note := damaged_log_note(log) if log else missing_note(self.path):
+                self._note(note)
+        except OSError:
+            return  # it was opened as a copy
 
     def _connect(self) -> sqlite3.Connection:
         try:

@@ -17,6 +17,7 @@ from rosbags.rosbag1.reader import Header, ReaderError, RecordType
 from vsalog.printable import printable
 from vsalog.readers.joined import opened_rosbag1
 from vsalog.readers.opened import for_sqlite
+from vsalog.readers.rosbag2 import METADATA
 from vsalog.readers.sampling import STRETCHES, Cut, Piece, chosen_pieces, copy_pieces
 from vsalog.readers.sampling_mcap import MAGIC as MCAP_MAGIC
 from vsalog.readers.sampling_mcap import cut_mcap
@@ -95,6 +96,9 @@ def cut_folder(source: Path, target: Path, budget: int) -> Cut | None:
     cuts: list[Cut] = []
     totals: Counter[str] = Counter()
     for path in files:
+        if path.name == METADATA:
+            (target / path.name).write_bytes(path.read_bytes().replace(b"message_count:", b"whole:"))
+            continue
         with path.open("rb") as file:
             cutter = cut_mcap if file.read(len(MCAP_MAGIC)) == MCAP_MAGIC else cut_sqlite
         cut = cutter(path, target / path.name, max(budget * path.stat().st_size // whole, 1))

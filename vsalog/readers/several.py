@@ -2,10 +2,16 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import replace
 from functools import partial
+from itertools import islice
+from types import MappingProxyType
 
+import numpy as np
+
+from vsalog.printable import printable
 from vsalog.readers.chunk_index import Needed, Part
 from vsalog.readers.container import Connection, Container
 from vsalog.readers.packets import Packet
@@ -24,11 +30,20 @@ class SeveralContainer:
         Of all together.
     notes : list of str
         What is known so far.
+    stated : mapping of str to int, optional
+        How many messages each topic has, where something beside the files says so.
     """
 
-    def __init__(self, parts: Sequence[Container], format: str, notes: list[str]) -> None:
+    def __init__(
+        self,
+        parts: Sequence[Container],
+        format: str,
+        notes: list[str],
+        stated: Mapping[str, int] = MappingProxyType({}),
+    ) -> None:
         self.parts, self.format, self.notes = parts, format, notes
         self.has_publish = all(part.has_publish for part in parts)
+        self._stated, self._narrowed = stated, False
 
     @property
     def rig_text(self) -> str | None:
@@ -70,7 +85,8 @@ class SeveralContainer:
             container.narrow(replace(part, throughout=frozenset(_own(numbers, part.throughout))))
             for numbers, container in self._numbered()
         ]
-        return any(able)
+        self._narrowed = any(able)
+        return self._narrowed
 
     def glimpses(self, ids: Collection[int]) -> Iterator[Packet]:
         """Yield messages from all over each file."""
@@ -80,11 +96,32 @@ class SeveralContainer:
 
     def packets(self, ids: Collection[int], needed: Needed | None = None) -> Iterator[Packet]:
         """Yield the messages of some connections, file by file."""
+        found: Counter[int] = Counter()
         for numbers, container in self._numbered():
             mine = None if needed is None else partial(_shifted, needed, numbers.start)
             for packet in container.packets(_own(numbers, ids), mine):
+                if self._stated:
+                    here, counts = np.unique(packet.connection, return_counts=True)
+                    found.update(dict(zip((here + numbers.start).tolist(), counts.tolist(), strict=True)))
                 yield replace(packet, connection=packet.connection + numbers.start)
             self.notes.extend(note for note in container.notes if note not in self.notes)
+        if self._stated and not self._narrowed and needed is None:
+            self.notes.extend({self._missing(set(ids), found)} - {"", *self.notes})
+
+    def _missing(self, ids: set[int], found: Mapping[int, int]) -> str:
+        """Say of topics that were read whether messages are missing; "" where none are."""
+        topics: dict[str, set[int]] = {topic: set() for topic in self._stated}
+        for one in self.connections():
+            topics.setdefault(one.topic, set()).add(one.id)
+        there = {topic: sum(found.get(n, 0) for n in numbers) for topic, numbers in topics.items() if numbers <= ids}
+        lacking = {topic: count for topic, count in there.items() if count < self._stated.get(topic, 0)}
+        shown = [f"{printable(topic)} {n} of {self._stated[topic]}" for topic, n in islice(lacking.items(), 3)]
+        more = f" and {len(lacking) - 3} more topics" if len(lacking) > 3 else ""
+        return (
+            f"messages are missing that the bag's metadata count: there are of {', '.join(shown)}{more}"
+            if lacking
+            else ""
+        )
 
 
 def _own(numbers: range, ids: Collection[int]) -> list[int]:

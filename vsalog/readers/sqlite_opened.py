@@ -54,6 +54,11 @@ def attach(database: sqlite3.Connection, path: Path, name: str) -> None:
     database.execute(f"ATTACH ? AS {name}", (f"{for_sqlite(path)}?{how}",))
 
 
+def left_log(path: Path) -> Path | None:
+    """Return a database's log of changes, where there is one that no program has open."""
+    return path.with_name(f"{path.name}-wal") if _how(path) == _ALONE else None
+
+
 def _how(path: Path) -> str:
     """Return the options to open a database with."""
     log, shared = (path.with_name(path.name + ending) for ending in ("-wal", "-shm"))

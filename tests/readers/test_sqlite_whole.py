@@ -1,0 +1,178 @@
+"""What an SQLite bag, its log of changes and its metadata say of how much there has to be."""
+
+from __future__ import annotations
+
+import shutil
+import sqlite3
+import struct
+
+import numpy as np
+import pytest
+from rosbags import rosbag2
+from test_bags import COUNT, write_bag2
+from write_logs import MS, START, joint_state, serialised
+
+from vsalog.readers import read, sampling
+from vsalog.readers.sqlite_whole import damaged_log_note, missing_note
+
+ELBOW = "/joint_states.position[elbow]"
+
+
+def bag(folder, plugin=rosbag2.StoragePlugin.SQLITE3):
+    folder = write_bag2(folder, plugin)
+    (path,) = (path for path in folder.iterdir() if path.name != "metadata.yaml")
+    return path
+
+
+def add(writer, begin, count):
+    for i in range(begin, begin + count):
+        message = serialised(joint_state(START + i * MS, ["elbow", "knee"], [i, -i]))
+        writer.execute("INSERT INTO messages(topic_id, timestamp, data) VALUES (1, ?, ?)", (START + i * MS, message))
+    writer.commit()
+
+
+@pytest.mark.parametrize("folder", [True, False])
+def test_fewer_messages_than_the_metadata_count_are_told(tmp_path, folder):
+    path = bag(tmp_path / "bag")
+    log = path.parent if folder else path
+    assert not any("metadata" in note for note in read(log).notes)
+    with sqlite3.connect(path) as database:
+        database.execute(f"DELETE FROM messages WHERE timestamp >= {START + (COUNT - 3) * MS}")
+    database.close()
+    (note,) = (note for note in read(log).notes if "metadata" in note)
+    assert note.endswith(f"/joint_states {COUNT - 3} of {COUNT}")
+    assert not any("metadata" in note for note in read(log, time="log", start=0, end=0.01).notes)
+    other = read(log, wanted=["/none.x"])
+    assert not any("metadata" in note for note in other.notes)
+
+
+def test_a_bag_of_mcap_files_is_held_against_its_metadata_too(tmp_path):
+    path = bag(tmp_path / "bag", rosbag2.StoragePlugin.MCAP)
+    metadata = path.with_name("metadata.yaml")
+    assert not read(path.parent).notes
+    metadata.write_text(metadata.read_text().replace(f"message_count: {COUNT}", f"message_count: {COUNT + 5}"))
+    for log in path, path.parent:
+        assert any(f"/joint_states {COUNT} of {COUNT + 5}" in note for note in read(log).notes) == (log is not path)
+
+
+def test_metadata_as_ros_writes_them(tmp_path):
+    path = bag(tmp_path / "bag")
+    path.with_name("metadata.yaml").write_text(
+        f"""rosbag2_bagfile_information:
+  relative_file_paths:
+    - {path.name}
+  message_count: {COUNT + 8}
+  topics_with_message_count:
+    - topic_metadata:
+        name: /tf
+        type: tf2_msgs/msg/TFMessage
+        offered_qos_profiles: "- history: 3\\n  depth: 0"
+      message_count: 1
+    - topic_metadata:
+        name: "/joint_states"
+        type: sensor_msgs/msg/JointState
+        offered_qos_profiles:
+          - history: keep_last
+      message_count: {COUNT + 7}
+  compression_format: ""
+  files:
+    - path: {path.name}
+      message_count: 99999
+"""
+    )
+    (note,) = read(path).notes
+    assert note.endswith(f"/tf 0 of 1, /joint_states {COUNT} of {COUNT + 7}")
+
+
+def test_a_sample_is_not_held_against_the_metadata(tmp_path, monkeypatch):
+    path = bag(tmp_path / "bag")
+    with sqlite3.connect(path) as database:
+        add(database, COUNT, 500)
+    database.close()
+    metadata = path.with_name("metadata.yaml")
+    metadata.write_text(metadata.read_text().replace(f"message_count: {COUNT}", f"message_count: {COUNT + 500}"))
+    monkeypatch.setattr(sampling, "SAMPLE_BYTES", 4000)
+    for log in path, path.parent:
+        recording, sample = sampling.read_sample(log)
+        assert sample is not None
+        assert not any("metadata" in note for note in recording.notes)
+
+
+@pytest.mark.parametrize("cut", [1, 2, 50, 100, 4096])
+def test_a_database_that_lacks_its_last_bytes_is_told(tmp_path, cut):
+    path = bag(tmp_path / "bag")
+    assert missing_note(path) == ""
+    path.write_bytes(path.read_bytes()[:-cut])
+    path.with_name("metadata.yaml").unlink()
+    assert any(f"{cut} of its" in note and "cut off" in note for note in read(path).notes)
+
+
+@pytest.fixture
+def changed(tmp_path):
+    """A bag whose recorder was killed: five times three messages are in its log of changes."""
+    path = bag(tmp_path / "bag")
+    writer = sqlite3.connect(path)
+    writer.execute("PRAGMA journal_mode=WAL")
+    writer.execute("PRAGMA wal_autocheckpoint=0")
+    for k in range(5):
+        add(writer, COUNT + 3 * k, 3)
+    (tmp_path / "killed").mkdir()
+    for ending in ("", "-wal"):
+        shutil.copy(f"{path}{ending}", tmp_path / "killed" / f"{path.name}{ending}")
+    writer.close()
+    return tmp_path / "killed" / path.name
+
+
+def frames(raw):
+    return range(32, len(raw), 24 + struct.unpack_from(">I", raw, 8)[0])
+
+
+@pytest.mark.parametrize("place", [4, 8, 17, 24, 2000])
+@pytest.mark.parametrize("frame", [0, 1, -2])
+def test_messages_behind_damage_in_a_log_of_changes_are_told(changed, place, frame):
+    log = changed.with_name(f"{changed.name}-wal")
+    raw = bytearray(log.read_bytes())
+    assert damaged_log_note(log) == ""
+    assert read(changed).channel(ELBOW).values.size == COUNT + 15
+    assert not read(changed).notes
+    raw[frames(raw)[frame] + place] ^= 0x10
+    log.write_bytes(raw)
+    recording = read(changed)
+    assert recording.channel(ELBOW).values.size < COUNT + 15
+    (note,) = recording.notes
+    assert "-wal is damaged" in note
+
+
+def test_a_damaged_head_of_a_log_of_changes_is_told(changed):
+    log = changed.with_name(f"{changed.name}-wal")
+    sound = log.read_bytes()
+    for place in range(32):
+        raw = bytearray(sound)
+        raw[place] ^= 1
+        log.write_bytes(raw)
+        recording = read(changed)
+        assert recording.channel(ELBOW).values.size == COUNT
+        assert any("head of" in note for note in recording.notes)
+
+
+def test_what_a_killed_recorder_leaves_is_no_damage(tmp_path, changed):
+    log = changed.with_name(f"{changed.name}-wal")
+    raw = log.read_bytes()
+    log.write_bytes(raw[:-100])  # a page that was being written
+    assert not read(changed).notes
+    # Written back and begun again: frames of the first round remain behind those of the second.
+    path = bag(tmp_path / "again")
+    writer = sqlite3.connect(path)
+    writer.execute("PRAGMA journal_mode=WAL")
+    add(writer, COUNT, 400)
+    writer.execute("PRAGMA wal_checkpoint(FULL)")
+    add(writer, COUNT + 400, 3)
+    for ending in ("", "-wal"):
+        shutil.copy(f"{path}{ending}", tmp_path / f"left.db3{ending}")
+    writer.close()
+    left = tmp_path / "left.db3-wal"
+    salts = {left.read_bytes()[at + 8 : at + 16] for at in frames(left.read_bytes())}
+    assert len(salts) == 2
+    recording = read(tmp_path / "left.db3")
+    np.testing.assert_array_equal(recording.channel(ELBOW).values, np.arange(COUNT + 403))
+    assert not recording.notes
