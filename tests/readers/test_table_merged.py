@@ -91,3 +91,9 @@ def test_some_of_their_channels_alone(joined, tmp_path):
     joined(table("pos"), table("tau"))
     assert list(open_reader(tmp_path / "log").catalogue().channels) == ["pos", "tau"]
     check(read(tmp_path / "log", ["tau"]), "tau")
+
+
+def test_tables_that_begin_anew_each_by_itself_are_told(joined):
+    recording = joined(table("pos"), table("tau"), table("pos"), table("tau"))
+    assert recording.channel("pos").values.tolist() == [*POS, *POS]
+    assert any("in each of the 2 tables by itself" in note for note in recording.notes)

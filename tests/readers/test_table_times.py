@@ -371,3 +371,26 @@ def test_seconds_in_decimals_are_read_exactly(table, begin, decimals, unit):
     digits = {"s": 9, "ms": 6, "us": 3}[unit]
     expected = [int(cell.scaleb(digits).to_integral_value(ROUND_HALF_EVEN)) for cell in cells]
     assert log.channels["x"].stamps.tolist() == expected
+
+
+LEFT_OUT = {"date": "2024-03-13 23:59:{:02d}.{}", "day": "11:59:{:02d}.{} PM", "seconds": "17500000{:02d}.{}"}
+
+
+@pytest.mark.parametrize("form", LEFT_OUT)
+@pytest.mark.parametrize(("step", "offset", "size"), [(1, 0, 1000), (10, 0, 1000), (37, 5, 1000), (1000, 37, 10**6)])
+def test_fractions_without_leading_zeros(table, form, step, offset, size):
+    """As where a program prints seconds and milliseconds each as a whole number."""
+    ticks = [offset + i * step for i in range(2000) if offset + i * step < 60 * size]
+    recording = table("time,x", *(f"{LEFT_OUT[form].format(*divmod(t, size))},{i}" for i, t in enumerate(ticks)))
+    assert since_first(recording) == [(t - offset) * S // size for t in ticks]
+    assert ["without leading zeros" in note for note in recording.notes] == [True]
+
+
+@pytest.mark.parametrize("form", LEFT_OUT)
+@pytest.mark.parametrize("step", [250, 1, 37])
+def test_fractions_without_the_zeros_at_their_ends(table, form, step):
+    ticks = [i * step for i in range(1500)]
+    texts = [LEFT_OUT[form].format(t // 1000, f"{t % 1000:03d}".rstrip("0") or "0") for t in ticks if t < 60_000]
+    recording = table("time,x", *(f"{text},{i}" for i, text in enumerate(texts)))
+    assert since_first(recording) == [t * S // 1000 for t in ticks[: len(texts)]]
+    assert recording.notes == ()

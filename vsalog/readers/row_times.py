@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Collection, Mapping, Sequence
+from functools import partial
 from itertools import product
 
 import numpy as np
@@ -11,6 +12,7 @@ from numpy.typing import NDArray
 
 from vsalog.readers.sparse import Layers
 from vsalog.readers.time_columns import ClockColumn, folds_of, nanoseconds
+from vsalog.readers.time_fractions import Fractions
 from vsalog.readers.time_steps import Marks, StepsBack
 from vsalog.recording import Stamps
 
@@ -32,6 +34,7 @@ class RowTimes:
         self._clocks, self._layers = clocks, layers
         every = [*product(parts, range(layers.count))]
         self._folds = {(kind, *one): folds_of(clocks[kind].form) for kind, one in product(clocks, every)}
+        self._fractions = {kind: Fractions() for kind in clocks}
         # Of two clocks, what is wrong with the one is told by the other.
         self._steps = {one: StepsBack() for one in every} if [*clocks] == ["column"] else {}
 
@@ -56,7 +59,7 @@ class RowTimes:
         layers = self._layers.rows(cells, good.size)
         stamps: dict[str, Stamps] = {}
         for kind, clock in self._clocks.items():
-            times, valid = nanoseconds(cells(clock.columns), clock.form)
+            times, valid = self._fractions[kind].read(cells(clock.columns), partial(nanoseconds, form=clock.form))
             for (part, own), (layer, theirs) in product(parts.items(), enumerate(layers)):
                 rows = valid & own & theirs
                 times = self._folds[kind, part, layer].unfold(times, rows)
@@ -71,6 +74,11 @@ class RowTimes:
 
     def notes(self) -> list[str]:
         """Return what to tell."""
-        return list(
-            dict.fromkeys(note for one in (*self._folds.values(), *self._steps.values()) for note in one.notes())
-        )
+        moved = (*self._folds.values(), *self._steps.values())
+        said = list(dict.fromkeys(note for one in moved for note in one.notes()))
+        if said and self._layers.count > 1:
+            said.append(
+                f"so it is in each of the {self._layers.count} tables by itself: from there on, rows of one time may not belong"
+                " together; put what begins anew into files of its own"
+            )
+        return said + list(dict.fromkeys(note for one in self._fractions.values() for note in one.notes()))
