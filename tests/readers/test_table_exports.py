@@ -128,3 +128,14 @@ def test_a_cell_with_another_label_is_none_of_its_column(tmp_path):
     log = log_of(tmp_path, "\n".join(lines) + "\n")
     assert np.flatnonzero(np.isnan(log.channel("q").values)).tolist() == [250]
     np.testing.assert_array_equal(log.channel("tau").values, TAU)
+
+
+@pytest.mark.parametrize("ends", [("", ","), (",", ""), (",", ","), ("", "")])
+@pytest.mark.parametrize("units", ["s,deg,Nm", "[s],[deg],[Nm]"])
+def test_separators_at_the_ends_of_a_header_alone(tmp_path, ends, units):
+    rows = "".join(f"{i / 100},{i},{i / 2}\n" for i in range(60))
+    (tmp_path / "log").write_text(f"time,theta,torque{ends[0]}\n{units}{ends[1]}\n{rows}")
+    log = read(tmp_path / "log")
+    assert {name: channel.unit for name, channel in log.channels.items()} == {"theta": "deg", "torque": "Nm"}
+    assert log.channel("theta").stamps[-1] == 590_000_000
+    assert log.notes == ()

@@ -394,3 +394,38 @@ def test_fractions_without_the_zeros_at_their_ends(table, form, step):
     recording = table("time,x", *(f"{text},{i}" for i, text in enumerate(texts)))
     assert since_first(recording) == [t * S // 1000 for t in ticks[: len(texts)]]
     assert recording.notes == ()
+
+
+@pytest.mark.parametrize(
+    ("header", "row"),
+    [
+        ("TimeUS", lambda i: f"{5_000_000 + i * 2500}"),
+        ("millis", lambda i: f"{7000 + i * 2.5}"),
+        ("micros", lambda i: f"{i * 2500}"),
+        ("gps_time", lambda i: f"{604_800 + i * 0.0025:.4f}"),
+        ("tv_sec,tv_usec", lambda i: f"{1_750_000_000 + i // 400},{i % 400 * 2500}"),
+        ("tv_sec,tv_nsec", lambda i: f"{1_750_000_000 + i // 400},{i % 400 * 2_500_000}"),
+        ("secs,nsecs", lambda i: f"{i // 400},{i % 400 * 2_500_000}"),
+    ],
+)
+def test_what_programs_call_the_time(table, header, row):
+    recording = table(f"{header},x", *(f"{row(i)},{i}" for i in range(1000)))
+    assert list(recording.channels) == ["x"]
+    assert since_first(recording) == [i * S // 400 for i in range(1000)]
+    assert recording.notes == ()
+
+
+@pytest.mark.parametrize("begin", [0, 1_750_000_000])
+@pytest.mark.parametrize("order", [np.arange(900)[::-1], np.arange(900).reshape(-1, 2)[:, ::-1].ravel()])
+@pytest.mark.parametrize("unit", ["s", ""])
+def test_the_newest_row_first_and_rows_in_pairs(table, begin, order, unit):
+    """They are sorted as dates are."""
+    name, scale = (f"time [{unit}]", 1) if unit else ("time", 1000)
+    recording = table(f"{name},x", *(f"{Decimal(begin * 1000 + int(i) * 10) * scale / 1000:f},{i}" for i in order))
+    assert since_first(recording) == [i * S // 100 for i in range(900)]
+    assert any("were sorted by time" in note for note in recording.notes)
+
+
+def test_a_falling_temperature_is_no_clock(table):
+    recording = table("T,x", *(f"{300 - i / 10},{i}" for i in range(50)))
+    assert recording.streams["log"].time_source == "none"

@@ -65,6 +65,8 @@ def find_header(lines: Sequence[str], table: Table, width: int, decimal_comma: b
         How numbers are written.
     """
     notes: list[str] = []
+    head = [(i, _without_end(cells, width, decimal_comma)) for i, cells in table[:_MOST_SETTINGS]]
+    table = [*head, *table[_MOST_SETTINGS:]]
     start = next((k for k, (_, cells) in enumerate(table) if len(cells) in (width, width - 1)), 0)
     start = _skip_preamble(table, start, width, decimal_comma)
     first, start = start, _skip_settings(table, start, width, decimal_comma)
@@ -177,6 +179,12 @@ def join_torn_names(lines: list[str]) -> None:
 def _are_names(line: str) -> bool:
     rows = [split(line, separator) for separator in SEPARATORS if separator.strip()]
     return any(len(cells) > 1 and not any(is_value(cell, True) for cell in cells) for cells in rows)
+
+
+def _without_end(cells: list[str], width: int, decimal_comma: bool) -> list[str]:
+    """Return a row of words without the blank cell that a separator at its end makes, where the rows of values have none."""
+    one_more = len(cells) == width + 1 > 2 and not cells[-1]
+    return cells[:-1] if one_more and not any(is_value(cell, decimal_comma) for cell in cells[:-1]) else cells
 
 
 def _skip_preamble(table: Sequence[tuple[int, list[str]]], start: int, width: int, decimal_comma: bool) -> int:

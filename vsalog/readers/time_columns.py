@@ -29,7 +29,9 @@ _NANOSECONDS = {"min": 60 * 10**9, "h": HOUR, "d": DAY}
 _SECONDS = re.compile(r"^(?P<stem>.*?)(?:^|[._/])(secs?)$")
 _HOURS, _MINUTES = ("hour", "hours", "hr", "hrs"), ("minute", "minutes", "min", "mins")
 _WHOLE_SECONDS = ("second", "seconds", "sec", "secs")
-_FRACTION = ("nanosec", "nsec", "nsecs", "nanosecs")
+_FRACTION = dict.fromkeys(("nanosec", "nsec", "nsecs", "nanosecs"), "pair") | dict.fromkeys(
+    ("usec", "usecs"), "pair us"
+)
 
 
 @dataclass(frozen=True, slots=True)
@@ -42,8 +44,8 @@ class ClockColumn:
         One column, or seconds and nanoseconds, or hours, minutes and seconds, or date and time of day.
     form : str
         A unit (``s``, ``ms``, ``us``, ``ns``, ``min``, ``h``, ``d``), ``serial`` or ``datenum`` (days), ``date``, ``day`` (time
-        of day), ``minutes`` (``59:58.5``), ``pair``, ``hms`` or ``date+day``. Behind ``date`` and ``date+day`` may stand the
-        order of day, month and year: ``date mdy``.
+        of day), ``minutes`` (``59:58.5``), ``pair``, ``pair us``, ``hms`` or ``date+day``. Behind ``date`` and ``date+day`` may
+        stand the order of day, month and year: ``date mdy``.
     """
 
     columns: tuple[int, ...]
@@ -77,6 +79,7 @@ Rest = Callable[[], Iterable[pa.Array]]
 Whole = Callable[[int], Iterable[pa.Array]]
 """Gives all of a column, part by part."""
 _MOST_DATES = 1000
+_FEW, _LATE = 8, 10  # values that show an order, and by how many rows some may be late
 _SHORT = 3  # the rank of names such as T, which may be a temperature
 
 
@@ -168,7 +171,7 @@ def nanoseconds(columns: Sequence[pa.Array], form: str) -> tuple[Stamps, NDArray
     kind, _, order = form.partition(" ")
     if kind == "pair":
         seconds, good = scaled_up(columns[0], 9)
-        fraction, also = scaled_up(columns[1], 0)
+        fraction, also = scaled_up(columns[1], _DIGITS[order or "ns"])
         good &= also & (np.abs(seconds // 2 + fraction // 2) < 2**61)  # their sum fits into 64 bits, and is a time
         return np.where(good, seconds, 0) + np.where(good, fraction, 0), good
     if kind == "hms":
@@ -211,7 +214,7 @@ def _form(name: str, unit: str | None, sample: pa.Array, rest: Rest) -> tuple[st
         return _written_form(name, sample, rest)
     values = floats(sample)
     values = values[np.isfinite(values)]
-    if not len(values) or not _rising(values):
+    if not len(values) or not (_rising(values) or _sortable(name, values)):
         return None, ""
     stated = stated_unit(name, unit)
     if stated is not None:
@@ -273,6 +276,16 @@ def _rising(values: NDArray[np.float64]) -> bool:
     return bool(np.count_nonzero(steps >= 0) >= 0.9 * len(steps) and grows)
 
 
+def _sortable(name: str, values: NDArray[np.float64]) -> bool:
+    """Tell whether a column that is surely called the time has the newest row first, or rows that come a little late."""
+    rank = rank_of(name)
+    if rank is None or rank >= _SHORT or len(values) < _FEW:
+        return False
+    order = np.argsort(values, kind="stable")
+    late = np.abs(order - np.arange(len(order))).max()
+    return bool((np.diff(values) < 0).all() or late <= _LATE)
+
+
 def _backwards(sample: pa.Array) -> int | None:
     """Return the first row that is less than the one before."""
     values = floats(sample)
@@ -286,13 +299,13 @@ def _second_and_fraction(names: Sequence[str], sample: Sequence[pa.Array]) -> Cl
     lowered = {name.strip().lower(): i for i, name in enumerate(names)}
     for name, i in lowered.items():
         match = _SECONDS.match(name)
-        if match is None or not (match["stem"] == "" or match["stem"].endswith(("stamp", "time"))):
+        if match is None or not (match["stem"] == "" or match["stem"].endswith(("stamp", "time", "tv"))):
             continue
         lead = name[: match.start(2)]
-        for ending in _FRACTION:
+        for ending, form in _FRACTION.items():
             other = lowered.get(lead + ending)
             if other is not None and all(is_numeric(sample[c]) for c in (i, other)):
-                return ClockColumn((i, other), "pair")
+                return ClockColumn((i, other), form)
     return None
 
 

@@ -136,6 +136,7 @@ class Restarts:
         # The clock goes on from the first stamps; a single stamp that is wrong, before or here, is left where it is.
         anew = falls & (-steps > few) & (times <= self._first + few) & (np.maximum(earlier, later) < -steps // 2)
         anew &= (self._first < COUNTED) & (-steps < COUNTED)
+        anew &= 2 * np.count_nonzero(falls) <= len(steps)  # else the newest rows are first
         full = np.zeros(len(steps), np.int64)
         for size in _FULL:
             if few < size // 4:

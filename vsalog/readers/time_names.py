@@ -6,8 +6,8 @@ import re
 
 UNITS = {
     "s": "s", "sec": "s", "secs": "s", "second": "s", "seconds": "s",
-    "ms": "ms", "msec": "ms", "msecs": "ms", "millisecond": "ms", "milliseconds": "ms",
-    "us": "us", "µs": "us", "μs": "us", "usec": "us", "microsecond": "us", "microseconds": "us",
+    "ms": "ms", "msec": "ms", "msecs": "ms", "millis": "ms", "millisecond": "ms", "milliseconds": "ms",
+    "us": "us", "µs": "us", "μs": "us", "usec": "us", "micros": "us", "microsecond": "us", "microseconds": "us",
     "ns": "ns", "nsec": "ns", "nanosec": "ns", "nanosecond": "ns", "nanoseconds": "ns",
     "min": "min", "mins": "min", "minute": "min", "minutes": "min", "minuten": "min",
     "h": "h", "hr": "h", "hrs": "h", "hour": "h", "hours": "h", "std": "h", "stunden": "h",
@@ -17,19 +17,21 @@ UNITS = {
 # Best first. What follows the stem may be a unit: time_ms, time [min].
 STEMS = (
     r"(field\.)?header[._/]stamp",
-    r"__time|%time|stamp|time_?stamp|unix_?time|ros_?time|epoch",
+    r"__time|%time|stamp|time_?stamp|unix_?time|ros_?time|gps_?time|epoch",
     r"time|date_?time|(elapsed|relative|rel)_time|time_elapsed|elapsed|(uhr)?zeit|zeitstempel|temps|tiempo|tempo",
-    r"t|secs?|seconds|minutes|hours",
+    r"t|secs?|seconds|minutes|hours|millis|micros",
     r"date|datum|fecha|data",
 )
+_GLUED = re.compile(r"^time(?P<unit>us|ms|ns)$")
+"""As flight controllers call it."""
 DATED = len(STEMS) - 1
 _ANY_UNIT = "|".join(UNITS)
 _NAME = [re.compile(rf"^(?:{stem})(?:_(?P<unit>{_ANY_UNIT})|_?[\[(](?P<bracket>[^\])]*)[\])])?$") for stem in STEMS]
 
 
 def plain(name: str) -> str:
-    """Return a name in lower case, without blanks."""
-    return name.strip().lower().replace(" ", "_")
+    """Return a name in lower case, without blanks, a unit of time set apart."""
+    return _GLUED.sub(r"time_\g<unit>", name.strip().lower().replace(" ", "_"))
 
 
 def rank_of(name: str) -> int | None:

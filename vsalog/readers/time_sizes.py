@@ -62,7 +62,7 @@ def guessed_unit(name: str, values: NDArray[np.float64], written: str = "{} [{}]
     note : str
         What to tell, "" where there is no doubt.
     """
-    steps = np.diff(values)
+    steps = np.diff(np.sort(values))
     step = float(np.median(steps[steps > 0])) if (steps > 0).any() else 0.0
     size = float(np.median(np.abs(values)))
     unit = epoch_unit(size)
