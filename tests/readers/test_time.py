@@ -375,3 +375,25 @@ def test_samples_that_had_to_wait_keep_their_stamps(samples):
     stamps, times = (START + np.round(np.asarray(part) * MS).astype(np.int64) for part in samples())
     clock = choose_clock({"header": stamps, "log": times}, "auto")
     assert (clock.source, clock.bad, clock.reason) == ("header", None, "")
+
+
+@pytest.mark.parametrize("log_time", [0, START, START + 5 * 10**9])
+@pytest.mark.parametrize("time", ["auto", "header"])
+def test_a_log_time_that_stands_still_is_no_clock(tmp_path, log_time, time):
+    stamps = [START + i * MS for i in range(300)]
+    path = log_of(tmp_path, stamps, log_times=[log_time] * 300)
+    for recording in (read(path, time=time), read_within(0, path, time=time).look):
+        channel = recording.channel("/j.position[a]")
+        assert channel.stamps.tolist() == stamps
+        assert recording.streams["/j"].time_source == "header"
+        assert recording.notes == ("/j: header time is used, as the log's times are all the same",)
+    assert read(path, start=0.1, end=0.2).channel("/j.position[a]").stamps.tolist() == stamps[100:201]
+    assert read(path, time="log").streams["/j"].time_source == "log"
+
+
+def test_a_clock_that_stands_still_beside_another_one_that_does_is_kept():
+    still, moving = np.full(5, START), START + np.arange(5) * MS
+    assert choose_clock({"header": still, "log": still}, "auto").source == "header"
+    assert choose_clock({"header": still, "log": moving}, "auto").source == "log"
+    assert choose_clock({"header": still, "log": still, "publish": moving}, "auto").source == "publish"
+    assert choose_clock({"log": still, "publish": moving}, "log").source == "log"

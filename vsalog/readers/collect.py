@@ -16,7 +16,7 @@ from vsalog.readers.carried import part_stream, stray_note
 from vsalog.readers.gathered import Gathered
 from vsalog.readers.reach import BEYOND, within_reach
 from vsalog.readers.spool import Column, Spool, in_memory
-from vsalog.readers.timing import ASKED_FOR, YEAR_2000, Clock, Order, choose_clock, put_in_order
+from vsalog.readers.timing import ASKED_FOR, STANDING, YEAR_2000, Clock, Order, choose_clock, put_in_order
 from vsalog.recording import Channel, Recording, Stream
 
 # Beyond so many bytes of samples, a log that grows so many times is a bomb.
@@ -253,7 +253,7 @@ def remarks(stream: Stream) -> list[str]:
     """Return in words what is odd about a stream's time."""
     remarks = []
     if stream.time_reason and stream.time_source != "none":
-        plain = stream.time_reason.startswith(("it has no", ASKED_FOR))
+        plain = stream.time_reason.startswith(("it has no", ASKED_FOR, STANDING))
         advice = "" if plain else "; --time header insists on the stamps"
         remarks.append(f"{stream.name}: {stream.time_source} time is used, as {stream.time_reason}{advice}")
     if stream.inversions:

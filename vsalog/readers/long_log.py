@@ -15,7 +15,17 @@ from vsalog.readers.collect import Placed, assembled, gather, recording_of, summ
 from vsalog.readers.gathered import Gathered
 from vsalog.readers.spool import Column, Spool, SpooledColumn, Values, parts
 from vsalog.readers.table_stamps import stamps_that_are_none
-from vsalog.readers.timing import MANY_BAD, Clock, HeaderStamps, Order, choose_source, delay_of, put_in_order
+from vsalog.readers.timing import (
+    MANY_BAD,
+    STANDING,
+    Clock,
+    HeaderStamps,
+    Order,
+    choose_source,
+    delay_of,
+    put_in_order,
+    running_clocks,
+)
 from vsalog.recording import Recording
 
 # So many samples of a stream may wait for others that are late before the log is sorted in memory.
@@ -65,7 +75,11 @@ def _long(path: Path, reader: Reader, gathered: Mapping[str, Gathered], spool: S
 
 def _clock(one: Gathered, time: str, spool: Spool) -> tuple[Clock, Column, Values]:
     """Choose the clock of a stream; what a `Clock` says of it, without stamps, its stamps, and the rows that are left out."""
-    clocks = one.joined_clocks()
+    known = one.joined_clocks()
+    clocks = running_clocks(known, time)
+    if len(clocks) < len(known):
+        clock, stamps = _chosen(clocks, one.timeless, time)
+        return replace(clock, reason=STANDING), stamps, _NONE
     if looked_at(clocks, time):
         bad = _bad_rows(clocks["header"], clocks["log"])
         doubt = MANY_BAD if bad.size else ""

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from vsalog.readers.bad_stamps import FEW, ONE_DAY, are_few, bad_stamps, looked_at
 from vsalog.readers.base import CLOCKS, plural
 from vsalog.readers.clock_steps import ClockSteps
+from vsalog.readers.spool import Column, parts
 from vsalog.readers.table_stamps import stamps_that_are_none
 from vsalog.recording import Stamps
 
@@ -21,9 +22,13 @@ YEAR_2000 = 946_684_800_000_000_000
 ASKED_FOR = "it was asked for"
 """Begins the reason of a clock that was insisted on against doubts."""
 
+STANDING = "the log's times are all the same"
+"""Why a stream is on another clock than the log's, which stands still."""
+
 MANY_BAD = f"more than one in {FEW} of its header stamps are far from those around them"
 
 Number = TypeVar("Number", np.int64, np.float64)
+Clocked = TypeVar("Clocked", bound=Column)
 
 
 @dataclass(frozen=True, slots=True)
@@ -86,6 +91,9 @@ def choose_clock(clocks: Mapping[str, Stamps], time: str) -> Clock:
         ``auto`` for the header's stamps unless they make no sense, or the kind that is asked for: ``header``, ``log``,
         ``publish``.
     """
+    running = running_clocks(clocks, time)
+    if len(running) < len(clocks):
+        return replace(_chosen(running, time), reason=STANDING)
     if looked_at(clocks, time):
         bad = bad_stamps(clocks["header"], clocks["log"])
         if not bad.any():
@@ -99,6 +107,18 @@ def choose_clock(clocks: Mapping[str, Stamps], time: str) -> Clock:
         bad[rows] = True
         return replace(_chosen({kind: stamps[~bad] for kind, stamps in clocks.items()}, time), bad=bad)
     return _chosen(clocks, time)
+
+
+def running_clocks(clocks: Mapping[str, Clocked], time: str) -> dict[str, Clocked]:
+    """Return the clocks of a stream; where the log's stands still and is not asked for, those that go on, if any does."""
+    if time not in ("auto", "header") or "log" not in clocks or not _stands(clocks["log"]):
+        return dict(clocks)
+    return {kind: stamps for kind, stamps in clocks.items() if not _stands(stamps)} or dict(clocks)
+
+
+def _stands(stamps: Column) -> bool:
+    """Tell whether all stamps of a stream are the same."""
+    return len(stamps) > 2 and all(bool((stamps[a:b] == stamps[0:1][0]).all()) for a, b in parts(len(stamps)))
 
 
 def _chosen(clocks: Mapping[str, Stamps], time: str, otherwise: str = "") -> Clock:
