@@ -222,6 +222,15 @@ def test_units_of_matlab_clocks(tmp_path, name, time, begin, note):
     assert [note in said for said in recording.notes] == ([True] if note else [])
 
 
+def test_whole_nanoseconds_are_exact(tmp_path):
+    """Floating point would round those of today to 256."""
+    time = int(NOON.timestamp()) * 10**9 + np.arange(50) * 1_000_003
+    savemat(tmp_path / "log", {"time": time, "s": {"t": time, "x": SECONDS}, "x": SECONDS}, appendmat=False)
+    recording = read(tmp_path / "log")
+    assert recording.channel("x").stamps.tolist() == time.tolist()
+    assert recording.channel("s.x").stamps.tolist() == time.tolist()
+
+
 def test_seconds_at_steps_of_seconds_can_be_told(tmp_path):
     savemat(tmp_path / "log", {"time_s": SECONDS * 1000, "x": SECONDS}, appendmat=False)
     assert read(tmp_path / "log").channel("x").stamps[1] == 10_000_000_000

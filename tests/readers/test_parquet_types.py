@@ -108,3 +108,23 @@ def test_a_list_and_a_number_of_one_name(tmp_path, order):
     log = read(tmp_path / "log.parquet")
     np.testing.assert_array_equal(log.channels["x"].values, np.arange(N))
     np.testing.assert_array_equal(log.channels["x[1]"].values, np.full(N, 2.0))
+
+
+@pytest.mark.parametrize("kind", [pa.decimal128(20, 12), pa.decimal256(40, 12)])
+def test_decimals_are_rounded_once(tmp_path, kind):
+    numbers = [Decimal(int(i)).scaleb(-12) for i in np.random.default_rng(4).integers(-(10**18), 10**18, N)]
+    pq.write_table(pa.table({"time": np.arange(N) / 1000, "x": pa.array(numbers, kind)}), tmp_path / "log.parquet")
+    assert read(tmp_path / "log.parquet").channels["x"].values.tolist() == [float(number) for number in numbers]
+
+
+def test_an_hour_at_rest(tmp_path):
+    """Columns that stay the same are packed into next to nothing; they are no bomb."""
+    many = 1_600_000
+    columns = {"time": START + 2_000_000 * np.arange(many)} | {f"q{i}": np.full(many, i / 8) for i in range(21)}
+    rest = [name for name in columns if name != "time"]
+    options = {"use_dictionary": rest, "column_encoding": {"time": "DELTA_BINARY_PACKED"}}
+    pq.write_table(pa.table(columns), tmp_path / "log", compression="zstd", **options)
+    assert (tmp_path / "log").stat().st_size < 2**20
+    found = read(tmp_path / "log").channel("q3")
+    assert found.stamps[-1] == columns["time"][-1]
+    assert (found.values == 0.375).all()

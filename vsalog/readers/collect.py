@@ -20,7 +20,7 @@ from vsalog.readers.timing import ASKED_FOR, STANDING, YEAR_2000, Clock, Order, 
 from vsalog.recording import Channel, Recording, Stream
 
 # Beyond so many bytes of samples, a log that grows so many times is a bomb.
-FREE_BYTES, MOST_TIMES = 256 * 2**20, 60
+FREE_BYTES, MOST_TIMES = 512 * 2**20, 60
 
 
 @dataclass(frozen=True, slots=True)

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from vsalog.printable import printable
 from vsalog.readers.base import MAX_ARRAY, NO_TIME, Block, Catalogue, ChannelInfo, first_of_each, plural
 from vsalog.readers.collect import FREE_BYTES, MOST_TIMES
-from vsalog.readers.matlab_clock import find_clock, stamps_of
+from vsalog.readers.matlab_clock import find_clock, is_called_time, stamps_of
 from vsalog.readers.matlab_v4 import is_v4
 from vsalog.readers.row_clock import ROW_NOTE, row_clock
 from vsalog.readers.sniff import HEAD_BYTES
@@ -64,6 +64,7 @@ class MatlabReader:
         self.notes: list[str] = []
         self.unread: dict[str, str] = {}
         self._room = 0
+        self._whole: dict[str, Stamps] = {}  # of what may be a clock of whole numbers
 
     def catalogue(self) -> Catalogue:
         """Return the vectors; the file has to be read for it."""
@@ -84,13 +85,15 @@ class MatlabReader:
         ReadError
             The file is damaged.
         """
+        self._whole.clear()
         yield from self._structure("", self._load(), {}, None if wanted is None else frozenset(wanted), 0)
 
     def _load(self) -> dict[str, Any]:
         notes: list[str] = []
         with self.path.open("rb") as file:
             head = file.read(HEAD_BYTES)
-            self._room = max(FREE_BYTES, MOST_TIMES * file.seek(0, 2))
+            # All of it is in memory at once, as it is stored too.
+            self._room = max(FREE_BYTES // 2, MOST_TIMES * file.seek(0, 2))
         if head.startswith(V73):
             from vsalog.readers.matlab_v73 import load
         elif is_v4(head):
@@ -137,7 +140,8 @@ class MatlabReader:
     def _clock(self, name: str, times: Values) -> Clock:
         """Return the clock that a vector is."""
         rows = np.isfinite(times)
-        stamps, told = stamps_of(name, times[rows])
+        whole = self._whole.get(name)
+        stamps, told = stamps_of(name, times[rows], None if whole is None else whole[rows])
         if told:
             self._note(told)
         if not rows.all():
@@ -160,6 +164,8 @@ class MatlabReader:
             self._note(f"'{full}' of the MATLAB file is left out: {self.unread[full]}")
             return {}
         if value.ndim < 2 or 1 in value.shape:
+            if value.dtype.kind in "iu" and value.dtype.itemsize == 8 and is_called_time(full):
+                self._whole[full] = value.reshape(-1).astype(np.int64)
             return {full: np.asarray(value.reshape(-1), dtype=np.float64)}
         table = value.T if value.shape[0] < value.shape[1] else value
         if table.shape[1] > MAX_ARRAY:

@@ -39,10 +39,22 @@ def find_clock(vectors: Mapping[str, Values]) -> tuple[str | None, str]:
     return None, trouble
 
 
-def stamps_of(name: str, values: Values) -> tuple[Stamps, str]:
-    """Return a clock's stamps [ns], and what to tell of its unit; all values are numbers."""
+def stamps_of(name: str, values: Values, whole: Stamps | None = None) -> tuple[Stamps, str]:
+    """Return a clock's stamps [ns], and what to tell of its unit; all values are numbers.
+
+    Parameters
+    ----------
+    name : str
+        What it is called.
+    values : float64 array, shape (n,)
+        What it says.
+    whole : int64 array, shape (n,), or None
+        The same as whole numbers, where they are stored as such: floating point rounds those of 64 bits.
+    """
     unit, note = _unit(name, values)
     if unit not in SERIAL:
+        if whole is not None:
+            return whole * np.int64(_NANOSECONDS[unit]), note
         return np.rint(values * _NANOSECONDS[unit]).astype(np.int64), note
     days = np.floor(values)
     stamps = (days - SERIAL[unit][2]).astype(np.int64) * 86_400_000_000_000
@@ -56,6 +68,11 @@ def _unit(name: str, values: Values) -> tuple[str, str]:
         return "datenum", f"'{name}' is read as days since the year 0, MATLAB's datenum, by its size and steps"
     stated = _STATED.search(name)
     return (stated[1].lower(), "") if stated else guessed_unit(name, values, _WRITTEN)
+
+
+def is_called_time(name: str) -> bool:
+    """Tell whether a vector may be a clock by its path."""
+    return _tells_of_time(name) or _is_time_name(name.rpartition(".")[2])
 
 
 def _trouble(name: str, values: Values, strictly: bool) -> str:

@@ -72,4 +72,6 @@ def as_numbers(cells: pa.Array) -> NDArray[np.float64]:
         return np.where(good, durations * 1e-9, np.nan)
     if pa.types.is_boolean(cells.type):
         cells = pc.cast(cells, pa.uint8())
+    if pa.types.is_decimal(cells.type):  # Arrow rounds them twice
+        cells = pc.cast(cells, pa.string())
     return np.array(pc.cast(cells, pa.float64(), safe=False).to_numpy(zero_copy_only=False), np.float64)
