@@ -205,6 +205,38 @@ def test_json_with_numbers_that_json_has_not(tmp_path):
     assert any("1 of 4 messages are no JSON objects" in note for note in recording.notes)
 
 
+@pytest.mark.parametrize("others", [0, 50])
+def test_json_beyond_numbers_and_characters_is_read_as_python_does(tmp_path, others):
+    log = McapLog(profile="")
+    channel = log.channel("/q", "", encoding="json")
+    for i in range(others):
+        log.raw(channel, b'{"q": %d, "tau": 1}' % i, START + i * MS)
+    for i, raw in enumerate(
+        [
+            rb'{"q": 1e400, "tau": 2}',
+            rb'{"q": -1e999, "tau": 2, "note": "\ud800"}',
+            rb'{"q": 7, "tau": 2, "header": {"frame_id": "\udc80"}}',
+            rb'{"q": 1e400, "tau": 2',
+        ]
+    ):
+        log.raw(channel, raw, START + (others + i) * MS)
+    recording = read(log.save(tmp_path / "log"))
+    np.testing.assert_array_equal(recording.channel("/q.q").values, [*range(others), np.inf, -np.inf, 7])
+    np.testing.assert_array_equal(recording.channel("/q.tau").values, [1] * others + [2] * 3)
+    assert recording.notes == (f"/q: 1 of {others + 4} messages are no JSON objects and were left out",)
+
+
+def test_halves_of_characters_in_json_names_cannot_disturb_anything(tmp_path):
+    log = McapLog(profile="")
+    for i in range(40):
+        frame = (rb"\ud800", b"right")[i % 2]
+        raw = rb'{"\ud800": 1, "header": {"frame_id": "%s"}, "name": ["\udfff"], "x": [2]}' % frame
+        log.raw(log.channel("/q", "", encoding="json"), raw, START + i * MS)
+    recording = read(log.save(tmp_path / "log"))
+    assert sorted(channel.values.size for channel in recording.channels.values()) == [20] * 4
+    assert all(text.encode() for text in (*recording.channels, *recording.streams, *recording.notes))
+
+
 def test_one_topic_with_two_types(tmp_path):
     types = STORES[False].types
     log = McapLog()

@@ -25,8 +25,9 @@ from vsalog.cli.options import LogPath, reading_options
     "repaired",
     type=click.Path(path_type=Path),
     metavar="OUT.mcap",
-    help="Write what can be read of LOG into this file, a sound MCAP file with index and checksums. Messages, definitions and"
-    " times are kept bit for bit, of MCAP files metadata and attachments too; columns of a table become topics.",
+    help="Write what can be read of LOG into this file, which is replaced if it is there, never LOG itself: a sound MCAP file"
+    " with index and checksums. Messages, definitions and times are kept bit for bit, of MCAP files metadata and attachments"
+    " too; columns of a table become topics.",
 )
 @reading_options
 def inspect(

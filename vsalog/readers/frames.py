@@ -38,7 +38,7 @@ def header_frames(messages: Messages, cdr: bool) -> Messages:
 
 def stated_frames(frames: Sequence[object]) -> Messages:
     """Return frames as `header_frames` does; what is no text is none."""
-    texts = [frame.encode("utf-8", "surrogateescape") if isinstance(frame, str) else None for frame in frames]
+    texts = [frame.encode("utf-8", "surrogatepass") if isinstance(frame, str) else None for frame in frames]
     joined = Messages.of([text or b"" for text in texts])
     length = np.where([text is None for text in texts], -1, joined.length)
     data = joined.data.view()
