@@ -380,3 +380,15 @@ def test_a_part_in_series_needs_a_torque_and_a_deflection():
         bound('deflection = { channel = "x", series_stiffness = 500 }', rec)
     with pytest.raises(RigError, match="only a deflection has a part in series"):
         joint_of(ELASTIC + 'link_position = { channel = "x", series_stiffness = 500 }')
+
+
+@pytest.mark.parametrize(("said", "taken"), [(0.001, 0.02), (0.02, 0.02), (0.05, 0.05)])
+def test_values_that_are_rounded_more_coarsely_than_the_rig_says_have_steps_of_their_own(said, taken):
+    x = 0.02 * np.round(np.sin(T) / 0.02)
+    signals = bound(f'motor_position = {{ channel = "x", resolution = {said} }}', recording(x=(T, x)))
+    assert signals.resolution["motor_position"] == pytest.approx(taken)
+
+
+def test_held_levels_are_no_steps_of_a_sensor():
+    signals = bound('motor_position = { channel = "x", resolution = 0.001 }', recording(x=(T, np.sign(np.sin(T)))))
+    assert signals.resolution["motor_position"] == 0.001

@@ -32,17 +32,40 @@ def spring(phi, kind):
     return 40.0 * phi + 3000.0 * phi**3, 40.0 + 9000.0 * phi**2
 
 
-def log(folder, kind, seed=0, noise=1.0, pulses=36_000):
-    t, rng = np.arange(COUNT) * PERIOD, np.random.default_rng(seed)
+def sines(t, seed):
+    """Deflection and link position, each with its derivatives."""
 
-    def moved(*sines):
+    def moved(*parts):
         values = [
             (a * np.sin(w * t + seed), a * w * np.cos(w * t + seed), -a * w * w * np.sin(w * t + seed))
-            for a, w in sines
+            for a, w in parts
         ]
         return np.sum(values, axis=0)
 
-    (phi, dphi, ddphi), (q, dq, ddq) = moved((0.05, 2.1), (0.03, 5.3)), moved((0.4, 1.3), (0.2, 3.7))
+    return moved((0.05, 2.1), (0.03, 5.3)), moved((0.4, 1.3), (0.2, 3.7))
+
+
+def rests(t, seed, way=0.9):
+    """The same from rest to rest, by polynomials of the fifth degree."""
+    rng = np.random.default_rng(seed)
+
+    def moved(most, stay):
+        levels = rng.uniform(-most, most, int(t[-1] / stay) + 3)
+        k = (t / stay).astype(int)
+        T = way * stay
+        s, d = np.minimum((t - k * stay) / T, 1.0), levels[k + 1] - levels[k]
+        return (
+            levels[k] + d * s**3 * (10 - 15 * s + 6 * s**2),
+            d * 30 * s**2 * (1 - s) ** 2 / T,
+            d * 60 * s * (1 - s) * (1 - 2 * s) / T**2,
+        )
+
+    return moved(0.08, 0.9), moved(0.6, 1.3)
+
+
+def log(folder, kind, seed=0, noise=1.0, pulses=36_000, motion=sines):
+    t, rng = np.arange(COUNT) * PERIOD, np.random.default_rng(seed)
+    (phi, dphi, ddphi), (q, dq, ddq) = motion(t, seed)
     torque, stiffness = spring(phi, kind)
     step = 2 * np.pi / pulses
     table = np.column_stack(
@@ -80,10 +103,18 @@ def test_what_the_basis_cannot_follow_is_told_with_its_size(tmp_path, estimator,
     assert 0.5 < told / np.sqrt(np.mean(off**2)) < 1.2
 
 
+@pytest.mark.parametrize("estimator", ["residual-rls", "direct"])
+@pytest.mark.parametrize(("kind", "pulses"), [("backlash 0.006", 36_000), ("backlash 0.02", 1000)])
+def test_so_it_is_from_rest_to_rest_and_with_coarse_encoders(tmp_path, estimator, kind, pulses):
+    log(tmp_path, kind, pulses=pulses, motion=rests)
+    assert "has a shape over the deflection" in estimated(tmp_path, estimator)
+
+
+@pytest.mark.parametrize("motion", [sines, rests])
 @pytest.mark.parametrize(
     "estimator", ["residual-rls", "direct", "grioli-parametric", "qr-rls", "batch-ls", "algebraic"]
 )
 @pytest.mark.parametrize(("seed", "noise", "pulses"), [(0, 1.0, 36_000), (1, 20.0, 36_000), (2, 1.0, 2000)])
-def test_a_spring_that_it_can_follow_is_left_alone(tmp_path, estimator, seed, noise, pulses):
-    log(tmp_path, "cubic", seed, noise, pulses)
+def test_a_spring_that_it_can_follow_is_left_alone(tmp_path, estimator, seed, noise, pulses, motion):
+    log(tmp_path, "cubic", seed, noise, pulses, motion)
     assert "has a shape" not in estimated(tmp_path, estimator)

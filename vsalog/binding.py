@@ -35,7 +35,7 @@ from vsalog.held import held
 from vsalog.neighbours import Neighbours
 from vsalog.outliers import stand_alone
 from vsalog.recording import Recording
-from vsalog.resolution import resolution_of
+from vsalog.resolution import coarser, resolution_of
 from vsalog.rig.schema import Joint, RigidJoint, Run, SerialJoint, Signal
 from vsalog.role_source import constant_of, motor_of, origin_of, source_of
 from vsalog.signals import JointSignals
@@ -244,7 +244,8 @@ def _on_one_grid(recording: Recording, joint: str, bound: Mapping[str, Bound], r
         starts,
         np.full(stamps.size, run, dtype=np.int32),
         resolution={
-            role: resolution_of(b.values) if b.resolution is None else b.resolution for role, b in moving.items()
+            role: resolution_of(b.values) if b.resolution is None else coarser(b.resolution, b.values)
+            for role, b in moving.items()
         },
         notes=(
             *binding_notes(joint, segments, {role: tally_of(b) for role, b in moving.items()}, origin),

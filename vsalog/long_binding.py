@@ -36,7 +36,7 @@ from vsalog.neighbours import Neighbours
 from vsalog.outliers import stand_alone_among, usual_of
 from vsalog.readers.spool import PART, parts, row_of
 from vsalog.recording import Channel
-from vsalog.resolution import resolution_of
+from vsalog.resolution import coarser, resolution_of
 from vsalog.rig.schema import Joint, Motor, Run, Signal
 from vsalog.role_source import Source, constant_of, motor_of, origin_of, source_of
 
@@ -68,7 +68,8 @@ class LongRole:
         self.wrapped = self.unwraps and source.joint_turn
         self.tally = Tally()
         look = self._look(source, seen)
-        self.resolution = resolution_of(look.values) if look.resolution is None else look.resolution
+        said = look.resolution
+        self.resolution = resolution_of(look.values) if said is None else coarser(said, look.values)
         self.shift = int(look.stamps[0] - seen.stamps[0])
 
     def parts(self) -> Iterator[Bound]:

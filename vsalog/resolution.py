@@ -11,6 +11,8 @@ Array = NDArray[np.float64]
 STRETCHES, STRETCH = 8, 32_768
 # A signal has a step where this share of the differences between its levels are multiples of the smallest.
 MULTIPLES = 0.95
+# So many steps have to lie within a signal's range before they are believed in place of the rig's: held levels are steps too.
+LEVELS = 8
 
 
 def resolution_of(values: Array) -> float:
@@ -23,6 +25,13 @@ def resolution_of(values: Array) -> float:
     if span == 0.0:
         return 0.0
     return step_of(values) or max((noise_of(values) or 0.0) * 12.0**0.5, 1e-12 * span)
+
+
+def coarser(said: float, values: Array) -> float:
+    """Return the step that a rig says, or that of the values where they are rounded more coarsely than that."""
+    finite = values[np.isfinite(values)]
+    shown = step_of(finite) or 0.0
+    return shown if shown > said and float(np.ptp(finite)) >= LEVELS * shown else said
 
 
 def step_of(values: Array) -> float | None:

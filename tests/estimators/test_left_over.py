@@ -75,6 +75,13 @@ def test_a_late_encoder_is_found_with_its_delay():
     assert "the link's encoder" in following("joint 'a'", found, None)
 
 
+def test_what_is_an_unknown_of_the_equation_is_not_suspected():
+    _, speed, acceleration, phi = motion()
+    state = look(phi, STIFFNESS * phi + 0.3 * speed + 0.05 * acceleration + noise(), speed)
+    assert followers(state, 0.001, 0.0) != []
+    assert followers(state, 0.001, 0.0, (POSITION,)) == []
+
+
 def test_a_wrong_gain_of_the_motor_s_encoder_is_found_with_its_size():
     theta, speed, _, phi = motion()
     # The encoder reads 3 % too far, so that the deflection comes out that much of the position smaller.

@@ -28,8 +28,8 @@ if TYPE_CHECKING:
 
 Columns = Mapping[str, NDArray[np.generic]]
 
-# What moves a stiffness by less is no matter.
-LEAST = 0.01
+# What moves a stiffness by less is no matter; what moves it by less than that is counted in without a word.
+LEAST, WORTH_A_WORD = 0.01, 0.03
 # So many samples are tried.
 TRIED = 1 << 15
 
@@ -91,10 +91,10 @@ def said(device: Device, shares: Mapping[str, float]) -> tuple[str, ...]:
     """Say of which stiffness samples are too few."""
     return tuple(
         f"joint '{device.joint}', {'the whole' if name == 'total' else f'transmission {name}'}: from every second sample only,"
-        f" the stiffness comes out {share:.0%} different: the samples are too few for so fast a motion, and the standard"
-        " deviation counts that in; record at a higher rate, or move more smoothly"
+        f" the stiffness comes out {share:.0%} different, which its standard deviation counts in: the samples are too few for"
+        " so fast a motion, or for a spring that changes so suddenly; record at a higher rate, or move more smoothly"
         for name, share in shares.items()
-        if name != "total" or len(device.transmissions) > 1
+        if share > WORTH_A_WORD and (name != "total" or len(device.transmissions) > 1)
     )
 
 

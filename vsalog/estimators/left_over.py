@@ -159,19 +159,23 @@ def _run(
         box[:] = 0.0
 
 
-def followers(state: LeftOverState, claimed: float, step: float) -> list[Follower]:
+def followers(
+    state: LeftOverState, claimed: float, step: float, suspects: tuple[str, ...] = SUSPECTS
+) -> list[Follower]:
     """Return what the left-overs follow, the worst first; nothing where they follow nothing that matters.
 
     Parameters
     ----------
     claimed : standard deviation that is said of the stiffness, as a part of it
     step : of the deflection's sensors [rad], 0 where they have none
+    suspects : those that are no unknowns of the equation
     """
     n, count = state.H.shape[0], float(state.averages[0])
     if count < max(AVERAGES, 2 * n):
         return []
     found = []
-    for place, suspect in enumerate(SUSPECTS):
+    for suspect in suspects:
+        place = SUSPECTS.index(suspect)
         short, long = _with(state.N, n, place, count), _with(state.M, n, place, count // LONG)
         told = max(short, long, key=lambda fit: fit.taken)
         k, now = told.unknowns[-1], _size(told.unknowns[:n], state.H, count)

@@ -17,7 +17,16 @@ from vsalog.estimators.coarser import moved_by_steps
 from vsalog.estimators.device import Device, deflection_of
 from vsalog.estimators.equation import Equation, EquationRows, Solver
 from vsalog.estimators.first_look import NOTHING_SEEN, FirstLook
-from vsalog.estimators.left_over import LeftOverState, followers, following, left_over_block, left_over_start, misfit
+from vsalog.estimators.left_over import (
+    POSITION,
+    SUSPECTS,
+    LeftOverState,
+    followers,
+    following,
+    left_over_block,
+    left_over_start,
+    misfit,
+)
 from vsalog.estimators.region import Region, lengths
 from vsalog.estimators.resting import Stay, resting_in
 from vsalog.filters.conditioning import Conditioned, Conditioner, ConditionerState
@@ -329,7 +338,9 @@ class RegressionFold:
                 self.look.step(equation.transmissions),
                 f"joint '{self.device.joint}', transmission {' and '.join(names)}",
             )
-            if found := followers(state.left_over[names], claimed, step):
+            # What would follow the speed or the acceleration, an equation that has them among its unknowns takes for those.
+            suspects = (POSITION,) if equation.parameters else SUSPECTS
+            if found := followers(state.left_over[names], claimed, step, suspects):
                 said.append(following(where, found, equation.motor))
             elif share := misfit(state.left_over[names], step):
                 said.append(
