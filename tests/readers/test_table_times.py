@@ -233,7 +233,7 @@ UP = {"switched on": 0.0, "for minutes": 1200.0, "for hours": 18_000.0, "for day
 
 
 @pytest.mark.parametrize("before", UP)
-@pytest.mark.parametrize("rate", [100, 1000])
+@pytest.mark.parametrize("rate", [100, 1000, 2000])
 @pytest.mark.parametrize("unit", [1, 10**3, 10**6, 10**9])
 def test_a_unit_is_guessed_by_size_and_steps(table, before, rate, unit):
     """The size of microseconds since some minutes ago is that of today in seconds."""

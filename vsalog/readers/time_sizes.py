@@ -11,6 +11,8 @@ _WORDS = {"s": "seconds", "ms": "milliseconds", "us": "microseconds", "ns": "nan
 _SECONDS = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9}
 _USUAL, _LONGEST = 0.5, 10.0
 """Samples of a log are so far apart at most [s]: of nearly all, and of one whose clock is called no date."""
+_QUICK = 0.15
+"""So far apart at most [s] in a unit that suits short steps: 500 are rather microseconds at 2 kHz than milliseconds at 2 Hz."""
 _SHORT, _SHORTEST = 5e-5, 1e-5
 """So far apart they are at least [s]: of nearly all, and of any."""
 _UP = 10 * 86_400.0
@@ -81,7 +83,8 @@ def guessed_unit(name: str, values: NDArray[np.float64], written: str = "{} [{}]
 
 def _counted(name: str, step: float, size: float, written: str) -> tuple[str, str]:
     """Guess the unit of a clock that counts from some start, in the coarsest whose steps a log may have."""
-    likely = [unit for unit, second in _SECONDS.items() if step * second <= _USUAL] or ["ns"]
+    limits = {unit: _USUAL if unit == "s" else _QUICK for unit in _SECONDS}
+    likely = [unit for unit, second in _SECONDS.items() if step * second <= limits[unit]] or ["ns"]
     recent = [unit for unit in likely if size * _SECONDS[unit] <= _UP and step * _SECONDS[unit] >= _SHORT]
     unit = (recent or likely)[0]
     if unit == "s" and (step >= _SHORTEST or not step):
