@@ -6,7 +6,7 @@ clock jumps back, the run ends and another begins.
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from fnmatch import fnmatchcase
 from pathlib import Path
@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 
 from vsalog.acting import acting_notes, acting_torque, is_motor_torque
 from vsalog.binding_notes import binding_notes, tally_of
+from vsalog.clocks_apart import clock_notes
 from vsalog.encoders import on_the_same_turn, unwrapped
 from vsalog.errors import BindingError
 from vsalog.grid import (
@@ -155,10 +156,12 @@ def bind(
             named: _bind_role(recording, run, role, its, constant, acting)
             for named, role, its, constant in roles_of_all(joint, roles, neighbours, fixed)
         }
+        channels = channels_of(recording, run, roles_of_all(joint, roles, neighbours, fixed))
+        clocks = clock_notes(recording, name, channels)
         signals = _on_one_grid(recording, name, bound, len(names))
         kept = less_series(recording.path.name, signals.roles, offered, wanted)
         motors = {role: motor_of(joint, role) for role in bound if acting and is_motor_torque(role)}
-        pieces.append(replace(signals, roles=kept, notes=(*signals.notes, *acting_notes(name, motors))))
+        pieces.append(replace(signals, roles=kept, notes=(*clocks, *signals.notes, *acting_notes(name, motors))))
         names.append(run_name)
     return _concatenate(name, pieces, tuple(names))
 
@@ -190,6 +193,14 @@ def roles_of_all(
     for other, (its, of_it) in neighbours.items():
         for role in of_it:
             yield f"{other}/{role}", role, its, None
+
+
+def channels_of(recording: Recording, run: Run, roles: Iterable[tuple[str, str, Joint, float | None]]) -> Iterator[str]:
+    """Yield the channels of those of a run's roles that are no constants."""
+    for _, role, joint, fixed in roles:
+        signal = offered_roles(joint).get(role, Signal())
+        if signal.channel is not None and constant_of(recording, run, role, signal, fixed) is None:
+            yield signal.channel.replace("{run}", run.name)
 
 
 def _bind_role(recording: Recording, run: Run, role: str, joint: Joint, fixed: float | None, acting: bool) -> Bound:

@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from vsalog.acting import acting_notes, acting_torque, is_motor_torque, made_of
 from vsalog.binding import (
+    channels_of,
     each_run,
     least_steps,
     less_series,
@@ -25,6 +26,7 @@ from vsalog.binding import (
     turned_notes,
 )
 from vsalog.binding_notes import Tally, binding_notes
+from vsalog.clocks_apart import clock_notes
 from vsalog.encoders import JUMP, SameTurn, Unwrapping, begins_anew, turnable, turned_on, unwrapped_on
 from vsalog.errors import BindingError
 from vsalog.grid import GAP, Bound, after_long_silence, common_segments, is_even, less, on_grid, stamps_where
@@ -294,6 +296,8 @@ def bind_long(
             named: _role(recording, run, role, its, constant)
             for named, role, its, constant in roles_of_all(joint, roles, neighbours, fixed)
         }
+        channels = channels_of(recording.look, run, roles_of_all(joint, roles, neighbours, fixed))
+        notes += clock_notes(recording.look, name, channels)
         one = _LongRun(recording.path.name, name, found, origin_of(recording.look))
         out.begin_run(one.origin)
         for stamps, values, starts in one.blocks():

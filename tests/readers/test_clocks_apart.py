@@ -1,0 +1,65 @@
+"""Topics with header stamps and topics without any, in one joint."""
+
+from __future__ import annotations
+
+import pytest
+from random_messages import STORES
+from write_logs import MS, START, McapLog, joint_state
+
+from vsalog.binding import bind
+from vsalog.errors import BindingError
+from vsalog.long_binding import bind_long
+from vsalog.readers import read, read_within
+from vsalog.rig import Rig
+
+RIG = """
+[joint.j]
+kind = "elastic"
+[joint.j.signals]
+motor_position = "/joint_states.position[motor]"
+motor_torque = "/joint_states.effort[motor]"
+torque_sensor = { channel = "/torque.data", unit = "N*m" }
+"""
+ROLES = ("motor_position", "motor_torque", "torque_sensor")
+
+
+def log_of(path, late):
+    log, number = McapLog(), STORES[False].types["std_msgs/msg/Float64"]
+    for i in range(200):
+        log.add(
+            "/joint_states", joint_state(START + i * MS, ["motor"], [i], [], [i]), START + i * MS + round(late * 1e9)
+        )
+        log.add("/torque", number(float(i)), START + i * MS)
+    return log.save(path)
+
+
+def notes_of(path, time="auto", roles=ROLES):
+    ((name, joint),) = Rig.from_toml(RIG).joints.items()
+    notes = bind([read(path, time=time)], name, joint, roles).notes
+    assert bind_long([read_within(0, path, time=time)], name, joint, roles).notes == notes
+    return [note for note in notes if "apart" in note]
+
+
+@pytest.mark.parametrize("late", [0, 0.0004, -0.0004])
+def test_clocks_that_agree_are_no_matter(tmp_path, late):
+    assert notes_of(log_of(tmp_path / "log", late)) == []
+
+
+@pytest.mark.parametrize("late", [0.004, -0.09])
+def test_clocks_that_are_a_little_apart_are_told(tmp_path, late):
+    path = log_of(tmp_path / "log", late)
+    (note,) = notes_of(path)
+    assert "/joint_states is on header stamps and /torque on log time" in note
+    assert f"{abs(late):.3g} s apart" in note
+    assert notes_of(path, "log") == notes_of(path, roles=ROLES[:2]) == []
+
+
+def test_clocks_that_are_far_apart_are_refused_unless_asked_for(tmp_path):
+    path = log_of(tmp_path / "log", 0.15)
+    with pytest.raises(BindingError, match=r"0\.15 s apart; --time log puts all on one clock, --time header takes"):
+        notes_of(path)
+    ((name, joint),) = Rig.from_toml(RIG).joints.items()
+    with pytest.raises(BindingError, match="apart"):
+        bind_long([read_within(0, path)], name, joint, ROLES)
+    assert len(notes_of(path, "header")) == 1
+    assert notes_of(path, "log") == []

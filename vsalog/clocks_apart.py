@@ -1,0 +1,46 @@
+"""Roles of a joint that are on different clocks: header stamps of one topic, the log's time of another that has none."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+
+from vsalog.errors import BindingError
+from vsalog.printable import printable
+from vsalog.recording import Recording
+
+FAR, TOLD = 0.1, 1e-3
+"""A log's time that is so much later than the stamps [s] is no matter of the way from one to the other; so much less is told."""
+
+_ASKED_FOR = "it has no header"
+"""How the reason begins of a stream that was to be on header stamps."""
+
+
+def clock_notes(recording: Recording, name: str, channels: Iterable[str]) -> tuple[str, ...]:
+    """Say that roles of a joint are on different clocks, where that is more than a moment.
+
+    Parameters
+    ----------
+    recording : the log
+    name : of the joint
+    channels : of the joint's roles
+
+    Raises
+    ------
+    BindingError
+        The clocks are far apart, and nobody asked for header stamps where there are some.
+    """
+    streams = dict.fromkeys(recording.channels[channel].stream for channel in channels)
+    used = [recording.streams[stream] for stream in streams if stream in recording.streams]
+    stamped = [one for one in used if one.time_source == "header" and abs(one.delay_median) >= TOLD]
+    others = [one for one in used if one.time_source in ("log", "publish")]
+    if not stamped or not others:
+        return ()
+    far = max(stamped, key=lambda one: abs(one.delay_median))
+    what = (
+        f"joint '{name}': {printable(far.name)} is on header stamps and {printable(others[0].name)} on {others[0].time_source}"
+        f" time, and in {printable(far.name)} the two are {abs(far.delay_median):.3g} s apart"
+    )
+    if abs(far.delay_median) > FAR and not all(one.time_reason.startswith(_ASKED_FOR) for one in others):
+        header = "" if any(one.time_reason for one in others) else ", --time header takes them as they are"
+        raise BindingError(f"{recording.path.name}: {what}; --time log puts all on one clock{header}")
+    return (f"{what}: they may be shifted by as much; --time log puts all on one clock",)
