@@ -54,7 +54,7 @@ def read(path):
         for packet in container.packets([one.id for one in connections])
         for i, (first, size) in enumerate(zip(packet.messages.start, packet.messages.length, strict=True))
     ]
-    attachments = [Attachment.read(ReadDataStream(BytesIO(content))) for content in _attachments(path)]
+    attachments = [Attachment.read(ReadDataStream(BytesIO(content))) for content in _attachments(container)]
     metadata = [
         Metadata.read(ReadDataStream(BytesIO(content)))
         for op, content in McapContainer(path).records()
