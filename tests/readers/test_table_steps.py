@@ -134,3 +134,12 @@ def test_pauses_and_slow_rows_are_believed(log, begin):
     recording = log(times, range(N))
     assert recording.channel("x").stamps.tolist() == times.tolist()
     assert recording.notes == ()
+
+
+def test_stamps_from_end_to_end_of_64_bits(log):
+    times = TRUE.copy()
+    times[[100, 5000, 9000]] = [-(2**63), 2**63 - 1, -(2**62)]
+    times[6000:] -= 2 * 10**9
+    recording = log(times, range(N))
+    assert (np.diff(recording.channel("x").values) > 0).all()
+    assert recording.channel("x").values.size >= N - 3

@@ -15,6 +15,8 @@ MOSTLY_BLANK = 0.25
 """From this fraction of blank cells on, columns are taken as a log of their own."""
 _ROWS = 200
 """So many rows are looked at where a column begins."""
+_MOST = 16
+"""So many such places are looked at."""
 
 Whole = Callable[[Sequence[int]], Iterable[Sequence[pa.Array]]]
 """Gives some columns from their first row to the last, part by part."""
@@ -35,7 +37,7 @@ def stretches(sample: Stretch, columns: Sequence[int], whole: Whole) -> list[Str
         Is asked for columns that are blank in the first rows, and for all channels only where these begin.
     """
     late = [i for i in columns if len(sample[i]) and blank(sample[i]).all()]
-    begins = sorted(set(_begins(late, whole))) if 0 < len(late) < len(columns) else []
+    begins = sorted(set(_begins(late, whole)))[:_MOST] if 0 < len(late) < len(columns) else []
     found = [sample]
     for rows in _rows_from(begins, columns, whole):
         stretch = [rows.get(i, pa.nulls(len(rows[columns[0]]), cells.type)) for i, cells in enumerate(sample)]

@@ -11,14 +11,17 @@ from collections.abc import Callable, Mapping
 import numpy as np
 from numpy.typing import NDArray
 
+from vsalog.readers.time_folds import COUNTED
 from vsalog.recording import Stamps, Values
 
 _FEW = 10
 """A clock that is set back goes back by more than so many of its steps; rows that are less late are sorted."""
 _LEAST = 4
 """So many rows at least follow one another behind a step."""
-_MOST_STEPS, _MOST_GAPS = 64, 4096
+_MOST_STEPS, _MOST_GAPS = 16, 4096
 """So many steps of a block are looked at, and so many gaps remembered."""
+_FAR = 4 * 10**18
+"""Stamps beyond it are not looked at [ns]: the difference of any two that are nearer fits into 64 bits."""
 
 Marks = Callable[[], Values]
 """Gives a number for each row of a block that other values would change."""
@@ -52,6 +55,7 @@ class StepsBack:
         marks : callable
             Called only where rows may be copies of others.
         """
+        good = good & (stamps > -_FAR) & (stamps < _FAR)
         times = stamps[good] + self._shift
         if not times.size:
             return stamps
@@ -61,6 +65,8 @@ class StepsBack:
         forward = steps[steps > 0]
         few = _FEW * int(np.median(forward)) if forward.size else 0
         for k in np.flatnonzero(steps < -few)[:_MOST_STEPS].tolist() if few else ():
+            if self._shift - steps[k] > COUNTED:
+                break
             if self._is_set_back(times, steps, k, few) and not self._are_copies(times, k, good, marks):
                 size = few // _FEW - int(steps[k])
                 times[k:] += size
