@@ -21,6 +21,8 @@ _FAR = 4  # times farther from where it belongs than those around it
 _TOGETHER = 2**16  # rows that are looked at at once
 
 ONE_DAY = 86_400_000_000_000
+COUNTED = 20 * 365 * ONE_DAY
+"""Stamps below it are counted from some start; dates that go back are those of logs that were put together in another order."""
 
 FEW = 20
 """One in so many stamps may be none; of more, it is the clock that is not believed."""

@@ -287,7 +287,7 @@ class BagReader:
                 " their names"
             )
         units = {**decoded.units, **_stated_units(batch, columns)}
-        return Block(batch.stream, batch.type, clocks, columns, units, expected=batch.expected)
+        return Block(batch.stream, batch.type, clocks, columns, units, expected=batch.expected, whole=decoded.whole)
 
     def _report(self, batches: Mapping[int, _Batch], total: Counter[str], damaged: Counter[str]) -> None:
         expected: Counter[str] = Counter()

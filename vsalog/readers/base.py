@@ -78,6 +78,8 @@ class Block:
         Why there is no clock, where that is worth telling.
     expected : int
         How many samples the stream has in all, as the log says, which may be wrong; 0 where it does not.
+    whole : bool
+        Each message surely carries every one of the columns.
     """
 
     stream: str
@@ -87,6 +89,7 @@ class Block:
     units: Mapping[str, str] = field(default_factory=dict)
     timeless: str = ""
     expected: int = 0
+    whole: bool = False
 
 
 class Reader(Protocol):

@@ -102,7 +102,7 @@ class Gathered:
             if name not in self.columns:
                 self.columns[name] = _Column(np.zeros(room)) if self.spool is None else self._spooled(np.float64)
             self.columns[name].add(self.count, values)
-            if name not in self.partial and lacks_any(values):
+            if not block.whole and name not in self.partial and lacks_any(values):
                 self.partial.add(name)
         for name, unit in block.units.items():
             self.units.setdefault(name, unit)

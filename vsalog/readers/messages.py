@@ -51,12 +51,15 @@ class Decoded:
         By channel name, ABSENT where a message has no such value.
     units : dict of str to str
         By channel name, where the message type implies one.
+    whole : bool
+        Each message surely has every one of the columns.
     """
 
     good: NDArray[np.bool_]
     stamps: Stamps | None = None
     columns: dict[str, Values] = field(default_factory=dict)
     units: dict[str, str] = field(default_factory=dict)
+    whole: bool = False
 
     def put(self, row: int, numbers: Mapping[str, float], fields: Fields) -> None:
         """Store those of a message's numbers that become channels, by name."""
@@ -275,6 +278,7 @@ class RosDecoder:
 
     def _store(self, shape: _Shape, data: Bytes, start: Integers, rows: Integers, result: Decoded) -> None:
         result.good[rows] = True
+        result.whole = rows.size == len(result.good)
         if shape.layout.stamp is not None:
             _put_stamps(stamps(data, start, shape.layout.stamp), rows, result)
         ready = doubles(data, start, shape.doubles)

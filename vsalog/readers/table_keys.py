@@ -12,10 +12,10 @@ import pyarrow as pa
 import pyarrow.compute as pc
 from numpy.typing import NDArray
 
+from vsalog.readers.bad_stamps import COUNTED
 from vsalog.readers.table_cells import numbers_and_words
 from vsalog.readers.time_columns import ClockColumn, ClockPlan, nanoseconds
 from vsalog.readers.time_dates import trimmed
-from vsalog.readers.time_folds import COUNTED
 from vsalog.readers.time_names import plain
 from vsalog.readers.time_numbers import floats
 from vsalog.recording import Stamps, Values

@@ -7,10 +7,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from vsalog.readers.bad_stamps import REACH, are_few
+from vsalog.readers.bad_stamps import COUNTED, REACH, are_few
 from vsalog.readers.clock_steps import AHEAD
 from vsalog.readers.spool import Column, parts
-from vsalog.readers.time_folds import COUNTED
 from vsalog.recording import Stamps
 
 

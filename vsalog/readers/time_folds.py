@@ -5,13 +5,12 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from vsalog.readers.bad_stamps import COUNTED
 from vsalog.readers.time_written import DAY, HOUR
 from vsalog.recording import Stamps
 
 _FEW = 10
 """A clock that is set back goes on within so many of its steps."""
-COUNTED = 20 * 365 * DAY
-"""Stamps below it are counted from some start; dates that go back are those of logs that were put together in another order."""
 _FULL = tuple(2**32 * unit for unit in (1, 10**3, 10**6))
 """How far counters of nanoseconds, microseconds and milliseconds reach that have 32 bits [ns]."""
 _SET_BACK = {1: "by an hour {}, as where summer time ends", 12: "by twelve hours {}, as clocks without AM and PM are"}

@@ -11,7 +11,7 @@ from collections.abc import Callable, Mapping
 import numpy as np
 from numpy.typing import NDArray
 
-from vsalog.readers.time_folds import COUNTED
+from vsalog.readers.bad_stamps import COUNTED
 from vsalog.recording import Stamps, Values
 
 _FEW = 10
