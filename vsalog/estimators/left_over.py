@@ -231,6 +231,15 @@ def following(where: str, found: list[Follower], motor: tuple[float, float] | No
     )
 
 
+def no_noise(where: str, joint: str, share: float) -> str:
+    """Say that a part of the torque is left over that is no noise, as `misfit` tells."""
+    return (
+        f"{where}: what the fit leaves over is {share:.0%} of the torque and no noise, for it does not average out: a"
+        " sensor that is stuck, clipped or wrong for a while, a spring that changes, or a basis that cannot follow it"
+        f" ([joint.{joint}.basis] order). The stiffness may be further off than is said"
+    )
+
+
 def _causes(found: Follower, motor: tuple[float, float] | None) -> str:
     """Name what would explain it, as far as it is possible: no inertia is negative."""
     k, causes = found.coefficient, []

@@ -26,6 +26,7 @@ from vsalog.estimators.left_over import (
     left_over_block,
     left_over_start,
     misfit,
+    no_noise,
 )
 from vsalog.estimators.region import Region, lengths
 from vsalog.estimators.resting import Stay, resting_in
@@ -343,11 +344,7 @@ class RegressionFold:
             if found := followers(state.left_over[names], claimed, step, suspects):
                 said.append(following(where, found, equation.motor))
             elif share := misfit(state.left_over[names], step):
-                said.append(
-                    f"{where}: what the fit leaves over is {share:.0%} of the torque and no noise, for it does not average out: a"
-                    " sensor that is stuck, clipped or wrong for a while, a spring that changes, or a basis that cannot follow it"
-                    f" ([joint.{self.device.joint}.basis] order). The stiffness may be further off than is said"
-                )
+                said.append(no_noise(where, self.device.joint, share))
         return tuple(said)
 
     def model(self, state: FoldState) -> JointModel:
