@@ -335,10 +335,8 @@ class RegressionFold:
             if names not in state.left_over:
                 continue
             claimed = max(state.claimed.get(name, np.inf) for name in names)
-            step, where = (
-                self.look.step(equation.transmissions),
-                f"joint '{self.device.joint}', transmission {' and '.join(names)}",
-            )
+            step = self.look.step(equation.transmissions)
+            where = f"joint '{self.device.joint}', transmission {' and '.join(names)}"
             # What would follow the speed or the acceleration, an equation that has them among its unknowns takes for those.
             suspects = (POSITION,) if equation.parameters else SUSPECTS
             if found := followers(state.left_over[names], claimed, step, suspects):
