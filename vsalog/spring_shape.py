@@ -29,7 +29,7 @@ RANGE = (0.005, 0.995)
 # So many stretches of the log, and samples of a bin in either half; so many times more where they are spread evenly.
 STRETCHES, SAMPLES, SPREAD = 40, 20, 3
 # A stiffness that lacks so much of itself is told, or so many of its deviations where these are more: the fewer, the better both
-# halves agree, and none where they agree less. Of 1100 estimates of sound springs (encoders of 500 to 36 000 pulses) none is told.
+# halves agree, and none where they agree less. Of 1100 estimates of sound springs, 500 to 36 000 pulses a turn, none is told.
 LACKS = 0.05
 ALIKE, BEYOND = (0.6, 0.9), (3.0, 1.3)
 
