@@ -23,6 +23,14 @@ MOMENTS = int(os.environ.get("VSALOG_MOMENTS", "4"))
 COMMAND = [sys.executable, "-c", "from vsalog.cli import main; main()"]
 
 
+@pytest.fixture(autouse=True)
+def interruptible():
+    """A shell that runs tests in the background has Ctrl-C ignored, and all they start inherits that."""
+    before = signal.signal(signal.SIGINT, signal.default_int_handler)
+    yield
+    signal.signal(signal.SIGINT, before)
+
+
 class Interrupted:
     """Sends this process a Ctrl-C when so many lines of the writers were executed; counts them otherwise."""
 

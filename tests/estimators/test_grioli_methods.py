@@ -16,7 +16,7 @@ from vsalog.cli import cli
 from vsalog.estimators import method
 from vsalog.estimators.borne_torque import BorneTorque, LoadFriction, Weight
 from vsalog.estimators.device import device_of
-from vsalog.estimators.rates import RateNoise, Rates, left_over
+from vsalog.estimators.rates import RateNoise
 from vsalog.estimators.tuning import Tuning, read_tuning
 from vsalog.estimators.windows import WINDOWS, noisy_rates, suitable_windows
 from vsalog.filters.derivatives import Derivatives
@@ -243,21 +243,6 @@ def test_derivatives_are_scipy_s_and_no_window_reaches_over_a_gap(joint):
                 assert np.isnan(found[first : first + 25]).all()
                 assert np.isnan(found[last - 25 : last]).all()
             assert np.isnan(found[1000:1030]).all()
-
-
-def test_what_noise_explains_is_no_spread_of_the_stiffness():
-    rng = np.random.default_rng(4)
-    rate = np.cos(np.arange(20_000) * 0.01)
-    K = 30.0
-    left = 2.0 * rng.standard_normal(rate.size)
-    known = Rates(K * rate + left, rate)
-    assert left_over(known, np.full(rate.size, K), 2.1)[1] == 0.0
-    alike, within = left_over(known, np.full(rate.size, K), 0.0)
-    assert within == pytest.approx(2.0 / np.sqrt(0.5), rel=0.02)
-    assert alike < 1.3
-    # What grows with the rate is the stiffness's own, even where noise is taken to be large.
-    known = Rates((K + 3.0 * rng.standard_normal(rate.size)) * rate + left, rate)
-    assert left_over(known, np.full(rate.size, K), 10.0)[1] == pytest.approx(3.0, rel=0.1)
 
 
 def assembled(name, spec, signals, **tune):

@@ -13,10 +13,11 @@ from typing import Any, Literal, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from vsalog.estimators.averaged import Averaged, averaged
 from vsalog.estimators.borne_torque import BorneTorque
 from vsalog.estimators.device import Device, spread
 from vsalog.estimators.first_look import FirstLook
-from vsalog.estimators.rates import Rates, left_over, prediction_error, typical_speed
+from vsalog.estimators.rates import Rates, prediction_error, typical_speed
 from vsalog.estimators.regression import SUPPORTED_SHARE
 from vsalog.estimators.tuning import Positive, Tuning
 from vsalog.filters.derivatives import Derivatives, DerivativesState, Differentiated
@@ -117,13 +118,17 @@ class ObserverFold:
         speed = typical_speed(device, filtered)
         self.alpha = tuning.alpha if tuning.alpha is not None else self._best_alpha(filtered, speed)
         self.rate_noise = {t.view.name: t.rate_noise(signals, conditioner.weights, self.difference) for t in torques}
-        self.alike, self.within = self._left_over(whole, speed)
+        self.averages = self._averages_of(whole, speed)
+        # What a shorter window would make of the stiffness, where a method looks at that [N·m/rad].
+        self.smoothed_away = 0.0
         self.swing = np.pi * max(spread(t.deflection(whole.of, 0)) for t in torques) / speed
 
     @property
     def derived(self) -> dict[str, float]:
         """The gain and the uncertainty's parts that were derived from the log."""
-        return {"alpha": self.alpha, "alike": self.alike, "within": self.within}
+        seen = self.averages.values()
+        within = np.hypot(max(a.within for a in seen), self.smoothed_away)
+        return {"alpha": self.alpha, "alike": max(a.alike for a in seen), "within": float(within)}
 
     def start(self) -> ObserverState:
         """Return the state before the first sample."""
@@ -193,16 +198,16 @@ class ObserverFold:
         when, _, _, times = observe_stiffness(before.when, part.rows.time * rate, rate, use, self.alpha, self.period)
         state.observers[name] = Observers(slow, fast, speeds, times)
         # An observer is late; one that is half as late lies between it and the truth. And it averages over whole swings.
-        late, noise = quick - stiffness, self.rate_noise[name]
-        learning = np.maximum(deviation**2 * self.alike, self._least_variance(noise.left(stiffness), speed))
-        std = np.sqrt(learning + late**2 + (noise.bent(stiffness) / speed**2) ** 2 + self.within**2)
+        late, noise, average = quick - stiffness, self.rate_noise[name], self.averages[name]
+        phi = borne.deflection(part.of, 0)
+        learning = np.maximum(deviation**2 * average.alike, self._least_variance(noise.left(stiffness), speed))
+        missed = average.square(phi) + self.smoothed_away**2
+        std = np.sqrt(learning + late**2 + (noise.bent(stiffness) / speed**2) ** 2 + missed)
         # None at all is what a gain beyond all numbers leaves, and no certainty.
         std[std == 0.0] = np.nan
         fresh = np.abs(part.rows.time - when) <= RESTED / (self.alpha * speed) + self.swing
         seen = name not in self.look.blind
-        return columns(
-            borne.deflection(part.of, 0), borne.torque(part.of), stiffness, std, use & (learnt >= FILLED) & fresh & seen
-        )
+        return columns(phi, borne.torque(part.of), stiffness, std, use & (learnt >= FILLED) & fresh & seen)
 
     def _least_variance(self, noise: Array, speed: Array) -> Array:
         """Return what the noise of the rates makes of a stiffness, at least.
@@ -232,24 +237,23 @@ class ObserverFold:
                 off[i] += prediction_error(known, found, self.conditioner.window)
         return float(1.0 / (memories[int(np.argmin(off))] * speed))
 
-    def _left_over(self, whole: Differentiated, speed: float) -> tuple[float, float]:
-        """Return `left_over` of the transmission for which it is most."""
-        alike, within = 1.0, 0.0
+    def _averages_of(self, whole: Differentiated, speed: float) -> dict[str, Averaged]:
+        """Return what the observer of each transmission leaves over on a whole log."""
+        seen: dict[str, Averaged] = {}
         for borne in self.torques:
             known = Rates(borne.rate(whole.of), borne.deflection(whole.of, 1))
             if self.difference is not None:
                 known = Rates(*(np.diff(v, prepend=np.nan) / self.period for v in borne.samples(whole)))
-            known = Rates(*(v[known.use] for v in known))
+            phi, known = borne.deflection(whole.of, 0)[known.use], Rates(*(v[known.use] for v in known))
             found = observe_stiffness(observer_start(), *known, known.use, self.alpha, self.period)[0]
             if SWINGS / (self.alpha * speed) < self.conditioner.window * self.period:
                 # It follows every swing of the noise and leaves nothing over: but of what it knew a window before.
-                known, found = Rates(*(v[self.conditioner.window :] for v in known)), found[: -self.conditioner.window]
-            if found.size < 2 or not known.deflection.any():
-                continue
-            noise = self.rate_noise[borne.view.name].left(float(np.nanmedian(found)))
-            share, spread = left_over(known, found, float(noise) ** 0.5)
-            alike, within = max(alike, share), max(within, spread)
-        return alike, within
+                ahead = self.conditioner.window
+                phi, known, found = phi[ahead:], Rates(*(v[ahead:] for v in known)), found[:-ahead]
+            typical = float(np.nanmedian(found)) if np.isfinite(found).any() else 0.0
+            noise = float(self.rate_noise[borne.view.name].left(typical)) ** 0.5
+            seen[borne.view.name] = averaged(phi, known, found, noise)
+        return seen
 
 
 def columns(phi: Array, torque: Array, stiffness: Array, std: Array, excited: Flags) -> Columns:

@@ -115,7 +115,7 @@ def build(device: Device, signals: JointSignals, tuning: GrioliBicchiTuning) -> 
     found = fold(best, signals)
     shorter = best // 2 | 1
     if tuning.window is None and shorter > tuning.degree + 1:
-        found.within = float(np.hypot(found.within, smoothed_away(found, fold(shorter, part), part)))
+        found.smoothed_away = smoothed_away(found, fold(shorter, part), part)
     return found
 
 

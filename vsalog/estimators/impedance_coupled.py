@@ -15,6 +15,7 @@ from msgspec import Meta
 from numpy.typing import NDArray
 
 from vsalog.errors import EstimatorError
+from vsalog.estimators.averaged import Averaged, averaged
 from vsalog.estimators.borne_torque import Weight, carried_by, effects_left_in
 from vsalog.estimators.device import Device, deflection_of
 from vsalog.estimators.first_look import first_look
@@ -26,7 +27,7 @@ from vsalog.estimators.following import (
     columns,
 )
 from vsalog.estimators.needs import require
-from vsalog.estimators.rates import Rates, left_over, typical_speed
+from vsalog.estimators.rates import Rates, typical_speed
 from vsalog.estimators.sensor_error import ENOUGH, sensor_error
 from vsalog.estimators.windows import KEPT, LOUD, QUIET, rates_of, rms, suitable_windows, with_window
 from vsalog.filters.coupled_observer import CoupledNoise, CoupledState, coupled_start, observe_coupled
@@ -152,7 +153,8 @@ class ImpedanceCoupledFold:
         }
         self.conditioner = Derivatives(orders, signals.period, tuning.window_for(signals), tuning.degree)
         self.difference = tuning.derivative == "difference"
-        motion, _ = self._motion(self.conditioner.whole(signals), UNKNOWN)
+        whole = self.conditioner.whole(signals)
+        motion, _ = self._motion(whole, UNKNOWN)
         known = Motion(*(v[motion.use] for v in motion))
         speed = typical_speed(device, [Rates(known.f, known.deflection)])
         # A filter's window makes so many neighbouring samples one.
@@ -163,7 +165,7 @@ class ImpedanceCoupledFold:
         damping = self.guess[1] or inertia * sizes[0] / sizes[1]
         self.noise = CoupledNoise(max(rate, LEAST), inertia, damping, tuning.wander, FILLED)
         self.alpha = tuning.alpha if tuning.alpha is not None else self._best_alpha(known, speed)
-        self.alike, self.within = self._left_over(signals, known)
+        self.average = self._average_of(signals, self._deflection(whole)[motion.use], known)
         # What the spring is beside its average goes into the link, as far as φ̇ looks like q⃛ or q̈: it may altogether.
         self.shares = sizes[2] / np.array(sizes[:2])
         self.noisy = self._noisy(signals, sizes)
@@ -174,7 +176,7 @@ class ImpedanceCoupledFold:
         """What was derived from the log."""
         window = (self.conditioner.window - 1) * self.period
         return {
-            "alpha": self.alpha, "alike": self.alike, "within": self.within, "window": window,
+            "alpha": self.alpha, "alike": self.average.alike, "within": self.average.within, "window": window,
             "inertia": self.guess[0], "damping": self.guess[1], "noise_rate": self.noise.rate,
         }  # fmt: skip
 
@@ -259,7 +261,9 @@ class ImpedanceCoupledFold:
         # What noise in q⃛, q̈ and φ̇ takes away of I, N and K, and what a long window takes of q⃛ and q̈, each may take from K.
         missed = np.hypot(self.noisy[:2], self.smaller)
         bent = np.hypot(self.noisy[2] * K, np.linalg.norm(missed * link[:, :2] / self.shares, axis=1))
-        std = np.sqrt(deviation**2 * self.alike + late**2 + apart**2 + doubt**2 + bent**2 + self.within**2)
+        phi = self._deflection(part)
+        besides = late**2 + apart**2 + doubt**2 + bent**2 + self.average.square(phi)
+        std = np.sqrt(deviation**2 * self.average.alike + besides)
         taken = link[:, 0] * part.of["link_position"][2] + link[:, 1] * part.of["link_position"][1]
         torque = part.of["external_torque"][0] - self._weighs(part) - taken
         known = bool(np.all(self.noisy < LOUD**2)) and not self.look.blind
@@ -267,10 +271,9 @@ class ImpedanceCoupledFold:
         spread = np.sqrt(
             link[:, 2:] ** 2
             + (other[:, :2] - link[:, :2]) ** 2
-            + (self.within * self.shares) ** 2
+            + (self.average.within * self.shares) ** 2
             + (bent[:, None] * self.shares) ** 2
         )
-        phi = deflection_of({r: v[0] for r, v in part.of.items()}, self.view)
         own = columns(phi, torque, K, std, supported)
         # Neither is known without the other.
         found = np.where(own["excited"], 1.0, np.nan)
@@ -337,8 +340,11 @@ class ImpedanceCoupledFold:
         lost = np.nan_to_num([1.0 - np.minimum(part, 1.0) for part in parts])
         return np.asarray(np.sqrt((lost**2 * power).sum(axis=1) / max(float(power.sum()), np.finfo(float).tiny)))
 
-    def _left_over(self, signals: JointSignals, known: Motion) -> tuple[float, float]:
-        """Return `rates.left_over` of what the loop takes for the spring's."""
+    def _deflection(self, part: Differentiated) -> Array:
+        return deflection_of({role: values[0] for role, values in part.of.items()}, self.view)
+
+    def _average_of(self, signals: JointSignals, phi: Array, known: Motion) -> Averaged:
+        """Return what the loop leaves over of what it takes for the spring's."""
         stiffness, link, _ = observe_coupled(self._loops()[0], *known, known.use, self.alpha, self.period, self.noise)
         spring = known.f - link[:, 0] * known.jerk - link[:, 1] * known.acceleration
         push, q = (
@@ -347,7 +353,7 @@ class ImpedanceCoupledFold:
         )
         weights = self.conditioner.weights
         rate = np.hypot(push.rms(weights[1]), self.guess[0] * q.rms(weights[3]))
-        return left_over(Rates(spring, known.deflection), stiffness[:, 0], float(rate))
+        return averaged(phi, Rates(spring, known.deflection), stiffness[:, 0], float(rate))
 
 
 def quiet_window(device: Device, signals: JointSignals, tuning: ImpedanceCoupledTuning) -> int:

@@ -1,4 +1,4 @@
-"""Rates of torque and deflection, what sensors' noise makes of them, and what a followed stiffness leaves of them."""
+"""Rates of torque and deflection, what sensors' noise makes of them, and how well a followed stiffness predicts them."""
 
 from __future__ import annotations
 
@@ -8,7 +8,6 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from vsalog.correlation import effective_samples
 from vsalog.errors import EstimatorError
 from vsalog.estimators.device import Device
 
@@ -17,8 +16,6 @@ Flags = NDArray[np.bool_]
 
 # What noise is, is known to this share.
 ROUGHLY = 0.25
-# A spread that is not so many times its standard deviation is none.
-SURE = 2.0
 
 
 class Rates(NamedTuple):
@@ -84,39 +81,3 @@ def prediction_error(known: Rates, found: Array, ahead: int) -> float:
     error = known.torque[ahead:] - found[:-ahead] * known.deflection[ahead:]
     told = error[np.isfinite(error)]
     return float(np.mean(told**2) / np.nanvar(known.torque)) if told.size else np.inf
-
-
-def left_over(known: Rates, found: Array, noise: float) -> tuple[float, float]:
-    """Look at what an observer's predictions leave of the torque's rate.
-
-    Parameters
-    ----------
-    known : rates that are all finite
-    found : shape (N,), the stiffness observed [N·m/rad]
-    noise : what the sensors' noise makes of Σ̇ − K φ̇, one standard deviation [N·m/s]
-
-    Returns
-    -------
-    alike : for how many samples what moves the observer stays alike, at least 1
-    within : how much the stiffness differs from the observer's average of it [N·m/rad], root mean square: what is left over but
-        for noise, over the deflection's rate; or, where that is more, how what is left over grows with the rate, which needs
-        no noise to be known
-    """
-    if not known.torque.size:
-        return 1.0, 0.0
-    left = np.nan_to_num(known.torque - found * known.deflection)
-    alike = max(1.0, left.size / effective_samples(left * np.sign(known.deflection)))
-    power = known.deflection**2
-    more = (float(np.mean(left**2)) - float(noise) ** 2) / float(np.mean(power))
-    return alike, float(np.sqrt(max(0.0, more, _growth(left**2, power))))
-
-
-def _growth(left: Array, power: Array) -> float:
-    """Return how much what is left over grows with the rate's power, less its uncertainty."""
-    spread = float(np.var(power))
-    if spread == 0.0:
-        return 0.0
-    off = power - power.mean()
-    slope = float(np.mean((left - left.mean()) * off)) / spread
-    rest = (left - left.mean() - slope * off) * off
-    return slope - SURE * float(np.std(rest) / spread / np.sqrt(effective_samples(rest)))

@@ -1,0 +1,113 @@
+"""How far a stiffness is from its average over a swing: against closed forms, least squares, and joints written down here."""
+
+import numpy as np
+import pytest
+from test_grioli_methods import estimated
+
+from vsalog.estimators.averaged import averaged
+from vsalog.estimators.rates import Rates
+
+T = 1e-3
+
+
+def test_what_is_left_over_but_for_noise_is_the_stiffness_s_own():
+    rng, t = np.random.default_rng(4), np.arange(20_000) * T
+    rate, K = np.cos(10.0 * t), 30.0
+    phi, left = np.sin(10.0 * t) / 10.0, 2.0 * rng.standard_normal(t.size)
+    known = Rates(K * rate + left, rate)
+    assert averaged(phi, known, np.full(rate.size, K), 2.1).within == 0.0
+    seen = averaged(phi, known, np.full(rate.size, K), 0.0)
+    assert seen.within == pytest.approx(2.0 / np.sqrt(0.5), rel=0.02)
+    assert seen.alike < 1.3
+    # What grows with the rate is the stiffness's own, even where noise is taken to be large.
+    known = Rates((K + 3.0 * rng.standard_normal(rate.size)) * rate + left, rate)
+    assert averaged(phi, known, np.full(rate.size, K), 10.0).within == pytest.approx(3.0, rel=0.1)
+
+
+def test_a_hardening_spring_differs_most_where_it_hardly_moves():
+    """K = 60 + 3000 φ², averaged with the weight |φ̇| over φ = 0.1 sin t: 60 + 3000 · 0.01 / 3."""
+    t = np.linspace(0.0, 60.0 * np.pi, 60_000)
+    phi, rate = 0.1 * np.sin(t), 0.1 * np.cos(t)
+    mean = 60.0 + 3000.0 * 0.01 / 3.0
+    seen = averaged(phi, Rates((60.0 + 3000.0 * phi**2) * rate, rate), np.full(t.size, mean), 0.0)
+    where = np.array([-0.1, -0.05, 0.0, 0.1])
+    np.testing.assert_allclose(seen.course.square(where) ** 0.5, np.abs(3000.0 * where**2 - 10.0), rtol=1e-6, atol=1e-6)
+    # The mean square that is told for everywhere is that where it moves fast, and never less is claimed.
+    assert seen.within < 0.5 * 20.0
+    np.testing.assert_array_less(seen.within**2 * (1.0 - 1e-9), seen.square(where))
+
+
+def test_how_well_a_course_is_known_is_what_least_squares_says():
+    """Noise that is alike for as many samples as it is held: of each term 200 times, against its own spread."""
+    rng, t = np.random.default_rng(5), np.arange(8_000) * T
+    phi, rate = 0.3 * np.sin(7.0 * t), 2.1 * np.cos(7.0 * t)
+    where, held = np.array([-0.3, -0.1, 0.2]), 10
+    squares, courses = [], []
+    for _ in range(200):
+        noise = np.repeat(rng.standard_normal(t.size // held), held)
+        seen = averaged(phi, Rates(20.0 * rate + noise, rate), np.full(t.size, 20.0), 1.0)
+        squares.append(seen.course.square(where))
+        courses.append(seen.course.at(where))
+    spread = np.var(courses, axis=0)
+    # What is claimed is what was found and its variance: on average twice the latter, where nothing is to be found.
+    np.testing.assert_allclose(np.mean(squares, axis=0), 2.0 * spread, rtol=0.25)
+
+
+def test_deflections_that_tell_nothing_have_no_course():
+    still = np.zeros(100)
+    assert averaged(still, Rates(still, still), still, 0.0).course is None
+    rate = np.ones(100)
+    assert averaged(still, Rates(rate, rate), rate, 0.0).course is None
+    few = averaged(np.arange(3.0), Rates(np.ones(3), np.ones(3)), np.ones(3), 0.0)
+    assert np.isfinite(few.square(np.array([0.0, 5.0]))).all()
+
+
+RIG = """[joint.arm]
+kind = "elastic"
+motor = { inertia = 0.02, damping = 0.1 }
+basis = { order = 2 }
+[joint.arm.signals]
+link_position = "q"
+motor_position = "theta"
+"""
+
+
+def spring(phi):
+    return 10.0 * phi + 16.0 * phi**3
+
+
+def stiffness(phi):
+    return 10.0 + 48.0 * phi**2
+
+
+@pytest.mark.parametrize(
+    ("name", "torque", "period", "steps", "frequencies"),
+    [
+        ("grioli-bicchi", "motor_torque", 1e-3, 2000, (1.1, 4.0)),
+        ("grioli-bicchi", "motor_torque", 1e-3, 500, (1.1, 4.0)),
+        ("impedance", "torque_sensor", 2e-2, 4059, (0.7, 3.1)),
+    ],
+)
+def test_a_memory_of_many_swings_does_not_hide_how_much_a_spring_hardens_within_one(
+    tmp_path, name, torque, period, steps, frequencies
+):
+    """φ and θ are prescribed, the torques follow; the band holds at the ends of a swing as in its middle."""
+    rng, t, step = np.random.default_rng(6), np.arange(round(30.0 / period)) * period, 2.0 * np.pi / steps
+    slow, fast = frequencies
+    phi = 0.3 * np.sin(slow * t) + 0.12 * np.sin(fast * t)
+    theta, speed, acceleration = (0.8 * 2.0**n * np.sin(2.0 * t + n * np.pi / 2) for n in range(3))
+    recorded = {
+        "time": t,
+        "q": step * np.round((theta + phi) / step),
+        "theta": step * np.round(theta / step),
+        "motor_torque": 0.02 * acceleration + 0.1 * speed - spring(phi) + 0.02 * rng.standard_normal(t.size),
+        "torque_sensor": spring(phi) + 0.02 * rng.standard_normal(t.size),
+    }
+    path = tmp_path / "arm.csv"
+    np.savetxt(path, np.column_stack(list(recorded.values())), delimiter=",", header=",".join(recorded), comments="")
+    trace, _ = estimated(path, RIG + f'{torque} = "{torque}"', tmp_path, "--estimator", name)
+    excited, true = trace["excited"].astype(bool), stiffness(phi)
+    assert excited.mean() > 0.4
+    off, std = np.abs(trace["stiffness"] - true)[excited], trace["stiffness_std"][excited]
+    assert np.mean(off < 1.96 * std) > 0.97
+    assert not ((off > 0.05 * true[excited]) & (off > 3.0 * std)).any()

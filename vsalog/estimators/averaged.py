@@ -1,0 +1,122 @@
+"""What an observer that averages a stiffness leaves over of the torque's rate, and how far the stiffness is from its average.
+
+Σ̇ − K̂ φ̇ is the sensors' noise, and φ̇ times what the stiffness differs by from K̂. Its mean square tells what holds where the
+deflection moves fast, in the middle of a swing. At a swing's ends hardly anything moves, and there a spring that hardens differs
+most: so what is left over is fitted by a polynomial of φ too.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.polynomial.legendre import legval, legvander
+from numpy.typing import NDArray
+
+from vsalog.correlation import effective_samples
+from vsalog.estimators.rates import Rates
+
+Array = NDArray[np.float64]
+
+# A spread that is not so many times its standard deviation is none.
+SURE = 2.0
+# Degree of the polynomial, where there are so many independent samples for each of its terms.
+DEGREE, EACH = 4, 3
+
+
+@dataclass(frozen=True, slots=True)
+class Course:
+    """K(φ) − K̂ as a polynomial, in Legendre's.
+
+    Attributes
+    ----------
+    middle, half : of the range of φ [rad]
+    terms : shape (n,) [N·m/rad]
+    spread : a root of the terms' covariance, shape (n, n) [N·m/rad]
+    """
+
+    middle: float
+    half: float
+    terms: Array
+    spread: Array
+
+    def at(self, phi: Array) -> Array:
+        """Return K(φ) − K̂ at deflections φ, shape (N,) [N·m/rad]."""
+        return np.asarray(legval(self._place(phi), self.terms))
+
+    def square(self, phi: Array) -> Array:
+        """Return the mean square of K(φ) − K̂, shape (N,) [N²·m²/rad²]: its size, and how well it is known."""
+        return np.asarray(self.at(phi) ** 2 + (legval(self._place(phi), self.spread) ** 2).sum(axis=0))
+
+    def _place(self, phi: Array) -> Array:
+        return np.clip((phi - self.middle) / self.half, -1.0, 1.0)
+
+
+@dataclass(frozen=True, slots=True)
+class Averaged:
+    """What was seen of one transmission.
+
+    Attributes
+    ----------
+    alike : for how many samples what moves the observer stays alike, at least 1
+    within : how much the stiffness differs from the observer's average of it [N·m/rad], root mean square: what is left over but
+        for noise, over the deflection's rate; or, where that is more, how what is left over grows with the rate, which needs
+        no noise to be known
+    course : how it differs along the deflection; None where the deflection tells nothing
+    """
+
+    alike: float = 1.0
+    within: float = 0.0
+    course: Course | None = None
+
+    def square(self, phi: Array) -> Array:
+        """Return the mean square by which the stiffness differs at deflections φ, shape (N,) [N²·m²/rad²]."""
+        everywhere = np.full(phi.shape, self.within**2)
+        return everywhere if self.course is None else np.fmax(everywhere, self.course.square(phi))
+
+
+def averaged(phi: Array, known: Rates, found: Array, noise: float) -> Averaged:
+    """Look at what an observer's predictions leave of the torque's rate.
+
+    Parameters
+    ----------
+    phi : shape (N,), deflection [rad]
+    known : rates that are all finite
+    found : shape (N,), the stiffness observed [N·m/rad], NaN before it is
+    noise : what the sensors' noise makes of Σ̇ − K φ̇, one standard deviation [N·m/s]
+    """
+    if found.size < 2 or not known.deflection.any():
+        return Averaged()
+    left = np.nan_to_num(known.torque - found * known.deflection)
+    alike = max(1.0, left.size / effective_samples(left * np.sign(known.deflection)))
+    power = known.deflection**2
+    more = (float(np.mean(left**2)) - noise**2) / float(np.mean(power))
+    within = float(np.sqrt(max(0.0, more, _growth(left**2, power))))
+    return Averaged(alike, within, _course(phi, known.deflection, left, alike))
+
+
+def _growth(left: Array, power: Array) -> float:
+    """Return how much what is left over grows with the rate's power, less its uncertainty."""
+    spread = float(np.var(power))
+    if spread == 0.0:
+        return 0.0
+    off = power - power.mean()
+    slope = float(np.mean((left - left.mean()) * off)) / spread
+    rest = (left - left.mean() - slope * off) * off
+    return slope - SURE * float(np.std(rest) / spread / np.sqrt(effective_samples(rest)))
+
+
+def _course(phi: Array, speed: Array, left: Array, alike: float) -> Course | None:
+    """Fit what is left over by φ̇ times a polynomial of φ, of as many terms as there are samples for that are not alike."""
+    half = 0.5 * float(np.ptp(phi))
+    if not half > 0.0:
+        return None
+    middle = float(phi.min()) + half
+    degree = int(np.clip(left.size / (alike * EACH) - 1.0, 0, DEGREE))
+    moved = legvander((phi - middle) / half, degree) * speed[:, None]
+    powers, axes = np.linalg.eigh(moved.T @ moved)
+    powers[powers <= powers.size * np.finfo(float).eps * powers[-1]] = np.inf
+    root = axes / np.sqrt(powers)
+    terms = root @ (root.T @ (moved.T @ left))
+    noise = float(np.mean((left - moved @ terms) ** 2))
+    return Course(middle, half, terms, np.asarray(root * np.sqrt(noise * alike)))
