@@ -19,7 +19,9 @@ from vsalog.estimators.device import device_of
 from vsalog.estimators.rates import RateNoise
 from vsalog.estimators.tuning import Tuning, read_tuning
 from vsalog.estimators.windows import WINDOWS, noisy_rates, suitable_windows
+from vsalog.filters.derivative_weights import derivative_weights
 from vsalog.filters.derivatives import Derivatives
+from vsalog.filters.savitzky_golay import savgol_weights
 from vsalog.simulation.experiments import awas_experiment, vsa2_experiment
 from vsalog.trace import Trace
 
@@ -222,21 +224,26 @@ def test_noise_bends_a_followed_stiffness_as_much_as_is_told():
     assert 1.0 < told / abs(found - K) < 4.0
 
 
-def test_derivatives_are_scipy_s_and_no_window_reaches_over_a_gap(joint):
+@pytest.mark.parametrize("highest", [1, 3])
+def test_rates_are_scipy_s_and_no_window_reaches_over_a_gap(joint, highest):
     _, signals = signals_of(joint)
     signals = signals[:3000]
     starts = signals.starts.copy()
     starts[[1000, 1030]] = True  # a run shorter than the window between two others
     signals = replace(signals, starts=starts)
-    filters = Derivatives({"link_position": 3, "motor_torque": 1}, T, 0.05, 5)
+    filters = Derivatives({"link_position": highest, "motor_torque": 1}, T, 0.05, 5)
     whole = filters.whole(signals)
     np.testing.assert_array_equal(whole.rows.stamps, signals.stamps)
-    for role, order in (("link_position", 3), ("motor_torque", 1)):
+    for role, order in (("link_position", highest), ("motor_torque", 1)):
         for n in range(order + 1):
             found = whole.of[role][n]
             for first, last in ((0, 1000), (1030, 3000)):
                 x = signals.roles[role][first:last]
-                expected = savgol_filter(x, 51, 5, deriv=n, delta=T)[25:-25]
+                expected = (
+                    savgol_filter(x, 51, 5, deriv=n, delta=T)[25:-25]
+                    if highest == 1
+                    else np.correlate(x, derivative_weights(51, 5, highest, T)[n], "valid")
+                )
                 np.testing.assert_allclose(
                     found[first + 25 : last - 25], expected, rtol=1e-6, atol=1e-6 * np.ptp(expected)
                 )
@@ -323,13 +330,14 @@ def test_blocks_of_any_size_give_the_same_bits(experiment, name):
 def test_a_coarse_encoder_gets_a_longer_window_and_noise_is_told(joint):
     spec, signals = signals_of(joint)
     device = device_of("arm", spec, signals.roles)
+    weights = savgol_weights(WINDOWS[0], 5, 1, T)
     assert suitable_windows(device, signals, Tuning())[0] == WINDOWS[0]
-    assert noisy_rates(device, signals, Tuning(), WINDOWS[0]) == []
+    assert noisy_rates(device, signals, weights) == []
     rng = np.random.default_rng(0)
     coarse = {**signals.roles, "link_position": signals.roles["link_position"] + 2e-3 * rng.standard_normal(COUNT)}
     noisy = replace(signals, roles=coarse)
     assert suitable_windows(device, noisy, Tuning())[0] > WINDOWS[0]
-    assert "encoders' noise" in noisy_rates(device, noisy, Tuning(), WINDOWS[0])[0]
+    assert "encoders' noise" in noisy_rates(device, noisy, weights)[0]
     assert suitable_windows(device, noisy, Tuning(window=0.03)) == [31]
 
 

@@ -104,7 +104,7 @@ def build(device: Device, signals: JointSignals, tuning: GrioliBicchiTuning) -> 
         conditioner = Derivatives(orders, part.period, own.window_for(part), own.degree, before)
         return GrioliBicchiFold(side, device, part, own, torques, conditioner, look)
 
-    windows, part, least = suitable_windows(device, signals, tuning), signals[:ENOUGH], np.inf
+    windows, part, least = suitable_windows(device, signals, tuning, max(orders.values())), signals[:ENOUGH], np.inf
     best = windows[0]
     for window in windows if len(windows) > 1 else ():
         share = claimed_share(fold(window, part), part)
@@ -128,7 +128,7 @@ class GrioliBicchiFold(ObserverFold):
     ) -> None:  # fmt: skip
         super().__init__(NAME, "RESIDUAL", device, signals, tuning, torques, conditioner, look)
         self.side, self.pushed = side, "external_torque" in signals.roles
-        self.noisy = noisy_rates(device, signals, tuning, conditioner.window)
+        self.noisy = noisy_rates(device, signals, conditioner.weights)
 
     @property
     def derived(self) -> dict[str, float]:

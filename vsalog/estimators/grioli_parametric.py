@@ -86,7 +86,7 @@ def build(device: Device, signals: JointSignals, tuning: GrioliParametricTuning)
     solver = QrSolver(tuning.forgetting, 0, p0, least=least_samples(conditioner))
     equations = rate_equations(device, signals, conditioner)
     fold = RateFold(NAME, "SENSOR", device, conditioner, equations, solver, look=look).tried_coarser(signals)
-    fold.noisy = noisy_rates(device, signals, tuning, conditioner.window)
+    fold.noisy = noisy_rates(device, signals, conditioner.weights)
     return fold
 
 

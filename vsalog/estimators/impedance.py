@@ -20,6 +20,7 @@ from vsalog.estimators.needs import require
 from vsalog.estimators.windows import keeping_window
 from vsalog.filters.derivatives import Derivatives
 from vsalog.filters.link_ekf import LinkState
+from vsalog.filters.savitzky_golay import savgol_weights
 from vsalog.signals import JointSignals
 
 NAME = "impedance"
@@ -81,12 +82,12 @@ class ImpedanceFold(ObserverFold):
     def __init__(self, device: Device, signals: JointSignals, tuning: ImpedanceTuning, look: FirstLook) -> None:
         torques = [BorneTorque(v, {v.torque_sensor: (1.0,)}, measured=True) for v in device.transmissions]
         orders = {role: order for t in torques for role, order in t.orders(signals.roles).items()}
-        moves = "link_position" in signals.roles
-        if moves:
-            orders["link_position"] = 2
         conditioner = Derivatives(orders, signals.period, tuning.window_for(signals), tuning.degree)
         super().__init__(NAME, "SENSOR", device, signals, tuning, torques, conditioner, look)
-        self.link = LinkImpedance(device, signals, conditioner.weights, tuning.wander, tuning.memory) if moves else None
+        self.link: LinkImpedance | None = None
+        if "link_position" in signals.roles:
+            weights = savgol_weights(conditioner.window, tuning.degree, 2, signals.period)
+            self.link = LinkImpedance(device, signals, weights, tuning.wander, tuning.memory)
 
     @property
     def derived(self) -> dict[str, float]:

@@ -31,8 +31,9 @@ from vsalog.estimators.rates import Rates, typical_speed
 from vsalog.estimators.sensor_error import ENOUGH, sensor_error
 from vsalog.estimators.windows import KEPT, LOUD, QUIET, rates_of, rms, suitable_windows, with_window
 from vsalog.filters.coupled_observer import CoupledNoise, CoupledState, coupled_start, observe_coupled
+from vsalog.filters.derivative_weights import derivative_weights
 from vsalog.filters.derivatives import Derivatives, DerivativesState, Differentiated
-from vsalog.filters.savitzky_golay import savgol_filter, savgol_weights
+from vsalog.filters.savitzky_golay import savgol_filter
 from vsalog.model import JointModel, basis_spec
 from vsalog.signals import JointSignals
 from vsalog.trace import Trace
@@ -46,6 +47,8 @@ SUMMARY = "stiffness, link inertia and damping in one loop, from a measured push
 ANOTHER_GUESS = 2.0
 # They have met when their inertias differ by less than this share.
 MET = 0.1
+# The link's position is differentiated so often.
+HIGHEST = 3
 # No noise and no guess is smaller.
 LEAST = 1e-12
 # What is all noise is counted as this part of it.
@@ -149,7 +152,7 @@ class ImpedanceCoupledFold:
         self.look = first_look(device, signals, tuning)
         tuning = with_window(tuning, signals, quiet_window(device, signals, tuning))
         orders = dict.fromkeys((*self.view.deflection_roles(signals.roles), "external_torque"), 1) | {
-            "link_position": 3
+            "link_position": HIGHEST
         }
         self.conditioner = Derivatives(orders, signals.period, tuning.window_for(signals), tuning.degree)
         self.difference = tuning.derivative == "difference"
@@ -169,7 +172,6 @@ class ImpedanceCoupledFold:
         # What the spring is beside its average goes into the link, as far as φ̇ looks like q⃛ or q̈: it may altogether.
         self.shares = sizes[2] / np.array(sizes[:2])
         self.noisy = self._noisy(signals, sizes)
-        self.smaller = self._smaller(known.f)
 
     @property
     def derived(self) -> dict[str, float]:
@@ -258,9 +260,8 @@ class ImpedanceCoupledFold:
         # An observer is late and averages over whole swings; what depends on the guess is as doubtful as the guess, and what the
         # link's inertia is in doubt of may be the spring's.
         doubt = link[:, 2] / self.shares[0]
-        # What noise in q⃛, q̈ and φ̇ takes away of I, N and K, and what a long window takes of q⃛ and q̈, each may take from K.
-        missed = np.hypot(self.noisy[:2], self.smaller)
-        bent = np.hypot(self.noisy[2] * K, np.linalg.norm(missed * link[:, :2] / self.shares, axis=1))
+        # What noise in q⃛, q̈ and φ̇ takes away of I, N and K, each may take from K.
+        bent = np.hypot(self.noisy[2] * K, np.linalg.norm(self.noisy[:2] * link[:, :2] / self.shares, axis=1))
         phi = self._deflection(part)
         besides = late**2 + apart**2 + doubt**2 + bent**2 + self.average.square(phi)
         std = np.sqrt(deviation**2 * self.average.alike + besides)
@@ -325,21 +326,6 @@ class ImpedanceCoupledFold:
         _, (noise,) = rates_of(self.device, signals[:ENOUGH], weights[:2])
         return np.minimum(np.array([*added, noise]) / sizes, NEARLY_ALL) ** 2
 
-    def _smaller(self, f: Array) -> Array:
-        """Return by which part a Savitzky–Golay filter makes q⃛ and q̈ smaller than it makes f, at f's frequencies, shape (2,).
-
-        A derivative of a polynomial that was fitted is not the derivative of what the polynomial is at the window's centre: the
-        higher, the less is left of it at high frequencies.
-        """
-        size = 1 << max(f.size, self.conditioner.window).bit_length()
-        power, omega = np.abs(np.fft.rfft(f - f.mean(), size)) ** 2, 2.0 * np.pi * np.fft.rfftfreq(size, self.period)
-        first = 0 if self.difference else 1
-        answers = np.abs(np.fft.rfft(self.conditioner.weights, size))
-        with np.errstate(divide="ignore", invalid="ignore"):
-            parts = [answers[n + first] / (omega**n * answers[first]) for n in (2, 1)]
-        lost = np.nan_to_num([1.0 - np.minimum(part, 1.0) for part in parts])
-        return np.asarray(np.sqrt((lost**2 * power).sum(axis=1) / max(float(power.sum()), np.finfo(float).tiny)))
-
     def _deflection(self, part: Differentiated) -> Array:
         return deflection_of({role: values[0] for role, values in part.of.items()}, self.view)
 
@@ -361,10 +347,10 @@ def quiet_window(device: Device, signals: JointSignals, tuning: ImpedanceCoupled
 
     Where none does, that of those quiet in φ̇ behind which the least part of q⃛ is noise.
     """
-    windows, shares, kept = suitable_windows(device, signals, tuning), [], -np.inf
+    windows, shares, kept = suitable_windows(device, signals, tuning, HIGHEST), [], -np.inf
     q = signals.roles["link_position"][:ENOUGH]
     for window in windows:
-        weights = savgol_weights(window, tuning.degree, 3, signals.period)[3:]
+        weights = derivative_weights(window, tuning.degree, HIGHEST, signals.period)[3:]
         jerk, noise = rms(savgol_filter(q, weights)[0]), sensor_error(q, window).rms(weights[0])
         motion = jerk**2 - noise**2
         if motion < kept:

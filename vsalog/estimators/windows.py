@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from vsalog.estimators.device import Device, TransmissionView, deflection_of, spread
 from vsalog.estimators.sensor_error import ENOUGH, sensor_error
 from vsalog.estimators.tuning import Tuning
+from vsalog.filters.derivative_weights import derivative_weights
 from vsalog.filters.savitzky_golay import savgol_filter, savgol_weights
 from vsalog.signals import JointSignals
 
@@ -22,6 +23,8 @@ T = TypeVar("T", bound=Tuning)
 
 # Windows that are tried, in samples.
 WINDOWS = (51, 101, 201, 401, 801, 1601)
+# Those of `derivative_weights` are so much wider: they let as much through as the Savitzky–Golay filter does, motion and noise.
+WIDER = 1.5
 # And where even the first of them takes away of the motion, because samples are few: more than this part of a rate's power, which
 # is little, for what bends a stiffness is its share of the amplitude.
 SHORTER, ALL = (7, 13, 25), 0.9995
@@ -67,23 +70,25 @@ class Behind(NamedTuple):
         return (ALL if self.window < WINDOWS[0] else KEPT) * self.motion - self.noises**2
 
 
-def suitable_windows(device: Device, signals: JointSignals, tuning: Tuning) -> list[int]:
+def suitable_windows(device: Device, signals: JointSignals, tuning: Tuning, order: int | None = None) -> list[int]:
     """Return the windows, in samples, that leave φ̇ of every transmission quiet and keep the motion, shortest first.
 
-    Where none is quiet, the longest; where a window is given, that one.
+    Where none is quiet, the longest; where a window is given, that one. They are for `Derivatives` up to an order, or for the
+    Savitzky–Golay filter.
     """
     if tuning.window is not None:
         return [2 * round(0.5 * tuning.window / signals.period) + 1]
-    fitting = [w for w in WINDOWS if w > tuning.degree and w <= PART_OF_RUN * signals.longest_run] or [WINDOWS[0]]
+    wider = 1.0 if order is None else WIDER
+    usual = [round(wider * window) | 1 for window in WINDOWS]
+    fitting = [w for w in usual if w > tuning.degree and w <= PART_OF_RUN * signals.longest_run] or [WINDOWS[0]]
     quiet: list[int] = []
     sure = np.zeros(len(device.transmissions))
-    for window in (*_shorter(signals, tuning, WINDOWS[0]), *fitting):
-        behind = _behind(device, signals[:ENOUGH], tuning, window)
+    for window in (*(round(wider * w) | 1 for w in _shorter(signals, tuning, WINDOWS[0])), *fitting):
+        behind = _behind(device, signals[:ENOUGH], tuning, window, order)
         if behind.quiet and np.all(behind.motion >= sure):
             quiet.append(window)
             sure = np.maximum(sure, behind.surely)
-    usual = [window for window in quiet if window >= WINDOWS[0]]
-    return usual or quiet[-1:] or fitting[-1:]
+    return [window for window in quiet if window >= WINDOWS[0]] or quiet[-1:] or fitting[-1:]
 
 
 def keeping_window(device: Device, signals: JointSignals, tuning: T, usual: int) -> T:
@@ -150,8 +155,11 @@ def most_moved(signals: JointSignals, roles: Collection[str]) -> JointSignals:
     return signals[first : first + ENOUGH]
 
 
-def _behind(device: Device, signals: JointSignals, tuning: Tuning, window: int) -> Behind:
-    weights = savgol_weights(window, tuning.degree, 1, signals.period)
+def _behind(device: Device, signals: JointSignals, tuning: Tuning, window: int, order: int | None = None) -> Behind:
+    if order is None:
+        weights = savgol_weights(window, tuning.degree, 1, signals.period)
+    else:
+        weights = derivative_weights(window, tuning.degree, order, signals.period)[:2]
     return Behind(window, *rates_of(device, signals, weights))
 
 
@@ -172,9 +180,9 @@ def _quiet_motor(view: TransmissionView, signals: JointSignals, weights: Array) 
     return not (speed := rms(savgol_filter(theta, weights[1:2])[0])) or bool(added.rms(weights[1]) <= QUIET * speed)
 
 
-def noisy_rates(device: Device, signals: JointSignals, tuning: Tuning, window: int) -> list[str]:
-    """Say where a window of so many samples leaves φ̇ noisy, and what that costs."""
-    rates, noises = rates_of(device, signals[:ENOUGH], savgol_weights(window, tuning.degree, 1, signals.period))
+def noisy_rates(device: Device, signals: JointSignals, weights: Array) -> list[str]:
+    """Say where a filter of such weights, of value and first derivative at least, leaves φ̇ noisy, and what that costs."""
+    rates, noises = rates_of(device, signals[:ENOUGH], weights[:2])
     return [
         f"joint '{device.joint}', transmission {view.name}: {noise / rate:.0%} of the deflection's rate is the encoders' noise,"
         " which bends the stiffness more than its standard deviation says; move the joint faster, or filter longer (--tune"

@@ -1,6 +1,8 @@
-"""Values and derivatives of signals by one Savitzky–Golay filter: a fold over blocks, late by half a window.
+"""Values and derivatives of signals by one filter: a fold over blocks, late by half a window.
 
-Whatever is a sum of such derivatives has passed through one and the same filter, so that no part of it is late against another.
+Whatever is a sum of such derivatives has passed through one and the same filter: none of it is late against the rest, or smaller.
+Rates alone come from the Savitzky–Golay filter, which leaves less noise for its window; where higher derivatives are held against
+them, all come from `derivative_weights`.
 """
 
 from __future__ import annotations
@@ -14,6 +16,7 @@ from numpy.typing import NDArray
 
 from vsalog.errors import FilterError
 from vsalog.filters.conditioning import LONGEST, Preparation
+from vsalog.filters.derivative_weights import derivative_weights
 from vsalog.filters.savitzky_golay import savgol_filter, savgol_lag, savgol_weights
 from vsalog.signals import JointSignals
 
@@ -70,7 +73,9 @@ class Derivatives:
             )
         self.orders, self.period, self.before = dict(orders), period, before
         self.window = 2 * round(0.5 * window / period) + 1
-        self.weights = savgol_weights(self.window, degree, max(orders.values(), default=0), period)
+        highest = max(orders.values(), default=0)
+        weights = savgol_weights if highest <= 1 else derivative_weights
+        self.weights = weights(self.window, degree, highest, period)
 
     def check_length(self, longest: int) -> None:
         """Refuse a log in which no run is long enough for the filter.
