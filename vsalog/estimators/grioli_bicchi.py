@@ -150,10 +150,10 @@ class GrioliBicchiFold(ObserverFold):
 
 
 def claimed_share(fold: ObserverFold, signals: JointSignals) -> float:
-    """Return the median of stiffness_std / stiffness that a fold claims on a log; infinite where it claims nothing."""
+    """Return the median of stiffness_std / stiffness that a fold claims on a log; infinite where it supports nothing."""
     total = estimated(fold, signals)["total"]
     share = np.asarray(total["stiffness_std"]) / np.abs(np.asarray(total["stiffness"]))
-    return float(np.median(share[np.isfinite(share)])) if np.isfinite(share).any() else np.inf
+    return float(np.median(share[np.isfinite(share)])) if np.any(total["excited"]) else np.inf
 
 
 def smoothed_away(fold: ObserverFold, shorter: ObserverFold, signals: JointSignals) -> float:

@@ -78,12 +78,14 @@ def suitable_windows(device: Device, signals: JointSignals, tuning: Tuning, orde
     """
     if tuning.window is not None:
         return [2 * round(0.5 * tuning.window / signals.period) + 1]
-    wider = 1.0 if order is None else WIDER
-    usual = [round(wider * window) | 1 for window in WINDOWS]
-    fitting = [w for w in usual if w > tuning.degree and w <= PART_OF_RUN * signals.longest_run] or [WINDOWS[0]]
+    tried = [*_shorter(signals, tuning, WINDOWS[0]), *WINDOWS]
+    if order is not None:
+        tried = [round(WIDER * part * window) | 1 for window in tried for part in (1.0, 2.0**0.5)]
+    longest = PART_OF_RUN * signals.longest_run
+    fitting = [w for w in tried if w >= WINDOWS[0] and tuning.degree < w <= longest] or [WINDOWS[0]]
     quiet: list[int] = []
     sure = np.zeros(len(device.transmissions))
-    for window in (*(round(wider * w) | 1 for w in _shorter(signals, tuning, WINDOWS[0])), *fitting):
+    for window in (*(w for w in tried if w < WINDOWS[0]), *fitting):
         behind = _behind(device, signals[:ENOUGH], tuning, window, order)
         if behind.quiet and np.all(behind.motion >= sure):
             quiet.append(window)
