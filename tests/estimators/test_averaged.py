@@ -53,6 +53,16 @@ def test_how_well_a_course_is_known_is_what_least_squares_says():
     np.testing.assert_allclose(np.mean(squares, axis=0), 2.0 * spread, rtol=0.25)
 
 
+def test_a_stiffness_that_drifts_is_known_the_worse_the_longer_ago_it_was_learnt():
+    rate = np.cos(np.arange(5_000) * 0.01)
+    K = 30.0 + 0.002 * np.arange(5_000)
+    assert averaged(rate, Rates(K * rate, rate), K, 0.0, 300).drift == pytest.approx(0.002)
+    # Longer than the log: over half of it.
+    assert averaged(rate, Rates(K * rate, rate), K, 0.0, 90_000).drift == pytest.approx(0.002)
+    assert averaged(rate, Rates(30.0 * rate, rate), np.full(rate.size, 30.0), 0.0, 300).drift == 0.0
+    assert averaged(rate, Rates(K * rate, rate), K, 0.0).drift == 0.0
+
+
 def test_deflections_that_tell_nothing_have_no_course():
     still = np.zeros(100)
     assert averaged(still, Rates(still, still), still, 0.0).course is None
@@ -111,3 +121,24 @@ def test_a_memory_of_many_swings_does_not_hide_how_much_a_spring_hardens_within_
     off, std = np.abs(trace["stiffness"] - true)[excited], trace["stiffness_std"][excited]
     assert np.mean(off < 1.96 * std) > 0.97
     assert not ((off > 0.05 * true[excited]) & (off > 3.0 * std)).any()
+
+
+def test_what_was_learnt_before_a_rest_is_in_doubt_where_the_set_point_moves_on(tmp_path):
+    """A joint that jerks every 1.6 s while its stiffness goes from 20 to 7 N·m/rad and back: between jerks it rests."""
+    rng, period, every, step = np.random.default_rng(7), 2e-3, 1.6, 2.0 * np.pi / 8000
+    t = np.arange(round(32.0 / period)) * period
+    changing = 13.5 + 6.5 * np.cos(2.0 * np.pi * t / 16.0)
+    phi = 0.2 * np.exp(-(((t % every - 0.8) / 0.15) ** 2)) * np.where(t // every % 2 < 1, 1.0, -1.0)
+    recorded = {
+        "time": t,
+        "q": step * np.round(phi / step),
+        "theta": np.zeros(t.size),
+        "torque_sensor": changing * phi + 0.002 * rng.standard_normal(t.size),
+    }
+    path = tmp_path / "arm.csv"
+    np.savetxt(path, np.column_stack(list(recorded.values())), delimiter=",", header=",".join(recorded), comments="")
+    trace, _ = estimated(path, RIG + 'torque_sensor = "torque_sensor"', tmp_path, "--estimator", "impedance")
+    excited = trace["excited"].astype(bool)
+    off, std = np.abs(trace["stiffness"] - changing)[excited], trace["stiffness_std"][excited]
+    assert excited.mean() > 0.5
+    assert np.mean(off < 1.96 * std) > 0.98

@@ -63,11 +63,13 @@ class Averaged:
         for noise, over the deflection's rate; or, where that is more, how what is left over grows with the rate, which needs
         no noise to be known
     course : how it differs along the deflection; None where the deflection tells nothing
+    drift : how much it changes from one sample to the next [N·m/rad], by what it changes over many
     """
 
     alike: float = 1.0
     within: float = 0.0
     course: Course | None = None
+    drift: float = 0.0
 
     def square(self, phi: Array) -> Array:
         """Return the mean square by which the stiffness differs at deflections φ, shape (N,) [N²·m²/rad²]."""
@@ -75,7 +77,7 @@ class Averaged:
         return everywhere if self.course is None else np.fmax(everywhere, self.course.square(phi))
 
 
-def averaged(phi: Array, known: Rates, found: Array, noise: float) -> Averaged:
+def averaged(phi: Array, known: Rates, found: Array, noise: float, lag: int = 0) -> Averaged:
     """Look at what an observer's predictions leave of the torque's rate.
 
     Parameters
@@ -84,6 +86,7 @@ def averaged(phi: Array, known: Rates, found: Array, noise: float) -> Averaged:
     known : rates that are all finite
     found : shape (N,), the stiffness observed [N·m/rad], NaN before it is
     noise : what the sensors' noise makes of Σ̇ − K φ̇, one standard deviation [N·m/s]
+    lag : samples over which a change of the stiffness is looked at; none with 0
     """
     if found.size < 2 or not known.deflection.any():
         return Averaged()
@@ -92,7 +95,7 @@ def averaged(phi: Array, known: Rates, found: Array, noise: float) -> Averaged:
     power = known.deflection**2
     more = (float(np.mean(left**2)) - noise**2) / float(np.mean(power))
     within = float(np.sqrt(max(0.0, more, _growth(left**2, power))))
-    return Averaged(alike, within, _course(phi, known.deflection, left, alike))
+    return Averaged(alike, within, _course(phi, known.deflection, left, alike), _drift(found, lag))
 
 
 def _growth(left: Array, power: Array) -> float:
@@ -104,6 +107,14 @@ def _growth(left: Array, power: Array) -> float:
     slope = float(np.mean((left - left.mean()) * off)) / spread
     rest = (left - left.mean() - slope * off) * off
     return slope - SURE * float(np.std(rest) / spread / np.sqrt(effective_samples(rest)))
+
+
+def _drift(found: Array, lag: int) -> float:
+    """Return the root mean square of how much a stiffness changes over a lag, or half of what there is, by the sample."""
+    lag = min(lag, found.size // 2)
+    change = found[lag:] - found[: found.size - lag]
+    change = change[np.isfinite(change)]
+    return float(np.sqrt(np.mean(change**2))) / lag if lag and change.size else 0.0
 
 
 def _course(phi: Array, speed: Array, left: Array, alike: float) -> Course | None:

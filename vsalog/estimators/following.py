@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Any, Literal, NamedTuple
+from typing import Any, Literal, NamedTuple, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -28,6 +28,7 @@ from vsalog.trace import Trace
 
 Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]
+T = TypeVar("T", float, Array)
 Columns = dict[str, NDArray[Any]]
 
 # Memories of the observer that are tried where no gain is asked for [s].
@@ -118,10 +119,10 @@ class ObserverFold:
         speed = typical_speed(device, filtered)
         self.alpha = tuning.alpha if tuning.alpha is not None else self._best_alpha(filtered, speed)
         self.rate_noise = {t.view.name: t.rate_noise(signals, conditioner.weights, self.difference) for t in torques}
+        self.swing = np.pi * max(spread(t.deflection(whole.of, 0)) for t in torques) / speed
         self.averages = self._averages_of(whole, speed)
         # What a shorter window would make of the stiffness, where a method looks at that [N·m/rad].
         self.smoothed_away = 0.0
-        self.swing = np.pi * max(spread(t.deflection(whole.of, 0)) for t in torques) / speed
 
     @property
     def derived(self) -> dict[str, float]:
@@ -201,13 +202,17 @@ class ObserverFold:
         late, noise, average = quick - stiffness, self.rate_noise[name], self.averages[name]
         phi = borne.deflection(part.of, 0)
         learning = np.maximum(deviation**2 * average.alike, self._least_variance(noise.left(stiffness), speed))
-        missed = average.square(phi) + self.smoothed_away**2
+        age = np.abs(part.rows.time - when)
+        missed = average.square(phi) + (average.drift * age / self.period) ** 2 + self.smoothed_away**2
         std = np.sqrt(learning + late**2 + (noise.bent(stiffness) / speed**2) ** 2 + missed)
         # None at all is what a gain beyond all numbers leaves, and no certainty.
         std[std == 0.0] = np.nan
-        fresh = np.abs(part.rows.time - when) <= RESTED / (self.alpha * speed) + self.swing
-        seen = name not in self.look.blind
-        return columns(phi, borne.torque(part.of), stiffness, std, use & (learnt >= FILLED) & fresh & seen)
+        supported = use & (learnt >= FILLED) & (age <= self._stale(speed)) & (name not in self.look.blind)
+        return columns(phi, borne.torque(part.of), stiffness, std, supported)
+
+    def _stale(self, speed: T) -> T:
+        """Return the age at which what was learnt at a speed is not of now any more [s]."""
+        return RESTED / (self.alpha * speed) + self.swing
 
     def _least_variance(self, noise: Array, speed: Array) -> Array:
         """Return what the noise of the rates makes of a stiffness, at least.
@@ -252,7 +257,7 @@ class ObserverFold:
                 phi, known, found = phi[ahead:], Rates(*(v[ahead:] for v in known)), found[:-ahead]
             typical = float(np.nanmedian(found)) if np.isfinite(found).any() else 0.0
             noise = float(self.rate_noise[borne.view.name].left(typical)) ** 0.5
-            seen[borne.view.name] = averaged(phi, known, found, noise)
+            seen[borne.view.name] = averaged(phi, known, found, noise, round(self._stale(speed) / self.period))
         return seen
 
 
