@@ -1,5 +1,7 @@
 """How far a stiffness is from its average over a swing: against closed forms, least squares, and joints written down here."""
 
+import json
+
 import numpy as np
 import pytest
 from test_grioli_methods import estimated
@@ -142,3 +144,17 @@ def test_what_was_learnt_before_a_rest_is_in_doubt_where_the_set_point_moves_on(
     off, std = np.abs(trace["stiffness"] - changing)[excited], trace["stiffness_std"][excited]
     assert excited.mean() > 0.5
     assert np.mean(off < 1.96 * std) > 0.98
+
+
+@pytest.mark.parametrize(("rate", "told"), [(50.0, True), (800.0, False)])
+def test_a_motion_of_a_few_samples_a_swing_is_said_to_be_too_fast(tmp_path, rate, told):
+    """At 4 Hz and 50 samples per second: what a third derivative needs is longer than half a swing."""
+    t = np.arange(round(12.0 * rate)) / rate
+    phi = 0.3 * np.sin(2.0 * np.pi * 4.0 * t)
+    theta, speed, acceleration = (0.8 * 5.0**n * np.sin(5.0 * t + n * np.pi / 2) for n in range(3))
+    torque = 0.02 * acceleration + 0.1 * speed - spring(phi)
+    path = tmp_path / "arm.csv"
+    columns = np.column_stack((t, theta + phi, theta, torque))
+    np.savetxt(path, columns, delimiter=",", header="time,q,theta,motor_torque", comments="")
+    _, said = estimated(path, RIG + 'motor_torque = "motor_torque"', tmp_path, "--estimator", "grioli-bicchi")
+    assert ("smoothed away, and its" in json.dumps(said)) == told

@@ -116,6 +116,8 @@ def build(device: Device, signals: JointSignals, tuning: GrioliBicchiTuning) -> 
     shorter = best // 2 | 1
     if tuning.window is None and shorter > tuning.degree + 1:
         found.smoothed_away = smoothed_away(found, fold(shorter, part), part)
+    else:
+        found.remarks += unresolved(device, best * signals.period, found.swing)
     return found
 
 
@@ -128,7 +130,7 @@ class GrioliBicchiFold(ObserverFold):
     ) -> None:  # fmt: skip
         super().__init__(NAME, "RESIDUAL", device, signals, tuning, torques, conditioner, look)
         self.side, self.pushed = side, "external_torque" in signals.roles
-        self.noisy = noisy_rates(device, signals, conditioner.weights)
+        self.remarks = noisy_rates(device, signals, conditioner.weights)
 
     @property
     def derived(self) -> dict[str, float]:
@@ -145,8 +147,19 @@ class GrioliBicchiFold(ObserverFold):
             )
         if self.side == "link" and link is not None and rubs(link.friction):
             said.append(f"joint '{joint}': the link's dry friction is not taken off, and goes into the stiffness")
-        said += self.noisy + effects_left_in(NAME, self.device)
+        said += self.remarks + effects_left_in(NAME, self.device)
         return tuple(said)
+
+
+def unresolved(device: Device, window: float, swing: float) -> list[str]:
+    """Say where a window that nothing shorter is held against is longer than the deflection takes from end to end [s]."""
+    if window <= swing:
+        return []
+    return [
+        f"joint '{device.joint}': the filter's window of {window:.2g} s is longer than the deflection takes from one end to the"
+        f" other ({swing:.2g} s); what the stiffness changes by on the way is smoothed away, and its standard deviation does not"
+        " know by how much: record at a higher rate, or move more slowly"
+    ]
 
 
 def claimed_share(fold: ObserverFold, signals: JointSignals) -> float:

@@ -36,8 +36,8 @@ QUIET = 0.05
 BENT = 0.01
 # A rate that has more noise than this part of it tells nothing of the motion.
 LOUD = 0.5
-# A window is short enough for a motion when the rate keeps this part of its power.
-KEPT = 0.98
+# A window is short enough for a motion when the rate keeps this part of its power; less will do where all orders keep the same.
+KEPT, KEPT_ALIKE = 0.98, 0.95
 # A run loses half a window at either end: no window is longer than this part of the longest run.
 PART_OF_RUN = 0.1
 
@@ -48,6 +48,7 @@ class Behind(NamedTuple):
     window: int
     rates: Array
     noises: Array
+    kept: float = KEPT
 
     @property
     def quiet(self) -> bool:
@@ -67,7 +68,7 @@ class Behind(NamedTuple):
     @property
     def surely(self) -> Array:
         """What a longer window has to keep: how large noise is, is known no better than to its own size."""
-        return (ALL if self.window < WINDOWS[0] else KEPT) * self.motion - self.noises**2
+        return (ALL if self.window < WINDOWS[0] else self.kept) * self.motion - self.noises**2
 
 
 def suitable_windows(device: Device, signals: JointSignals, tuning: Tuning, order: int | None = None) -> list[int]:
@@ -159,10 +160,10 @@ def most_moved(signals: JointSignals, roles: Collection[str]) -> JointSignals:
 
 def _behind(device: Device, signals: JointSignals, tuning: Tuning, window: int, order: int | None = None) -> Behind:
     if order is None:
-        weights = savgol_weights(window, tuning.degree, 1, signals.period)
+        weights, kept = savgol_weights(window, tuning.degree, 1, signals.period), KEPT
     else:
-        weights = derivative_weights(window, tuning.degree, order, signals.period)[:2]
-    return Behind(window, *rates_of(device, signals, weights))
+        weights, kept = derivative_weights(window, tuning.degree, order, signals.period)[:2], KEPT_ALIKE
+    return Behind(window, *rates_of(device, signals, weights), kept)
 
 
 def _quiet(device: Device, signals: JointSignals, tuning: Tuning, window: int) -> bool:
