@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 
 from vsalog.estimators import algebraic, residual_rls
 from vsalog.estimators.device import device_of
-from vsalog.estimators.fewer import estimated, every_second, moved_by_samples, widened
+from vsalog.estimators.fewer import estimated, every_second, moved_by_samples, said, widened
 from vsalog.rig import Rig
 from vsalog.signals import JointSignals
 
@@ -82,7 +82,22 @@ def test_a_motion_that_is_resolved_is_left_alone():
     for method in (residual_rls, algebraic):
         own = device(signals)
         fold = method.build(own, signals, method.TUNING())
-        assert moved_by_samples(method, own, signals, method.TUNING(), fold) == {}
+        moved = moved_by_samples(method, own, signals, method.TUNING(), fold)
+        assert moved.shares == {}
+        assert moved.tried
+        assert said(own, moved) == ()
+
+
+@pytest.mark.parametrize(("rate", "enough"), [(50.0, False), (200.0, True)])
+def test_where_half_the_samples_cannot_be_tried_that_is_said(rate, enough):
+    """A span of 0.15 s has four samples at 25 Hz, of which algebraic makes nothing."""
+    signals = jerked(rate, jolt=0.5)
+    own = device(signals)
+    fold = algebraic.build(own, signals, algebraic.TUNING())
+    assert np.any(estimated(fold, signals)["1"]["excited"])
+    moved = moved_by_samples(algebraic, own, signals, algebraic.TUNING(), fold)
+    assert moved.tried == enough
+    assert any("half of the samples are too few" in words for words in said(own, moved)) != enough
 
 
 @given(st.integers(2, 60), st.sets(st.integers(1, 59), max_size=5), st.integers(0, 1))

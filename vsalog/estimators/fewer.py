@@ -9,7 +9,7 @@ allows, is no less than how far it is off. (After Richardson's deferred approach
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -34,10 +34,22 @@ LEAST, WORTH_A_WORD = 0.01, 0.03
 TRIED = 1 << 15
 
 
-def moved_by_samples(
-    method: Method, device: Device, signals: JointSignals, tuning: Tuning, fold: Fold
-) -> dict[str, float]:
-    """Return by which part each stiffness moves with half the samples; nothing of those that do not, or are not supported.
+@dataclass(frozen=True, slots=True)
+class Moved:
+    """What half the samples make of an estimate.
+
+    Attributes
+    ----------
+    shares : by which part each stiffness moves that does
+    tried : whether half the samples are enough for the method, or nothing is supported anyhow
+    """
+
+    shares: Mapping[str, float]
+    tried: bool = True
+
+
+def moved_by_samples(method: Method, device: Device, signals: JointSignals, tuning: Tuning, fold: Fold) -> Moved:
+    """Return by which part each stiffness that is supported moves with half the samples.
 
     Parameters
     ----------
@@ -46,10 +58,11 @@ def moved_by_samples(
     fold : as it was built for them
     """
     if device.pneumatic is not None:
-        return {}
+        return Moved({})
     part = signals[:TRIED]
     before = estimated(fold, part)
     changes: dict[str, list[float]] = {}
+    tried = not any(np.any(columns["excited"]) for columns in before.transmissions.values())
     for first in (0, 1):
         half = every_second(part, first)
         try:
@@ -57,12 +70,13 @@ def moved_by_samples(
             other.conditioner.check_length(half.longest_run)
         except VsalogError:
             continue  # there is nothing to compare with
+        tried = True
         after = estimated(other, half)
         for name, columns in before.transmissions.items():
             if (moved := moved_beyond(columns, after[name], slice(first, None, 2))) is not None:
                 changes.setdefault(name, []).append(moved)
     shares = {name: float(np.mean(squares)) ** 0.5 for name, squares in changes.items()}
-    return {name: share for name, share in shares.items() if share > LEAST}
+    return Moved({name: share for name, share in shares.items() if share > LEAST}, tried)
 
 
 def every_second(signals: JointSignals, first: int) -> JointSignals:
@@ -75,10 +89,10 @@ def every_second(signals: JointSignals, first: int) -> JointSignals:
     return replace(part, period=2.0 * signals.period, starts=starts)
 
 
-def widened(trace: Trace, shares: Mapping[str, float]) -> Trace:
+def widened(trace: Trace, moved: Moved) -> Trace:
     """Return a trace with standard deviations that count in by which part each stiffness moves."""
     parts = dict(trace.transmissions)
-    for name, share in shares.items():
+    for name, share in moved.shares.items():
         columns = parts[name]
         stiffness = np.asarray(columns["stiffness"], dtype=np.float64)
         std = np.hypot(np.asarray(columns["stiffness_std"], dtype=np.float64), share * stiffness)
@@ -87,13 +101,19 @@ def widened(trace: Trace, shares: Mapping[str, float]) -> Trace:
     return replace(trace, transmissions=parts)
 
 
-def said(device: Device, shares: Mapping[str, float]) -> tuple[str, ...]:
-    """Say of which stiffness samples are too few."""
+def said(device: Device, moved: Moved) -> tuple[str, ...]:
+    """Say of which stiffness samples are too few, or that this cannot be tried."""
+    if not moved.tried:
+        return (
+            f"joint '{device.joint}': half of the samples are too few for this estimator, so nothing tells whether all of them"
+            " are enough for the motion; where it jerks the stiffness may be off by more than its standard deviation says:"
+            " record at a higher rate, or longer",
+        )
     return tuple(
         f"joint '{device.joint}', {'the whole' if name == 'total' else f'transmission {name}'}: from every second sample only,"
         f" the stiffness comes out {share:.0%} different, which its standard deviation counts in: the samples are too few for"
         " so fast a motion, or for a spring that changes so suddenly; record at a higher rate, or move more smoothly"
-        for name, share in shares.items()
+        for name, share in moved.shares.items()
         if share > WORTH_A_WORD and (name != "total" or len(device.transmissions) > 1)
     )
 
