@@ -41,7 +41,7 @@ def arm_of(chain, noise=0.01, reach=0.05, period=1e-3):
     links = [(k.length, k.offset, np.cos(k.twist), np.sin(k.twist), k.angle) for k in chain.link]
     return Arm(
         np.array(links), np.array(chain.gravity), place, np.zeros_like(place), point, axis, np.full(len(axes), noise),
-        *parts, np.full(count, MOTOR.K), np.zeros((count, count)), reach, noise, period,
+        *parts, np.full(count, MOTOR.K), np.full(count, np.inf), np.zeros((count, count)), reach, noise, period,
     )  # fmt: skip
 
 

@@ -68,7 +68,7 @@ def single(motor, frequency, damping=1.0, period=PERIOD, held=False):
     place = np.zeros(1, dtype=np.int64)
     arm = Arm(
         np.zeros((1, 5)), np.zeros(3), place, place + 1, np.zeros((1, 3)), np.zeros((1, 3)), np.array([1e-3]),
-        Phi[None], before[None], after[None], np.array([motor.K]), np.zeros((1, 1)), 0.05, 1e-3, period,
+        Phi[None], before[None], after[None], np.array([motor.K]), np.array([np.inf]), np.zeros((1, 1)), 0.05, 1e-3, period,
     )  # fmt: skip
     return arm, L
 
@@ -162,7 +162,7 @@ def test_a_motor_that_a_link_carries_feels_that_link():
     coupling = np.array([[0.0, S], [0.0, 0.0]])
     arm = Arm(
         np.zeros((2, 5)), np.zeros(3), place, np.ones(2, np.int64), np.zeros((2, 3)), np.zeros((2, 3)), np.full(2, 1e-3),
-        *parts, np.full(2, motor.K), coupling, 0.05, 1e-3, T,
+        *parts, np.full(2, motor.K), np.full(2, np.inf), coupling, 0.05, 1e-3, T,
     )  # fmt: skip
     time = np.arange(400) * T
     ddq = np.stack([30.0 * np.sin(25.0 * time), np.zeros(400)], axis=1)

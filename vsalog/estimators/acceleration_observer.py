@@ -21,7 +21,7 @@ from vsalog.estimators.net_torque import NetTorque, NetTorqueState, extended
 from vsalog.estimators.sensor_error import ENOUGH, sensor_error
 from vsalog.estimators.tuning import Positive, Tuning
 from vsalog.estimators.unfiltered import Unfiltered
-from vsalog.filters.acceleration_arm import Arm, ArmState, arm_start, axis_rows, observe_arm
+from vsalog.filters.acceleration_arm import LOST, Arm, ArmState, arm_start, axis_rows, observe_arm
 from vsalog.filters.acceleration_observer import (
     ENCODER,
     LINK_POSITION,
@@ -58,6 +58,8 @@ POSITIONS = 50
 SETTLED, MOST_UNSETTLED = 30.0, 20_000
 # A warning says so when for more than this share of the time there is nothing to tell.
 MASKED = 0.01
+# A deflection is believed up to so many times what the motor's largest torque and the observer's noise make of it together.
+FARTHEST = 5.0
 
 
 class AccelerationTuning(Tuning, frozen=True, forbid_unknown_fields=True, kw_only=True):
@@ -110,12 +112,15 @@ def build(device: Device, signals: JointSignals, tuning: AccelerationTuning) -> 
 
 @dataclass(frozen=True, slots=True)
 class AccelerationState:
-    """Where the fold stands: the observers, the motors' friction, samples seen, and those without an acceleration."""
+    """Where the fold stands: the observers, the motors' friction, samples seen, those of which nothing is told, and how often the
+    observers have run away.
+    """
 
     observers: ArmState
     friction: NetTorqueState | None
     seen: int = 0
     masked: int = 0
+    lost: int = 0
 
 
 class AccelerationFold:
@@ -133,6 +138,7 @@ class AccelerationFold:
         usual = self._usual_deviation(plain, signals)
         self.frequencies = [self._frequency(i, float(usual[i])) for i in range(len(group.members))]
         self.arm = self._with_observers(plain)
+        self.arm = self.arm._replace(farthest=self._farthest(usual, signals))
         self.variances = self._variances(signals)
         self.noticed = self._noisy(usual, signals)
 
@@ -162,7 +168,7 @@ class AccelerationFold:
         friction, blocks = state.friction, [block]
         if self.friction is not None:
             friction, blocks = self.friction.step(friction or self.friction.start(), block)
-        observers, seen, masked, traces = state.observers, state.seen, state.masked, []
+        observers, seen, masked, lost, traces = state.observers, state.seen, state.masked, state.lost, []
         for piece in (piece for part in blocks for piece in part.between_gaps()):
             if piece.starts[0]:
                 observers = arm_start(len(self.group.members))
@@ -171,22 +177,30 @@ class AccelerationFold:
             traces.append(Trace.of_rows(piece, {"total": told}))
             seen += len(piece)
             masked += int(np.count_nonzero(since[:, self.group.place] < 0))
-        return AccelerationState(observers, friction, seen, masked), traces
+            lost += int(np.count_nonzero(since[:, self.group.place] == LOST))
+        return AccelerationState(observers, friction, seen, masked, lost), traces
 
     def finish(self, state: AccelerationState) -> tuple[AccelerationState, list[Trace]]:
         """Nothing is held back."""
         return state, []
 
     def warnings(self, state: AccelerationState) -> tuple[str, ...]:
-        """Say where the accelerations do not tell this joint's."""
-        if state.masked <= MASKED * state.seen:
-            return self.noticed
-        return (
-            *self.noticed,
-            f"joint '{self.device.joint}': for {state.masked / state.seen:.1%} of the time nothing is told: samples are missing,"
-            f" or the accelerometers lie within {self.tuning.reach:g} m of the joint's axis, or in line with those of others, and"
-            " see next to nothing of its acceleration (--tune reach=METRES)",
-        )
+        """Say where the accelerations do not tell this joint's, and that the observers have run away."""
+        said, joint = list(self.noticed), self.device.joint
+        if state.masked > MASKED * state.seen:
+            said.append(
+                f"joint '{joint}': for {state.masked / state.seen:.1%} of the time nothing is told: samples are missing, or the"
+                f" accelerometers lie within {self.tuning.reach:g} m of the joint's axis, or in line with those of others, and"
+                " see next to nothing of its acceleration (--tune reach=METRES)"
+            )
+        if state.lost:
+            times = "once" if state.lost == 1 else f"{state.lost} times"
+            said.append(
+                f"joint '{joint}': the observers ran away {times}, to deflections that no torque of the motors makes, and began"
+                " anew: positions that the accelerometers do not tell for long make all accelerations wrong; mount one on every"
+                " link"
+            )
+        return tuple(said)
 
     def model(self, state: AccelerationState) -> JointModel:
         """Return a model without transmissions: what is estimated are states, by the rig's stiffness."""
@@ -281,6 +295,7 @@ class AccelerationFold:
             before=np.empty(0),
             after=np.empty(0),
             K=np.array([m.motor.K for m in group.members]),
+            farthest=np.full(len(group.members), np.inf),
             coupling=group.coupling,
             reach=self.tuning.reach,
             unit_noise=float(noise.max()),
@@ -292,6 +307,17 @@ class AccelerationFold:
         found = [self._observer(m.motor, f) for m, f in zip(self.group.members, self.frequencies, strict=True)]
         Phi, before, after = (np.array(part) for part in zip(*found, strict=True))
         return plain._replace(Phi=Phi, before=before, after=after)
+
+    def _farthest(self, usual: Array, signals: JointSignals) -> Array:
+        """Return the deflection of each joint beyond which its observer has run away [rad]."""
+        found = []
+        for i, member in enumerate(self.group.members):
+            motor, view = member.motor, member.view
+            observer = SampledObserver(self.arm.Phi[i], self.arm.before[i], self.arm.after[i])
+            inputs = np.array([self.noise[view.motor_position], self.noise[view.motor_torque], usual[i]])
+            noise = float(np.sqrt(error_variances(observer, np.zeros(4), 1)[-1, :3, 4] @ inputs**2))
+            found.append(FARTHEST * (largest(signals.roles[view.motor_torque]) / motor.K + noise))
+        return np.array(found)
 
     def _observer(self, motor: ElasticMotor, frequency: float) -> SampledObserver:
         gains = observer_gains(motor, characteristic(frequency, self.tuning.damping))

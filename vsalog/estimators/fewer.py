@@ -41,7 +41,7 @@ class Moved:
     Attributes
     ----------
     shares : by which part each stiffness moves that does
-    tried : whether half the samples are enough for the method, or nothing is supported anyhow
+    tried : whether half the samples support anything, or nothing is supported anyhow
     """
 
     shares: Mapping[str, float]
@@ -70,8 +70,8 @@ def moved_by_samples(method: Method, device: Device, signals: JointSignals, tuni
             other.conditioner.check_length(half.longest_run)
         except VsalogError:
             continue  # there is nothing to compare with
-        tried = True
         after = estimated(other, half)
+        tried = tried or any(np.any(columns["excited"]) for columns in after.transmissions.values())
         for name, columns in before.transmissions.items():
             if (moved := moved_beyond(columns, after[name], slice(first, None, 2))) is not None:
                 changes.setdefault(name, []).append(moved)
@@ -106,8 +106,8 @@ def said(device: Device, moved: Moved) -> tuple[str, ...]:
     if not moved.tried:
         return (
             f"joint '{device.joint}': half of the samples are too few for this estimator, so nothing tells whether all of them"
-            " are enough for the motion; where it jerks the stiffness may be off by more than its standard deviation says:"
-            " record at a higher rate, or longer",
+            " are enough for the motion; the stiffness may be off by more than its standard deviation says: record at a higher"
+            " rate, or longer",
         )
     return tuple(
         f"joint '{device.joint}', {'the whole' if name == 'total' else f'transmission {name}'}: from every second sample only,"

@@ -177,13 +177,14 @@ def _below_outside(role: str, pressure: Array, noise: float, device: Device) -> 
 
 @dataclass(frozen=True, slots=True)
 class PamFoldState:
-    """Where the fold stands: the filter's state, samples seen, those at which it had lost the joint, and of the last its run, its
-    stamp [ns], and how many in a row had no pressure by then.
+    """Where the fold stands: the filter's state, samples seen, those at which it had lost the joint or did not know its angle,
+    and of the last its run, its stamp [ns], and how many in a row had no pressure by then.
     """
 
     filter: PamState
     seen: int = 0
     diverged: int = 0
+    anywhere: int = 0
     run: int = -1
     stamp: int = 0
     silent: int = 0
@@ -236,11 +237,15 @@ class PamEstimate:
             given, pressures = [piece.roles.get(role) for role in OTHERS], [piece.roles[role] for role in PRESSURES]
             filtered, found = self.fold.block(filtered, *pressures, *given)
             diverged = state.diverged + int(np.count_nonzero(found.diverged))
+            anywhere = _anywhere(found)
             silent = lengths(np.logical_and(*(np.isnan(p) for p in pressures)), state.silent)
-            traces.append(Trace.of_rows(piece, {"total": self._columns(found, _blind(piece, self.fold.correct))}))
-            state = PamFoldState(
-                filtered, state.seen + len(piece), diverged, int(piece.run[-1]), int(piece.stamps[-1]), int(silent[-1])
+            traces.append(
+                Trace.of_rows(piece, {"total": self._columns(found, _blind(piece, self.fold.correct) | anywhere)})
             )
+            state = PamFoldState(
+                filtered, state.seen + len(piece), diverged, state.anywhere + int(np.count_nonzero(anywhere)),
+                int(piece.run[-1]), int(piece.stamps[-1]), int(silent[-1]),
+            )  # fmt: skip
         return state, traces
 
     def finish(self, state: PamFoldState) -> tuple[PamFoldState, list[Trace]]:
@@ -280,14 +285,20 @@ class PamEstimate:
 
     def warnings(self, state: PamFoldState) -> tuple[str, ...]:
         """Say where the pressures are not what the model makes of the valves."""
-        if not state.diverged:
-            return self.noticed
-        return (
-            *self.noticed,
-            f"joint '{self.device.joint}': for {state.diverged / state.seen:.1%} of the time the pressures are not those that the"
-            " rig's valves and muscles would make, and nothing is told there: the valves may be swapped, a pressure may not be"
-            " absolute, or the rig is another machine's",
-        )
+        said, joint = list(self.noticed), self.device.joint
+        if state.anywhere:
+            said.append(
+                f"joint '{joint}': for {state.anywhere / state.seen:.1%} of the time the pressures do not tell the angle, not"
+                " even to a quarter turn, and nothing is told there: muscles that are nearly vented hardly hold the joint, and"
+                " their pressures do not change with it; fill both"
+            )
+        if state.diverged:
+            said.append(
+                f"joint '{joint}': for {state.diverged / state.seen:.1%} of the time the pressures are not those that the rig's"
+                " valves and muscles would make, and nothing is told there: the valves may be swapped, a pressure may not be"
+                " absolute, or the rig is another machine's"
+            )
+        return tuple(said)
 
     def model(self, state: PamFoldState) -> JointModel:
         """Return a model without transmissions: what is estimated are states, and the model is the rig."""
@@ -304,6 +315,13 @@ def _blind(rows: JointSignals, correct: bool) -> NDArray[np.bool_]:
         unknown = np.ones(len(rows), dtype=np.bool_) if command is None else np.isnan(command)
         blind |= unknown & (np.isnan(rows.roles[pressure]) if correct else True)
     return blind
+
+
+def _anywhere(found: UnscentedTrace) -> NDArray[np.bool_]:
+    """Return where the joint may be further than a quarter turn from its middle, beyond which no seesaw turns, by the filter."""
+    deviation = np.sqrt(np.einsum("nj,nj->n", found.S[:, ANGLE], found.S[:, ANGLE]))
+    with np.errstate(invalid="ignore"):
+        return np.asarray(np.abs(found.x[:, ANGLE]) + deviation > 0.5 * np.pi)
 
 
 def _told(deviation: Array) -> Array:

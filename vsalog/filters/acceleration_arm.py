@@ -33,6 +33,7 @@ class Arm(NamedTuple):
     row_noise : shape (M,), standard deviation [m/s² or rad/s²]
     Phi, before, after : shape (N, 4, 4), of each joint's `SampledObserver`
     K : shape (N,), stiffness [N·m/rad], for where an observer begins
+    farthest : shape (N,), deflection beyond which an observer has run away [rad]
     coupling : shape (N, N), S, strictly upper triangular [kg·m²]
     reach : least arm at which a joint's acceleration is believed [m]
     unit_noise : noise of an accelerometer that `reach` is told in [m/s²]
@@ -50,6 +51,7 @@ class Arm(NamedTuple):
     before: Array
     after: Array
     K: Array
+    farthest: Array
     coupling: Array
     reach: float
     unit_noise: float
@@ -86,7 +88,9 @@ def observe_arm(
     """Follow the states of all joints over a block of one run.
 
     A missing encoder or torque sample is bridged by what the observer predicts, and an acceleration that no axis tells is taken
-    for zero; `since` says that there is nothing to be told then.
+    for zero; `since` says that there is nothing to be told then. One joint's position that is wrong makes the accelerations of
+    all wrong, and these the positions: where a deflection is beyond what there can be, all observers begin anew with the next
+    sample.
 
     Parameters
     ----------
@@ -98,7 +102,7 @@ def observe_arm(
     -------
     x : shape (n, N, 4), θ, q, θ̇, q̇
     acceleration, deviation : shape (n, N), q̈ and its standard deviation under the accelerometers' noise [rad/s²]
-    since : shape (n, N), see `ArmState`
+    since : shape (n, N), see `ArmState`; `LOST` where an observer has run away
     state : to go on with
     """
     n, joints = theta.shape
@@ -120,6 +124,8 @@ def axis_rows(arm: Arm, q: Array, dq: Array) -> tuple[Array, Array]:
     return T, W
 
 
+# `since` of a sample at which an observer has run away.
+LOST = -2
 # Columns of a row of `frames`: rotation (9, by rows), position, ω, ω̇ and p̈ − g with all q̈ zero, axis of the joint, its position.
 ROTATION, POSITION, OMEGA, ALPHA, FELT, AXIS, PIVOT = 0, 9, 12, 15, 18, 21, 24
 
@@ -240,9 +246,9 @@ def _solve(T: Array, W: Array, y: Array, noise: Array, prior: float, N: Array, a
 @njit(cache=True, error_model="numpy")
 def _run(
     links: Array, gravity: Array, row_link: Integers, row_direct: Integers, row_point: Array, row_axis: Array,
-    row_noise: Array, Phi: Array, before: Array, after: Array, K: Array, coupling: Array, reach: float, unit_noise: float,
-    period: float, x: Array, u: Array, since: Integers, begun: Integers, theta: Array, tau: Array, y: Array, frames: Array,
-    T: Array, W: Array, N: Array, xs: Array, acceleration: Array, deviation: Array, sinces: Integers,
+    row_noise: Array, Phi: Array, before: Array, after: Array, K: Array, farthest: Array, coupling: Array, reach: float,
+    unit_noise: float, period: float, x: Array, u: Array, since: Integers, begun: Integers, theta: Array, tau: Array, y: Array,
+    frames: Array, T: Array, W: Array, N: Array, xs: Array, acceleration: Array, deviation: Array, sinces: Integers,
 ) -> None:  # fmt: skip
     count, joints = theta.shape
     q, dq, now, next_x = np.empty(joints), np.empty(joints), np.empty(4), np.empty(4)
@@ -268,6 +274,7 @@ def _run(
         _move(links, gravity, q, dq, frames)
         _rows(row_link, row_direct, row_point, row_axis, frames, T, W)
         _solve(T, W, y[s], row_noise, prior, N, acceleration[s], deviation[s])
+        lost = False
         for i in range(joints):
             told = deviation[s, i] * reach <= unit_noise
             now[0], now[1], now[2], now[3] = theta[s, i], tau[s, i], acceleration[s, i], 0.0
@@ -291,3 +298,6 @@ def _run(
             sinces[s, i] = since[i]
             for r in range(4):
                 xs[s, i, r] = x[i, r]
+            lost = lost or not abs(x[i, 1] - x[i, 0]) <= farthest[i]
+        if lost:
+            begun[0], since[:], sinces[s] = 0, -1, LOST
