@@ -137,8 +137,7 @@ class AccelerationFold:
         plain = self._plain_arm()
         usual = self._usual_deviation(plain, signals)
         self.frequencies = [self._frequency(i, float(usual[i])) for i in range(len(group.members))]
-        self.arm = self._with_observers(plain)
-        self.arm = self.arm._replace(farthest=self._farthest(usual, signals))
+        self.arm = self._with_observers(plain)._replace(farthest=self._farthest(usual, signals))
         self.variances = self._variances(signals)
         self.noticed = self._noisy(usual, signals)
 
@@ -312,12 +311,16 @@ class AccelerationFold:
         """Return the deflection of each joint beyond which its observer has run away [rad]."""
         found = []
         for i, member in enumerate(self.group.members):
-            motor, view = member.motor, member.view
-            observer = SampledObserver(self.arm.Phi[i], self.arm.before[i], self.arm.after[i])
-            inputs = np.array([self.noise[view.motor_position], self.noise[view.motor_torque], usual[i]])
-            noise = float(np.sqrt(error_variances(observer, np.zeros(4), 1)[-1, :3, 4] @ inputs**2))
-            found.append(FARTHEST * (largest(signals.roles[view.motor_torque]) / motor.K + noise))
+            noise = self._deflection_variance(i, self.frequencies[i], float(usual[i])) ** 0.5
+            found.append(FARTHEST * (largest(signals.roles[member.view.motor_torque]) / member.motor.K + noise))
         return np.array(found)
+
+    def _deflection_variance(self, i: int, frequency: float, deviation: float) -> float:
+        """Return what a joint's sensors make of its deflection behind an observer, q̈ having that deviation [rad²]."""
+        member = self.group.members[i]
+        inputs = np.array([self.noise[member.view.motor_position], self.noise[member.view.motor_torque], deviation])
+        observer = self._observer(member.motor, frequency)
+        return float(error_variances(observer, np.zeros(4), 1)[-1, :3, 4] @ inputs**2)
 
     def _observer(self, motor: ElasticMotor, frequency: float) -> SampledObserver:
         gains = observer_gains(motor, characteristic(frequency, self.tuning.damping))
@@ -347,7 +350,7 @@ class AccelerationFold:
 
     def _frequency(self, i: int, deviation: float) -> float:
         """Return ω of a joint's observer [rad/s]: as asked for, or the fastest that is worth its noise in the deflection."""
-        most, member = TURN_PER_SAMPLE / self.period, self.group.members[i]
+        most = TURN_PER_SAMPLE / self.period
         if self.tuning.frequency is not None:
             if self.tuning.frequency > 4.0 * most:
                 raise EstimatorError(
@@ -355,12 +358,8 @@ class AccelerationFold:
                     f" would be faster than the samples; ask for at most {4.0 * most:.4g}"
                 )
             return self.tuning.frequency
-        inputs = np.array([self.noise[member.view.motor_position], self.noise[member.view.motor_torque], deviation])
         choices = min(PAPER_FREQUENCY, most) * 0.9 ** np.arange(40)
-        noise = np.empty(choices.size)
-        for k, frequency in enumerate(choices):
-            observer = self._observer(member.motor, float(frequency))
-            noise[k] = error_variances(observer, np.zeros(4), 1)[-1, :3, 4] @ inputs**2
+        noise = np.array([self._deflection_variance(i, float(frequency), deviation) for frequency in choices])
         worth = np.flatnonzero(noise <= NOISE_WORTH**2 * noise.min())
         if not worth.size:
             raise EstimatorError(
