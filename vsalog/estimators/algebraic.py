@@ -93,7 +93,8 @@ def build(device: Device, signals: JointSignals, tuning: AlgebraicTuning) -> Reg
     equations = tuple(_equation(device, view, signals, tuning, weights, conditioner) for view in device.transmissions)
     least = least_samples(conditioner) + SPANS * taps
     solver = RlsSolver(tuning.initial_covariance(device, signals, 0.01), tuning.c, least, max(BOX, taps // 4))
-    return RegressionFold(NAME, "RESIDUAL", device, conditioner, equations, solver, look=look).tried_coarser(signals)
+    fold = RegressionFold(NAME, "RESIDUAL", device, conditioner, equations, solver, look=look, memory=taps)
+    return fold.tried_coarser(signals)
 
 
 def fir_weights(taps: int, period: float) -> Array:

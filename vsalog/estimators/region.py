@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,15 +21,24 @@ class Region:
 
     Attributes
     ----------
-    phi, c : least and greatest deflection [rad] and set-point [SI] learnt from
+    phi, c : least and greatest deflection [rad] and set-point [SI] learnt from that count for the box
     hull : vertices of the convex hull of (φ, c), shape (v, 2); empty where there is no set-point
     samples : number of samples learnt from
+    waiting : the deflections and set-points of the latest samples, which do not count for the box yet, shape (2, delay); NaN
+        where nothing was learnt. Noise of a filtered sample lasts as long as the filter's window: a stretch that has just been
+        reached is known by that one noise, whatever the standard deviation says.
     """
 
     phi: tuple[float, float] = _EMPTY
     c: tuple[float, float] = _EMPTY
     hull: Array = field(default_factory=lambda: np.empty((0, 2)))
     samples: int = 0
+    waiting: Array = field(default_factory=lambda: np.empty((2, 0)))
+
+    @classmethod
+    def behind(cls, delay: int) -> Region:
+        """Return the region before the first sample, with what is learnt counting for the box `delay` samples later."""
+        return cls(waiting=np.full((2, delay), np.nan))
 
     def block(
         self, phi_fit: Array, c_fit: Array | None, use: Flags, phi: Array, c: Array | None
@@ -41,27 +50,39 @@ class Region:
         phi_fit, c_fit : shape (N,), learnt from where `use` holds
         phi, c : shape (N,), evaluated at
         """
-        span, inside = _grow(self.phi, phi_fit, use, phi)
+        learnt = np.where(use, (phi_fit, np.zeros_like(phi_fit) if c_fit is None else c_fit), np.nan)
+        joined = np.concatenate((self.waiting, learnt), axis=1)
+        known, waiting = joined[:, : phi.size], joined[:, phi.size :]
+        span, inside = _grow(self.phi, known[0], phi)
         c_span = self.c
-        if c_fit is not None and c is not None:
-            c_span, inside_c = _grow(self.c, c_fit, use, c)
+        if c is not None:
+            c_span, inside_c = _grow(self.c, known[1], c)
             inside &= inside_c
         points = np.column_stack((phi_fit[use], c_fit[use])) if c_fit is not None else np.empty((0, 2))
         hull = _hull(np.concatenate((self.hull, points))) if points.size else self.hull
-        return Region(span, c_span, hull, self.samples + int(np.count_nonzero(use))), inside
+        return Region(span, c_span, hull, self.samples + int(np.count_nonzero(use)), waiting), inside
+
+    def whole(self) -> Region:
+        """Return the region with all that was learnt counting for the box, as when it is known before the first sample."""
+        spans = [
+            (float(np.fmin.reduce(last, initial=low)), float(np.fmax.reduce(last, initial=high)))
+            for last, (low, high) in zip(self.waiting, (self.phi, self.c), strict=True)
+        ]
+        return replace(self, phi=spans[0], c=spans[1], waiting=np.full_like(self.waiting, np.nan))
 
     def vertices(self) -> tuple[tuple[float, ...], ...]:
-        """Return the hull's vertices (φ, c), or the ends of the interval (φ,) where there is no set-point."""
+        """Return the vertices (φ, c) of all that was learnt, or the ends of the interval (φ,) where there is no set-point."""
         if self.samples == 0:
             return ()
         if self.hull.size:
             return tuple((float(p), float(c)) for p, c in self.hull)
-        return ((self.phi[0],), (self.phi[1],))
+        low, high = self.whole().phi
+        return ((low,), (high,))
 
 
-def _grow(span: tuple[float, float], fit: Array, use: Flags, at: Array) -> tuple[tuple[float, float], Flags]:
-    low = np.minimum.accumulate(np.append(span[0], np.where(use, fit, np.inf)))
-    high = np.maximum.accumulate(np.append(span[1], np.where(use, fit, -np.inf)))
+def _grow(span: tuple[float, float], learnt: Array, at: Array) -> tuple[tuple[float, float], Flags]:
+    low = np.fmin.accumulate(np.append(span[0], learnt))
+    high = np.fmax.accumulate(np.append(span[1], learnt))
     # A twentieth of the span is granted on both sides, or every new extreme would count as never seen; a set-point that
     # stands still has no span, but a filter leaves its rounding on it.
     with np.errstate(invalid="ignore"):

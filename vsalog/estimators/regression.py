@@ -44,6 +44,8 @@ SUPPORTED_SHARE = 0.2
 # And when it has been for a filter's window, or so many samples: even where a model is hardly known, a standard deviation may
 # pass near zero for a moment.
 LASTING = 25
+# Windows of the filter after which a deflection learnt from counts as covered.
+DELAY = 2
 # A deflection that comes back by this share of the deflection scale has turned.
 BAND = 0.01
 # Of a log; beyond it a person is told that what the rig knows is in doubt.
@@ -83,6 +85,7 @@ class RegressionFold:
     passes : how often the signals are gone through: once, or twice when nothing is given out before all is known
     chosen : what of the tuning was derived from the log beside what the filters and the solver know
     look : what was seen of the log before the first sample
+    delay : samples after which what is learnt counts for `excited`; `memory`, an equation's own, may be longer than the filters'
     """
 
     def __init__(
@@ -97,10 +100,12 @@ class RegressionFold:
         passes: int = 1,
         chosen: Mapping[str, float] = MappingProxyType({}),
         look: FirstLook = NOTHING_SEEN,
+        memory: int = 0,
     ) -> None:
         self.name, self.modality, self.device, self.conditioner = name, modality, device, conditioner
         self.equations, self.solver, self.passes = equations, solver, passes
         self.chosen, self.look = chosen, look
+        self.delay = DELAY * max(conditioner.window, memory)
         self.coarse: Mapping[str, float] = {}
 
     def tried_coarser(self, signals: JointSignals) -> Self:
@@ -127,7 +132,7 @@ class RegressionFold:
             self.conditioner.start(),
             [e.start() for e in self.equations],
             [self.solver.start(e.size) for e in self.equations],
-            {t.name: Region() for t in self.device.transmissions},
+            {t.name: Region.behind(self.delay) for t in self.device.transmissions},
             {},
             True,
         )
@@ -137,7 +142,7 @@ class RegressionFold:
         return replace(
             self.start(),
             solvers=state.solvers,
-            regions=state.regions,
+            regions={name: region.whole() for name, region in state.regions.items()},
             learning=False,
             left_over=state.left_over,
         )
