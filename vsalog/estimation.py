@@ -15,11 +15,10 @@ from vsalog.estimators import Fold, Method, method
 from vsalog.estimators.acceleration_group import senses_acceleration
 from vsalog.estimators.device import Device, device_of
 from vsalog.estimators.fewer import moved_by_samples, said, widened
-from vsalog.estimators.folding import fold_over
+from vsalog.estimators.folding import BLOCK, fold_over
 from vsalog.estimators.grioli_bicchi import told_by_the_link
 from vsalog.estimators.left_over import FOLLOWS
 from vsalog.estimators.needs import meaning
-from vsalog.estimators.regression import BLOCK
 from vsalog.estimators.tuning import Tuning, read_tuning
 from vsalog.long_recording import LongRecording
 from vsalog.long_signals import LongSignals

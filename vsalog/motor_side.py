@@ -8,8 +8,7 @@ from vsalog.binding import offered_roles
 from vsalog.errors import VsalogError
 from vsalog.estimators import residual_rls
 from vsalog.estimators.device import Device
-from vsalog.estimators.folding import fold_over
-from vsalog.estimators.regression import BLOCK
+from vsalog.estimators.folding import estimated
 from vsalog.rig.schema import Joint
 from vsalog.signals import JointSignals
 from vsalog.trace import Trace
@@ -30,12 +29,10 @@ def motor_roles(device: Device, joint: Joint, read: Sequence[str]) -> tuple[str,
 
 def motor_trace(device: Device, signals: JointSignals) -> Trace | None:
     """Return what residual-rls makes of a joint's signals; None where it cannot."""
-    traces: list[Trace] = []
     try:
         residual_rls.roles(device, signals.roles, residual_rls.TUNING())
         fold = residual_rls.build(device, signals, residual_rls.TUNING())
         fold.conditioner.check_length(signals.longest_run)
-        fold_over(fold, signals, BLOCK, traces.append)
+        return estimated(fold, signals)
     except VsalogError:
         return None
-    return Trace.concatenate(traces)

@@ -8,24 +8,28 @@ from hypothesis import strategies as st
 
 from vsalog.estimators import algebraic, residual_rls
 from vsalog.estimators.device import device_of
-from vsalog.estimators.fewer import estimated, every_second, moved_by_samples, said, widened
+from vsalog.estimators.fewer import every_second, moved_by_samples, said, widened
+from vsalog.estimators.folding import estimated
 from vsalog.rig import Rig
 from vsalog.signals import JointSignals
 
 INERTIA, DAMPING, STIFFNESS, JERK = 0.08, 0.4, 150.0, 40.0
 
 
-def jerked(rate, seconds=20.0, jolt=0.11, starts=(0,)):
+def jerked(rate, seconds=20.0, jolt=0.11, starts=(0,), calm=np.inf):
     """A motor whose acceleration changes its sign at once, every `jolt` seconds, on a linear spring that swings beside it.
 
-    In closed form: the torque is what the motor's equation of motion leaves for it, sampled where it stands.
+    In closed form: the torque is what the motor's equation of motion leaves for it, sampled where it stands. From when it last
+    turns before `calm` the motor rests where it is.
     """
     t = np.arange(round(seconds * rate)) / rate
-    phase = t / jolt
+    rests = 2.0 * jolt * np.floor(0.5 * calm / jolt) + 0.5 * jolt
+    moves = t < rests
+    phase = np.minimum(t, rests) / jolt
     half, into = np.floor(phase), (phase - np.floor(phase)) * jolt
     sign = np.where(half % 2 == 0, 1.0, -1.0)
-    acceleration = JERK * sign
-    speed = JERK * (sign * into + np.where(sign > 0, 0.0, jolt) - jolt / 2)
+    acceleration = JERK * sign * moves
+    speed = JERK * (sign * into + np.where(sign > 0, 0.0, jolt) - jolt / 2) * moves
     angle = JERK * np.where(sign > 0, into * (into - jolt) / 2, -into * (into - jolt) / 2)
     phi = 0.02 * np.sin(2 * np.pi * 1.3 * t) + 0.3 * angle
     torque = INERTIA * acceleration + DAMPING * speed - STIFFNESS * phi
@@ -52,12 +56,12 @@ def traced(method, signals):
     return alone, widened(alone, moved_by_samples(method, own, signals, method.TUNING(), fold))
 
 
-def plausible_and_wrong(trace):
-    """Return of how much of what is supported the stiffness is off by 3 % and by three deviations."""
+def plausible_and_wrong(trace, begin=0.5):
+    """Return of how much of what is supported the stiffness is off by 3 % and by three deviations, after that part of the log."""
     columns = trace["1"]
     off = np.abs(columns["stiffness"] - STIFFNESS)
     sure = columns["excited"].copy()
-    sure[: sure.size // 2] = False
+    sure[: int(begin * sure.size)] = False
     assert sure.any()
     return float(np.mean((off > 0.03 * STIFFNESS)[sure] & (off > 3.0 * columns["stiffness_std"])[sure]))
 
@@ -75,6 +79,14 @@ def test_what_jerks_bend_is_told(rate, jolt):
     alone, told = traced(residual_rls, jerked(rate, jolt=jolt))
     assert plausible_and_wrong(alone) > 0.15
     assert plausible_and_wrong(told) < 0.05
+
+
+def test_what_is_bent_at_some_deflections_and_long_ago_is_told_of_those():
+    """The middle of a log's second half, where the motor rests, knows nothing of it."""
+    alone, told = traced(residual_rls, jerked(100.0, calm=8.0))
+    assert plausible_and_wrong(alone, 0.0) > 0.03
+    assert plausible_and_wrong(told, 0.0) < 0.01
+    assert told["1"]["excited"].mean() > 0.9 * alone["1"]["excited"].mean()
 
 
 def test_a_motion_that_is_resolved_is_left_alone():

@@ -16,13 +16,13 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from vsalog.estimators.folding import fold_over
+from vsalog.estimators.by_deflection import ByDeflection, part_moved
+from vsalog.estimators.folding import estimated
 from vsalog.estimators.resting import Steps
 from vsalog.signals import JointSignals
-from vsalog.trace import Trace
 
 if TYPE_CHECKING:
-    from vsalog.estimators import Fold
+    from vsalog.estimators.regression import RegressionFold
 
 Array = NDArray[np.float64]
 
@@ -36,7 +36,7 @@ LEAST = 0.01
 TRIED = 1 << 15
 
 
-def moved_by_steps(fold: Fold, signals: JointSignals, steps: Mapping[str, Steps], block: int) -> dict[str, float]:
+def moved_by_steps(fold: RegressionFold, signals: JointSignals, steps: Mapping[str, Steps]) -> dict[str, ByDeflection]:
     """Return by which part the steps of positions have moved each stiffness; nothing of those that are not supported, or hardly.
 
     Parameters
@@ -44,23 +44,23 @@ def moved_by_steps(fold: Fold, signals: JointSignals, steps: Mapping[str, Steps]
     fold : the estimator
     signals : of the joint
     steps : of the sensors that have any
-    block : rows at a time
     """
     if not steps:
         return {}
     part = signals[:TRIED]
-    before = _estimated(fold, part, block)
-    changes: dict[str, list[float]] = {}
-    for places in PLACES:
-        after = _estimated(fold, _coarser(part, steps, places), block)
-        for name, columns in before.transmissions.items():
-            sigma, sure = np.asarray(columns["stiffness"], float), np.asarray(columns["excited"], dtype=bool).copy()
-            sure[: sure.size // 2] = False
-            if sure.any():
-                change = np.asarray(after[name]["stiffness"], float)[sure] / sigma[sure] - 1.0
-                changes.setdefault(name, []).append(float(np.median(np.nan_to_num(change**2, nan=np.inf))))
-    shares = {name: PART * max(squares) ** 0.5 for name, squares in changes.items()}
-    return {name: share for name, share in shares.items() if share > LEAST}
+    before = estimated(fold, part)
+    after = [estimated(fold, _coarser(part, steps, places)) for places in PLACES]
+    shares: dict[str, ByDeflection] = {}
+    for view in fold.device.transmissions:
+        columns = before[view.name]
+        sigma, sure = np.asarray(columns["stiffness"], float), np.asarray(columns["excited"], dtype=bool)
+        with np.errstate(invalid="ignore", divide="ignore"):
+            changes = np.array([np.asarray(other[view.name]["stiffness"], float) / sigma - 1.0 for other in after])
+        squares = np.nan_to_num((PART * changes) ** 2, nan=np.inf)
+        found = part_moved(np.asarray(columns["deflection"], float), sure, squares, np.max)
+        if found is not None and found.most > LEAST:
+            shares[view.name] = found
+    return shares
 
 
 def _coarser(signals: JointSignals, steps: Mapping[str, Steps], places: Sequence[int]) -> JointSignals:
@@ -69,10 +69,3 @@ def _coarser(signals: JointSignals, steps: Mapping[str, Steps], places: Sequence
         cells = own.cells(roles[role]) - place
         roles[role] = own.level + own.size * (TIMES * np.round(cells / TIMES) + place)
     return replace(signals, roles=roles)
-
-
-def _estimated(fold: Fold, signals: JointSignals, block: int) -> Trace:
-    kept: list[Trace] = []
-    with np.errstate(over="ignore", invalid="ignore", divide="ignore"):
-        fold_over(fold, signals, block, kept.append)
-    return Trace.concatenate(kept)

@@ -16,9 +16,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vsalog.errors import VsalogError
+from vsalog.estimators.by_deflection import ByDeflection, part_moved
 from vsalog.estimators.device import Device
-from vsalog.estimators.folding import fold_over
-from vsalog.estimators.regression import BLOCK, SUPPORTED_SHARE
+from vsalog.estimators.folding import estimated
+from vsalog.estimators.regression import SUPPORTED_SHARE
 from vsalog.estimators.tuning import Tuning
 from vsalog.signals import JointSignals
 from vsalog.trace import Trace
@@ -26,6 +27,7 @@ from vsalog.trace import Trace
 if TYPE_CHECKING:
     from vsalog.estimators import Fold, Method
 
+Array = NDArray[np.float64]
 Columns = Mapping[str, NDArray[np.generic]]
 
 # What moves a stiffness by less is no matter; what moves it by less than that is counted in without a word.
@@ -40,11 +42,11 @@ class Moved:
 
     Attributes
     ----------
-    shares : by which part each stiffness moves that does
+    shares : by which part each stiffness moves that does, transmission by transmission and as a whole
     tried : whether half the samples support anything, or nothing is supported anyhow
     """
 
-    shares: Mapping[str, float]
+    shares: Mapping[str, ByDeflection]
     tried: bool = True
 
 
@@ -61,7 +63,7 @@ def moved_by_samples(method: Method, device: Device, signals: JointSignals, tuni
         return Moved({})
     part = signals[:TRIED]
     before = estimated(fold, part)
-    changes: dict[str, list[float]] = {}
+    changes: dict[str, list[Array]] = {}
     tried = not any(np.any(columns["excited"]) for columns in before.transmissions.values())
     for first in (0, 1):
         half = every_second(part, first)
@@ -73,10 +75,15 @@ def moved_by_samples(method: Method, device: Device, signals: JointSignals, tuni
         after = estimated(other, half)
         tried = tried or any(np.any(columns["excited"]) for columns in after.transmissions.values())
         for name, columns in before.transmissions.items():
-            if (moved := moved_beyond(columns, after[name], slice(first, None, 2))) is not None:
-                changes.setdefault(name, []).append(moved)
-    shares = {name: float(np.mean(squares)) ** 0.5 for name, squares in changes.items()}
-    return Moved({name: share for name, share in shares.items() if share > LEAST}, tried)
+            changes.setdefault(name, []).append(beyond(columns, after[name], slice(first, None, 2)))
+    shares: dict[str, ByDeflection] = {}
+    for name, squares in changes.items():
+        columns = before.transmissions[name]
+        sure = np.asarray(columns["excited"], dtype=np.bool_)
+        found = part_moved(np.asarray(columns["deflection"], dtype=np.float64), sure, np.array(squares), np.mean)
+        if found is not None and found.most > LEAST:
+            shares[name] = found
+    return Moved(shares, tried)
 
 
 def every_second(signals: JointSignals, first: int) -> JointSignals:
@@ -95,7 +102,8 @@ def widened(trace: Trace, moved: Moved) -> Trace:
     for name, share in moved.shares.items():
         columns = parts[name]
         stiffness = np.asarray(columns["stiffness"], dtype=np.float64)
-        std = np.hypot(np.asarray(columns["stiffness_std"], dtype=np.float64), share * stiffness)
+        moves = share.at(np.asarray(columns["deflection"], dtype=np.float64)) * stiffness
+        std = np.hypot(np.asarray(columns["stiffness_std"], dtype=np.float64), moves)
         excited = np.asarray(columns["excited"], dtype=np.bool_) & (std < SUPPORTED_SHARE * stiffness)
         parts[name] = {**columns, "stiffness_std": std, "excited": excited}
     return replace(trace, transmissions=parts)
@@ -111,41 +119,29 @@ def said(device: Device, moved: Moved) -> tuple[str, ...]:
         )
     return tuple(
         f"joint '{device.joint}', {'the whole' if name == 'total' else f'transmission {name}'}: from every second sample only,"
-        f" the stiffness comes out {share:.0%} different, which its standard deviation counts in: the samples are too few for"
-        " so fast a motion, or for a spring that changes so suddenly; record at a higher rate, or move more smoothly"
+        f" the stiffness comes out up to {share.most:.0%} different, which its standard deviation counts in: the samples are too"
+        " few for so fast a motion, or for a spring that changes so suddenly; record at a higher rate, or move more smoothly"
         for name, share in moved.shares.items()
-        if share > WORTH_A_WORD and (name != "total" or len(device.transmissions) > 1)
+        if share.most > WORTH_A_WORD and (name != "total" or len(device.transmissions) > 1)
     )
 
 
-def moved_beyond(before: Columns, after: Columns, every: slice) -> float | None:
-    """Return the median square of how far a stiffness moves beyond the band of its second estimate, as a part of it.
+def beyond(before: Columns, after: Columns, every: slice) -> Array:
+    """Return the square of how far a stiffness moves beyond the band of its second estimate, as a part of it.
 
     Parameters
     ----------
-    before, after : columns of the first estimate and of the second
+    before, after : columns of the first estimate, of N samples, and of the second
     every : the samples of the first that the second has
 
     Returns
     -------
-    of the second half of the log, where the first is supported; None where nothing is
+    shape (N,); NaN where the second has none, or either is not known
     """
-    sure = np.asarray(before["excited"], dtype=np.bool_).copy()
-    sure[: sure.size // 2] = False
     sigma, now, std = (
         np.asarray(values, dtype=np.float64)
-        for values in (before["stiffness"][every], after["stiffness"], after["stiffness_std"])
+        for values in (before["stiffness"], after["stiffness"], after["stiffness_std"])
     )
-    told = sure[every] & np.isfinite(now) & np.isfinite(std)
-    if not told.any():
-        return None
-    beyond = ((now - sigma) ** 2 - std**2)[told] / sigma[told] ** 2
-    return max(0.0, float(np.median(beyond)))
-
-
-def estimated(fold: Fold, signals: JointSignals) -> Trace:
-    """Return an estimator's trace of signals."""
-    kept: list[Trace] = []
-    with np.errstate(over="ignore", invalid="ignore", divide="ignore"):
-        fold_over(fold, signals, BLOCK, kept.append)
-    return Trace.concatenate(kept)
+    squares = np.full(sigma.shape, np.nan)
+    squares[every] = ((now - sigma[every]) ** 2 - std**2) / sigma[every] ** 2
+    return np.where(np.isfinite(squares), squares, np.nan)

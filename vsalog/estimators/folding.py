@@ -5,12 +5,17 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
+
 from vsalog.long_signals import LongSignals
 from vsalog.signals import JointSignals
 from vsalog.trace import Trace
 
 if TYPE_CHECKING:  # the package imports the estimators, which import this
     from vsalog.estimators import Fold
+
+# Rows an estimator works on at a time.
+BLOCK = 8192
 
 
 def fold_over(fold: Fold, signals: JointSignals | LongSignals, block: int, give: Callable[[Trace], None]) -> Any:
@@ -37,3 +42,12 @@ def fold_over(fold: Fold, signals: JointSignals | LongSignals, block: int, give:
             for trace in traces:
                 give(trace)
     return state
+
+
+def estimated(fold: Fold, signals: JointSignals, block: int = BLOCK) -> Trace:
+    """Return an estimator's trace of signals that fit into memory."""
+    kept: list[Trace] = []
+    # Where numbers run out of range the estimate is infinite or none, and the trace says so; numpy need not.
+    with np.errstate(over="ignore", invalid="ignore", divide="ignore"):
+        fold_over(fold, signals, block, kept.append)
+    return Trace.concatenate(kept)

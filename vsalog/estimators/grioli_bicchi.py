@@ -15,8 +15,9 @@ from msgspec import Meta
 from vsalog.errors import EstimatorError
 from vsalog.estimators.borne_torque import BorneTorque, LoadFriction, carried_by, effects_left_in
 from vsalog.estimators.device import Device, TransmissionView
-from vsalog.estimators.fewer import estimated, moved_beyond
+from vsalog.estimators.fewer import beyond
 from vsalog.estimators.first_look import FirstLook, first_look
+from vsalog.estimators.folding import estimated
 from vsalog.estimators.following import ObserverFold, ObserverState, ObserverTuning
 from vsalog.estimators.known import known_of
 from vsalog.estimators.needs import require
@@ -174,9 +175,10 @@ def smoothed_away(fold: ObserverFold, shorter: ObserverFold, signals: JointSigna
     before, after = estimated(fold, signals), estimated(shorter, signals)
     sizes = [0.0]
     for name, columns in before.transmissions.items():
-        share = moved_beyond(columns, after[name], slice(None)) if name != "total" else None
-        if share is not None:
-            sizes.append(share**0.5 * float(np.nanmedian(np.asarray(columns["stiffness"], dtype=np.float64))))
+        squares = beyond(columns, after[name], slice(None))[np.asarray(columns["excited"], dtype=np.bool_)]
+        if name != "total" and np.isfinite(squares).any():
+            share = max(0.0, float(np.nanmedian(squares))) ** 0.5
+            sizes.append(share * float(np.nanmedian(np.asarray(columns["stiffness"], dtype=np.float64))))
     return max(sizes)
 
 

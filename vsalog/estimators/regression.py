@@ -13,8 +13,9 @@ from typing import Any, Self
 import numpy as np
 from numpy.typing import NDArray
 
+from vsalog.estimators.by_deflection import ByDeflection
 from vsalog.estimators.coarser import moved_by_steps
-from vsalog.estimators.device import Device, deflection_of
+from vsalog.estimators.device import Device, TransmissionView, deflection_of
 from vsalog.estimators.equation import Equation, EquationRows, Solver
 from vsalog.estimators.first_look import NOTHING_SEEN, FirstLook
 from vsalog.estimators.left_over import (
@@ -52,8 +53,6 @@ BAND = 0.01
 DOUBTED_SHARE = 0.5
 # Of deflections that span more of their encoders' steps these move too little for a trial.
 FINE = 300.0
-# Rows an estimator works on at a time.
-BLOCK = 8192
 
 
 @dataclass(slots=True)
@@ -106,7 +105,7 @@ class RegressionFold:
         self.equations, self.solver, self.passes = equations, solver, passes
         self.chosen, self.look = chosen, look
         self.delay = DELAY * max(conditioner.window, memory)
-        self.coarse: Mapping[str, float] = {}
+        self.coarse: Mapping[str, ByDeflection] = {}
 
     def tried_coarser(self, signals: JointSignals) -> Self:
         """Find out on a log what its encoders' steps do, which counts from now on (`coarser.py`)."""
@@ -116,7 +115,7 @@ class RegressionFold:
             if (step := self.look.step([view])) > 0.0 and np.isfinite(phi := deflection_of(signals.roles, view)).any()
         ]
         if spans and min(spans) < FINE:
-            self.coarse = moved_by_steps(self, signals, self.look.steps, BLOCK)
+            self.coarse = moved_by_steps(self, signals, self.look.steps)
         return self
 
     @property
@@ -193,9 +192,7 @@ class RegressionFold:
                     names = ", ".join(t.name for t in equation.transmissions)
                     new.doubted[names] = new.doubted.get(names, 0) + int(np.count_nonzero(rows.doubted))
             # What steps do to one transmission they do to the other, too.
-            variance += (
-                sum(self.coarse.get(v.name, 0.0) * columns[v.name]["stiffness"] for v in self.device.transmissions) ** 2
-            )
+            variance += sum(self._moved(v, columns[v.name]) for v in self.device.transmissions) ** 2
             columns["total"] = _total(columns, variance, self.device)
             if "total" in rows.fed:
                 columns["total"]["flexibility_torque"] = self._fed(rows.fed["total"])
@@ -240,7 +237,9 @@ class RegressionFold:
             variances[:, 1 : 4 * count : 4] += each
             variances[:, 4 * count] += together
         for i, view in enumerate(equation.transmissions):
-            variances[:, 4 * i + 1] += (self.coarse.get(view.name, 0.0) * values[:, 4 * i + 1]) ** 2
+            variances[:, 4 * i + 1] += (
+                self._moved(view, {"deflection": where[i][0], "stiffness": values[:, 4 * i + 1]}) ** 2
+            )
         deviations = np.sqrt(variances)
         columns: dict[str, dict[str, Any]] = {}
         for i, view in enumerate(equation.transmissions):
@@ -285,6 +284,11 @@ class RegressionFold:
                 only[f"{name}_std"] = deviations[:, after + 2 + h]
         # The functional after those of the transmissions is the sum of their stiffnesses: correlation is not lost.
         return solver_state, columns, variances[:, after]
+
+    def _moved(self, view: TransmissionView, columns: Mapping[str, Array]) -> Array:
+        """By how much steps of positions may have moved a stiffness."""
+        share = self.coarse[view.name].at(columns["deflection"]) if view.name in self.coarse else 0.0
+        return share * columns["stiffness"]
 
     def _fed(self, torque: Array) -> Array:
         """The torque of a row; the pair of filters learns from one half a window old, which belongs to another row."""

@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 from vsalog.binding import bind, offered_roles
 from vsalog.estimators import Fold, method
 from vsalog.estimators.device import device_of
-from vsalog.estimators.folding import fold_over
-from vsalog.estimators.regression import BLOCK, RegressionFold
+from vsalog.estimators.folding import estimated
+from vsalog.estimators.regression import RegressionFold
 from vsalog.estimators.tuning import read_tuning
 from vsalog.filters.kinematic import KinematicSettings
 from vsalog.neighbours import own_and_others
@@ -92,11 +92,7 @@ def estimate(experiment: Experiment, setting: Setting, joint: str | None = None)
         The recording does not offer what the estimator needs.
     """
     fold, signals = assemble(experiment, setting, joint)
-    kept: list[Trace] = []
-    # Before enough was learnt an estimate may run out of range; it counts as it is.
-    with np.errstate(over="ignore", invalid="ignore", divide="ignore"):
-        fold_over(fold, signals, BLOCK, kept.append)
-    return Trace.concatenate(kept)
+    return estimated(fold, signals)
 
 
 def assemble(experiment: Experiment, setting: Setting, joint: str | None = None) -> tuple[Fold, JointSignals]:
