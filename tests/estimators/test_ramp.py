@@ -43,6 +43,15 @@ def test_without_an_offset_nothing_is_told(sea, seed):
     assert np.mean(found.trace["total"]["excited"]) > 0.8
 
 
+@pytest.mark.parametrize("seconds", [1.0, 1.65, 3.0])
+@pytest.mark.parametrize("seed", [2, 3])
+def test_a_torque_that_stands_still_is_no_offset(seconds, seed):
+    """The first level of a square wave: what was told was the torque itself, 0.48 N·m."""
+    rig = Rig.preset("sea").file
+    stepped = simulate(rig, Scenario.find("square", rig).lasting(seconds, None).inputs(rig), seconds, ideal=True)
+    assert not any("off by" in w for w in estimated(stepped, "qr-rls", 0.0, seed).warnings)
+
+
 def test_a_basis_with_a_constant_takes_it_up(sea):
     (noisy,) = with_noise(sea, [3])
     recording = noisy.recording()

@@ -20,6 +20,9 @@ Array = NDArray[np.float64]
 # A ramp is there when it is so many times what the torque's noise makes of one, as so many walks show, and takes of what is left
 # over; it matters when it changes the stiffness by more than this, in the median.
 SURELY, WALKS, LEFT, MATTERS = 6.0, 30, 0.97, 0.05
+# A torque that stands still is itself a ramp, once it is integrated, which needs no motor and no spring: by so many times these
+# have to leave over less than the ramp alone, or an offset cannot be told.
+ALONE = 3.0
 # At so many samples the stiffness is looked at.
 ENOUGH_ROWS = 500
 
@@ -91,6 +94,9 @@ def _offset(
     without, found = (np.linalg.lstsq(A, wanted, rcond=1e-10)[0] for A in (plain, both))
     left = [float(np.linalg.norm(y - A @ x[:, 0])) for A, x in ((plain, without), (both, found))]
     if abs(found[-1, 0]) <= SURELY * np.std(found[-1, 1:]) or left[1] > LEFT * left[0]:
+        return None
+    trivial = both[:, [0, -1]]
+    if np.linalg.norm(y - trivial @ np.linalg.lstsq(trivial, y, rcond=None)[0]) < ALONE * left[1]:
         return None
     some = slopes[:: max(1, len(slopes) // ENOUGH_ROWS)]
     springs = slice(equation.leading, F.shape[1])
