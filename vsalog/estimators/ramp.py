@@ -22,7 +22,7 @@ Array = NDArray[np.float64]
 SURELY, WALKS, LEFT, MATTERS = 6.0, 30, 0.97, 0.05
 # A torque that stands still is itself a ramp, once it is integrated, which needs no motor and no spring: by so many times these
 # have to leave over less than the ramp alone, or an offset cannot be told.
-ALONE = 3.0
+ALONE = 30.0
 # At so many samples the stiffness is looked at.
 ENOUGH_ROWS = 500
 
