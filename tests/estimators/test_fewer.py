@@ -7,8 +7,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from vsalog.estimators import algebraic, residual_rls
+from vsalog.estimators.by_deflection import ByDeflection
 from vsalog.estimators.device import device_of
-from vsalog.estimators.fewer import every_second, moved_by_samples, said, widened
+from vsalog.estimators.fewer import Moved, every_second, moved_by_samples, said, widened
 from vsalog.estimators.folding import estimated
 from vsalog.rig import Rig
 from vsalog.signals import JointSignals
@@ -110,6 +111,15 @@ def test_where_half_the_samples_cannot_be_tried_that_is_said(rate, enough):
     moved = moved_by_samples(algebraic, own, signals, algebraic.TUNING(), fold)
     assert moved.tried == enough
     assert any("half of the samples are too few" in words for words in said(own, moved)) != enough
+
+
+@pytest.mark.parametrize(("surely", "told"), [(0.0, False), (0.02, False), (0.05, True)])
+def test_what_noise_may_do_is_counted_in_without_a_word(surely, told):
+    own = device(jerked(100.0, seconds=1.0))
+    moved = Moved({"1": ByDeflection(np.zeros(1), np.array([0.3]))}, {"1": surely})
+    words = said(own, moved)
+    assert bool(words) == told
+    assert not told or "up to 30% different" in words[0]
 
 
 @given(st.integers(2, 60), st.sets(st.integers(1, 59), max_size=5), st.integers(0, 1))

@@ -9,7 +9,7 @@ allows, is no less than how far it is off. (After Richardson's deferred approach
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -30,8 +30,9 @@ if TYPE_CHECKING:
 Array = NDArray[np.float64]
 Columns = Mapping[str, NDArray[np.generic]]
 
-# What moves a stiffness by less is no matter; what moves it by less than that is counted in without a word.
-LEAST, WORTH_A_WORD = 0.01, 0.03
+# What moves a stiffness by less is no matter; what moves it by less than that, or by so few of the second estimate's deviations,
+# is counted in without a word.
+LEAST, WORTH_A_WORD, SURELY = 0.01, 0.03, 2.0
 # So many samples are tried.
 TRIED = 1 << 15
 
@@ -43,10 +44,12 @@ class Moved:
     Attributes
     ----------
     shares : by which part each stiffness moves that does, transmission by transmission and as a whole
+    surely : by which part at most, beyond what noise may do now and then
     tried : whether half the samples support anything, or nothing is supported anyhow
     """
 
     shares: Mapping[str, ByDeflection]
+    surely: Mapping[str, float] = field(default_factory=dict)
     tried: bool = True
 
 
@@ -63,7 +66,7 @@ def moved_by_samples(method: Method, device: Device, signals: JointSignals, tuni
         return Moved({})
     part = signals[:TRIED]
     before = estimated(fold, part)
-    changes: dict[str, list[Array]] = {}
+    changes: dict[str, list[tuple[Array, Array]]] = {}
     tried = not any(np.any(columns["excited"]) for columns in before.transmissions.values())
     for first in (0, 1):
         half = every_second(part, first)
@@ -75,15 +78,18 @@ def moved_by_samples(method: Method, device: Device, signals: JointSignals, tuni
         after = estimated(other, half)
         tried = tried or any(np.any(columns["excited"]) for columns in after.transmissions.values())
         for name, columns in before.transmissions.items():
-            changes.setdefault(name, []).append(beyond(columns, after[name], slice(first, None, 2)))
-    shares: dict[str, ByDeflection] = {}
-    for name, squares in changes.items():
+            changes.setdefault(name, []).append(change(columns, after[name], slice(first, None, 2)))
+    shares, surely = {}, {}
+    for name, halves in changes.items():
         columns = before.transmissions[name]
-        sure = np.asarray(columns["excited"], dtype=np.bool_)
-        found = part_moved(np.asarray(columns["deflection"], dtype=np.float64), sure, np.array(squares), np.mean)
+        phi, sure = np.asarray(columns["deflection"], dtype=np.float64), np.asarray(columns["excited"], dtype=np.bool_)
+        squares, noise = (np.array(part) for part in zip(*halves, strict=True))
+        found = part_moved(phi, sure, squares - noise, np.mean)
         if found is not None and found.most > LEAST:
             shares[name] = found
-    return Moved(shares, tried)
+            beyond = part_moved(phi, sure, squares - SURELY**2 * noise, np.mean)
+            surely[name] = 0.0 if beyond is None else beyond.most
+    return Moved(shares, surely, tried)
 
 
 def every_second(signals: JointSignals, first: int) -> JointSignals:
@@ -122,12 +128,12 @@ def said(device: Device, moved: Moved) -> tuple[str, ...]:
         f" the stiffness comes out up to {share.most:.0%} different, which its standard deviation counts in: the samples are too"
         " few for so fast a motion, or for a spring that changes so suddenly; record at a higher rate, or move more smoothly"
         for name, share in moved.shares.items()
-        if share.most > WORTH_A_WORD and (name != "total" or len(device.transmissions) > 1)
+        if moved.surely[name] > WORTH_A_WORD and (name != "total" or len(device.transmissions) > 1)
     )
 
 
-def beyond(before: Columns, after: Columns, every: slice) -> Array:
-    """Return the square of how far a stiffness moves beyond the band of its second estimate, as a part of it.
+def change(before: Columns, after: Columns, every: slice) -> tuple[Array, Array]:
+    """Return the square of how far a stiffness moves, as a part of it, and the variance of the second estimate, likewise.
 
     Parameters
     ----------
@@ -136,12 +142,13 @@ def beyond(before: Columns, after: Columns, every: slice) -> Array:
 
     Returns
     -------
-    shape (N,); NaN where the second has none, or either is not known
+    shape (N,) each; NaN where the second has none, or either is not known
     """
     sigma, now, std = (
         np.asarray(values, dtype=np.float64)
         for values in (before["stiffness"], after["stiffness"], after["stiffness_std"])
     )
-    squares = np.full(sigma.shape, np.nan)
-    squares[every] = ((now - sigma[every]) ** 2 - std**2) / sigma[every] ** 2
-    return np.where(np.isfinite(squares), squares, np.nan)
+    found = np.full((2, sigma.size), np.nan)
+    found[:, every] = (now - sigma[every]) ** 2 / sigma[every] ** 2, std**2 / sigma[every] ** 2
+    found[:, ~np.isfinite(found).all(axis=0)] = np.nan
+    return found[0], found[1]

@@ -15,7 +15,7 @@ from msgspec import Meta
 from vsalog.errors import EstimatorError
 from vsalog.estimators.borne_torque import BorneTorque, LoadFriction, carried_by, effects_left_in
 from vsalog.estimators.device import Device, TransmissionView
-from vsalog.estimators.fewer import beyond
+from vsalog.estimators.fewer import change
 from vsalog.estimators.first_look import FirstLook, first_look
 from vsalog.estimators.folding import estimated
 from vsalog.estimators.following import ObserverFold, ObserverState, ObserverTuning
@@ -175,9 +175,10 @@ def smoothed_away(fold: ObserverFold, shorter: ObserverFold, signals: JointSigna
     before, after = estimated(fold, signals), estimated(shorter, signals)
     sizes = [0.0]
     for name, columns in before.transmissions.items():
-        squares = beyond(columns, after[name], slice(None))[np.asarray(columns["excited"], dtype=np.bool_)]
-        if name != "total" and np.isfinite(squares).any():
-            share = max(0.0, float(np.nanmedian(squares))) ** 0.5
+        squares, noise = change(columns, after[name], slice(None))
+        beyond = (squares - noise)[np.asarray(columns["excited"], dtype=np.bool_)]
+        if name != "total" and np.isfinite(beyond).any():
+            share = max(0.0, float(np.nanmedian(beyond))) ** 0.5
             sizes.append(share * float(np.nanmedian(np.asarray(columns["stiffness"], dtype=np.float64))))
     return max(sizes)
 
