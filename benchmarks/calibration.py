@@ -1,6 +1,6 @@
 """How often the truth lies in the 95 % band of `stiffness_std`, over simulated logs whose noise alone differs.
 
-    python -m benchmarks.calibration [--runs 200] [--seconds 20] [--motion 1] [--preset sea ...] [--estimator NAME ...]
+    python -m benchmarks.calibration [--runs 200] [--seconds 20] [--motion 1] [--preset sea [--preset …]] [--estimator NAME …]
 
 One motion of each preset is simulated, sensed with as many noises, and estimated; a row counts where it is `excited`, in the
 second half of the log. `--motion 0.05` makes the motors' torques so much smaller, down to few encoder steps. Exits with 1 where

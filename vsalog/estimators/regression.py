@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from vsalog.estimators.by_deflection import ByDeflection
 from vsalog.estimators.coarser import moved_by_steps
-from vsalog.estimators.device import Device, TransmissionView, deflection_of
+from vsalog.estimators.device import Device, deflection_of
 from vsalog.estimators.equation import Equation, EquationRows, Solver
 from vsalog.estimators.first_look import NOTHING_SEEN, FirstLook
 from vsalog.estimators.left_over import (
@@ -192,7 +192,8 @@ class RegressionFold:
                     names = ", ".join(t.name for t in equation.transmissions)
                     new.doubted[names] = new.doubted.get(names, 0) + int(np.count_nonzero(rows.doubted))
             # What steps do to one transmission they do to the other, too.
-            variance += sum(self._moved(v, columns[v.name]) for v in self.device.transmissions) ** 2
+            moves = [self._moved(n, columns[n]["deflection"], columns[n]["stiffness"]) for n in self.coarse]
+            variance += sum(moves, np.zeros(1)) ** 2
             columns["total"] = _total(columns, variance, self.device)
             if "total" in rows.fed:
                 columns["total"]["flexibility_torque"] = self._fed(rows.fed["total"])
@@ -237,9 +238,8 @@ class RegressionFold:
             variances[:, 1 : 4 * count : 4] += each
             variances[:, 4 * count] += together
         for i, view in enumerate(equation.transmissions):
-            variances[:, 4 * i + 1] += (
-                self._moved(view, {"deflection": where[i][0], "stiffness": values[:, 4 * i + 1]}) ** 2
-            )
+            if view.name in self.coarse:
+                variances[:, 4 * i + 1] += self._moved(view.name, where[i][0], values[:, 4 * i + 1]) ** 2
         deviations = np.sqrt(variances)
         columns: dict[str, dict[str, Any]] = {}
         for i, view in enumerate(equation.transmissions):
@@ -285,10 +285,9 @@ class RegressionFold:
         # The functional after those of the transmissions is the sum of their stiffnesses: correlation is not lost.
         return solver_state, columns, variances[:, after]
 
-    def _moved(self, view: TransmissionView, columns: Mapping[str, Array]) -> Array:
-        """By how much steps of positions may have moved a stiffness."""
-        share = self.coarse[view.name].at(columns["deflection"]) if view.name in self.coarse else 0.0
-        return share * columns["stiffness"]
+    def _moved(self, name: str, phi: Array, stiffness: Array) -> Array:
+        """By how much steps of positions may have moved a transmission's stiffness."""
+        return self.coarse[name].at(phi) * stiffness
 
     def _fed(self, torque: Array) -> Array:
         """The torque of a row; the pair of filters learns from one half a window old, which belongs to another row."""
