@@ -24,7 +24,7 @@ from vsalog.estimators.needs import deflection_roles, require
 from vsalog.estimators.regression import FoldState, RegressionFold
 from vsalog.estimators.residual_rls import sensor_role
 from vsalog.estimators.solvers import QrSolver, least_samples
-from vsalog.estimators.tuning import Positive, Tuning, largest_regressor
+from vsalog.estimators.tuning import Positive, Tuning, usual_regressor
 from vsalog.estimators.windows import noisy_rates, suitable_windows, with_window
 from vsalog.filters.conditioning import Conditioned, Conditioner
 from vsalog.signals import JointSignals
@@ -80,7 +80,7 @@ def build(device: Device, signals: JointSignals, tuning: GrioliParametricTuning)
     look = first_look(device, signals, tuning)
     tuning = with_window(tuning, signals, suitable_windows(device, signals, tuning)[0])
     needed = roles(device, signals.roles, tuning)
-    p0 = tuning.p0 if tuning.p0 is not None else 1e4 / largest_regressor(device, signals) ** 2
+    p0 = tuning.p0 if tuning.p0 is not None else 1e4 / usual_regressor(device, signals) ** 2
     functions, sensors = BasisFunctions(device), [sensor_role(v, signals.roles) for v in device.transmissions]
     conditioner = tuning.conditioner(needed, signals, rates=(*sensors, *functions.roles), before=functions)
     solver = QrSolver(tuning.forgetting, 0, p0, least=least_samples(conditioner))

@@ -20,7 +20,7 @@ from vsalog.estimators.ramp import look_for_ramps
 from vsalog.estimators.regression import FoldState, RegressionFold
 from vsalog.estimators.sensor_error import ENOUGH, LEAST_NOISE, sensor_error
 from vsalog.estimators.solvers import QrSolver, least_samples
-from vsalog.estimators.tuning import Positive, Tuning, largest_regressor
+from vsalog.estimators.tuning import Positive, Tuning, usual_regressor
 from vsalog.estimators.windows import motor_window
 from vsalog.filters.conditioning import Conditioner
 from vsalog.resolution import sensor_noise
@@ -29,7 +29,7 @@ from vsalog.signals import JointSignals
 NAME = "qr-rls"
 SUMMARY = "integrated motor equation and QR-RLS (Flacco 2014); estimates motor inertia and damping too"
 
-# p0 times the largest regressor squared. Stronger, and the prior shows until the deflection has been through its range;
+# p0 times the usual regressor squared. Stronger, and the prior shows until the deflection has been through its range;
 # weaker, and a direction that noise alone moves runs away in the first seconds.
 WEAK = 2e5
 
@@ -91,7 +91,7 @@ def build(device: Device, signals: JointSignals, tuning: QrRlsTuning) -> Integra
     """Assemble the estimator for a joint's signals."""
     look = first_look(device, signals, tuning)
     tuning = motor_window(device, signals, tuning)
-    p0 = tuning.p0 if tuning.p0 is not None else WEAK / largest_regressor(device, signals) ** 2
+    p0 = tuning.p0 if tuning.p0 is not None else WEAK / usual_regressor(device, signals) ** 2
     conditioner = conditioner_of(device, signals, tuning, roles(device, signals.roles, tuning), motor=True)
     leading = IntegratedMotorEquation.leading
     solver = QrSolver(tuning.forgetting, leading, p0, integral=True, least=least_samples(conditioner))
