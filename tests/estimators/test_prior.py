@@ -29,20 +29,18 @@ def usual(phi, c, **basis):
     return usual_regressor(device_of("awas", spec, roles), signals)
 
 
-def test_the_usual_one_is_the_geometric_mean():
-    """The six odd powers of φ times 1, r and r², with r in millimetres."""
-    phi, r = 0.5, 4.0
-    reached = [phi**i * r**j for i in (1, 3, 5, 7, 9, 11) for j in (0, 1, 2)]
-    assert usual(phi, r * 1e-3) == pytest.approx(np.prod(reached) ** (1.0 / 18.0))
+def test_the_set_points_powers_count_by_their_geometric_mean():
+    """The largest odd power of φ, the first, times 1, r and r², with r in millimetres."""
+    assert usual(0.5, 4e-3) == pytest.approx(np.prod([0.5, 0.5 * 4.0, 0.5 * 16.0]) ** (1.0 / 3.0))
+    assert usual(2.0, 4e-3) == pytest.approx(2.0**11 * 4.0)
 
 
 def test_functions_that_are_alike_count_as_they_are():
     assert usual(0.5, 0.004, deflection_scale=0.5, setpoint_scale=0.004) == pytest.approx(1.0)
 
 
-def test_one_that_is_millions_of_times_smaller_does_not_take_the_digits():
-    phi, r = 0.014, 100.0
-    assert usual(phi, r * 1e-3) == pytest.approx(LEAST_USUAL * phi * r**2)
+def test_powers_that_are_millions_of_times_smaller_do_not_take_the_digits():
+    assert usual(0.5, 1e3) == pytest.approx(LEAST_USUAL * 0.5 * 1e12)
 
 
 @pytest.mark.parametrize("estimator", ["residual-rls", "algebraic", "direct"])

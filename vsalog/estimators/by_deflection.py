@@ -62,10 +62,8 @@ def part_moved(phi: Array, sure: Flags, squares: Array, together: Callable[[Arra
     if not counts.any():
         return None
     low, span = float(place[counts].min()), float(np.ptp(place[counts]))
-    if span > 0.0:
-        ranges = np.minimum((RANGES * (place - low) / span).astype(np.int64), RANGES - 1)
-    else:
-        ranges = np.zeros(phi.size, np.int64)
+    part = (place - low) / span if span > 0.0 else np.zeros(phi.size)
+    ranges = np.clip(RANGES * part, 0, RANGES - 1).astype(np.int64)
     known, shares = [], []
     for number in np.unique(ranges[counts]):
         here = squares[:, counts & (ranges == number)]
