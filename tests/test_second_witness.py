@@ -3,6 +3,10 @@
 import numpy as np
 import pytest
 from command_line import vsalog_run
+from hypothesis import given
+from hypothesis import strategies as st
+
+from vsalog.second_witness import _is_noise
 
 PERIOD, COUNT = 2e-3, 10_000
 RIG = """[joint.arm]
@@ -101,6 +105,27 @@ def test_logs_with_the_same_clock_are_borne_out_each_by_its_own_sensor(tmp_path)
     log(tmp_path / "other.csv", seed=2, sensor_scale=0.4)
     done = vsalog_run("estimate", "arm.csv", "other.csv", "-e", "qr-rls", "-o", "both.parquet", cwd=tmp_path)
     assert "bear it out" in done.stderr
+
+
+@pytest.mark.parametrize("estimator", ["algebraic", "direct"])
+@pytest.mark.parametrize("seed", range(3))
+def test_a_witness_in_which_nothing_moves_accuses_nobody(tmp_path, seed, estimator):
+    """A constant torque: what was compared was the noise of both."""
+    still = '[[joint.sea.motor_torque]]\ntype = "constant"\nvalue = 2\n'
+    (tmp_path / "still.toml").write_text(f'name = "still"\nduration = "20 s"\nperiod = "2 ms"\n{still}')
+    log = ("simulate", "sea", "--scenario", "still.toml", "--seed", str(seed), "-o", "still.parquet")
+    assert vsalog_run(*log, cwd=tmp_path).returncode == 0
+    done = vsalog_run("estimate", "still.parquet", "-e", estimator, "-o", "trace.parquet", cwd=tmp_path)
+    assert done.returncode == 0
+    assert "bear it out" not in done.stderr
+
+
+@given(seed=st.integers(0, 2**32), hertz=st.floats(0.1, 4.0), phase=st.floats(0, 6))
+def test_noise_and_motion_are_told_apart(seed, hertz, phase):
+    """Averages of a twentieth of a second."""
+    noise = np.random.default_rng(seed).standard_normal(400)
+    assert _is_noise(noise)
+    assert not _is_noise(5.0 * np.sin(2 * np.pi * hertz * 0.05 * np.arange(400) + phase) + noise)
 
 
 def test_a_sensor_of_another_sign_is_told(tmp_path):

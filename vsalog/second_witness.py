@@ -39,6 +39,9 @@ KEPT, TRIALS = 0.9, 5
 # Averages in a long one; the part of a slope (of its logarithm) that has to be left there, and of the power of what is no noise;
 # how many times more power that has which noise cannot make.
 LONG, LASTS, SLOW, LARGE = 4, 0.6, 0.5, 10.0
+# Half the mean square change of averages is all of their variance where they are white noise, and less than this part of it where
+# they are a motion of up to 4 Hz.
+FREE = 0.7
 # A torque or an angle that the sensor hardly sees move, less than so many of what it resolves, bears nothing out.
 MOVES = 10.0
 # An angle that is off by so much of its range is told, or by so many of its own deviations where these are more.
@@ -248,6 +251,8 @@ def _of_torques(estimated: Array, sensed: Array, claimed: float, what: str) -> s
     (xx, xy), (_, yy) = _without_transients(estimated, sensed)
     shared = max(float(xy), 0.0) ** 2 / (xx * yy) if xx * yy > 0.0 else 0.0
     if shared < SHARED:
+        if _is_noise(sensed):
+            return ""
         return (
             f"of the power of its torque {shared:.0%} is in the estimated one too: a sign, a unit or a channel may be another"
             " one than the rig says"
@@ -277,6 +282,12 @@ def _too_noisy(estimated: Array, sensed: Array) -> bool:
     (xx, xy), (_, yy) = np.cov(estimated, sensed)
     own = sensed - xy / xx * estimated if xx > 0.0 else sensed
     return bool(own.var() > SHARED * yy and yy < LARGE * xx and _long(own).var() < SLOW * own.var())
+
+
+def _is_noise(averages: Array) -> bool:
+    """Tell whether averages differ from the next one as from any, and go out when averaged again: nothing moves there."""
+    variance, changes = averages.var(), np.diff(averages).var() / 2.0
+    return bool(changes > FREE * variance and _long(averages).var() < SLOW * variance)
 
 
 def _long(averages: Array) -> Array:

@@ -1,6 +1,7 @@
 """Joint accelerations out of an arm's accelerometers, and acceleration-observer as a user runs it (De Luca 2007 eq. 8–12)."""
 
 import json
+import re
 from dataclasses import replace as with_fields
 
 import numpy as np
@@ -199,6 +200,33 @@ def test_the_state_is_found_within_what_is_said_of_it(played, name, request):
     assert not columns["excited"].any()
     assert np.isnan(columns["stiffness_std"]).all()
     assert (columns["stiffness"] == (2e5 if found.joint == "axis1" else 1.5e5)).all()
+
+
+FAULTS = {
+    "upside down": (lambda x, y: (-x, -y), -1.0),
+    "in g": (lambda x, y: (x / 9.80665, y / 9.80665), 1.0 / 9.80665),
+    "turned by a right angle": (lambda x, y: (y, x), None),
+}
+
+
+@pytest.mark.parametrize("fault", FAULTS)
+def test_an_accelerometer_that_measures_something_else_is_told(played, rig, fault):
+    changed, factor = FAULTS[fault]
+    recording = played.recording()
+    x, y = (recording.channels[f"/accelerometer_axis2/{axis}.data"] for axis in "xy")
+    x.values[:], y.values[:] = changed(x.values.copy(), y.values.copy())
+    for name, role in (("axis1", "axis2/accelerometer_x"), ("axis2", "accelerometer_x")):
+        said = [w for w in estimated(played, rig, name, recording).warnings if "away from what the motors' motion" in w]
+        assert f"joint '{name}': {role} is " in said[0]
+        told = re.search(r", (\S+) times what it should be", said[0])
+        assert (told is None) == (factor is None)
+        assert told is None or float(told[1]) == pytest.approx(factor, rel=0.02)
+        assert not any("axis3" in w for w in said)
+
+
+def test_accelerometers_that_are_as_the_rig_says_are_not_accused(first, third):
+    for found in (first, third):
+        assert not any("away from what the motors' motion" in w for w in found.warnings)
 
 
 def test_steps_that_are_taken_slowly_are_not_taken_for_white_noise(rig):

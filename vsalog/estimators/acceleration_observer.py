@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from vsalog.errors import EstimatorError
 from vsalog.estimators.acceleration_group import NAME, Group, group_of
+from vsalog.estimators.accelerometer_check import said_of_accelerometers
 from vsalog.estimators.device import Device, largest
 from vsalog.estimators.net_torque import NetTorque, NetTorqueState, extended
 from vsalog.estimators.sensor_error import ENOUGH, sensor_error
@@ -139,7 +140,7 @@ class AccelerationFold:
         self.frequencies = [self._frequency(i, float(usual[i])) for i in range(len(group.members))]
         self.arm = self._with_observers(plain)._replace(farthest=self._farthest(usual, signals))
         self.variances = self._variances(signals)
-        self.noticed = self._noisy(usual, signals)
+        self.noticed = (*self._noisy(usual, signals), *said_of_accelerometers(plain, group, signals))
 
     @property
     def derived(self) -> dict[str, float]:

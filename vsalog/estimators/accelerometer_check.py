@@ -1,0 +1,104 @@
+"""Whether accelerometers measure what the motors' motion and gravity make at their places.
+
+An accelerometer that is upside down, turned, or in g instead of m/s² gives an observer that is sure of a wrong torque. But the
+links follow their motors but for the springs' swinging, so that slow accelerations, and gravity above all, are known without it.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vsalog.estimators.acceleration_group import Axis, Group
+from vsalog.estimators.sensor_error import ENOUGH
+from vsalog.filters.acceleration_arm import Arm, axis_rows
+from vsalog.filters.savitzky_golay import savgol_filter, savgol_weights
+from vsalog.signals import JointSignals
+
+Array = NDArray[np.float64]
+
+# What swings faster than this is smoothed away [s], by a polynomial of this degree.
+SLOW, DEGREE = 0.25, 3
+# So many samples are looked at.
+PLACES = 500
+# An axis that differs by this part of what its link's axes should measure is told, where noise does not explain it by so many
+# deviations.
+OFF, SURELY = 0.3, 5.0
+# A difference that a factor explains but for this part of what is measured has that factor told.
+LEFT = 0.3
+
+
+def said_of_accelerometers(arm: Arm, group: Group, signals: JointSignals) -> tuple[str, ...]:
+    """Say which axes measure something else, and by which factor where one explains it.
+
+    Parameters
+    ----------
+    arm : the kinematics of `group`
+    signals : with the roles of `group`
+    """
+    window = 2 * max(round(0.5 * SLOW / signals.period), DEGREE) + 1
+    theta = [signals.roles[m.view.motor_position][:ENOUGH] for m in group.members]
+    measured = [signals.roles[axis.role][:ENOUGH] for axis in group.axes]
+    if len(theta[0]) < 2 * window:
+        return ()
+    weights = savgol_weights(window, DEGREE, 2, signals.period)
+    motion = np.array([savgol_filter(x, weights) for x in theta])
+    slow = np.array([savgol_filter(x, weights[:1])[0] for x in measured])
+    whole = _without_gaps(signals.starts[:ENOUGH], window) & np.isfinite(motion).all(axis=(0, 1))
+    places = np.flatnonzero(whole)
+    if not places.size:
+        return ()
+    places = places[np.linspace(0, places.size - 1, min(PLACES, places.size)).astype(np.int64)]
+    expected, carried = np.empty((len(measured), places.size)), np.zeros(len(measured))
+    for k, place in enumerate(places):
+        q, dq, ddq = motion[:, :, place].T
+        T, W = axis_rows(arm, q, dq)
+        expected[:, k] = T @ ddq + W
+        carried = np.maximum(carried, np.abs(T).sum(axis=1))
+    steps = max(signals.resolution.get(m.view.motor_position, 0.0) for m in group.members)
+    noise = np.hypot(arm.row_noise * np.linalg.norm(weights[0]), carried * steps * np.linalg.norm(weights[2]))
+    found = slow[:, places]
+    size = _rms(expected) ** 2
+    links = np.array([axis.place for axis in group.axes])
+    whole_size = np.sqrt([size[links == link].sum() for link in links])
+    off = _rms(found - expected)
+    told = off > np.maximum(OFF * whole_size, SURELY * noise)
+    return tuple(
+        _words(group, axis, off[i], whole_size[i], _factor(found[i], expected[i]))
+        for i, axis in enumerate(group.axes)
+        if told[i]
+    )
+
+
+def _without_gaps(starts: NDArray[np.bool_], window: int) -> NDArray[np.bool_]:
+    """Tell the whole windows, by number, within which no run begins."""
+    runs = np.cumsum(starts)
+    return np.asarray(runs[window - 1 :] == runs[: runs.size - window + 1])
+
+
+def _rms(x: Array) -> Array:
+    """Return the root mean square of each row's finite values; 0 where there is none."""
+    known = np.isfinite(x)
+    squares = np.where(known, x, 0.0) ** 2
+    return np.asarray(np.sqrt(squares.sum(axis=1) / np.maximum(known.sum(axis=1), 1)))
+
+
+def _factor(found: Array, expected: Array) -> float | None:
+    """Return what the expected has to be multiplied with to be what is found; None where no factor does."""
+    known = np.isfinite(found)
+    found, expected = found[known], expected[known]
+    if not expected.any() or not found.any():
+        return None
+    factor = float(found @ expected / (expected @ expected))
+    return factor if np.linalg.norm(found - factor * expected) < LEFT * np.linalg.norm(found) else None
+
+
+def _words(group: Group, axis: Axis, off: float, size: float, factor: float | None) -> str:
+    own = group.members[group.place].joint
+    unit = "rad/s²" if axis.direct else "m/s²"
+    times = "" if factor is None else f", {factor:.3g} times what it should be"
+    return (
+        f"joint '{own}': {axis.role} is {off:.3g} {unit} (rms) away from what the motors' motion and gravity make there, where"
+        f" the link has {size:.3g} {unit}{times}: the sensor may be upside down, turned, in another unit (g instead of m/s²), or"
+        " mounted elsewhere than the rig says; what is told is as wrong"
+    )
