@@ -138,10 +138,10 @@ def test_blocks_of_any_size_and_gaps_give_the_same_sums():
 @pytest.fixture(scope="module")
 def warnings_of(tmp_path_factory):
     """Simulate a log, once for each machine; return what an estimator says of it."""
-    folder = tmp_path_factory.mktemp("machines")
+    folder, played = tmp_path_factory.mktemp("machines"), {}
 
     def say(estimator, preset, *actual):
-        log = folder / f"{preset}-{len(actual)}.mcap"
+        log = played.setdefault((preset, *actual), folder / f"{len(played)}.mcap")
         if not log.exists():
             machine = [x for change in actual for x in ("--actual", change)]
             done = vsalog_run(
@@ -159,6 +159,13 @@ def warnings_of(tmp_path_factory):
 def test_a_link_encoder_that_is_late_is_told(warnings_of, estimator):
     said = warnings_of(estimator, "awas", "joint.awas.signals.link_position.delay=2 ms")
     assert "what the fit leaves over follows the motor's" in said
+
+
+@pytest.mark.parametrize(("gain", "told"), [("1e-9", True), ("1", False)])
+def test_a_set_point_that_is_dead_is_named(warnings_of, gain, told):
+    said = warnings_of("residual-rls", "awas", f"joint.awas.signals.setpoint.gain={gain}")
+    assert ("the set-point never changes in this log" in said) == told
+    assert ("leaves over" in said) == told
 
 
 @pytest.mark.parametrize("estimator", ["residual-rls", "algebraic"])

@@ -29,7 +29,7 @@ from vsalog.estimators.left_over import (
     misfit,
     no_noise,
 )
-from vsalog.estimators.region import Region, lengths
+from vsalog.estimators.region import ROUNDING, Region, lengths
 from vsalog.estimators.resting import Stay, resting_in
 from vsalog.filters.conditioning import Conditioned, Conditioner, ConditionerState
 from vsalog.filters.direction import direction_start, loading_block
@@ -351,7 +351,17 @@ class RegressionFold:
                 said.append(following(where, found, equation.motor))
             elif share := misfit(state.left_over[names], step):
                 said.append(no_noise(where, self.device.joint, share))
+        if said and self._setpoint_stands(state):
+            said.append(
+                f"joint '{self.device.joint}': the set-point never changes in this log; if the machine's did, that is what the"
+                " fit leaves over"
+            )
         return tuple(said)
+
+    def _setpoint_stands(self, state: FoldState) -> bool:
+        """Whether what was learnt has one set-point throughout."""
+        spans = [region.whole().c for region in state.regions.values()]
+        return self.device.has_setpoint and all(high - low <= ROUNDING * abs(high) for low, high in spans)
 
     def model(self, state: FoldState) -> JointModel:
         """Freeze what has been learnt into a model."""
