@@ -40,7 +40,7 @@ KEPT, TRIALS = 0.9, 5
 # how many times more power that has which noise cannot make.
 LONG, LASTS, SLOW, LARGE = 4, 0.6, 0.5, 10.0
 # Half the mean square change of averages is all of their variance where they are white noise, and less than this part of it where
-# they are a motion of up to 4 Hz.
+# they are a motion of up to 3 Hz.
 FREE = 0.7
 # A torque or an angle that the sensor hardly sees move, less than so many of what it resolves, bears nothing out.
 MOVES = 10.0

@@ -95,8 +95,8 @@ def build(device: Device, signals: JointSignals, tuning: ResidualRlsTuning) -> R
         tuning = msgspec.structs.replace(tuning, bandwidth=bandwidth)
     else:
         tuning = keeping_window(device, signals, tuning, tuning.default_window)
-    # A residual is noisy: the many terms of a basis would follow its noise until there is enough of it to average.
-    p0 = tuning.initial_covariance(device, signals, 0.01 if tuning.modality == "RESIDUAL" else 1e-3)
+    # What is measured is noisy: the many terms of a basis would follow its noise until there is enough of it to average.
+    p0 = tuning.initial_covariance(device, signals, 1e-3 if tuning.modality == "MODEL" else 0.01)
     needed = roles(device, signals.roles, tuning)
     conditioner = (
         tuning.conditioner(needed, signals)

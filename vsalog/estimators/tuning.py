@@ -124,7 +124,7 @@ def usual_regressor(device: Device, signals: JointSignals) -> float:
             f" signals; leave them out of [joint.{device.joint}.basis] to have them taken from the log"
         )
     each = reached.reshape(-1, *powers).max(axis=(0, 1))
-    return max(float(np.exp(np.mean(np.log(each)))), LEAST_USUAL * greatest)
+    return max(float(np.exp(np.mean(np.log(np.maximum(each, 1.0 / LARGEST))))), LEAST_USUAL * greatest)
 
 
 Modality = Literal["MODEL", "SENSOR", "RESIDUAL"]
