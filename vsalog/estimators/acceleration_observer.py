@@ -22,6 +22,7 @@ from vsalog.estimators.net_torque import NetTorque, NetTorqueState, extended
 from vsalog.estimators.sensor_error import ENOUGH, sensor_error
 from vsalog.estimators.tuning import Positive, Tuning
 from vsalog.estimators.unfiltered import Unfiltered
+from vsalog.estimators.windows import rms
 from vsalog.filters.acceleration_arm import LOST, Arm, ArmState, arm_start, axis_rows, observe_arm
 from vsalog.filters.acceleration_observer import (
     ENCODER,
@@ -375,10 +376,8 @@ class AccelerationFold:
         theta, tau = signals.roles[own.view.motor_position], signals.roles[own.view.motor_torque]
         # The joint may have been moving as the log has it, and its spring deflected by any of the log's torques.
         few = max(1, min(round(1.0 / (frequency * self.period)), len(theta) - 1))
-        speed = _root_mean_square((theta[few:] - theta[:-few]) / (few * self.period))
-        start = np.array(
-            [self.noise[own.view.motor_position], _root_mean_square(tau) / own.motor.K, speed, speed], dtype=np.float64
-        )
+        speed = rms((theta[few:] - theta[:-few]) / (few * self.period))
+        start = np.array([self.noise[own.view.motor_position], rms(tau) / own.motor.K, speed, speed], dtype=np.float64)
         count = int(np.ceil(SETTLED / (self.tuning.damping * frequency * self.period))) + 1
         index = self.group.place
         observer = SampledObserver(self.arm.Phi[index], self.arm.before[index], self.arm.after[index])
@@ -401,8 +400,3 @@ def _noise(device: Device, signals: JointSignals, role: str) -> float:
 
 def _columns(signals: JointSignals, roles: Collection[str]) -> Array:
     return np.stack([signals.roles[role] for role in roles], axis=-1)
-
-
-def _root_mean_square(values: Array) -> float:
-    finite = values[np.isfinite(values)]
-    return float(np.sqrt(np.mean(finite**2))) if finite.size else 0.0

@@ -6,7 +6,6 @@ and at its ends turn the other way. One number for all would be too much for the
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -42,8 +41,8 @@ class ByDeflection:
         return np.interp(np.nan_to_num(phi), self.phi, self.share)
 
 
-def part_moved(phi: Array, sure: Flags, squares: Array, together: Callable[[Array], float]) -> ByDeflection | None:
-    """Return by which part trials move a stiffness: of each, in each range of the deflection, the median square.
+def part_moved(phi: Array, sure: Flags, squares: Array) -> ByDeflection | None:
+    """Return by which part trials move a stiffness: in each range of the deflection the mean of their median squares.
 
     Parameters
     ----------
@@ -51,7 +50,6 @@ def part_moved(phi: Array, sure: Flags, squares: Array, together: Callable[[Arra
     sure : shape (N,), samples that count
     squares : shape (n, N), the square of the part that each trial moves the stiffness by, negative where it is less than what
         noise may do; NaN where it was not tried
-    together : makes one of the trials' medians
 
     Returns
     -------
@@ -67,7 +65,7 @@ def part_moved(phi: Array, sure: Flags, squares: Array, together: Callable[[Arra
     known, shares = [], []
     for number in np.unique(ranges[counts]):
         here = squares[:, counts & (ranges == number)]
-        medians = np.array([np.median(trial[~np.isnan(trial)]) for trial in here if not np.isnan(trial).all()])
+        medians = [np.median(trial[~np.isnan(trial)]) for trial in here if not np.isnan(trial).all()]
         known.append(low + span * (number + 0.5) / RANGES)
-        shares.append(max(0.0, float(together(medians))) ** 0.5)
+        shares.append(max(0.0, float(np.mean(medians))) ** 0.5)
     return ByDeflection(np.array(known), np.array(shares))

@@ -57,7 +57,7 @@ def moved_by_steps(fold: RegressionFold, signals: JointSignals, steps: Mapping[s
         with np.errstate(invalid="ignore", divide="ignore"):
             changes = np.array([np.asarray(other[view.name]["stiffness"], float) / sigma - 1.0 for other in after])
         squares = np.nan_to_num((PART * changes) ** 2, nan=np.inf)
-        found = part_moved(np.asarray(columns["deflection"], float), sure, squares, np.mean)
+        found = part_moved(np.asarray(columns["deflection"], float), sure, squares)
         if found is not None and found.most > LEAST:
             shares[view.name] = found
     return shares

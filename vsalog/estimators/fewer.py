@@ -84,10 +84,10 @@ def moved_by_samples(method: Method, device: Device, signals: JointSignals, tuni
         columns = before.transmissions[name]
         phi, sure = np.asarray(columns["deflection"], dtype=np.float64), np.asarray(columns["excited"], dtype=np.bool_)
         squares, noise = (np.array(part) for part in zip(*halves, strict=True))
-        found = part_moved(phi, sure, squares - noise, np.mean)
+        found = part_moved(phi, sure, squares - noise)
         if found is not None and found.most > LEAST:
             shares[name] = found
-            beyond = part_moved(phi, sure, squares - SURELY**2 * noise, np.mean)
+            beyond = part_moved(phi, sure, squares - SURELY**2 * noise)
             surely[name] = 0.0 if beyond is None else beyond.most
     return Moved(shares, surely, tried)
 

@@ -44,10 +44,10 @@ def fold_over(fold: Fold, signals: JointSignals | LongSignals, block: int, give:
     return state
 
 
-def estimated(fold: Fold, signals: JointSignals, block: int = BLOCK) -> Trace:
+def estimated(fold: Fold, signals: JointSignals) -> Trace:
     """Return an estimator's trace of signals that fit into memory."""
     kept: list[Trace] = []
     # Where numbers run out of range the estimate is infinite or none, and the trace says so; numpy need not.
     with np.errstate(over="ignore", invalid="ignore", divide="ignore"):
-        fold_over(fold, signals, block, kept.append)
+        fold_over(fold, signals, BLOCK, kept.append)
     return Trace.concatenate(kept)

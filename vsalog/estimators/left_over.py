@@ -15,11 +15,14 @@ moves the deflection by less than a part of its encoders' steps is not told, for
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 from numba import njit
 from numpy.typing import NDArray
+
+if TYPE_CHECKING:
+    from vsalog.estimators.equation import Equation
 
 Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]
@@ -157,6 +160,22 @@ def _run(
                 H[i, j] += box[n + i] * box[n + j] / (count * count)
         averages[0] += 1.0
         box[:] = 0.0
+
+
+def words_of(joint: str, equation: Equation, state: LeftOverState, claimed: float, step: float) -> str:
+    """Say what the left-overs of an equation follow, or that they are no noise; nothing where neither is the case.
+
+    Parameters
+    ----------
+    claimed, step : as for `followers`
+    """
+    where = f"joint '{joint}', transmission {' and '.join(view.name for view in equation.transmissions)}"
+    # What would follow the speed or the acceleration, an equation that has them among its unknowns takes for those.
+    suspects = (POSITION,) if equation.parameters else SUSPECTS
+    if found := followers(state, claimed, step, suspects):
+        return following(where, found, equation.motor)
+    share = misfit(state, step)
+    return no_noise(where, joint, share) if share else ""
 
 
 def followers(

@@ -18,18 +18,8 @@ from vsalog.estimators.coarser import moved_by_steps
 from vsalog.estimators.device import Device, deflection_of
 from vsalog.estimators.equation import Equation, EquationRows, Solver
 from vsalog.estimators.first_look import NOTHING_SEEN, FirstLook
-from vsalog.estimators.left_over import (
-    POSITION,
-    SUSPECTS,
-    LeftOverState,
-    followers,
-    following,
-    left_over_block,
-    left_over_start,
-    misfit,
-    no_noise,
-)
-from vsalog.estimators.region import ROUNDING, Region, lengths
+from vsalog.estimators.left_over import LeftOverState, left_over_block, left_over_start, words_of
+from vsalog.estimators.region import Region, lengths
 from vsalog.estimators.resting import Stay, resting_in
 from vsalog.filters.conditioning import Conditioned, Conditioner, ConditionerState
 from vsalog.filters.direction import direction_start, loading_block
@@ -344,24 +334,14 @@ class RegressionFold:
                 continue
             claimed = max(state.claimed.get(name, np.inf) for name in names)
             step = self.look.step(equation.transmissions)
-            where = f"joint '{self.device.joint}', transmission {' and '.join(names)}"
-            # What would follow the speed or the acceleration, an equation that has them among its unknowns takes for those.
-            suspects = (POSITION,) if equation.parameters else SUSPECTS
-            if found := followers(state.left_over[names], claimed, step, suspects):
-                said.append(following(where, found, equation.motor))
-            elif share := misfit(state.left_over[names], step):
-                said.append(no_noise(where, self.device.joint, share))
-        if said and self._setpoint_stands(state):
+            if words := words_of(self.device.joint, equation, state.left_over[names], claimed, step):
+                said.append(words)
+        if said and self.device.has_setpoint and all(region.one_setpoint() for region in state.regions.values()):
             said.append(
                 f"joint '{self.device.joint}': the set-point never changes in this log; if the machine's did, that is what the"
                 " fit leaves over"
             )
         return tuple(said)
-
-    def _setpoint_stands(self, state: FoldState) -> bool:
-        """Whether what was learnt has one set-point throughout."""
-        spans = [region.whole().c for region in state.regions.values()]
-        return self.device.has_setpoint and all(high - low <= ROUNDING * abs(high) for low, high in spans)
 
     def model(self, state: FoldState) -> JointModel:
         """Freeze what has been learnt into a model."""
