@@ -69,19 +69,36 @@ def sensor_noise(values: Array, step: float, least: float) -> float:
     )
 
 
-def noise_of(values: Array) -> float | None:
+def noise_of(values: Array, step: float = 0.0) -> float | None:
     """Return the standard deviation of a signal's white noise; None where too little can be told.
 
     Third differences leave little of a smooth motion, and their spread is √20 times that of white noise. Their median is
     not moved by the few samples where something happens.
+
+    Parameters
+    ----------
+    values : NaN is left out
+    step : of the sensor where it is to be told what lies between multiples of it: noise of which rounding is a part
     """
     sample = _sample(values)
     third = np.diff(sample, 3)
     if third.size < 20:
         return None
-    deviation = 1.4826 * float(np.median(np.abs(third - np.median(third)))) / 20.0**0.5
+    deviation = 1.4826 * _median(np.abs(third - np.median(third)), step) / 20.0**0.5
     # What is left of a noiseless signal is the rounding of its numbers.
     return deviation if deviation > 1e-13 * float(np.max(np.abs(sample))) else None
+
+
+def _median(sizes: Array, step: float) -> float:
+    """Return the median; of multiples of a step as if each stood for what rounds to it, spread evenly."""
+    middle = float(np.median(sizes))
+    if step == 0.0:
+        return middle
+    counts = np.round(sizes / step)
+    cell = np.round(middle / step)
+    low, high = max(cell - 0.5, 0.0), cell + 0.5
+    share, below = float(np.mean(counts == cell)), float(np.mean(counts < cell))
+    return step * (low + (high - low) * float(np.clip((0.5 - below) / share, 0.0, 1.0))) if share else middle
 
 
 def _sample(values: Array) -> Array:

@@ -42,6 +42,18 @@ def test_what_an_encoder_adds_is_what_it_adds(steps, window):
         assert np.std(rate) > 1.5 * white * np.linalg.norm(weights[1])
 
 
+@pytest.mark.parametrize("noise", [0.3, 0.6, 0.95])
+@pytest.mark.parametrize("steps", [20.0, 300.0])
+def test_noise_before_the_steps_is_part_of_what_an_encoder_adds(steps, noise):
+    """Below a step's size noise and rounding are both there; either alone would be too little, or too smooth."""
+    motion = steps * np.sin(2 * np.pi * 0.83 * TIME) + 0.4 * steps * np.sin(2 * np.pi * 0.31 * TIME + 1.0)
+    recorded = np.round(motion + np.random.default_rng(4).normal(0.0, noise, TIME.size))
+    _, rate, acceleration = behind(51, recorded - motion)
+    weights, told = savgol_weights(51, 5, 2, PERIOD), sensor_error(recorded, 51)
+    assert told.rms(weights[1]) == pytest.approx(np.std(rate), rel=0.2)
+    assert told.rms(weights[2]) == pytest.approx(np.std(acceleration), rel=0.2)
+
+
 def test_white_noise_is_told_by_its_size():
     recorded = np.sin(TIME) + np.random.default_rng(3).normal(0.0, 0.01, TIME.size)
     weights = savgol_weights(51, 5, 2, PERIOD)

@@ -2,7 +2,8 @@
 
 White noise is told by its size. An encoder's steps are not white: where a motion takes few of them in a filter's window, what
 they add changes as slowly as the motion, passes the filter, and is largest in the rates where the position jumps. So they are
-tried out on the log's own motion, which is smoothed and rounded to the steps once more, between the levels.
+tried out on the log's own motion, which is smoothed, given the noise that goes with the steps, and rounded to them once more,
+between the levels. Noise as large as a step leaves what is added white.
 """
 
 from __future__ import annotations
@@ -33,8 +34,8 @@ class SensorError:
 
     Attributes
     ----------
-    white : standard deviation of white noise; 0 where steps are what it adds
-    rounding : samples of what rounding adds, one series per shift; none where noise is white
+    white : standard deviation of white noise; 0 where steps are part of what it adds
+    rounding : samples of what rounding adds, and the noise before it, one series per shift; none where all of it is white
     """
 
     white: float
@@ -75,17 +76,21 @@ def sensor_error(values: Array, window: int) -> SensorError:
     finite = np.isfinite(values)
     if not finite.any():
         return SensorError(0.0)
-    step, noise = step_of(values), noise_of(values) or 0.0
+    step = step_of(values)
+    noise = noise_of(values, step or 0.0) or 0.0
     if step is None or noise > step:
         return SensorError(max(noise, LEAST_NOISE * float(np.abs(values[finite]).max()), LEAST_NOISE))
     whole = values if finite.all() else np.interp(np.arange(values.size), np.flatnonzero(finite), values[finite])
     longer = min(LONGER * (window - 1) + 1, whole.size)
     motion = _smoothed(whole, savgol_weights(longer, min(DEGREE, longer - 1))[0])
+    shifted = [motion / step + shift for shift in SHIFTS]
+    # Rounding alone looks like noise, too; what is seen beyond that is there before it.
+    alone = noise_of(np.round(shifted[0]), 1.0) or 0.0
+    before = max((noise / step) ** 2 - alone**2, 0.0) ** 0.5 * np.random.default_rng(0).standard_normal(motion.size)
     series = []
-    for shift in SHIFTS:
-        moved = motion / step + shift
-        rounding = step * (np.round(moved) - moved)
-        series.append(rounding - rounding.mean() if rounding.size else rounding)
+    for moved in shifted:
+        added = step * (np.round(moved + before) - moved)
+        series.append(added - added.mean() if added.size else added)
     return SensorError(0.0, tuple(series))
 
 
