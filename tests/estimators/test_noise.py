@@ -55,6 +55,20 @@ def test_the_uncertainty_covers_the_truth_whatever_the_colour(kind):
     assert 0.6 < np.sqrt(np.mean(np.square(z))) < 1.3
 
 
+def test_noise_that_comes_with_the_motion_is_not_averaged_over_the_rests():
+    """Jerks between rests, with errors that only the jerks have: spread over the whole log these would look small."""
+    rng, truth, e, count, z = np.random.default_rng(16), np.array([1.0, -2.0]), np.array([1.0, 1.0]), 30_000, []
+    for _ in range(60):
+        at = rng.uniform(100, count - 100, (100, 1))
+        jerks = np.exp(-0.5 * ((np.arange(count) - at) / 20.0) ** 2).sum(axis=0)
+        F = slow_motion(rng, count, cycles=600.0) * (jerks + 1e-3)[:, None]
+        noise = 0.1 * coloured("smooth", rng, count) * jerks + 0.002 * rng.normal(size=count)
+        value, std = fitted(F, F @ truth + noise, e)
+        z.append((value - e @ truth) / std)
+    assert np.mean(np.abs(z) < 1.96) >= 0.90
+    assert 0.6 < np.sqrt(np.mean(np.square(z))) < 1.3
+
+
 def test_noise_that_wanders_is_told_from_its_increments():
     """An integrated equation: white noise of a torque becomes a random walk, beside a constant that begins anew."""
     rng, truth, z, naive = np.random.default_rng(11), np.array([3.0, 1.0, -2.0]), [], []
@@ -82,7 +96,7 @@ def test_forgetting_leaves_the_noise_of_what_is_remembered():
 
 def test_no_energy_is_lost_between_the_octaves():
     """In white noise of variance one the score's covariance is the regressors' energy."""
-    rng, ratios, count = np.random.default_rng(13), [], 65536
+    rng, ratios, others, count = np.random.default_rng(13), [], [], 65536
     use = np.ones(count, dtype=bool)
     for _ in range(20):
         F, left = slow_motion(rng, count, cycles=100.0), rng.normal(size=count)
@@ -90,10 +104,12 @@ def test_no_energy_is_lost_between_the_octaves():
         energy = state.energy[-1]
         np.testing.assert_allclose(energy, F.T @ F, rtol=1e-3)
         assert np.linalg.eigvalsh(energy - state.energy[:-1].sum(axis=0)).min() > -1e-9 * energy.max()
-        M, variance = noise_now(state, False)
+        M, uneven, variance = noise_now(state, False)
         assert variance == pytest.approx(np.mean(left**2))
         ratios.append(np.diag(M) / np.diag(energy))
+        others.append(np.diag(uneven) / np.diag(energy))
     assert np.median(ratios) == pytest.approx(1.0, abs=0.1)
+    assert np.mean(others) == pytest.approx(1.0, abs=0.2)
 
 
 def test_nothing_is_said_of_a_few_samples():

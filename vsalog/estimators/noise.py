@@ -21,6 +21,8 @@ than its own noise. The smaller of the two counts.
 
 No octave has what never changes, as an offset that the basis cannot follow: the mean of the left-overs meets the sum of the
 regressors.
+
+That takes noise for the same throughout; for noise that comes and goes see `uneven.py`.
 """
 
 from __future__ import annotations
@@ -30,6 +32,8 @@ from typing import NamedTuple
 import numpy as np
 from numba import njit
 from numpy.typing import NDArray
+
+from vsalog.estimators.uneven import SURELY, Stretches, add_product, end_box, stretches_start, uneven
 
 Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]
@@ -43,6 +47,8 @@ SAMPLES = 256
 # as so many coefficients. A logarithm of a variance of few is too small by one over their number, and what is divided by it
 # has the tails, and so the variance, of Student's t: two more.
 FALL, RISE, EXPECTED, TAILS = np.log(1.0 / 8.0), np.log(2.0), 8.0, 3.0
+# No power of the frequency is beyond this: what was differentiated twice has 4.
+STEEPEST = 4.0
 # A variance of nothing at all, whose logarithm is still a number.
 NOTHING = 1e-300
 
@@ -76,7 +82,9 @@ class NoiseState(NamedTuple):
         those of the fit to increments), and how many there were
     heard : shape (OCTAVES, 3), number of coefficients, squares of both left-overs'
     energy, closed : shape (OCTAVES + 1, n, n), of the regressors' coefficients, and of all boxes; of this run and of those before
-    M : shape (n, n), covariance of the score; NaN while not known
+    M : shape (n, n), covariance of the score for even noise; NaN while not known
+    stretches : products of the regressors' and the left-overs' coefficients
+    uneven : shape (n, n), covariance of the score for uneven noise; zero while not known
     """
 
     sums: Array
@@ -90,6 +98,8 @@ class NoiseState(NamedTuple):
     energy: Array
     closed: Array
     M: Array
+    stretches: Stretches
+    uneven: Array
 
     @property
     def samples(self) -> float:
@@ -98,7 +108,7 @@ class NoiseState(NamedTuple):
 
     def copied(self) -> NoiseState:
         """Return an independent copy."""
-        return NoiseState._make(a.copy() for a in self)
+        return NoiseState._make(a.copied() if isinstance(a, Stretches) else a.copy() for a in self)
 
 
 def noise_start(size: int, box: int = BOX) -> NoiseState:
@@ -116,6 +126,8 @@ def noise_start(size: int, box: int = BOX) -> NoiseState:
         energy=np.zeros((rows, n, n)),
         closed=np.zeros((rows, n, n)),
         M=np.full((n, n), np.nan),
+        stretches=stretches_start(n),
+        uneven=np.zeros((n, n)),
     )
 
 
@@ -154,8 +166,8 @@ def noise_block(
     return new, variances
 
 
-def noise_now(state: NoiseState, integral: bool, least: float = SAMPLES) -> tuple[Array, float]:
-    """Return the covariance of the score, shape (n, n), and the variance of a single left-over.
+def noise_now(state: NoiseState, integral: bool, least: float = SAMPLES) -> tuple[Array, Array, float]:
+    """Return the covariance of the score for even and for uneven noise, shape (n, n), and the variance of a single left-over.
 
     NaN while not known; of fewer than `least` samples nothing is. `integral` as for `noise_block`.
     """
@@ -163,7 +175,7 @@ def noise_now(state: NoiseState, integral: bool, least: float = SAMPLES) -> tupl
     if state.samples >= least:
         _look(new, integral)
     samples, squares = state.sums[[_SAMPLES, _SQUARES]]
-    return new.M, float(squares / samples) if samples else float("nan")
+    return new.M, new.uneven, float(squares / samples) if samples else float("nan")
 
 
 @njit(cache=True, error_model="numpy")
@@ -195,14 +207,23 @@ def _run(
             if sums[_SAMPLES] % EVERY == 0.0 and sums[_SAMPLES] >= least:
                 _look(s, integral)
         for m in range(asked):
-            variance = 0.0
-            for i in range(n):
-                row = 0.0
-                for j in range(n):
-                    row += s.M[i, j] * T[k, m, j]
-                variance += T[k, m, i] * row
+            variance, other = _form(s.M, T[k, m]), _form(s.uneven, T[k, m])
+            if other > SURELY * variance:
+                variance = other
             # Below zero is what rounding makes of what nothing tells.
             out[k, m] = variance if variance >= 0.0 else np.nan
+
+
+@njit(cache=True, error_model="numpy")
+def _form(M: Array, t: Array) -> float:
+    """Return tᵀ M t."""
+    total = 0.0
+    for i in range(t.shape[0]):
+        row = 0.0
+        for j in range(t.shape[0]):
+            row += M[i, j] * t[j]
+        total += t[i] * row
+    return total
 
 
 @njit(cache=True, error_model="numpy")
@@ -262,6 +283,7 @@ def _transform(s: NoiseState, F: Array, y: float, integral: bool, kept: float, s
     s.sums[_BOXES] += 1.0
     s.sums[_BOXED] += value[n] ** 2
     _add(value, s.energy, OCTAVES)
+    end_box(s.stretches, kept)
     for octave in range(OCTAVES):
         last = s.seen[octave]
         if octave == SLOW and integral:
@@ -282,6 +304,7 @@ def _transform(s: NoiseState, F: Array, y: float, integral: bool, kept: float, s
         s.heard[octave, 1] += detail[n] ** 2
         s.heard[octave, 2] += detail[n + 1] ** 2
         _add(detail, s.energy, octave)
+        add_product(s.stretches, detail, detail[n])
 
 
 @njit(cache=True, error_model="numpy")
@@ -345,15 +368,18 @@ def _spectrum(s: NoiseState, integral: bool) -> Array:
         slope = min(max(now - last, FALL), RISE) if octave else 0.0
         last = now
         v[octave] = np.exp(now)
-    # Regressors fall with frequency: what they have in an octave lies at its lower edge, where the noise is between two octaves'.
+    # Regressors fall with frequency: what they have in an octave lies at its lower edge, where noise that goes with f^p, as the
+    # octave below tells, has (p + 1)/(2^(p + 1) − 1) of its mean over the octave.
     for octave in range(OCTAVES):
-        v[octave] = np.sqrt(v[octave] * v[octave + 1])
+        p = min(max(np.log2(v[octave] / v[octave + 1]), -STEEPEST), STEEPEST)
+        v[octave] *= (p + 1.0) / np.expm1((p + 1.0) * np.log(2.0)) if p != -1.0 else 1.0 / np.log(2.0)
     return v
 
 
 @njit(cache=True, error_model="numpy")
 def _look(s: NoiseState, integral: bool) -> None:
     """Put together what is known of the score."""
+    uneven(s.stretches, s.uneven)
     v, n = _spectrum(s, integral), s.total.shape[0]
     mean = 0.0 if integral else s.sums[_SUM] / s.sums[_SAMPLES]
     for i in range(n):

@@ -15,6 +15,7 @@ from vsalog.estimators.noise import BOX, SAMPLES, NoiseState, noise_block, noise
 from vsalog.estimators.qr import QrState, qr_block
 from vsalog.estimators.resting import RestState, rest_block, rest_covariance
 from vsalog.estimators.rls import RlsState, rls_block
+from vsalog.estimators.uneven import SURELY
 from vsalog.estimators.walk import WalkState, walk_block, walk_start
 from vsalog.filters.conditioning import Conditioner
 
@@ -80,9 +81,10 @@ class RlsSolver:
 
     def solution(self, state: RlsSolverState) -> tuple[Array, Array, float]:
         """Return ξ̂, its covariance, and the standard deviation of a left-over."""
-        M, variance = noise_now(state.noise, False, self.least)
-        beside = np.outer(state.bent, state.bent) + rest_covariance(state.rest)
-        return state.rls.alpha.copy(), _sandwich(self.c * state.rls.P, M + beside), variance**0.5
+        M, uneven, variance = noise_now(state.noise, False, self.least)
+        P, beside = self.c * state.rls.P, np.outer(state.bent, state.bent) + rest_covariance(state.rest)
+        told = _more(_sandwich(P, M), _sandwich(P, uneven), SURELY)
+        return state.rls.alpha.copy(), told + _sandwich(P, beside), variance**0.5
 
 
 class QrSolverState(NamedTuple):
@@ -170,14 +172,12 @@ class QrSolver:
         xi = state.qr.solve()
         if np.isnan(xi).any():
             return xi, np.full((xi.size, xi.size), np.nan), float("nan")
-        M, variance = noise_now(state.noise, self.integral, self.least)
+        M, uneven, variance = noise_now(state.noise, self.integral, self.least)
         half = np.linalg.inv(state.qr.Rp[:, :-1])
         P, beside = half @ half.T, np.outer(state.bent, state.bent) + rest_covariance(state.rest)
-        told, walk = _sandwich(P, M + beside), state.step**2 * (state.walk.Q + state.walk.done)
-        # Of both what is more: coefficient by coefficient, and their correlations as they are.
-        with np.errstate(divide="ignore", invalid="ignore"):
-            more = np.sqrt(np.fmax(np.diagonal(_sandwich(P, walk + beside)) / np.diagonal(told), 1.0))
-        return xi, told * np.outer(more, more), variance**0.5
+        told, walk = _sandwich(P, M), state.step**2 * (state.walk.Q + state.walk.done)
+        told = _more(_more(told, _sandwich(P, uneven), SURELY), _sandwich(P, walk))
+        return xi, told + _sandwich(P, beside), variance**0.5
 
 
 def least_samples(filters: Conditioner) -> int:
@@ -203,6 +203,14 @@ def _sandwich(P: Array, M: Array) -> Array:
     w, v = np.linalg.eigh(0.5 * (M + M.T))
     root = P @ (v * np.sqrt(np.maximum(w, 0.0)))
     return np.asarray(root @ root.T)
+
+
+def _more(told: Array, other: Array, times: float = 1.0) -> Array:
+    """Return a covariance with another's variances where they are so many times as large, and its own correlations."""
+    with np.errstate(divide="ignore", invalid="ignore"):
+        ratio = np.diagonal(other) / np.diagonal(told)
+    more = np.sqrt(np.where(ratio > times, ratio, 1.0))
+    return np.asarray(told * np.outer(more, more))
 
 
 def _untold(coefficients: Array) -> Flags:
