@@ -20,8 +20,8 @@ def to_and_fro(shifts, step=STEP, noise=0.01):
     t = np.arange(COUNT) * PERIOD
     level = np.tanh(8.0 * np.sin(2 * np.pi * 0.15 * t))
     ringing = 0.25 * np.sin(2 * np.pi * 2.7 * t) * np.exp(-2.0 * ((0.3 * t) % 1.0) / 0.3)
-    phi = STEP * (4.6 * level + 2.5 * ringing)
-    q = STEP * (18.0 * level + 20.0 * ringing)
+    phi = STEP * (18.4 * level + 10.0 * ringing)
+    q = STEP * (72.0 * level + 80.0 * ringing)
     torque = LINEAR * phi + CUBIC * phi**3
     roles = {
         "link_position": step * np.round(q / step + shifts[0]),
@@ -75,7 +75,7 @@ def test_what_repeats_with_the_motion_is_in_the_deviations():
     assert np.mean(untried < 1.5) < 0.5
 
 
-@pytest.mark.parametrize(("step", "least", "most"), [(STEP, 0.1, 1.0), (STEP / 10, 0.01, 0.1), (STEP / 100, 0.0, 0.0)])
+@pytest.mark.parametrize(("step", "least", "most"), [(STEP, 0.05, 1.0), (STEP / 4, 0.01, 0.05), (STEP / 100, 0.0, 0.0)])
 def test_finer_steps_move_less(step, least, most):
     shares = fold_of(to_and_fro((0.0, 0.4), step)).coarse
     assert least <= (np.median(shares["1"].share) if shares else 0.0) <= most

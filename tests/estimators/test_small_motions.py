@@ -7,7 +7,7 @@ from scipy.signal import savgol_filter as scipys
 
 from vsalog.binding import offered_roles
 from vsalog.errors import EstimatorError
-from vsalog.estimators.bend import Bend, bent_block
+from vsalog.estimators.bend import Bend, bent_block, bent_start
 from vsalog.estimators.sensor_error import sensor_error
 from vsalog.filters.savitzky_golay import savgol_weights
 from vsalog.reproduce.measure import Setting, assemble, estimate, with_noise
@@ -62,48 +62,97 @@ def test_white_noise_is_told_by_its_size():
     assert sensor_error(np.full(100, np.nan), 51).rms(weights[0]) == 0.0
 
 
+def bent(bend, seen, estimate, weights, discount, integral=False):
+    """What is told of a line's slope through abscissae `seen`, and the part of its information that is noise as numpy has it."""
+    count, n = seen.shape
+    P = np.linalg.inv((weights[:, None] * seen).T @ seen)
+    E = np.zeros((count, 1, n))
+    E[:, 0, -1] = 1.0
+    T, unknowns = np.broadcast_to(E[0] @ P, E.shape), np.broadcast_to(estimate, (count, n))
+    ones = np.ones(count, dtype=bool)
+    state, told = bent_block(bent_start(n), (bend,), E, T, unknowns, unknowns[:, -1:], ones, ~ones, integral, discount)
+    return told[-1, 0], P[-1, -1], state
+
+
+@pytest.mark.parametrize("sigma", [0.1, 0.5])
 @pytest.mark.parametrize("discount", [1.0, 0.999])
-def test_a_bent_fit_is_bent_by_what_is_counted(discount):
-    """A line through noisy abscissae, noise shared with the ordinate: attenuation and its opposite, in expectation."""
-    rng = np.random.default_rng(0)
-    x, stiffness, sigma, shared = rng.normal(0.0, 1.0, 4000), 2.0, 0.1, 0.3
+def test_a_bent_fit_is_bent_by_what_is_counted(discount, sigma):
+    """A line through noisy abscissae: attenuation, in expectation, however much of it there is already."""
+    rng, stiffness = np.random.default_rng(0), 2.0
+    x = rng.normal(0.0, 1.0, 4000)
     weights = discount ** np.arange(x.size)[::-1]
     slopes = []
     for _ in range(200):
+        seen = x + rng.normal(0.0, sigma, x.size)
+        slopes.append(np.sum(weights * seen * stiffness * x) / np.sum(weights * seen * seen))
+    estimate = np.mean(slopes)
+    told, P, state = bent(Bend(sigma**2), seen[:, None], [estimate], weights, discount)
+    part = sigma**2 * weights.sum() * P
+    assert np.sqrt(told**2 - (part * estimate) ** 2) == pytest.approx(stiffness - estimate, rel=0.05)
+    assert state.covariance(np.array([estimate]))[0, 0] * P**2 == pytest.approx((part * estimate) ** 2)
+
+
+def test_noise_that_the_torque_shares_bends_the_other_way():
+    rng, stiffness, sigma, shared = np.random.default_rng(0), 2.0, 0.1, 0.3
+    x, slopes = rng.normal(0.0, 1.0, 4000), []
+    for _ in range(200):
         e = rng.normal(0.0, sigma, x.size)
-        seen, y = x + e, stiffness * x + shared * e
-        slopes.append(np.sum(weights * seen * y) / np.sum(weights * seen * seen))
-    state, score = bent_block(
-        np.zeros(1),
-        np.ones((x.size, 1, 1)),
-        (Bend(sigma**2, 0.0),),
-        np.full((x.size, 1), stiffness),
-        np.ones(x.size, dtype=bool),
-        discount,
-    )
-    _, other = bent_block(
-        np.zeros(1),
-        np.ones((x.size, 1, 1)),
-        (Bend(0.0, shared * sigma**2),),
-        np.full((x.size, 1), stiffness),
-        np.ones(x.size, dtype=bool),
-        discount,
-    )
-    information = np.sum(weights * (x**2 + sigma**2))
-    assert (other[-1, 0] - score[-1, 0]) / information == pytest.approx(np.mean(slopes) - stiffness, rel=0.05)
-    np.testing.assert_array_equal(state, score[-1])
+        seen = x + e
+        slopes.append(np.sum(seen * (stiffness * x + shared * e)) / np.sum(seen * seen))
+    by_both = np.mean(slopes) - stiffness
+    told, _, _ = bent(Bend(0.0, shared * sigma**2), seen[:, None], [stiffness], np.ones(x.size), 1.0)
+    attenuated = stiffness * np.mean(x**2) / (np.mean(x**2) + sigma**2) - stiffness
+    assert told == pytest.approx(by_both - attenuated, rel=0.05)
 
 
-def test_blocks_of_any_size_sum_up_to_the_same_bits():
-    rng = np.random.default_rng(1)
-    slopes, unknowns, use = rng.normal(size=(300, 2, 3)), rng.normal(size=(300, 3)), rng.random(300) > 0.1
-    bends = (Bend(0.2, 0.1), Bend(0.3))
-    _, whole = bent_block(np.zeros(3), slopes, bends, unknowns, use, 0.99)
-    state, parts = np.zeros(3), []
-    for k in range(0, 300, 7):
+@pytest.mark.parametrize("discount", [1.0, 0.9995])
+def test_a_fit_to_an_integral_is_bent_by_a_walk(discount):
+    """∫τ dt = k ∫φ dt + c, where φ is noisy: what the integral makes of noise is larger the longer it lasts."""
+    rng, stiffness, sigma, period = np.random.default_rng(2), 2.0, 0.4, 0.01
+    phi = np.sin(2 * np.pi * 0.7 * np.arange(4000) * period)
+    y = stiffness * period * np.cumsum(phi)
+    weights, slopes = discount ** np.arange(phi.size)[::-1], []
+    root = np.sqrt(weights)
+    for _ in range(300):
+        seen = np.column_stack((np.ones_like(phi), period * np.cumsum(phi + rng.normal(0.0, sigma, phi.size))))
+        slopes.append(np.linalg.lstsq(root[:, None] * seen, root * y, rcond=None)[0][1])
+    exact = np.column_stack((np.ones_like(phi), period * np.cumsum(phi)))
+    # The information that the fits have on average, with the noise's own in it.
+    steps = np.cumsum(weights[::-1])[::-1]
+    noise = (sigma * period) ** 2 * np.sum(steps - steps**2 / steps[0])
+    clean = 1.0 / np.linalg.inv((weights[:, None] * exact).T @ exact)[1, 1]
+    told, P, _ = bent(
+        Bend((sigma * period) ** 2),
+        exact * np.sqrt((clean + noise) / clean),
+        [0.0, np.mean(slopes)],
+        weights,
+        discount,
+        True,
+    )
+    first = np.sqrt(told**2 - (noise * P * np.mean(slopes)) ** 2)
+    assert first == pytest.approx(stiffness - np.mean(slopes), rel=0.3)
+    assert first > 0.01 * stiffness
+
+
+def test_of_noise_alone_nothing_is_known():
+    told, _, _ = bent(Bend(0.6), np.ones((100, 1)), [1.0], np.ones(100), 1.0)
+    assert told == np.inf
+
+
+@pytest.mark.parametrize("integral", [False, True])
+def test_blocks_of_any_size_sum_up_to_the_same_bits(integral):
+    rng, count = np.random.default_rng(1), 300
+    E, T, unknowns = rng.normal(size=(count, 3, 3)), rng.normal(size=(count, 3, 3)), rng.normal(size=(count, 3))
+    use, fresh, bends = rng.random(count) > 0.1, np.arange(count) % 110 == 0, (Bend(0.2, 0.1), Bend(0.3))
+    values = np.einsum("kmi,ki->km", E, unknowns)
+    _, whole = bent_block(bent_start(3), bends, E, T, unknowns, values, use, fresh, integral, 0.99)
+    state, parts = bent_start(3), []
+    for k in range(0, count, 7):
         part = slice(k, k + 7)
-        state, score = bent_block(state, slopes[part], bends, unknowns[part], use[part], 0.99)
-        parts.append(score)
+        state, told = bent_block(
+            state, bends, E[part], T[part], unknowns[part], values[part], use[part], fresh[part], integral, 0.99
+        )
+        parts.append(told)
     np.testing.assert_array_equal(np.concatenate(parts), whole)
 
 

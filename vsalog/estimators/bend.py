@@ -1,16 +1,22 @@
 """What noise in regressors bends a fit by that takes them for exact: errors in variables, to first order.
 
-Where a deflection's noise e enters the regressors F as ∂F/∂φ e and the torque y as ε, the normal equations are off by what
-does not average out, Σ ∂F/∂φ (E[e ε] − E[e²] σ) with the stiffness σ: noise of the deflection itself makes a spring look softer,
-and noise of a motor's encoder, which the motor equation differentiates twice, makes it look stiffer. Both are counted as if they
-never cancelled.
+Where a deflection's noise e enters the regressors F as f' e, f' = ∂F/∂φ, and the torque y as ε, the normal equations are off by
+what does not average out, Σ f' E[e ε] − H ξ with the noise's own energy H = Σ E[e²] f' f'ᵀ: noise of the deflection itself makes
+a spring look softer, and noise of a motor's encoder, which the motor equation differentiates twice, makes it look stiffer. Both
+are counted as if they never cancelled. What is estimated has been bent already: where r is the part of a functional's information
+that is noise, what bends it is 1/(1 − r) times what the estimate says. What leaves a functional as it is by chance leaves it by
+the next order, r of itself.
 (Söderström, "Errors-in-variables methods in system identification", Automatica 43(6), 2007.)
+
+In an integral noise becomes a walk, which goes on in all samples after it, less its mean, which the integration constant takes
+up. With the weights w_k of the fit and W_j = Σ_{k≥j} w_k, an e_j has the energy W_j − W_j²/W of the run's W.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numba import njit
@@ -25,6 +31,8 @@ from vsalog.signals import JointSignals
 Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]
 
+# Noise that is this part of a functional's information or more leaves nothing known of it.
+MOST = 0.5
 # A lag is followed until this part of it is left, or for so many samples.
 FORGOTTEN, LONGEST = 1e-6, ENOUGH // 8
 
@@ -100,37 +108,150 @@ def bend_of_filters(
     return Bend(sum(error.product(seen, seen) for error in errors.values()), abs(shared))
 
 
+def bend_of_integral(signals: JointSignals, view: TransmissionView, conditioner: Conditioner) -> Bend | None:
+    """Return what bends a fit to an integrated equation, a step of the walk; None where the filter depends on the motion."""
+    if conditioner.kind == "kinematic":
+        return None
+    # Slow noise adds up: what a mean over a window has of it, as if each sample had its part of that.
+    mean = np.full(conditioner.window, conditioner.window**-0.5)
+    return Bend(bend_of_filters(signals, view, mean).own * signals.period**2)
+
+
+class BentState(NamedTuple):
+    """What noise adds to the normal equations, for n unknowns.
+
+    Attributes
+    ----------
+    energy : shape (n, n), H; of the runs before where the equation is an integral
+    shared : shape (n,), Σ f' E[e ε]
+    steps, once, twice : shape (n, n), of the run Σ E[e²] f' f'ᵀ, and the same times W_j and times W_j²
+    weight : shape (1,), W of the run
+    """
+
+    energy: Array
+    shared: Array
+    steps: Array
+    once: Array
+    twice: Array
+    weight: Array
+
+    def covariance(self, unknowns: Array) -> Array:
+        """Return the square of what the normal equations are off by, shape (n, n)."""
+        H = np.empty_like(self.energy)
+        _whole(self, H)
+        off = H @ unknowns
+        return np.outer(off, off) + np.outer(self.shared, self.shared)
+
+
+def bent_start(n: int) -> BentState:
+    """Return the state before the first sample, for n unknowns."""
+    energy, steps, once, twice = (np.zeros((n, n)) for _ in range(4))
+    return BentState(energy, np.zeros(n), steps, once, twice, np.zeros(1))
+
+
 def bent_block(
-    state: Array, slopes: Array, bends: Sequence[Bend], unknowns: Array, use: Flags, discount: float
-) -> tuple[Array, Array]:
-    """Sum up what noise adds to the normal equations.
+    state: BentState,
+    bends: Sequence[Bend],
+    E: Array,
+    T: Array,
+    unknowns: Array,
+    values: Array,
+    use: Flags,
+    fresh: Flags,
+    integral: bool,
+    discount: float,
+) -> tuple[BentState, Array]:
+    """Say what noise in regressors bends functionals of the unknowns by.
 
     Parameters
     ----------
-    state : shape (n,), the sum so far
-    slopes : shape (N, transmissions, n), ∂F/∂φ of each transmission at each sample
+    state : of `bent_start` or a previous call
     bends : of each transmission
-    unknowns : shape (N, n)
-    use : shape (N,), samples that are learnt from
+    E : shape (N, m, n), functionals, the first those of each transmission's stiffness, f'
+    T : shape (N, m, n), P E
+    unknowns, values : shapes (N, n) and (N, m), ξ̂ and E ξ̂
+    use, fresh : shape (N,), samples that are learnt from, and where an integral begins anew
+    integral : whether the equation is an integral
     discount : what a sample's weight is multiplied with in the next
 
     Returns
     -------
-    state, and the sum after each sample, shape (N, n)
+    state, and shape (N, m); infinite where most of what is known is noise, NaN while nothing is
     """
-    added = np.zeros_like(unknowns)
-    for i, bend in enumerate(bends):
-        stiffness = np.abs((slopes[:, i] * unknowns).sum(axis=1))
-        added += slopes[:, i] * (bend.own * stiffness + bend.shared)[:, None]
-    added[~(use & np.isfinite(added).all(axis=1))] = 0.0
-    summed = np.empty_like(added)
-    _sum_up(added, discount, state, summed)
-    return summed[-1].copy() if len(summed) else state, summed
+    new, bent = BentState._make(x.copy() for x in state), np.empty(T.shape[:2])
+    own, shared = np.array([b.own for b in bends]), np.array([b.shared for b in bends])
+    _run(new, own, shared, E, T, unknowns, values, use, fresh, integral, discount, bent)
+    return new, bent
 
 
-@njit(cache=True, nogil=True)
-def _sum_up(added: Array, discount: float, state: Array, summed: Array) -> None:
-    for k in range(added.shape[0]):
-        for i in range(added.shape[1]):
-            before = state[i] if k == 0 else summed[k - 1, i]
-            summed[k, i] = discount * before + added[k, i]
+@njit(cache=True, error_model="numpy", nogil=True)
+def _run(
+    s: BentState, own: Array, shared: Array, E: Array, T: Array, unknowns: Array, values: Array, use: Flags, fresh: Flags,
+    integral: bool, discount: float, bent: Array,
+) -> None:  # fmt: skip
+    count, asked, n = T.shape
+    H, u = np.empty((n, n)), np.empty(n)
+    for k in range(count):
+        if integral and fresh[k]:
+            _close(s)
+        if use[k] and np.isfinite(E[k, : own.size]).all():
+            _add(s, own, shared, E[k], integral, discount)
+        _whole(s, H)
+        for i in range(n):
+            u[i] = 0.0
+            for j in range(n):
+                u[i] += H[i, j] * unknowns[k, j]
+        for m in range(asked):
+            off, beside, noise, all_of_it = 0.0, 0.0, 0.0, 0.0
+            for i in range(n):
+                t, row = T[k, m, i], 0.0
+                for j in range(n):
+                    row += H[i, j] * T[k, m, j]
+                off += t * u[i]
+                beside += t * s.shared[i]
+                noise += t * row
+                all_of_it += t * E[k, m, i]
+            part = noise / all_of_it if noise > 0.0 else 0.0
+            first = (abs(off) + abs(beside)) / (1.0 - min(part, MOST))
+            bent[k, m] = np.hypot(first, part * values[k, m]) if not part >= MOST else np.inf
+
+
+@njit(cache=True, error_model="numpy", nogil=True)
+def _add(s: BentState, own: Array, shared: Array, slopes: Array, integral: bool, discount: float) -> None:
+    """Add a sample that is learnt from."""
+    for i in range(s.shared.size):
+        s.shared[i] *= discount
+        for r in range(own.size):
+            s.shared[i] += shared[r] * slopes[r, i]
+        for j in range(s.shared.size):
+            product = 0.0
+            for r in range(own.size):
+                product += own[r] * slopes[r, i] * slopes[r, j]
+            s.energy[i, j] *= discount
+            if integral:
+                s.steps[i, j] += product
+                s.twice[i, j] = discount**2 * s.twice[i, j] + 2.0 * discount * s.once[i, j] + s.steps[i, j]
+                s.once[i, j] = discount * s.once[i, j] + s.steps[i, j]
+            else:
+                s.energy[i, j] += product
+    if integral:
+        s.weight[0] = discount * s.weight[0] + 1.0
+
+
+@njit(cache=True, error_model="numpy", nogil=True)
+def _whole(s: BentState, H: Array) -> None:
+    """Write H of all runs."""
+    H[:] = s.energy
+    if s.weight[0] > 0.0:
+        H += s.once - s.twice / s.weight[0]
+
+
+@njit(cache=True, error_model="numpy", nogil=True)
+def _close(s: BentState) -> None:
+    """End a run: the noise of an integral does not go on into the next."""
+    if s.weight[0] > 0.0:
+        s.energy[:] += s.once - s.twice / s.weight[0]
+    s.steps[:] = 0.0
+    s.once[:] = 0.0
+    s.twice[:] = 0.0
+    s.weight[0] = 0.0

@@ -199,6 +199,7 @@ class IntegratedMotorEquation(OfOneTransmission):
     known: Known | None = None
     velocity_noise: float = 0.0  # standard deviation [rad/s], 0 where it is not known
     torque_noise: float = 0.0  # of a sample of the motor's torque, standard deviation [N·m]
+    bends: tuple[Bend, ...] = ()
 
     leading: ClassVar[int] = 3
     parameters: ClassVar[tuple[str, ...]] = ("motor_inertia", "motor_damping")
@@ -253,7 +254,7 @@ class IntegratedMotorEquation(OfOneTransmission):
         change = np.gradient(velocity, self.period) if velocity.size > 1 else np.full_like(velocity, np.nan)
         plain = np.column_stack((np.zeros_like(theta), change, velocity, -f)), tau
         rows = EquationRows(
-            F, integrals[:, -1], use, fresh, fed_to, {}, dynamics, doubted, noisy,
+            F, integrals[:, -1], use, fresh, fed_to, {}, dynamics, doubted, noisy, self.bends,
             walk=walk, period=self.period, motion=(theta, velocity), plain=plain,
         )  # fmt: skip
         return (integrated, after), rows

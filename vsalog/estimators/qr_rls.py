@@ -11,6 +11,7 @@ from typing import Annotated
 
 from msgspec import Meta
 
+from vsalog.estimators.bend import bend_of_integral
 from vsalog.estimators.device import Device
 from vsalog.estimators.equations import IntegratedMotorEquation
 from vsalog.estimators.first_look import first_look
@@ -104,6 +105,7 @@ def integrated_equations(
     device: Device, signals: JointSignals, tuning: Tuning, conditioner: Conditioner
 ) -> tuple[IntegratedMotorEquation, ...]:
     """One equation per transmission."""
+    bends = (bend_of_integral(signals, view, conditioner) for view in device.transmissions)
     return tuple(
         IntegratedMotorEquation(
             view,
@@ -112,8 +114,9 @@ def integrated_equations(
             known_of(device, view, signals, tuning, view.motor_torque, motor=True),
             velocity_noise(signals, view.motor_position, conditioner),
             sensor_noise(signals.roles[view.motor_torque], signals.resolution.get(view.motor_torque, 0.0), LEAST_NOISE),
+            () if bend is None else (bend,),
         )
-        for view in device.transmissions
+        for view, bend in zip(device.transmissions, bends, strict=True)
     )
 
 

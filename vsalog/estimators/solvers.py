@@ -9,7 +9,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from vsalog.estimators.bend import bent_block
+from vsalog.estimators.bend import MOST, BentState, bent_block, bent_start
 from vsalog.estimators.equation import EquationRows
 from vsalog.estimators.noise import BOX, SAMPLES, NoiseState, noise_block, noise_now, noise_start
 from vsalog.estimators.qr import QrState, qr_block
@@ -22,8 +22,6 @@ from vsalog.filters.conditioning import Conditioner
 Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]
 
-# Noise that is this part of a regressor's information or more leaves nothing known of its unknown.
-MOST = 0.5
 # What encoders' steps hide is in the left-overs already where it is no more than this part of what these make.
 SEEN = 0.25
 # What happens within so many of a filter's windows does not tell how large slow noise is.
@@ -35,7 +33,7 @@ class RlsSolverState(NamedTuple):
 
     rls: RlsState
     noise: NoiseState
-    bent: Array
+    bent: BentState
     rest: RestState | None = None
 
 
@@ -57,7 +55,7 @@ class RlsSolver:
 
     def start(self, size: int) -> RlsSolverState:
         """Return the state before the first sample."""
-        return RlsSolverState(RlsState.start(size, self.p0), noise_start(size, self.box), np.zeros(size))
+        return RlsSolverState(RlsState.start(size, self.p0), noise_start(size, self.box), bent_start(size))
 
     def block(
         self, state: RlsSolverState, rows: EquationRows, use: Flags, E: Array, spread: Flags
@@ -73,8 +71,11 @@ class RlsSolver:
         made = made + np.maximum(hidden - SEEN * made, 0.0)
         bent = state.bent
         if rows.bends:
-            bent, score = bent_block(bent, E[:, spread], rows.bends, unknowns, np.isfinite(left), 1.0)
-            made += _along(directions, score)
+            bent, moved = bent_block(
+                bent, rows.bends, E[:, spread], directions, unknowns, values[:, spread], np.isfinite(left), rows.fresh,
+                False, 1.0,
+            )  # fmt: skip
+            made += moved**2
         values[_untold(unknowns)] = np.nan
         new = RlsSolverState(rls, noise, bent, rest)
         return new, values, _spread(made, pulled, spread), unknowns, {"stability_factor": factor}
@@ -82,9 +83,9 @@ class RlsSolver:
     def solution(self, state: RlsSolverState) -> tuple[Array, Array, float]:
         """Return ξ̂, its covariance, and the standard deviation of a left-over."""
         M, uneven, variance = noise_now(state.noise, False, self.least)
-        P, beside = self.c * state.rls.P, np.outer(state.bent, state.bent) + rest_covariance(state.rest)
+        P, bent = self.c * state.rls.P, state.bent.covariance(state.rls.alpha)
         told = _more(_sandwich(P, M), _sandwich(P, uneven), SURELY)
-        return state.rls.alpha.copy(), told + _sandwich(P, beside), variance**0.5
+        return state.rls.alpha.copy(), told + _sandwich(P, bent + rest_covariance(state.rest)), variance**0.5
 
 
 class QrSolverState(NamedTuple):
@@ -92,7 +93,7 @@ class QrSolverState(NamedTuple):
 
     qr: QrState
     noise: NoiseState
-    bent: Array
+    bent: BentState
     walk: WalkState
     step: float = 0.0
     rest: RestState | None = None
@@ -120,7 +121,7 @@ class QrSolver:
     def start(self, size: int) -> QrSolverState:
         """Return the state before the first sample."""
         return QrSolverState(
-            QrState.start(size, self.leading, self.p0), noise_start(size), np.zeros(size), walk_start(size)
+            QrState.start(size, self.leading, self.p0), noise_start(size), bent_start(size), walk_start(size)
         )
 
     def block(
@@ -145,8 +146,11 @@ class QrSolver:
             made += self._bent(directions, unknowns, learnt, rows.noisy, values[:, spread]) ** 2
         bent = state.bent
         if rows.bends:
-            bent, score = bent_block(bent, E[:, spread], rows.bends, unknowns, np.isfinite(left), discount)
-            made += _along(directions, score)
+            bent, moved = bent_block(
+                bent, rows.bends, E[:, spread], directions, unknowns, values[:, spread], np.isfinite(left), rows.fresh,
+                self.integral, discount,
+            )  # fmt: skip
+            made += moved**2
         values[_untold(unknowns[:, self.leading :])] = np.nan
         new = QrSolverState(qr, noise, bent, walk, rows.walk, rest)
         return new, values, _spread(made, pulled, spread), unknowns, {}
@@ -174,7 +178,7 @@ class QrSolver:
             return xi, np.full((xi.size, xi.size), np.nan), float("nan")
         M, uneven, variance = noise_now(state.noise, self.integral, self.least)
         half = np.linalg.inv(state.qr.Rp[:, :-1])
-        P, beside = half @ half.T, np.outer(state.bent, state.bent) + rest_covariance(state.rest)
+        P, beside = half @ half.T, state.bent.covariance(xi) + rest_covariance(state.rest)
         told, walk = _sandwich(P, M), state.step**2 * (state.walk.Q + state.walk.done)
         told = _more(_more(told, _sandwich(P, uneven), SURELY), _sandwich(P, walk))
         return xi, told + _sandwich(P, beside), variance**0.5
@@ -216,11 +220,6 @@ def _more(told: Array, other: Array, times: float = 1.0) -> Array:
 def _untold(coefficients: Array) -> Flags:
     """Tell the samples, shape (N,), at which the coefficients are still the zeros that a recursion begins with: no estimate."""
     return ~np.asarray(coefficients.any(axis=1))
-
-
-def _along(directions: Array, score: Array) -> Array:
-    """Return the squares of what a score moves functionals by, shape (N, m)."""
-    return np.asarray(np.einsum("kmi,ki->km", directions, score) ** 2)
 
 
 def _spread(made: Array, pulled: Array, spread: Flags) -> Array:
