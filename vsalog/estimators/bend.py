@@ -180,6 +180,8 @@ def bent_block(
     """
     new, bent = BentState._make(x.copy() for x in state), np.empty(T.shape[:2])
     own, shared = np.array([b.own for b in bends]), np.array([b.shared for b in bends])
+    # Functionals picked from others lie strided in memory, which makes the loop several times as slow.
+    E, values = np.ascontiguousarray(E), np.ascontiguousarray(values)
     _run(new, own, shared, E, T, unknowns, values, use, fresh, integral, discount, bent)
     return new, bent
 
@@ -190,26 +192,23 @@ def _run(
     integral: bool, discount: float, bent: Array,
 ) -> None:  # fmt: skip
     count, asked, n = T.shape
-    H, u = np.empty((n, n)), np.empty(n)
+    H = np.empty((n, n)) if integral else s.energy
     for k in range(count):
         if integral and fresh[k]:
             _close(s)
-        if use[k] and np.isfinite(E[k, : own.size]).all():
+        if use[k]:
             _add(s, own, shared, E[k], integral, discount)
-        _whole(s, H)
-        for i in range(n):
-            u[i] = 0.0
-            for j in range(n):
-                u[i] += H[i, j] * unknowns[k, j]
+        if integral:
+            _whole(s, H)
         for m in range(asked):
             off, beside, noise, all_of_it = 0.0, 0.0, 0.0, 0.0
             for i in range(n):
                 t, row = T[k, m, i], 0.0
                 for j in range(n):
                     row += H[i, j] * T[k, m, j]
-                off += t * u[i]
+                off += row * unknowns[k, i]
+                noise += row * t
                 beside += t * s.shared[i]
-                noise += t * row
                 all_of_it += t * E[k, m, i]
             part = noise / all_of_it if noise > 0.0 else 0.0
             first = (abs(off) + abs(beside)) / (1.0 - min(part, MOST))
@@ -218,23 +217,27 @@ def _run(
 
 @njit(cache=True, error_model="numpy", nogil=True)
 def _add(s: BentState, own: Array, shared: Array, slopes: Array, integral: bool, discount: float) -> None:
-    """Add a sample that is learnt from."""
-    for i in range(s.shared.size):
-        s.shared[i] *= discount
-        for r in range(own.size):
+    """Add a sample that is learnt from, unless its slopes are not known."""
+    n = s.shared.size
+    for r in range(own.size):
+        for i in range(n):
+            if not np.isfinite(slopes[r, i]):
+                return
+    if discount != 1.0:
+        s.shared[:] *= discount
+        s.energy[:] *= discount
+    into = s.steps if integral else s.energy
+    for r in range(own.size):
+        for i in range(n):
             s.shared[i] += shared[r] * slopes[r, i]
-        for j in range(s.shared.size):
-            product = 0.0
-            for r in range(own.size):
-                product += own[r] * slopes[r, i] * slopes[r, j]
-            s.energy[i, j] *= discount
-            if integral:
-                s.steps[i, j] += product
-                s.twice[i, j] = discount**2 * s.twice[i, j] + 2.0 * discount * s.once[i, j] + s.steps[i, j]
-                s.once[i, j] = discount * s.once[i, j] + s.steps[i, j]
-            else:
-                s.energy[i, j] += product
+            for j in range(n):
+                into[i, j] += own[r] * slopes[r, i] * slopes[r, j]
     if integral:
+        for i in range(n):
+            for j in range(n):
+                once, steps = discount * s.once[i, j], s.steps[i, j]
+                s.twice[i, j] = discount**2 * s.twice[i, j] + 2.0 * once + steps
+                s.once[i, j] = once + steps
         s.weight[0] = discount * s.weight[0] + 1.0
 
 
