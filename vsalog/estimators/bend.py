@@ -109,12 +109,15 @@ def bend_of_filters(
 
 
 def bend_of_integral(signals: JointSignals, view: TransmissionView, conditioner: Conditioner) -> Bend | None:
-    """Return what bends a fit to an integrated equation, a step of the walk; None where the filter depends on the motion."""
+    """Return what bends a fit to an integrated equation, a step of the walk; None where the filter depends on the motion.
+
+    Noise alone: rounding does not walk where a position moves, and where it rests see `resting.py` and `coarser.py`.
+    """
     if conditioner.kind == "kinematic":
         return None
-    # Slow noise adds up: what a mean over a window has of it, as if each sample had its part of that.
-    mean = np.full(conditioner.window, conditioner.window**-0.5)
-    return Bend(bend_of_filters(signals, view, mean).own * signals.period**2)
+    roles = view.deflection_roles(signals.roles)
+    errors = [sensor_error(signals.roles[role][:ENOUGH], conditioner.window) for role in roles]
+    return Bend(signals.period**2 * sum(error.white**2 + error.before**2 for error in errors))
 
 
 class BentState(NamedTuple):

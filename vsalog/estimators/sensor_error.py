@@ -36,10 +36,12 @@ class SensorError:
     ----------
     white : standard deviation of white noise; 0 where steps are part of what it adds
     rounding : samples of what rounding adds, and the noise before it, one series per shift; none where all of it is white
+    before : standard deviation of that noise
     """
 
     white: float
     rounding: tuple[Array, ...] = ()
+    before: float = 0.0
 
     def product(self, a: Array, b: Array) -> float:
         """Return the mean product of what two filters make of it; their weights, of one length, as `savgol_filter` takes them."""
@@ -86,12 +88,13 @@ def sensor_error(values: Array, window: int) -> SensorError:
     shifted = [motion / step + shift for shift in SHIFTS]
     # Rounding alone looks like noise, too; what is seen beyond that is there before it.
     alone = noise_of(np.round(shifted[0]), 1.0) or 0.0
-    before = max((noise / step) ** 2 - alone**2, 0.0) ** 0.5 * np.random.default_rng(0).standard_normal(motion.size)
+    before = max((noise / step) ** 2 - alone**2, 0.0) ** 0.5
+    noises = before * np.random.default_rng(0).standard_normal(motion.size)
     series = []
     for moved in shifted:
-        added = step * (np.round(moved + before) - moved)
+        added = step * (np.round(moved + noises) - moved)
         series.append(added - added.mean() if added.size else added)
-    return SensorError(0.0, tuple(series))
+    return SensorError(0.0, tuple(series), step * before)
 
 
 def _smoothed(x: Array, weights: Array) -> Array:
