@@ -1,4 +1,4 @@
-"""What noise in regressors bends a fit by that takes them for exact: errors in variables, to first order.
+"""What noise in regressors bends a fit by that takes them for exact: errors in variables.
 
 Where a deflection's noise e enters the regressors F as f' e, f' = ∂F/∂φ, and the torque y as ε, the normal equations are off by
 what does not average out, Σ f' E[e ε] − H ξ with the noise's own energy H = Σ E[e²] f' f'ᵀ: noise of the deflection itself makes
