@@ -147,3 +147,13 @@ def test_rls_and_qr_say_the_same():
     out = rls_block(RlsState.start(n, 1e9), F, y, use, E, np.ones(1, dtype=bool), 1.0, 1e9)
     variance = noise_block(noise_start(n), F, y, out[5], use, ~use, out[2], False, 1.0)[1]
     assert np.sqrt(variance[-1, 0]) == pytest.approx(fitted(F, y, np.ones(n))[1], rel=0.01)
+
+
+def test_what_is_not_known_of_even_noise_is_not_known_of_uneven_noise_either():
+    """Rounding may make a variance that nothing tells negative; that is no certainty, whatever the stretches say."""
+    rng, count = np.random.default_rng(21), 2000
+    F, left, use = rng.normal(size=(count, 2)), rng.normal(size=count), np.ones(count, dtype=bool)
+    state = noise_block(noise_start(2), F, left, left, use, ~use, np.zeros((count, 1, 2)), False, 1.0)[0]
+    nothing = state._replace(M=-np.eye(2), uneven=np.zeros((2, 2)))
+    told = noise_block(nothing, F[:1], left[:1], left[:1], ~use[:1], ~use[:1], np.ones((1, 1, 2)), False, 1.0)[1]
+    assert np.isnan(told).all()

@@ -208,10 +208,11 @@ def _run(
                 _look(s, integral)
         for m in range(asked):
             variance, other = _form(s.M, T[k, m]), _form(s.uneven, T[k, m])
-            if other > SURELY * variance:
-                variance = other
             # Below zero is what rounding makes of what nothing tells.
-            out[k, m] = variance if variance >= 0.0 else np.nan
+            if variance >= 0.0:
+                out[k, m] = other if other > SURELY * variance else variance
+            else:
+                out[k, m] = np.nan
 
 
 @njit(cache=True, error_model="numpy")
