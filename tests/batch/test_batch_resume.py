@@ -200,6 +200,20 @@ def test_interrupted_at_any_moment(tmp_path, here):
     assert len(list((tmp_path / "out").rglob("part.parquet"))) == 4
 
 
+def test_scratch_of_a_worker_that_was_killed_on_the_way_is_cleared(tmp_path, logs, here):
+    """As when a worker dies of a log: what it was writing is there, and no one of its own to remove it."""
+
+    def leave(task):
+        left = tmp_path / "out" / ".scratch" / f"of-{task.log.name.replace('/', '-')}"
+        left.mkdir(parents=True)
+        (left / "part.parquet").write_text("half")
+
+    here.before = leave
+    outcome, _ = do_batch(logs, out=tmp_path / "out")
+    assert outcome.finished == 6
+    assert not list((tmp_path / "out" / ".scratch").iterdir())
+
+
 def test_scratch_of_a_killed_run_is_cleared(tmp_path, logs, here):
     (tmp_path / "out" / ".scratch" / "old").mkdir(parents=True)
     (tmp_path / "out" / ".scratch" / "old" / "part.parquet").write_text("half")

@@ -146,7 +146,7 @@ def run_batch(asked: Asked, watch: Watch) -> Outcome:
             # Once more: somebody may have been faster.
             before = _check_place(store, asked)
             if asked.shard is None:
-                store.prepare()
+                store.clear_scratch()
             _begin(store, asked, before, watch)
             records, outcome = _work(executor, store, plan, asked, watch)
             with one_after_the_other(store):
@@ -265,6 +265,9 @@ def _finish(store: Store, plan: Plan, records: dict[str, Record], asked: Asked, 
             raise StoreError(f"{store.shown}: cannot be written: {error.strerror or error}") from error
         store.put(page, index_page.NAME)
         store.put(table, summary.NAME)
+    if asked.shard is None:
+        # A worker that was killed on the way could not do this for itself.
+        store.clear_scratch()
 
 
 def _sweep(store: Store, records: dict[str, Record]) -> None:

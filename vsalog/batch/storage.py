@@ -51,8 +51,8 @@ class Store(Protocol):
     def scratch(self) -> Any:
         """Return a context with a folder to write files in before they are put."""
 
-    def prepare(self) -> None:
-        """Make the place, and clear away what a killed run was writing."""
+    def clear_scratch(self) -> None:
+        """Make the place to write in, and clear away what a killed process was writing there."""
 
     def empty(self) -> bool:
         """Tell whether nothing is there."""
@@ -156,7 +156,7 @@ class LocalStore:
         finally:
             shutil.rmtree(folder, ignore_errors=True)
 
-    def prepare(self) -> None:
+    def clear_scratch(self) -> None:
         """See `Store`."""
         with _explained(self.shown):
             shutil.rmtree(self.root / SCRATCH, ignore_errors=True)
@@ -237,7 +237,7 @@ class RemoteStore:
         with tempfile.TemporaryDirectory(prefix="vsalog-") as folder:
             yield Path(folder)
 
-    def prepare(self) -> None:
+    def clear_scratch(self) -> None:
         """See `Store`."""
 
     def empty(self) -> bool:
