@@ -27,9 +27,9 @@ class EquationRows:
     leading unknowns are parameters of the motor, the flexibility torque is `dynamics` times these unknowns plus `fed`. `doubted`
     marks where what the rig knows beside the springs is in doubt, so that nothing is learnt; None where it never can be.
     `noisy` is the variance of the noise in each regressor, shape (n,), where that bends a fit which takes them for exact; `bends`
-    is, per transmission, what noise of its deflection does (`bend.py`). `walk` is the standard deviation of the steps of the
-    random walk that white noise becomes in an integrated y (`walk.py`), 0 where y is no integral, and `period` [s] that of the
-    samples of an integral, else None. `resting` is where the encoders rest (`resting.py`); None where they have no steps.
+    is, per transmission, what noise of its deflection does (`bend.py`). `walk` is, shape (N,), the variances of the steps
+    of the random walk that noise and jumps become in an integrated y (`walk.py`), None where y is no integral, and `period` [s]
+    that of the samples of an integral, else None. `resting` is where the encoders rest (`resting.py`); None where they have no steps.
     `motion` is the motor's position and speed, as late as F is: what is left over may follow these (`left_over.py`). `plain` is F
     and y before they were integrated, None where they are no integrals.
     """
@@ -44,7 +44,7 @@ class EquationRows:
     doubted: Flags | None = None
     noisy: Array | None = None
     bends: tuple[Bend, ...] = ()
-    walk: float = 0.0
+    walk: Array | None = None
     period: float | None = None
     resting: Resting | None = None
     motion: tuple[Array, Array] | None = None

@@ -15,6 +15,7 @@ from vsalog.estimators.device import TransmissionView, deflection_of
 from vsalog.estimators.equation import EquationRows
 from vsalog.estimators.known import Known
 from vsalog.estimators.torque import integral_block, lag_block, loaded_residual_block, residual_block
+from vsalog.estimators.walk import walk_steps
 from vsalog.filters.conditioning import Conditioned
 
 Array = NDArray[np.float64]
@@ -213,11 +214,12 @@ class IntegratedMotorEquation(OfOneTransmission):
         """Number of unknowns."""
         return 3 + self.basis.size
 
-    def start(self) -> tuple[Array, Array | None]:
-        """Return the states of the integrals and of the hysteresis before the first sample."""
-        return np.full((2, self.basis.size + 1), np.nan), None if self.known is None else self.known.start()
+    def start(self) -> tuple[Array, Array | None, Array]:
+        """Return the states of the integrals and of the hysteresis before the first sample, and the torque before it."""
+        hysteresis = None if self.known is None else self.known.start()
+        return np.full((2, self.basis.size + 1), np.nan), hysteresis, np.full(3, np.nan)
 
-    def rows(self, state: tuple[Array, Array | None], block: Conditioned) -> tuple[Any, EquationRows]:
+    def rows(self, state: tuple[Array, Array | None, Array], block: Conditioned) -> tuple[Any, EquationRows]:
         """Form the equation for a block."""
         view, fit, known = self.view, block.fit, self.known
         f = regressors(self.basis, block, view)
@@ -248,7 +250,8 @@ class IntegratedMotorEquation(OfOneTransmission):
             fed = np.where(doubted, np.nan, fed)
         noisy = np.zeros(self.size)
         noisy[1] = self.velocity_noise**2
-        walk = self.torque_noise * self.period
+        last = np.full(3, np.nan) if block.rows.starts[0] else state[2]
+        last, walk = walk_steps(last, block.rows.roles[view.motor_torque], self.torque_noise, self.period)
         fed_to = {view.name: fed}
         # The change of the speed from sample to sample: its average is that over the whole of what is averaged.
         change = np.gradient(velocity, self.period) if velocity.size > 1 else np.full_like(velocity, np.nan)
@@ -257,4 +260,4 @@ class IntegratedMotorEquation(OfOneTransmission):
             F, integrals[:, -1], use, fresh, fed_to, {}, dynamics, doubted, noisy, self.bends,
             walk=walk, period=self.period, motion=(theta, velocity), plain=plain,
         )  # fmt: skip
-        return (integrated, after), rows
+        return (integrated, after, last), rows

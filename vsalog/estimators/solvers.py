@@ -89,13 +89,12 @@ class RlsSolver:
 
 
 class QrSolverState(NamedTuple):
-    """Where it stands: the fit, its noise, what bends it, the walk and the size of its steps, what encoders' steps hide."""
+    """Where it stands: the fit, its noise, what bends it, the walk, what encoders' steps hide."""
 
     qr: QrState
     noise: NoiseState
     bent: BentState
     walk: WalkState
-    step: float = 0.0
     rest: RestState | None = None
 
 
@@ -135,7 +134,7 @@ class QrSolver:
             state.noise, rows.F, rows.y, left, use, rows.fresh, directions, self.integral, self.forgetting, self.least
         )
         walk, discount = state.walk, self.forgetting**2
-        if rows.walk:
+        if rows.walk is not None:
             # A fit to an integral takes most of a walk for its own: left-overs may show too little of it.
             walk, least = walk_block(walk, rows.F, use, rows.fresh, directions, rows.walk, discount)
             made = np.maximum(made, least)
@@ -152,7 +151,7 @@ class QrSolver:
             )  # fmt: skip
             made += moved**2
         values[_untold(unknowns[:, self.leading :])] = np.nan
-        new = QrSolverState(qr, noise, bent, walk, rows.walk, rest)
+        new = QrSolverState(qr, noise, bent, walk, rest)
         return new, values, _spread(made, pulled, spread), unknowns, {}
 
     def _bent(self, directions: Array, unknowns: Array, learnt: Array, noisy: Array, values: Array) -> Array:
@@ -179,7 +178,7 @@ class QrSolver:
         M, uneven, variance = noise_now(state.noise, self.integral, self.least)
         half = np.linalg.inv(state.qr.Rp[:, :-1])
         P, beside = half @ half.T, state.bent.covariance(xi) + rest_covariance(state.rest)
-        told, walk = _sandwich(P, M), state.step**2 * (state.walk.Q + state.walk.done)
+        told, walk = _sandwich(P, M), state.walk.Q + state.walk.done
         told = _more(_more(told, _sandwich(P, uneven), SURELY), _sandwich(P, walk))
         return xi, told + _sandwich(P, beside), variance**0.5
 

@@ -2,7 +2,11 @@
 
 Of a walk a fit leaves little over, because integrals are slow too: left-overs do not show how large it is where the log has few
 samples. But the noise of a torque is known, and what it makes of the score Σ F n, with n the sum of all noise so far, follows:
-with G_j = Σ_{k≥j} F_k its covariance is σ² T² Σ_j G_j G_jᵀ.
+with G_j = Σ_{k≥j} F_k its covariance is Σ_j s_j² G_j G_jᵀ, for steps of s_j = σ T.
+
+A torque that jumps, as a motor's does when it is switched, has jumped somewhere between two samples. The trapezoidal rule takes the
+middle; the moment is as likely any other, which makes a step of T Δ/√12, however exact the sensor. The square of a third difference
+sums up to 6 Δ² over a jump and is 20 σ² for white noise, and nearly nothing for what is smooth.
 """
 
 from __future__ import annotations
@@ -17,15 +21,38 @@ Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]
 
 
+# A jump's timing, of its third differences' squares; and white noise in these.
+TIMING, WHITE = 1.0 / 72.0, 20.0
+
+
+def walk_steps(last: Array, torque: Array, noise: float, period: float) -> tuple[Array, Array]:
+    """Return the variances of the steps that a torque's integral walks by.
+
+    Parameters
+    ----------
+    last : shape (3,), the torque before, NaN where a run begins
+    torque : shape (N,), as it was measured [N·m]
+    noise : its standard deviation [N·m]
+    period : T [s]
+
+    Returns
+    -------
+    the last three samples, and shape (N,) [(N·m·s)²]
+    """
+    joined = np.concatenate((last, torque))
+    squares = np.diff(joined, 3) ** 2 - WHITE * noise**2
+    return joined[-3:], period**2 * (noise**2 + TIMING * np.where(np.isfinite(squares), squares, 0.0))
+
+
 class WalkState(NamedTuple):
     """Sums over the rows so far, of n regressors.
 
     Attributes
     ----------
-    Q : shape (n, n), Σ_j G_j G_jᵀ of the run
+    Q : shape (n, n), Σ_j s_j² G_j G_jᵀ of the run
     done : shape (n, n), the same of the runs before, each less its constant
-    H, R, S : shape (n,), Σ_j G_j, Σ_j r_j G_j with r_j the rows from the j-th on, and Σ F
-    rows : shape (1,), rows of the run
+    H, R, S : shape (n,), Σ_j s_j² G_j, Σ_j s_j² r_j G_j with r_j the rows from the j-th on, and Σ F
+    sums : shape (4,), rows of the run, and Σ s_j², Σ s_j² r_j and Σ s_j² r_j²
     """
 
     Q: Array
@@ -33,16 +60,16 @@ class WalkState(NamedTuple):
     H: Array
     R: Array
     S: Array
-    rows: Array
+    sums: Array
 
 
 def walk_start(n: int) -> WalkState:
     """Return the state before the first sample."""
-    return WalkState(np.zeros((n, n)), np.zeros((n, n)), np.zeros(n), np.zeros(n), np.zeros(n), np.zeros(1))
+    return WalkState(np.zeros((n, n)), np.zeros((n, n)), np.zeros(n), np.zeros(n), np.zeros(n), np.zeros(4))
 
 
 def walk_block(
-    state: WalkState, F: Array, use: Flags, fresh: Flags, directions: Array, walk: float, discount: float
+    state: WalkState, F: Array, use: Flags, fresh: Flags, directions: Array, steps: Array, discount: float
 ) -> tuple[WalkState, Array]:
     """Go on with the sums; return what a walk makes of functionals after each row.
 
@@ -52,7 +79,7 @@ def walk_block(
     use : shape (N,), rows that are learnt from
     fresh : shape (N,), where the integral begins anew
     directions : shape (N, m, n), P times the functionals
-    walk : σ T, standard deviation of the walk's steps [N·m·s]
+    steps : shape (N,), s_j², variances of the walk's steps [(N·m·s)²]
     discount : λ², by which the weight of all rows before falls with each
 
     Returns
@@ -61,31 +88,33 @@ def walk_block(
     """
     new = WalkState(*(part.copy() for part in state))
     made = np.zeros(directions.shape[:2])
-    _run(F, use, fresh, directions, discount, *new, made)
-    return new, walk**2 * made
+    _run(F, use, fresh, directions, steps, discount, *new, made)
+    return new, made
 
 
 @njit(cache=True, error_model="numpy", nogil=True)
 def _run(
-    F: Array, use: Flags, fresh: Flags, directions: Array, discount: float, Q: Array, done: Array, H: Array, R: Array, S: Array,
-    count: Array, made: Array,
+    F: Array, use: Flags, fresh: Flags, directions: Array, steps: Array, discount: float, Q: Array, done: Array, H: Array,
+    R: Array, S: Array, sums: Array, made: Array,
 ) -> None:  # fmt: skip
     n = H.size
     for k in range(F.shape[0]):
-        if fresh[k] and count[0] > 0.0:
-            _finish_run(Q, done, H, R, S, count)
+        if fresh[k] and sums[0] > 0.0:
+            _finish_run(Q, done, H, R, S, sums)
         if use[k]:
-            rows = count[0]
+            sums[0] += 1.0
+            sums[3] += 2.0 * sums[2] + sums[1] + steps[k]
+            sums[1] += steps[k]
+            sums[2] += sums[1]
             for i in range(n):
                 for j in range(n):
                     mixed = H[i] * F[k, j] + F[k, i] * H[j]
-                    Q[i, j] = discount * discount * Q[i, j] + discount * mixed + (rows + 1.0) * F[k, i] * F[k, j]
+                    Q[i, j] = discount * discount * Q[i, j] + discount * mixed + sums[1] * F[k, i] * F[k, j]
                     done[i, j] *= discount * discount
             for i in range(n):
-                R[i] = discount * (R[i] + H[i]) + (0.5 * rows * (rows + 1.0) + rows + 1.0) * F[k, i]
-                H[i] = discount * H[i] + (rows + 1.0) * F[k, i]
+                R[i] = discount * (R[i] + H[i]) + sums[2] * F[k, i]
+                H[i] = discount * H[i] + sums[1] * F[k, i]
                 S[i] = discount * S[i] + F[k, i]
-            count[0] += 1.0
         for m in range(directions.shape[1]):
             total = 0.0
             for i in range(n):
@@ -97,12 +126,11 @@ def _run(
 
 
 @njit(cache=True, error_model="numpy", nogil=True)
-def _finish_run(Q: Array, done: Array, H: Array, R: Array, S: Array, count: Array) -> None:
+def _finish_run(Q: Array, done: Array, H: Array, R: Array, S: Array, sums: Array) -> None:
     """Add a run to those before: less its own constant, which nobody asks for any more."""
-    rows, n = count[0], H.size
-    squares = rows * (rows + 1.0) * (2.0 * rows + 1.0) / 6.0
+    rows, squares, n = sums[0], sums[3], H.size
     for i in range(1, n):
         for j in range(1, n):
             a, b = S[i] / rows, S[j] / rows
             done[i, j] += Q[i, j] - R[i] * b - a * R[j] + squares * a * b
-    Q[:, :], H[:], R[:], S[:], count[0] = 0.0, 0.0, 0.0, 0.0, 0.0
+    Q[:, :], H[:], R[:], S[:], sums[:] = 0.0, 0.0, 0.0, 0.0, 0.0
