@@ -13,7 +13,7 @@ def regressors(count):
 
 @pytest.mark.parametrize("discount", [1.0, 0.998])
 def test_a_fit_to_walks_spreads_as_told(discount):
-    """Weighted least squares of 4000 random walks of known steps, few of them large: the spread of each coefficient at the end."""
+    """Weighted least squares of 4000 walks of known steps, a few of them large: the spread of each coefficient at the end."""
     rng, F = np.random.default_rng(4), regressors(600)
     step = np.where(np.isin(np.arange(600), [90, 91, 310, 480]), 6.0, 0.3)
     weights = discount ** np.arange(len(F))[::-1]

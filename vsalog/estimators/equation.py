@@ -29,9 +29,9 @@ class EquationRows:
     `noisy` is the variance of the noise in each regressor, shape (n,), where that bends a fit which takes them for exact; `bends`
     is, per transmission, what noise of its deflection does (`bend.py`). `walk` is, shape (N,), the variances of the steps
     of the random walk that noise and jumps become in an integrated y (`walk.py`), None where y is no integral, and `period` [s]
-    that of the samples of an integral, else None. `resting` is where the encoders rest (`resting.py`); None where they have no steps.
-    `motion` is the motor's position and speed, as late as F is: what is left over may follow these (`left_over.py`). `plain` is F
-    and y before they were integrated, None where they are no integrals.
+    that of the samples of an integral, else None. `resting` is where the encoders rest (`resting.py`); None where they have no
+    steps. `motion` is the motor's position and speed, as late as F is: what is left over may follow these (`left_over.py`).
+    `plain` is F and y before they were integrated, None where they are no integrals.
     """
 
     F: Array

@@ -4,9 +4,9 @@ Of a walk a fit leaves little over, because integrals are slow too: left-overs d
 samples. But the noise of a torque is known, and what it makes of the score Σ F n, with n the sum of all noise so far, follows:
 with G_j = Σ_{k≥j} F_k its covariance is Σ_j s_j² G_j G_jᵀ, for steps of s_j = σ T.
 
-A torque that jumps, as a motor's does when it is switched, has jumped somewhere between two samples. The trapezoidal rule takes the
-middle; the moment is as likely any other, which makes a step of T Δ/√12, however exact the sensor. The square of a third difference
-sums up to 6 Δ² over a jump and is 20 σ² for white noise, and nearly nothing for what is smooth.
+A torque that jumps, as a motor's does when it is switched, has jumped somewhere between two samples. The trapezoidal rule takes
+the middle; the moment is as likely any other, which makes a step of T Δ/√12, however exact the sensor. The squares of the third
+differences over a jump add up to 6 Δ²; for white noise each is 20 σ², and for what is smooth nearly nothing.
 """
 
 from __future__ import annotations
