@@ -104,7 +104,7 @@ def test_what_the_basis_cannot_follow_is_told_with_its_size(tmp_path, estimator,
 
 
 @pytest.mark.parametrize("estimator", ["residual-rls", "direct"])
-@pytest.mark.parametrize(("kind", "pulses"), [("backlash 0.006", 36_000), ("backlash 0.02", 1500)])
+@pytest.mark.parametrize(("kind", "pulses"), [("backlash 0.006", 36_000), ("backlash 0.02", 1000)])
 def test_so_it_is_from_rest_to_rest_and_with_coarse_encoders(tmp_path, estimator, kind, pulses):
     log(tmp_path, kind, pulses=pulses, motion=rests)
     assert "has a shape over the deflection" in estimated(tmp_path, estimator)

@@ -31,7 +31,7 @@ STRETCHES, SAMPLES, SPREAD = 40, 20, 3
 # A stiffness that lacks so much of itself is told, or so many of its deviations where these are more: the fewer, the better both
 # halves agree, and none where they agree less. Of 1100 estimates of sound springs, 500 to 36 000 pulses a turn, none is told.
 LACKS = 0.05
-ALIKE, BEYOND = (0.6, 0.9), (3.0, 1.3)
+ALIKE, BEYOND = (0.6, 0.9), (3.0, 0.9)
 
 
 @dataclass(slots=True)

@@ -1,9 +1,9 @@
-"""A walk's covariance against many walks that are fitted, and the walk of a torque against integrals of many."""
+"""A walk's covariance against many walks that are fitted."""
 
 import numpy as np
 import pytest
 
-from vsalog.estimators.walk import walk_block, walk_start, walk_steps
+from vsalog.estimators.walk import walk_block, walk_start
 
 
 def regressors(count):
@@ -53,25 +53,3 @@ def test_rows_that_are_not_used_add_nothing():
     directions = np.broadcast_to(np.eye(4), (100, 4, 4)).copy()
     _, made = walk_block(walk_start(4), F, use, ~use & False, directions, np.ones(100), 1.0)
     assert np.ptp(made[60:], axis=0).max() == 0.0
-
-
-@pytest.mark.parametrize(("noise", "jumps"), [(0.05, 0), (0.0, 6), (0.05, 6)])
-def test_a_torques_integral_walks_as_told(noise, jumps):
-    """Torques that jump at any moment, integrated by the trapezoidal rule: how far their ends are from what they should be."""
-    rng, T, count, height = np.random.default_rng(6), 0.01, 400, 2.0
-    t, off, told = T * np.arange(count), [], []
-    for _ in range(3000):
-        moments = rng.uniform(10 * T, t[-1] - 10 * T, jumps)
-        torque = height * np.sum(t[:, None] > moments, axis=1) + np.sin(3.0 * t) + noise * rng.standard_normal(count)
-        exact = height * np.sum(t[-1] - moments) + (1.0 - np.cos(3.0 * t[-1])) / 3.0
-        off.append(T * (torque.sum() - 0.5 * (torque[0] + torque[-1])) - exact)
-        last, first = walk_steps(np.full(3, np.nan), torque[:150], noise, T)
-        _, after = walk_steps(last, torque[150:], noise, T)
-        told.append(first.sum() + after.sum())
-    assert np.std(off) == pytest.approx(np.sqrt(np.mean(told)), rel=0.04)
-
-
-def test_what_is_smooth_has_no_jumps():
-    torque = 5.0 * np.sin(2.0 * np.pi * np.arange(1000) * 0.01)
-    _, steps = walk_steps(np.full(3, np.nan), torque, 0.0, 0.01)
-    assert steps.max() < (0.01 * 2e-4) ** 2

@@ -19,7 +19,7 @@ from vsalog.estimators.acceleration_group import NAME, Group, group_of
 from vsalog.estimators.accelerometer_check import said_of_accelerometers
 from vsalog.estimators.device import Device, largest
 from vsalog.estimators.net_torque import NetTorque, NetTorqueState, extended
-from vsalog.estimators.sensor_error import ENOUGH, sensor_error
+from vsalog.estimators.sensor_error import ENOUGH, LEAST_NOISE, sensor_error
 from vsalog.estimators.tuning import Positive, Tuning
 from vsalog.estimators.unfiltered import Unfiltered
 from vsalog.estimators.windows import rms
@@ -52,8 +52,6 @@ OWN = ("frequency", "damping", "torque", "reach")
 PAPER_FREQUENCY, TURN_PER_SAMPLE = 250.0, 0.5
 # As fast as the paper's, unless a slower observer has so many times less noise in the deflection.
 NOISE_WORTH = 1.5
-# A sensor without any noise has some: this part of its largest value.
-LEAST_NOISE = 1e-9
 # Positions along the log at which the accelerometers' arms are looked at.
 POSITIONS = 50
 # What is left of the start when so many times 1/(ζ ω) have passed is nothing; and the most samples that are told apart.

@@ -27,6 +27,7 @@ from vsalog.estimators.device import Device, TransmissionView, deflection_of
 from vsalog.estimators.equation import EquationRows
 from vsalog.estimators.equations import OfOneTransmission, regressors
 from vsalog.estimators.first_look import first_look
+from vsalog.estimators.jumps import jumps, jumps_start, torque_noise
 from vsalog.estimators.known import Known, conditioner_of, known_of
 from vsalog.estimators.needs import deflection_roles, require
 from vsalog.estimators.noise import BOX
@@ -92,7 +93,9 @@ def build(device: Device, signals: JointSignals, tuning: AlgebraicTuning) -> Reg
     conditioner = conditioner_of(device, signals, tuning, roles(device, signals.roles, tuning), motor=True)
     equations = tuple(_equation(device, view, signals, tuning, weights, conditioner) for view in device.transmissions)
     least = least_samples(conditioner) + SPANS * taps
-    solver = RlsSolver(tuning.initial_covariance(device, signals, 0.01), tuning.c, least, max(BOX, taps // 4))
+    solver = RlsSolver(
+        tuning.initial_covariance(device, signals, 0.01, second=True), tuning.c, least, max(BOX, taps // 4)
+    )
     fold = RegressionFold(NAME, "RESIDUAL", device, conditioner, equations, solver, look=look, memory=taps)
     return fold.tried_coarser(signals)
 
@@ -151,7 +154,8 @@ def _equation(
         before = conditioner.weights[0]
         both = np.convolve(before, weights[0]), np.convolve(before, inertia * weights[2] + damping * weights[1])
         bends = (bend_of_filters(signals, view, *both),)
-    return AlgebraicEquation(view, device.basis, inertia, damping, weights, known, bends)
+    noise = torque_noise(signals, view)
+    return AlgebraicEquation(view, device.basis, inertia, damping, weights, known, bends, noise)
 
 
 @dataclass(frozen=True, slots=True)
@@ -168,6 +172,7 @@ class AlgebraicEquation(OfOneTransmission):
     weights: Array
     known: Known | None = None
     bends: tuple[Bend, ...] = ()
+    torque_noise: float = 0.0  # of a sample of the motor's torque, standard deviation [N·m]
 
     leading: ClassVar[int] = 0
     parameters: ClassVar[tuple[str, ...]] = ()
@@ -177,14 +182,16 @@ class AlgebraicEquation(OfOneTransmission):
         """Inertia [kg·m²] and damping [N·m·s/rad]."""
         return self.inertia, self.damping
 
-    def start(self) -> tuple[Array, float, Any]:
-        """Return what the filters hold before the first sample, the angle a run begins at, and the state of the hysteresis."""
-        held = np.full((self.weights.shape[1] - 1, self.basis.size + 2), np.nan)
-        return held, np.nan, None if self.known is None else self.known.start()
+    def start(self) -> tuple[Array, float, Any, Array]:
+        """Return what the filters hold before the first sample, the angle a run begins at, the states of the hysteresis and
+        of the jumps.
+        """
+        held = np.full((self.weights.shape[1] - 1, self.basis.size + 3), np.nan)
+        return held, np.nan, None if self.known is None else self.known.start(), jumps_start()
 
     def rows(
-        self, state: tuple[Array, float, Any], block: Conditioned
-    ) -> tuple[tuple[Array, float, Any], EquationRows]:
+        self, state: tuple[Array, float, Any, Array], block: Conditioned
+    ) -> tuple[tuple[Array, float, Any, Array], EquationRows]:
         """Form the equation for a block."""
         f = regressors(self.basis, block, self.view)
         theta, tau = block.fit[self.view.motor_position], block.fit[self.view.motor_torque]
@@ -197,15 +204,19 @@ class AlgebraicEquation(OfOneTransmission):
                 factor = 1.0 - self.known.load * self.known.way(block) * np.sign(deflection_of(block.fit, self.view))
                 f, beside = factor[:, None] * f, factor * beside
             tau = tau + beside
-        held, origin = (np.full_like(state[0], np.nan), np.nan) if block.rows.starts[0] else state[:2]
+        held, origin, before = state[0], state[1], state[3]
+        if block.rows.starts[0]:
+            held, origin, before = np.full_like(held, np.nan), np.nan, jumps_start()
         if np.isnan(origin) and use.any():
             # Filters make nothing of a constant, but of a large one only as far as digits go.
             origin = float(theta[np.argmax(use)])
-        inputs = np.where(use[:, None], np.column_stack((f, theta - origin, tau)), np.nan)
+        jumping, unknown = jumps(before, block.rows.roles[self.view.motor_torque], self.torque_noise)
+        inputs = np.where(use[:, None], np.column_stack((f, theta - origin, tau, unknown)), np.nan)
         joined = np.concatenate((held, inputs))
-        filtered = np.column_stack([_filtered(x, self.weights[0]) for x in joined[:, :-2].T])
-        moved = _filtered(joined[:, -2], self.inertia * self.weights[2] + self.damping * self.weights[1])
-        y = moved - _filtered(joined[:, -1], self.weights[0])
+        filtered = np.column_stack([_filtered(x, self.weights[0]) for x in joined[:, :-3].T])
+        angle, torque, unknown = joined[:, -3:].T
+        moved = _filtered(angle, self.inertia * self.weights[2] + self.damping * self.weights[1])
+        y = moved - _filtered(torque, self.weights[0])
         use = np.isfinite(y) & np.isfinite(filtered).all(axis=1)
         rows = EquationRows(
             filtered,
@@ -216,9 +227,10 @@ class AlgebraicEquation(OfOneTransmission):
             {self.view.name: {"residual": y}},
             doubted=doubted,
             bends=self.bends,
-            motion=(_filtered(joined[:, -2], self.weights[0]), _filtered(joined[:, -2], self.weights[1])),
+            motion=(_filtered(angle, self.weights[0]), _filtered(angle, self.weights[1])),
+            jumps=_filtered(unknown, self.weights[0]),
         )
-        return (joined[joined.shape[0] - held.shape[0] :].copy(), origin, after), rows
+        return (joined[joined.shape[0] - held.shape[0] :].copy(), origin, after, jumping), rows
 
 
 def _filtered(x: Array, weights: Array) -> Array:

@@ -64,7 +64,7 @@ def build(device: Device, signals: JointSignals, tuning: DirectTuning) -> Regres
     tuning = keeping_window(device, signals, tuning, tuning.default_window)
     needed = roles(device, signals.roles, tuning)
     conditioner = conditioner_of(device, signals, tuning, needed, motor=False)
-    p0, least = tuning.initial_covariance(device, signals), least_samples(conditioner)
+    p0, least = tuning.initial_covariance(device, signals, 1e-4), least_samples(conditioner)
     solver: Solver = (
         QrSolver(tuning.forgetting, 0, max(tuning.c * p0, LEAST), least=least)
         if tuning.solver == "qr"

@@ -31,7 +31,8 @@ class EquationRows:
     of the random walk that noise and jumps become in an integrated y (`walk.py`), None where y is no integral, and `period` [s]
     that of the samples of an integral, else None. `resting` is where the encoders rest (`resting.py`); None where they have no
     steps. `motion` is the motor's position and speed, as late as F is: what is left over may follow these (`left_over.py`).
-    `plain` is F and y before they were integrated, None where they are no integrals.
+    `plain` is F and y before they were integrated, None where they are no integrals. `jumps` is, shape (N,), what is not known
+    of a torque's jumps that y comes from (`jumps.py`), as late as F is; None where it comes from no motor's torque, or walks.
     """
 
     F: Array
@@ -49,6 +50,7 @@ class EquationRows:
     resting: Resting | None = None
     motion: tuple[Array, Array] | None = None
     plain: tuple[Array, Array] | None = None
+    jumps: Array | None = None
 
 
 class Equation(Protocol):

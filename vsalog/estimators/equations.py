@@ -13,9 +13,9 @@ from vsalog.basis import PolynomialBasis
 from vsalog.estimators.bend import Bend
 from vsalog.estimators.device import TransmissionView, deflection_of
 from vsalog.estimators.equation import EquationRows
+from vsalog.estimators.jumps import jumps, jumps_start
 from vsalog.estimators.known import Known
 from vsalog.estimators.torque import integral_block, lag_block, loaded_residual_block, residual_block
-from vsalog.estimators.walk import walk_steps
 from vsalog.filters.conditioning import Conditioned
 
 Array = NDArray[np.float64]
@@ -119,6 +119,7 @@ class ResidualEquation(OfOneTransmission):
     matched: bool
     known: Known | None = None
     bends: tuple[Bend, ...] = ()
+    torque_noise: float = 0.0  # of a sample of the motor's torque, standard deviation [N·m]
 
     leading: ClassVar[int] = 0
     parameters: ClassVar[tuple[str, ...]] = ()
@@ -129,22 +130,24 @@ class ResidualEquation(OfOneTransmission):
         return self.inertia, self.damping
 
     def start(self) -> tuple[Any, ...]:
-        """Return the states of residual, regressors' lag, hysteresis and doubt's lag before the first sample."""
-        known = None if self.known is None else self.known.start()
-        return np.full(3, np.nan), np.full((2, self.basis.size), np.nan), known, np.full((2, 1), np.nan)
+        """Return the states of residual, regressors' lag, hysteresis, doubt's lag and jumps before the first sample."""
+        known, lag = None if self.known is None else self.known.start(), np.full((2, self.basis.size + 1), np.nan)
+        return np.full(3, np.nan), lag, known, np.full((2, 1), np.nan), jumps_start()
 
     def rows(self, state: tuple[Any, ...], block: Conditioned) -> tuple[tuple[Any, ...], EquationRows]:
         """Form the equation for a block."""
         F = regressors(self.basis, block, self.view)
         use = block.use & np.isfinite(F).all(axis=1)
         residual, r_e, after, lagged_doubt = self._residual(state, block, use)
-        lag, lagged = lag_block(state[1], F, use, self.bandwidth, self.period)
+        before = jumps_start() if block.rows.starts[0] else state[4]
+        jumping, unknown = jumps(before, block.rows.roles[self.view.motor_torque], self.torque_noise)
+        lag, lagged = lag_block(state[1], np.column_stack((F, unknown)), use, self.bandwidth, self.period)
         doubted = None
         if self.known is not None and self.known.doubtful:
             doubted = lagged_doubt[1][:, 0] > 1.0
             r_e, use = np.where(doubted, np.nan, r_e), use & ~doubted
         rows = EquationRows(
-            lagged if self.matched else F,
+            np.ascontiguousarray(lagged[:, :-1]) if self.matched else F,
             r_e,
             use,
             np.zeros_like(use),
@@ -153,8 +156,9 @@ class ResidualEquation(OfOneTransmission):
             doubted=doubted,
             bends=self.bends,
             motion=(block.fit[self.view.motor_position], block.fit[f"velocity:{self.view.motor_position}"]),
+            jumps=lagged[:, -1],
         )
-        return (residual, lag, after, lagged_doubt[0]), rows
+        return (residual, lag, after, lagged_doubt[0], jumping), rows
 
     def _residual(
         self, state: tuple[Any, ...], block: Conditioned, use: Flags
@@ -215,9 +219,9 @@ class IntegratedMotorEquation(OfOneTransmission):
         return 3 + self.basis.size
 
     def start(self) -> tuple[Array, Array | None, Array]:
-        """Return the states of the integrals and of the hysteresis before the first sample, and the torque before it."""
+        """Return the states of the integrals, of the hysteresis and of the jumps before the first sample."""
         hysteresis = None if self.known is None else self.known.start()
-        return np.full((2, self.basis.size + 1), np.nan), hysteresis, np.full(3, np.nan)
+        return np.full((2, self.basis.size + 1), np.nan), hysteresis, jumps_start()
 
     def rows(self, state: tuple[Array, Array | None, Array], block: Conditioned) -> tuple[Any, EquationRows]:
         """Form the equation for a block."""
@@ -250,8 +254,9 @@ class IntegratedMotorEquation(OfOneTransmission):
             fed = np.where(doubted, np.nan, fed)
         noisy = np.zeros(self.size)
         noisy[1] = self.velocity_noise**2
-        last = np.full(3, np.nan) if block.rows.starts[0] else state[2]
-        last, walk = walk_steps(last, block.rows.roles[view.motor_torque], self.torque_noise, self.period)
+        before = jumps_start() if block.rows.starts[0] else state[2]
+        jumping, unknown = jumps(before, block.rows.roles[view.motor_torque], self.torque_noise)
+        walk = self.period**2 * (self.torque_noise**2 + unknown)
         fed_to = {view.name: fed}
         # The change of the speed from sample to sample: its average is that over the whole of what is averaged.
         change = np.gradient(velocity, self.period) if velocity.size > 1 else np.full_like(velocity, np.nan)
@@ -260,4 +265,4 @@ class IntegratedMotorEquation(OfOneTransmission):
             F, integrals[:, -1], use, fresh, fed_to, {}, dynamics, doubted, noisy, self.bends,
             walk=walk, period=self.period, motion=(theta, velocity), plain=plain,
         )  # fmt: skip
-        return (integrated, after, last), rows
+        return (integrated, after, jumping), rows

@@ -15,16 +15,16 @@ from vsalog.estimators.bend import bend_of_integral
 from vsalog.estimators.device import Device
 from vsalog.estimators.equations import IntegratedMotorEquation
 from vsalog.estimators.first_look import first_look
+from vsalog.estimators.jumps import torque_noise
 from vsalog.estimators.known import conditioner_of, known_of
 from vsalog.estimators.needs import deflection_roles, require
 from vsalog.estimators.ramp import look_for_ramps
 from vsalog.estimators.regression import FoldState, RegressionFold
-from vsalog.estimators.sensor_error import ENOUGH, LEAST_NOISE, sensor_error
+from vsalog.estimators.sensor_error import ENOUGH, sensor_error
 from vsalog.estimators.solvers import QrSolver, least_samples
 from vsalog.estimators.tuning import Positive, Tuning, usual_regressor
 from vsalog.estimators.windows import motor_window
 from vsalog.filters.conditioning import Conditioner
-from vsalog.resolution import sensor_noise
 from vsalog.signals import JointSignals
 
 NAME = "qr-rls"
@@ -113,7 +113,7 @@ def integrated_equations(
             signals.period,
             known_of(device, view, signals, tuning, view.motor_torque, motor=True),
             velocity_noise(signals, view.motor_position, conditioner),
-            sensor_noise(signals.roles[view.motor_torque], signals.resolution.get(view.motor_torque, 0.0), LEAST_NOISE),
+            torque_noise(signals, view),
             () if bend is None else (bend,),
         )
         for view, bend in zip(device.transmissions, bends, strict=True)

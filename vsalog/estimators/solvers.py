@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from vsalog.estimators.bend import MOST, BentState, bent_block, bent_start
 from vsalog.estimators.equation import EquationRows
+from vsalog.estimators.jumps import jumped_block
 from vsalog.estimators.noise import BOX, SAMPLES, NoiseState, noise_block, noise_now, noise_start
 from vsalog.estimators.qr import QrState, qr_block
 from vsalog.estimators.resting import RestState, rest_block, rest_covariance
@@ -29,11 +30,12 @@ WINDOWS = 5
 
 
 class RlsSolverState(NamedTuple):
-    """Where it stands: the fit, its noise, what bends it, and what its encoders' steps hide."""
+    """Where it stands: the fit, its noise, what bends it, what is not known of jumps, and what its encoders' steps hide."""
 
     rls: RlsState
     noise: NoiseState
     bent: BentState
+    jumped: Array
     rest: RestState | None = None
 
 
@@ -55,7 +57,8 @@ class RlsSolver:
 
     def start(self, size: int) -> RlsSolverState:
         """Return the state before the first sample."""
-        return RlsSolverState(RlsState.start(size, self.p0), noise_start(size, self.box), bent_start(size))
+        jumped = np.zeros((size, size))
+        return RlsSolverState(RlsState.start(size, self.p0), noise_start(size, self.box), bent_start(size), jumped)
 
     def block(
         self, state: RlsSolverState, rows: EquationRows, use: Flags, E: Array, spread: Flags
@@ -69,15 +72,18 @@ class RlsSolver:
         )
         rest, hidden = _rested(state.rest, rows, np.isfinite(left), E[:, spread], unknowns, directions, 1.0)
         made = made + np.maximum(hidden - SEEN * made, 0.0)
-        bent = state.bent
+        bent, jumped = state.bent, state.jumped
         if rows.bends:
             bent, moved = bent_block(
                 bent, rows.bends, E[:, spread], directions, unknowns, values[:, spread], np.isfinite(left), rows.fresh,
                 False, 1.0,
             )  # fmt: skip
             made += moved**2
+        if rows.jumps is not None:
+            jumped, beside = jumped_block(jumped, rows.F, np.isfinite(left), rows.jumps, directions)
+            made += beside
         values[_untold(unknowns)] = np.nan
-        new = RlsSolverState(rls, noise, bent, rest)
+        new = RlsSolverState(rls, noise, bent, jumped, rest)
         return new, values, _spread(made, pulled, spread), unknowns, {"stability_factor": factor}
 
     def solution(self, state: RlsSolverState) -> tuple[Array, Array, float]:
@@ -85,7 +91,8 @@ class RlsSolver:
         M, uneven, variance = noise_now(state.noise, False, self.least)
         P, bent = self.c * state.rls.P, state.bent.covariance(state.rls.alpha)
         told = _more(_sandwich(P, M), _sandwich(P, uneven), SURELY)
-        return state.rls.alpha.copy(), told + _sandwich(P, bent + rest_covariance(state.rest)), variance**0.5
+        beside = bent + state.jumped + rest_covariance(state.rest)
+        return state.rls.alpha.copy(), told + _sandwich(P, beside), variance**0.5
 
 
 class QrSolverState(NamedTuple):

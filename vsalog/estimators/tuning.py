@@ -16,8 +16,8 @@ from vsalog.signals import JointSignals
 
 # Functions of the basis beyond this, or below its reciprocal, cannot be squared and summed up safely.
 LARGEST = 1e50
-# Of the largest function of a basis, the least that counts as the usual one.
-LEAST_USUAL = 1e-4
+# Of the largest function of a basis, the least that counts as the usual one; and as the second.
+LEAST_USUAL, TENTH = 1e-4, 0.1
 # What of a tuning infinity has a meaning for: a prior that weighs nothing.
 MAY_BE_INFINITE = ("p0",)
 
@@ -85,19 +85,27 @@ class RlsTuning(Tuning, frozen=True, forbid_unknown_fields=True, kw_only=True):
     p0: Positive | None = None
     c: Annotated[float, Meta(gt=0.0, le=1.0)] = 1e-5
 
-    def initial_covariance(self, device: Device, signals: JointSignals, samples: float = 1e-4) -> float:
-        """Return p0, as given or such that the prior weighs as much as `samples` samples at the log's largest signals."""
+    def initial_covariance(
+        self, device: Device, signals: JointSignals, samples: float, *, second: bool = False
+    ) -> float:
+        """Return p0, as given or such that the prior weighs as much as so many samples of the `usual_regressor`."""
         if self.p0 is not None:
             return self.p0
-        return 1.0 / (samples * self.c * usual_regressor(device, signals) ** 2)
+        return 1.0 / (samples * self.c * usual_regressor(device, signals, second=second) ** 2)
 
 
-def usual_regressor(device: Device, signals: JointSignals) -> float:
+def usual_regressor(device: Device, signals: JointSignals, *, second: bool = False) -> float:
     """Return what functions of the basis reach on a joint's signals, those of the set-point's powers on average.
 
     The set-point's unit may make its highest power thousands of times as large as the lowest (the AwAS' r² in mm). Where that
     counts alone, a prior is far too strong for the others: a stiffness that does not go with r² was taken for one that does, and
     up to 17 % off with 1 % claimed. The average is the geometric mean.
+
+    Parameters
+    ----------
+    device, signals : of the joint
+    second : of the powers of the deflection not the one that reaches most, but the one after it, or a tenth of the former where
+        that is more: it gives a spring its shape, which is not to be the prior's
 
     Raises
     ------
@@ -123,8 +131,9 @@ def usual_regressor(device: Device, signals: JointSignals) -> float:
             f" ({device.basis.deflection_scale:.3g} rad) or setpoint_scale ({device.basis.setpoint_scale:.3g}) is far from the"
             f" signals; leave them out of [joint.{device.joint}.basis] to have them taken from the log"
         )
-    each = reached.reshape(-1, *powers).max(axis=(0, 1))
-    return max(float(np.exp(np.mean(np.log(np.maximum(each, 1.0 / LARGEST))))), LEAST_USUAL * greatest)
+    each = np.sort(np.exp(np.mean(np.log(np.maximum(reached.reshape(-1, *powers).max(axis=0), 1.0 / LARGEST)), axis=1)))
+    usual = max(each[-2:][0], TENTH * each[-1]) if second else each[-1]
+    return max(float(usual), LEAST_USUAL * greatest)
 
 
 Modality = Literal["MODEL", "SENSOR", "RESIDUAL"]

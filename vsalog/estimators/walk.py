@@ -4,9 +4,7 @@ Of a walk a fit leaves little over, because integrals are slow too: left-overs d
 samples. But the noise of a torque is known, and what it makes of the score Σ F n, with n the sum of all noise so far, follows:
 with G_j = Σ_{k≥j} F_k its covariance is Σ_j s_j² G_j G_jᵀ, for steps of s_j = σ T.
 
-A torque that jumps, as a motor's does when it is switched, has jumped somewhere between two samples. The trapezoidal rule takes
-the middle; the moment is as likely any other, which makes a step of T Δ/√12, however exact the sensor. The squares of the third
-differences over a jump add up to 6 Δ²; for white noise each is 20 σ², and for what is smooth nearly nothing.
+Jumps of the torque between two samples are steps of their own (`jumps.py`).
 """
 
 from __future__ import annotations
@@ -19,29 +17,6 @@ from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]
-
-
-# A jump's timing, of its third differences' squares; and white noise in these.
-TIMING, WHITE = 1.0 / 72.0, 20.0
-
-
-def walk_steps(last: Array, torque: Array, noise: float, period: float) -> tuple[Array, Array]:
-    """Return the variances of the steps that a torque's integral walks by.
-
-    Parameters
-    ----------
-    last : shape (3,), the torque before, NaN where a run begins
-    torque : shape (N,), as it was measured [N·m]
-    noise : its standard deviation [N·m]
-    period : T [s]
-
-    Returns
-    -------
-    the last three samples, and shape (N,) [(N·m·s)²]
-    """
-    joined = np.concatenate((last, torque))
-    squares = np.diff(joined, 3) ** 2 - WHITE * noise**2
-    return joined[-3:], period**2 * (noise**2 + TIMING * np.where(np.isfinite(squares), squares, 0.0))
 
 
 class WalkState(NamedTuple):
