@@ -2,9 +2,10 @@
 
     python -m benchmarks.calibration [--runs 200] [--seconds 20] [--motion 1] [--preset sea [--preset …]] [--estimator NAME …]
 
-One motion of each preset is simulated, sensed with as many noises, and estimated; a row counts where it is `excited`, in the
-second half of the log. `--motion 0.05` makes the motors' torques so much smaller, down to few encoder steps. Exits with 1 where
-the band of a method holds the truth less often than 90 % of the time on average.
+One motion of each preset is simulated, sensed with as many noises, the zeros of its encoders anywhere within a step each time,
+and estimated; a row counts where it is `excited`, in the second half of the log. `--motion 0.05` makes the motors' torques so
+much smaller, down to few encoder steps. Exits with 1 where the band of a method holds the truth less often than 90 % of the time
+on average.
 """
 
 from __future__ import annotations
@@ -12,6 +13,7 @@ from __future__ import annotations
 import argparse
 import sys
 from collections.abc import Callable
+from dataclasses import replace
 from functools import partial
 
 import numpy as np
@@ -41,6 +43,19 @@ def ideal(preset: str, seconds: float, motion: float = 1.0) -> tuple[str, Experi
 
 def _scaled(drive: Callable[[np.ndarray], np.ndarray], share: float, t: np.ndarray) -> np.ndarray:
     return share * np.asarray(drive(t))
+
+
+def sensed(joint: str, motion: Experiment, seed: int) -> Experiment:
+    """Return the motion as its sensors record it, the zeros of its encoders anywhere within a step."""
+    (recorded,) = with_noise(motion, (seed,))
+    rng, steps, record = np.random.default_rng(seed), recorded.joints[joint].resolution, motion.joints[joint]
+    roles = sorted(role for role in steps if role in record.truth and "position" in role)
+    zeros = {role: rng.uniform() * steps[role] for role in roles}
+    moved = {role: record.truth[role] + zero for role, zero in zeros.items()}
+    (recorded,) = with_noise(replace(motion, joints={joint: replace(record, truth={**record.truth, **moved})}), (seed,))
+    read = recorded.joints[joint].measured
+    back = {**read, **{role: read[role] - zero for role, zero in zeros.items()}}
+    return replace(recorded, joints={joint: replace(recorded.joints[joint], measured=back, truth=record.truth)})
 
 
 def scores(joint: str, experiment: Experiment, estimator: str) -> tuple[np.ndarray, np.ndarray]:
@@ -79,8 +94,7 @@ def main() -> int:
         for estimator in given.estimator or ESTIMATORS:
             runs = []
             for k in range(given.runs):
-                (sensed,) = with_noise(motion, (FIRST_SEED + k,))
-                z, error = scores(joint, sensed, estimator)
+                z, error = scores(joint, sensed(joint, motion, FIRST_SEED + k), estimator)
                 if z.size:
                     runs.append((np.mean(np.abs(z) < BAND), np.mean(z**2), np.median(np.abs(error))))
             if not runs:
