@@ -16,8 +16,8 @@ from vsalog.signals import JointSignals
 
 # Functions of the basis beyond this, or below its reciprocal, cannot be squared and summed up safely.
 LARGEST = 1e50
-# Of the largest function of a basis, the least that counts as the usual one; and as the second.
-LEAST_USUAL, TENTH = 1e-4, 0.1
+# Of the largest function of a basis, the least that counts as the usual one; as the second; and what of a second matters.
+LEAST_USUAL, TENTH, MATTERS = 1e-4, 0.1, 1.0 / 300.0
 # What of a tuning infinity has a meaning for: a prior that weighs nothing.
 MAY_BE_INFINITE = ("p0",)
 
@@ -105,7 +105,8 @@ def usual_regressor(device: Device, signals: JointSignals, *, second: bool = Fal
     ----------
     device, signals : of the joint
     second : of the powers of the deflection not the one that reaches most, but the one after it, or a tenth of the former where
-        that is more: it gives a spring its shape, which is not to be the prior's
+        that is more: it gives a spring its shape, which is not to be the prior's; unless a coefficient of the same size would
+        change the stiffness by a hundredth only
 
     Raises
     ------
@@ -132,7 +133,9 @@ def usual_regressor(device: Device, signals: JointSignals, *, second: bool = Fal
             f" signals; leave them out of [joint.{device.joint}.basis] to have them taken from the log"
         )
     each = np.sort(np.exp(np.mean(np.log(np.maximum(reached.reshape(-1, *powers).max(axis=0), 1.0 / LARGEST)), axis=1)))
-    usual = max(each[-2:][0], TENTH * each[-1]) if second else each[-1]
+    usual, after = each[-1], each[-2:][0]
+    if second and after > MATTERS * usual:
+        usual = max(after, TENTH * usual)
     return max(float(usual), LEAST_USUAL * greatest)
 
 
