@@ -12,7 +12,7 @@ from __future__ import annotations
 
 import argparse
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import replace
 from functools import partial
 
@@ -45,12 +45,17 @@ def _scaled(drive: Callable[[np.ndarray], np.ndarray], share: float, t: np.ndarr
     return share * np.asarray(drive(t))
 
 
-def sensed(joint: str, motion: Experiment, seed: int) -> Experiment:
+def encoders(joint: str, motion: Experiment) -> dict[str, float]:
+    """Return the steps of a joint's encoders, role by role."""
+    (recorded,) = with_noise(motion, (FIRST_SEED,))
+    steps, truth = recorded.joints[joint].resolution, recorded.joints[joint].truth
+    return {role: step for role, step in sorted(steps.items()) if role in truth and "position" in role}
+
+
+def sensed(joint: str, motion: Experiment, steps: Mapping[str, float], seed: int) -> Experiment:
     """Return the motion as its sensors record it, the zeros of its encoders anywhere within a step."""
-    (recorded,) = with_noise(motion, (seed,))
-    rng, steps, record = np.random.default_rng(seed), recorded.joints[joint].resolution, motion.joints[joint]
-    roles = sorted(role for role in steps if role in record.truth and "position" in role)
-    zeros = {role: rng.uniform() * steps[role] for role in roles}
+    rng, record = np.random.default_rng(seed), motion.joints[joint]
+    zeros = {role: rng.uniform() * step for role, step in steps.items()}
     moved = {role: record.truth[role] + zero for role, zero in zeros.items()}
     (recorded,) = with_noise(replace(motion, joints={joint: replace(record, truth={**record.truth, **moved})}), (seed,))
     read = recorded.joints[joint].measured
@@ -91,10 +96,11 @@ def main() -> int:
     missed = False
     for preset in given.preset or PRESETS:
         joint, motion = ideal(preset, given.seconds, given.motion)
+        steps = encoders(joint, motion)
         for estimator in given.estimator or ESTIMATORS:
             runs = []
             for k in range(given.runs):
-                z, error = scores(joint, sensed(joint, motion, FIRST_SEED + k), estimator)
+                z, error = scores(joint, sensed(joint, motion, steps, FIRST_SEED + k), estimator)
                 if z.size:
                     runs.append((np.mean(np.abs(z) < BAND), np.mean(z**2), np.median(np.abs(error))))
             if not runs:
