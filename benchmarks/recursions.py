@@ -19,8 +19,8 @@ from numba import njit
 
 from benchmarks.measure import Time, compiler, machine, side_by_side
 from vsalog.estimators.equation import EquationRows
+from vsalog.estimators.folding import BLOCK
 from vsalog.estimators.qr import QrState, qr_solve, qr_update
-from vsalog.estimators.regression import BLOCK
 from vsalog.estimators.rls import RlsState, rls_update
 from vsalog.estimators.solvers import QrSolver, RlsSolver
 

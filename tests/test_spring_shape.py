@@ -118,3 +118,16 @@ def test_so_it_is_from_rest_to_rest_and_with_coarse_encoders(tmp_path, estimator
 def test_a_spring_that_it_can_follow_is_left_alone(tmp_path, estimator, seed, noise, pulses, motion):
     log(tmp_path, "cubic", seed, noise, pulses, motion)
     assert "has a shape" not in estimated(tmp_path, estimator)
+
+
+@pytest.mark.parametrize(
+    ("pulses", "kind"), [(500, "backlash 0.02"), (700, "backlash 0.02"), (700, "cubic"), (1000, "cubic")]
+)
+@pytest.mark.parametrize("estimator", ["residual-rls", "direct"])
+def test_where_encoders_are_too_coarse_for_a_shape_that_is_said(tmp_path, estimator, pulses, kind):
+    """A deflection of 0.16 rad spans 13, 18 and 25 steps; the gap of 0.02 rad is two of them, and half of the stiffness."""
+    log(tmp_path, kind, pulses=pulses)
+    said = estimated(tmp_path, estimator)
+    told = re.search(r"the deflection spans only (\d+) of its encoders' steps: nothing tells whether", said)
+    assert (told is not None) == (pulses < 1000)
+    assert told is None or int(told[1]) == pytest.approx(0.16 * pulses / (2 * np.pi), rel=0.1)

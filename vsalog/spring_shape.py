@@ -24,6 +24,8 @@ Flags = NDArray[np.bool_]
 
 # Bins, fewer where one would have less than so many of the encoders' steps, but no fewer than tell a shape.
 BINS, STEPS, FEWEST = 40, 2.0, 8
+# A deflection that spans fewer of the encoders' steps may hide a gap of two of them from a stiffness.
+HIDES = 20.0
 # What is beyond these parts of the deflection is too seldom to tell.
 RANGE = (0.005, 0.995)
 # So many stretches of the log, and samples of a bin in either half; so many times more where they are spread evenly.
@@ -61,14 +63,19 @@ class SpringShape:
         self.device = device
         self.stretch = float(np.ptp(look.time)) / STRETCHES
         self.bins: dict[str, _Bins] = {}
+        self.spans: dict[str, float] = {}
+        self.supported: set[str] = set()
         self.knows_torque = False
         for view in device.transmissions:
-            edges = _edges(look, view) if has_deflection(look.roles, view) else None
+            if not has_deflection(look.roles, view):
+                continue
+            edges, self.spans[view.name] = _edges(look, view)
             if edges is not None:
                 self.bins[view.name] = _Bins(edges, np.zeros((2, edges.size + 1, 5)))
 
     def add(self, trace: Trace) -> None:
         """Take a block of the estimates into account."""
+        self.supported |= {name for name, columns in trace.transmissions.items() if np.any(columns["excited"])}
         half = np.floor(trace.time / self.stretch).astype(np.int64) % 2 if self.stretch > 0.0 else None
         for name, bins in self.bins.items():
             columns = trace.transmissions.get(name)
@@ -99,7 +106,18 @@ class SpringShape:
         """
         if self.bins and not self.knows_torque and (trace := motor_trace(self.device, look)) is not None:
             self.add(trace)
-        return tuple(words for name, bins in self.bins.items() if (words := self._of(name, bins)))
+        shapes = {name: words for name, bins in self.bins.items() if (words := self._of(name, bins))}
+        hidden = (
+            f"{self._where(name)}: the deflection spans only {span:.0f} of its encoders' steps: nothing tells whether the spring"
+            " has backlash, a stop or a bend within two of them, and the stiffness would then be off by more than its standard"
+            " deviation says; move the joint more, or take finer encoders"
+            for name, span in self.spans.items()
+            if span < HIDES and name in self.supported and name not in shapes
+        )
+        return (*shapes.values(), *hidden)
+
+    def _where(self, name: str) -> str:
+        return f"joint '{self.device.joint}'" + (f", transmission {name}" if len(self.device.transmissions) > 1 else "")
 
     def _of(self, name: str, bins: _Bins) -> str:
         found = _lacking(bins)
@@ -107,30 +125,30 @@ class SpringShape:
             return ""
         if found.part < max(LACKS, float(np.interp(found.alike, ALIKE, BEYOND)) * bins.claimed):
             return ""
-        several = len(self.bins) > 1
-        where = f"joint '{self.device.joint}'" + (f", transmission {name}" if several else "")
         k = int(np.argmax(np.abs(found.lacks)))
         change = "more" if found.lacks[k] > 0.0 else "less"
         basis = f"[joint.{self.device.joint}.basis]"
         return (
-            f"{where}: what the fit leaves over has a shape over the deflection: the stiffness is at least {found.part:.0%}"
-            f" off on average, at {found.deflection[k]:.3g} rad it is {abs(found.lacks[k]):.0%} {change} than estimated. The"
-            f" basis cannot follow the spring, as where there is backlash, a stop or a term too few: {basis} in the rig takes"
-            " more of them, 'vsalog diagnose' tells which it is"
+            f"{self._where(name)}: what the fit leaves over has a shape over the deflection: the stiffness is at least"
+            f" {found.part:.0%} off on average, at {found.deflection[k]:.3g} rad it is {abs(found.lacks[k]):.0%} {change} than"
+            f" estimated. The basis cannot follow the spring, as where there is backlash, a stop or a term too few:"
+            f" {basis} in the rig takes more of them, 'vsalog diagnose' tells which it is"
         )
 
 
-def _edges(look: JointSignals, view: TransmissionView) -> Array | None:
-    """Return the inner edges of the bins of a deflection [rad]; None where it spans too few steps."""
+def _edges(look: JointSignals, view: TransmissionView) -> tuple[Array | None, float]:
+    """Return the inner edges of the bins of a deflection [rad], None where too little is known for them; and how many steps of
+    its encoders it spans.
+    """
     deflection = deflection_of(look.roles, view)
     known = deflection[np.isfinite(deflection)]
-    count = min(BINS, known.size // (2 * SPREAD * SAMPLES))
-    if count < FEWEST:
-        return None
+    if known.size == 0:
+        return None, np.inf
     low, high = np.quantile(known, RANGE)
     step = max((look.resolution.get(role, 0.0) for role in view.deflection_roles(look.roles)), default=0.0)
-    count = count if step <= 0.0 else min(count, int((high - low) / (STEPS * step)))
-    return np.linspace(low, high, count + 1) if count >= FEWEST else None
+    span = float(high - low) / step if step > 0.0 else np.inf
+    count = int(min(BINS, known.size // (2 * SPREAD * SAMPLES), span / STEPS))
+    return (np.linspace(low, high, count + 1) if count >= FEWEST else None), span
 
 
 class _Lacking(NamedTuple):

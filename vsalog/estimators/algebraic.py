@@ -97,7 +97,7 @@ def build(device: Device, signals: JointSignals, tuning: AlgebraicTuning) -> Reg
         tuning.initial_covariance(device, signals, 0.01, second=True), tuning.c, least, max(BOX, taps // 4)
     )
     fold = RegressionFold(NAME, "RESIDUAL", device, conditioner, equations, solver, look=look, memory=taps)
-    return fold.tried_coarser(signals)
+    return fold.tried_on(signals)
 
 
 def fir_weights(taps: int, period: float) -> Array:

@@ -45,4 +45,4 @@ def build(device: Device, signals: JointSignals, tuning: BatchLsTuning) -> qr_rl
     solver = QrSolver(1.0, IntegratedMotorEquation.leading, integral=True, least=least_samples(conditioner))
     return qr_rls.IntegratedFold(
         NAME, "INTEGRATED", device, conditioner, equations, solver, passes=2, look=look
-    ).tried_coarser(signals)
+    ).tried_on(signals)

@@ -12,7 +12,6 @@ from typing import Annotated, ClassVar, Literal
 from msgspec import Meta
 
 from vsalog.estimators.device import Device
-from vsalog.estimators.equation import Solver
 from vsalog.estimators.first_look import first_look
 from vsalog.estimators.known import conditioner_of
 from vsalog.estimators.needs import deflection_roles, require
@@ -65,10 +64,10 @@ def build(device: Device, signals: JointSignals, tuning: DirectTuning) -> Regres
     needed = roles(device, signals.roles, tuning)
     conditioner = conditioner_of(device, signals, tuning, needed, motor=False)
     p0, least = tuning.initial_covariance(device, signals, 1e-4), least_samples(conditioner)
-    solver: Solver = (
+    solver = (
         QrSolver(tuning.forgetting, 0, max(tuning.c * p0, LEAST), least=least)
         if tuning.solver == "qr"
         else RlsSolver(p0, tuning.c, least)
     )
     equations = sensor_equations(device, signals, tuning, conditioner)
-    return RegressionFold(NAME, "SENSOR", device, conditioner, equations, solver, look=look).tried_coarser(signals)
+    return RegressionFold(NAME, "SENSOR", device, conditioner, equations, solver, look=look).tried_on(signals)

@@ -19,7 +19,7 @@ from vsalog.errors import VsalogError
 from vsalog.estimators.by_deflection import ByDeflection, part_moved
 from vsalog.estimators.device import Device
 from vsalog.estimators.folding import estimated
-from vsalog.estimators.regression import SUPPORTED_SHARE
+from vsalog.estimators.regression import SUPPORTED_SHARE, RegressionFold
 from vsalog.estimators.tuning import Tuning
 from vsalog.signals import JointSignals
 from vsalog.trace import Trace
@@ -65,7 +65,7 @@ def moved_by_samples(method: Method, device: Device, signals: JointSignals, tuni
     if device.pneumatic is not None:
         return Moved({})
     part = signals[:TRIED]
-    before = estimated(fold, part)
+    before = estimated(_alone(fold), part)
     changes: dict[str, list[tuple[Array, Array]]] = {}
     tried = not any(np.any(columns["excited"]) for columns in before.transmissions.values())
     for first in (0, 1):
@@ -75,7 +75,7 @@ def moved_by_samples(method: Method, device: Device, signals: JointSignals, tuni
             other.conditioner.check_length(half.longest_run)
         except VsalogError:
             continue  # there is nothing to compare with
-        after = estimated(other, half)
+        after = estimated(_alone(other), half)
         tried = tried or any(np.any(columns["excited"]) for columns in after.transmissions.values())
         for name, columns in before.transmissions.items():
             changes.setdefault(name, []).append(change(columns, after[name], slice(first, None, 2)))
@@ -90,6 +90,10 @@ def moved_by_samples(method: Method, device: Device, signals: JointSignals, tuni
             beyond = part_moved(phi, sure, squares - SURELY**2 * noise)
             surely[name] = 0.0 if beyond is None else beyond.most
     return Moved(shares, surely, tried)
+
+
+def _alone(fold: Fold) -> Fold:
+    return fold.alone() if isinstance(fold, RegressionFold) else fold
 
 
 def every_second(signals: JointSignals, first: int) -> JointSignals:

@@ -20,8 +20,9 @@ from vsalog.estimators.borne_torque import effects_left_in
 from vsalog.estimators.device import Device, TransmissionView, deflection_of
 from vsalog.estimators.equation import EquationRows
 from vsalog.estimators.first_look import first_look
+from vsalog.estimators.fold_state import FoldState
 from vsalog.estimators.needs import deflection_roles, require
-from vsalog.estimators.regression import FoldState, RegressionFold
+from vsalog.estimators.regression import RegressionFold
 from vsalog.estimators.residual_rls import sensor_role
 from vsalog.estimators.solvers import QrSolver, least_samples
 from vsalog.estimators.tuning import Positive, Tuning, usual_regressor
@@ -85,7 +86,7 @@ def build(device: Device, signals: JointSignals, tuning: GrioliParametricTuning)
     conditioner = tuning.conditioner(needed, signals, rates=(*sensors, *functions.roles), before=functions)
     solver = QrSolver(tuning.forgetting, 0, p0, least=least_samples(conditioner))
     equations = rate_equations(device, signals, conditioner)
-    fold = RateFold(NAME, "SENSOR", device, conditioner, equations, solver, look=look).tried_coarser(signals)
+    fold = RateFold(NAME, "SENSOR", device, conditioner, equations, solver, look=look).tried_on(signals)
     fold.noisy = noisy_rates(device, signals, conditioner.weights)
     return fold
 

@@ -15,11 +15,12 @@ from vsalog.estimators.bend import bend_of_integral
 from vsalog.estimators.device import Device
 from vsalog.estimators.equations import IntegratedMotorEquation
 from vsalog.estimators.first_look import first_look
+from vsalog.estimators.fold_state import FoldState
 from vsalog.estimators.jumps import torque_noise
 from vsalog.estimators.known import conditioner_of, known_of
 from vsalog.estimators.needs import deflection_roles, require
 from vsalog.estimators.ramp import look_for_ramps
-from vsalog.estimators.regression import FoldState, RegressionFold
+from vsalog.estimators.regression import RegressionFold
 from vsalog.estimators.sensor_error import ENOUGH, sensor_error
 from vsalog.estimators.solvers import QrSolver, least_samples
 from vsalog.estimators.tuning import Positive, Tuning, usual_regressor
@@ -98,7 +99,7 @@ def build(device: Device, signals: JointSignals, tuning: QrRlsTuning) -> Integra
     solver = QrSolver(tuning.forgetting, leading, p0, integral=True, least=least_samples(conditioner))
     equations = integrated_equations(device, signals, tuning, conditioner)
     look = look.and_also(look_for_ramps(device, signals, conditioner, equations))
-    return IntegratedFold(NAME, "INTEGRATED", device, conditioner, equations, solver, look=look).tried_coarser(signals)
+    return IntegratedFold(NAME, "INTEGRATED", device, conditioner, equations, solver, look=look).tried_on(signals)
 
 
 def integrated_equations(

@@ -6,7 +6,8 @@ A method differs from another in its equation (what is known to add up to what) 
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field, replace
+from copy import copy
+from dataclasses import replace
 from types import MappingProxyType
 from typing import Any, Self
 
@@ -18,9 +19,12 @@ from vsalog.estimators.coarser import moved_by_steps
 from vsalog.estimators.device import Device, deflection_of
 from vsalog.estimators.equation import Equation, EquationRows, Solver
 from vsalog.estimators.first_look import NOTHING_SEEN, FirstLook
-from vsalog.estimators.left_over import LeftOverState, left_over_block, left_over_start, words_of
+from vsalog.estimators.fold_state import FoldState
+from vsalog.estimators.left_over import left_over_block, left_over_start, words_of
+from vsalog.estimators.prior import alone, held_back, with_weaker_prior
 from vsalog.estimators.region import Region, lengths
-from vsalog.estimators.resting import Stay, resting_in
+from vsalog.estimators.resting import resting_in
+from vsalog.estimators.tuning import usual_regressor
 from vsalog.filters.conditioning import Conditioned, Conditioner, ConditionerState
 from vsalog.filters.direction import direction_start, loading_block
 from vsalog.model import JointModel, TransmissionModel, basis_spec
@@ -43,27 +47,6 @@ BAND = 0.01
 DOUBTED_SHARE = 0.5
 # Of deflections that span more of their encoders' steps these move too little for a trial.
 FINE = 300.0
-
-
-@dataclass(slots=True)
-class FoldState:
-    """States of the filters, of each equation and its solver, the regions seen so far, the samples seen and doubted, for how many
-    samples each stiffness has been supported, and each sensor in the same step; the least that has been claimed of a supported
-    stiffness' deviation, as a part of it, and what is left over.
-    """
-
-    filters: ConditionerState
-    equations: list[Any]
-    solvers: list[Any]
-    regions: dict[str, Region]
-    directions: dict[str, Array]
-    learning: bool
-    seen: int = 0
-    doubted: dict[str, int] = field(default_factory=dict)
-    supported: dict[str, int] = field(default_factory=dict)
-    stays: dict[tuple[str, str], Stay] = field(default_factory=dict)
-    claimed: dict[str, float] = field(default_factory=dict)
-    left_over: dict[tuple[str, ...], LeftOverState] = field(default_factory=dict)
 
 
 class RegressionFold:
@@ -97,8 +80,8 @@ class RegressionFold:
         self.delay = DELAY * max(conditioner.window, memory)
         self.coarse: Mapping[str, ByDeflection] = {}
 
-    def tried_coarser(self, signals: JointSignals) -> Self:
-        """Find out on a log what its encoders' steps do, which counts from now on (`coarser.py`)."""
+    def tried_on(self, signals: JointSignals) -> Self:
+        """Find out on a log what its encoders' steps do (`coarser.py`), and put a weaker prior beside (`prior.py`)."""
         spans = [
             float(np.ptp(phi[np.isfinite(phi)], axis=0)) / step
             for view in self.device.transmissions
@@ -106,7 +89,14 @@ class RegressionFold:
         ]
         if spans and min(spans) < FINE:
             self.coarse = moved_by_steps(self, signals, self.look.steps)
+        self.solver = with_weaker_prior(self.solver, usual_regressor(self.device, signals))
         return self
+
+    def alone(self) -> Self:
+        """Return the same without a weaker prior beside: for trials, whose differences it would cover."""
+        other = copy(self)
+        other.solver = alone(self.solver)
+        return other
 
     @property
     def derived(self) -> dict[str, float]:
@@ -164,9 +154,7 @@ class RegressionFold:
             dict(state.left_over),
         )
         traces = []
-        for block in ready:
-            if len(block.rows) == 0:
-                continue
+        for block in (rows for rows in ready if len(rows.rows)):
             block = self._with_branches(new, block)
             new.seen += len(block.rows)
             columns: dict[str, dict[str, Any]] = {}
@@ -323,7 +311,8 @@ class RegressionFold:
             for names, count in state.doubted.items()
             if count > DOUBTED_SHARE * state.seen
         )
-        return self.look.remarks + doubted + self._following(state)
+        held = held_back(self.device, self.equations, self.solver, state.solvers)
+        return (*self.look.remarks, *doubted, *held, *self._following(state))
 
     def _following(self, state: FoldState) -> tuple[str, ...]:
         """Say what the left-overs follow."""

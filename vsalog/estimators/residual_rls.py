@@ -109,7 +109,7 @@ def build(device: Device, signals: JointSignals, tuning: ResidualRlsTuning) -> R
     equations = _equations(device, signals, tuning, conditioner)
     return RegressionFold(
         NAME, tuning.modality, device, conditioner, equations, solver, chosen=chosen, look=look
-    ).tried_coarser(signals)
+    ).tried_on(signals)
 
 
 def _bandwidth(signals: JointSignals, tuning: ResidualRlsTuning) -> float:
