@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vsalog.estimators.device import Device
-from vsalog.estimators.regression import SUPPORTED_SHARE
+from vsalog.estimators.equation import SUPPORTED_SHARE
 from vsalog.trace import Trace
 
 if TYPE_CHECKING:

@@ -17,6 +17,9 @@ from vsalog.filters.conditioning import Conditioned
 Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]
 
+# A stiffness counts as supported when its standard deviation is below this share of it; a negative one never does.
+SUPPORTED_SHARE = 0.2
+
 
 @dataclass(frozen=True, slots=True)
 class EquationRows:

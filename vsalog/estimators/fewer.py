@@ -18,8 +18,9 @@ from numpy.typing import NDArray
 from vsalog.errors import VsalogError
 from vsalog.estimators.by_deflection import ByDeflection, part_moved
 from vsalog.estimators.device import Device
+from vsalog.estimators.equation import SUPPORTED_SHARE
 from vsalog.estimators.folding import estimated
-from vsalog.estimators.regression import SUPPORTED_SHARE, RegressionFold
+from vsalog.estimators.regression import RegressionFold
 from vsalog.estimators.tuning import Tuning
 from vsalog.signals import JointSignals
 from vsalog.trace import Trace

@@ -16,9 +16,9 @@ from numpy.typing import NDArray
 from vsalog.estimators.averaged import Averaged, averaged
 from vsalog.estimators.borne_torque import BorneTorque
 from vsalog.estimators.device import Device, spread
+from vsalog.estimators.equation import SUPPORTED_SHARE
 from vsalog.estimators.first_look import FirstLook
 from vsalog.estimators.rates import Rates, prediction_error, typical_speed
-from vsalog.estimators.regression import SUPPORTED_SHARE
 from vsalog.estimators.tuning import Positive, Tuning
 from vsalog.filters.derivatives import Derivatives, DerivativesState, Differentiated
 from vsalog.filters.stiffness_observer import observe_stiffness, observer_start

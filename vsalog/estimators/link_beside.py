@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from vsalog.estimators.regression import SUPPORTED_SHARE
+from vsalog.estimators.equation import SUPPORTED_SHARE
 
 Array = NDArray[np.float64]
 

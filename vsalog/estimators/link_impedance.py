@@ -11,9 +11,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vsalog.estimators.device import Device, spread
+from vsalog.estimators.equation import SUPPORTED_SHARE
 from vsalog.estimators.following import Columns
 from vsalog.estimators.link_beside import NOTHING, what_else_acts
-from vsalog.estimators.regression import SUPPORTED_SHARE
 from vsalog.estimators.sensor_error import ENOUGH, LEAST_NOISE, sensor_error
 from vsalog.estimators.windows import LOUD, most_moved, rms
 from vsalog.filters.link_ekf import (

@@ -16,13 +16,13 @@ from numpy.typing import NDArray
 
 from vsalog.errors import EstimatorError, OtherKindError
 from vsalog.estimators.device import Device
+from vsalog.estimators.equation import SUPPORTED_SHARE
 from vsalog.estimators.needs import require
 from vsalog.estimators.pam_linear import LinearPamFold
 from vsalog.estimators.pam_models import ModelName, as_if
 from vsalog.estimators.pam_noise import PamNoise, pam_noise
 from vsalog.estimators.pam_states import ANGLE, PRESSURE_1, PRESSURE_2, VELOCITY, PamFold, PamState
 from vsalog.estimators.region import lengths
-from vsalog.estimators.regression import SUPPORTED_SHARE
 from vsalog.estimators.tuning import Tuning
 from vsalog.estimators.unfiltered import Unfiltered
 from vsalog.filters.square_root_ukf import UnscentedTrace

@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vsalog.estimators.device import Device
-from vsalog.estimators.equation import Equation, EquationRows, Solver
+from vsalog.estimators.equation import SUPPORTED_SHARE, Equation, EquationRows, Solver
 from vsalog.estimators.solvers import QrSolver, RlsSolver
 
 Array = NDArray[np.float64]
@@ -53,8 +53,8 @@ def alone(solver: Solver) -> Solver:
 
 
 class Both(NamedTuple):
-    """States of the solver and of the one beside it; the rows so far, those that the prior moves, and the sum of the squared
-    parts by which it does.
+    """States of the solver and of the one beside it; the rows so far of which the former is sure, those of them that the prior
+    moves, and the sum of the squared parts by which it does.
     """
 
     own: Any
@@ -92,18 +92,14 @@ class WithWeakerPrior:
         own, values, variances, unknowns, extra = self.own.block(state.own, rows, use, E, spread)
         weaker, others, allowed, _, _ = self.weaker.block(state.weaker, rows, use, E, spread)
         more = beyond((others - values)[:, spread], allowed[:, spread])
-        variances[:, spread] += more
         first = int(np.argmax(spread))
         with np.errstate(divide="ignore", invalid="ignore"):
-            part = more[:, 0] / values[:, first] ** 2
-        moved = part > WORTH_A_WORD**2
-        new = Both(
-            own,
-            weaker,
-            state.seen + moved.size,
-            state.moved + int(np.count_nonzero(moved)),
-            state.squares + float(np.minimum(part[moved], 1.0).sum()),
-        )
+            sure = variances[:, first] < (SUPPORTED_SHARE * values[:, first]) ** 2
+            part = (more[:, 0] / values[:, first] ** 2)[sure]
+        moved = part[part > WORTH_A_WORD**2]
+        variances[:, spread] += more
+        squares = state.squares + float(np.minimum(moved, 1.0).sum())
+        new = Both(own, weaker, state.seen + part.size, state.moved + moved.size, squares)
         return new, values, variances, unknowns, extra
 
     def solution(self, state: Both) -> tuple[Array, Array, float]:
@@ -152,9 +148,9 @@ def held_back(device: Device, equations: Sequence[Equation], solver: Solver, sta
         names = ", ".join(view.name for view in equation.transmissions)
         part = (state.squares / state.moved) ** 0.5
         said.append(
-            f"joint '{device.joint}', transmission {names}: for {state.moved / state.seen:.0%} of the time the prior holds the"
-            f" stiffness back where the log would tell it: with a weaker one it comes out {part:.0%} different (rms), which its"
-            f" standard deviation counts in. Springs are seldom so: look whether the signs, units and zeros of {senses} are what"
-            f" the rig says; if they are, --tune p0={solver.weaker.p0:.2g} lets the log decide"
+            f"joint '{device.joint}', transmission {names}: in {state.moved / state.seen:.0%} of what the fit is sure of, its"
+            f" prior holds the stiffness back where the log would tell it: with a weaker one it comes out {part:.0%} different"
+            f" (rms), which its standard deviation counts in. Springs are seldom so: look whether the signs, units and zeros of"
+            f" {senses} are what the rig says; if they are, --tune p0={solver.weaker.p0:.2g} lets the log decide"
         )
     return tuple(said)

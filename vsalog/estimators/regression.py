@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from vsalog.estimators.by_deflection import ByDeflection
 from vsalog.estimators.coarser import moved_by_steps
 from vsalog.estimators.device import Device, deflection_of
-from vsalog.estimators.equation import Equation, EquationRows, Solver
+from vsalog.estimators.equation import SUPPORTED_SHARE, Equation, EquationRows, Solver
 from vsalog.estimators.first_look import NOTHING_SEEN, FirstLook
 from vsalog.estimators.fold_state import FoldState
 from vsalog.estimators.left_over import left_over_block, left_over_start, words_of
@@ -34,10 +34,8 @@ from vsalog.trace import Trace
 Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]
 
-# A stiffness counts as supported when its standard deviation is below this share of it; a negative one never does.
-SUPPORTED_SHARE = 0.2
-# And when it has been for a filter's window, or so many samples: even where a model is hardly known, a standard deviation may
-# pass near zero for a moment.
+# A stiffness counts as supported when it has been sure for a filter's window, or so many samples: even where a model is hardly
+# known, a standard deviation may pass near zero for a moment.
 LASTING = 25
 # Windows of the filter after which a deflection learnt from counts as covered.
 DELAY = 2
