@@ -151,6 +151,15 @@ def test_a_torque_that_is_stuck():
     assert "torque_sensor does not change by a single step from 2.999 s to 5.499 s" in text
 
 
+def test_a_torque_of_a_few_levels_is_coarse_neither_stuck_nor_lost():
+    made = channels()
+    made["tau"] = np.round(made["tau"])
+    text = one(made)
+    assert "torque_sensor takes 7 values only, 1 N·m apart and more" in text
+    made["tau"] = 0.1 * np.round(channels()["tau"] / 0.1)
+    assert warned(made) == ()
+
+
 def test_a_torque_that_rests_between_its_steps_is_not_stuck():
     """Steps of 0.1 N·m hide the noise: the torque stays where it is, in motion and at rest."""
     made = channels()

@@ -19,11 +19,13 @@ from vsalog.estimators.folding import BLOCK, fold_over
 from vsalog.estimators.grioli_bicchi import told_by_the_link
 from vsalog.estimators.left_over import FOLLOWS
 from vsalog.estimators.needs import meaning
+from vsalog.estimators.regression import RegressionFold
 from vsalog.estimators.tuning import Tuning, read_tuning
 from vsalog.long_recording import LongRecording
 from vsalog.long_signals import LongSignals
 from vsalog.model import JointModel
 from vsalog.neighbours import Neighbours, own_and_others
+from vsalog.position_shape import PositionShape
 from vsalog.recording import Recording
 from vsalog.rig.schema import Joint, RigFile
 from vsalog.second_witness import SecondWitness
@@ -244,6 +246,7 @@ def estimate_joint(
         fold.conditioner.check_length(signals.longest_run)
         witness = SecondWitness(recordings, device, joint, choice.roles, look.period, setpoints)
         shape = SpringShape(device, look)
+        uneven = PositionShape(device, look, isinstance(fold, RegressionFold) and fold.fits_torque)
         pass_on = kept.append if sink is None else sink
         moved = moved_by_samples(choice.method, device, look, choice.tuning, fold)
 
@@ -252,12 +255,13 @@ def estimate_joint(
             summarizer.add(trace)
             witness.add(trace)
             shape.add(trace)
+            uneven.add(trace)
             pass_on(trace)
 
         state = fold_over(fold, signals, block, give)
         told = fold.warnings(state)
-        # What follows the motor's motion has a shape over the deflection, too, where both go together.
-        bent = () if any(FOLLOWS in words for words in told) else shape.said(look)
+        # What follows the motor's motion has a shape over the deflection, too, where both go together; and that over positions.
+        bent = () if any(FOLLOWS in words for words in told) else shape.said(look) or uneven.said()
         summary = summarizer.result(signals, whole_windows(look, fold.conditioner.window))
         return JointEstimate(
             name,

@@ -27,6 +27,8 @@ OPPOSED, ALIKE, TURNED = -0.8, 3.0, 0.5
 FARTHEST, WIDEST = 100.0, 2.0 * np.pi
 # A sensor at its end: part of the samples, samples and seconds in a row, and steps in its range.
 CLIPPED, IN_A_ROW, LASTING, COUNTS = 0.01, 10, 0.02, 50
+# A torque sensor of fewer levels tells no stiffness.
+LEVELS = 20
 # A noisy signal stays where it is this seldom, and turns back at least this often.
 STILL, TURNS_BACK = 0.3, 0.2
 # An encoder that is stuck: how long [s], steps of the other one and part of the other's range meanwhile, how much more than the
@@ -54,9 +56,11 @@ def passing(device: Device, signals: JointSignals) -> Iterator[str]:
         yield from _stuck(signals, view)
     yield from _torque_stuck(device, signals)
     for role in signals.roles:
-        if role.startswith(("torque_sensor", "link_position", "motor_position", "deflection")):
+        if role.startswith("torque_sensor"):
+            yield from _few_levels(signals, role)
+        if role.startswith(("torque_sensor", "link_position", "motor_position", "deflection", "pressure")):
             yield from _clipped(signals, role)
-        if "torque" in role:
+        if "torque" in role and _fine(signals, role):
             yield from _frozen(signals, role)
             yield from _dropped_to_zero(signals, role)
 
@@ -172,10 +176,33 @@ def _noisy(x: Array, among: Flags) -> bool:
     return float(np.mean(steps[1:] * steps[:-1] < 0.0)) > TURNS_BACK
 
 
+def _levels(x: Array) -> Array:
+    """Return the values that a signal takes, ascending."""
+    some = x[:: max(1, x.size // ENOUGH)]
+    return np.unique(some[np.isfinite(some)])
+
+
+def _fine(signals: JointSignals, role: str) -> bool:
+    """Tell whether a signal has steps that are small beside its range: what is coarse rests, and is zero, by rounding."""
+    levels = _levels(signals.roles[role])
+    if levels.size < 2:
+        return False
+    return float(levels[-1] - levels[0]) > COUNTS * max(signals.resolution.get(role, 0.0), float(np.diff(levels).min()))
+
+
+def _few_levels(signals: JointSignals, role: str) -> Iterator[str]:
+    levels = _levels(signals.roles[role])
+    if 2 < levels.size < LEVELS and len(signals) > FEWEST * levels.size:
+        yield (
+            f"joint '{signals.joint}': {role} takes {levels.size} values only, {np.diff(levels).min():.3g} N·m apart and more:"
+            " too coarse for a stiffness; choose a smaller range, or record it before it is rounded"
+        )
+
+
 def _clipped(signals: JointSignals, role: str) -> Iterator[str]:
     x = signals.roles[role]
     finite = x[np.isfinite(x)]
-    if finite.size < FEWEST or not float(np.ptp(finite)) > COUNTS * signals.resolution.get(role, 0.0):
+    if finite.size < FEWEST or not _fine(signals, role):
         return
     least = max(IN_A_ROW, round(LASTING / signals.period))
     for end, extreme in (("highest", float(finite.max())), ("lowest", float(finite.min()))):
@@ -188,7 +215,7 @@ def _clipped(signals: JointSignals, role: str) -> Iterator[str]:
             yield (
                 f"joint '{signals.joint}': {role} rests at its {end} value {extreme:.6g} for {resting / finite.size:.1%} of the"
                 f" samples (first at {signals.time[first[np.argmax(after - first >= least)]]:.4g} s) and moves noisily elsewhere:"
-                " it is saturated, and the stiffness is too low wherever it is; choose a larger range, or leave these"
+                " it is saturated, and the stiffness is wrong wherever it is; choose a larger range, or leave these"
                 " stretches out (--start, --end)"
             )
 
@@ -216,7 +243,7 @@ def _torque_stuck(device: Device, signals: JointSignals) -> Iterator[str]:
     for view in device.transmissions:
         role = view.torque_sensor if view.torque_sensor in signals.roles else "torque_sensor"
         alone = role != "torque_sensor" or len(device.transmissions) == 1
-        if not (alone and role in signals.roles and has_deflection(signals.roles, view)):
+        if not (alone and role in signals.roles and has_deflection(signals.roles, view) and _fine(signals, role)):
             continue
         x, y = signals.roles[role], deflection_of(signals.roles, view)
         first, after = _runs(np.concatenate(([False], np.diff(x) == 0.0)) & ~signals.starts)

@@ -199,8 +199,15 @@ class SecondWitness:
                 heard.add(estimated[rows], sensor.at(trace.stamps[rows]), claimed[rows], self.box)
 
     def said(self, estimator: str) -> tuple[str, ...]:
-        """Say which of them do not bear the estimate out."""
+        """Say which of them do not bear the estimate out, or of muscles that there is none."""
         said = []
+        if self.device.pneumatic is not None and not self.sensors:
+            said.append(
+                f"joint '{self.device.joint}': neither the joint's angle nor its torque is in the log, so nothing bears out what"
+                f" {estimator} makes of the pressures: a pressure that is not absolute, a sensor's wrong gain, or muscles that"
+                " are not the rig's would make a stiffness as plausible, off by 5 to 20 % and more, of which its standard"
+                " deviation does not know. Record one of them once, link_position or torque_sensor"
+            )
         for (name, role), heard in self.heard.items():
             estimated, sensed, claimed = heard.all()
             if estimated.size < AVERAGES or not np.ptp(sensed) > self.moves[role] or not np.isfinite(claimed):

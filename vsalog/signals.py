@@ -13,6 +13,10 @@ Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]
 
 
+# What helps where every stretch of a log is too short.
+LONGER = "record longer, and with even stamps (where they jitter they make gaps; --time takes another clock)"
+
+
 @dataclass(frozen=True, slots=True)
 class JointSignals:
     """The signals of one joint, or a block of them: a slice of a `JointSignals` is one too.

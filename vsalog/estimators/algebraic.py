@@ -35,7 +35,7 @@ from vsalog.estimators.regression import RegressionFold
 from vsalog.estimators.solvers import RlsSolver, least_samples
 from vsalog.estimators.tuning import Positive, RlsTuning
 from vsalog.filters.conditioning import Conditioned, Conditioner
-from vsalog.signals import JointSignals
+from vsalog.signals import LONGER, JointSignals
 
 Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]
@@ -128,7 +128,7 @@ def _check_span(signals: JointSignals, span: float, taps: int) -> None:
     if taps > longest:
         raise FilterError(
             f"{NAME}: the longest stretch without a gap has {longest} samples, but the FIR filters of {span:.3g} s need {taps};"
-            " record longer, or shorten them with --tune span=SECONDS"
+            f" {LONGER}, or shorten them with --tune span=SECONDS"
         )
 
 

@@ -94,6 +94,8 @@ def build(device: Device, signals: JointSignals, tuning: GrioliParametricTuning)
 class RateFold(RegressionFold):
     """The least-squares fold, with what is to be said of rates."""
 
+    # It fits their rates.
+    fits_torque: ClassVar[bool] = False
     noisy: Sequence[str] = ()
 
     def warnings(self, state: FoldState) -> tuple[str, ...]:

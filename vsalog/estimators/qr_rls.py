@@ -7,7 +7,7 @@ eq. 18–23, the pair of filters eq. 28–30.
 from __future__ import annotations
 
 from collections.abc import Collection
-from typing import Annotated
+from typing import Annotated, ClassVar
 
 from msgspec import Meta
 
@@ -58,6 +58,9 @@ ANOTHER, SURE = 0.1, 5.0
 
 class IntegratedFold(RegressionFold):
     """The least-squares fold, with what the motor's own inertia tells: it is known to the rig and found in the log."""
+
+    # It fits their integrals.
+    fits_torque: ClassVar[bool] = False
 
     def warnings(self, state: FoldState) -> tuple[str, ...]:
         """Say where the motor comes out as another one: its torque's scale goes into both its inertia and the stiffness."""

@@ -9,7 +9,7 @@ from collections.abc import Mapping
 from copy import copy
 from dataclasses import replace
 from types import MappingProxyType
-from typing import Any, Self
+from typing import Any, ClassVar, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -55,8 +55,11 @@ class RegressionFold:
     passes : how often the signals are gone through: once, or twice when nothing is given out before all is known
     chosen : what of the tuning was derived from the log beside what the filters and the solver know
     look : what was seen of the log before the first sample
+    fits_torque : whether it is torques that it fits, so that what it leaves over of them tells something
     delay : samples after which what is learnt counts for `excited`; `memory`, an equation's own, may be longer than the filters'
     """
+
+    fits_torque: ClassVar[bool] = True
 
     def __init__(
         self,

@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 from vsalog.errors import FilterError
 from vsalog.filters.kinematic import KinematicSettings, kinematic_filter
 from vsalog.filters.savitzky_golay import savgol_filter, savgol_lag, savgol_weights
-from vsalog.signals import JointSignals
+from vsalog.signals import LONGER, JointSignals
 
 Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]
@@ -149,7 +149,7 @@ class Conditioner:
         if longest_run < needed:
             raise FilterError(
                 f"the longest stretch without a gap has {longest_run} samples, but the {self.kind} filter needs"
-                f" {needed:.6g} ({needed * self.period:.3g} s); record longer, or shorten it with --tune"
+                f" {needed:.6g} ({needed * self.period:.3g} s); {LONGER}, or shorten it with --tune"
                 f" {'window' if self.kind != 'kinematic' else 'settle'}=SECONDS"
             )
 

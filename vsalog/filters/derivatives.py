@@ -18,7 +18,7 @@ from vsalog.errors import FilterError
 from vsalog.filters.conditioning import LONGEST, Preparation
 from vsalog.filters.derivative_weights import derivative_weights
 from vsalog.filters.savitzky_golay import savgol_filter, savgol_lag, savgol_weights
-from vsalog.signals import JointSignals
+from vsalog.signals import LONGER, JointSignals
 
 Array = NDArray[np.float64]
 
@@ -88,7 +88,7 @@ class Derivatives:
         if longest < self.window:
             raise FilterError(
                 f"the longest stretch without a gap has {longest} samples, but the savitzky-golay filter needs"
-                f" {self.window} ({self.window * self.period:.3g} s); record longer, or shorten it with --tune window=SECONDS"
+                f" {self.window} ({self.window * self.period:.3g} s); {LONGER}, or shorten it with --tune window=SECONDS"
             )
 
     def whole(self, signals: JointSignals) -> Differentiated:

@@ -22,7 +22,7 @@ from vsalog.mechanics.transmissions import torque_and_stiffness
 from vsalog.model import JointModel
 from vsalog.recording import Channel
 from vsalog.rig.schema import UnknownTransmission
-from vsalog.signals import JointSignals
+from vsalog.signals import LONGER, JointSignals
 
 Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]
@@ -72,7 +72,7 @@ def smoothed(device: Device, signals: JointSignals, roles: tuple[str, ...]) -> S
     if signals.longest_run < WINDOW:
         raise FilterError(
             f"the longest stretch without a gap has {signals.longest_run} samples, but validating filters over {WINDOW}"
-            f" ({(WINDOW - 1) * signals.period:.3g} s); record longer"
+            f" ({(WINDOW - 1) * signals.period:.3g} s); {LONGER}"
         )
     state, given = conditioner.start(), 0
     out: dict[str, Array] = {}
