@@ -46,7 +46,14 @@ class Course:
 
     def square(self, phi: Array) -> Array:
         """Return the mean square of K(φ) − K̂, shape (N,) [N²·m²/rad²]: its size, and how well it is known."""
-        return np.asarray(self.at(phi) ** 2 + (legval(self._place(phi), self.spread) ** 2).sum(axis=0))
+        return np.asarray(self.at(phi) ** 2 + self._variance(phi))
+
+    def surely(self, phi: Array) -> Array:
+        """Return what of the square of K(φ) − K̂ is beyond what its noise may make, shape (N,) [N²·m²/rad²]."""
+        return np.asarray(np.maximum(self.at(phi) ** 2 - SURE**2 * self._variance(phi), 0.0))
+
+    def _variance(self, phi: Array) -> Array:
+        return np.asarray((legval(self._place(phi), self.spread) ** 2).sum(axis=0))
 
     def _place(self, phi: Array) -> Array:
         return np.clip((phi - self.middle) / self.half, -1.0, 1.0)
@@ -64,17 +71,21 @@ class Averaged:
         no noise to be known
     course : how it differs along the deflection; None where the deflection tells nothing
     drift : how much it changes from one sample to the next [N·m/rad], by what it changes over many
+    sharper : the course that a shorter window shows, which smooths less away of a swing's ends; None where none was looked at
     """
 
     alike: float = 1.0
     within: float = 0.0
     course: Course | None = None
     drift: float = 0.0
+    sharper: Course | None = None
 
     def square(self, phi: Array) -> Array:
         """Return the mean square by which the stiffness differs at deflections φ, shape (N,) [N²·m²/rad²]."""
-        everywhere = np.full(phi.shape, self.within**2)
-        return everywhere if self.course is None else np.fmax(everywhere, self.course.square(phi))
+        square = np.full(phi.shape, self.within**2)
+        if self.course is not None:
+            square = np.fmax(square, self.course.square(phi))
+        return square if self.sharper is None else np.fmax(square, self.sharper.surely(phi))
 
 
 def averaged(phi: Array, known: Rates, found: Array, noise: float, lag: int = 0) -> Averaged:

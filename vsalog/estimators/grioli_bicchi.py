@@ -7,6 +7,7 @@ Tsagarakis, Bicchi (ICRA 2011) §II-A have it: eq. 4–7 on the link's equation 
 from __future__ import annotations
 
 from collections.abc import Collection
+from dataclasses import replace
 from typing import Annotated, ClassVar, Literal
 
 import numpy as np
@@ -116,7 +117,9 @@ def build(device: Device, signals: JointSignals, tuning: GrioliBicchiTuning) -> 
     found = fold(best, signals)
     shorter = best // 2 | 1
     if tuning.window is None and shorter > tuning.degree + 1:
-        found.smoothed_away = smoothed_away(found, fold(shorter, part), part)
+        sharper = fold(shorter, part)
+        found.smoothed_away = smoothed_away(found, sharper, part)
+        found.averages = {n: replace(a, sharper=sharper.averages[n].course) for n, a in found.averages.items()}
     else:
         found.remarks += unresolved(device, best * signals.period, found.swing)
     return found
