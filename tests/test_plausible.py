@@ -160,6 +160,26 @@ def test_a_torque_of_a_few_levels_is_coarse_neither_stuck_nor_lost():
     assert warned(made) == ()
 
 
+@pytest.mark.parametrize(
+    ("name", "role"), [("q", "link_position"), ("theta", "motor_position"), ("tau", "torque_sensor")]
+)
+def test_a_slower_sensor_s_values_repeated(name, role):
+    made = channels()
+    made[name] = np.repeat(made[name][::10], 10)
+    assert f"{role} changes at every 10th sample only, 100 times a second" in " ".join(warned(made))
+    made[name] = np.repeat(channels()[name][::2], 2)
+    assert "sample only" not in " ".join(warned(made))
+
+
+def test_a_coarse_encoder_at_an_even_speed_repeats_nothing():
+    made = channels()
+    ramp = np.round(T / 0.004) * 0.001
+    made["q"], made["theta"] = made["q"] + ramp, made["theta"] + ramp
+    assert "sample only" not in " ".join(warned(made))
+    made["q"], made["theta"] = ramp, ramp - 1e-3 * np.round(channels()["tau"] / 0.05)
+    assert "sample only" not in " ".join(warned(made))
+
+
 def test_a_torque_that_rests_between_its_steps_is_not_stuck():
     """Steps of 0.1 N·m hide the noise: the torque stays where it is, in motion and at rest."""
     made = channels()

@@ -29,6 +29,9 @@ FARTHEST, WIDEST = 100.0, 2.0 * np.pi
 CLIPPED, IN_A_ROW, LASTING, COUNTS = 0.01, 10, 0.02, 50
 # A torque sensor of fewer levels tells no stiffness.
 LEVELS = 20
+# A slower sensor's values that were repeated: samples and seconds of each, how many are alike in length, and smallest steps in
+# a usual change, for a coarse encoder goes on by single ones at an even speed.
+REPEATED, REPEATED_FOR, EVENLY, STEPS = 3, 0.06, 0.9, 3.0
 # A noisy signal stays where it is this seldom, and turns back at least this often.
 STILL, TURNS_BACK = 0.3, 0.2
 # An encoder that is stuck: how long [s], steps of the other one and part of the other's range meanwhile, how much more than the
@@ -60,6 +63,8 @@ def passing(device: Device, signals: JointSignals) -> Iterator[str]:
             yield from _few_levels(signals, role)
         if role.startswith(("torque_sensor", "link_position", "motor_position", "deflection", "pressure")):
             yield from _clipped(signals, role)
+        if role.startswith(("torque_sensor", "motor_torque", "link_position", "motor_position", "deflection")):
+            yield from _repeated(signals, role)
         if "torque" in role and _fine(signals, role):
             yield from _frozen(signals, role)
             yield from _dropped_to_zero(signals, role)
@@ -218,6 +223,25 @@ def _clipped(signals: JointSignals, role: str) -> Iterator[str]:
                 " it is saturated, and the stiffness is wrong wherever it is; choose a larger range, or leave these"
                 " stretches out (--start, --end)"
             )
+
+
+def _repeated(signals: JointSignals, role: str) -> Iterator[str]:
+    x, levels = signals.roles[role], _levels(signals.roles[role])
+    changes = np.abs(np.diff(x))
+    at = np.flatnonzero(changes > 0.0)
+    if at.size < FEWEST or levels.size < FEWEST:
+        return
+    lengths = np.diff(at)
+    each = int(np.median(lengths))
+    if not REPEATED <= each <= REPEATED_FOR / signals.period or float(np.mean(lengths == each)) < EVENLY:
+        return
+    if float(np.median(changes[at])) > STEPS * float(np.diff(levels).min()):
+        held = ", and no command that the drive does hold so long" if role.startswith("motor_torque") else ""
+        yield (
+            f"joint '{signals.joint}': {role} changes at every {each}th sample only, {1.0 / (each * signals.period):.4g} times a"
+            f" second: where it is a slower sensor's, repeated{held}, it is late by half of that on average, which bends the"
+            " stiffness; record the others as slowly, or leave the repeats empty"
+        )
 
 
 def _frozen(signals: JointSignals, role: str) -> Iterator[str]:
