@@ -70,4 +70,6 @@ def build(device: Device, signals: JointSignals, tuning: DirectTuning) -> Regres
         else RlsSolver(p0, tuning.c, least)
     )
     equations = sensor_equations(device, signals, tuning, conditioner)
-    return RegressionFold(NAME, "SENSOR", device, conditioner, equations, solver, look=look).tried_on(signals)
+    chosen = {"p0": p0}  # of which QR-RLS takes the product with c
+    fold = RegressionFold(NAME, "SENSOR", device, conditioner, equations, solver, chosen=chosen, look=look)
+    return fold.tried_on(signals)

@@ -129,7 +129,9 @@ def beyond_together(moved: Array, allowed: Array) -> Array:
     return np.outer(moved, moved) * (1.0 - noise / distance if distance > noise else 0.0)
 
 
-def held_back(device: Device, equations: Sequence[Equation], solver: Solver, states: Sequence[Any]) -> tuple[str, ...]:
+def held_back(
+    device: Device, equations: Sequence[Equation], solver: Solver, states: Sequence[Any], tuned: float
+) -> tuple[str, ...]:
     """Say of which transmissions the prior often decides much of the stiffness.
 
     Parameters
@@ -137,10 +139,12 @@ def held_back(device: Device, equations: Sequence[Equation], solver: Solver, sta
     device : of the joint
     equations : of its transmissions
     solver, states : by which they are solved, and where it stands with each
+    tuned : what of the tuning makes the solver's prior
     """
     if not isinstance(solver, WithWeakerPrior):
         return ()
     senses = "the set-point and the positions" if device.has_setpoint else "the positions"
+    advised = tuned * solver.weaker.p0 / solver.own.p0
     said = []
     for equation, state in zip(equations, states, strict=True):
         if state.moved <= OFTEN * state.seen:
@@ -151,6 +155,6 @@ def held_back(device: Device, equations: Sequence[Equation], solver: Solver, sta
             f"joint '{device.joint}', transmission {names}: in {state.moved / state.seen:.0%} of what the fit is sure of, its"
             f" prior holds the stiffness back where the log would tell it: with a weaker one it comes out {part:.0%} different"
             f" (rms), which its standard deviation counts in. Springs are seldom so: look whether the signs, units and zeros of"
-            f" {senses} are what the rig says; if they are, --tune p0={solver.weaker.p0:.2g} lets the log decide"
+            f" {senses} are what the rig says; if they are, --tune p0={advised:.2g} lets the log decide"
         )
     return tuple(said)

@@ -312,7 +312,7 @@ class RegressionFold:
             for names, count in state.doubted.items()
             if count > DOUBTED_SHARE * state.seen
         )
-        held = held_back(self.device, self.equations, self.solver, state.solvers)
+        held = held_back(self.device, self.equations, self.solver, state.solvers, self.derived["p0"])
         return (*self.look.remarks, *doubted, *held, *self._following(state))
 
     def _following(self, state: FoldState) -> tuple[str, ...]:
