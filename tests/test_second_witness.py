@@ -134,7 +134,7 @@ def test_a_sensor_of_another_sign_is_told(tmp_path):
 
 
 @pytest.mark.parametrize("estimator", ["qr-rls", "batch-ls"])
-@pytest.mark.parametrize(("motor", "told"), [(1.0, False), (0.8, True), (1000.0, True)])
+@pytest.mark.parametrize(("motor", "told"), [(1.0, False), (0.97, False), (0.93, True), (0.8, True), (1000.0, True)])
 def test_a_motor_that_comes_out_as_another_one_is_told(tmp_path, estimator, motor, told):
     """Without any sensor of the joint's torque: the inertia in the rig is what there is."""
     log(tmp_path / "arm.csv", motor, columns=("q", "theta", "tau"))

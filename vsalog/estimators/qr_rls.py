@@ -53,7 +53,7 @@ class QrRlsTuning(Tuning, frozen=True, forbid_unknown_fields=True, kw_only=True)
 TUNING = QrRlsTuning
 
 # A motor's inertia that differs from the rig's by so much, and by so many of its deviations, is told.
-ANOTHER, SURE = 0.1, 5.0
+ANOTHER, SURE = 0.05, 5.0
 
 
 class IntegratedFold(RegressionFold):
@@ -72,8 +72,9 @@ class IntegratedFold(RegressionFold):
             if rig is not None and abs(found - rig) > max(ANOTHER * rig, SURE * std):
                 said.append(
                     f"joint '{self.device.joint}', transmission {view.name}: the motor's inertia comes out as {found:.3g} kg·m²,"
-                    f" {found / rig:.3g} times the rig's {rig:.3g}. A torque's scale or unit, the angles' unit or a gear ratio"
-                    " would make it so, and the stiffness would be as far off; or the rig has another motor's inertia"
+                    f" {found / rig:.3g} times the rig's {rig:.3g}. A torque's scale or unit, the angles' unit, an uneven encoder"
+                    " or a gear ratio would make it so, and the stiffness would be as far off; or the rig has another"
+                    " motor's inertia"
                 )
         return (*super().warnings(state), *said)
 
