@@ -62,6 +62,8 @@ def compare(
             progress.say("writing the report")
             write_comparison_page(report, found, runs, witnesses)
     (print_json if as_json else print_comparison)(found)
+    if report is None and not as_json:
+        click.echo("--report FILE.html draws them in one plot")
     if found.failed:
         click.echo(bug(", ".join(f"{name}: {fault}" for name, fault in found.failed.items())), err=True)
         raise SystemExit(1)

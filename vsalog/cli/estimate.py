@@ -32,7 +32,7 @@ from vsalog.cli.pairs import pairs
     help="Begin with the values that the estimator's paper prints instead of such derived from the log; --tune goes on top.",
 )
 @click.option(
-    "--tune", multiple=True, callback=pairs, metavar="NAME=VALUE", help="Tune the estimator, e.g. forgetting=0.98."
+    "--tune", multiple=True, callback=pairs, metavar="NAME=VALUE", help="Tune the estimator, e.g. window=0.1."
 )
 @click.option(
     "-o",
