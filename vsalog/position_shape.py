@@ -28,15 +28,20 @@ STRETCHES, SAMPLES, FEWEST = 40, 20, 12
 # What both halves have in common is told: as a part of the torque, of what is left over, and of what either half has alone. Of
 # sound logs it is 0.002, 0.06 and 0.3 at most; a link's encoder off by 5 mrad seven times a turn makes it 0.04, 0.6 and 0.8.
 PART, EXPLAINED, ALIKE = 0.006, 0.15, 0.45
+# What moves the deflection by less than this part of its encoders' steps is what rounding makes.
+REACH = 0.3
 
 
 @dataclass(slots=True)
 class _Bins:
-    """Sums per half and bin: how many, of what is left over; over all of them, of its square and the torque's, and torque's."""
+    """Sums per half and bin: how many, of what is left over; over all of them, of its square and the torque's, of torque and
+    stiffness; and the step of the deflection's encoders [rad].
+    """
 
     edges: Array
     sums: Array
     whole: Array
+    step: float
 
 
 class PositionShape:
@@ -55,9 +60,10 @@ class PositionShape:
         self.bins: dict[tuple[str, str], _Bins] = {}
         self.knows_torque = False
         for view in device.transmissions if fits_torque else ():
+            step = max((look.resolution.get(r, 0.0) for r in view.deflection_roles(look.roles)), default=0.0)
             for role in (view.motor_position, "link_position"):
                 if (edges := _edges(look.roles.get(role))) is not None:
-                    self.bins[view.name, role] = _Bins(edges, np.zeros((2, BINS + 2, 2)), np.zeros(4))
+                    self.bins[view.name, role] = _Bins(edges, np.zeros((2, BINS + 2, 2)), np.zeros(5), step)
 
     def add(self, trace: Trace) -> None:
         """Take a block of the estimates into account."""
@@ -77,7 +83,9 @@ class PositionShape:
             cell = half[use] * (BINS + 2) + np.searchsorted(bins.edges, position[use])
             for k, values in enumerate((None, left[use])):
                 bins.sums[..., k] += np.bincount(cell, values, 2 * (BINS + 2)).reshape(2, BINS + 2)
-            bins.whole += [np.count_nonzero(use), (left[use] ** 2).sum(), (torque[use] ** 2).sum(), torque[use].sum()]
+            stiffness = np.asarray(columns["stiffness"], float)[use]
+            told = left[use] ** 2, torque[use] ** 2, torque[use], stiffness
+            bins.whole += [np.count_nonzero(use), *(values.sum() for values in told)]
 
     def said(self) -> tuple[str, ...]:
         """Say over which positions of which transmissions something is left over in both halves of the log."""
@@ -114,7 +122,7 @@ def _common(bins: _Bins) -> float:
     """Return what both halves have in common, root mean square, as a part of the torque's; 0 where that is too little."""
     count, left = bins.sums[:, 1:-1, 0], bins.sums[:, 1:-1, 1]
     good = (count >= SAMPLES).all(axis=0)
-    samples, squares, torques, torque = bins.whole
+    samples, squares, torques, torque, stiffness = bins.whole
     if np.count_nonzero(good) < FEWEST:
         return 0.0
     one, other = left[:, good] / count[:, good]
@@ -122,6 +130,7 @@ def _common(bins: _Bins) -> float:
     both = float(np.average(one * other, weights=weights))
     power = float(np.average(0.5 * (one**2 + other**2), weights=weights))
     spread = torques - torque**2 / samples
-    if both <= max(ALIKE * power, EXPLAINED * squares / samples, PART**2 * spread / samples):
+    rounding = (REACH * bins.step * stiffness / samples) ** 2
+    if both <= max(ALIKE * power, EXPLAINED * squares / samples, PART**2 * spread / samples, rounding):
         return 0.0
     return float((both * samples / spread) ** 0.5)
