@@ -21,7 +21,8 @@ import numpy as np
 from .alike import fits_equally
 from .cases import Plan, make_case
 from .devices import DEVICES
-from .generate import KINDS, generate, plans
+from .families import FAMILIES
+from .generate import KINDS, family_plans, generate, plans
 from .report import by_device, document, markdown
 from .scoring import Outcome, read, score
 
@@ -34,9 +35,10 @@ PATIENCE = 600
 
 
 def lay_out(cases: int, seed: int, devices: tuple[str, ...], kinds: tuple[str, ...]) -> list[Plan]:
-    """Return the plans of a battery."""
-    total = sum(SHARES[k] for k in kinds)
-    return [p for k in kinds for p in plans(k, max(1, round(cases * SHARES[k] / total)), seed, devices)]
+    """Return the plans of a battery: cases shared among the kinds, and so many of each family."""
+    total = sum(SHARES[k] for k in kinds if k in SHARES)
+    out = [p for k in kinds if k in SHARES for p in plans(k, max(1, round(cases * SHARES[k] / total)), seed, devices)]
+    return out + [p for k in kinds if k in FAMILIES for p in family_plans(k, cases, seed, devices)]
 
 
 def diagnose(folder: Path) -> tuple[float, str]:
@@ -121,7 +123,7 @@ def main() -> None:
     parser.add_argument("--cases", type=int, help=f"how many; {FULL} when absent")
     parser.add_argument("--quick", action="store_true", help=f"{QUICK} cases, and sets are not looked into")
     parser.add_argument("--device", choices=list(DEVICES), action="append", help="default: all")
-    parser.add_argument("--kind", choices=KINDS, action="append", help="default: all")
+    parser.add_argument("--kind", choices=[*KINDS, *FAMILIES], action="append", help="default: all but families")
     parser.add_argument("--workers", type=int, default=min(2, os.cpu_count() or 1))
     parser.add_argument(
         "--again", action="store_true", help="take the cases that lie in --out, made with the same options"

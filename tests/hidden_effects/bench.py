@@ -16,7 +16,10 @@ from .sensors import Quality, ideal
 
 @dataclass
 class Hidden:
-    """An effect with everything decided: where, how strong, and what that makes of its parameters."""
+    """An effect with everything decided: where, how strong, and what that makes of its parameters.
+
+    One that is `shared` is the same, by the same strength, in another part of the joint.
+    """
 
     effect: Effect
     part: str
@@ -24,6 +27,7 @@ class Hidden:
     strength: float
     parameters: dict[str, float] = field(default_factory=dict)
     size: float = 0.0
+    shared: bool = False
 
 
 @dataclass

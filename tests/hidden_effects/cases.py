@@ -15,6 +15,7 @@ from .alike import told_apart
 from .bench import Bench, Hidden, wild
 from .devices import DEVICES
 from .effects import EFFECTS, OUTSIDE, SCORED_OUTSIDE, Effect
+from .families import FAMILIES
 from .rig_file import CHANNELS, unit_of
 from .sensors import random_qualities, recorded
 
@@ -42,6 +43,7 @@ class Plan:
     roles : full, no-torque-sensor, no-link-encoder
     sizes : range of sizes, drawn from log-uniformly
     poor : whether the machine hardly moves
+    family : that says what is hidden and how strongly, in place of `causes`, `outside` and `sizes`; none when empty
     """
 
     name: str
@@ -52,6 +54,7 @@ class Plan:
     roles: str = "full"
     sizes: tuple[float, float] = SIZES
     poor: bool = False
+    family: str = ""
 
 
 @dataclass
@@ -95,7 +98,8 @@ def make_case(plan: Plan) -> Case:
         case = None if bench is None or hidden is None else _finish(plan, bench, hidden, rng)
         if case is not None:
             return case
-    raise NotVisibleError(f"{plan.name}: {plan.causes or plan.outside} is not visible in {plan.device}, {plan.roles}")
+    what = plan.family or plan.causes or plan.outside
+    raise NotVisibleError(f"{plan.name}: {what} is not visible in {plan.device}, {plan.roles}")
 
 
 def _effects(plan: Plan) -> list[Effect]:
@@ -117,6 +121,8 @@ def _bench(plan: Plan, rng: np.random.Generator) -> Bench | None:
 
 
 def _hide_all(plan: Plan, bench: Bench, rng: np.random.Generator) -> list[Hidden] | None:
+    if plan.family:
+        return _hide_family(plan, bench, rng)
     hidden: list[Hidden] = []
     taken: set[str] = set()
     for effect in _effects(plan):
@@ -132,6 +138,15 @@ def _hide_all(plan: Plan, bench: Bench, rng: np.random.Generator) -> list[Hidden
         if not 0.9 * plan.sizes[0] <= one.size <= 1.1 * plan.sizes[1]:
             return None
         hidden.append(one)
+    return hidden
+
+
+def _hide_family(plan: Plan, bench: Bench, rng: np.random.Generator) -> list[Hidden] | None:
+    hidden = FAMILIES[plan.family].hide(bench, rng)
+    for one in hidden or ():
+        one.size = bench.size([one])
+        if not np.isfinite(one.size):
+            return None
     return hidden
 
 
@@ -154,6 +169,7 @@ def _finish(plan: Plan, bench: Bench, hidden: list[Hidden], rng: np.random.Gener
         "roles": plan.roles,
         "seed": plan.seed,
         "poor": plan.poor,
+        "family": plan.family,
         "effects": [
             {
                 "cause": h.effect.cause,
@@ -161,6 +177,7 @@ def _finish(plan: Plan, bench: Bench, hidden: list[Hidden], rng: np.random.Gener
                 "parameters": h.parameters,
                 "nominal": nominal_values(h, bench),
                 "size": h.size,
+                "shared": h.shared,
                 "alike": told_apart(h, bench, rng),
             }
             for h in hidden

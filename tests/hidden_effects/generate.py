@@ -19,6 +19,7 @@ import numpy as np
 from .cases import SIZES, VARIANTS, NotVisibleError, Plan, make_case, write_case
 from .devices import DEVICES
 from .effects import EFFECTS, OUTSIDE
+from .families import FAMILIES
 
 KINDS = ("clean", "single", "pair", "reduced", "outside")
 
@@ -51,6 +52,18 @@ def plans(kind: str, count: int, seed: int, devices: tuple[str, ...] = tuple(DEV
     return [
         Plan(f"{kind}-{i:04d}", device, int(own), causes, outside, roles)
         for i, ((device, causes, outside, roles), own) in enumerate(zip(chosen, drawn, strict=True))
+    ]
+
+
+def family_plans(name: str, count: int, seed: int, devices: tuple[str, ...] = tuple(DEVICES)) -> list[Plan]:
+    """Lay out cases of a family: its devices, of those that are asked for, in turn."""
+    family = FAMILIES[name]
+    rng = np.random.default_rng([seed, len(KINDS), *name.encode()])
+    own = [d for d in family.devices if d in devices]
+    drawn = rng.integers(0, 2**31, count)
+    return [
+        Plan(f"{name}-{i:04d}", device, int(drawn[i]), family=name)
+        for i, device in zip(range(count), cycle(own), strict=False)
     ]
 
 
@@ -94,7 +107,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(prog="python -m tests.hidden_effects.generate", description=__doc__)
     parser.add_argument("--out", type=Path, required=True, help="folder for the cases")
     parser.add_argument("--seed", type=int, default=1)
-    parser.add_argument("--kind", choices=KINDS, default="single")
+    parser.add_argument("--kind", choices=[*KINDS, *FAMILIES], default="single")
     parser.add_argument("--cases", type=int, default=40)
     parser.add_argument("--device", choices=list(DEVICES), action="append", help="default: all")
     parser.add_argument("--cause", choices=[*EFFECTS, *OUTSIDE], action="append", help="exactly these, one per case")
@@ -112,6 +125,8 @@ def main() -> None:
             )
             for c in given.cause for device in devices for i in range(given.cases)
         ]  # fmt: skip
+    elif given.kind in FAMILIES:
+        chosen = family_plans(given.kind, given.cases, given.seed, devices)
     else:
         chosen = plans(given.kind, given.cases, given.seed, devices)
     problems = generate(chosen, given.out, given.workers)
