@@ -97,20 +97,26 @@ class Channels:
         return np.asarray(savgol_weights(max(DEGREE + 1, round(self.window / self.every) | 1), DEGREE)[0])
 
     def with_noise(self, seed: int) -> Channels:
-        """Return the channels as a second measurement of the same motion would have given them, filtered.
+        """Return the channels with the noise of one more measurement added to what was recorded, filtered.
 
-        What is smooth is taken for the motion; noise is drawn anew and the sum rounded as the sensor rounds, from where its
-        steps happen to lie. So the error of an encoder that stands still, or moves slowly, is as it is: not white.
+        What is smooth is taken for the motion; noise is drawn and the sum rounded as the sensor rounds, from where its steps
+        happen to lie. So the error of an encoder that stands still, or moves slowly, is as it is: not white.
         """
         if self.whole is not None:
             return self.whole.with_noise(seed).thinned()
         rng = np.random.default_rng(seed)
-        raw = {}
+        added = {}
         for role, measured in self.raw.items():
             smooth = self.roles[role][0]
             values = np.where(np.isfinite(smooth), smooth, measured)
-            raw[role] = _sensed(values, self.noise[role], rng)
-        return replace(self, roles=_filtered(raw, self.starts, self.period, self.window), raw=raw)
+            added[role] = _sensed(values, self.noise[role], rng) - values
+        # The filter is linear: what it makes of the noise is added, and the motion is not filtered twice.
+        filtered = _filtered(added, self.starts, self.period, self.window)
+        return replace(
+            self,
+            roles={role: values + filtered[role] for role, values in self.roles.items()},
+            raw={role: values + added[role] for role, values in self.raw.items()},
+        )
 
 
 def span_of(values: Array) -> float:

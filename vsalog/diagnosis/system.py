@@ -9,7 +9,7 @@ of what comes out whitens the equations together.
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -72,6 +72,8 @@ class System:
     pattern: Integers
     covariance: Array
     hold: float = 0.0
+    temper: Array = field(default_factory=lambda: np.ones(1))
+    exact: Array = field(default_factory=lambda: np.zeros((1, 1)))
 
     @property
     def time(self) -> Array:
@@ -91,7 +93,7 @@ class System:
     def on_rows_of(self, other: System) -> System:
         """Return the system with the rows that another one uses, so that the two can be compared."""
         return replace(self, usable=other.usable, weights=other.weights, pattern=other.pattern,
-                       whiteners={p: _whitener(self.covariance, p) for p in other.whiteners})  # fmt: skip
+                       whiteners={p: whitener(self.covariance, p) for p in other.whiteners})  # fmt: skip
 
     def equations(self, joint: Any) -> list[Equation]:
         """Form the equations of a joint at every sample."""
@@ -170,9 +172,10 @@ def build_system(joint: Any, channels: Channels, balance: Balance, hold: float =
     noise = np.concatenate([system.rows(a) - plain for a in again])
     scale = np.array([_size(e, channels) for e in equations])
     used = np.concatenate([weights > 0.0] * len(again))
-    covariance = _covariance(noise, used) + np.diag((EXACT * scale) ** 2)
-    whiteners = {int(p): _whitener(covariance, int(p)) for p in np.unique(bits) if p}
-    return replace(system, whiteners=whiteners, covariance=covariance)
+    exact = np.diag((EXACT * scale) ** 2)
+    covariance = _covariance(noise, used) + exact
+    whiteners = {int(p): whitener(covariance, int(p)) for p in np.unique(bits) if p}
+    return replace(system, whiteners=whiteners, covariance=covariance, exact=exact, temper=np.ones(len(equations)))
 
 
 def formed(balance: Balance, joint: Any, channels: Channels, hold: float) -> list[Equation]:
@@ -222,7 +225,7 @@ def _covariance(noise: Array, used: Flags) -> Array:
     return out
 
 
-def _whitener(covariance: Array, pattern: int) -> Array:
+def whitener(covariance: Array, pattern: int) -> Array:
     m = covariance.shape[0]
     own = [i for i in range(m) if pattern >> i & 1]
     out = np.zeros((m, m))

@@ -1,0 +1,215 @@
+"""The equations of a joint, straight in all numbers that the catalogue's causes change: the linear model that sets are sought in.
+
+About the rig, r(δ) ≈ r₀ + J δ with one group of columns per cause and shape. The columns are made of noisy channels: what noise
+alone makes of JᵀJ and Jᵀr is measured on channels that carry noise once more and taken off (errors in variables; Fuller 1987,
+Measurement Error Models, §2.2).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vsalog.diagnosis.causes.base import Remainder, Setting, Site
+from vsalog.diagnosis.fit import applied
+from vsalog.diagnosis.priors import deviation_of
+from vsalog.diagnosis.subsets import Candidates
+from vsalog.diagnosis.system import System
+
+Array = NDArray[np.float64]
+Flags = NDArray[np.bool_]
+Integers = NDArray[np.int64]
+
+SHAPES = frozenset({"width", "velocity", "order", "way", "start", "duration"})
+# Prior probability that a cause of the catalogue is present: a few of some dozens are.
+PRESENT = 0.1
+
+
+@dataclass(frozen=True, slots=True)
+class Variant:
+    """A cause with a shape to begin with; its other numbers change the equations in proportion.
+
+    Attributes
+    ----------
+    site : of the catalogue
+    base, moved : values of all parameters between which each column is a difference; `moved` has shape (k, parameters)
+    free : indices of the parameters that are unknowns, k of them
+    rig : value of each unknown when the cause is absent
+    deviation : prior standard deviation of each unknown
+    price : −log of its prior odds
+    inside : whether it is in the fit that the equations are made straight about
+    """
+
+    site: Site
+    base: Array
+    moved: Array
+    free: tuple[int, ...]
+    rig: Array
+    deviation: Array
+    price: float
+    inside: bool
+
+
+@dataclass(frozen=True, slots=True)
+class Linear:
+    """r(δ) ≈ residual + columns · δ; δ in units of the prior deviations, from the rig.
+
+    Attributes
+    ----------
+    variants : the groups of unknowns
+    first : shape (G + 1,), where each group begins
+    residual : shape (R, m), averaged equations of the rig, extrapolated
+    columns : shape (R, m, p)
+    noise_columns, noise_residual : shape (K, …), what further draws of noise add to them
+    now : shape (p,), δ of the fit that they were made straight about
+    """
+
+    variants: tuple[Variant, ...]
+    first: Integers
+    residual: Array
+    columns: Array
+    noise_columns: Array
+    noise_residual: Array
+    now: Array
+
+
+def variants_of(
+    sites: Sequence[Site], setting: Setting, left: Remainder, fit: Sequence[tuple[Site, Array]]
+) -> list[Variant]:
+    """Return the variants of all causes: those of the fit as they are, the others at each shape that their search begins with."""
+    known = {(s.key, len(s.parameters)): v for s, v in fit}
+    out = []
+    for site in sites:
+        parameters = site.parameters
+        shape = [i for i, p in enumerate(parameters) if p.name in SHAPES]
+        amplitude = tuple(i for i in range(len(parameters)) if i not in shape)
+        deviation = np.array([deviation_of(site, p, setting) for p in parameters])
+        rig = np.array([p.start for p in parameters])
+        price = float(np.log((1.0 - PRESENT) / PRESENT))
+        values = known.get((site.key, len(parameters)))
+        if values is not None:
+            moved = np.repeat(values[None, :], len(parameters), axis=0)
+            for i, p in enumerate(parameters):
+                moved[i, i] += -p.step if values[i] + p.step > p.high else p.step
+                if i in shape:
+                    rig[i] = values[i]
+                    deviation[i] = p.reach if np.isfinite(p.reach) else max(abs(values[i]), p.step)
+            out.append(Variant(site, values, moved, tuple(range(len(parameters))), rig, deviation, price, True))
+            continue
+        starts = [np.array(s, dtype=np.float64) for s in (site.starts(left) if site.starts else [site.start])]
+        for start in starts:
+            base = rig.copy()
+            base[shape] = start[shape]
+            moved = np.repeat(base[None, :], len(amplitude), axis=0)
+            for k, i in enumerate(amplitude):
+                step = parameters[i].step
+                moved[k, i] = start[i] if abs(start[i] - base[i]) > step else base[i] + step
+            own = list(amplitude)
+            out.append(Variant(site, base, moved, amplitude, rig[own], deviation[own], price + float(np.log(len(starts))) + (float(np.log(setting.duration / 0.1)) if site.transient else 0.0), False))
+    return out
+
+
+def linearised(
+    system: System, copies: Sequence[System], joint: Any, fit: Sequence[tuple[Site, Array]], variants: Sequence[Variant]
+) -> Linear:
+    """Make the equations straight about a fit.
+
+    Parameters
+    ----------
+    system : of the log
+    copies : of the log with noise once more
+    joint : of the rig
+    fit : causes with their values
+    variants : see `variants_of`
+    """
+    first = np.concatenate([[0], np.cumsum([len(v.free) for v in variants])]).astype(np.int64)
+    every = (system, *copies)
+
+    def formed(causes: Sequence[tuple[Site, Array]]) -> Array:
+        there = _with(joint, causes)
+        return np.stack([s.averaged(there) for s in every])
+
+    here = formed(fit)
+    columns = np.empty((*here.shape, int(first[-1])))
+    now = np.zeros(int(first[-1]))
+    for g, variant in enumerate(variants):
+        rest = [(s, v) for s, v in fit if s.key != variant.site.key and not _clash(s, variant.site)]
+        base = here if variant.inside else formed([*rest, (variant.site, variant.base)])
+        for k, i in enumerate(variant.free):
+            j = int(first[g]) + k
+            by = (variant.moved[k, i] - variant.base[i]) / variant.deviation[k]
+            columns[..., j] = (formed([*rest, (variant.site, variant.moved[k])]) - base) / by
+            if variant.inside:
+                now[j] = (variant.base[i] - variant.rig[k]) / variant.deviation[k]
+    residual = here - columns @ now
+    return Linear(
+        tuple(variants), first, residual[0], columns[0], columns[1:] - columns[0], residual[1:] - residual[0], now
+    )
+
+
+def candidates_of(linear: Linear, system: System) -> Candidates:
+    """Return the normal equations of a linear model under a system's weights, corrected for the noise in them.
+
+    With b = −Jᵀr and A = JᵀJ less the noise's own share of both, b is about A δ with covariance JᵀJ: noise in the columns
+    makes b uncertain though it says nothing of δ. So the information is A (JᵀJ)⁻¹ A and the score A (JᵀJ)⁻¹ b (Söderström 2007,
+    Automatica 43(6), generalised instrumental variables).
+    """
+    J, r = whitened_columns(linear.columns, system), system.white(linear.residual).ravel()
+    V = J.T @ J
+    A, b = V.copy(), -J.T @ r
+    count = len(linear.noise_columns)
+    for columns, residual in zip(linear.noise_columns, linear.noise_residual, strict=True):
+        Jn, rn = whitened_columns(columns, system), system.white(residual).ravel()
+        A -= Jn.T @ Jn / count
+        b += Jn.T @ rn / count
+    A = _positive(A)
+    # Scaled, so that nothing is lost to units; directions without information have no instruments either.
+    scale = 1.0 / np.sqrt(np.maximum(np.diag(V), 1e-300))
+    G = np.linalg.pinv(V * np.outer(scale, scale), rcond=1e-12, hermitian=True) * np.outer(scale, scale)
+    information, score = _positive(A @ G @ A), A @ G @ b
+    variants, first = linear.variants, linear.first
+    low, high = (
+        np.concatenate(
+            [
+                [(getattr(v.site.parameters[i], side) - v.rig[k]) / v.deviation[k] for k, i in enumerate(v.free)]
+                for v in variants
+            ]
+            or [np.zeros(0)]
+        )
+        for side in ("low", "high")
+    )
+    price = np.array([v.price for v in variants])
+    conflict = np.array([[_clash(a.site, b.site) for b in variants] for a in variants]).reshape(len(variants), -1)
+    np.fill_diagonal(conflict, False)
+    return Candidates(information, score, first, price, conflict, low, high)
+
+
+def whitened_columns(columns: Array, system: System) -> Array:
+    """Return columns, shape (R, m, p), divided by their noise, shape (n, p)."""
+    out = np.zeros_like(columns)
+    for pattern, whitener in system.whiteners.items():
+        own = system.pattern == pattern
+        out[own] = np.einsum("ij,rjp->rip", whitener, columns[own])
+    return out.reshape(columns.shape[0] * columns.shape[1], columns.shape[2])
+
+
+def _positive(A: Array) -> Array:
+    values, vectors = np.linalg.eigh(0.5 * (A + A.T))
+    return np.asarray((vectors * np.maximum(values, 0.0)) @ vectors.T)
+
+
+def _with(joint: Any, fit: Sequence[tuple[Site, Array]]) -> Any:
+    for site, values in fit:
+        joint = site.apply(joint, values.tolist())
+    return joint
+
+
+def _clash(one: Site, other: Site) -> bool:
+    """Tell whether two causes cannot be in one set: variants of one, or members of a family at one part."""
+    if one.part != other.part:
+        return False
+    return one.cause == other.cause or other.cause in one.excludes or one.cause in other.excludes
