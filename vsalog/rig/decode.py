@@ -260,7 +260,8 @@ def _constant(signal: Table, units: tuple[str, ...], path: Path) -> Table:
         if isinstance(value, str):
             if unit is not None:
                 refuse(path, f"{_written(value)} brings its own unit; remove unit = {_written(unit)}")
-            return dict(zip(("constant", "unit"), _torque_not_current(value, units, path), strict=True))
+            number, like = _torque_not_current(value, units, path)
+            return {"constant": number, "unit": like}
         number = _finite(value, path)
         if unit is None:
             return {"constant": number}
