@@ -295,7 +295,8 @@ def _runs(value: Any, kind: inspect.Type, joint: Table, path: Path) -> list[Tabl
     runs: list[Table] = _list(value, kind, path)
     for i, run in enumerate(runs):
         if isinstance(run.get("setpoint"), str):
-            run["setpoint"] = _run_setpoint(run["setpoint"], joint, (*path, f"[{i}]", "setpoint"))
+            at = (*path, f"[{i}]", "setpoint")
+            run["setpoint"] = _finite(_run_setpoint(run["setpoint"], joint, at), at)
     return runs
 
 
