@@ -32,6 +32,7 @@ _TOKEN = re.compile(
     r"\s*(?:(?P<power>\^[ ]*\(?[+-]?\d+(?:\.\d+)?\)?)|(?P<name>[A-Za-z_°Ω%]+)|(?P<one>1(?![\d.]))|(?P<sign>[*/().-]))\s*"
 )
 _NUMBER = re.compile(r"[+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?")
+_EXAMPLE = 'write a plain number and a unit, such as "7.3 kg*m*mm" or "500 N·mm/rad"'
 
 
 class Unit(NamedTuple):
@@ -91,16 +92,27 @@ def split_quantity(text: str) -> tuple[float, str]:
     UnitError
         There is no plain number in front, or no unit behind it.
     """
+    number, unit = split_number(text)
+    if not unit:
+        raise UnitError(f"'{shown(text)}' has no unit; {_EXAMPLE}, or a number without quotes for SI")
+    return number, unit
+
+
+def split_number(text: str) -> tuple[float, str]:
+    """Split "500 N·mm/rad" as `split_quantity` does; the unit is empty where there is none.
+
+    Raises
+    ------
+    UnitError
+        There is no plain number in front.
+    """
     stripped = text.strip().replace("−", "-")
     number = _NUMBER.match(stripped)
-    example = 'write a plain number and a unit, such as "7.3 kg*m*mm" or "500 N·mm/rad"'
     if number is None:
-        raise UnitError(f"'{shown(text)}' does not begin with a number; {example}")
+        raise UnitError(f"'{shown(text)}' does not begin with a number; {_EXAMPLE}")
     unit = stripped[number.end() :].strip()
-    if not unit:
-        raise UnitError(f"'{shown(text)}' has no unit; {example}, or a number without quotes for SI")
-    if unit[0] in ",/*^+-" or unit[0].isdigit():
-        raise UnitError(f"'{shown(text)}' is not one plain number and a unit; {example}")
+    if unit and (unit[0] in ",/*^+-" or unit[0].isdigit()):
+        raise UnitError(f"'{shown(text)}' is not one plain number and a unit; {_EXAMPLE}")
     return float(number[0]), unit
 
 

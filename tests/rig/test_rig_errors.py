@@ -68,6 +68,7 @@ CASES = [
     (SIGNALS + 'motor_torque = {constant = "3 A"}', "constant: 'A' is a current; give the torque it makes"),
     (SERIAL + '[joint.elbow.signals]\nsetpoint = {constant = "3 mm", unit = "mm"}', "brings its own unit; remove unit"),
     (SERIAL + RUN + 'setpoint = "20 N"', "joint.elbow.run[0].setpoint: 'N' is a force"),
+    (SERIAL + RUN + 'setpoint = "1e999 mm"', "run[0].setpoint: inf is not a finite number"),
     (SERIAL + RUN + 'setpoint = "stiff"', "run[0].setpoint: 'stiff' does not begin with a number"),
     # signals
     (SIGNALS + 'motor_position = "a"\nlink_position = "a"', "two roles for one channel: 'a' is the motor_position already"),

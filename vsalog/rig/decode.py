@@ -3,6 +3,8 @@
 msgspec could do the conversion alone, but it stops at "Expected `float` - at `$.joint[...]`". Here the tables are walked
 along the structures' types: unknown keys are refused with the nearest known one, quantities become SI, and what is left
 for msgspec is to build the structures.
+
+A quantity's tolerance is carried by the number itself (`uncertain.UncertainNumber`) until the structures are built.
 """
 
 from __future__ import annotations
@@ -18,15 +20,26 @@ from msgspec import inspect
 from vsalog.errors import RigError, UnitError, did_you_mean
 from vsalog.rig.roles import role_units
 from vsalog.rig.schema import RigFile
-from vsalog.units import matching, parse_quantity, shown, si_factor, split_quantity
+from vsalog.rig.uncertain import Path as Path  # for who refuses a key
+from vsalog.rig.uncertain import (
+    Tolerance,
+    UncertainNumber,
+    collect,
+    parse_stated,
+    parse_stated_number,
+    states_tolerance,
+    uncertain,
+)
+from vsalog.units import matching, shown, si_factor
 
-Path = tuple[str, ...]
 Table = dict[str, Any]
 Structure = TypeVar("Structure", bound=msgspec.Struct)
 
 MAX_NAME = 200
 
 _TORQUE_OF_CURRENT = "give the torque it makes on the joint's side: current × torque_constant × gear_ratio"
+
+_NO_QUANTITY = "but this is a choice, not a quantity that is measured; write the value alone"
 
 # What to do about a value that cannot be, by the key's name.
 _HINTS = {
@@ -41,23 +54,31 @@ _HINTS = {
 }
 
 
-def decode_rig(raw: Mapping[str, Any]) -> RigFile:
-    """Return the structures for a rig's tables.
+def decode_rig(raw: Mapping[str, Any]) -> tuple[RigFile, dict[Path, Tolerance]]:
+    """Return the structures for a rig's tables, and the tolerances they state, by their keys' paths.
 
     Raises
     ------
     RigError
         A key is unknown or missing, or a value is not possible; the message begins with the key's path.
     """
-    return decode(raw, RigFile)
+    return _decode(raw, RigFile)
 
 
 def decode(raw: Mapping[str, Any], into: type[Structure]) -> Structure:
-    """Return a structure for a file's tables; errors are those of `decode_rig`."""
+    """Return a structure for the tables of a file without tolerances; errors are those of `decode_rig`."""
+    structure, tolerances = _decode(raw, into)
+    for path in tolerances:
+        refuse(path, "a tolerance has no meaning here, only in a rig; write the value alone")
+    return structure
+
+
+def _decode(raw: Mapping[str, Any], into: type[Structure]) -> tuple[Structure, dict[Path, Tolerance]]:
     root = inspect.type_info(into)
     assert isinstance(root, inspect.StructType)
-    checked = _struct(dict(raw), root, ())
-    return msgspec.convert(checked, into)
+    tolerances: dict[Path, Tolerance] = {}
+    checked = collect(_struct(dict(raw), root, ()), tolerances)
+    return msgspec.convert(checked, into), tolerances
 
 
 def key_path(path: Path) -> str:
@@ -84,6 +105,8 @@ def _value(value: Any, kind: inspect.Type, path: Path) -> Any:
         return _union(value, kind, path)
     if isinstance(kind, inspect.Metadata):
         extra = kind.extra or {}
+        if extra.get("exact") and isinstance(value, str) and states_tolerance(value):
+            refuse(path, f"{_written(value)} states a tolerance, {_NO_QUANTITY}")
         if "units" in extra:
             value = _si(value, extra["units"], path)
         return _value(value, kind.type, path)
@@ -237,9 +260,9 @@ def _constant(signal: Table, units: tuple[str, ...], path: Path) -> Table:
         if isinstance(value, str):
             if unit is not None:
                 refuse(path, f"{_written(value)} brings its own unit; remove unit = {_written(unit)}")
-            number, unit = split_quantity(value)
-        else:
-            number = _finite(value, path)
+            number, like = _torque_not_current(value, units, path)
+            return {"constant": number, "unit": like}
+        number = _finite(value, path)
         if unit is None:
             return {"constant": number}
         like = matching(unit, units)
@@ -253,13 +276,18 @@ def _constant(signal: Table, units: tuple[str, ...], path: Path) -> Table:
 def _end_value(text: str, units: tuple[str, ...], path: Path) -> float:
     """Return an offset or a step in SI; it applies to the end value, so for a current it is a torque."""
     try:
-        _, unit = split_quantity(text)
-        like = matching(unit, units)
-        if like.startswith("A"):
-            refuse(path, f"'{shown(unit)}' is a current; {_TORQUE_OF_CURRENT}")
-        return parse_quantity(text, like)
+        return _torque_not_current(text, units, path)[0]
     except UnitError as error:
         refuse(path, str(error))
+
+
+def _torque_not_current(text: str, units: tuple[str, ...], path: Path) -> tuple[float, str]:
+    """Return a quantity in SI and its unit, one of `units`; a current is refused with advice."""
+    quantity = parse_stated(text)
+    like = matching(quantity.unit, units)
+    if like.startswith("A"):
+        refuse(path, f"'{shown(quantity.unit)}' is a current; {_TORQUE_OF_CURRENT}")
+    return quantity.to(like), like
 
 
 def _runs(value: Any, kind: inspect.Type, joint: Table, path: Path) -> list[Table]:
@@ -267,16 +295,17 @@ def _runs(value: Any, kind: inspect.Type, joint: Table, path: Path) -> list[Tabl
     runs: list[Table] = _list(value, kind, path)
     for i, run in enumerate(runs):
         if isinstance(run.get("setpoint"), str):
-            run["setpoint"] = _run_setpoint(run["setpoint"], joint, (*path, f"[{i}]", "setpoint"))
+            at = (*path, f"[{i}]", "setpoint")
+            run["setpoint"] = _finite(_run_setpoint(run["setpoint"], joint, at), at)
     return runs
 
 
 def _run_setpoint(text: str, joint: Table, path: Path) -> float:
     """Return a run's set-point in SI: the lever arm r where the joint has a lever, even if an angle was given."""
     try:
-        _, unit = split_quantity(text)
-        like = matching(unit, role_units("setpoint"))
-        number = parse_quantity(text, like)
+        quantity = parse_stated(text)
+        like = matching(quantity.unit, role_units("setpoint"))
+        number = quantity.to(like)
     except UnitError as error:
         refuse(path, str(error))
     arm = _lever_arm(number, joint, path) if like == "rad" else None
@@ -284,12 +313,22 @@ def _run_setpoint(text: str, joint: Table, path: Path) -> float:
 
 
 def _lever_arm(angle: float, joint: Table, path: Path) -> float | None:
-    """Return the lever arm r = start − travel · angle [m]; None in a joint without a lever."""
+    """Return the lever arm r = start − travel · angle [m]; None in a joint without a lever.
+
+    Of tolerances it has the angle's; start and travel keep theirs for themselves.
+    """
     lever = joint.get("lever")
     if not isinstance(lever, dict) or not {"start", "travel"} <= set(lever):
         return None
     start = _finite(_si(lever["start"], ("m",), path), path)
-    return start - _finite(_si(lever["travel"], ("m/rad",), path), path) * angle
+    travel = _finite(_si(lever["travel"], ("m/rad",), path), path)
+    arm = start - travel * angle
+    if not isinstance(angle, UncertainNumber):
+        return arm
+    try:
+        return uncertain(arm, abs(travel) * angle.tolerance.half_width, "m")
+    except UnitError as error:
+        refuse(path, str(error))
 
 
 def _si(value: Any, units: tuple[str, ...], path: Path) -> Any:
@@ -297,8 +336,8 @@ def _si(value: Any, units: tuple[str, ...], path: Path) -> Any:
     if not isinstance(value, str):
         return value
     try:
-        _, unit = split_quantity(value)
-        return parse_quantity(value, matching(unit, units))
+        quantity = parse_stated(value)
+        return quantity.to(matching(quantity.unit, units))
     except UnitError as error:
         refuse(path, str(error))
 
@@ -325,6 +364,8 @@ def _name(name: str, path: Path) -> str:
 
 
 def _leaf(value: Any, kind: inspect.Type, path: Path) -> Any:
+    if isinstance(value, str) and states_tolerance(value):
+        value = _uncertain(value, kind, path)
     if isinstance(kind, inspect.FloatType):
         return _bounded(_finite(value, path), kind, path)
     if isinstance(kind, inspect.IntType):
@@ -342,13 +383,25 @@ def _leaf(value: Any, kind: inspect.Type, path: Path) -> Any:
     return value
 
 
+def _uncertain(text: str, kind: inspect.Type, path: Path) -> Any:
+    """Return a number without unit that states a tolerance; a name, which may hold the sign, stays what it is."""
+    if isinstance(kind, inspect.StrType):
+        return text
+    if not isinstance(kind, inspect.FloatType):
+        refuse(path, f"{_written(text)} states a tolerance, {_NO_QUANTITY}")
+    try:
+        return parse_stated_number(text).to("")
+    except UnitError as error:
+        refuse(path, str(error))
+
+
 def _finite(value: Any, path: Path) -> float:
     if isinstance(value, str):
         refuse(path, f"{_written(value)} is a text, but a plain number without unit is wanted")
     if isinstance(value, bool) or not isinstance(value, int | float):
         refuse(path, f"{_written(value)} is not a number")
     try:
-        number = float(value)
+        number = value if isinstance(value, float) else float(value)  # a float may carry a tolerance
     except OverflowError:
         number = math.inf
     if not math.isfinite(number):

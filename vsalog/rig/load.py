@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 import tomllib
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from importlib import resources
 from pathlib import Path
 from typing import Any
@@ -17,6 +17,8 @@ from vsalog.rig.checks import check_rig
 from vsalog.rig.decode import decode_rig, key_path
 from vsalog.rig.merge import Table, merged
 from vsalog.rig.schema import Joint, RigFile
+from vsalog.rig.uncertain import Path as KeyPath
+from vsalog.rig.uncertain import Tolerance, put_stated, value_at
 from vsalog.units import shown
 
 MAX_BYTES = 1_000_000
@@ -30,10 +32,12 @@ class Rig:
     ----------
     file : its structures
     where : what messages call it: the file's name, a log's name, or ``preset vsa2``
+    stated : the tolerances it states, by the paths of their keys from the file's root; `tolerances` is easier to read
     """
 
     file: RigFile
     where: str = "rig"
+    stated: Mapping[KeyPath, Tolerance] = field(default_factory=dict)
 
     @classmethod
     def load(cls, source: str | Path) -> Rig:
@@ -89,8 +93,33 @@ class Rig:
         """The joints by name."""
         return self.file.joint
 
+    @property
+    def tolerances(self) -> dict[str, dict[str, float]]:
+        """How well each joint's quantities are known, as far as the rig says so.
+
+        By joint, then by the key's path below it, such as ``motor.inertia`` or ``motor.cogging[0].torque``: one standard
+        deviation in the unit and on the side of the gear of the rig's own value.
+        """
+        found: dict[str, dict[str, float]] = {name: {} for name in self.joints}
+        for (top, *path), tolerance in self.stated.items():
+            if top == "joint":
+                found[path[0]][key_path(tuple(path[1:]))] = tolerance.deviation
+        return found
+
+    @property
+    def chain_tolerances(self) -> dict[str, float]:
+        """The same for the keys of the chain, such as ``link[0].mass``."""
+        chain = {path[1:]: tolerance for path, tolerance in self.stated.items() if path[0] == "chain"}
+        return {key_path(path): tolerance.deviation for path, tolerance in chain.items()}
+
+    def with_joints(self, joints: Mapping[str, Joint], where: str | None = None) -> Rig:
+        """Return the rig with other joints; a quantity whose value stays the same keeps its tolerance."""
+        file = msgspec.structs.replace(self.file, joint=dict(joints))
+        kept = {path: t for path, t in self.stated.items() if value_at(file, path) == value_at(self.file, path)}
+        return Rig(file, self.where if where is None else where, kept)
+
     def to_toml(self) -> str:
-        """Write the rig as TOML that loads to an equal rig: everything in SI, defaults left out."""
+        """Write the rig as TOML that loads to an equal rig: everything in SI, defaults left out, tolerances with ±."""
         import tomli_w  # only needed for writing
 
         return tomli_w.dumps(self._tables())
@@ -133,11 +162,12 @@ class Rig:
 
     def renamed(self, where: str) -> Rig:
         """Return the rig with another name for messages."""
-        return Rig(self.file, where)
+        return Rig(self.file, where, self.stated)
 
     def _tables(self) -> Table:
         tables = _without_empty(msgspec.to_builtins(self.file))
         assert isinstance(tables, dict)
+        put_stated(tables, self.file, self.stated)
         return tables
 
 
@@ -192,11 +222,11 @@ def _build(tables: Table, where: str) -> Rig:
     except RigError as error:
         raise RigError(f"{where}: {error}") from None
     try:
-        file = decode_rig(tables)
+        file, stated = decode_rig(tables)
         check_rig(file)
     except RigError as error:
         raise RigError(f"{where}: {error}{preset}") from None
-    return Rig(file, where)
+    return Rig(file, where, stated)
 
 
 def _over_preset(tables: Table) -> tuple[Table, str]:

@@ -15,12 +15,14 @@ from vsalog.rig.quantities import (
     Base,
     CubicStiffness,
     Damping,
+    DeflectionScale,
     Duration,
     Inertia,
     Length,
     LengthPerAngle,
     LinearStiffness,
     Mass,
+    Order,
     Rate,
     Ratio,
     Share,
@@ -84,7 +86,7 @@ class Cogging(Base, frozen=True):
     """
 
     torque: Torque
-    order: Ratio
+    order: Order
     phase: Angle = 0.0
 
 
@@ -228,7 +230,7 @@ class PolynomialTransmission(TransmissionEffects, frozen=True, kw_only=True, tag
     """
 
     coefficients: tuple[Torque, ...]
-    scale: AngleRange
+    scale: DeflectionScale
 
 
 class ExponentialTransmission(TransmissionEffects, frozen=True, kw_only=True, tag="exponential", tag_field="type"):

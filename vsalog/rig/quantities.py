@@ -12,11 +12,17 @@ from msgspec import Meta, Struct
 
 
 def _quantity(
-    unit: str, description: str, *, gt: float | None = None, ge: float | None = None, alternative: str | None = None
+    unit: str,
+    description: str,
+    *,
+    gt: float | None = None,
+    ge: float | None = None,
+    alternative: str | None = None,
+    exact: bool = False,
 ) -> Meta:
-    """Describe a number in `unit`, or in `alternative` where a key may hold one of two things."""
+    """Describe a number in `unit`, or in `alternative` where a key may hold one of two things; an exact one is chosen."""
     units = (unit,) if alternative is None else (unit, alternative)
-    words, extra = f"{description} [{' or '.join(units)}]", {"unit": unit, "units": units}
+    words, extra = f"{description} [{' or '.join(units)}]", {"unit": unit, "units": units, "exact": exact}
     # msgspec's stubs know only one bound at a time.
     if gt is not None:
         return Meta(description=words, gt=gt, extra=extra)
@@ -34,7 +40,7 @@ CoupledInertia = Annotated[float, _quantity("kg*m^2", "inertia that couples a mo
 CubicStiffness = Annotated[float, _quantity("N*m/rad^3", "cubic stiffness", ge=0.0)]
 AddedCubicStiffness = Annotated[float, _quantity("N*m/rad^3", "cubic stiffness")]
 Damping = Annotated[float, _quantity("N*m*s/rad", "viscous friction coefficient", ge=0.0)]
-DeflectionScale = Annotated[float, _quantity("rad", "deflection the powers are taken of", gt=0.0)]
+DeflectionScale = Annotated[float, _quantity("rad", "deflection the powers are taken of", gt=0.0, exact=True)]
 Duration = Annotated[float, _quantity("s", "duration", gt=0.0)]
 Inertia = Annotated[float, _quantity("kg*m^2", "moment of inertia", gt=0.0)]
 Length = Annotated[float, _quantity("m", "length", gt=0.0)]
@@ -42,7 +48,9 @@ LengthPerAngle = Annotated[float, _quantity("m/rad", "travel per angle")]
 LinearStiffness = Annotated[float, _quantity("N/m", "stiffness of a linear spring", gt=0.0)]
 Mass = Annotated[float, _quantity("kg", "mass", ge=0.0)]
 Rate = Annotated[float, _quantity("1/s", "relative change per second")]
-SetpointScale = Annotated[float, _quantity("rad", "set-point the powers are taken of", gt=0.0, alternative="m")]
+SetpointScale = Annotated[
+    float, _quantity("rad", "set-point the powers are taken of", gt=0.0, alternative="m", exact=True)
+]
 Speed = Annotated[float, _quantity("rad/s", "angular velocity", gt=0.0)]
 Stiffness = Annotated[float, _quantity("N*m/rad", "rotational stiffness", gt=0.0)]
 Time = Annotated[float, _quantity("s", "time")]
@@ -73,6 +81,7 @@ VolumePerLength = Annotated[float, _quantity("m^2", "volume per length")]
 VolumePerLengthSquared = Annotated[float, _quantity("m", "volume per length squared")]
 
 # Numbers without a unit.
+Order = Annotated[float, Meta(description="periods per turn", gt=0.0, extra={"exact": True})]
 Ratio = Annotated[float, Meta(description="a number without unit", gt=0.0)]
 Share = Annotated[float, Meta(description="a number without unit, zero or more", ge=0.0)]
 Fraction = Annotated[float, Meta(description="a share of the whole, 0 to 1", ge=0.0, le=1.0)]

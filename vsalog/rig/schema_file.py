@@ -15,6 +15,7 @@ import msgspec
 from msgspec import inspect
 
 from vsalog.rig.schema import RigFile
+from vsalog.rig.uncertain import TOLERANCE_SIGN
 
 _ID = "https://json-schema.org/draft/2020-12/schema"
 
@@ -22,8 +23,9 @@ _ID = "https://json-schema.org/draft/2020-12/schema"
 def rig_schema() -> dict[str, Any]:
     """Return the JSON Schema (draft 2020-12) of a rig file.
 
-    It is msgspec's own, with three differences: a quantity may be a text with a unit, descriptions come key by key from
-    the structures' docstrings, and a file that starts from a preset may leave out what the preset says.
+    It is msgspec's own, with four differences: a quantity may be a text with a unit, a number without unit one with a
+    tolerance, descriptions come key by key from the structures' docstrings, and a file that starts from a preset may leave
+    out what the preset says.
     """
     schema: dict[str, Any] = msgspec.json.schema(RigFile)
     definitions: dict[str, Any] = schema["$defs"]
@@ -90,10 +92,9 @@ def _describe(definition: dict[str, Any], struct: inspect.StructType) -> None:
     descriptions = field_descriptions(struct.cls)
     for field in struct.fields:
         schema = _without_null(definition["properties"][field.encode_name])
-        if _is_quantity(field.type):
-            schema = _number_or_text(schema)
-        if isinstance(field.type, inspect.VarTupleType) and _is_quantity(field.type.item_type):
-            schema["items"] = _number_or_text(schema["items"])
+        schema = _with_text(schema, field.type)
+        if isinstance(field.type, inspect.VarTupleType):
+            schema["items"] = _with_text(schema["items"], field.type.item_type)
         if field.encode_name in descriptions:
             schema["description"] = descriptions[field.encode_name]
         definition["properties"][field.encode_name] = schema
@@ -112,17 +113,16 @@ def _without_null(schema: dict[str, Any]) -> dict[str, Any]:
     return {**schema, "anyOf": options} if options else schema
 
 
-def _number_or_text(schema: dict[str, Any]) -> dict[str, Any]:
-    """Allow a text with a unit beside the number; the number's bounds do not concern a text."""
-    return {**schema, "type": ["number", "string"]} if schema.get("type") == "number" else schema
-
-
-def _is_quantity(kind: inspect.Type) -> bool:
-    if isinstance(kind, inspect.UnionType):
-        return any(_is_quantity(option) for option in kind.types)
-    if isinstance(kind, inspect.VarTupleType):
-        return False
-    return isinstance(kind, inspect.Metadata) and bool((kind.extra or {}).keys() & {"units", "role"})
+def _with_text(schema: dict[str, Any], kind: inspect.Type) -> dict[str, Any]:
+    """Allow a text with a unit or a tolerance beside a number; the number's bounds do not concern a text."""
+    options = kind.types if isinstance(kind, inspect.UnionType) else (kind,)
+    extras = [option.extra or {} for option in options if isinstance(option, inspect.Metadata)]
+    if schema.get("type") != "number" or not extras:
+        return schema
+    text = {**schema, "type": ["number", "string"]}
+    if any(extra.keys() & {"units", "role"} for extra in extras):
+        return text
+    return schema if any(extra.get("exact") for extra in extras) else {**text, "pattern": TOLERANCE_SIGN}
 
 
 def schema_text() -> str:
