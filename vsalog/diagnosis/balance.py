@@ -13,7 +13,7 @@ from the motor equation; that equation is then used up.
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
@@ -125,7 +125,7 @@ def balance(joint: Mechanical, roles: Mapping[str, Array], time: Array, spread: 
             residual = remembered(_turned, motor, theta, torque, roles[role])
             load = torque if motor.friction.load else None
             shaped = remembered(_resisted, motor, theta, load, motion.slacks[suffix])
-            equations.append(Equation(f"motor{suffix}", "motor", "N*m", residual, shaped, theta[1]))
+            equations.append(_recorded(Equation(f"motor{suffix}", "motor", "N*m", residual, shaped, theta[1]), motor))
     if isinstance(joint, SerialJoint):
         equations += _secondary(joint, motion, time)
     equations += _transmissions(joint, motion)
@@ -137,11 +137,36 @@ def balance(joint: Mechanical, roles: Mapping[str, Array], time: Array, spread: 
         shaped = remembered(rubbing, joint.link.friction, motion.link, load, motion.slacks["link"])
         if joint.link.contact:
             shaped = remembered(np.subtract, shaped, remembered(_pushed, joint.link.contact, time))
-        equations.append(Equation("link", "link", "N*m", residual, shaped, motion.link[1]))
+        equation = Equation("link", "link", "N*m", residual, shaped, motion.link[1])
+        equations.append(_scaled(equation, _torque_unit(joint, roles)))
         if "link_acceleration" in roles and "link_position" in roles:
             off = roles["link_acceleration"][0] - motion.link[2]
             equations.append(Equation("link_acceleration", "sensor", "rad/s^2", off))
     return equations
+
+
+def _recorded(equation: Equation, motor: Motor) -> Equation:
+    """Return a motor's equation in the torque that is recorded of it.
+
+    Were all torques, inertias and gains smaller by one factor, the equations would be so, too, and noise would seem explained.
+    Formed in what is recorded they stay as they are: nothing tells a scale that all torques have in common.
+    """
+    return _scaled(equation, 1.0 / motor.torque_gain)
+
+
+def _torque_unit(joint: Mechanical, roles: Mapping[str, Array]) -> float:
+    """Return what a recorded torque says of a true one [1]: of the first motor that has one, else of a torque sensor."""
+    for suffix, motor in _motors(joint).items():
+        if f"motor_torque{suffix}" in roles:
+            return 1.0 / motor.torque_gain
+    sensor = next((r for r in roles if r.startswith("torque_sensor")), None)
+    return 1.0 if sensor is None else abs(_gain(joint, sensor))
+
+
+def _scaled(equation: Equation, factor: float) -> Equation:
+    if factor == 1.0:
+        return equation
+    return replace(equation, residual=factor * equation.residual, shaped=factor * equation.shaped)
 
 
 def motion_of(joint: Mechanical, roles: Mapping[str, Array], time: Array, spread: Mapping[str, float]) -> Motion:
@@ -323,7 +348,7 @@ def _secondary(joint: SerialJoint, motion: Motion, time: Array) -> list[Equation
     reaction = reaction_torque(joint.transmission, motion.deflections[""][0], arm[0], lever.travel, time)
     residual = _moved(motor, theta) + reaction - roles["secondary_torque"][0]
     shaped = _resisted(motor, theta, reaction, 0.0)
-    return [Equation("secondary_motor", "motor", "N*m", residual, shaped, theta[1])]
+    return [_recorded(Equation("secondary_motor", "motor", "N*m", residual, shaped, theta[1]), motor)]
 
 
 def _transmissions(joint: Mechanical, motion: Motion) -> list[Equation]:

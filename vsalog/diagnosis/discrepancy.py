@@ -7,7 +7,8 @@ correlated rows count for as many as there are independent ones.
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,9 +20,48 @@ Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]
 Integers = NDArray[np.int64]
 
-# The noise that is measured on copies may be so many times the variance of the true one: a coarse encoder at rest may chatter in
-# the copy and not in the log.
-OVERSTATED = 1.0
+# What is left of the filters' own error where noise is compared with noise: it keeps equations without noise apart.
+TRACE = 1e-4
+
+
+@dataclass(frozen=True, slots=True)
+class Weights:
+    """A system whose weights are those of noise and model error together.
+
+    Attributes
+    ----------
+    system : with the covariance of both; correlated rows count for as many as there are independent ones
+    inflation : shape (m, m), that covariance with the noise's as the unit
+    times : shape (m,), rows that count as one
+    """
+
+    system: System
+    inflation: Array
+    times: Array
+
+    def deviance(self, joint: Any) -> float:
+        """Return Σ rᵀ C⁻¹ r of a joint, with the noise as that joint has it.
+
+        What noise makes of an equation depends on the numbers in it, and a fit must not gain by making it small (the sensors'
+        true values are profiled out: Fuller 1987, §3.2).
+        """
+        system = self.system
+        rows = system.averaged(joint)
+        used = (system.weights > 0.0).astype(np.float64)
+        both = used.T @ used
+        added = [copy.averaged(joint) - rows for copy in system.noisy]
+        noise = sum(d.T @ d for d in added) / len(added)
+        covariance = np.where(both > 0.0, noise / np.maximum(both, 1.0), system.covariance) + TRACE * system.exact
+        if not np.isfinite(covariance).all():
+            return np.inf
+        factor = factor_of(covariance)
+        covariance = factor @ self.inflation @ factor.T
+        total = 0.0
+        for pattern in system.whiteners:
+            own = system.pattern == pattern
+            white = rows[own] @ whitener(covariance, pattern).T
+            total += float(np.sum(white**2 / self.times))
+        return total
 
 
 def left_out(linear: Linear, system: System, chosen: Flags, blocks: Integers) -> Array:
@@ -49,27 +89,39 @@ def left_out(linear: Linear, system: System, chosen: Flags, blocks: Integers) ->
     return np.asarray(np.where(system.weights > 0.0, out, 0.0))
 
 
-def weighted_by(system: System, rows: Array) -> System:
-    """Return a system whose weights are those of its noise together with the excess of some rows over it.
+def weighted_by(system: System, rows: Array) -> Weights:
+    """Return the weights of a system's noise together with the excess of some rows over it.
 
     Parameters
     ----------
     system : with the noise's own covariance
     rows : shape (R, m), what is left over of the averaged equations, 0 where they are not used
     """
-    noise = system.covariance
-    used = system.weights > 0.0
-    both = used.astype(np.float64).T @ used
-    found = np.where(both > 0.0, rows.T @ rows / np.maximum(both, 1.0), noise)
-    scale = np.linalg.cholesky(noise + 1e-12 * np.diag(np.diag(noise)))
-    excess = np.linalg.solve(scale, np.linalg.solve(scale, found).T)
-    values, vectors = np.linalg.eigh(0.5 * (excess + excess.T))
-    inside = (vectors * np.maximum(values, OVERSTATED)) @ vectors.T
-    covariance = scale @ inside @ scale.T
+    used = (system.weights > 0.0).astype(np.float64)
+    both = used.T @ used
+    found = np.where(both > 0.0, rows.T @ rows / np.maximum(both, 1.0), system.covariance)
+    unit = factor_of(system.covariance)
+    values, vectors = np.linalg.eigh(_in_units_of(unit, found))
+    covariance = unit @ ((vectors * np.maximum(values, 1.0)) @ vectors.T) @ unit.T
     weighted = replace(system, covariance=covariance, whiteners={p: whitener(covariance, p) for p in system.whiteners})
     times = np.array([correlation_time(column) for column in weighted.white(rows).T])
     tempered = {p: w / np.sqrt(times)[:, None] for p, w in weighted.whiteners.items()}
-    return replace(weighted, whiteners=tempered, temper=times)
+    bare = factor_of(system.covariance - (1.0 - TRACE) * system.exact)
+    return Weights(replace(weighted, whiteners=tempered), _in_units_of(bare, covariance), times)
+
+
+def factor_of(covariance: Array) -> Array:
+    """Return L of a covariance L Lᵀ; directions of no variance are given a millionth of the others'."""
+    scale = np.sqrt(np.maximum(np.diag(covariance), 1e-300))
+    values, vectors = np.linalg.eigh(covariance / np.outer(scale, scale))
+    return np.asarray(
+        scale[:, None] * np.linalg.cholesky((vectors * np.maximum(values, 1e-6)) @ vectors.T)
+    )
+
+
+def _in_units_of(factor: Array, covariance: Array) -> Array:
+    inside = np.linalg.solve(factor, np.linalg.solve(factor, covariance).T)
+    return np.asarray(0.5 * (inside + inside.T))
 
 
 def correlation_time(x: Array) -> float:

@@ -7,15 +7,14 @@ Measurement Error Models, §2.2).
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from vsalog.diagnosis.causes.base import Remainder, Setting, Site
-from vsalog.diagnosis.fit import applied
+from vsalog.diagnosis.causes.base import Parameter, Remainder, Setting, Site
 from vsalog.diagnosis.priors import deviation_of
 from vsalog.diagnosis.subsets import Candidates
 from vsalog.diagnosis.system import System
@@ -23,10 +22,13 @@ from vsalog.diagnosis.system import System
 Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]
 Integers = NDArray[np.int64]
+# Causes with the values of all their parameters.
+Placed = Sequence[tuple[Site, Array]]
 
-SHAPES = frozenset({"width", "velocity", "order", "way", "start", "duration"})
-# Prior probability that a cause of the catalogue is present: a few of some dozens are.
+# Prior probability that a cause of the catalogue is present at a part: a few of some dozens are.
 PRESENT = 0.1
+# Places in a log where something may happen once, per second.
+PLACES = 10.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -78,71 +80,97 @@ class Linear:
 
 
 def variants_of(
-    sites: Sequence[Site], setting: Setting, left: Remainder, fit: Sequence[tuple[Site, Array]]
+    sites: Sequence[Site], setting: Setting, left: Remainder | None, fit: Placed, stated: Mapping[str, float]
 ) -> list[Variant]:
-    """Return the variants of all causes: those of the fit as they are, the others at each shape that their search begins with."""
-    known = {(s.key, len(s.parameters)): v for s, v in fit}
+    """Return the variants of all causes: those of the fit as they are, the others at each shape that their search begins with.
+
+    Parameters
+    ----------
+    sites : of the catalogue
+    setting : of the joint and its log
+    left : what the fit leaves over, for causes that look where to begin; none where all sites are in the fit
+    fit : causes with their values
+    stated : tolerances of the rig, see `priors`
+    """
+    known = {(site.key, len(site.parameters)): values for site, values in fit}
     out = []
     for site in sites:
-        parameters = site.parameters
-        shape = [i for i, p in enumerate(parameters) if p.name in SHAPES]
-        amplitude = tuple(i for i in range(len(parameters)) if i not in shape)
-        deviation = np.array([deviation_of(site, p, setting) for p in parameters])
-        rig = np.array([p.start for p in parameters])
+        values = known.get((site.key, len(site.parameters)))
+        deviation = np.array([_deviation(site, p, values, setting, stated) for p in site.parameters])
         price = float(np.log((1.0 - PRESENT) / PRESENT))
-        values = known.get((site.key, len(parameters)))
+        if site.transient:
+            price += float(np.log(max(PLACES * setting.duration, 1.0)))
         if values is not None:
-            moved = np.repeat(values[None, :], len(parameters), axis=0)
-            for i, p in enumerate(parameters):
-                moved[i, i] += -p.step if values[i] + p.step > p.high else p.step
-                if i in shape:
-                    rig[i] = values[i]
-                    deviation[i] = p.reach if np.isfinite(p.reach) else max(abs(values[i]), p.step)
-            out.append(Variant(site, values, moved, tuple(range(len(parameters))), rig, deviation, price, True))
+            out.append(_inside(site, values, deviation, price))
             continue
-        starts = [np.array(s, dtype=np.float64) for s in (site.starts(left) if site.starts else [site.start])]
-        for start in starts:
-            base = rig.copy()
-            base[shape] = start[shape]
-            moved = np.repeat(base[None, :], len(amplitude), axis=0)
-            for k, i in enumerate(amplitude):
-                step = parameters[i].step
-                moved[k, i] = start[i] if abs(start[i] - base[i]) > step else base[i] + step
-            own = list(amplitude)
-            out.append(Variant(site, base, moved, amplitude, rig[own], deviation[own], price + float(np.log(len(starts))) + (float(np.log(setting.duration / 0.1)) if site.transient else 0.0), False))
+        assert left is not None or site.starts is None
+        starts = site.starts(left) if site.starts and left is not None else [site.start]
+        price += float(np.log(max(len(starts), 1)))
+        out += [_outside(site, np.array(start, dtype=np.float64), deviation, price) for start in starts]
     return out
 
 
+def _deviation(
+    site: Site, parameter: Parameter, values: Array | None, setting: Setting, stated: Mapping[str, float]
+) -> float:
+    if not parameter.shape:
+        return deviation_of(site, parameter, setting, stated)
+    return parameter.reach if np.isfinite(parameter.reach) else parameter.high - parameter.low
+
+
+def _inside(site: Site, values: Array, deviation: Array, price: float) -> Variant:
+    """Return a cause of the fit: all of its numbers are unknowns, and its shape is held near where it is."""
+    moved = np.repeat(values[None, :], values.size, axis=0)
+    rig = values.copy()
+    for i, p in enumerate(site.parameters):
+        moved[i, i] += -p.step if values[i] + p.step > p.high else p.step
+        if not p.shape:
+            rig[i] = p.start
+    return Variant(site, values, moved, tuple(range(values.size)), rig, deviation, price, True)
+
+
+def _outside(site: Site, start: Array, deviation: Array, price: float) -> Variant:
+    """Return a cause that is not in the fit, with its shape as it begins: its strengths are the unknowns."""
+    free = tuple(i for i, p in enumerate(site.parameters) if not p.shape)
+    rig = np.array([p.start for p in site.parameters])
+    base = np.where([p.shape for p in site.parameters], start, rig)
+    moved = np.repeat(base[None, :], len(free), axis=0)
+    for k, i in enumerate(free):
+        step = site.parameters[i].step
+        # Where a strength begins is far enough for what has corners, as a gap.
+        moved[k, i] = start[i] if abs(start[i] - base[i]) > step else base[i] + step
+    own = list(free)
+    return Variant(site, base, moved, free, rig[own], deviation[own], price, False)
+
+
 def linearised(
-    system: System, copies: Sequence[System], joint: Any, fit: Sequence[tuple[Site, Array]], variants: Sequence[Variant]
+    system: System, joint: Any, fit: Placed, variants: Sequence[Variant]
 ) -> Linear:
     """Make the equations straight about a fit.
 
     Parameters
     ----------
     system : of the log
-    copies : of the log with noise once more
     joint : of the rig
     fit : causes with their values
     variants : see `variants_of`
     """
     first = np.concatenate([[0], np.cumsum([len(v.free) for v in variants])]).astype(np.int64)
-    every = (system, *copies)
+    every = (system, *system.noisy)
 
-    def formed(causes: Sequence[tuple[Site, Array]]) -> Array:
-        there = _with(joint, causes)
+    def formed(causes: Placed) -> Array:
+        there = placed(joint, causes)
         return np.stack([s.averaged(there) for s in every])
 
     here = formed(fit)
     columns = np.empty((*here.shape, int(first[-1])))
     now = np.zeros(int(first[-1]))
     for g, variant in enumerate(variants):
-        rest = [(s, v) for s, v in fit if s.key != variant.site.key and not _clash(s, variant.site)]
-        base = here if variant.inside else formed([*rest, (variant.site, variant.base)])
+        base = here if variant.inside else formed(_set_in(fit, variant.site, variant.base))
         for k, i in enumerate(variant.free):
             j = int(first[g]) + k
             by = (variant.moved[k, i] - variant.base[i]) / variant.deviation[k]
-            columns[..., j] = (formed([*rest, (variant.site, variant.moved[k])]) - base) / by
+            columns[..., j] = (formed(_set_in(fit, variant.site, variant.moved[k])) - base) / by
             if variant.inside:
                 now[j] = (variant.base[i] - variant.rig[k]) / variant.deviation[k]
     residual = here - columns @ now
@@ -168,7 +196,8 @@ def candidates_of(linear: Linear, system: System) -> Candidates:
         b += Jn.T @ rn / count
     A = _positive(A)
     # Scaled, so that nothing is lost to units; directions without information have no instruments either.
-    scale = 1.0 / np.sqrt(np.maximum(np.diag(V), 1e-300))
+    size = np.sqrt(np.diag(V))
+    scale = np.where(size > 0.0, 1.0 / np.where(size > 0.0, size, 1.0), 0.0)
     G = np.linalg.pinv(V * np.outer(scale, scale), rcond=1e-12, hermitian=True) * np.outer(scale, scale)
     information, score = _positive(A @ G @ A), A @ G @ b
     variants, first = linear.variants, linear.first
@@ -183,7 +212,7 @@ def candidates_of(linear: Linear, system: System) -> Candidates:
         for side in ("low", "high")
     )
     price = np.array([v.price for v in variants])
-    conflict = np.array([[_clash(a.site, b.site) for b in variants] for a in variants]).reshape(len(variants), -1)
+    conflict = np.array([[clash(a.site, b.site) for b in variants] for a in variants], dtype=np.bool_).reshape(len(variants), len(variants))
     np.fill_diagonal(conflict, False)
     return Candidates(information, score, first, price, conflict, low, high)
 
@@ -202,13 +231,21 @@ def _positive(A: Array) -> Array:
     return np.asarray((vectors * np.maximum(values, 0.0)) @ vectors.T)
 
 
-def _with(joint: Any, fit: Sequence[tuple[Site, Array]]) -> Any:
+def placed(joint: Any, fit: Placed) -> Any:
+    """Return a joint with causes put in."""
     for site, values in fit:
         joint = site.apply(joint, values.tolist())
     return joint
 
 
-def _clash(one: Site, other: Site) -> bool:
+def _set_in(fit: Placed, site: Site, values: Array) -> Placed:
+    """Return a fit with a cause in it, in the place of what cannot stand with it."""
+    if any(s.key == site.key for s, _ in fit):
+        return [(site, values) if s.key == site.key else (s, v) for s, v in fit]
+    return [*((s, v) for s, v in fit if not clash(s, site)), (site, values)]
+
+
+def clash(one: Site, other: Site) -> bool:
     """Tell whether two causes cannot be in one set: variants of one, or members of a family at one part."""
     if one.part != other.part:
         return False

@@ -1,43 +1,94 @@
-"""How far a rig's numbers may be from the machine's before anything is measured: the prior deviations of a cause's parameters."""
+"""How far a machine's numbers may be from its rig's before a log is seen: the prior of each cause's parameters.
+
+A rig states tolerances, or the defaults by kind of quantity hold (`vsalog.rig.tolerance`). They break ties between causes that a
+log cannot tell apart; what a log tells well they hardly move.
+"""
 
 from __future__ import annotations
 
-from vsalog.diagnosis.causes.base import Parameter, Setting, Site
-from vsalog.diagnosis.sensing import torque_role
+from collections.abc import Mapping
+from typing import Any
+
+from vsalog.diagnosis.causes.base import Parameter, Setting, Site, suffix_of
+from vsalog.diagnosis.causes.motor_friction import scale_of
+from vsalog.rig.tolerance import default_deviation
+
+# Parameter of a cause → key of the rig below the cause's part, where the two are called otherwise.
+_KEYS = {
+    ("motor.torque_constant", "gain"): "torque_gain",
+    ("motor.torque_offset", "torque"): "torque_offset",
+    ("motor.torque_delay", "delay"): "torque_delay",
+    ("motor.coulomb_friction", "torque"): "friction.coulomb",
+    ("motor.stribeck_friction", "torque"): "friction.coulomb",
+    ("motor.stribeck_friction", "excess"): "friction.static",
+    ("motor.load_dependent_friction", "share"): "friction.load",
+    ("motor.cogging", "cosine"): "cogging.torque",
+    ("motor.cogging", "sine"): "cogging.torque",
+    ("transmission.stiffness", "factor"): "stiffness",
+    ("transmission.nonlinearity", "cubic"): "added_cubic",
+    ("transmission.hysteresis", "torque"): "bouc_wen.torque",
+    ("transmission.backlash", "gap"): "backlash",
+    ("transmission.stiffness_drift", "rate"): "drift",
+    ("link.gravity", "torque"): "gravity_torque",
+    ("link.coulomb_friction", "torque"): "friction.coulomb",
+    ("link.payload", "inertia"): "inertia",
+    ("link.payload", "weight"): "gravity_torque",
+    ("link.contact", "torque"): "friction.coulomb",
+    ("sensor.torque_drift", "rate"): "drift",
+    ("sensor.encoder_eccentricity", "sine"): "eccentricity.amplitude",
+    ("sensor.encoder_eccentricity", "cosine"): "eccentricity.amplitude",
+    ("pneumatic.leak", "area"): "leak_area",
+    ("pneumatic.orifice_area", "scale"): "area_scale",
+    ("pneumatic.force_gain", "gain"): "force_gain",
+    ("pneumatic.muscle_friction", "muscle"): "friction.muscle",
+    ("pneumatic.muscle_friction", "torque"): "coulomb",
+}
 
 
-def deviation_of(site: Site, parameter: Parameter, setting: Setting) -> float:
-    """Return one standard deviation of a parameter about what the rig says, in its unit."""
-    name, start = parameter.name, abs(parameter.start)
-    torque = setting.torque_size(torque_role(site.part)) if "motor" in site.part and "position" not in site.part else setting.torque_size()
-    cause = site.cause
-    if name == "inertia":
-        return 0.2 * start if cause != "link.payload" else 0.2 * setting.joint.link.inertia
-    if name == "weight":
-        return 0.2 * abs(setting.joint.link.gravity_torque)
-    if cause == "link.gravity":
-        return max(0.2 * start, 0.02 * torque)
-    if name == "damping":
-        speed = setting.speed("link_position" if site.part == "link" else "motor_position" + site.part[5:] if site.part.startswith("motor") else "link_position")
-        return max(start, 0.1 * torque / speed)
-    if cause in ("motor.torque_constant", "transmission.stiffness"):
-        return 0.1
-    if cause == "sensor.torque_gain":
-        return 0.05
-    if cause == "sensor.encoder_scale":
-        return 1e-3 if "deflection" not in site.part else 0.01
-    if cause == "sensor.encoder_offset":
-        return 0.015
-    if cause == "sensor.encoder_eccentricity":
-        return 0.004
-    if name == "delay":
-        return 2e-3
-    if name == "rate":
-        return 0.1 / setting.duration * (1.0 if cause == "transmission.stiffness_drift" else torque)
-    if name in ("asymmetry", "share"):
-        return 0.1
-    if name == "cubic":
-        return 0.1 * setting.torque_size() / setting.deflection_size(site.part[12:]) ** 3
-    if name == "gap":
-        return 0.2 * setting.deflection_size(site.part[12:])
-    return 0.1 * torque
+def deviation_of(site: Site, parameter: Parameter, setting: Setting, stated: Mapping[str, float]) -> float:
+    """Return one standard deviation of a parameter about the rig's value, in the parameter's unit.
+
+    Parameters
+    ----------
+    site, parameter : of a cause
+    setting : of the joint and its log
+    stated : key's path below the joint → one standard deviation that the rig states, as the joint feels it
+    """
+    key = _KEYS.get((site.cause, parameter.name), parameter.name)
+    path = f"signals.{site.part}.{key}" if site.cause.startswith("sensor.") else f"{site.part}.{key}"
+    nominal, scale = _size(site, parameter, setting, key)
+    if path in stated:
+        own = stated[path]
+        # A factor on a whole spring is known as well as its stiffness is.
+        return own / _stiffness(getattr(setting.joint, site.part)) if key == "stiffness" else own
+    return default_deviation(path, nominal, scale)
+
+
+def _size(site: Site, parameter: Parameter, setting: Setting, key: str) -> tuple[float, float]:
+    """Return what a parameter nominally is, and the value of it that would matter in this log."""
+    cause, part, joint = site.cause, site.part, setting.joint
+    if cause == "link.payload":
+        # A load is anything up to the link itself.
+        own = joint.link.inertia if parameter.name == "inertia" else abs(joint.link.gravity_torque)
+        return own, own
+    if cause.startswith("pneumatic."):
+        return parameter.start, 1e3 * parameter.step
+    if part.startswith(("motor", "secondary_motor")) and cause.startswith("motor."):
+        torque, speed = scale_of(setting, part)
+        return parameter.start, torque / speed if key == "damping" else torque
+    suffix = suffix_of(part)
+    torque = setting.torque_size(part if part.startswith("torque_sensor") else None)
+    scales = {
+        "damping": torque / setting.speed("link_position"),
+        "added_cubic": setting.torque_size() / setting.deflection_size(suffix) ** 3,
+        "backlash": setting.deflection_size(suffix),
+        "drift": (torque if cause == "sensor.torque_drift" else 1.0) / setting.duration,
+    }
+    return parameter.start, scales.get(key, torque)
+
+
+def _stiffness(transmission: Any) -> float:
+    for name in ("stiffness", "spring_stiffness"):
+        if hasattr(transmission, name):
+            return float(getattr(transmission, name))
+    return float(abs(transmission.coefficients[0]))

@@ -56,6 +56,8 @@ class System:
     pattern : shape (R,)
     covariance : shape (m, m), of the noise of the equations' rows
     hold : how long after its stamp a motor torque acts on average [s]
+    exact : shape (m, m), the part of the covariance that filters leave, whatever the noise
+    copies : channels that carry noise once more
     """
 
     channels: Channels
@@ -72,8 +74,8 @@ class System:
     pattern: Integers
     covariance: Array
     hold: float = 0.0
-    temper: Array = field(default_factory=lambda: np.ones(1))
-    exact: Array = field(default_factory=lambda: np.zeros((1, 1)))
+    exact: Array = field(default_factory=lambda: np.zeros((0, 0)))
+    copies: tuple[Channels, ...] = ()
 
     @property
     def time(self) -> Array:
@@ -94,6 +96,11 @@ class System:
         """Return the system with the rows that another one uses, so that the two can be compared."""
         return replace(self, usable=other.usable, weights=other.weights, pattern=other.pattern,
                        whiteners={p: whitener(self.covariance, p) for p in other.whiteners})  # fmt: skip
+
+    @property
+    def noisy(self) -> tuple[System, ...]:
+        """Return the system on each of the copies that carry noise once more."""
+        return tuple(replace(self, channels=copy) for copy in self.copies)
 
     def equations(self, joint: Any) -> list[Equation]:
         """Form the equations of a joint at every sample."""
@@ -137,7 +144,9 @@ class System:
         return np.nan_to_num(out, nan=1e6, posinf=1e6, neginf=-1e6)
 
 
-def build_system(joint: Any, channels: Channels, balance: Balance, hold: float = 0.0) -> System:
+def build_system(
+    joint: Any, channels: Channels, balance: Balance, hold: float = 0.0, copies: tuple[Channels, ...] = ()
+) -> System:
     """Lay out the equations of a joint and measure their noise.
 
     Parameters
@@ -146,9 +155,11 @@ def build_system(joint: Any, channels: Channels, balance: Balance, hold: float =
     channels : filtered
     balance : forms the equations
     hold : see `System`
+    copies : channels that carry noise once more, where they are known
     """
+    copies = copies or tuple(channels.with_noise(seed) for seed in SEEDS)
     equations = formed(balance, joint, channels, hold)
-    again = [formed(balance, joint, channels.with_noise(seed), hold) for seed in SEEDS]
+    again = [formed(balance, joint, copy, hold) for copy in copies]
     bell = _bell(channels.period)
     wide = np.convolve(bell, channels.taps)
     margin = round(LATEST / channels.period) + 2
@@ -175,7 +186,7 @@ def build_system(joint: Any, channels: Channels, balance: Balance, hold: float =
     exact = np.diag((EXACT * scale) ** 2)
     covariance = _covariance(noise, used) + exact
     whiteners = {int(p): whitener(covariance, int(p)) for p in np.unique(bits) if p}
-    return replace(system, whiteners=whiteners, covariance=covariance, exact=exact, temper=np.ones(len(equations)))
+    return replace(system, whiteners=whiteners, covariance=covariance, exact=exact, copies=copies)
 
 
 def formed(balance: Balance, joint: Any, channels: Channels, hold: float) -> list[Equation]:

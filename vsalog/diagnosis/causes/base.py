@@ -26,6 +26,7 @@ class Parameter:
     reach : as far as one step of a fit may go, where the equations bend
     hard : whether its bounds say how large such a thing can be at all, whatever the cause's other numbers
     blur : what of it nothing tells, one standard deviation
+    shape : whether it says what an effect looks like, not how strong it is: nothing is known of it before a log is seen
     """
 
     name: str
@@ -37,6 +38,7 @@ class Parameter:
     reach: float = np.inf
     hard: bool = False
     blur: float = 0.0
+    shape: bool = False
 
 
 @dataclass(frozen=True, slots=True)

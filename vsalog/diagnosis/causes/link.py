@@ -174,8 +174,8 @@ class LinkContact(_OfLink):
     def of_link(self, setting: Setting, link: Any) -> Iterator[Site]:
         """Yield the cause in the link."""
         parameters = (
-            Parameter("start", "s", 0.0, 0.005, 0.0, setting.duration, 0.1),
-            Parameter("duration", "s", 0.3, 0.005, 0.03, 3.0, 0.1),
+            Parameter("start", "s", 0.0, 0.005, 0.0, setting.duration, 0.1, shape=True),
+            Parameter("duration", "s", 0.3, 0.005, 0.03, 3.0, 0.1, shape=True),
             Parameter("torque", "N*m", 0.0, 1e-3 * setting.torque_size()),
         )
 

@@ -132,7 +132,7 @@ class MotorCogging(Cause):
             parameters = (
                 Parameter("cosine", "N*m", 0.0, 1e-3 * torque),
                 Parameter("sine", "N*m", 0.0, 1e-3 * torque),
-                Parameter("order", "1", 1.0, 0.01 / span, 0.1, 1.2 * ORDERS, 1.0 / span),
+                Parameter("order", "1", 1.0, 0.01 / span, 0.1, 1.2 * ORDERS, 1.0 / span, shape=True),
             )
             yield Site(self.name, name, parameters, _cogging(name), _waves(setting.joint, name), _cogging_report)
 

@@ -55,7 +55,7 @@ def with_bristles(plain: Site, setting: Setting) -> Iterator[Site]:
         return plain.reported(values[:own]) | {"presliding_stiffness": (stiffness, "N*m/rad")}
 
     low, high = np.log(NARROW * travel), np.log(WIDE * travel)
-    way = Parameter("way", "1", 0.5 * (low + high), 0.05, float(low), float(high), 1.5)
+    way = Parameter("way", "1", 0.5 * (low + high), 0.05, float(low), float(high), 1.5, shape=True)
     yield Site(plain.cause, plain.part, (*plain.parameters, way), apply, starts, report, plain.excludes)
 
 
@@ -160,7 +160,7 @@ class MotorStribeckFriction(Cause):
             parameters = (
                 Parameter("torque", "N*m", friction.coulomb, 1e-3 * torque, 0.0),
                 Parameter("excess", "N*m", friction.breakaway - friction.coulomb, 1e-3 * torque, 0.0),
-                Parameter("velocity", "rad/s", falling, 1e-3 * speed, 1e-3 * speed, 3.0 * speed, 0.3 * speed),
+                Parameter("velocity", "rad/s", falling, 1e-3 * speed, 1e-3 * speed, 3.0 * speed, 0.3 * speed, shape=True),
             )  # fmt: skip
 
             def starts(

@@ -159,7 +159,7 @@ class TransmissionHysteresis(_OfTransmission):
         height, width = (loop.torque, loop.width) if loop is not None else (0.0, 0.1 * phi)
         parameters = (
             Parameter("torque", "N*m", height, 1e-3 * torque, 0.0),
-            Parameter("width", "rad", width, 0.02 * width, 2e-3 * phi, 2.0 * phi, 0.1 * phi),
+            Parameter("width", "rad", width, 0.02 * width, 2e-3 * phi, 2.0 * phi, 0.1 * phi, shape=True),
         )
 
         def starts(_: Remainder) -> list[tuple[float, ...]]:

@@ -1,0 +1,139 @@
+"""The most probable values of a set of causes: corrected Gauss–Newton steps on the equations, with the causes' priors."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vsalog.diagnosis.causes.base import Setting, Site
+from vsalog.diagnosis.discrepancy import Weights
+from vsalog.diagnosis.linear import Linear, Placed, Variant, candidates_of, linearised, placed, variants_of
+from vsalog.diagnosis.subsets import Candidates
+
+Array = NDArray[np.float64]
+
+# Steps of a fit, how often one is damped, and the gain in deviance below which it ends: far below what a cause is priced at.
+STEPS, DAMPINGS, ENOUGH = 12, 6, 0.1
+
+
+@dataclass(frozen=True, slots=True)
+class Problem:
+    """What a fit needs beside its causes.
+
+    Attributes
+    ----------
+    joint : of the rig, without any cause
+    setting : of the joint and its log
+    stated : tolerances of the rig
+    """
+
+    joint: Any
+    setting: Setting
+    stated: Mapping[str, float]
+
+
+@dataclass(frozen=True, slots=True)
+class Posterior:
+    """A set of causes at its most probable values.
+
+    Attributes
+    ----------
+    fit : causes with their values
+    score : negative log marginal likelihood, by Laplace's method
+    linear : the equations about it, straight in the numbers of its causes
+    candidates : their normal equations
+    """
+
+    fit: tuple[tuple[Site, Array], ...]
+    score: float
+    linear: Linear
+    candidates: Candidates
+
+    @property
+    def keys(self) -> frozenset[tuple[str, str]]:
+        """Causes and parts."""
+        return frozenset(site.key for site, _ in self.fit)
+
+
+def most_probable(problem: Problem, weights: Weights, start: Placed) -> Posterior:
+    """Fit a set of causes from values to begin with.
+
+    The score is ½ (deviance + |δ|²) + ½ log det(I + A) + Σ price, with δ in units of the prior deviations.
+    """
+    fit = tuple(start)
+    linear, candidates = _straight(problem, weights, fit)
+    now, damping = _loss(problem, weights, fit, linear), 0.0
+    for _ in range(STEPS if fit else 0):
+        H = np.eye(candidates.score.size) + candidates.information
+        before = now
+        for _ in range(DAMPINGS):
+            step = np.linalg.solve(H + damping * np.diag(np.diag(H)), candidates.score - H @ linear.now)
+            trial = _moved(linear.variants, np.clip(linear.now + step, candidates.low, candidates.high))
+            there = _straight_loss(problem, weights, trial, linear)
+            if there <= now:
+                fit, now, damping = trial, there, 0.1 * damping
+                break
+            damping = max(10.0 * damping, 1e-3)
+        if before - now <= 0.0:
+            break
+        linear, candidates = _straight(problem, weights, fit)
+        if before - now <= ENOUGH:
+            break
+    H = np.eye(candidates.score.size) + candidates.information
+    score = 0.5 * now + 0.5 * float(np.linalg.slogdet(H)[1]) + float(candidates.price.sum())
+    return Posterior(fit, score, linear, candidates)
+
+
+def _straight(problem: Problem, weights: Weights, fit: Placed) -> tuple[Linear, Candidates]:
+    variants = variants_of([site for site, _ in fit], problem.setting, None, fit, problem.stated)
+    linear = linearised(weights.system, problem.joint, fit, variants)
+    return linear, candidates_of(linear, weights.system)
+
+
+def _loss(problem: Problem, weights: Weights, fit: Placed, linear: Linear) -> float:
+    return weights.deviance(placed(problem.joint, fit)) + float(linear.now @ linear.now)
+
+
+def _straight_loss(problem: Problem, weights: Weights, trial: Placed, linear: Linear) -> float:
+    """Return deviance and prior of a trial; a shape counts from where the step began."""
+    deviance = weights.deviance(placed(problem.joint, trial))
+    off = [
+        (values[i] - v.rig[k]) / v.deviation[k]
+        for v, (_, values) in zip(linear.variants, trial, strict=True)
+        for k, i in enumerate(v.free)
+        if not v.site.parameters[i].shape
+    ]
+    return deviance + float(np.sum(np.square(off)))
+
+
+def _moved(variants: tuple[Variant, ...], unknowns: Array) -> tuple[tuple[Site, Array], ...]:
+    """Return causes with the values that unknowns stand for, no farther than where they are straight."""
+    out, j = [], 0
+    for variant in variants:
+        values = variant.base.copy()
+        for k, i in enumerate(variant.free):
+            p = variant.site.parameters[i]
+            step = variant.rig[k] + unknowns[j] * variant.deviation[k] - values[i]
+            values[i] = np.clip(values[i] + np.clip(step, -p.reach, p.reach), p.low, p.high)
+            j += 1
+        out.append((variant.site, values))
+    return tuple(out)
+
+
+def begun_by(linear: Linear, candidates: Candidates, chosen: NDArray[np.bool_]) -> tuple[tuple[Site, Array], ...]:
+    """Return the causes of a chosen set with the values that the linear model has for them."""
+    unknowns = candidates.solution(chosen)
+    out = []
+    for g in np.flatnonzero(chosen):
+        variant, values = linear.variants[g], linear.variants[g].base.copy()
+        for k, i in enumerate(variant.free):
+            p = variant.site.parameters[i]
+            values[i] = np.clip(
+                variant.rig[k] + unknowns[linear.first[g] + k] * variant.deviation[k], p.low, p.high
+            )
+        out.append((variant.site, values))
+    return tuple(out)
