@@ -132,9 +132,21 @@ def select(
         stage = _stage(problem, stage.system, sites, fit, blocks, stage.system.hold)
         if settled:
             break
-    # The noise and model error are those of the set that was found: its values, and what speaks against it, are told under them.
-    final = most_probable(problem, stage.weights, fit)
-    return Selection(stage.system, stage.weights, final, _choices(problem, stage, final), blocks)
+    return _established(problem, stage, sites, most_probable(problem, stage.weights, fit), blocks)
+
+
+def _established(
+    problem: Problem, stage: Stage, sites: Sequence[Site], final: Posterior, blocks: Integers
+) -> Selection:
+    """Drop the causes without which the set is about as probable and nothing stands in their place, the least sure first."""
+    while True:
+        choices = _choices(problem, stage, final)
+        loose = min((c for c in choices if not c.rivals), key=lambda c: c.odds, default=None)
+        if loose is None or loose.odds >= APART:
+            return Selection(stage.system, stage.weights, final, choices, blocks)
+        fit = tuple((site, values) for site, values in final.fit if site.key != loose.site.key)
+        stage = _stage(problem, stage.system, sites, fit, blocks, stage.system.hold)
+        final = most_probable(problem, stage.weights, fit)
 
 
 def sites_of(setting: Setting, barred: frozenset[str]) -> list[Site]:

@@ -24,6 +24,9 @@ Integers = NDArray[np.int64]
 
 # Scores that differ by less are equal: rounding, in natural units of log-probability.
 SAME_SCORE = 1e-6
+# So many groups are tried in the stead of one; a set of more groups than the second is not looked through for two-for-one moves,
+# whose number grows with its square: sets of so many are on the way to smaller ones.
+STEAD, PAIRED = 6, 16
 
 
 @dataclass(frozen=True, slots=True)
@@ -106,14 +109,23 @@ def best_sets(candidates: Candidates, starts: Iterable[Flags] = ()) -> list[Rank
 def without(candidates: Candidates, best: Ranked, barred: Flags) -> Ranked:
     """Return the best set found that has none of some groups: what would stand in their place."""
     free = np.zeros(len(candidates), dtype=np.bool_)
-    starts = [best.chosen & ~barred, free]
-    found = [_descended(candidates, s, free, barred) for s in starts]
-    for g in np.flatnonzero(~barred & ~best.chosen):
+    start = best.chosen & ~barred
+    found = [_descended(candidates, start, free, barred)]
+    instead = [g for g in np.flatnonzero(~barred & ~start)]
+    scores = [candidates.scored(_with(candidates, start, g)) for g in instead]
+    for k in np.argsort(scores)[:STEAD]:
         pinned = free.copy()
-        pinned[g] = True
-        begin = (best.chosen & ~barred & ~candidates.conflict[g]) | pinned
-        found.append(_descended(candidates, _descended(candidates, begin, pinned, barred).chosen, free, barred))
+        pinned[instead[k]] = True
+        begin = _descended(candidates, _with(candidates, start, instead[k]), pinned, barred).chosen
+        found.append(_descended(candidates, begin, free, barred))
     return min(found, key=lambda r: r.score)
+
+
+def _with(candidates: Candidates, chosen: Flags, group: int) -> Flags:
+    """Return a set with a group in it, without what that cannot stand with."""
+    out = np.asarray(chosen & ~candidates.conflict[group])
+    out[group] = True
+    return out
 
 
 def _everything(candidates: Candidates) -> Flags:
@@ -132,7 +144,7 @@ def _descended(candidates: Candidates, start: Flags, pinned: Flags, barred: Flag
     c = candidates
     chosen = (start | pinned) & ~barred
     score = _descend(
-        chosen, pinned, barred, c.information, c.score, c.first, c.price, c.conflict, c.low, c.high, SAME_SCORE
+        chosen, pinned, barred, c.information, c.score, c.first, c.price, c.conflict, c.low, c.high, SAME_SCORE, PAIRED
     )
     return Ranked(chosen, float(score))
 
@@ -211,6 +223,7 @@ def _descend(
     low: Array,
     high: Array,
     same: float,
+    paired: int,
 ) -> float:
     """Improve a set in place until no move helps; return its score."""
     count = price.size
@@ -244,11 +257,14 @@ def _descend(
                 best[:] = trial
         if not better:
             # Exchanges, and two for one, only where nothing simpler helps.
+            size = 0
+            for g in range(count):
+                size += chosen[g]
             for g in range(count):
                 if not chosen[g] or pinned[g]:
                     continue
                 for g2 in range(g, count):
-                    if not chosen[g2] or pinned[g2]:
+                    if not chosen[g2] or pinned[g2] or (g2 != g and size > paired):
                         continue
                     for h in range(count):
                         if chosen[h] or barred[h]:
