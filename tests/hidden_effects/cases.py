@@ -43,6 +43,7 @@ class Plan:
     roles : full, no-torque-sensor, no-link-encoder
     sizes : range of sizes, drawn from log-uniformly
     poor : whether the machine hardly moves
+    engine : that simulates the hidden machine
     family : that says what is hidden and how strongly, in place of `causes`, `outside` and `sizes`; none when empty
     """
 
@@ -55,6 +56,7 @@ class Plan:
     sizes: tuple[float, float] = SIZES
     poor: bool = False
     family: str = ""
+    engine: str = "own"
 
 
 @dataclass
@@ -170,6 +172,7 @@ def _finish(plan: Plan, bench: Bench, hidden: list[Hidden], rng: np.random.Gener
         "seed": plan.seed,
         "poor": plan.poor,
         "family": plan.family,
+        "engine": plan.engine,
         "effects": [
             {
                 "cause": h.effect.cause,

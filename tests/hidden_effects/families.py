@@ -16,6 +16,8 @@ from .effects import EFFECTS, main_motors, motor_of, springs
 
 MECHANICAL = ("elastic", "serial", "antagonistic")
 Random = np.random.Generator
+# What simulates, and which devices it can.
+ENGINES = {"own": (*MECHANICAL, "rigid", "bench"), "mujoco": ("elastic", "rigid")}
 
 
 @dataclass(frozen=True)

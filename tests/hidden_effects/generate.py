@@ -19,7 +19,7 @@ import numpy as np
 from .cases import SIZES, VARIANTS, NotVisibleError, Plan, make_case, write_case
 from .devices import DEVICES
 from .effects import EFFECTS, OUTSIDE
-from .families import FAMILIES
+from .families import ENGINES, FAMILIES
 
 KINDS = ("clean", "single", "pair", "reduced", "outside")
 
@@ -55,14 +55,16 @@ def plans(kind: str, count: int, seed: int, devices: tuple[str, ...] = tuple(DEV
     ]
 
 
-def family_plans(name: str, count: int, seed: int, devices: tuple[str, ...] = tuple(DEVICES)) -> list[Plan]:
-    """Lay out cases of a family: its devices, of those that are asked for, in turn."""
+def family_plans(
+    name: str, count: int, seed: int, devices: tuple[str, ...] = tuple(DEVICES), engine: str = "own"
+) -> list[Plan]:
+    """Lay out cases of a family: its devices in turn, of those that are asked for and the engine has."""
     family = FAMILIES[name]
     rng = np.random.default_rng([seed, len(KINDS), *name.encode()])
-    own = [d for d in family.devices if d in devices]
+    own = [d for d in family.devices if d in devices and d in ENGINES[engine]]
     drawn = rng.integers(0, 2**31, count)
     return [
-        Plan(f"{name}-{i:04d}", device, int(drawn[i]), family=name)
+        Plan(f"{name}-{i:04d}", device, int(drawn[i]), family=name, engine=engine)
         for i, device in zip(range(count), cycle(own), strict=False)
     ]
 
@@ -114,6 +116,7 @@ def main() -> None:
     parser.add_argument("--roles", choices=list(VARIANTS), default="full", help="with --cause")
     parser.add_argument("--size", type=float, nargs=2, default=SIZES, metavar=("LEAST", "MOST"), help="with --cause")
     parser.add_argument("--poor", action="store_true", help="with --cause: the machine hardly moves")
+    parser.add_argument("--engine", choices=ENGINES, default="own", help="that simulates a family")
     parser.add_argument("--workers", type=int, default=min(2, os.cpu_count() or 1))
     given = parser.parse_args()
     devices = tuple(given.device or DEVICES)
@@ -126,7 +129,7 @@ def main() -> None:
             for c in given.cause for device in devices for i in range(given.cases)
         ]  # fmt: skip
     elif given.kind in FAMILIES:
-        chosen = family_plans(given.kind, given.cases, given.seed, devices)
+        chosen = family_plans(given.kind, given.cases, given.seed, devices, given.engine)
     else:
         chosen = plans(given.kind, given.cases, given.seed, devices)
     problems = generate(chosen, given.out, given.workers)
