@@ -20,7 +20,7 @@ import numpy as np
 
 from .alike import fits_equally
 from .cases import Plan, make_case
-from .devices import DEVICES
+from .devices import ALL_DEVICES, DEVICES
 from .families import ENGINES, FAMILIES
 from .family_report import document as family_document
 from .family_report import markdown as family_markdown
@@ -40,14 +40,14 @@ PATIENCE = 600
 
 
 def lay_out(
-    cases: int | None, seed: int, devices: tuple[str, ...], kinds: tuple[str, ...], engine: str = "own"
+    cases: int | None, seed: int, devices: tuple[str, ...] | None, kinds: tuple[str, ...], engine: str = "own"
 ) -> list[Plan]:
     """Return the plans of a battery: cases shared among the kinds, and so many of each family."""
     shares = {k: SHARES[k] for k in kinds if k in SHARES}
     out = []
     for kind, part in shares.items():
         count = max(1, round((cases or FULL) * part / sum(shares.values())))
-        out += plans(kind, count, seed, devices)
+        out += plans(kind, count, seed, devices or tuple(DEVICES))
     families = [k for k in kinds if k in FAMILIES]
     return out + [p for k in families for p in family_plans(k, cases or FAMILY, seed, devices, engine)]
 
@@ -139,7 +139,7 @@ def main() -> None:
     parser.add_argument("--out", type=Path, default=Path("battery"))
     parser.add_argument("--cases", type=int, help=f"how many; {FULL} when absent, {FAMILY} of a family")
     parser.add_argument("--quick", action="store_true", help=f"{QUICK} cases, and sets are not looked into")
-    parser.add_argument("--device", choices=list(DEVICES), action="append", help="default: all")
+    parser.add_argument("--device", choices=list(ALL_DEVICES), action="append", help="default: all")
     parser.add_argument("--kind", choices=[*KINDS, *FAMILIES], action="append", help="default: all but families")
     parser.add_argument("--engine", choices=ENGINES, default="own", help="that simulates families")
     parser.add_argument("--workers", type=int, default=min(2, os.cpu_count() or 1))
@@ -152,7 +152,7 @@ def main() -> None:
     given = parser.parse_args()
     # Workers side by side, one to a core: linear algebra with threads of its own would make them wait for one another.
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
-    devices, kinds = tuple(given.device or DEVICES), tuple(given.kind or KINDS)
+    devices, kinds = tuple(given.device or ()) or None, tuple(given.kind or KINDS)
     chosen = lay_out(given.cases or (QUICK if given.quick else None), given.seed, devices, kinds, given.engine)
     if not (given.again or given.score):
         for problem in generate(chosen, given.out, given.workers):

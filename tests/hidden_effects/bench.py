@@ -6,7 +6,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from .devices import DEVICES
+from .devices import ALL_DEVICES
 from .effects import Effect, Scales, Shape
 from .equations import LeftOver
 from .machines import Machine, Sensors
@@ -61,7 +61,7 @@ class Bench:
     def left_over(self, hidden: list[Hidden]) -> dict[str, LeftOver] | None:
         """Return what effects leave over in the nominal equations; none where the machine breaks or its servo swings."""
         machine, sensors = self.changed(hidden)
-        device = DEVICES[self.nominal.device]
+        device = ALL_DEVICES[self.nominal.device]
         truth = device.happened(machine, self.follow)
         if truth is None or wild(truth, self.truth):
             return None

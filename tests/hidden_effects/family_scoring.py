@@ -152,16 +152,18 @@ def score_family(
     outcome.ended, outcome.named = diagnosis["verdict"], [_key(c) for c in causes]
     # What is present but immaterial is named all the same; it is just not counted where it is false.
     outcome.right = [any(holds(c, e) for c in diagnosis["causes"]) for e in effects]
+    outcome.classes = [[_key(c), *(c.get("indistinguishable_from") or ())] for c in causes]
     for cause in causes:
         right = any(holds(cause, e) for e in effects)
         sure = cause.get("confidence")
+        if not right and any(_is_near(cause, o) for o in outside):
+            continue
         if not right:
             outcome.false.append(_key(cause))
             if sure is None or sure >= CONFIDENT:
                 outcome.confident.append(_key(cause))
         if sure is not None:
             outcome.confidences.append((float(sure), right))
-        outcome.classes.append([_key(cause), *(cause.get("indistinguishable_from") or ())])
     if causes:
         outcome.first = any(is_hidden(causes[0], e) for e in effects)
         small = len(outcome.classes[0]) <= SMALL_CLASS
@@ -170,6 +172,12 @@ def score_family(
     outcome.held_out = _gains(diagnosis)[0]
     outcome.absurd = absurd_values(diagnosis, causes)
     return outcome
+
+
+def _is_near(named: Mapping[str, Any], outside: Mapping[str, Any]) -> bool:
+    """Tell whether a cause is the catalogue's nearest to what the catalogue lacks: then it is neither right nor false."""
+    near = [split(m) for m in outside.get("near", ())]
+    return any(named["cause"] == cause and covers(named.get("part"), part) for cause, part in near)
 
 
 def has_to_be_named(effect: Mapping[str, Any]) -> bool:

@@ -126,7 +126,7 @@ def test_bristles_slide_at_the_stribeck_curve():
     for speed in (0.01, 0.1, -0.3):
         z, h = 0.0, 1e-6
         for _ in range(200000):
-            force, dz = _plant._bristles(motor, z, speed, 0.0, 0.0)
+            force, dz = _plant._bristles(motor, z, 0.0, speed, 0.0, 0.0)
             z += h * dz
             if abs(dz) < 1e-9:
                 break
