@@ -136,7 +136,7 @@ def _bench(plan: Plan, rng: np.random.Generator) -> Bench | None:
 
 def _simulates(plan: Plan, nominal: Any) -> bool:
     """Tell whether the plan's engine can simulate a machine."""
-    return plan.engine == "own" or bool(mujoco_engine.simulates(nominal))
+    return plan.engine == "own" or mujoco_engine.simulates(nominal)
 
 
 def _missing(plan: Plan, nominal: Any) -> tuple[str, ...]:
@@ -175,6 +175,8 @@ def _hide_all(plan: Plan, bench: Bench, rng: np.random.Generator) -> list[Hidden
 
 def _hide_family(plan: Plan, bench: Bench, rng: np.random.Generator) -> list[Hidden] | None:
     hidden = FAMILIES[plan.family].hide(bench, rng)
+    if plan.engine != "own" and not mujoco_engine.simulates(bench.nominal, hidden):
+        return None
     for one in hidden or ():
         one.size = bench.size([one])
     sizes = np.array([one.size for one in hidden or ()])
