@@ -1,7 +1,7 @@
 """A second engine: MuJoCo simulates elastic and rigid joints that the same servos drive.
 
 Springs are tendons between motor and link, with a dead zone for a gap and frictionloss for a loop; inertias are armatures and
-bodies that hang in gravity; dry friction is MuJoCo's frictionloss. Drives, and what is late in them, are a control loop of its own.
+bodies that hang in gravity; dry friction is MuJoCo's frictionloss. The drive and its delay are a control loop about it.
 """
 
 from __future__ import annotations
@@ -86,7 +86,8 @@ def model_text(machine: Machine, step: float) -> str:
             stiffness=f"{stiffness!r} 0 {cubic!r}", springlength=f"{-half!r} {half!r}", damping=spring["damping"],
             frictionloss=spring["slip_torque"], solreffriction=friction,
         )  # fmt: skip
-        tendon = f'<tendon><fixed name="spring" {own}><joint joint="link" coef="1"/><joint joint="motor" coef="-1"/></fixed></tendon>'
+        ends = '<joint joint="link" coef="1"/><joint joint="motor" coef="-1"/>'
+        tendon = f'<tendon><fixed name="spring" {own}>{ends}</fixed></tendon>'
     return (
         f"<mujoco>{head}<worldbody>{bodies}</worldbody>{tendon}"
         '<actuator><motor joint="motor"/></actuator></mujoco>'
