@@ -195,7 +195,7 @@ def _finish(plan: Plan, bench: Bench, hidden: list[Hidden], rng: np.random.Gener
     for follow in (played, again):
         truth = happened(machine, follow)
         nominal = device.happened(bench.nominal, follow)
-        if truth is None or nominal is None or wild(truth, nominal):
+        if truth is None or nominal is None or wild(truth, nominal, bench.most):
             return None
         said = recorded(truth, sensors, bench.nominal, bench.qualities, rng)
         time, keep = _stamps(plan, sensors, truth, rng)

@@ -236,9 +236,9 @@ def _slow_servo(machine: Machine, rng: Random) -> None:
 
 
 def _soft_servo(machine: Machine, rng: Random) -> None:
-    softer = rng.uniform(0.35, 0.6)
+    softer = rng.uniform(0.3, 0.5)
     machine.servos["stiffness"] *= softer**2
-    machine.servos["damping"] *= softer
+    machine.servos["damping"] *= 0.5 * softer
 
 
 def _command_is_exact(machine: Machine, truth: Truth, qualities: dict[str, Quality], rng: Random) -> None:
@@ -278,9 +278,10 @@ def _creep(machine: Machine, duration: float, period: float, rng: Random, poor: 
     """Slow ramps with rests, and a few quicker moves that deflect the spring."""
     time = grid(duration, period)
     ease = np.clip((time - time[0]) / (0.8 * LEAD), 0.0, 1.0)
-    slow = ramps(time, (2.0, 5.0), rng)
-    quick = steps(time, (2.0, 5.0), 0.08, rng)
-    angle = float(machine.link[0]["hangs_at"]) + rng.uniform(0.3, 0.7) * slow + 0.4 * machine.deflection * quick
+    # A place is kept for a while before the way goes on.
+    slow = 0.3 * ramps(time, (3.0, 6.0), rng) + 0.7 * steps(time, (2.5, 6.0), 0.3, rng)
+    quick = steps(time, (2.5, 6.0), 0.08, rng)
+    angle = float(machine.link[0]["hangs_at"]) + rng.uniform(0.1, 0.3) * slow + 0.4 * machine.deflection * quick
     values = np.zeros((time.size, 2, 2))
     values[:, 0, 0] = ease * angle
     if machine.device == "antagonistic":
@@ -298,9 +299,19 @@ def of_machine(share: float, bench: Bench, part: str) -> float:
 
 
 DRY = (
-    Common("motor.coulomb_friction", positive(0.1, 0.3), strength=of_machine, shared=0.5, main=True),
-    Common("motor.stribeck_friction", positive(0.08, 0.22), strength=of_machine, shared=0.5, main=True),
+    Common("motor.coulomb_friction", positive(0.08, 0.25), strength=of_machine, shared=0.5, main=True),
+    Common("motor.stribeck_friction", positive(0.06, 0.2), strength=of_machine, shared=0.5, main=True),
 )
+# A motor that lets go jumps faster than its drive goes [rad/s], and takes many times the torque that it would need else.
+JUMP, PULL = 8.0, 25.0
+
+
+def _stick_slip(bench: Bench, rng: Random) -> list[Hidden] | None:
+    bench.scales.fastest = {part: max(fastest, JUMP) for part, fastest in bench.scales.fastest.items()}
+    bench.most = PULL
+    return _along_with(DRY, 1, (*DRY_CAUSES, "motor.viscous_friction"))(bench, rng)
+
+
 CURRENT = (Common("motor.torque_constant", signed(0.1, 0.4), shared=0.5, main=True),)
 
 
@@ -410,7 +421,7 @@ FAMILIES = {
         Family("short", "logs of 5 s; one thing wrong", _one(SINGLE), duration=(5.0, 5.0)),
         Family(
             "stick-slip", "a motor that sticks and slips behind a slow, soft drive; perhaps one thing more",
-            _along_with(DRY, 1, (*DRY_CAUSES, "motor.viscous_friction")), prepare=_soft_servo, drive=_creep,
+            _stick_slip, prepare=_soft_servo, drive=_creep,
         ),
         Family(
             "current", "a torque that was computed from a current with a wrong constant; up to two things more",
