@@ -16,7 +16,7 @@ from .clamped import BENCH_EFFECTS
 from .effects import EFFECTS, OUTSIDE, Effect, main_motors, motor_of, springs
 from .machines import Machine
 from .model_errors import MODEL_ERRORS
-from .motion import LEAD, Truth, Wanted
+from .motion import LEAD, Truth, Wanted, happened
 from .motion import _grid as grid
 from .motion import _ramps as ramps
 from .motion import _steps as steps
@@ -304,12 +304,25 @@ DRY = (
 )
 # A motor that lets go jumps faster than its drive goes [rad/s], and takes many times the torque that it would need else.
 JUMP, PULL = 8.0, 25.0
+# It rests for no less and no more than these shares of a log.
+STILL = 0.1, 0.85
 
 
 def _stick_slip(bench: Bench, rng: Random) -> list[Hidden] | None:
     bench.scales.fastest = {part: max(fastest, JUMP) for part, fastest in bench.scales.fastest.items()}
     bench.most = PULL
-    return _along_with(DRY, 1, (*DRY_CAUSES, "motor.viscous_friction"))(bench, rng)
+    hidden = _along_with(DRY, 1, (*DRY_CAUSES, "motor.viscous_friction"))(bench, rng)
+    return hidden if hidden and STILL[0] < _still(bench, hidden) < STILL[1] else None
+
+
+def _still(bench: Bench, hidden: list[Hidden]) -> float:
+    """Return for which share of a log the motor that has the friction rests."""
+    truth = happened(bench.changed(hidden)[0], bench.follow)
+    if truth is None:
+        return 1.0
+    position = truth.roles[hidden[0].part.replace("motor", "motor_position")][truth.inside]
+    lag = round(0.1 / truth.period)
+    return float(np.mean(np.abs(position[lag:] - position[:-lag]) < 1e-4))
 
 
 CURRENT = (Common("motor.torque_constant", signed(0.1, 0.4), shared=0.5, main=True),)
