@@ -219,7 +219,7 @@ def _finish(plan: Plan, bench: Bench, hidden: list[Hidden], rng: np.random.Gener
             own = {"what": h.effect.cause, "part": h.part, "parameters": h.parameters, "size": h.size}
             sealed["outside"] = SCORED_OUTSIDE[h.effect.cause] | own
     if plan.family:
-        _beside_remainder(sealed, hidden, bench)
+        _compare_with_remainder(sealed, hidden, bench)
     return Case(plan, bench, hidden, logs[0], logs[1], sealed, bench.follow.period, stamps)
 
 
@@ -247,7 +247,7 @@ def _stamps(
     return (time + stamp_errors(count, sensors, truth.period, rng) if sensors.jitter else time), slice(None)
 
 
-def _beside_remainder(sealed: dict[str, Any], hidden: list[Hidden], bench: Bench) -> None:
+def _compare_with_remainder(sealed: dict[str, Any], hidden: list[Hidden], bench: Bench) -> None:
     """Note what of the hidden is outside the catalogue, and how each effect compares with it, equation by equation."""
     lacking = [h for h in hidden if h.effect.cause not in EFFECTS]
     sealed["outside"] = [
@@ -260,10 +260,10 @@ def _beside_remainder(sealed: dict[str, Any], hidden: list[Hidden], bench: Bench
     rest = bench.left_over(lacking) if lacking else None
     sealed["remainder"] = max(p.ratio for p in rest.values()) if rest else 0.0
     known = [h for h in hidden if h.effect.cause in EFFECTS]
-    for one, told in zip(known, sealed["effects"], strict=True):
+    for one, entry in zip(known, sealed["effects"], strict=True):
         if rest:
             own = bench.left_over([one]) or {}
-            told["over_remainder"] = max(float(p.ratio / np.hypot(rest[name].ratio, 1.0)) for name, p in own.items())
+            entry["over_remainder"] = max(float(p.ratio / np.hypot(rest[name].ratio, 1.0)) for name, p in own.items())
 
 
 def nominal_values(one: Hidden, bench: Bench) -> dict[str, float]:

@@ -359,7 +359,7 @@ LACKING = {
     "filter in the drive": 0.6,
     "stamps that jitter": 0.6,
 }
-# What of the catalogue comes near to one of them: neither right nor false beside it.
+# What of the catalogue comes near to one of them: neither right nor false next to it.
 DRY_CAUSES = ("motor.coulomb_friction", "motor.stribeck_friction", "motor.load_dependent_friction")
 NEAR = {
     "friction that depends on the position": DRY_CAUSES,

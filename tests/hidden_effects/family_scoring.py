@@ -155,15 +155,15 @@ def score_family(
     outcome.classes = [[_key(c), *(c.get("indistinguishable_from") or ())] for c in causes]
     for cause in causes:
         right = any(holds(cause, e) for e in effects)
-        sure = cause.get("confidence")
+        confidence = cause.get("confidence")
         if not right and any(_is_near(cause, o) for o in outside):
             continue
         if not right:
             outcome.false.append(_key(cause))
-            if sure is None or sure >= CONFIDENT:
+            if confidence is None or confidence >= CONFIDENT:
                 outcome.confident.append(_key(cause))
-        if sure is not None:
-            outcome.confidences.append((float(sure), right))
+        if confidence is not None:
+            outcome.confidences.append((float(confidence), right))
     if causes:
         outcome.first = any(is_hidden(causes[0], e) for e in effects)
         small = len(outcome.classes[0]) <= SMALL_CLASS
@@ -181,17 +181,17 @@ def _is_near(named: Mapping[str, Any], outside: Mapping[str, Any]) -> bool:
 
 
 def has_to_be_named(effect: Mapping[str, Any]) -> bool:
-    """Tell whether an effect is visible alone, also beside what the catalogue has not."""
+    """Tell whether an effect is visible alone, also next to what the catalogue lacks."""
     return effect["size"] >= VISIBLE and effect.get("over_remainder", np.inf) >= 1.0
 
 
 def _intervals(causes: Sequence[Mapping[str, Any]], effects: Sequence[Mapping[str, Any]]):
-    """Yield an estimate for every parameter that is told of an effect under its own name, once per named cause."""
+    """Yield an estimate for every parameter that is reported of an effect under its own name, once per named cause."""
     for cause in causes:
         for effect in effects:
             if cause["cause"] == effect["cause"] and covers(cause.get("part"), effect["part"]):
-                told = cause.get("parameters", {})
-                known = {k: v for k, v in effect["parameters"].items() if told.get(k, {}).get("value") is not None}
+                reported = cause.get("parameters", {})
+                known = {k: v for k, v in effect["parameters"].items() if reported.get(k, {}).get("value") is not None}
                 yield from _estimates(cause, {**effect, "parameters": known})
                 break
 
@@ -202,13 +202,13 @@ def absurd_values(diagnosis: Mapping[str, Any], causes: Sequence[Mapping[str, An
     joint = next(iter(joints.values()), {})
     out = []
     for cause in causes:
-        for name, told in cause.get("parameters", {}).items():
+        for name, reported in cause.get("parameters", {}).items():
             rig: Any = 1.0
             if name == "inertia":
                 rig = joint.get(cause.get("part"), {}).get("inertia")
             elif name not in ("factor", "gain"):
                 continue
-            value = told.get("value")
+            value = reported.get("value")
             if rig and value is not None and not 1.0 / ABSURD <= float(value) / float(rig) <= ABSURD:
                 out.append(f"{_key(cause)}.{name} = {float(value):.3g}")
     return out

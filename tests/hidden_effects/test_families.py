@@ -1,4 +1,4 @@
-"""Families of cases as they lie on disk, the second engine beside the first, and the scoring of several effects at once."""
+"""Families of cases as they lie on disk, the second engine against the first, and the scoring of several effects at once."""
 
 import json
 
@@ -56,10 +56,10 @@ def test_the_truth_is_what_was_drawn_and_shows(cases, name):
     assert sealed["family"] == name
     machine, sensors = case.bench.changed(case.hidden)
     assert len(sealed["effects"]) + len(sealed["outside"]) == len(case.hidden) > 0
-    for told in sealed["effects"]:
-        assert told["parameters"] == pytest.approx(read_off(told, machine, sensors)), told["cause"]
-        assert told["parameters"] != told["nominal"]
-        assert told["size"] >= 0.0
+    for reported in sealed["effects"]:
+        assert reported["parameters"] == pytest.approx(read_off(reported, machine, sensors)), reported["cause"]
+        assert reported["parameters"] != reported["nominal"]
+        assert reported["size"] >= 0.0
     assert max(e["size"] for e in sealed["effects"] + sealed["outside"]) >= 3.0
     assert case.bench.size(case.hidden) > 3.0
     # What the nominal machine would have done differs from the log by more than noise, once that is averaged.
@@ -76,9 +76,9 @@ def rms(values):
     return float(np.sqrt(np.mean(values**2)))
 
 
-def read_off(told, machine, sensors):
+def read_off(reported, machine, sensors):
     """What the machine and its sensors have become, for the causes that are easily read off."""
-    cause, part = told["cause"], told["part"]
+    cause, part = reported["cause"], reported["part"]
     motor = machine.motors[1 if part in ("motor_2", "secondary_motor") else 0]
     spring, link = machine.springs[1 if part.endswith("_2") else 0], machine.link[0]
     known = {
@@ -94,7 +94,7 @@ def read_off(told, machine, sensors):
         "sensor.encoder_offset": lambda: {"offset": sensors.flaws[part].offset},
         "sensor.clock_skew": lambda: {"delay": sensors.flaws[part].delay},
     }
-    return known[cause]() if cause in known else told["parameters"]
+    return known[cause]() if cause in known else reported["parameters"]
 
 
 def drawn(device, count):
@@ -268,9 +268,9 @@ def effect(cause, part, size=20.0, alike=None, nominal=None, **parameters):
 
 
 def named(cause, part, others=(), confidence=0.95, material=True, **parameters):
-    told = {k: {"value": v, "std": s, "unit": ""} for k, (v, s) in parameters.items()}
+    reported = {k: {"value": v, "std": s, "unit": ""} for k, (v, s) in parameters.items()}
     return {
-        "cause": cause, "part": part, "parameters": told, "indistinguishable_from": list(others), "confidence": confidence,
+        "cause": cause, "part": part, "parameters": reported, "indistinguishable_from": list(others), "confidence": confidence,
         "material": material,
     }  # fmt: skip
 
@@ -296,11 +296,11 @@ def value(outcomes, words, family="messy"):
 
 
 def test_only_what_is_visible_alone_has_to_be_named():
-    told = diagnosis(
+    reported = diagnosis(
         named("motor.inertia", "motor", inertia=(0.111, 0.001)),
         named("transmission.stiffness", "transmission", factor=(1.07, 0.001)),
     )
-    outcome = score_family(truth(INERTIA, SPRING, FAINT), told)
+    outcome = score_family(truth(INERTIA, SPRING, FAINT), reported)
     assert outcome.asked == [True, True, False]
     assert outcome.right == [True, True, False]
     assert outcome.complete
@@ -319,8 +319,10 @@ def test_only_what_is_visible_alone_has_to_be_named():
     "member", ["transmission.stiffness", "transmission.stiffness (transmission)", "transmission.stiffness@transmission"]
 )
 def test_a_class_that_holds_what_was_hidden_is_right(member):
-    told = diagnosis(named("sensor.torque_gain", "torque_sensor", [member, "motor.torque_constant"], gain=(0.95, 0.01)))
-    outcome = score_family(truth(SPRING), told)
+    reported = diagnosis(
+        named("sensor.torque_gain", "torque_sensor", [member, "motor.torque_constant"], gain=(0.95, 0.01))
+    )
+    outcome = score_family(truth(SPRING), reported)
     assert outcome.complete
     assert outcome.false == []
     assert not outcome.first
@@ -338,9 +340,9 @@ def test_false_causes_count_where_they_are_material():
     assert outcome.confidences == [(0.95, True), (0.95, False)]
     small = score_family(truth(SPRING), diagnosis(right, wrong | {"material": False}))
     assert small.false == []
-    unsure = score_family(truth(SPRING), diagnosis(right, wrong | {"confidence": 0.4}))
-    assert unsure.false
-    assert not unsure.confident
+    doubtful = score_family(truth(SPRING), diagnosis(right, wrong | {"confidence": 0.4}))
+    assert doubtful.false
+    assert not doubtful.confident
     assert value([outcome, small], "a false material cause") == 0.5
     same = effect("motor.inertia", "motor", alike={"link.inertia@link": 0.0}, inertia=0.2)
     assert score_family(truth(same), diagnosis(wrong)).false == []
@@ -378,16 +380,16 @@ def test_what_is_called_explained_is_near_the_floor():
     assert value([near, far], "at most 1.5 times") == 0.0
 
 
-def test_beside_model_error_only_larger_causes_are_asked_for():
+def test_next_to_model_error_only_larger_causes_are_asked_for():
     lost = {**INERTIA, "over_remainder": 0.4}
     clear = {**SPRING, "over_remainder": 3.0}
     outside = {"what": "filter in the drive", "part": "motor", "size": 50.0, "near": ["motor.torque_delay@motor"]}
-    told = diagnosis(
+    reported = diagnosis(
         named("transmission.stiffness", "transmission"),
         named("motor.torque_delay", "motor"),
         verdict="partly explained",
     )
-    outcome = score_family(truth(lost, clear, family="model-error", outside=[outside], remainder=50.0), told)
+    outcome = score_family(truth(lost, clear, family="model-error", outside=[outside], remainder=50.0), reported)
     assert outcome.asked == [False, True]
     assert outcome.false == []
     assert value([outcome], "causes larger than", "model-error") == 1.0
@@ -418,9 +420,9 @@ def test_a_command_that_failed_counts_against_every_number():
 
 
 def test_confidence_is_held_against_how_often_it_is_right():
-    sure = named("transmission.stiffness", "transmission", confidence=0.97)
-    unsure = named("link.inertia", "link", confidence=0.6)
-    outcomes = [score_family(truth(SPRING), diagnosis(sure, unsure)) for _ in range(3)]
+    certain = named("transmission.stiffness", "transmission", confidence=0.97)
+    doubtful = named("link.inertia", "link", confidence=0.6)
+    outcomes = [score_family(truth(SPRING), diagnosis(certain, doubtful)) for _ in range(3)]
     assert reliability(outcomes) == [[0.5, 0.7, pytest.approx(0.6), 0.0, 3], [0.95, 0.99, pytest.approx(0.97), 1.0, 3]]
     text = family_report.markdown(outcomes, 7, "0.1")
     assert "Family messy, seed 7, vsalog 0.1, 3 cases." in text
