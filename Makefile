@@ -10,7 +10,7 @@ VENV ?= .venv
 SEED ?= 1
 SECONDS ?= 3600
 BIN = $(VENV)/bin
-BATTERY = --out battery$(FAMILY:%=/%) $(FAMILY:%=--kind %) $(ENGINE:%=--engine %) $(CASES:%=--cases %)
+BATTERY = --out battery$(addprefix /,$(firstword $(FAMILY))$(ENGINE:%=-%)) $(FAMILY:%=--kind %) $(ENGINE:%=--engine %) $(CASES:%=--cases %)
 IMPORTED = numba llvmlite numpy scipy pyarrow pandas msgspec rosbags distributed dask
 MAKEFLAGS += --no-print-directory
 

@@ -1,6 +1,9 @@
 """Families of cases as they lie on disk, the second engine against the first, and the scoring of several effects at once."""
 
 import json
+import subprocess
+import sys
+from pathlib import Path
 
 import numpy as np
 import pyarrow.parquet as pq
@@ -8,7 +11,7 @@ import pytest
 from scipy.ndimage import uniform_filter1d
 
 from tests.hidden_effects import _plant, family_report, motion, mujoco_engine
-from tests.hidden_effects.battery import lay_out
+from tests.hidden_effects.battery import judge, lay_out, write
 from tests.hidden_effects.cases import Plan, _bench, make_case, nominal_values, write_case
 from tests.hidden_effects.devices import ALL_DEVICES
 from tests.hidden_effects.effects import EFFECTS
@@ -20,6 +23,8 @@ from tests.hidden_effects.machines import random_machine
 from tests.hidden_effects.rig_file import CHANNELS
 from vsalog.readers import read
 from vsalog.rig.load import Rig
+
+ROOT = Path(__file__).parents[2]
 
 # ── Cases ──────────────────────────────────────────────────────────────────────────────────────────────────────────────
 
@@ -145,6 +150,30 @@ def test_a_battery_of_families_takes_their_devices_in_turn():
     assert len(roles) == 9
     assert all(c.cause in EFFECTS for c in COMMON)
     assert all(f.about and set(f.devices) <= set(ALL_DEVICES) for f in FAMILIES.values())
+
+
+def test_the_command_writes_a_family(tmp_path):
+    options = ["--kind", "bench", "--cases", "2", "--seed", "2", "--workers", "1", "--out", str(tmp_path)]
+    command = [sys.executable, "-m", "tests.hidden_effects.generate", *options]
+    done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, timeout=300)
+    assert done.returncode == 0, done.stderr
+    assert done.stdout.startswith("2 cases in")
+    assert {p.name for p in (tmp_path / "bench-0001").iterdir()} == {"log.parquet", "holdout.parquet", "rig.toml"}
+
+
+def test_a_battery_judges_families_by_their_own_rules(tmp_path):
+    plan = family_plans("bench", 1, 3)[0]
+    folder = write_case(make_case(plan), tmp_path)
+    out = folder / "diagnosis"
+    out.mkdir()
+    (out / "run.json").write_text(json.dumps({"seconds": 2.0, "problem": ""}))
+    (out / "diagnosis.json").write_text(json.dumps(diagnosis(named("link.payload", "link", confidence=0.99))))
+    outcomes = judge([folder], tmp_path / "sealed")
+    text = write(outcomes, tmp_path, 3)
+    assert text.startswith("Family bench, seed 3")
+    found = json.loads((tmp_path / "battery.json").read_text())["families"]
+    assert [f["family"] for f in found] == ["bench"]
+    assert found[0]["cases"][0]["case"] == plan.name
 
 
 def test_repeats_are_other_tests_of_one_machine():
