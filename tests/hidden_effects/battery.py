@@ -24,6 +24,7 @@ from .devices import ALL_DEVICES, DEVICES
 from .families import ENGINES, FAMILIES
 from .family_report import document as family_document
 from .family_report import markdown as family_markdown
+from .family_report import true_rig_table
 from .family_scoring import FamilyOutcome, score_family
 from .generate import KINDS, family_plans, generate, plans
 from .report import by_device, document, markdown
@@ -52,13 +53,14 @@ def lay_out(
     return out + [p for k in families for p in family_plans(k, cases or FAMILY, seed, devices, engine)]
 
 
-def diagnose(folder: Path) -> tuple[float, str]:
+def diagnose(folder: Path, rig: Path | None = None) -> tuple[float, str]:
     """Diagnose one case through the command's entry point; return how long it took and what went wrong."""
     from click.testing import CliRunner
 
     from vsalog.cli import cli
 
-    log, rig, holdout, out = (folder / n for n in ("log.parquet", "rig.toml", "holdout.parquet", "diagnosis"))
+    log, holdout, out = (folder / n for n in ("log.parquet", "holdout.parquet", "diagnosis"))
+    rig = rig or folder / "rig.toml"
     out.mkdir(exist_ok=True)
     arguments = ["diagnose", str(log), "--rig", str(rig), "--holdout", str(holdout), "-o", str(out)]
     begin = time.perf_counter()
@@ -79,10 +81,13 @@ def _impatient(*_: object) -> None:
     raise TimeoutError(f"no diagnosis within {PATIENCE} s")
 
 
-def diagnose_all(folders: list[Path], workers: int) -> None:
-    """Diagnose cases; how long each took, and what went wrong, is kept beside its diagnosis."""
+def diagnose_all(folders: list[Path], workers: int, rigs: list[Path] | None = None) -> None:
+    """Diagnose cases, with other rigs perhaps; how long each took, and what went wrong, is kept beside its diagnosis."""
+    rigs = rigs or [folder / "rig.toml" for folder in folders]
     with ProcessPoolExecutor(workers, mp_context=get_context("spawn")) as pool:
-        for done, (folder, (took, problem)) in enumerate(zip(folders, pool.map(diagnose, folders), strict=True), 1):
+        for done, (folder, (took, problem)) in enumerate(
+            zip(folders, pool.map(diagnose, folders, rigs), strict=True), 1
+        ):
             text = json.dumps({"seconds": took, "problem": problem})
             (folder / "diagnosis" / "run.json").write_text(text, encoding="utf-8")
             print(f"\r{done}/{len(folders)} diagnosed", end="", file=sys.stderr, flush=True)
@@ -149,6 +154,11 @@ def main() -> None:
     parser.add_argument(
         "--score", action="store_true", help="score the diagnoses that lie in --out, made with the same options"
     )
+    parser.add_argument(
+        "--true",
+        action="store_true",
+        help="diagnose families with the rig as it truly is: what is then off is no cause",
+    )
     given = parser.parse_args()
     # Workers side by side, one to a core: linear algebra with threads of its own would make them wait for one another.
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
@@ -159,6 +169,10 @@ def main() -> None:
             print(f"not made: {problem}", file=sys.stderr)
     names = [p.name for p in chosen if (given.out / "sealed" / f"{p.name}.json").exists()]
     folders = [given.out / name for name in names]
+    if given.true:
+        diagnose_all(folders, given.workers, [given.out / "sealed" / f"{name}.rig.toml" for name in names])
+        print(true_rig_table(judge(folders, given.out / "sealed")))
+        return
     if not given.score:
         diagnose_all(folders, given.workers)
     outcomes = judge(folders, given.out / "sealed")

@@ -21,6 +21,7 @@ from .machines import Sensors
 from .motion import Truth, Wanted
 from .rig_file import CHANNELS, unit_of
 from .sensors import random_qualities, recorded, stamp_errors
+from .true_rig import true_rig
 
 VARIANTS = {
     "full": (),
@@ -274,15 +275,20 @@ def nominal_values(one: Hidden, bench: Bench) -> dict[str, float]:
 
 
 def write_case(case: Case, out: Path) -> Path:
-    """Write log, hold-out and nominal rig into OUT/CASE, the truth into OUT/sealed; return the case's folder."""
+    """Write log, hold-out and nominal rig into OUT/CASE, the truth into OUT/sealed; return the case's folder.
+
+    Of a family's case the rig as it truly is lies along with the truth.
+    """
     folder, sealed = out / case.plan.name, out / "sealed"
     folder.mkdir(parents=True, exist_ok=True)
     sealed.mkdir(exist_ok=True)
     _write_log(case.log, case.stamps[0], folder / "log.parquet")
     _write_log(case.holdout, case.stamps[1], folder / "holdout.parquet")
-    (folder / "rig.toml").write_text(
-        ALL_DEVICES[case.plan.device].rig_text(case.bench.nominal, list(case.log)), encoding="utf-8"
-    )
+    rig = ALL_DEVICES[case.plan.device].rig_text(case.bench.nominal, list(case.log))
+    (folder / "rig.toml").write_text(rig, encoding="utf-8")
+    if case.plan.family:
+        text = true_rig(rig, *case.bench.changed(case.hidden), case.plan.engine)
+        (sealed / f"{case.plan.name}.rig.toml").write_text(text, encoding="utf-8")
     (sealed / f"{case.plan.name}.json").write_text(json.dumps(case.truth, indent=1), encoding="utf-8")
     return folder
 

@@ -6,8 +6,8 @@ each is alone.
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -43,6 +43,7 @@ class Common:
     shared : probability that both like parts of an antagonistic joint are as wrong
     strength : that number, bench, part → strength of the effect
     main : whether only the motors that move the joint may have it
+    shape : what of the effect's shape is not drawn
     """
 
     cause: str
@@ -52,6 +53,7 @@ class Common:
     shared: float = 0.0
     strength: Callable[[float, Bench, str], float] = lambda number, *_: number
     main: bool = False
+    shape: Mapping[str, float] = field(default_factory=dict)
 
 
 def signed(low: float, high: float) -> Callable[[Random], float]:
@@ -76,6 +78,8 @@ def of_first(share: float, bench: Bench, part: str) -> float:
     return share * (bench.scales.torque[own[0]] / bench.scales.torque[part] if part in own else 1.0)
 
 
+# A loop of the law that the catalogue has, and not one of slipping springs, which it can only approach.
+SMOOTH = {"slips": 0.0}
 # What is commonly wrong, in the order in which the effects are laid upon one another.
 COMMON = (
     Common("motor.inertia", signed(0.05, 0.15), shared=0.3),
@@ -86,7 +90,7 @@ COMMON = (
     Common("motor.cogging", positive(0.01, 0.04), 0.3),
     Common("transmission.stiffness", signed(0.04, 0.10), 1.3, shared=0.5),
     Common("transmission.backlash", positive(0.01, 0.05), 0.2, ("transmission.hysteresis",)),
-    Common("transmission.hysteresis", positive(0.01, 0.05), 0.25, ("transmission.backlash",)),
+    Common("transmission.hysteresis", positive(0.01, 0.05), 0.25, ("transmission.backlash",), shape=SMOOTH),
     Common("link.inertia", signed(0.05, 0.15)),
     Common("link.viscous_friction", positive(1.4, 2.2), strength=damping_times),
     Common("link.coulomb_friction", positive(0.01, 0.04), 0.3),
@@ -132,7 +136,7 @@ def _hide(one: Common, bench: Bench, rng: Random) -> list[Hidden]:
     if alike and rng.random() < one.shared:
         both = alike[0]
     shared = len(both) > 1
-    shape = effect.shape(rng, bench.nominal, first, bench.scales)
+    shape = effect.shape(rng, bench.nominal, first, bench.scales) | dict(one.shape)
     return [Hidden(effect, part, shape, one.strength(number, bench, part), shared=shared) for part in both]
 
 

@@ -171,6 +171,26 @@ def _table(family: str, engine: str, outcomes: Outcomes, seed: int, version: str
     return "\n".join(rows) + "\n"
 
 
+def true_rig_table(outcomes: Outcomes) -> str:
+    """Return what diagnoses make of rigs as they truly are: verdict, errors over their floors, what is named none the less."""
+    rows = ["| case | verdict | simulation over its floor | equation over its noise | named | hidden |"]
+    rows += ["| --- | --- | --- | --- | --- | --- |"]
+    for o in outcomes:
+        worst = [max(d.items(), key=lambda x: x[1], default=("–", float("nan"))) for d in (o.simulated, o.equations)]
+        shown = [f"{name} {ratio:.2f}" for name, ratio in worst]
+        rows.append(
+            f"| {o.case} ({o.device}) | {o.ended} | {' | '.join(shown)} | {', '.join(o.named)} | {', '.join(o.truth)} |"
+        )
+    errors = [max(o.simulated.values()) for o in outcomes if o.simulated]
+    lines = [
+        _share("consistent", [o.ended.startswith("consistent") for o in outcomes]),
+        _share("anything named", [bool(o.named) for o in outcomes]),
+        Line("simulation over its floor, worst signal, median", median(errors), len(errors)),
+        _share("… at most 1.5 times", [e <= 1.5 for e in errors]),
+    ]
+    return "\n".join([*rows, "", *(f"{x.what}: {_number(x)} ({x.count} cases)" for x in lines)]) + "\n"
+
+
 def _missed(outcomes: Outcomes) -> Counter[str]:
     return Counter(
         t for o in outcomes for t, r, a in zip(o.truth, o.right, o.asked, strict=True) if a and not r

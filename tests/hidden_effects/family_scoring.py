@@ -45,6 +45,8 @@ class FamilyOutcome:
     held_out : per signal: error after over the noise floor, on held-out data
     absurd : values that are beyond a factor of three of the rig's
     confidences : (confidence, whether it is right) of each material cause
+    simulated : signal → error of the rig as it stands over the noise floor, on the log
+    equations : equation → what the rig as it stands leaves over its noise
     remainder : size of what the catalogue has not, in multiples of the noise
     seconds : the diagnosis took
     """
@@ -70,6 +72,8 @@ class FamilyOutcome:
     held_out: list[float] = field(default_factory=list)
     absurd: list[str] = field(default_factory=list)
     confidences: list[tuple[float, bool]] = field(default_factory=list)
+    simulated: dict[str, float] = field(default_factory=dict)
+    equations: dict[str, float] = field(default_factory=dict)
     remainder: float = 0.0
     seconds: float = 0.0
 
@@ -170,6 +174,10 @@ def score_family(
         outcome.first_small = outcome.first or (small and any(holds(causes[0], e) for e in effects))
     outcome.estimates = list(_intervals(causes, effects))
     outcome.held_out = _gains(diagnosis)[0]
+    errors = diagnosis.get("simulation_error", [])
+    outcome.simulated = {e["signal"]: e["rmse"] / e["noise_floor"] for e in errors if e.get("noise_floor")}
+    sums = diagnosis.get("equations", [])
+    outcome.equations = {e["equation"]: e["rms_before"] / e["noise"] for e in sums if e.get("noise")}
     outcome.absurd = absurd_values(diagnosis, causes)
     return outcome
 

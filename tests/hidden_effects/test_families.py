@@ -3,6 +3,7 @@
 import json
 import subprocess
 import sys
+import tomllib
 from pathlib import Path
 
 import numpy as np
@@ -52,6 +53,29 @@ def test_a_case_is_what_vsalog_reads(cases, name):
         np.testing.assert_array_equal(time, stamps)
         assert np.all(np.diff(time) > 0.0)
         assert all(np.isfinite(table[c].to_numpy()).all() for c in table.column_names)
+
+
+@pytest.mark.parametrize("name", FAMILIES)
+def test_the_true_rig_is_a_rig_and_says_what_was_hidden(cases, name):
+    case, folder = cases[name]
+    path = folder.parent / "sealed" / f"{folder.name}.rig.toml"
+    Rig.load(path)
+    (joint,), text = tomllib.loads(path.read_text())["joint"].values(), (folder / "rig.toml").read_text()
+    assert path.read_text() != text
+    for reported in case.truth["effects"]:
+        cause, part, values = reported["cause"], reported["part"], reported["parameters"]
+        if cause in ("motor.inertia", "motor.viscous_friction", "link.viscous_friction"):
+            key = next(iter(values))
+            assert joint[part][key] == pytest.approx(values[key])
+        if cause == "motor.coulomb_friction":
+            assert joint[part]["friction"]["coulomb"] == pytest.approx(values["torque"])
+        if cause.startswith("sensor.") and cause not in ("sensor.clock_skew", "sensor.torque_delay"):
+            (key,) = values
+            assert joint["signals"][part][{"rate": "drift"}.get(key, key)] == pytest.approx(values[key])
+        if cause == "transmission.stiffness":
+            (nominal,) = tomllib.loads(text)["joint"].values()
+            key = next(k for k in ("stiffness", "spring_stiffness") if k in joint[part])
+            assert joint[part][key] == pytest.approx(values["factor"] * nominal[part][key])
 
 
 @pytest.mark.parametrize("name", FAMILIES)
@@ -461,4 +485,5 @@ def test_confidence_is_held_against_how_often_it_is_right():
         assert summary(family, outcomes)
     (found,) = family_report.document(outcomes)
     assert len(found["cases"]) == 3
+    assert "consistent: 0 (3 cases)" in family_report.true_rig_table(outcomes)
     json.dumps(found)
