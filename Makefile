@@ -3,12 +3,14 @@
 # make bench  speed, beside a reference in the same run
 # make fuzz SECONDS=3600   hostile logs, rigs and models without end: no crash, no hang, no memory beyond 1 GB
 # make battery SEED=1   hidden effects, and how many of them the diagnosis finds
+# make battery FAMILY=messy SEED=3 [ENGINE=mujoco] [CASES=60]   the table of one family
 
 PYTHON ?= python3
 VENV ?= .venv
 SEED ?= 1
 SECONDS ?= 3600
 BIN = $(VENV)/bin
+BATTERY = --out battery$(addprefix /,$(firstword $(FAMILY))$(ENGINE:%=-%)) $(FAMILY:%=--kind %) $(ENGINE:%=--engine %) $(CASES:%=--cases %)
 IMPORTED = numba llvmlite numpy scipy pyarrow pandas msgspec rosbags distributed dask
 MAKEFLAGS += --no-print-directory
 
@@ -34,7 +36,7 @@ bench: $(VENV)/.bench
 	$(BIN)/python -m benchmarks.recursions
 
 battery: $(VENV)/.test
-	$(BIN)/python -m tests.hidden_effects.battery --seed $(SEED) --out battery
+	$(BIN)/python -m tests.hidden_effects.battery --seed $(SEED) $(BATTERY)
 
 fuzz: $(VENV)/.fuzz
 	$(BIN)/python tests/fuzz/run_fuzz.py --seconds $(SECONDS)

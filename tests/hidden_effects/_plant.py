@@ -23,6 +23,9 @@ BRISTLES = [
     ("heating", "f8"),  # level that the friction has gained when it is warm [N·m]
     ("warm_up", "f8"),  # time over which it warms [s]
     ("warm_speed", "f8"),  # mean speed at which it becomes warm [rad/s]
+    ("uneven", "f8"),  # share of the level by which it rises and falls over the position
+    ("uneven_order", "f8"),  # periods per radian
+    ("uneven_phase", "f8"),
 ]
 MOTOR = np.dtype(
     [
@@ -38,6 +41,10 @@ MOTOR = np.dtype(
         ("detent", "f8"),  # height of a magnetic bump at one angle [N·m]
         ("detent_at", "f8"),
         ("detent_width", "f8"),
+        ("ripple", "f8"),  # share of the drive's torque that comes and goes over the rotor's turn
+        ("ripple_order", "f8"),
+        ("ripple_phase", "f8"),
+        ("lag", "f8"),  # time constant of the drive's first-order filter [s]
         *BRISTLES,
     ]
 )
@@ -71,13 +78,16 @@ LINK = np.dtype(
         ("push_at", "f8"),
         ("push_lasts", "f8"),
         ("drag", "f8"),  # torque per velocity squared [N·m·s²/rad²]
+        ("base_inertia", "f8"),  # of what the joint is mounted on; 0 for the ground
+        ("base_stiffness", "f8"),
+        ("base_damping", "f8"),
         *BRISTLES,
     ]
 )
-SERVO = np.dtype([("stiffness", "f8"), ("damping", "f8"), ("limit", "f8")])
+SERVO = np.dtype([("stiffness", "f8"), ("damping", "f8"), ("limit", "f8"), ("quantum", "f8")])
 
-# Where what stands in the state: two motors, the link, bristles, their warmth, loops, three slipping springs of each.
-MOTOR_AT, LINK_AT, BRISTLE_AT, WARMTH_AT, LOOP_AT, SLIP_AT, STATES = 0, 4, 6, 9, 12, 14, 20
+# Where what stands in the state: two motors, the link, bristles, their warmth, loops, three slipping springs of each, the base.
+MOTOR_AT, LINK_AT, BRISTLE_AT, WARMTH_AT, LOOP_AT, SLIP_AT, BASE_AT, STATES = 0, 4, 6, 9, 12, 14, 20, 22
 # Three equal springs that slip one after another, at these shares of `slip_width`.
 SLIP_SHARES = (0.25, 0.6, 1.0)
 # Speed that a part may gain within a sample [rad/s], and the most steps per second.
@@ -120,15 +130,17 @@ def _transmitted(spring, phi, rate, arm, t, z, y1, y2, y3):
 
 
 @njit(cache=True, error_model="numpy")
-def _bristles(part, z, v, load, warmth):
+def _bristles(part, z, x, v, load, warmth):
     """Return friction torque and ż of bristles; z is normalised to the kinetic level, or to the level if that varies."""
     level = part.level + part.load * abs(load) + part.heating * warmth
     if part.presliding <= 0.0:
         return 0.0, 0.0
+    if part.uneven != 0.0:
+        level *= 1.0 + part.uneven * np.sin(part.uneven_order * x + part.uneven_phase)
     ratio = 1.0
     if level > 0.0 and part.breakaway > part.level:
-        x = v / part.stribeck
-        ratio = level / (level + (part.breakaway - part.level) * np.exp(-x * x))
+        s = v / part.stribeck
+        ratio = level / (level + (part.breakaway - part.level) * np.exp(-s * s))
     return level * z, (v - abs(v) * z * ratio) / part.presliding
 
 
@@ -172,8 +184,10 @@ def _rates(device, motors, springs, links, lever, x, t, applied, out, torques):
         motor = motors[i]
         theta, dtheta = x[2 * i], x[2 * i + 1]
         load = reaction if device == SERIAL and i == 1 else torques[i]
-        dry, dz = _bristles(motor, x[BRISTLE_AT + i], dtheta, load, x[WARMTH_AT + i])
+        dry, dz = _bristles(motor, x[BRISTLE_AT + i], theta, dtheta, load, x[WARMTH_AT + i])
         torque = motor.gain * applied[i] + motor.offset - motor.damping * dtheta - dry
+        if motor.ripple != 0.0:
+            torque += motor.ripple * applied[i] * np.sin(motor.ripple_order * motor.gear * theta + motor.ripple_phase)
         if motor.cogging != 0.0:
             torque += motor.cogging * np.sin(motor.order * motor.gear * theta + motor.phase)
         if motor.detent != 0.0:
@@ -183,13 +197,18 @@ def _rates(device, motors, springs, links, lever, x, t, applied, out, torques):
         out[2 * i], out[2 * i + 1] = dtheta, torque / motor.inertia
         out[BRISTLE_AT + i] = dz
         out[WARMTH_AT + i] = _warming(motor, dtheta, x[WARMTH_AT + i])
-    dry, dz = _bristles(link, x[BRISTLE_AT + 2], dq, total, x[WARMTH_AT + 2])
+    dry, dz = _bristles(link, x[BRISTLE_AT + 2], q, dq, total, x[WARMTH_AT + 2])
     torque = -link.damping * dq - dry - link.drag * dq * abs(dq) - total
+    # What the joint pushes the link with, it pushes its base back with; rotors are small behind their gears.
+    base, shaken = x[BASE_AT], 0.0
+    if link.base_inertia > 0.0:
+        shaken = (-torque - link.base_stiffness * base - link.base_damping * x[BASE_AT + 1]) / link.base_inertia
+    out[BASE_AT], out[BASE_AT + 1] = x[BASE_AT + 1], shaken
     if link.gravity != 0.0:
-        torque -= link.gravity * np.sin(q - link.hangs_at)
+        torque -= link.gravity * np.sin(q + base - link.hangs_at)
     if link.push != 0.0 and 0.0 < t - link.push_at < link.push_lasts:
         torque += link.push * np.sin(np.pi * (t - link.push_at) / link.push_lasts) ** 2
-    out[LINK_AT], out[LINK_AT + 1] = dq, torque / link.inertia
+    out[LINK_AT], out[LINK_AT + 1] = dq, torque / link.inertia - shaken
     out[BRISTLE_AT + 2] = dz
     out[WARMTH_AT + 2] = _warming(link, dq, x[WARMTH_AT + 2])
 
@@ -238,7 +257,7 @@ def play(device, motors, springs, link, lever, servos, wanted, start, period, st
     x = x0.copy()
     k1, k2, k3, k4 = np.zeros(STATES), np.zeros(STATES), np.zeros(STATES), np.zeros(STATES)
     y = np.zeros(STATES)
-    applied, scratch = np.zeros(2), np.zeros(2)
+    applied, scratch, heard, filtered = np.zeros(2), np.zeros(2), np.zeros(2), np.zeros(2)
     late = np.zeros(2)
     whole = np.zeros(2, dtype=np.int64)
     for i in range(2):
@@ -254,6 +273,8 @@ def play(device, motors, springs, link, lever, servos, wanted, start, period, st
             command = servos[i].stiffness * (wanted[k, i, 0] - x[2 * i]) + servos[i].damping * (
                 wanted[k, i, 1] - x[2 * i + 1]
             )
+            if servos[i].quantum > 0.0:
+                command = np.round(command / servos[i].quantum) * servos[i].quantum
             commands[k, i] = min(max(command, -servos[i].limit), servos[i].limit)
         for part in range(3):
             length = edges[part + 1] - edges[part]
@@ -262,11 +283,18 @@ def play(device, motors, springs, link, lever, servos, wanted, start, period, st
             for i in range(2):
                 # Until a late drive has heard of it, the command before acts on.
                 at = k - whole[i] - (1 if edges[part] < late[i] - 1e-12 else 0)
-                applied[i] = commands[at, i] if at >= 0 else 0.0
+                heard[i] = commands[at, i] if at >= 0 else 0.0
+                applied[i] = heard[i]
             count = int(np.ceil(length * max(1.0 / step, _relaxing(motors, link, x)) - 1e-9))
             h = length / count
             for j in range(count):
                 s = t + edges[part] + j * h
+                for i in range(2):
+                    if motors[i].lag > 0.0:
+                        # What a first-order filter makes of a held command, on average over the step.
+                        decay, far = np.exp(-h / motors[i].lag), filtered[i] - heard[i]
+                        applied[i] = heard[i] + far * (1.0 - decay) * motors[i].lag / h
+                        filtered[i] = heard[i] + far * decay
                 _rates(device, motors, springs, link, lever, x, s, applied, k1, scratch)
                 for m in range(STATES):
                     y[m] = x[m] + 0.5 * h * k1[m]

@@ -7,6 +7,7 @@ differ by less than BELOW times the noise in every equation of the nominal machi
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
@@ -51,6 +52,41 @@ ALIKE = (
     Alike("sensor.encoder_eccentricity", "sensor.encoder_eccentricity", True, _TWO_ENCODERS),
     Alike("sensor.clock_skew", "sensor.clock_skew", True, _TWO_ENCODERS),
 )
+
+
+# What is one and the same in devices that record less: any name of a row is right for each other of it.
+_TORQUE_OR_ANGLE = (
+    "transmission.stiffness@transmission",
+    "sensor.torque_gain@torque_sensor",
+    "sensor.encoder_scale@deflection",
+)
+_WEIGHT = (
+    "link.gravity@link",
+    "link.payload@link",
+    "sensor.torque_offset@torque_sensor",
+    "transmission.asymmetry@transmission",
+)
+SAME = {
+    "rigid": (
+        ("motor.inertia@motor", "link.inertia@link"),
+        ("motor.viscous_friction@motor", "link.viscous_friction@link"),
+        ("motor.coulomb_friction@motor", "link.coulomb_friction@link"),
+        ("motor.torque_delay@motor", "sensor.clock_skew@motor_position", "sensor.clock_skew@link_position"),
+    ),
+    "bench": (
+        _TORQUE_OR_ANGLE,
+        ("link.coulomb_friction@link", "motor.coulomb_friction@motor", "transmission.hysteresis@transmission"),
+        ("sensor.torque_offset@torque_sensor", "sensor.encoder_offset@deflection"),
+    ),
+}  # fmt: skip
+# A weight that turns by little is an offset, a slope and a bend.
+BENT = {"bench": {"link.gravity": (*_WEIGHT, *_TORQUE_OR_ANGLE, "sensor.encoder_offset@deflection")}}
+
+
+def same_physics(cause: str, machine: Any) -> list[str]:
+    """Return what else a cause may be called in a device, "cause@part"."""
+    rows = [row for row in SAME.get(machine.device, ()) if any(m.split("@")[0] == cause for m in row)]
+    return [m for row in rows for m in row] + list(BENT.get(machine.device, {}).get(cause, ()))
 
 
 def told_apart(one: Hidden, bench: Bench, rng: np.random.Generator) -> dict[str, float]:

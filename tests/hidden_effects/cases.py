@@ -11,13 +11,17 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
 
-from .alike import told_apart
+from . import mujoco_engine
+from .alike import same_physics, told_apart
 from .bench import Bench, Hidden, wild
-from .devices import DEVICES
+from .devices import ALL_DEVICES
 from .effects import EFFECTS, OUTSIDE, SCORED_OUTSIDE, Effect
-from .families import FAMILIES
+from .families import FAMILIES, NEAR
+from .machines import Sensors
+from .motion import Truth, Wanted
 from .rig_file import CHANNELS, unit_of
-from .sensors import random_qualities, recorded
+from .sensors import random_qualities, recorded, stamp_errors
+from .true_rig import true_rig
 
 VARIANTS = {
     "full": (),
@@ -43,6 +47,8 @@ class Plan:
     roles : full, no-torque-sensor, no-link-encoder
     sizes : range of sizes, drawn from log-uniformly
     poor : whether the machine hardly moves
+    engine : that simulates the hidden machine
+    repeat : of a test of the same machine, with another motion and other noise
     family : that says what is hidden and how strongly, in place of `causes`, `outside` and `sizes`; none when empty
     """
 
@@ -55,6 +61,8 @@ class Plan:
     sizes: tuple[float, float] = SIZES
     poor: bool = False
     family: str = ""
+    engine: str = "own"
+    repeat: int = 0
 
 
 @dataclass
@@ -68,6 +76,7 @@ class Case:
     log, holdout : role → shape (N,), SI
     truth : what goes into the sealed file
     period : [s]
+    stamps : of the log and of the hold-out [s]
     """
 
     plan: Plan
@@ -77,6 +86,7 @@ class Case:
     holdout: dict[str, np.ndarray]
     truth: dict[str, Any]
     period: float
+    stamps: list[np.ndarray]
 
 
 class NotVisibleError(RuntimeError):
@@ -107,17 +117,40 @@ def _effects(plan: Plan) -> list[Effect]:
 
 
 def _bench(plan: Plan, rng: np.random.Generator) -> Bench | None:
-    period = 1e-3 if rng.random() < 0.7 else 2e-3
-    device = DEVICES[plan.device]
+    family = FAMILIES[plan.family] if plan.family else None
+    period = family.period(rng) if family else 1e-3 if rng.random() < 0.7 else 2e-3
+    device = ALL_DEVICES[plan.device]
     nominal = device.random_machine(plan.device, rng)
-    if any(not effect.parts(nominal) for effect in _effects(plan)):
+    if any(not effect.parts(nominal) for effect in _effects(plan)) or not _simulates(plan, nominal):
         return None
-    follow = device.wanted(nominal, rng.uniform(20.0, 30.0), period, rng, plan.poor)
+    if family:
+        family.prepare(nominal, rng)
+    follow = _wanted(plan, nominal, period, rng)
     truth = device.happened(nominal, follow)
     if truth is None:
         return None
     qualities = random_qualities(nominal, truth, rng)
-    return Bench(nominal, follow, truth, qualities, device.scales_of(nominal, truth), VARIANTS[plan.roles])
+    if family:
+        family.record(nominal, truth, qualities, rng)
+    return Bench(nominal, follow, truth, qualities, device.scales_of(nominal, truth), _missing(plan, nominal))
+
+
+def _simulates(plan: Plan, nominal: Any) -> bool:
+    """Tell whether the plan's engine can simulate a machine."""
+    return plan.engine == "own" or mujoco_engine.simulates(nominal)
+
+
+def _missing(plan: Plan, nominal: Any) -> tuple[str, ...]:
+    if plan.device == "rigid":
+        # Its one encoder goes by either name.
+        return VARIANTS[plan.roles] + tuple({"motor_position", "link_position"} - {nominal.role})
+    return VARIANTS[plan.roles]
+
+
+def _wanted(plan: Plan, nominal: Any, period: float, rng: np.random.Generator) -> Wanted:
+    family = FAMILIES[plan.family] if plan.family else None
+    draw = family.drive if family and family.drive else ALL_DEVICES[plan.device].wanted
+    return draw(nominal, rng.uniform(*(family.duration if family else (20.0, 30.0))), period, rng, plan.poor)
 
 
 def _hide_all(plan: Plan, bench: Bench, rng: np.random.Generator) -> list[Hidden] | None:
@@ -143,26 +176,32 @@ def _hide_all(plan: Plan, bench: Bench, rng: np.random.Generator) -> list[Hidden
 
 def _hide_family(plan: Plan, bench: Bench, rng: np.random.Generator) -> list[Hidden] | None:
     hidden = FAMILIES[plan.family].hide(bench, rng)
+    if plan.engine != "own" and not mujoco_engine.simulates(bench.nominal, hidden):
+        return None
     for one in hidden or ():
         one.size = bench.size([one])
-        if not np.isfinite(one.size):
-            return None
-    return hidden
+    sizes = np.array([one.size for one in hidden or ()])
+    return hidden if sizes.size and np.isfinite(sizes).all() and np.max(sizes) >= SIZES[0] else None
 
 
 def _finish(plan: Plan, bench: Bench, hidden: list[Hidden], rng: np.random.Generator) -> Case | None:
     machine, sensors = bench.changed(hidden)
-    duration = rng.uniform(20.0, 30.0)
-    device = DEVICES[plan.device]
-    again = device.wanted(bench.nominal, duration, bench.follow.period, rng, plan.poor)
-    logs = []
-    for follow in (bench.follow, again):
-        truth = device.happened(machine, follow)
+    device, played = ALL_DEVICES[plan.device], bench.follow
+    happened = device.happened if plan.engine == "own" else mujoco_engine.happened
+    if plan.repeat:
+        rng = np.random.default_rng([plan.seed, 2, plan.repeat])
+        played = _wanted(plan, bench.nominal, bench.follow.period, rng)
+    again = _wanted(plan, bench.nominal, bench.follow.period, rng)
+    logs, stamps = [], []
+    for follow in (played, again):
+        truth = happened(machine, follow)
         nominal = device.happened(bench.nominal, follow)
-        if truth is None or nominal is None or wild(truth, nominal):
+        if truth is None or nominal is None or wild(truth, nominal, bench.most):
             return None
         said = recorded(truth, sensors, bench.nominal, bench.qualities, rng)
-        logs.append({role: values for role, values in said.items() if role not in bench.missing})
+        time, keep = _stamps(plan, sensors, truth, rng)
+        logs.append({role: values[keep] for role, values in said.items() if role not in bench.missing})
+        stamps.append(time[keep])
     sealed = {
         "case": plan.name,
         "device": plan.device,
@@ -170,27 +209,62 @@ def _finish(plan: Plan, bench: Bench, hidden: list[Hidden], rng: np.random.Gener
         "seed": plan.seed,
         "poor": plan.poor,
         "family": plan.family,
-        "effects": [
-            {
-                "cause": h.effect.cause,
-                "part": h.part,
-                "parameters": h.parameters,
-                "nominal": nominal_values(h, bench),
-                "size": h.size,
-                "shared": h.shared,
-                "alike": told_apart(h, bench, rng),
-            }
-            for h in hidden
-            if h.effect.cause in EFFECTS
-        ],
+        "engine": plan.engine,
+        "machine": f"{plan.seed}-{bench.nominal.torque if bench.nominal.suffixes else 0.0:.9g}",
+        "effects": [_sealed(h, bench, rng) for h in hidden if h.effect.cause in EFFECTS],
         "outside": None,
         "noise": {CHANNELS[r]: q.deviation for r, q in bench.qualities.items() if r not in bench.missing},
     }
     for h in hidden:
-        if h.effect.cause in OUTSIDE:
+        if h.effect.cause in OUTSIDE and not plan.family:
             own = {"what": h.effect.cause, "part": h.part, "parameters": h.parameters, "size": h.size}
             sealed["outside"] = SCORED_OUTSIDE[h.effect.cause] | own
-    return Case(plan, bench, hidden, logs[0], logs[1], sealed, bench.follow.period)
+    if plan.family:
+        _compare_with_remainder(sealed, hidden, bench)
+    return Case(plan, bench, hidden, logs[0], logs[1], sealed, bench.follow.period, stamps)
+
+
+def _sealed(one: Hidden, bench: Bench, rng: np.random.Generator) -> dict[str, Any]:
+    same = same_physics(one.effect.cause, bench.nominal)
+    return {
+        "cause": one.effect.cause,
+        "part": one.part,
+        "parameters": one.parameters,
+        "nominal": nominal_values(one, bench),
+        "size": one.size,
+        "shared": one.shared,
+        "alike": told_apart(one, bench, rng) | dict.fromkeys(same, 0.0),
+    }
+
+
+def _stamps(
+    plan: Plan, sensors: Sensors, truth: Truth, rng: np.random.Generator
+) -> tuple[np.ndarray, np.ndarray | slice]:
+    """Return the stamps of a log, and which of its samples are in it."""
+    count = truth.inside.stop - truth.inside.start
+    if plan.family and FAMILIES[plan.family].stamps:
+        return FAMILIES[plan.family].stamps(count, truth.period, rng)
+    time = np.arange(count) * truth.period
+    return (time + stamp_errors(count, sensors, truth.period, rng) if sensors.jitter else time), slice(None)
+
+
+def _compare_with_remainder(sealed: dict[str, Any], hidden: list[Hidden], bench: Bench) -> None:
+    """Note what of the hidden is outside the catalogue, and how each effect compares with it, equation by equation."""
+    lacking = [h for h in hidden if h.effect.cause not in EFFECTS]
+    sealed["outside"] = [
+        {
+            "what": h.effect.cause, "part": h.part, "parameters": h.parameters, "size": h.size,
+            "near": [f"{cause}@{h.part}" for cause in NEAR.get(h.effect.cause, ())],
+        }
+        for h in lacking
+    ]  # fmt: skip
+    rest = bench.left_over(lacking) if lacking else None
+    sealed["remainder"] = max(p.ratio for p in rest.values()) if rest else 0.0
+    known = [h for h in hidden if h.effect.cause in EFFECTS]
+    for one, entry in zip(known, sealed["effects"], strict=True):
+        if rest:
+            own = bench.left_over([one]) or {}
+            entry["over_remainder"] = max(float(p.ratio / np.hypot(rest[name].ratio, 1.0)) for name, p in own.items())
 
 
 def nominal_values(one: Hidden, bench: Bench) -> dict[str, float]:
@@ -201,22 +275,26 @@ def nominal_values(one: Hidden, bench: Bench) -> dict[str, float]:
 
 
 def write_case(case: Case, out: Path) -> Path:
-    """Write log, hold-out and nominal rig into OUT/CASE, the truth into OUT/sealed; return the case's folder."""
+    """Write log, hold-out and nominal rig into OUT/CASE, the truth into OUT/sealed; return the case's folder.
+
+    Of a family's case the rig as it truly is lies along with the truth.
+    """
     folder, sealed = out / case.plan.name, out / "sealed"
     folder.mkdir(parents=True, exist_ok=True)
     sealed.mkdir(exist_ok=True)
-    _write_log(case.log, case.period, folder / "log.parquet")
-    _write_log(case.holdout, case.period, folder / "holdout.parquet")
-    (folder / "rig.toml").write_text(
-        DEVICES[case.plan.device].rig_text(case.bench.nominal, list(case.log)), encoding="utf-8"
-    )
+    _write_log(case.log, case.stamps[0], folder / "log.parquet")
+    _write_log(case.holdout, case.stamps[1], folder / "holdout.parquet")
+    rig = ALL_DEVICES[case.plan.device].rig_text(case.bench.nominal, list(case.log))
+    (folder / "rig.toml").write_text(rig, encoding="utf-8")
+    if case.plan.family:
+        text = true_rig(rig, *case.bench.changed(case.hidden), case.plan.engine)
+        (sealed / f"{case.plan.name}.rig.toml").write_text(text, encoding="utf-8")
     (sealed / f"{case.plan.name}.json").write_text(json.dumps(case.truth, indent=1), encoding="utf-8")
     return folder
 
 
-def _write_log(roles: dict[str, np.ndarray], period: float, path: Path) -> None:
-    count = len(next(iter(roles.values())))
-    columns = {"time": np.arange(count) * period} | {CHANNELS[role]: values for role, values in roles.items()}
+def _write_log(roles: dict[str, np.ndarray], stamps: np.ndarray, path: Path) -> None:
+    columns = {"time": stamps} | {CHANNELS[role]: values for role, values in roles.items()}
     fields = [pa.field("time", pa.float64(), metadata={"unit": "s"})]
     fields += [pa.field(CHANNELS[r], pa.float64(), metadata={"unit": unit_of(r)}) for r in roles]
     pq.write_table(pa.table(list(columns.values()), schema=pa.schema(fields)), path)

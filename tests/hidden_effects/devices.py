@@ -6,12 +6,26 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
-from . import effects, equations, machines, motion, outside, pneumatic, pneumatic_effects, rig_file, sensor_effects
+from . import (
+    clamped,
+    effects,
+    equations,
+    machines,
+    motion,
+    outside,
+    pneumatic,
+    pneumatic_effects,
+    rig_file,
+    rigid,
+    sensor_effects,
+)
 
 
 @dataclass(frozen=True)
 class Device:
     """What is done differently from device to device.
+
+    A rigid joint and a spring bench are devices of families of their own.
 
     Attributes
     ----------
@@ -51,3 +65,12 @@ _PNEUMATIC = Device(
     pneumatic.rig_text,
 )
 DEVICES = dict.fromkeys(machines.DEVICES, _MECHANICAL) | {"pneumatic": _PNEUMATIC}
+
+
+def _own(module: Any) -> Device:
+    return Device(
+        module.random_machine, module.wanted, module.happened, module.left_over, module.scales_of, module.rig_text
+    )
+
+
+ALL_DEVICES = DEVICES | {"rigid": _own(rigid), "bench": _own(clamped)}

@@ -17,9 +17,9 @@ from pathlib import Path
 import numpy as np
 
 from .cases import SIZES, VARIANTS, NotVisibleError, Plan, make_case, write_case
-from .devices import DEVICES
+from .devices import ALL_DEVICES, DEVICES
 from .effects import EFFECTS, OUTSIDE
-from .families import FAMILIES
+from .families import ENGINES, FAMILIES
 
 KINDS = ("clean", "single", "pair", "reduced", "outside")
 
@@ -55,16 +55,21 @@ def plans(kind: str, count: int, seed: int, devices: tuple[str, ...] = tuple(DEV
     ]
 
 
-def family_plans(name: str, count: int, seed: int, devices: tuple[str, ...] = tuple(DEVICES)) -> list[Plan]:
-    """Lay out cases of a family: its devices, of those that are asked for, in turn."""
+def family_plans(
+    name: str, count: int, seed: int, devices: tuple[str, ...] | None = None, engine: str = "own"
+) -> list[Plan]:
+    """Lay out cases of a family: its devices in turn, of those that are asked for and the engine has."""
     family = FAMILIES[name]
     rng = np.random.default_rng([seed, len(KINDS), *name.encode()])
-    own = [d for d in family.devices if d in devices]
-    drawn = rng.integers(0, 2**31, count)
-    return [
-        Plan(f"{name}-{i:04d}", device, int(drawn[i]), family=name)
-        for i, device in zip(range(count), cycle(own), strict=False)
-    ]
+    own = [d for d in family.devices if (devices is None or d in devices) and d in ENGINES[engine]]
+    drawn = [int(n) for n in rng.integers(0, 2**31, count)]
+    out = []
+    for i in range(count if own else 0):
+        test, repeat = divmod(i, family.repeats)
+        roles = family.roles[test // len(own) % len(family.roles)]
+        more = {"roles": roles, "engine": engine, "family": name, "repeat": repeat}
+        out.append(Plan(f"{name}-{i:04d}", own[test % len(own)], drawn[test], **more))
+    return out
 
 
 def _every(kind: str, devices: tuple[str, ...], rng: np.random.Generator) -> Iterator[tuple]:
@@ -109,11 +114,12 @@ def main() -> None:
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--kind", choices=[*KINDS, *FAMILIES], default="single")
     parser.add_argument("--cases", type=int, default=40)
-    parser.add_argument("--device", choices=list(DEVICES), action="append", help="default: all")
+    parser.add_argument("--device", choices=list(ALL_DEVICES), action="append", help="default: all")
     parser.add_argument("--cause", choices=[*EFFECTS, *OUTSIDE], action="append", help="exactly these, one per case")
     parser.add_argument("--roles", choices=list(VARIANTS), default="full", help="with --cause")
     parser.add_argument("--size", type=float, nargs=2, default=SIZES, metavar=("LEAST", "MOST"), help="with --cause")
     parser.add_argument("--poor", action="store_true", help="with --cause: the machine hardly moves")
+    parser.add_argument("--engine", choices=ENGINES, default="own", help="that simulates a family")
     parser.add_argument("--workers", type=int, default=min(2, os.cpu_count() or 1))
     given = parser.parse_args()
     devices = tuple(given.device or DEVICES)
@@ -126,7 +132,7 @@ def main() -> None:
             for c in given.cause for device in devices for i in range(given.cases)
         ]  # fmt: skip
     elif given.kind in FAMILIES:
-        chosen = family_plans(given.kind, given.cases, given.seed, devices)
+        chosen = family_plans(given.kind, given.cases, given.seed, given.device, given.engine)
     else:
         chosen = plans(given.kind, given.cases, given.seed, devices)
     problems = generate(chosen, given.out, given.workers)

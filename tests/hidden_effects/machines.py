@@ -9,7 +9,7 @@ import numpy as np
 from . import _plant
 
 DEVICES = {"elastic": _plant.ELASTIC, "antagonistic": _plant.ANTAGONISTIC, "serial": _plant.SERIAL}
-JOINTS = {"elastic": "knee", "antagonistic": "elbow", "serial": "hip"}
+JOINTS = {"elastic": "knee", "antagonistic": "elbow", "serial": "hip", "rigid": "wrist", "bench": "spring"}
 GRAVITY = 9.81
 
 
@@ -67,10 +67,14 @@ class Flaws:
 
 @dataclass
 class Sensors:
-    """What is wrong with the sensors of a machine; `formula` makes a torque channel of other channels: (how, size)."""
+    """What is wrong with the sensors of a machine.
+
+    `formula` makes a torque channel of other channels: (how, size); `jitter` is the standard deviation of the stamps [s].
+    """
 
     flaws: dict[str, Flaws] = field(default_factory=dict)
     formula: dict[str, tuple[str, float, float]] = field(default_factory=dict)
+    jitter: float = 0.0
 
     def of(self, role: str) -> Flaws:
         return self.flaws.setdefault(role, Flaws())

@@ -23,10 +23,19 @@ CHANNELS = {
     "secondary_torque": "lever motor torque",
     "pressure_1": "muscle 1 pressure",
     "pressure_2": "muscle 2 pressure",
+    "deflection": "spring angle",
     "valve_1": "valve 1 voltage",
     "valve_2": "valve 2 voltage",
 }
-UNITS = {"position": "rad", "setpoint": "rad", "torque": "N*m", "sensor": "N*m", "pressure": "Pa", "valve": "V"}
+UNITS = {
+    "position": "rad",
+    "deflection": "rad",
+    "setpoint": "rad",
+    "torque": "N*m",
+    "sensor": "N*m",
+    "pressure": "Pa",
+    "valve": "V",
+}
 
 
 def unit_of(role: str) -> str:

@@ -31,7 +31,7 @@ class Quality:
         return float(np.hypot(self.noise, self.step / np.sqrt(12.0)))
 
 
-POSITIONS = ("motor_position", "motor_position_1", "motor_position_2", "link_position", "setpoint")
+POSITIONS = ("motor_position", "motor_position_1", "motor_position_2", "link_position", "setpoint", "deflection")
 
 
 def random_qualities(machine: Machine, truth: Truth, rng: np.random.Generator) -> dict[str, Quality]:
@@ -64,9 +64,20 @@ def flawed(values: np.ndarray, time: np.ndarray, flaws: Flaws) -> np.ndarray:
 def ideal(truth: Truth, sensors: Sensors, nominal: Machine) -> dict[str, np.ndarray]:
     """Return what sensors with flaws, but without noise and steps, say: role → shape (N,)."""
     said = {role: flawed(v, truth.time, sensors.flaws.get(role, Flaws())) for role, v in truth.roles.items()}
+    if sensors.jitter:
+        # A value is taken for that of another moment.
+        at = truth.time - stamp_errors(truth.time.size, sensors, truth.period, np.random.default_rng(truth.time.size))
+        for role, values in said.items():
+            if not role.startswith(("motor_torque", "secondary_torque")):
+                said[role] = CubicSpline(truth.time, values)(at)
     for role in sensors.formula:
         said[role] = _formula(role, said, sensors, nominal)
     return said
+
+
+def stamp_errors(count: int, sensors: Sensors, period: float, rng: np.random.Generator) -> np.ndarray:
+    """Draw by how much stamps are off [s]; they stay in their order."""
+    return np.clip(sensors.jitter * rng.standard_normal(count), -0.45 * period, 0.45 * period)
 
 
 def recorded(

@@ -35,6 +35,8 @@ def everything(device):
         motor["offset"], motor["cogging"], motor["order"] = 0.05 * machine.torque, 0.03 * machine.torque, 3.0
         motor["level"], motor["breakaway"], motor["stribeck"] = 0.05 * machine.torque, 0.08 * machine.torque, 0.2
         motor["presliding"], motor["load"] = 1e-3, 0.0
+        motor["ripple"], motor["ripple_order"] = 0.05, 5.0
+        motor["uneven"], motor["uneven_order"] = 0.5, 3.0
     for spring in machine.springs:
         spring["loop"], spring["width"] = 0.05 * machine.torque, 0.2 * machine.deflection
         spring["slip_torque"], spring["slip_width"] = 0.05 * machine.torque, 0.3 * machine.deflection
@@ -42,6 +44,9 @@ def everything(device):
     if device == "serial":
         machine.motors[1]["presliding"] = 0.02  # its angle turns much faster
     machine.link["drag"] = 0.001 * machine.torque
+    machine.link["base_inertia"] = 4.0 * machine.link["inertia"]
+    machine.link["base_stiffness"] = machine.link["base_inertia"] * 60.0**2
+    machine.link["base_damping"] = machine.link["base_inertia"] * 3.0
     return machine
 
 
@@ -126,7 +131,7 @@ def test_bristles_slide_at_the_stribeck_curve():
     for speed in (0.01, 0.1, -0.3):
         z, h = 0.0, 1e-6
         for _ in range(200000):
-            force, dz = _plant._bristles(motor, z, speed, 0.0, 0.0)
+            force, dz = _plant._bristles(motor, z, 0.0, speed, 0.0, 0.0)
             z += h * dz
             if abs(dz) < 1e-9:
                 break
