@@ -196,11 +196,25 @@ def said(joint: Any, role: str, truth: Mapping[str, Array], time: Array) -> Arra
     if role.startswith("deflection") and signal.series_stiffness is not None:
         x = x + truth[f"transmission_torque{suffix}"] / signal.series_stiffness
     if signal.delay:
-        x = np.interp(time - signal.delay, time, x)
+        x = _late(x, time, signal.delay)
     told = signal.gain * x + signal.offset + signal.drift * time
     if signal.eccentricity is not None:
         told = told + signal.eccentricity.amplitude * np.sin(x + signal.eccentricity.phase)
     return told
+
+
+def _late(x: Array, time: Array, delay: float) -> Array:
+    """Return x(t − delay), shape (N,); beyond the ends it goes on as it does there, with its velocity and acceleration."""
+    asked = time - delay
+    late = np.interp(asked, time, x)
+    period = time[1] - time[0]
+    for end, inner, beyond in ((0, (1, 2), asked < time[0]), (-1, (-2, -3), asked > time[-1])):
+        # The parabola through the last three samples, Newton's form.
+        u = np.abs(asked[beyond] - time[end]) / period
+        first = x[inner[0]] - x[end]
+        second = x[inner[1]] - 2.0 * x[inner[0]] + x[end]
+        late[beyond] = x[end] - u * first + 0.5 * u * (u + 1.0) * second
+    return np.asarray(late)
 
 
 def known(roles: Mapping[str, Array], *names: str) -> bool:

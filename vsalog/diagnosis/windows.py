@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 
 from vsalog.diagnosis.channels import Channels, span_of
 from vsalog.diagnosis.sensing import said, true_roles
+from vsalog.diagnosis.system import LATEST
 from vsalog.diagnosis.windows_mechanical import MechanicalPlayer
 from vsalog.diagnosis.windows_pneumatic import PneumaticPlayer
 from vsalog.errors import SimulationError
@@ -163,11 +164,13 @@ def windows_of(joint: Any, channels: Channels, hold: bool) -> Windows:
             good &= np.isfinite(roles[role][0])
     edges = np.flatnonzero(np.diff(np.r_[False, good, False].astype(np.int8)))
     cuts = np.flatnonzero(channels.starts)
+    # Channels may turn out to be late or early: what a window begins with, and is driven by, must be known then too.
+    margin = round(LATEST / channels.period) + 2
     spans = []
     for first, last in edges.reshape(-1, 2):
         inner = [first, *(c for c in cuts if first < c < last), last]
         for a, b in pairwise(inner):
-            spans += [(k, k + length) for k in range(a, b - length + 1, length)]
+            spans += [(k, k + length) for k in range(a + margin, b - margin - length + 1, length)]
     if not spans:
         raise SimulationError(f"no run of the log is as long as {length * channels.period:g} s with all of its inputs")
     kept = np.linspace(0, len(spans) - 1, min(MOST, len(spans))).round().astype(np.int64)

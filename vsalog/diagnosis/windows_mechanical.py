@@ -44,6 +44,8 @@ class MechanicalPlayer:
     def __init__(self, joint: Any, channels: Channels) -> None:
         self.joint, self.channels, self.played = joint, channels, joint
         self.machine = build({NAME: joint})
+        latest = max(getattr(joint, name).torque_delay for name in motors_of(joint))
+        self.lead = int(np.ceil(latest / channels.period))
         prescribed = [m.index for m in self.machine.motors if m.role not in channels.raw]
         if self.machine.steps(channels.period, prescribed)[1]:
             plain = build({NAME: without_bristles(joint)})
@@ -97,10 +99,15 @@ class MechanicalPlayer:
         roles = true_roles(self.joint, channels, 0.0)
         for first_w, last_w in _stretches(spans):
             part = slice(int(spans[first_w, 0]), int(spans[last_w - 1, 1]))
-            time = channels.time[part.start] + np.arange(part.stop - part.start) * channels.period
-            inputs = _inputs(self.joint, channels, roles, part, hold)
-            restarts = {int(spans[w, 0]) - part.start: {NAME: states[w]} for w in range(first_w, last_w)}
-            yield part, play(self.machine, {NAME: inputs}, time, start=restarts[0], restarts=restarts)[NAME]
+            # A late torque was recorded before the stretch: the motion is begun so much earlier, and begun again there.
+            before = min(part.start, self.lead)
+            whole = slice(part.start - before, part.stop)
+            time = channels.time[part.start] + np.arange(-before, part.stop - part.start) * channels.period
+            inputs = _inputs(self.joint, channels, roles, whole, hold)
+            restarts = {int(spans[w, 0]) - whole.start: {NAME: states[w]} for w in range(first_w, last_w)}
+            start = {NAME: states[first_w]}
+            truth = play(self.machine, {NAME: inputs}, time, start=start, restarts=restarts)[NAME]
+            yield part, {name: values[before:] for name, values in truth.items()}
 
 
 def without_bristles(joint: Any) -> Any:
@@ -127,8 +134,8 @@ def _stretches(spans: NDArray[np.int64]) -> list[tuple[int, int]]:
 
 def _inputs(joint: Any, channels: Channels, roles: Mapping[str, Array], part: slice, hold: bool) -> dict[str, Input]:
     """Return what drives the machine: recorded torques, and motions where no torque is recorded."""
-    time, given = channels.time[part], dict[str, Input]()
-    time = time[0] + np.arange(time.size) * channels.period
+    time = channels.time[part.stop - 1] + np.arange(part.start - part.stop + 1, 1) * channels.period
+    given = dict[str, Input]()
     for name in motors_of(joint):
         role = torque_role(name)
         if role in channels.raw:
