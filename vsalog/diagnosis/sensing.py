@@ -13,6 +13,8 @@ from vsalog.binding import offered_roles
 from vsalog.diagnosis.channels import Channels
 from vsalog.diagnosis.memory import remembered
 from vsalog.rig.schema import AntagonisticJoint, Joint, Motor, PneumaticJoint, SerialJoint, Signal
+from vsalog.sensors import seen_by
+from vsalog.signals import JointSignals
 
 Array = NDArray[np.float64]
 
@@ -20,14 +22,22 @@ Array = NDArray[np.float64]
 ROUNDS = 6
 # Voltages that are commanded, and held from one sample to the next as motors' torques are.
 VALVES = ("valve_1", "valve_2")
+# Roles that no cause speaks of, and that are recorded as something else than the joint has: a lever arm as an angle.
+BOUND = ("setpoint",)
 
 
 def bare(joint: Any) -> Any:
-    """Return the joint as if its sensors and drives were perfect, so that its channels are bound as they were recorded."""
+    """Return the joint as if its sensors and drives were perfect, so that its channels are bound as they were recorded.
+
+    What the rig says of roles in `BOUND` is undone by binding.
+    """
     signals = {}
     for role, signal in offered_roles(joint).items():
         if getattr(joint.signals, role, None) is None:
             continue  # a set-point that its runs give
+        if role in BOUND:
+            signals[role] = signal
+            continue
         signals[role] = replace(
             signal, offset=0.0, gain=1.0, drift=0.0, delay=0.0, eccentricity=None, series_stiffness=None
         )
@@ -85,6 +95,23 @@ def position_role(motor: str) -> str:
     return "setpoint" if motor == "secondary_motor" else motor.replace("motor", "motor_position")
 
 
+def each_sensor(joint: Joint, signals: JointSignals) -> dict[str, Array]:
+    """Return role → shape (N,), samples with what the rig says of each sensor undone, but for how late it is.
+
+    Parameters
+    ----------
+    joint : of the rig
+    signals : as recorded
+    """
+    offered = offered_roles(joint)
+    out = {role: np.asarray(values) for role, values in signals.roles.items()}
+    for role in out:
+        if role in offered and role not in BOUND:
+            signal = offered[role]
+            out[role] = seen_by(out[role], signal, signals.time if signal.drift else None)[0]
+    return out
+
+
 def true_roles(joint: Joint, channels: Channels, hold: float = 0.0) -> dict[str, Array]:
     """Undo what the rig says of sensors and drives.
 
@@ -100,7 +127,9 @@ def true_roles(joint: Joint, channels: Channels, hold: float = 0.0) -> dict[str,
     """
     offered = offered_roles(joint)
     true = {
-        role: remembered(_true, values, _said_of(offered.get(role, Signal())), channels.time, channels.period)
+        role: values
+        if role in BOUND
+        else remembered(_true, values, _said_of(offered.get(role, Signal())), channels.time, channels.period)
         for role, values in channels.roles.items()
     }
     for name in motors_of(joint):
@@ -193,6 +222,8 @@ def said(joint: Any, role: str, truth: Mapping[str, Array], time: Array) -> Arra
     else:
         x = truth[role]
     assert x is not None
+    if role in BOUND:
+        return np.asarray(x)
     if role.startswith("deflection") and signal.series_stiffness is not None:
         x = x + truth[f"transmission_torque{suffix}"] / signal.series_stiffness
     if signal.delay:
