@@ -100,9 +100,7 @@ def diagnose(log: Path, holdout: Path | None, options: Options, progress: Progre
     """
     rig = _rig(log, options)
     wanted = pick_joints(rig.joints, options.joints)
-    usable = {name: _alone(rig, name, joint) for name, joint in wanted.items() if not isinstance(joint, RigidJoint)}
-    if not usable:
-        raise DiagnosisError(f"{rig.where}: has no joint with a transmission or muscles; there is nothing to diagnose")
+    usable = {name: _alone(rig, name, joint) for name, joint in wanted.items()}
     if holdout is not None and sha256(holdout) == sha256(log):
         raise DiagnosisError(
             f"{holdout.name}: is the log itself, and so holds nothing out; leave --holdout away, or name another"
@@ -117,6 +115,10 @@ def diagnose(log: Path, holdout: Path | None, options: Options, progress: Progre
         warnings += lacking
         try:
             signals = _bound(recording, name, joint)
+            if isinstance(joint, RigidJoint) and name in _chained(rig) and "torque_sensor" not in signals.roles:
+                raise DiagnosisError(
+                    f"joint '{name}': is one with a link that the others of the chain move, and no torque sensor says how"
+                )
             other = None if second is None else _bound(second, name, joint, set(signals.roles))
             warnings += signals.notes
             found += [diagnose_joint(label, joint, part, other, progress) for label, part in _runs(name, signals)]
@@ -272,7 +274,7 @@ def _extended(rig: Rig, found: Sequence[JointDiagnosis]) -> Rig | None:
 
 def _stiffness(name: str, rig: Rig, extended: Rig, recording: Recording, progress: Progress) -> list[Gain]:
     before, after = rig.joints[name], extended.joints[name]
-    if before == after or isinstance(before, PneumaticJoint):
+    if before == after or isinstance(before, PneumaticJoint | RigidJoint):
         return []
     progress(f"joint {name}: estimating its stiffness with both rigs")
     return stiffness_gains(name, before, after, recording)

@@ -22,8 +22,9 @@ from vsalog.diagnosis.sensing import said, true_roles
 from vsalog.diagnosis.system import LATEST
 from vsalog.diagnosis.windows_mechanical import MechanicalPlayer
 from vsalog.diagnosis.windows_pneumatic import PneumaticPlayer
+from vsalog.diagnosis.windows_rigid import RigidPlayer
 from vsalog.errors import SimulationError
-from vsalog.rig.schema import PneumaticJoint
+from vsalog.rig.schema import PneumaticJoint, RigidJoint
 
 Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]
@@ -79,8 +80,9 @@ def player_of(joint: Any, channels: Channels) -> Player:
     SimulationError
         The joint cannot be simulated, or nothing drives it.
     """
-    kind = PneumaticPlayer if isinstance(joint, PneumaticJoint) else MechanicalPlayer
-    return kind(joint, channels)
+    if isinstance(joint, PneumaticJoint):
+        return PneumaticPlayer(joint, channels)
+    return RigidPlayer(joint, channels) if isinstance(joint, RigidJoint) else MechanicalPlayer(joint, channels)
 
 
 @dataclass(frozen=True, slots=True)

@@ -102,12 +102,33 @@ class MechanicalPlayer:
             # A late torque was recorded before the stretch: the motion is begun so much earlier, and begun again there.
             before = min(part.start, self.lead)
             whole = slice(part.start - before, part.stop)
-            time = channels.time[part.start] + np.arange(-before, part.stop - part.start) * channels.period
-            inputs = _inputs(self.joint, channels, roles, whole, hold)
+            time = self.times(whole)
+            inputs = self.inputs(roles, whole, hold)
             restarts = {int(spans[w, 0]) - whole.start: {NAME: states[w]} for w in range(first_w, last_w)}
             start = {NAME: states[first_w]}
             truth = play(self.machine, {NAME: inputs}, time, start=start, restarts=restarts)[NAME]
             yield part, {name: values[before:] for name, values in truth.items()}
+
+    def times(self, part: slice) -> Array:
+        """Return the times of a run's samples."""
+        back = np.arange(part.start - part.stop + 1, 1)
+        return np.asarray(self.channels.time[part.stop - 1] + back * self.channels.period)
+
+    def inputs(self, roles: Mapping[str, Array], part: slice, hold: bool) -> dict[str, Input]:
+        """Return what drives the machine: recorded torques, and motions where no torque is recorded."""
+        joint, channels, time, given = self.joint, self.channels, self.times(part), dict[str, Input]()
+        for name in motors_of(joint):
+            role = torque_role(name)
+            if role in channels.raw:
+                torque = channels.raw[role][part]
+                given[role] = torque if hold else table(time, torque)
+            elif name == "secondary_motor":
+                given[role] = Motion((joint.lever.start - roles["setpoint"][0][part]) / joint.lever.travel)
+            else:
+                given[role] = Motion(roles[name.replace("motor", "motor_position")][0][part])
+        if "external_torque" in roles:
+            given["external_torque"] = table(time, roles["external_torque"][0][part])
+        return given
 
 
 def without_bristles(joint: Any) -> Any:
@@ -130,21 +151,3 @@ def _drives(channels: Channels, role: str) -> bool:
 def _stretches(spans: NDArray[np.int64]) -> list[tuple[int, int]]:
     breaks = [0, *(w + 1 for w in range(len(spans) - 1) if spans[w, 1] != spans[w + 1, 0]), len(spans)]
     return list(pairwise(breaks))
-
-
-def _inputs(joint: Any, channels: Channels, roles: Mapping[str, Array], part: slice, hold: bool) -> dict[str, Input]:
-    """Return what drives the machine: recorded torques, and motions where no torque is recorded."""
-    time = channels.time[part.stop - 1] + np.arange(part.start - part.stop + 1, 1) * channels.period
-    given = dict[str, Input]()
-    for name in motors_of(joint):
-        role = torque_role(name)
-        if role in channels.raw:
-            torque = channels.raw[role][part]
-            given[role] = torque if hold else table(time, torque)
-        elif name == "secondary_motor":
-            given[role] = Motion((joint.lever.start - roles["setpoint"][0][part]) / joint.lever.travel)
-        else:
-            given[role] = Motion(roles[name.replace("motor", "motor_position")][0][part])
-    if "external_torque" in roles:
-        given["external_torque"] = table(time, roles["external_torque"][0][part])
-    return given

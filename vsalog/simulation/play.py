@@ -112,7 +112,10 @@ class _Drives:
         self.machine, self.time, self.steps = machine, time, steps
         self.period = float(time[1] - time[0])
         self.external: list[TorqueInput] = [
-            _with_contacts(_torque(name, inputs.get(name, {}).get("external_torque", 0.0)), joint.link.contact)  # type: ignore[union-attr]
+            _with_contacts(
+                _torque(name, inputs.get(name, {}).get("external_torque", 0.0)),
+                joint.link.contact if joint.link else (),
+            )
             for name, joint in machine.joints.items()
         ]
         self.torques: dict[int, TorqueInput] = {}
@@ -144,7 +147,8 @@ class _Drives:
             i, motor = slot.index, slot.motor
             if i in self.torques:
                 torque = _over(self.torques[i], grid, self.time, motor.torque_delay)
-                inputs[..., i] = motor.torque_gain * _stepped(torque, motor.torque_step) + motor.torque_offset
+                # Beside what pushes the link, where motor and link are one.
+                inputs[..., i] += motor.torque_gain * _stepped(torque, motor.torque_step) + motor.torque_offset
             elif i in self.splines:
                 inputs[..., i] = self.splines[i](grid, 2)
         prescribed = np.zeros((time.size, 2, n))
@@ -234,7 +238,7 @@ def _first_state(machine: Machine, drives: _Drives, start: Mapping[str, Array]) 
     for j, (name, joint) in enumerate(machine.joints.items()):
         if name in start:
             continue
-        own = [slot for slot in machine.motors if slot.joint == name]
+        own = [slot for slot in machine.motors if slot.joint == name and slot.index != j]
         driven = [drives.beginning(slot) for slot in own if slot.role != "secondary_torque"]
         known = [position for position in driven if position is not None]
         hanging = joint.link.gravity_angle if joint.link is not None and not machine.chained else 0.0
@@ -251,7 +255,7 @@ def _put(machine: Machine, given: Mapping[str, Array], x: Array) -> None:
     for j, name in enumerate(machine.joints):
         if name not in given:
             continue
-        indices = [j, *(slot.index for slot in machine.motors if slot.joint == name)]
+        indices = [j, *(slot.index for slot in machine.motors if slot.joint == name and slot.index != j)]
         state = np.array(given[name], dtype=np.float64)
         if state.shape != (2 * len(indices),):
             raise SimulationError(f"joint '{name}': the state has shape {state.shape}, not ({2 * len(indices)},)")
