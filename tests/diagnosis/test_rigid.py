@@ -201,3 +201,9 @@ def test_one_in_a_chain_is_left_out_where_nothing_says_what_its_link_does(tmp_pa
     laid(tmp_path, Truth(), RIGID + chain + "inertia = [0.01, 0.01, 0.01]\n")
     with pytest.raises(DiagnosisError, match="others of the chain move"):
         diagnose(tmp_path / "log.csv", None, Options())
+
+
+def test_no_experiment_is_proposed_and_it_says_so(tmp_path):
+    outcome = diagnose(laid(tmp_path, Truth())[0], None, Options(suggest=True))
+    assert outcome.scenario is None
+    assert [w for w in outcome.diagnosis.warnings if "no experiment is proposed" in w and "transmissions or muscles" in w]
