@@ -206,4 +206,6 @@ def test_one_in_a_chain_is_left_out_where_nothing_says_what_its_link_does(tmp_pa
 def test_no_experiment_is_proposed_and_it_says_so(tmp_path):
     outcome = diagnose(laid(tmp_path, Truth())[0], None, Options(suggest=True))
     assert outcome.scenario is None
-    assert [w for w in outcome.diagnosis.warnings if "no experiment is proposed" in w and "transmissions or muscles" in w]
+    assert [
+        w for w in outcome.diagnosis.warnings if "no experiment is proposed" in w and "transmissions or muscles" in w
+    ]

@@ -129,7 +129,7 @@ def diagnose(log: Path, holdout: Path | None, options: Options, progress: Progre
     if not found:
         reasons = gathered(warnings, left_out)
         raise DiagnosisError(f"{log.name}: no joint of the rig can be diagnosed: {'; '.join(reasons)}")
-    apart = "what its link does depends on the others of the chain, so nothing was simulated"
+    apart = "what its link does depends on the others of the chain, so it was not judged, and taken as it was measured"
     left_out += [(f.name, (f"joint '{f.name}': {apart}",)) for f in found if f.name in _chained(rig)]
     warnings += gathered([], left_out)
     proposed = _proposed(rig, found, warnings, progress) if options.suggest else None

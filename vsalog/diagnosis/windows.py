@@ -18,13 +18,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vsalog.diagnosis.channels import Channels, span_of
-from vsalog.diagnosis.sensing import said, true_roles
+from vsalog.diagnosis.sensing import known, said, true_roles
 from vsalog.diagnosis.system import LATEST
-from vsalog.diagnosis.windows_mechanical import MechanicalPlayer
+from vsalog.diagnosis.windows_bench import BenchPlayer
+from vsalog.diagnosis.windows_mechanical import MechanicalPlayer, free_motors, link_told, movable
 from vsalog.diagnosis.windows_pneumatic import PneumaticPlayer
 from vsalog.diagnosis.windows_rigid import RigidPlayer
 from vsalog.errors import SimulationError
-from vsalog.rig.schema import PneumaticJoint, RigidJoint
+from vsalog.rig.schema import ElasticJoint, PneumaticJoint, RigidJoint
 
 Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]
@@ -50,7 +51,11 @@ class Player(Protocol):
     played: Any
 
     def driving(self) -> list[str]:
-        """Return the roles that drive the joint where they are recorded."""
+        """Return the roles that drive the joint where they are recorded, as they were recorded."""
+        ...
+
+    def followed(self) -> list[str]:
+        """Return the recorded roles that prescribe what the joint does, filtered."""
         ...
 
     def answered(self) -> list[str]:
@@ -82,7 +87,16 @@ def player_of(joint: Any, channels: Channels) -> Player:
     """
     if isinstance(joint, PneumaticJoint):
         return PneumaticPlayer(joint, channels)
-    return RigidPlayer(joint, channels) if isinstance(joint, RigidJoint) else MechanicalPlayer(joint, channels)
+    if isinstance(joint, RigidJoint):
+        return RigidPlayer(joint, channels)
+    if movable(joint, channels):
+        return MechanicalPlayer(joint, channels)
+    if joint.link is None and not link_told(joint, channels) and isinstance(joint, ElasticJoint):
+        # No encoder says what the link did, and nothing how it would move: a torque sensor says how it pulled.
+        alone = RigidJoint(motor=joint.motor, signals=joint.signals)
+        if free_motors(joint, channels) and known(channels.roles, "motor_position", "torque_sensor"):
+            return RigidPlayer(alone, channels)
+    return BenchPlayer(joint, channels)
 
 
 @dataclass(frozen=True, slots=True)
@@ -161,7 +175,7 @@ def windows_of(joint: Any, channels: Channels, hold: bool) -> Windows:
     good = np.isfinite(player.measured_states()).all(axis=1)
     for role in answered:
         good &= np.isfinite(channels.raw[role])
-    for role in player.driving():
+    for role in (*player.driving(), *player.followed()):
         if role in roles:
             good &= np.isfinite(roles[role][0])
     edges = np.flatnonzero(np.diff(np.r_[False, good, False].astype(np.int8)))

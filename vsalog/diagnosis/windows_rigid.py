@@ -42,9 +42,17 @@ class RigidPlayer(MechanicalPlayer):
             raise SimulationError("the torque of the motor is not recorded, so that nothing drives the joint")
         super().__init__(joint, channels)
 
+    def measured(self) -> tuple[tuple[str, ...], bool]:
+        """Return that nothing moves as it was measured."""
+        return (), False
+
     def driving(self) -> list[str]:
-        """Return the role of the motor's torque, and of the torque sensor where it stands for the link."""
-        return ["motor_torque", *(["torque_sensor"] if self._pulled() else [])]
+        """Return the role of the motor's torque."""
+        return ["motor_torque"]
+
+    def followed(self) -> list[str]:
+        """Return the torque sensor where it stands for the link."""
+        return ["torque_sensor"] if self._pulled() else []
 
     def answered(self) -> list[str]:
         """Return the recorded positions."""
