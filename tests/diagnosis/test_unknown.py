@@ -46,11 +46,11 @@ def test_the_spring_is_that_of_the_joint_however_a_role_is_recorded(tmp_path, sa
     np.testing.assert_allclose(flexibility_torque(spring, phi), torque, atol=0.01 * np.max(np.abs(torque)))
 
 
-def test_what_the_sensor_says_at_rest_is_added_to_its_offset_in_its_own_units(tmp_path, said):
-    """A torque sensor that says 300 per N·m, with 60 of them at rest that the rig does not know."""
+def test_what_the_sensor_says_at_rest_is_added_to_its_offset(tmp_path, said):
+    """A torque sensor that says 300 per N·m, with 60 of them, 0.2 N·m, at rest that the rig does not know."""
     changed = (lambda x, t: 300.0 * x + 60.0, "gain = 300.0", "")
     joint = fitted(tmp_path, said, "torque_sensor", changed)
-    assert joint.signals.torque_sensor.offset == pytest.approx(60.0, abs=3.0)
+    assert joint.signals.torque_sensor.offset == pytest.approx(0.2, abs=0.01)
 
 
 @pytest.mark.parametrize("role", ["motor_position", "torque_sensor"])

@@ -18,7 +18,7 @@ from vsalog.diagnosis.describe import causes_of, equation_errors, evidence_of, g
 from vsalog.diagnosis.document import VERSION, Diagnosis, FoundCause, Gain, Gains, Unexplained, Verdict
 from vsalog.diagnosis.evidence import JointEvidence
 from vsalog.diagnosis.joint import LEFT, JointDiagnosis, diagnose_joint
-from vsalog.diagnosis.sensing import as_written, at_joint, bare, motors_of
+from vsalog.diagnosis.sensing import as_written, at_joint, bare, motors_of, sensors_as_written
 from vsalog.diagnosis.stiffness_gain import stiffness_gains
 from vsalog.diagnosis.suggest import Suggestion, suggest
 from vsalog.diagnosis.unknown import unknown_in
@@ -268,7 +268,8 @@ def _extended(rig: Rig, found: Sequence[JointDiagnosis]) -> Rig | None:
         motors = {m: as_written(getattr(one.extended, m), getattr(original, m)) for m in motors_of(original)}
         if one.name in _chained(rig):
             kept["link"] = getattr(original, "link", None)  # it was looked at without
-        joints[one.name] = replace(one.extended, **(motors | kept))
+        signals = {"signals": sensors_as_written(one.extended, original)}
+        joints[one.name] = replace(one.extended, **(motors | signals | kept))
     return Rig(replace(rig.file, joint=joints), f"{rig.where}, extended") if changed else None
 
 
@@ -297,8 +298,8 @@ def _read(log: Path, joints: Mapping[str, Any], options: Options) -> Recording:
 
 
 def _bound(recording: Recording, name: str, joint: Any, roles: set[str] | None = None) -> JointSignals:
-    """Bind every role that the log has, as recorded."""
-    plain = bare(joint)
+    """Bind every role that the log has, as recorded, in the joint's units."""
+    plain = bare(joint, gains=True)
     offered = offered_roles(plain)
     there = [r for r in offered if wanted_channels(plain, recording.path.name, [r]) <= set(recording.channels)]
     if roles is not None:

@@ -26,10 +26,15 @@ VALVES = ("valve_1", "valve_2")
 BOUND = ("setpoint",)
 
 
-def bare(joint: Any) -> Any:
+def bare(joint: Any, gains: bool = False) -> Any:
     """Return the joint as if its sensors and drives were perfect, so that its channels are bound as they were recorded.
 
     What the rig says of roles in `BOUND` is undone by binding.
+
+    Parameters
+    ----------
+    joint : of the rig
+    gains : keep the sensors' gains, so that channels are bound in the joint's units; see `at_joint`
     """
     signals = {}
     for role, signal in offered_roles(joint).items():
@@ -39,8 +44,9 @@ def bare(joint: Any) -> Any:
             signals[role] = signal
             continue
         signals[role] = replace(
-            signal, offset=0.0, gain=1.0, drift=0.0, delay=0.0, eccentricity=None, series_stiffness=None
-        )
+            signal, offset=0.0, gain=signal.gain if gains else 1.0, drift=0.0, delay=0.0, eccentricity=None,
+            series_stiffness=None,
+        )  # fmt: skip
     changed = {"signals": type(joint.signals)(**signals)}
     for name in motors_of(joint):
         motor: Motor = getattr(joint, name)
@@ -49,8 +55,48 @@ def bare(joint: Any) -> Any:
 
 
 def at_joint(joint: Any) -> Any:
-    """Return the joint with all that its motors have as the joint feels it, so that parameters are those of the equations."""
-    return replace(joint, **{name: getattr(joint, name).reflected for name in motors_of(joint)})
+    """Return the joint with all that its motors have as the joint feels it, and all that its sensors say in the joint's units.
+
+    So parameters are those of the equations: an offset is an angle or a torque whatever a sensor counts in, and a gain is
+    relative to what the rig says.
+    """
+    changed = {name: getattr(joint, name).reflected for name in motors_of(joint)}
+    scaled = {role: _per_gain(s) for role, s in offered_roles(joint).items() if role not in BOUND and s.gain != 1.0}
+    if scaled:
+        changed["signals"] = replace(joint.signals, **scaled)
+    return replace(joint, **changed)
+
+
+def sensors_as_written(joint: Any, original: Any) -> Any:
+    """Return a joint's signals in what the sensors of another one count in; what did not change stays as it was."""
+    plain, own, changed = offered_roles(at_joint(original)), offered_roles(joint), dict[str, Any]()
+    for role, first in offered_roles(original).items():
+        new, old = own[role], plain[role]
+        if role in BOUND or getattr(original.signals, role, None) is None:
+            continue
+        differs = {f: getattr(new, f) for f in new.__struct_fields__ if getattr(new, f) != getattr(old, f)}
+        if differs:
+            counted = _times_gain(new, first.gain)
+            changed[role] = replace(first, **{f: getattr(counted, f) for f in differs})
+    return replace(original.signals, **changed)
+
+
+def _per_gain(signal: Signal) -> Signal:
+    """Return a sensor as it is when what it says is divided by its gain."""
+    return replace(_times_gain(signal, 1.0 / signal.gain), gain=1.0)
+
+
+def _times_gain(signal: Signal, gain: float) -> Signal:
+    disc = signal.eccentricity
+    return replace(
+        signal,
+        gain=signal.gain * gain,
+        offset=signal.offset * gain,
+        drift=signal.drift * gain,
+        eccentricity=None if disc is None else replace(disc, amplitude=disc.amplitude * gain),
+        resolution=None if signal.resolution is None else signal.resolution * gain,
+        noise=signal.noise * gain,
+    )
 
 
 def as_written(motor: Motor, original: Motor) -> Motor:
