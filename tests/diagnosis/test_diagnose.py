@@ -317,5 +317,5 @@ def test_the_prosthetic_foot_has_a_loop(tmp_path, call, samples):
     assert left["depends_on"][:2] == ["deflection", "deflection_rate"]
     up, back = ([np.mean([b["mean"] for b in left[key]])] for key in ("curve", "curve_back"))
     assert np.abs(np.subtract(up, back)) > 0.2
-    assert sum("could not be simulated" in w for w in document["warnings"]) == 1
+    assert not any("could not be simulated" in w for w in document["warnings"])
     assert "deflection falling" in (tmp_path / "foot" / "diagnosis.html").read_text(encoding="utf-8")
