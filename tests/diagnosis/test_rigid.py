@@ -135,7 +135,6 @@ HIDDEN = {
     "motor.cogging": (Truth(cogging=(0.1, 6.0, 0.4)), {"torque": 0.1, "order": 6.0}),
     "motor.torque_constant": (Truth(constant=1.1), {"gain": 1.1}),
     "motor.torque_offset": (Truth(torque_offset=0.1), {"torque": 0.1}),
-    "motor.torque_delay": (Truth(torque_delay=5e-3), {"delay": 5e-3}),
     "link.gravity": (Truth(gravity=1.8), {"torque": 1.8}),
     "link.payload": (
         Truth(inertia=0.07 + 0.3 * 0.2**2, gravity=1.5 + 0.3 * 9.81 * 0.2),
@@ -186,6 +185,26 @@ def test_a_sound_one_is_consistent_and_simulated_to_its_noise(tmp_path):
 def test_what_moves_as_one_has_one_inertia_and_says_so(tmp_path):
     document = diagnose(*laid(tmp_path, Truth(inertia=0.08)), Options()).diagnosis
     assert document.causes[0].indistinguishable_from == ("motor.inertia",)
+
+
+def test_a_late_drive_is_a_late_encoder_and_it_says_so(tmp_path):
+    document = diagnose(*laid(tmp_path, Truth(torque_delay=5e-3)), Options()).diagnosis
+    (cause,) = document.causes
+    assert (cause.cause, cause.indistinguishable_from) == ("sensor.clock_skew", ("motor.torque_delay",))
+    assert cause.parameters["delay"].value == pytest.approx(5e-3, abs=0.55 * PERIOD)
+
+
+def test_beside_a_torque_sensor_a_late_drive_is_one(tmp_path):
+    """The link's equation has the encoder's time."""
+    rig = RIGID + 'torque_sensor = "torque sensor"\n'
+    time, said = log(Truth(torque_delay=8e-3))
+    q = derived(moved(Truth(torque_delay=8e-3), 12.0, PERIOD, 0)[1], time)
+    noise = 5e-3 * np.random.default_rng(3).standard_normal(time.size)
+    said["torque_sensor"] = -(0.05 * q[2] + 1.5 * np.sin(q[0])) + noise
+    recorded(tmp_path, time, said, rig)
+    document = diagnose(tmp_path / "log.csv", None, Options()).diagnosis
+    assert [c.cause for c in document.causes] == ["motor.torque_delay"]
+    assert document.causes[0].parameters["delay"].value == pytest.approx(8e-3, abs=0.55 * PERIOD)
 
 
 def test_an_encoder_at_the_link_alone_will_do(tmp_path):

@@ -218,6 +218,12 @@ def position_of(setting: Setting, part: str) -> str:
     return role
 
 
+def one_clock(setting: Setting) -> bool:
+    """Tell whether a rigid joint's one encoder and its motor's torque are all that has a time: one is late as the other is."""
+    others = {"encoders", "link", "link_acceleration"} & set(setting.equations)
+    return is_rigid(setting.joint) and not others and not {"torque_sensor", "external_torque"} & set(setting.roles)
+
+
 def transmissions_of(joint: Any) -> tuple[str, ...]:
     """Return the names under which a mechanical joint has transmissions of a known type."""
     names = [n for n in ("transmission", "transmission_1", "transmission_2") if hasattr(joint, n)]

@@ -16,6 +16,7 @@ from vsalog.diagnosis.causes.base import (
     Setting,
     Site,
     link_equation,
+    one_clock,
     position_of,
     with_part,
 )
@@ -108,7 +109,7 @@ class MotorTorqueDelay(Cause):
 
     def sites(self, setting: Setting) -> Iterator[Site]:
         """Yield one per motor."""
-        for name in moved_motors(setting):
+        for name in () if one_clock(setting) else moved_motors(setting):
             start = getattr(setting.joint, name).torque_delay
             # Whether torques were held from sample to sample few logs tell: half a sample either way.
             blur = setting.period / 12.0**0.5

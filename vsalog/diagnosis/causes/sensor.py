@@ -15,6 +15,7 @@ from vsalog.diagnosis.causes.base import (
     Setting,
     Site,
     is_rigid,
+    one_clock,
     suffix_of,
     transmissions_of,
     with_signal,
@@ -243,8 +244,12 @@ class ClockSkew(Cause):
     def sites(self, setting: Setting) -> Iterator[Site]:
         """Yield one per encoder; where there are muscles, per pressure and valve too."""
         for role, signal in _recorded(setting, CLOCKED):
-            parameter = Parameter("delay", "s", signal.delay, 0.25 * setting.period, -LATEST, LATEST)
-            yield Site(self.name, role, (parameter,), _changing(role, "delay"))
+            one = one_clock(setting)
+            # Half a sample either way is what few logs tell of torques that are held.
+            blur = setting.period / 12.0**0.5 if one else 0.0
+            parameter = Parameter("delay", "s", signal.delay, 0.25 * setting.period, -LATEST, LATEST, blur=blur)
+            doubles = ("motor.torque_delay",) if one else ()
+            yield Site(self.name, role, (parameter,), _changing(role, "delay"), doubles=doubles)
 
 
 class TorqueNotIndependent(Cause):
