@@ -47,6 +47,7 @@ class Truth:
     torque_offset: float = 0.0
     torque_delay: float = 0.0
     push: tuple = (0.0, 0.1, 0.0)
+    detent: tuple = (0.0, 0.3, 0.1)
     offset: float = 0.0
     scale: float = 1.0
     eccentricity: tuple = (0.0, 0.0)
@@ -69,10 +70,11 @@ def drive(seed=0):
 def moved(truth, duration, period, seed):
     """Time, and the joint's position in it.
 
-    J q̈ + D q̇ + (C + E exp(−(q̇/v_s)²) + μ |G sin q|) tanh(q̇/v₀) + G sin q = k τ(t − d) + τ₀ + A sin(n γ q + α) + push
+    J q̈ + D q̇ + (C + E exp(−(q̇/v_s)²) + μ |G sin q|) tanh(q̇/v₀) + G sin q = k τ(t − d) + τ₀ + A sin(n γ q + α) + push + detent
     """
     torque, (start, length, height) = drive(seed), truth.push
     amplitude, order, phase = truth.cogging
+    depth, place, width = truth.detent
 
     def equations(t, x):
         q, dq = x.tolist()
@@ -82,6 +84,7 @@ def moved(truth, duration, period, seed):
         acts += amplitude * math.sin(order * 10.0 * q + phase) + (
             height * math.sin(math.pi * u) ** 2 if 0 < u < 1 else 0.0
         )
+        acts += depth * math.exp(-(((q - place) / width) ** 2))
         return [dq, (acts - truth.damping * dq - level * math.tanh(dq / SWITCH) - weight) / truth.inertia]
 
     time = np.arange(round(duration / period)) * period

@@ -228,3 +228,13 @@ def test_no_experiment_is_proposed_and_it_says_so(tmp_path):
     assert [
         w for w in outcome.diagnosis.warnings if "no experiment is proposed" in w and "transmissions or muscles" in w
     ]
+
+
+def test_what_no_cause_makes_is_unexplained_and_over_the_position(tmp_path):
+    """A torque at one angle alone, of a joint that swings to and fro."""
+    truth = Truth(gravity=6.0, detent=(0.4, 0.2, 0.15))
+    rig = RIGID.replace("gravity_torque = 1.5", "gravity_torque = 6.0")
+    document = diagnose(laid(tmp_path, truth, rig)[0], None, Options()).diagnosis
+    assert document.verdict in ("unexplained", "partly explained")
+    assert document.unexplained.where == "motor"
+    assert document.unexplained.depends_on[0] in ("motor_position", "link_position")
