@@ -194,9 +194,9 @@ def test_roles_that_allow_no_equation_are_refused(tmp_path, call):
     assert "torque" in said
 
 
-def test_a_joint_without_a_transmission_is_refused(tmp_path, call):
+def test_a_rigid_joint_without_a_torque_is_refused(tmp_path, call):
     lay(tmp_path, rig='[joint.arm]\nkind = "rigid"\n[joint.arm.signals]\nmotor_position = "motor position"\n')
-    assert "nothing to diagnose" in refusal(call, tmp_path, "exp1.csv")
+    assert "a rigid one its position" in refusal(call, tmp_path, "exp1.csv")
 
 
 def test_a_joint_that_the_rig_does_not_have_is_refused(tmp_path, call):
@@ -317,5 +317,5 @@ def test_the_prosthetic_foot_has_a_loop(tmp_path, call, samples):
     assert left["depends_on"][:2] == ["deflection", "deflection_rate"]
     up, back = ([np.mean([b["mean"] for b in left[key]])] for key in ("curve", "curve_back"))
     assert np.abs(np.subtract(up, back)) > 0.2
-    assert sum("could not be simulated" in w for w in document["warnings"]) == 1
+    assert not any("could not be simulated" in w for w in document["warnings"])
     assert "deflection falling" in (tmp_path / "foot" / "diagnosis.html").read_text(encoding="utf-8")

@@ -8,7 +8,7 @@ from written_out import ELASTIC, joint_of, signals
 
 from vsalog.diagnosis.causes.base import with_part, with_signal
 from vsalog.diagnosis.channels import Channels
-from vsalog.diagnosis.sensing import at_joint, bare, motors_of, said, shifted, true_roles
+from vsalog.diagnosis.sensing import at_joint, bare, motors_of, said, sensors_as_written, shifted, true_roles
 from vsalog.rig import Rig
 from vsalog.rig.schema import Eccentricity
 
@@ -140,3 +140,20 @@ def test_rotors_are_reflected():
     assert there.motor.inertia == pytest.approx(2.3e-5 * 50**2)
     assert there.secondary_motor.damping == pytest.approx(0.0141 * 23**2)
     assert at_joint(there) == there
+
+
+def test_sensors_that_count_are_told_in_the_joints_units_and_written_as_they_count():
+    disc = Eccentricity(3.0, 0.2)
+    joint = with_signal(joint_of(), "link_position", gain=100.0, offset=5.0, drift=0.5, eccentricity=disc, delay=2e-3)
+    there = at_joint(joint)
+    told = there.signals.link_position
+    assert (told.gain, told.offset, told.drift, told.delay) == (1.0, 0.05, 0.005, 2e-3)
+    assert told.eccentricity == Eccentricity(0.03, 0.2)
+    assert sensors_as_written(there, joint) == joint.signals
+    found = with_signal(with_signal(there, "link_position", gain=1.02, offset=0.07), "torque_sensor", offset=0.1)
+    back = sensors_as_written(found, joint)
+    assert back.link_position.gain == pytest.approx(102.0)
+    assert back.link_position.offset == pytest.approx(7.0)
+    assert back.link_position.eccentricity == disc
+    assert back.torque_sensor.offset == pytest.approx(0.1)
+    assert back.motor_position == joint.signals.motor_position

@@ -9,7 +9,7 @@ from written_out import Truth, channels, drive, joint_of, log, motion, signals
 from vsalog.diagnosis.causes.base import with_part, with_signal
 from vsalog.diagnosis.channels import channels_of
 from vsalog.diagnosis.gain import Compared, compared
-from vsalog.diagnosis.windows import Shot, Windows, begun, by_states, in_windows, shoot, windows_of
+from vsalog.diagnosis.windows import Shot, Windows, begun, by_states, in_windows, player_of, shoot, windows_of
 from vsalog.errors import SimulationError
 
 SECONDS, PERIOD = 6.0, 2e-3
@@ -209,3 +209,32 @@ def test_the_right_rig_helps_and_the_wrong_one_does_not(clean):
     wrong = with_part(joint_of(), "motor", damping=0.08)
     assert compared(wrong, joint_of(), windows).helps
     assert not compared(joint_of(), wrong, windows).helps
+
+
+@pytest.mark.parametrize("delay", [-0.04, -0.003, 0.003, 0.04])
+@pytest.mark.parametrize("role", ["motor_position", "link_position"])
+def test_windows_of_a_plain_rig_hold_for_one_whose_encoder_is_late_or_early(clean, role, delay):
+    """What windows begin with is known with the delay that is found, too, which reaches over what a filter leaves unknown."""
+    windows, moved = clean
+    late = with_signal(joint_of(), role, delay=delay)
+    states = player_of(late, windows.channels).measured_states()[windows.spans[:, 0]]
+    assert np.isfinite(states).all()
+    shot = shoot(late, windows, true_states(windows, moved))
+    time = np.arange(windows.channels.time.size) * PERIOD
+    inside = windows.window >= 0
+    expected = windows.channels.raw[role] - np.interp(time - delay, time, moved[role][0])
+    # Over 40 ms beyond a window's end the motion is not quite a parabola; over 3 ms it is, to the encoder's step.
+    most = 1e-4 if abs(delay) < 0.01 else 0.02
+    np.testing.assert_allclose(shot.errors[role][inside], expected[inside], atol=most)
+
+
+def test_a_late_torque_was_recorded_before_its_window(clean):
+    """Each window played alone is played as in a row: its first torque is that of before it, not its own first sample."""
+    windows, moved = clean
+    late = with_part(joint_of(), "motor", torque_delay=0.02)
+    states = true_states(windows, moved)
+    row = shoot(late, windows, states).errors["motor_position"]
+    third = windows.part([2])
+    alone = shoot(late, third, states[2:3]).errors["motor_position"]
+    first, last = third.spans[0]
+    np.testing.assert_allclose(alone[first:last], row[first:last], atol=1e-9)

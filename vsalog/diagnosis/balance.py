@@ -122,39 +122,39 @@ def balance(joint: Mechanical, roles: Mapping[str, Array], time: Array, spread: 
         told = suffix in motion.torques and suffix in motion.motors and suffix not in motion.spent
         if motor.inertia is not None and role in roles and told:
             theta, torque = motion.motors[suffix], motion.torques[suffix]
-            residual = remembered(_turned, motor, theta, torque, roles[role])
+            residual = remembered(turned, motor, theta, torque, roles[role])
             load = torque if motor.friction.load else None
             shaped = remembered(_resisted, motor, theta, load, motion.slacks[suffix])
-            equations.append(_recorded(Equation(f"motor{suffix}", "motor", "N*m", residual, shaped, theta[1]), motor))
+            equations.append(recorded(Equation(f"motor{suffix}", "motor", "N*m", residual, shaped, theta[1]), motor))
     if isinstance(joint, SerialJoint):
         equations += _secondary(joint, motion, time)
     equations += _transmissions(joint, motion)
     if joint.link is not None and motion.link is not None and len(motion.torques) == len(_motors(joint)):
         first, *others = motion.torques.values()
         total = remembered(np.add, first, *others) if others else first
-        residual = remembered(_driven, joint.link, motion.link, total, roles.get("external_torque"))
+        residual = remembered(driven, joint.link, motion.link, total, roles.get("external_torque"))
         load = total if joint.link.friction.load else None
         shaped = remembered(rubbing, joint.link.friction, motion.link, load, motion.slacks["link"])
         if joint.link.contact:
-            shaped = remembered(np.subtract, shaped, remembered(_pushed, joint.link.contact, time))
+            shaped = remembered(np.subtract, shaped, remembered(pushed, joint.link.contact, time))
         equation = Equation("link", "link", "N*m", residual, shaped, motion.link[1])
-        equations.append(_scaled(equation, _torque_unit(joint, roles)))
+        equations.append(scaled(equation, torque_unit(joint, roles)))
         if "link_acceleration" in roles and "link_position" in roles:
             off = roles["link_acceleration"][0] - motion.link[2]
             equations.append(Equation("link_acceleration", "sensor", "rad/s^2", off))
     return equations
 
 
-def _recorded(equation: Equation, motor: Motor) -> Equation:
+def recorded(equation: Equation, motor: Motor) -> Equation:
     """Return a motor's equation in the torque that is recorded of it.
 
     Were all torques, inertias and gains smaller by one factor, the equations would be so, too, and noise would seem explained.
     Formed in what is recorded they stay as they are: nothing tells a scale that all torques have in common.
     """
-    return _scaled(equation, 1.0 / motor.torque_gain)
+    return scaled(equation, 1.0 / motor.torque_gain)
 
 
-def _torque_unit(joint: Mechanical, roles: Mapping[str, Array]) -> float:
+def torque_unit(joint: Mechanical, roles: Mapping[str, Array]) -> float:
     """Return what a recorded torque says of a true one [1]: of the first motor that has one, else of a torque sensor."""
     for suffix, motor in _motors(joint).items():
         if f"motor_torque{suffix}" in roles:
@@ -163,7 +163,7 @@ def _torque_unit(joint: Mechanical, roles: Mapping[str, Array]) -> float:
     return 1.0 if sensor is None else abs(_gain(joint, sensor))
 
 
-def _scaled(equation: Equation, factor: float) -> Equation:
+def scaled(equation: Equation, factor: float) -> Equation:
     if factor == 1.0:
         return equation
     return replace(equation, residual=factor * equation.residual, shaped=factor * equation.shaped)
@@ -285,7 +285,7 @@ def slope_of(values: Array, time: Array) -> Array:
     return out
 
 
-def _turned(motor: Motor, theta: Array, torque: Array, recorded: Array) -> Array:
+def turned(motor: Motor, theta: Array, torque: Array, recorded: Array) -> Array:
     """Return B θ̈ + D θ̇ − τ_T − τ."""
     return np.asarray(_moved(motor, theta) - torque - recorded[0])
 
@@ -300,7 +300,12 @@ def _moved(motor: Motor, theta: Array) -> Array:
 def _resisted(motor: Motor, theta: Array, load: Array | None, slack: float) -> Array | float:
     """Return dry friction less cogging."""
     motor = motor.reflected
-    torque = rubbing(motor.friction, theta, load, slack)
+    return cogged(motor, theta, rubbing(motor.friction, theta, load, slack))
+
+
+def cogged(motor: Motor, theta: Array, torque: Array | float) -> Array | float:
+    """Return a torque that a motor has to overcome, less its cogging."""
+    motor = motor.reflected
     for c in motor.cogging:
         torque = torque - c.torque * np.sin(c.order * motor.gear_ratio * theta[0] + c.phase)
     return torque
@@ -320,7 +325,7 @@ def rubbing(friction: Friction, x: Array, load: Array | None, slack: float) -> A
     return np.asarray(level * np.sign(x[1]))
 
 
-def _driven(link: Link, q: Array, torque: Array, external: Array | None) -> Array:
+def driven(link: Link, q: Array, torque: Array, external: Array | None) -> Array:
     """Return M q̈ + D q̇ + g(q) + τ_T − τ_ext."""
     carried = (
         link_inertia(link) * q[2] + link.damping * q[1] + link_weight(link) * np.sin(q[0] - link.gravity_angle) + torque
@@ -328,7 +333,7 @@ def _driven(link: Link, q: Array, torque: Array, external: Array | None) -> Arra
     return np.asarray(carried if external is None else carried - external[0])
 
 
-def _pushed(contacts: tuple[Contact, ...], time: Array) -> Array:
+def pushed(contacts: tuple[Contact, ...], time: Array) -> Array:
     """Return what pushes the link from outside."""
     torque = np.zeros(time.size)
     for push in contacts:
@@ -348,7 +353,7 @@ def _secondary(joint: SerialJoint, motion: Motion, time: Array) -> list[Equation
     reaction = reaction_torque(joint.transmission, motion.deflections[""][0], arm[0], lever.travel, time)
     residual = _moved(motor, theta) + reaction - roles["secondary_torque"][0]
     shaped = _resisted(motor, theta, reaction, 0.0)
-    return [_recorded(Equation("secondary_motor", "motor", "N*m", residual, shaped, theta[1]), motor)]
+    return [recorded(Equation("secondary_motor", "motor", "N*m", residual, shaped, theta[1]), motor)]
 
 
 def _transmissions(joint: Mechanical, motion: Motion) -> list[Equation]:

@@ -2,19 +2,20 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from vsalog.diagnosis.channels import Channels
 from vsalog.diagnosis.windows import Shot, Windows, begun, begun_as, by_states, floor_of, in_windows, player_of, shoot
 from vsalog.errors import SimulationError
 
 Array = NDArray[np.float64]
 
-DRAWS, SEED = 1000, 0
+DRAWS, SEED, SEEDS = 1000, 0, (1, 2)
 # Integration steps per sample up to which all windows are simulated; a stiff one counts for so many; the fewest windows.
 STEPS, STIFF, FEWEST = 16, 12, 12
 
@@ -193,8 +194,8 @@ def _affordable(joint: Any, windows: Windows) -> Windows:
 def floors(joint: Any, windows: Windows, shot: Shot, typical: Callable[..., Any] = np.mean) -> dict[str, float]:
     """Return the error of each role that noise alone makes: its sensor's, and what noise in the recorded torques moves.
 
-    The second is measured: the windows are simulated with torques, or voltages, that carry noise of the same kind once more, and
-    what the states at the beginnings can make up for is taken off.
+    The second is measured: the windows are simulated with torques, voltages or prescribed motions that carry noise of the same
+    kind once more, and what the states at the beginnings can make up for is taken off.
 
     Parameters
     ----------
@@ -204,13 +205,14 @@ def floors(joint: Any, windows: Windows, shot: Shot, typical: Callable[..., Any]
     typical : of the windows' mean squares
     """
     channels, rng = windows.channels, np.random.default_rng(SEED)
-    raw = dict(channels.raw)
-    for role in player_of(joint, channels).driving():
+    raw, player = dict(channels.raw), player_of(joint, channels)
+    for role in player.driving():
         if role in raw and channels.noise[role].deviation:
             raw[role] = raw[role] + channels.noise[role].deviation * rng.standard_normal(raw[role].size)
     own = {role: channels.noise[role].floor for role in windows.roles}
     try:
-        moved = shoot(joint, replace(windows, channels=replace(channels, raw=raw)), shot.states)
+        noisy = replace(channels, raw=raw, roles=_followed_again(channels, player.followed()))
+        moved = shoot(joint, replace(windows, channels=noisy), shot.states)
     except SimulationError:
         return own
     scale = np.array([floor_of(windows, r) for r in windows.roles])
@@ -221,3 +223,14 @@ def floors(joint: Any, windows: Windows, shot: Shot, typical: Callable[..., Any]
     squares = np.mean(left.reshape(len(left), len(windows.roles), length) ** 2, axis=2)
     rms = np.sqrt(typical(squares, axis=0)) * scale
     return {role: float(np.hypot(own[role], rms[i])) for i, role in enumerate(windows.roles)}
+
+
+def _followed_again(channels: Channels, followed: Sequence[str]) -> Mapping[str, Array]:
+    """Return the filtered roles, those that are followed with their sensors' noise once more.
+
+    Two measurements of one motion differ by the noise of both.
+    """
+    if not followed:
+        return channels.roles
+    one, other = (channels.with_noise(seed).roles for seed in SEEDS)
+    return {**channels.roles, **{r: channels.roles[r] + (one[r] - other[r]) / 2.0**0.5 for r in followed}}

@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 
 from vsalog.diagnosis.causes.sensor import TORQUES
+from vsalog.diagnosis.sensing import at_joint, each_sensor
 from vsalog.rig.schema import AwasTransmission
 from vsalog.signals import JointSignals
 from vsalog.validation.independence import computed_from
@@ -17,10 +18,11 @@ def not_independent(signals: JointSignals, joint: Any) -> dict[str, str]:
 
     Parameters
     ----------
-    signals : as recorded
+    signals : as recorded, in the joint's units
     joint : of the rig
     """
-    roles, found = signals.roles, {}
+    # A formula in the drive or in the log has the positions, not what their sensors make of them.
+    roles, found = each_sensor(at_joint(joint), signals), {}
     for role in (r for r in TORQUES if r in roles):
         suffix = role.removeprefix("torque_sensor")
         others = {f"deflection{suffix}": "the deflection", f"motor_torque{suffix}": "the motor's torque"}

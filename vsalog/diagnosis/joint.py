@@ -156,7 +156,8 @@ def diagnose_joint(
         raise DiagnosisError(
             f"joint '{name}': its roles allow no equation to be checked; a diagnosis needs positions of motor and link (or the"
             " deflection) with a torque sensor, or with the motor's torque and inertia, and a transmission of a known type; one"
-            " with muscles needs their pressures with the angle, or with the torque meter"
+            " with muscles needs their pressures with the angle, or with the torque meter; a rigid one its position, its motor's"
+            " torque and an inertia"
         )
     progress(f"joint {name}: looking for causes")
     setting, barred = setting_of(joint, system), TAKEN_UP if said else frozenset[str]()

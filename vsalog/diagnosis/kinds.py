@@ -10,18 +10,23 @@ from numpy.typing import NDArray
 
 from vsalog.diagnosis.balance import Motion, balance, motion_of
 from vsalog.diagnosis.balance_pneumatic import balance_pneumatic, pneumatic_motion
+from vsalog.diagnosis.balance_rigid import balance_rigid, rigid_motion
 from vsalog.diagnosis.system import Balance
-from vsalog.rig.schema import PneumaticJoint
+from vsalog.rig.schema import PneumaticJoint, RigidJoint
 
 Array = NDArray[np.float64]
 
 
 def balance_for(joint: Any) -> Balance:
     """Return what forms the equations of a joint of this kind."""
+    if isinstance(joint, RigidJoint):
+        return balance_rigid
     return balance_pneumatic if isinstance(joint, PneumaticJoint) else balance
 
 
 def motion_for(joint: Any, roles: Mapping[str, Array], time: Array, spread: Mapping[str, float]) -> Motion:
     """Tell what a joint of any kind did; parameters as `balance.balance`."""
+    if isinstance(joint, RigidJoint):
+        return rigid_motion(joint, roles, time, spread)
     told = pneumatic_motion if isinstance(joint, PneumaticJoint) else motion_of
     return told(joint, roles, time, spread)

@@ -18,7 +18,7 @@ from vsalog.diagnosis.describe import causes_of, equation_errors, evidence_of, g
 from vsalog.diagnosis.document import VERSION, Diagnosis, FoundCause, Gain, Gains, Unexplained, Verdict
 from vsalog.diagnosis.evidence import JointEvidence
 from vsalog.diagnosis.joint import LEFT, JointDiagnosis, diagnose_joint
-from vsalog.diagnosis.sensing import as_written, at_joint, bare, motors_of
+from vsalog.diagnosis.sensing import as_written, at_joint, bare, motors_of, sensors_as_written
 from vsalog.diagnosis.stiffness_gain import stiffness_gains
 from vsalog.diagnosis.suggest import Suggestion, suggest
 from vsalog.diagnosis.unknown import unknown_in
@@ -100,9 +100,7 @@ def diagnose(log: Path, holdout: Path | None, options: Options, progress: Progre
     """
     rig = _rig(log, options)
     wanted = pick_joints(rig.joints, options.joints)
-    usable = {name: _alone(rig, name, joint) for name, joint in wanted.items() if not isinstance(joint, RigidJoint)}
-    if not usable:
-        raise DiagnosisError(f"{rig.where}: has no joint with a transmission or muscles; there is nothing to diagnose")
+    usable = {name: _alone(rig, name, joint) for name, joint in wanted.items()}
     if holdout is not None and sha256(holdout) == sha256(log):
         raise DiagnosisError(
             f"{holdout.name}: is the log itself, and so holds nothing out; leave --holdout away, or name another"
@@ -117,6 +115,10 @@ def diagnose(log: Path, holdout: Path | None, options: Options, progress: Progre
         warnings += lacking
         try:
             signals = _bound(recording, name, joint)
+            if isinstance(joint, RigidJoint) and name in _chained(rig) and "torque_sensor" not in signals.roles:
+                raise DiagnosisError(
+                    f"joint '{name}': is one with a link that the others of the chain move, and no torque sensor says how"
+                )
             other = None if second is None else _bound(second, name, joint, set(signals.roles))
             warnings += signals.notes
             found += [diagnose_joint(label, joint, part, other, progress) for label, part in _runs(name, signals)]
@@ -127,7 +129,7 @@ def diagnose(log: Path, holdout: Path | None, options: Options, progress: Progre
     if not found:
         reasons = gathered(warnings, left_out)
         raise DiagnosisError(f"{log.name}: no joint of the rig can be diagnosed: {'; '.join(reasons)}")
-    apart = "what its link does depends on the others of the chain, so nothing was simulated"
+    apart = "what its link does depends on the others of the chain, so it was not judged, and taken as it was measured"
     left_out += [(f.name, (f"joint '{f.name}': {apart}",)) for f in found if f.name in _chained(rig)]
     warnings += gathered([], left_out)
     proposed = _proposed(rig, found, warnings, progress) if options.suggest else None
@@ -266,13 +268,14 @@ def _extended(rig: Rig, found: Sequence[JointDiagnosis]) -> Rig | None:
         motors = {m: as_written(getattr(one.extended, m), getattr(original, m)) for m in motors_of(original)}
         if one.name in _chained(rig):
             kept["link"] = getattr(original, "link", None)  # it was looked at without
-        joints[one.name] = replace(one.extended, **(motors | kept))
+        signals = {"signals": sensors_as_written(one.extended, original)}
+        joints[one.name] = replace(one.extended, **(motors | signals | kept))
     return Rig(replace(rig.file, joint=joints), f"{rig.where}, extended") if changed else None
 
 
 def _stiffness(name: str, rig: Rig, extended: Rig, recording: Recording, progress: Progress) -> list[Gain]:
     before, after = rig.joints[name], extended.joints[name]
-    if before == after or isinstance(before, PneumaticJoint):
+    if before == after or isinstance(before, PneumaticJoint | RigidJoint):
         return []
     progress(f"joint {name}: estimating its stiffness with both rigs")
     return stiffness_gains(name, before, after, recording)
@@ -295,8 +298,8 @@ def _read(log: Path, joints: Mapping[str, Any], options: Options) -> Recording:
 
 
 def _bound(recording: Recording, name: str, joint: Any, roles: set[str] | None = None) -> JointSignals:
-    """Bind every role that the log has, as recorded."""
-    plain = bare(joint)
+    """Bind every role that the log has, as recorded, in the joint's units."""
+    plain = bare(joint, gains=True)
     offered = offered_roles(plain)
     there = [r for r in offered if wanted_channels(plain, recording.path.name, [r]) <= set(recording.channels)]
     if roles is not None:

@@ -13,6 +13,8 @@ from vsalog.binding import offered_roles
 from vsalog.diagnosis.channels import Channels
 from vsalog.diagnosis.memory import remembered
 from vsalog.rig.schema import AntagonisticJoint, Joint, Motor, PneumaticJoint, SerialJoint, Signal
+from vsalog.sensors import seen_by
+from vsalog.signals import JointSignals
 
 Array = NDArray[np.float64]
 
@@ -20,17 +22,31 @@ Array = NDArray[np.float64]
 ROUNDS = 6
 # Voltages that are commanded, and held from one sample to the next as motors' torques are.
 VALVES = ("valve_1", "valve_2")
+# Roles that no cause speaks of, and that are recorded as something else than the joint has: a lever arm as an angle.
+BOUND = ("setpoint",)
 
 
-def bare(joint: Any) -> Any:
-    """Return the joint as if its sensors and drives were perfect, so that its channels are bound as they were recorded."""
+def bare(joint: Any, gains: bool = False) -> Any:
+    """Return the joint as if its sensors and drives were perfect, so that its channels are bound as they were recorded.
+
+    What the rig says of roles in `BOUND` is undone by binding.
+
+    Parameters
+    ----------
+    joint : of the rig
+    gains : keep the sensors' gains, so that channels are bound in the joint's units; see `at_joint`
+    """
     signals = {}
     for role, signal in offered_roles(joint).items():
         if getattr(joint.signals, role, None) is None:
             continue  # a set-point that its runs give
+        if role in BOUND:
+            signals[role] = signal
+            continue
         signals[role] = replace(
-            signal, offset=0.0, gain=1.0, drift=0.0, delay=0.0, eccentricity=None, series_stiffness=None
-        )
+            signal, offset=0.0, gain=signal.gain if gains else 1.0, drift=0.0, delay=0.0, eccentricity=None,
+            series_stiffness=None,
+        )  # fmt: skip
     changed = {"signals": type(joint.signals)(**signals)}
     for name in motors_of(joint):
         motor: Motor = getattr(joint, name)
@@ -39,8 +55,48 @@ def bare(joint: Any) -> Any:
 
 
 def at_joint(joint: Any) -> Any:
-    """Return the joint with all that its motors have as the joint feels it, so that parameters are those of the equations."""
-    return replace(joint, **{name: getattr(joint, name).reflected for name in motors_of(joint)})
+    """Return the joint with all that its motors have as the joint feels it, and all that its sensors say in the joint's units.
+
+    So parameters are those of the equations: an offset is an angle or a torque whatever a sensor counts in, and a gain is
+    relative to what the rig says.
+    """
+    changed = {name: getattr(joint, name).reflected for name in motors_of(joint)}
+    scaled = {role: _per_gain(s) for role, s in offered_roles(joint).items() if role not in BOUND and s.gain != 1.0}
+    if scaled:
+        changed["signals"] = replace(joint.signals, **scaled)
+    return replace(joint, **changed)
+
+
+def sensors_as_written(joint: Any, original: Any) -> Any:
+    """Return a joint's signals in what the sensors of another one count in; what did not change stays as it was."""
+    plain, own, changed = offered_roles(at_joint(original)), offered_roles(joint), dict[str, Any]()
+    for role, first in offered_roles(original).items():
+        new, old = own[role], plain[role]
+        if role in BOUND or getattr(original.signals, role, None) is None:
+            continue
+        differs = {f: getattr(new, f) for f in new.__struct_fields__ if getattr(new, f) != getattr(old, f)}
+        if differs:
+            counted = _times_gain(new, first.gain)
+            changed[role] = replace(first, **{f: getattr(counted, f) for f in differs})
+    return replace(original.signals, **changed)
+
+
+def _per_gain(signal: Signal) -> Signal:
+    """Return a sensor as it is when what it says is divided by its gain."""
+    return replace(_times_gain(signal, 1.0 / signal.gain), gain=1.0)
+
+
+def _times_gain(signal: Signal, gain: float) -> Signal:
+    disc = signal.eccentricity
+    return replace(
+        signal,
+        gain=signal.gain * gain,
+        offset=signal.offset * gain,
+        drift=signal.drift * gain,
+        eccentricity=None if disc is None else replace(disc, amplitude=disc.amplitude * gain),
+        resolution=None if signal.resolution is None else signal.resolution * gain,
+        noise=signal.noise * gain,
+    )
 
 
 def as_written(motor: Motor, original: Motor) -> Motor:
@@ -85,6 +141,23 @@ def position_role(motor: str) -> str:
     return "setpoint" if motor == "secondary_motor" else motor.replace("motor", "motor_position")
 
 
+def each_sensor(joint: Joint, signals: JointSignals) -> dict[str, Array]:
+    """Return role → shape (N,), samples with what the rig says of each sensor undone, but for how late it is.
+
+    Parameters
+    ----------
+    joint : of the rig
+    signals : as recorded
+    """
+    offered = offered_roles(joint)
+    out = {role: np.asarray(values) for role, values in signals.roles.items()}
+    for role in out:
+        if role in offered and role not in BOUND:
+            signal = offered[role]
+            out[role] = seen_by(out[role], signal, signals.time if signal.drift else None)[0]
+    return out
+
+
 def true_roles(joint: Joint, channels: Channels, hold: float = 0.0) -> dict[str, Array]:
     """Undo what the rig says of sensors and drives.
 
@@ -100,7 +173,9 @@ def true_roles(joint: Joint, channels: Channels, hold: float = 0.0) -> dict[str,
     """
     offered = offered_roles(joint)
     true = {
-        role: remembered(_true, values, _said_of(offered.get(role, Signal())), channels.time, channels.period)
+        role: values
+        if role in BOUND
+        else remembered(_true, values, _said_of(offered.get(role, Signal())), channels.time, channels.period)
         for role, values in channels.roles.items()
     }
     for name in motors_of(joint):
@@ -193,14 +268,30 @@ def said(joint: Any, role: str, truth: Mapping[str, Array], time: Array) -> Arra
     else:
         x = truth[role]
     assert x is not None
+    if role in BOUND:
+        return np.asarray(x)
     if role.startswith("deflection") and signal.series_stiffness is not None:
         x = x + truth[f"transmission_torque{suffix}"] / signal.series_stiffness
     if signal.delay:
-        x = np.interp(time - signal.delay, time, x)
+        x = _late(x, time, signal.delay)
     told = signal.gain * x + signal.offset + signal.drift * time
     if signal.eccentricity is not None:
         told = told + signal.eccentricity.amplitude * np.sin(x + signal.eccentricity.phase)
     return told
+
+
+def _late(x: Array, time: Array, delay: float) -> Array:
+    """Return x(t − delay), shape (N,); beyond the ends it goes on as it does there, with its velocity and acceleration."""
+    asked = time - delay
+    late = np.interp(asked, time, x)
+    period = time[1] - time[0]
+    for end, inner, beyond in ((0, (1, 2), asked < time[0]), (-1, (-2, -3), asked > time[-1])):
+        # The parabola through the last three samples, Newton's form.
+        u = np.abs(asked[beyond] - time[end]) / period
+        first = x[inner[0]] - x[end]
+        second = x[inner[1]] - 2.0 * x[inner[0]] + x[end]
+        late[beyond] = x[end] - u * first + 0.5 * u * (u + 1.0) * second
+    return np.asarray(late)
 
 
 def known(roles: Mapping[str, Array], *names: str) -> bool:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
@@ -10,6 +11,8 @@ from numpy.typing import NDArray
 
 from vsalog.binding import offered_roles
 from vsalog.diagnosis.causes.base import with_signal
+from vsalog.diagnosis.channels import channels_of
+from vsalog.diagnosis.sensing import true_roles
 from vsalog.rig.schema import PolynomialTransmission, UnknownTransmission
 from vsalog.signals import JointSignals
 
@@ -36,7 +39,8 @@ TAKEN_UP = frozenset(
 def with_springs(joint: Any, signals: JointSignals) -> tuple[Any, tuple[str, ...]]:
     """Return a joint whose unknown transmissions are smooth springs fitted to a log, and what to say of it.
 
-    The torque at zero deflection is taken for the sensor's offset: a spring that is not known does not tell.
+    It is fitted to what the joint did, with what the rig says of its sensors undone. The torque at zero deflection is taken for
+    the sensor's offset: a spring that is not known does not tell.
 
     Parameters
     ----------
@@ -44,18 +48,22 @@ def with_springs(joint: Any, signals: JointSignals) -> tuple[Any, tuple[str, ...
     signals : of one run of the log
     """
     said = []
-    for name in unknown_in(joint):
+    unknown = unknown_in(joint)
+    roles = true_roles(joint, channels_of(signals)) if unknown else {}
+    for name in unknown:
         suffix = name.removeprefix("transmission")
-        phi, torque = _deflection(signals, suffix), signals.roles.get(f"torque_sensor{suffix}")
-        if phi is None or torque is None:
+        sensor = f"torque_sensor{suffix}"
+        phi = _deflection(roles, suffix)
+        if phi is None or sensor not in roles:
             continue
+        torque = roles[sensor][0]
         good = np.isfinite(phi) & np.isfinite(torque)
         if np.count_nonzero(good) < FEWEST or np.ptp(phi[good]) == 0.0:
             continue
         spring, at_rest = fitted_spring(phi[good], torque[good])
         joint = replace(joint, **{name: spring})
-        sensor = f"torque_sensor{suffix}"
-        joint = with_signal(joint, sensor, offset=offered_roles(joint)[sensor].offset + at_rest)
+        signal = offered_roles(joint)[sensor]
+        joint = with_signal(joint, sensor, offset=signal.offset + signal.gain * at_rest)
         said.append(
             f"joint '{signals.joint}': the rig does not say what its spring is, so a smooth one was fitted to the log first:"
             " what is told below is what no smooth spring explains; stiffness itself, its asymmetry, gains and offsets were not"
@@ -78,10 +86,9 @@ def fitted_spring(phi: Array, torque: Array) -> tuple[PolynomialTransmission, fl
     return PolynomialTransmission(coefficients=tuple(float(c) for c in found[1:]), scale=scale), float(found[0])
 
 
-def _deflection(signals: JointSignals, suffix: str) -> Array | None:
-    roles = signals.roles
+def _deflection(roles: Mapping[str, Array], suffix: str) -> Array | None:
     if f"deflection{suffix}" in roles:
-        return np.asarray(roles[f"deflection{suffix}"])
+        return np.asarray(roles[f"deflection{suffix}"][0])
     if "link_position" in roles and f"motor_position{suffix}" in roles:
-        return np.asarray(roles["link_position"] - roles[f"motor_position{suffix}"])
+        return np.asarray(roles["link_position"][0] - roles[f"motor_position{suffix}"][0])
     return None

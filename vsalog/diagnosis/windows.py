@@ -18,11 +18,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vsalog.diagnosis.channels import Channels, span_of
-from vsalog.diagnosis.sensing import said, true_roles
-from vsalog.diagnosis.windows_mechanical import MechanicalPlayer
+from vsalog.diagnosis.sensing import known, said, true_roles
+from vsalog.diagnosis.system import LATEST
+from vsalog.diagnosis.windows_bench import BenchPlayer
+from vsalog.diagnosis.windows_mechanical import MechanicalPlayer, free_motors, link_told, movable
 from vsalog.diagnosis.windows_pneumatic import PneumaticPlayer
+from vsalog.diagnosis.windows_rigid import RigidPlayer
 from vsalog.errors import SimulationError
-from vsalog.rig.schema import PneumaticJoint
+from vsalog.rig.schema import ElasticJoint, PneumaticJoint, RigidJoint
 
 Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]
@@ -48,7 +51,11 @@ class Player(Protocol):
     played: Any
 
     def driving(self) -> list[str]:
-        """Return the roles that drive the joint where they are recorded."""
+        """Return the roles that drive the joint where they are recorded, as they were recorded."""
+        ...
+
+    def followed(self) -> list[str]:
+        """Return the recorded roles that prescribe what the joint does, filtered."""
         ...
 
     def answered(self) -> list[str]:
@@ -78,8 +85,18 @@ def player_of(joint: Any, channels: Channels) -> Player:
     SimulationError
         The joint cannot be simulated, or nothing drives it.
     """
-    kind = PneumaticPlayer if isinstance(joint, PneumaticJoint) else MechanicalPlayer
-    return kind(joint, channels)
+    if isinstance(joint, PneumaticJoint):
+        return PneumaticPlayer(joint, channels)
+    if isinstance(joint, RigidJoint):
+        return RigidPlayer(joint, channels)
+    if movable(joint, channels):
+        return MechanicalPlayer(joint, channels)
+    if joint.link is None and not link_told(joint, channels) and isinstance(joint, ElasticJoint):
+        # No encoder says what the link did, and nothing how it would move: a torque sensor says how it pulled.
+        alone = RigidJoint(motor=joint.motor, signals=joint.signals)
+        if free_motors(joint, channels) and known(channels.roles, "motor_position", "torque_sensor"):
+            return RigidPlayer(alone, channels)
+    return BenchPlayer(joint, channels)
 
 
 @dataclass(frozen=True, slots=True)
@@ -158,16 +175,18 @@ def windows_of(joint: Any, channels: Channels, hold: bool) -> Windows:
     good = np.isfinite(player.measured_states()).all(axis=1)
     for role in answered:
         good &= np.isfinite(channels.raw[role])
-    for role in player.driving():
+    for role in (*player.driving(), *player.followed()):
         if role in roles:
             good &= np.isfinite(roles[role][0])
     edges = np.flatnonzero(np.diff(np.r_[False, good, False].astype(np.int8)))
     cuts = np.flatnonzero(channels.starts)
+    # Channels may turn out to be late or early: what a window begins with, and is driven by, must be known then too.
+    margin = round(LATEST / channels.period) + 2
     spans = []
     for first, last in edges.reshape(-1, 2):
         inner = [first, *(c for c in cuts if first < c < last), last]
         for a, b in pairwise(inner):
-            spans += [(k, k + length) for k in range(a, b - length + 1, length)]
+            spans += [(k, k + length) for k in range(a + margin, b - margin - length + 1, length)]
     if not spans:
         raise SimulationError(f"no run of the log is as long as {length * channels.period:g} s with all of its inputs")
     kept = np.linspace(0, len(spans) - 1, min(MOST, len(spans))).round().astype(np.int64)

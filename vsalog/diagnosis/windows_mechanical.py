@@ -12,8 +12,9 @@ from numpy.typing import NDArray
 
 from vsalog.diagnosis.balance import motion_of
 from vsalog.diagnosis.channels import Channels
-from vsalog.diagnosis.sensing import motors_of, torque_role, true_roles
+from vsalog.diagnosis.sensing import motors_of, position_role, torque_role, true_roles
 from vsalog.errors import SimulationError
+from vsalog.rig.schema import AntagonisticJoint, AwasTransmission, Link, SerialJoint, UnknownTransmission
 from vsalog.simulation.inputs import Input, Motion, table
 from vsalog.simulation.machine import build
 from vsalog.simulation.play import play
@@ -27,8 +28,14 @@ NAME = "joint"
 SIMULATED = ("motor_position", "link_position", "deflection", "torque_sensor", "setpoint")
 
 
+# What stands for the inertia of a motor or a link that the rig does not have, and that moves as it was measured [kg·m²].
+STAND_IN = 1.0
+
+
 class MechanicalPlayer:
     """Plays a joint with motors; the states are (q, q̇, θ₁, θ̇₁, …). See `windows.Player`.
+
+    What the rig has no inertia of, and a motor whose torque is not recorded, moves as it was measured.
 
     Parameters
     ----------
@@ -42,23 +49,52 @@ class MechanicalPlayer:
     """
 
     def __init__(self, joint: Any, channels: Channels) -> None:
-        self.joint, self.channels, self.played = joint, channels, joint
-        self.machine = build({NAME: joint})
-        prescribed = [m.index for m in self.machine.motors if m.role not in channels.raw]
+        self.joint, self.channels = joint, channels
+        self.moved, self.link_moves = self.measured()
+        self.played = self._with_stand_ins(joint)
+        self.machine = build({NAME: self.played})
+        latest = max(getattr(joint, name).torque_delay for name in motors_of(joint))
+        self.lead = int(np.ceil(latest / channels.period))
+        roles = [torque_role(m) for m in self.moved]
+        prescribed = [m.index for m in self.machine.motors if m.role in roles] + ([0] if self.link_moves else [])
         if self.machine.steps(channels.period, prescribed)[1]:
-            plain = build({NAME: without_bristles(joint)})
+            plain = build({NAME: without_bristles(self.played)})
             # Bristles so stiff that they ask for an implicit integrator differ from ideal friction by less than encoders see.
             if not plain.steps(channels.period, prescribed)[1]:
-                self.machine, self.played = plain, without_bristles(joint)
+                self.machine, self.played = plain, without_bristles(self.played)
+
+    def measured(self) -> tuple[tuple[str, ...], bool]:
+        """Return the motors that move as they were measured, and whether the link does."""
+        free = free_motors(self.joint, self.channels)
+        return tuple(m for m in motors_of(self.joint) if m not in free), self.joint.link is None
+
+    def _with_stand_ins(self, joint: Any) -> Any:
+        changed: dict[str, Any] = {}
+        for name in self.moved:
+            motor = getattr(joint, name)
+            if motor.inertia is None:
+                changed[name] = replace(motor, inertia=STAND_IN)
+        if self.link_moves:
+            changed["link"] = Link(inertia=STAND_IN)
+        return replace(joint, **changed) if changed else joint
 
     def driving(self) -> list[str]:
-        """Return the roles of the motors' torques."""
-        return [torque_role(m) for m in motors_of(self.joint)]
+        """Return the roles of the torques of the motors that are free."""
+        return [torque_role(m) for m in motors_of(self.joint) if m not in self.moved]
+
+    def followed(self) -> list[str]:
+        """Return the positions that prescribe a motion."""
+        there = self.channels.roles
+        roles = {position_role(m) for m in self.moved}
+        if self.link_moves:
+            roles |= {"link_position"} if "link_position" in there else {r for r in there if r.startswith("deflection")}
+        return [r for r in there if r in roles]
 
     def answered(self) -> list[str]:
         """Return the recorded positions and torque sensors that drive nothing."""
         roles = [r for r in self.channels.roles if r.removesuffix("_1").removesuffix("_2") in SIMULATED]
-        return [r for r in roles if not _drives(self.channels, r)]
+        followed = self.followed()
+        return [r for r in roles if r not in followed]
 
     def measured_states(self) -> Array:
         """Return the states as rig and filter have them, shape (N, n)."""
@@ -69,23 +105,27 @@ class MechanicalPlayer:
             raise SimulationError("the position of the link is not recorded, and nothing tells it")
         columns = [motion.link[0], motion.link[1]]
         for name in motors_of(joint):
-            if name == "secondary_motor":
-                arm, lever = roles.get("setpoint"), joint.lever
-                if arm is None or lever is None:
-                    raise SimulationError("the set-point is not recorded")
-                columns += [(lever.start - arm[0]) / lever.travel, -arm[1] / lever.travel]
-                continue
-            suffix = name.removeprefix("motor")
-            if suffix not in motion.motors:
-                raise SimulationError(f"the position of the {name} is not recorded, and nothing tells it")
-            columns += [motion.motors[suffix][0], motion.motors[suffix][1]]
+            theta = self._position(name, roles, motion.motors)
+            columns += [theta[0], theta[1]]
         return np.stack(columns, axis=-1)
 
+    def _position(self, name: str, roles: Mapping[str, Array], motors: Mapping[str, Array]) -> Array:
+        """Return θ of a motor as it was measured, with its derivatives."""
+        if name == "secondary_motor":
+            arm, lever = roles.get("setpoint"), self.joint.lever
+            if arm is None or lever is None:
+                raise SimulationError("the set-point is not recorded")
+            return np.asarray(np.stack([lever.start - arm[0], -arm[1], -arm[2]]) / lever.travel)
+        suffix = name.removeprefix("motor")
+        if suffix not in motors:
+            raise SimulationError(f"the position of the {name} is not recorded, and nothing tells it")
+        return np.asarray(motors[suffix])
+
     def free(self, states: Array) -> Mapping[int, tuple[float, Flags]]:
-        """Return the states of the link, and of motors whose torque is recorded."""
-        free = [0, 1]
+        """Return the states of the link and of the motors, but for those that move as they were measured."""
+        free = [] if self.link_moves else [0, 1]
         for k, name in enumerate(motors_of(self.joint)):
-            if torque_role(name) in self.channels.raw:
+            if name not in self.moved:
                 free += [2 + 2 * k, 3 + 2 * k]
         return {i: (NUDGES[i % 2], np.ones(len(states), dtype=np.bool_)) for i in free}
 
@@ -97,10 +137,37 @@ class MechanicalPlayer:
         roles = true_roles(self.joint, channels, 0.0)
         for first_w, last_w in _stretches(spans):
             part = slice(int(spans[first_w, 0]), int(spans[last_w - 1, 1]))
-            time = channels.time[part.start] + np.arange(part.stop - part.start) * channels.period
-            inputs = _inputs(self.joint, channels, roles, part, hold)
-            restarts = {int(spans[w, 0]) - part.start: {NAME: states[w]} for w in range(first_w, last_w)}
-            yield part, play(self.machine, {NAME: inputs}, time, start=restarts[0], restarts=restarts)[NAME]
+            # A late torque was recorded before the stretch: the motion is begun so much earlier, and begun again there.
+            before = min(part.start, self.lead)
+            whole = slice(part.start - before, part.stop)
+            time = self.times(whole)
+            inputs = self.inputs(roles, whole, hold)
+            restarts = {int(spans[w, 0]) - whole.start: {NAME: states[w]} for w in range(first_w, last_w)}
+            start = {NAME: states[first_w]}
+            truth = play(self.machine, {NAME: inputs}, time, start=start, restarts=restarts)[NAME]
+            yield part, {name: values[before:] for name, values in truth.items()}
+
+    def times(self, part: slice) -> Array:
+        """Return the times of a run's samples."""
+        back = np.arange(part.start - part.stop + 1, 1)
+        return np.asarray(self.channels.time[part.stop - 1] + back * self.channels.period)
+
+    def inputs(self, roles: Mapping[str, Array], part: slice, hold: bool) -> dict[str, Input]:
+        """Return what drives the machine: recorded torques, and motions where no torque is recorded."""
+        channels, time, given = self.channels, self.times(part), dict[str, Input]()
+        told = motion_of(self.joint, roles, channels.time, channels.spread) if self.moved or self.link_moves else None
+        for name in motors_of(self.joint):
+            role = torque_role(name)
+            if name not in self.moved:
+                torque = channels.raw[role][part]
+                given[role] = torque if hold else table(time, torque)
+            elif told is not None:
+                given[role] = Motion(self._position(name, roles, told.motors)[0][part])
+        if self.link_moves and told is not None and told.link is not None:
+            given["link_position"] = Motion(told.link[0][part])
+        if "external_torque" in roles:
+            given["external_torque"] = table(time, roles["external_torque"][0][part])
+        return given
 
 
 def without_bristles(joint: Any) -> Any:
@@ -114,30 +181,37 @@ def without_bristles(joint: Any) -> Any:
     return replace(joint, **changed) if changed else joint
 
 
-def _drives(channels: Channels, role: str) -> bool:
-    """Tell whether a position prescribes a motor's motion, because its torque is not recorded."""
-    torque = "secondary_torque" if role == "setpoint" else role.replace("motor_position", "motor_torque")
-    return torque != role and torque not in channels.roles
+def free_motors(joint: Any, channels: Channels) -> list[str]:
+    """Return the motors of a joint whose inertia is known and whose torque is recorded."""
+    return [m for m in motors_of(joint) if getattr(joint, m).inertia is not None and torque_role(m) in channels.raw]
+
+
+def movable(joint: Any, channels: Channels) -> bool:
+    """Tell whether anything of a joint can be moved by what acts on it, with all else moving as it was measured.
+
+    This depends on what the rig has and the log records, not on values: all rigs that a search tries are played alike.
+    """
+    roles = channels.roles
+    if isinstance(joint, SerialJoint):
+        awas = isinstance(joint.transmission, AwasTransmission | UnknownTransmission)
+        if joint.secondary_motor is None or joint.lever is None or not awas:
+            return False
+    free = free_motors(joint, channels)
+    if joint.link is None and not free:
+        return False
+    told = any(r.startswith(("motor_position", "link_position")) for r in roles)
+    return told and (joint.link is not None or link_told(joint, channels))
+
+
+def link_told(joint: Any, channels: Channels) -> bool:
+    """Tell whether encoders say where the link is."""
+    suffixes = ("_1", "_2") if isinstance(joint, AntagonisticJoint) else ("",)
+    roles = channels.roles
+    return "link_position" in roles or any(
+        f"deflection{s}" in roles and f"motor_position{s}" in roles for s in suffixes
+    )
 
 
 def _stretches(spans: NDArray[np.int64]) -> list[tuple[int, int]]:
     breaks = [0, *(w + 1 for w in range(len(spans) - 1) if spans[w, 1] != spans[w + 1, 0]), len(spans)]
     return list(pairwise(breaks))
-
-
-def _inputs(joint: Any, channels: Channels, roles: Mapping[str, Array], part: slice, hold: bool) -> dict[str, Input]:
-    """Return what drives the machine: recorded torques, and motions where no torque is recorded."""
-    time, given = channels.time[part], dict[str, Input]()
-    time = time[0] + np.arange(time.size) * channels.period
-    for name in motors_of(joint):
-        role = torque_role(name)
-        if role in channels.raw:
-            torque = channels.raw[role][part]
-            given[role] = torque if hold else table(time, torque)
-        elif name == "secondary_motor":
-            given[role] = Motion((joint.lever.start - roles["setpoint"][0][part]) / joint.lever.travel)
-        else:
-            given[role] = Motion(roles[name.replace("motor", "motor_position")][0][part])
-    if "external_torque" in roles:
-        given["external_torque"] = table(time, roles["external_torque"][0][part])
-    return given

@@ -53,6 +53,10 @@ class PneumaticPlayer:
         """Return the valves' roles."""
         return list(VALVES)
 
+    def followed(self) -> list[str]:
+        """Return nothing: no motion is prescribed."""
+        return []
+
     def answered(self) -> list[str]:
         """Return the recorded angle, pressures and torque meter."""
         return [r for r in self.channels.roles if r in SIMULATED]

@@ -90,7 +90,10 @@ def sought(joint: Any, sites: Sequence[Site], left: Remainder, windows: Windows,
     for site, promised, values in trials[:FITTED]:
         if promised > last:
             break
-        fit = _fitted(joint, site, values, part, base)
+        try:
+            fit = _fitted(joint, site, values, part, base)
+        except SimulationError:  # it led to where a small change diverges
+            continue
         if fit is None or float(before.sum()) - fit.loss <= SHARE * wrong:
             continue
         worthy.append(Rival(site, fit))

@@ -139,7 +139,7 @@ class Basis(Base, frozen=True):
 
 
 class RigidJoint(Base, frozen=True, tag="rigid", tag_field="kind"):
-    """A joint without a compliant transmission: listed for completeness, there is no stiffness to estimate."""
+    """A joint whose motor and link move as one: it has no stiffness to estimate, but `diagnose` holds it against a log."""
 
     motor: Motor = Motor()
     link: Link | None = None

@@ -204,7 +204,10 @@ def derivative(p: Array, at: Integers, t: float, x: Array, tau: Array, modes: In
     for j in range(at[LINKS]):
         weight = p[at[GRAVITY] + 2 * j]
         if weight != 0.0:
-            w[FORCE, j] -= weight * np.sin(x[j] - p[at[GRAVITY] + 2 * j + 1])
+            carried = weight * np.sin(x[j] - p[at[GRAVITY] + 2 * j + 1])
+            w[FORCE, j] -= carried
+            if at[TRANSMISSIONS] == 0:  # motor and link are one, and the gear transmits what holds the link
+                w[TRANSMITTED, j] = abs(carried)
     for c in range(at[COGGINGS]):
         row = at[COGGING] + 4 * c
         i = int(p[row])

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from itertools import count
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,6 +12,7 @@ from numpy.typing import NDArray
 from vsalog.errors import SimulationError
 from vsalog.mechanics.links import link_inertia, link_weight
 from vsalog.mechanics.rigid_body import bodies, mass_matrix
+from vsalog.mechanics.rigid_joint import as_one
 from vsalog.mechanics.transmissions import coded, stiffness
 from vsalog.rig.schema import (
     AntagonisticJoint,
@@ -21,6 +23,7 @@ from vsalog.rig.schema import (
     KnownTransmission,
     Link,
     Motor,
+    RigidJoint,
     SerialJoint,
     UnknownTransmission,
 )
@@ -29,7 +32,7 @@ from vsalog.simulation import _dynamics as d
 Array = NDArray[np.float64]
 Integers = NDArray[np.int64]
 
-Movable = ElasticJoint | SerialJoint | AntagonisticJoint
+Movable = RigidJoint | ElasticJoint | SerialJoint | AntagonisticJoint
 
 # Per step a damped motion may decay by this much (D/B · h), and a vibration turn by this angle [rad]; both keep a step's error
 # far below 1e-6, the latter with a margin for springs that harden as they deflect.
@@ -44,7 +47,10 @@ POSITIONS = 50
 
 @dataclass(frozen=True, slots=True)
 class MotorSlot:
-    """A motor in a machine: its joint, the role its torque has there, its suffix in names, its degree of freedom."""
+    """A motor in a machine: its joint, the role its torque has there, its suffix in names, its degree of freedom.
+
+    The motor of a rigid joint has the link's.
+    """
 
     joint: str
     role: str
@@ -87,7 +93,7 @@ class Machine:
     @property
     def freedom(self) -> int:
         """Number of degrees of freedom n."""
-        return len(self.joints) + len(self.motors)
+        return len(self.inertia)
 
     @property
     def chained(self) -> bool:
@@ -185,7 +191,18 @@ def build(joints: Mapping[str, Movable], chain: Chain | None = None) -> Machine:
         The rig lacks what a simulation needs.
     """
     motors = [slot for name, joint in joints.items() for slot in _motors(name, joint)]
-    motors = [MotorSlot(m.joint, m.role, m.name, m.motor, len(joints) + i) for i, m in enumerate(motors)]
+    order = list(joints)
+    rigid = {name for name, joint in joints.items() if isinstance(joint, RigidJoint)}
+    if rigid and chain is not None:
+        raise SimulationError(
+            f"joint '{min(rigid)}': a chain of joints is simulated where all of them have transmissions only"
+        )
+    free = count(len(joints))
+    motors = [
+        MotorSlot(m.joint, m.role, m.name, m.motor, order.index(m.joint) if m.joint in rigid else next(free))
+        for m in motors
+    ]
+    moving = [m for m in motors if m.joint not in rigid]
     where = {(m.joint, m.role): m.index for m in motors}
     slots: list[TransmissionSlot] = []
     ends, levers = [], []
@@ -196,9 +213,9 @@ def build(joints: Mapping[str, Movable], chain: Chain | None = None) -> Machine:
             ends.append((j, where[name, f"motor_torque{suffix}"], secondary))
             lever = joint.lever if isinstance(joint, SerialJoint) else None
             levers.append((lever.start, lever.travel) if lever else (0.0, 0.0))
-    links = [_link(name, joint.link) for name, joint in joints.items()]
-    numbers, at, size = _coded(links, motors, slots, ends, levers, list(joints), chain)
-    inertia = numbers[at[d.INERTIA] :][: len(joints) + len(motors)].copy()
+    links = [_moved_link(name, joint) for name, joint in joints.items()]
+    numbers, at, size = _coded(links, motors, moving, slots, ends, levers, order, chain)
+    inertia = numbers[at[d.INERTIA] :][: len(joints) + len(moving)].copy()
     if chain is not None:
         inertia[: len(joints)] = _least_inertia(chain)
     return Machine(joints, motors, slots, numbers, at, size, inertia)
@@ -207,16 +224,20 @@ def build(joints: Mapping[str, Movable], chain: Chain | None = None) -> Machine:
 def _coded(
     links: Sequence[Link],
     motors: Sequence[MotorSlot],
+    moving: Sequence[MotorSlot],
     slots: Sequence[TransmissionSlot],
     ends: Sequence[tuple[int, int, int]],
     levers: Sequence[tuple[float, float]],
     names: Sequence[str],
     chain: Chain | None,
 ) -> tuple[Array, Integers, int]:
-    """Return the two arrays that `_dynamics` describes, and the length of the state."""
-    n = len(links) + len(motors)
-    frictions = [*(k.friction for k in links), *(m.motor.friction for m in motors)]
-    damping = [*(k.damping for k in links), *(m.motor.damping for m in motors)]
+    """Return the two arrays that `_dynamics` describes, and the length of the state.
+
+    The motors that are `moving` have degrees of freedom of their own.
+    """
+    n = len(links) + len(moving)
+    frictions = [*(k.friction for k in links), *(m.motor.friction for m in moving)]
+    damping = [*(k.damping for k in links), *(m.motor.damping for m in moving)]
     bristled = np.array([f.presliding_stiffness is not None for f in frictions])
     dry = ~bristled & np.array([f.breakaway > 0.0 or f.load > 0.0 for f in frictions])
     looped = np.array([s.transmission.bouc_wen is not None for s in slots])
@@ -224,13 +245,13 @@ def _coded(
     split = any(s.transmission.backlash > 0.0 or s.transmission.asymmetry for s in slots)
     payloads = {name: link.payload for name, link in zip(names, links, strict=True) if link.payload is not None}
     rows = [coded(s.transmission) for s in slots]
-    width = max(row.size for row in rows)
+    width = max((row.size for row in rows), default=0)
     cogging = [
         (float(m.index), c.torque, c.order * m.motor.gear_ratio, c.phase) for m in motors for c in m.motor.cogging
     ]
     tables: list[Array] = [  # in the order of `_dynamics`
         np.array(
-            [*(link_inertia(k) if chain is None else 0.0 for k in links), *(m.motor.inertia or 0.0 for m in motors)]
+            [*(link_inertia(k) if chain is None else 0.0 for k in links), *(m.motor.inertia or 0.0 for m in moving)]
         ),
         np.array([_friction(c, f) for c, f in zip(damping, frictions, strict=True)]),
         np.array([_gravity(k) if chain is None else (0.0, 0.0) for k in links]),
@@ -276,12 +297,14 @@ def _motors(name: str, joint: Movable) -> list[MotorSlot]:
             )
         named.append(("secondary_torque", "secondary_motor", joint.secondary_motor))
     for _, key, motor in named:
-        if motor.inertia is None:
+        if motor.inertia is None and not (isinstance(joint, RigidJoint) and joint.link is not None):
             raise SimulationError(f"joint '{name}': {key} has no inertia: give '{key}.inertia' in the rig")
     return [MotorSlot(name, role, key, motor.reflected, 0) for role, key, motor in named]
 
 
 def _transmissions(name: str, joint: Movable) -> list[tuple[str, KnownTransmission]]:
+    if isinstance(joint, RigidJoint):
+        return []
     if isinstance(joint, AntagonisticJoint):
         named = [("_1", joint.transmission_1), ("_2", joint.transmission_2)]
     else:
@@ -298,10 +321,12 @@ def _transmissions(name: str, joint: Movable) -> list[tuple[str, KnownTransmissi
     return known
 
 
-def _link(name: str, link: Link | None) -> Link:
-    if link is None:
+def _moved_link(name: str, joint: Movable) -> Link:
+    if isinstance(joint, RigidJoint):
+        return as_one(joint.motor, joint.link)
+    if joint.link is None:
         raise SimulationError(f"joint '{name}' has no link to move: give 'link.inertia' in the rig")
-    return link
+    return joint.link
 
 
 def _gravity(link: Link) -> tuple[float, float]:

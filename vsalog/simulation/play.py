@@ -41,7 +41,7 @@ def play(
     Parameters
     ----------
     machine : from `build`
-    inputs : joint → role → input; what is missing is zero
+    inputs : joint → role → input; what is missing is zero; a `link_position` that is a motion prescribes the link's
     time : shape (N,), uniform [s]
     steps : integration steps per sample period; as many as the machine's fastest mode needs when absent
     start : joint → (q, q̇, θ₁, θ̇₁, …); rest when absent: the link hanging, or where its servo or its motion begins
@@ -57,6 +57,7 @@ def play(
     """
     period = float(time[1] - time[0])
     prescribed = [m.index for m in machine.motors if isinstance(inputs.get(m.joint, {}).get(m.role), Motion)]
+    prescribed += [j for j, name in enumerate(machine.joints) if "link_position" in inputs.get(name, {})]
     suggested, stiff = machine.steps(period, prescribed)
     count = suggested if steps is None else steps
     drives = _Drives(machine, inputs, time, count)
@@ -112,13 +113,20 @@ class _Drives:
         self.machine, self.time, self.steps = machine, time, steps
         self.period = float(time[1] - time[0])
         self.external: list[TorqueInput] = [
-            _with_contacts(_torque(name, inputs.get(name, {}).get("external_torque", 0.0)), joint.link.contact)  # type: ignore[union-attr]
+            _with_contacts(
+                _torque(name, inputs.get(name, {}).get("external_torque", 0.0)),
+                joint.link.contact if joint.link else (),
+            )
             for name, joint in machine.joints.items()
         ]
         self.torques: dict[int, TorqueInput] = {}
         self.splines: dict[int, CubicSpline] = {}
         self.servos: list[tuple[MotorSlot, Servo, CubicSpline]] = []
         self.unknown: dict[str, set[str]] = {name: set() for name in machine.joints}
+        for j, name in enumerate(machine.joints):
+            motion = inputs.get(name, {}).get("link_position")
+            if motion is not None:
+                self.splines[j] = CubicSpline(time, at_samples(_motion(name, motion).position, time))
         for slot in machine.motors:
             given = inputs.get(slot.joint, {}).get(slot.role, 0.0)
             if isinstance(given, Motion):
@@ -144,9 +152,10 @@ class _Drives:
             i, motor = slot.index, slot.motor
             if i in self.torques:
                 torque = _over(self.torques[i], grid, self.time, motor.torque_delay)
-                inputs[..., i] = motor.torque_gain * _stepped(torque, motor.torque_step) + motor.torque_offset
-            elif i in self.splines:
-                inputs[..., i] = self.splines[i](grid, 2)
+                # Beside what pushes the link, where motor and link are one.
+                inputs[..., i] += motor.torque_gain * _stepped(torque, motor.torque_step) + motor.torque_offset
+        for i, spline in self.splines.items():
+            inputs[..., i] = spline(grid, 2)
         prescribed = np.zeros((time.size, 2, n))
         for i, spline in self.splines.items():
             prescribed[:, 0, i], prescribed[:, 1, i] = spline(time), spline(time, 1)
@@ -178,7 +187,7 @@ def _servo_row(slot: MotorSlot, servo: Servo, step: float) -> tuple[float, ...]:
 
 def _require_known(machine: Machine, inputs: Mapping[str, Mapping[str, Input]]) -> None:
     for name in machine.joints:
-        roles = [*(m.role for m in machine.motors if m.joint == name), "external_torque"]
+        roles = [*(m.role for m in machine.motors if m.joint == name), "external_torque", "link_position"]
         unknown = sorted(set(inputs.get(name, {})) - set(roles))
         if unknown:
             raise SimulationError(f"joint '{name}' has no input '{unknown[0]}'; it has {', '.join(roles)}")
@@ -187,6 +196,12 @@ def _require_known(machine: Machine, inputs: Mapping[str, Mapping[str, Input]]) 
 def _torque(name: str, given: Input) -> TorqueInput:
     if isinstance(given, Servo | Motion):
         raise SimulationError(f"joint '{name}': external_torque is a torque over time, neither a servo nor a motion")
+    return given
+
+
+def _motion(name: str, given: Input) -> Motion:
+    if not isinstance(given, Motion):
+        raise SimulationError(f"joint '{name}': link_position is a motion")
     return given
 
 
@@ -234,11 +249,13 @@ def _first_state(machine: Machine, drives: _Drives, start: Mapping[str, Array]) 
     for j, (name, joint) in enumerate(machine.joints.items()):
         if name in start:
             continue
-        own = [slot for slot in machine.motors if slot.joint == name]
+        own = [slot for slot in machine.motors if slot.joint == name and slot.index != j]
         driven = [drives.beginning(slot) for slot in own if slot.role != "secondary_torque"]
         known = [position for position in driven if position is not None]
         hanging = joint.link.gravity_angle if joint.link is not None and not machine.chained else 0.0
         x[j] = sum(known) / len(known) if known else hanging
+        if j in drives.splines:
+            x[j] = float(drives.splines[j](drives.time[0]))
         for slot in own:
             position = drives.beginning(slot)
             x[slot.index] = (0.0 if slot.role == "secondary_torque" else x[j]) if position is None else position
@@ -251,7 +268,7 @@ def _put(machine: Machine, given: Mapping[str, Array], x: Array) -> None:
     for j, name in enumerate(machine.joints):
         if name not in given:
             continue
-        indices = [j, *(slot.index for slot in machine.motors if slot.joint == name)]
+        indices = [j, *(slot.index for slot in machine.motors if slot.joint == name and slot.index != j)]
         state = np.array(given[name], dtype=np.float64)
         if state.shape != (2 * len(indices),):
             raise SimulationError(f"joint '{name}': the state has shape {state.shape}, not ({2 * len(indices)},)")

@@ -10,6 +10,9 @@ import numpy as np
 from msgspec.structs import replace
 from numpy.typing import NDArray
 
+from vsalog.diagnosis.sensing import position_role
+from vsalog.rig.schema import RigidJoint
+
 Array = NDArray[np.float64]
 
 
@@ -193,6 +196,34 @@ def with_signal(joint: Any, role: str, **changes: Any) -> Any:
 def suffix_of(part: str) -> str:
     """Return ``_1`` or ``_2`` of a part or role that has a twin, else nothing."""
     return part[-2:] if part.endswith(("_1", "_2")) else ""
+
+
+def is_rigid(joint: Any) -> bool:
+    """Tell whether motor and link of a joint move as one."""
+    return isinstance(joint, RigidJoint)
+
+
+def link_equation(setting: Setting) -> str | None:
+    """Return the equation that the link acts in: its own, or that of a motor it is one with; none where it acts in none."""
+    if getattr(setting.joint, "link", None) is None:
+        return None
+    if "link" in setting.equations:
+        return "link"
+    return "motor" if is_rigid(setting.joint) and "motor" in setting.equations and not setting.torques else None
+
+
+def position_of(setting: Setting, part: str) -> str:
+    """Return the role that tells the position of a motor or the link; in a rigid joint either encoder tells both."""
+    role = "link_position" if part == "link" else position_role(part)
+    if is_rigid(setting.joint) and role not in setting.roles:
+        return "motor_position" if part == "link" else "link_position"
+    return role
+
+
+def one_clock(setting: Setting) -> bool:
+    """Tell whether a rigid joint's one encoder and its motor's torque are all that has a time: one is late as the other is."""
+    others = {"encoders", "link", "link_acceleration"} & set(setting.equations)
+    return is_rigid(setting.joint) and not others and not {"torque_sensor", "external_torque"} & set(setting.roles)
 
 
 def transmissions_of(joint: Any) -> tuple[str, ...]:

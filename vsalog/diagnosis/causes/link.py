@@ -8,7 +8,17 @@ from typing import Any
 import numpy as np
 from msgspec.structs import replace
 
-from vsalog.diagnosis.causes.base import CORNERED, WAVY, Cause, Parameter, Remainder, Setting, Site, with_part
+from vsalog.diagnosis.causes.base import (
+    CORNERED,
+    WAVY,
+    Cause,
+    Parameter,
+    Remainder,
+    Setting,
+    Site,
+    link_equation,
+    with_part,
+)
 from vsalog.diagnosis.causes.motor_friction import with_bristles
 from vsalog.mechanics.links import GRAVITY
 from vsalog.rig.schema import Contact, Payload
@@ -20,11 +30,14 @@ SETTLING = 0.2
 
 
 class _OfLink(Cause):
-    """A cause that sits in the link."""
+    """A cause that sits in the link; `of_both` where it is looked for in a link that is one with its motor, too."""
+
+    of_both = True
 
     def sites(self, setting: Setting) -> Iterator[Site]:
-        """Yield one where the link's equation can be formed."""
-        if "link" in setting.equations:
+        """Yield one where the link's equation can be formed, or that of a motor it is one with."""
+        equation = link_equation(setting)
+        if equation == "link" or (equation is not None and self.of_both):
             yield from self.of_link(setting, setting.joint.link)
 
     def of_link(self, setting: Setting, link: Any) -> Iterator[Site]:
@@ -46,11 +59,13 @@ class LinkInertia(_OfLink):
     def of_link(self, setting: Setting, link: Any) -> Iterator[Site]:
         """Yield the cause in the link."""
         parameter = Parameter("inertia", "kg*m^2", link.inertia, 0.01 * link.inertia, 1e-3 * link.inertia)
+        # What moves as one has one inertia.
+        one = link_equation(setting) == "motor" and setting.joint.motor.inertia is not None
 
         def apply(joint: Any, values: Sequence[float]) -> Any:
             return with_part(joint, "link", inertia=float(values[0]))
 
-        yield Site(self.name, "link", (parameter,), apply)
+        yield Site(self.name, "link", (parameter,), apply, doubles=("motor.inertia",) if one else ())
 
 
 class LinkPayload(_OfLink):
@@ -116,6 +131,7 @@ class LinkGravity(_OfLink):
 class LinkViscousFriction(_OfLink):
     """Friction that grows with the link's speed."""
 
+    of_both = False  # it is the motor's
     name = "link.viscous_friction"
     title = "The friction of the link that grows with its speed is not what the rig says"
     says = "the link's equation is off in proportion to its velocity"
@@ -137,6 +153,7 @@ class LinkViscousFriction(_OfLink):
 class LinkCoulombFriction(_OfLink):
     """Dry friction at the link's bearing."""
 
+    of_both = False  # it is the motor's
     name = "link.coulomb_friction"
     exact = CORNERED
     title = "Dry friction of the link is missing in the rig, or has another level"
@@ -189,7 +206,7 @@ class LinkContact(_OfLink):
 
 def _pushes(left: Remainder) -> list[tuple[float, ...]]:
     """Look for the strongest short bump in what is left over of the link's equation."""
-    residual = left.equations.get("link")
+    residual = left.equations.get("link", left.equations.get("motor"))
     if residual is None:
         return []
     period = float(left.time[1] - left.time[0])

@@ -2,15 +2,25 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from vsalog.diagnosis.causes.base import WAVY, Cause, Parameter, Remainder, Setting, Site, with_part
+from vsalog.diagnosis.causes.base import (
+    WAVY,
+    Cause,
+    Parameter,
+    Remainder,
+    Setting,
+    Site,
+    link_equation,
+    one_clock,
+    position_of,
+    with_part,
+)
 from vsalog.diagnosis.causes.motor_friction import moved_motors, scale_of
-from vsalog.diagnosis.sensing import position_role
 from vsalog.diagnosis.system import LATEST
 from vsalog.rig.schema import Cogging
 
@@ -33,6 +43,8 @@ class MotorInertia(Cause):
     def sites(self, setting: Setting) -> Iterator[Site]:
         """Yield one per motor."""
         for name in moved_motors(setting):
+            if link_equation(setting) == "motor":
+                continue  # the link's: what moves as one has one inertia
             inertia = getattr(setting.joint, name).inertia
             parameter = Parameter("inertia", "kg*m^2", inertia, 0.01 * inertia, 1e-3 * inertia)
 
@@ -97,7 +109,7 @@ class MotorTorqueDelay(Cause):
 
     def sites(self, setting: Setting) -> Iterator[Site]:
         """Yield one per motor."""
-        for name in moved_motors(setting):
+        for name in () if one_clock(setting) else moved_motors(setting):
             start = getattr(setting.joint, name).torque_delay
             # Whether torques were held from sample to sample few logs tell: half a sample either way.
             blur = setting.period / 12.0**0.5
@@ -123,18 +135,19 @@ class MotorCogging(Cause):
     def sites(self, setting: Setting) -> Iterator[Site]:
         """Yield one per motor."""
         for name in moved_motors(setting):
-            if position_role(name) not in setting.roles:
+            role = position_of(setting, name)
+            if role not in setting.roles:
                 continue
             torque, _ = scale_of(setting, name)
             ratio = getattr(setting.joint, name).gear_ratio
-            theta = _angle(setting.joint, setting.roles, name)
+            theta = _angle(setting.joint, setting.roles[role], name)
             span = float(np.nanmax(theta) - np.nanmin(theta)) * ratio or 1.0
             parameters = (
                 Parameter("cosine", "N*m", 0.0, 1e-3 * torque),
                 Parameter("sine", "N*m", 0.0, 1e-3 * torque),
                 Parameter("order", "1", 1.0, 0.01 / span, 0.1, 1.2 * ORDERS, 1.0 / span, shape=True),
             )
-            yield Site(self.name, name, parameters, _cogging(name), _waves(setting.joint, name), _cogging_report)
+            yield Site(self.name, name, parameters, _cogging(name), _waves(setting.joint, name, role), _cogging_report)
 
 
 def _cogging(name: str) -> Any:
@@ -156,18 +169,18 @@ def _cogging_report(values: Sequence[float]) -> dict[str, tuple[float, str]]:
     }
 
 
-def _angle(joint: Any, roles: Mapping[str, Array], name: str) -> Array:
+def _angle(joint: Any, position: Array, name: str) -> Array:
     """Return a motor's position on the joint's side [rad], shape (N,); a set-point is a lever arm here."""
-    position = roles[position_role(name)][0]
-    return np.asarray((joint.lever.start - position) / joint.lever.travel if name == "secondary_motor" else position)
+    x = position[0]
+    return np.asarray((joint.lever.start - x) / joint.lever.travel if name == "secondary_motor" else x)
 
 
-def _waves(joint: Any, name: str) -> Any:
+def _waves(joint: Any, name: str, role: str) -> Any:
     """Look for waves over the rotor's turn in what is left over of the motor equation."""
 
     def starts(left: Remainder) -> list[tuple[float, ...]]:
         residual = left.equations.get(name)
-        theta = _angle(joint, left.roles, name) * getattr(joint, name).gear_ratio
+        theta = _angle(joint, left.roles[role], name) * getattr(joint, name).gear_ratio
         if residual is None:
             residual = left.equations.get("link")
         if residual is None:

@@ -8,8 +8,21 @@ from typing import Any
 import numpy as np
 from msgspec.structs import replace
 
-from vsalog.diagnosis.causes.base import CORNERED, Cause, Parameter, Remainder, Setting, Site, size, with_part
-from vsalog.diagnosis.sensing import motors_of, position_role, torque_role
+from vsalog.diagnosis.causes.base import (
+    CORNERED,
+    Cause,
+    Parameter,
+    Remainder,
+    Setting,
+    Site,
+    is_rigid,
+    link_equation,
+    position_of,
+    size,
+    with_part,
+)
+from vsalog.diagnosis.sensing import motors_of, torque_role
+from vsalog.mechanics.links import link_weight
 
 DRY = frozenset({"motor.coulomb_friction", "motor.stribeck_friction"})
 # Stribeck speeds to begin with, as parts of the motor's speed.
@@ -25,7 +38,7 @@ def with_bristles(plain: Site, setting: Setting) -> Iterator[Site]:
     yield plain
     if getattr(setting.joint, plain.part).friction.presliding_stiffness is not None:
         return
-    role = "link_position" if plain.part == "link" else position_role(plain.part)
+    role = position_of(setting, plain.part)
     if role not in setting.roles:
         return
     travel = size(setting.roles[role][0])
@@ -63,7 +76,8 @@ def moved_motors(setting: Setting) -> Iterator[str]:
     """Yield the motors whose equation can be formed, and those whose equation tells the torque of a transmission."""
     for name in motors_of(setting.joint):
         motor = getattr(setting.joint, name)
-        if motor.inertia is None or torque_role(name) not in setting.roles:
+        heavy = motor.inertia is not None or link_equation(setting) == "motor"
+        if not heavy or torque_role(name) not in setting.roles:
             continue
         if name in setting.equations or (name != "secondary_motor" and "link" in setting.equations):
             yield name
@@ -71,13 +85,19 @@ def moved_motors(setting: Setting) -> Iterator[str]:
 
 def scale_of(setting: Setting, name: str) -> tuple[float, float]:
     """Return the sizes of a motor's torque and of its speed."""
-    role = position_role(name)
+    role = position_of(setting, name)
     if role not in setting.roles:
         role = "link_position"
     speed = setting.speed(role)
     if name == "secondary_motor" and setting.joint.lever is not None:
         speed /= setting.joint.lever.travel
     return setting.torque_size(torque_role(name)), speed
+
+
+def carries(setting: Setting) -> bool:
+    """Tell whether the gear of a rigid joint is known to transmit a torque: its sensor says it, or the link has a weight."""
+    link = setting.joint.link
+    return bool(setting.torques) or (link is not None and link_weight(link) != 0.0)
 
 
 class MotorViscousFriction(Cause):
@@ -204,6 +224,8 @@ class MotorLoadDependentFriction(Cause):
     def sites(self, setting: Setting) -> Iterator[Site]:
         """Yield one per motor."""
         for name in moved_motors(setting):
+            if is_rigid(setting.joint) and not carries(setting):
+                continue
             start = getattr(setting.joint, name).friction.load
             parameter = Parameter("share", "1", start, 1e-3, 0.0, 0.9)
 

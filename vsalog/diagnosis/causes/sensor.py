@@ -14,11 +14,14 @@ from vsalog.diagnosis.causes.base import (
     Parameter,
     Setting,
     Site,
+    is_rigid,
+    one_clock,
     suffix_of,
     transmissions_of,
     with_signal,
 )
 from vsalog.diagnosis.system import LATEST
+from vsalog.mechanics.links import link_weight
 from vsalog.rig.schema import Eccentricity
 
 TORQUES = ("torque_sensor", "torque_sensor_1", "torque_sensor_2")
@@ -49,6 +52,14 @@ def _recorded(setting: Setting, roles: Sequence[str]) -> Iterator[tuple[str, Any
             signal = signal_of(spec)
             if signal.constant is None:
                 yield role, signal
+
+
+def _has_places(setting: Setting) -> bool:
+    """Tell whether a joint is elsewhere another one: a rigid one is where neither weight nor cogging nor a second encoder is."""
+    joint = setting.joint
+    if not is_rigid(joint) or "encoders" in setting.equations:
+        return True
+    return bool(joint.motor.cogging) or (joint.link is not None and link_weight(joint.link) != 0.0)
 
 
 class _OfTorqueSensor(Cause):
@@ -157,7 +168,7 @@ class EncoderOffset(Cause):
 
     def sites(self, setting: Setting) -> Iterator[Site]:
         """Yield one per encoder."""
-        for role, signal in _recorded(setting, ENCODERS):
+        for role, signal in _recorded(setting, ENCODERS) if _has_places(setting) else ():
             suffix = role[-2:] if role.endswith(("_1", "_2")) else ""
             parameter = Parameter("offset", "rad", signal.offset, 1e-3 * setting.deflection_size(suffix))
             yield Site(self.name, role, (parameter,), _changing(role, "offset"))
@@ -175,7 +186,7 @@ class EncoderScale(Cause):
 
     def sites(self, setting: Setting) -> Iterator[Site]:
         """Yield one per encoder."""
-        for role, signal in _recorded(setting, ENCODERS):
+        for role, signal in _recorded(setting, ENCODERS) if _has_places(setting) else ():
             parameter = Parameter("gain", "1", signal.gain, 1e-3, 0.2, 5.0)
             yield Site(self.name, role, (parameter,), _changing(role, "gain"))
 
@@ -233,8 +244,12 @@ class ClockSkew(Cause):
     def sites(self, setting: Setting) -> Iterator[Site]:
         """Yield one per encoder; where there are muscles, per pressure and valve too."""
         for role, signal in _recorded(setting, CLOCKED):
-            parameter = Parameter("delay", "s", signal.delay, 0.25 * setting.period, -LATEST, LATEST)
-            yield Site(self.name, role, (parameter,), _changing(role, "delay"))
+            one = one_clock(setting)
+            # Half a sample either way is what few logs tell of torques that are held.
+            blur = setting.period / 12.0**0.5 if one else 0.0
+            parameter = Parameter("delay", "s", signal.delay, 0.25 * setting.period, -LATEST, LATEST, blur=blur)
+            doubles = ("motor.torque_delay",) if one else ()
+            yield Site(self.name, role, (parameter,), _changing(role, "delay"), doubles=doubles)
 
 
 class TorqueNotIndependent(Cause):

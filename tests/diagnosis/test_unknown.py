@@ -1,0 +1,72 @@
+"""Springs that the rig does not know: fitted to the joint's motion, whatever its sensors make of it."""
+
+import numpy as np
+import pytest
+from restated import changes, recorded
+from written_out import ELASTIC, Truth, log
+
+from vsalog.diagnosis.run import Options, diagnose
+from vsalog.diagnosis.sensing import at_joint
+from vsalog.diagnosis.unknown import with_springs
+from vsalog.mechanics import flexibility_torque
+
+UNKNOWN = ELASTIC.replace('type = "cubic"\nstiffness = 12.0\ncubic = 150.0', 'type = "unknown"').replace(
+    "damping = 0.05", "damping = 0.05\ngear_ratio = 10.0"
+)
+WITH_DEFLECTION = UNKNOWN.replace('link_position = "link position"', 'deflection = "deflection"')
+SECONDS = 4.0
+
+
+@pytest.fixture(scope="module")
+def said():
+    """What the sensors say; the deflection too."""
+    time, found = log(duration=SECONDS)
+    return time, found | {"deflection": found["link_position"] - found["motor_position"]}
+
+
+def fitted(folder, said, role="", change=None):
+    rig = WITH_DEFLECTION if role == "deflection" else UNKNOWN
+    left_out = "link_position" if role == "deflection" else "deflection"
+    time, roles = said
+    signals, joint = recorded(folder, time, {r: v for r, v in roles.items() if r != left_out}, rig, role, change)
+    return with_springs(at_joint(joint), signals)[0]
+
+
+ROLES = ("motor_position", "link_position", "deflection", "torque_sensor", "motor_torque")
+CASES = [pytest.param(role, way, id=f"{role}-{name}") for role, name, way in changes(ROLES)]
+
+
+@pytest.mark.parametrize(("role", "way"), CASES)
+def test_the_spring_is_that_of_the_joint_however_a_role_is_recorded(tmp_path, said, role, way):
+    """τ = 12 φ + 150 φ³ is what moved it."""
+    spring = fitted(tmp_path, said, role, way).transmission
+    phi = np.linspace(-0.8, 0.8, 9) * spring.scale
+    torque = 12.0 * phi + 150.0 * phi**3
+    # The largest torque's part that noise and encoders' steps leave open in so short a log.
+    np.testing.assert_allclose(flexibility_torque(spring, phi), torque, atol=0.01 * np.max(np.abs(torque)))
+
+
+def test_what_the_sensor_says_at_rest_is_added_to_its_offset(tmp_path, said):
+    """A torque sensor that says 300 per N·m, with 60 of them, 0.2 N·m, at rest that the rig does not know."""
+    changed = (lambda x, t: 300.0 * x + 60.0, "gain = 300.0", "")
+    joint = fitted(tmp_path, said, "torque_sensor", changed)
+    assert joint.signals.torque_sensor.offset == pytest.approx(0.2, abs=0.01)
+
+
+@pytest.mark.parametrize("role", ["motor_position", "torque_sensor"])
+def test_a_sound_joint_whose_spring_is_unknown_is_consistent_in_counts_too(tmp_path, said, role):
+    time, roles = said
+    roles = {r: v for r, v in roles.items() if r != "deflection"}
+    way = next(way for r, name, way in changes([role]) if name == "counts")
+    recorded(tmp_path, time, roles, UNKNOWN, role, way)
+    assert diagnose(tmp_path / "log.csv", None, Options()).diagnosis.verdict == "consistent"
+
+
+def test_beside_an_unknown_spring_in_counts_the_right_cause_is_named(tmp_path):
+    """Friction of the motor, with an encoder in counts."""
+    time, roles = log(Truth(damping=0.1), duration=6.0)
+    way = next(way for _, name, way in changes(["motor_position"]) if name == "counts")
+    recorded(tmp_path, time, roles, UNKNOWN, "motor_position", way)
+    document = diagnose(tmp_path / "log.csv", None, Options()).diagnosis
+    assert [c.cause for c in document.causes][:1] == ["motor.viscous_friction"]
+    assert document.causes[0].parameters["damping"].value == pytest.approx(0.1, rel=0.02)

@@ -1,0 +1,101 @@
+"""The equations of a joint whose motor and link move as one.
+
+    motor          (B + M) q̈ + (D_θ + D_q) q̇ + friction − cogging + g(q) − τ − τ_ext      without a torque sensor
+    motor          B q̈ + D_θ q̇ + friction − cogging − τ_sensor − τ                       with one between motor and link
+    link           M q̈ + D_q q̇ + friction + g(q) + τ_sensor − τ_ext
+    encoders       θ − q, where both are recorded
+
+An elastic joint's equations (Flacco 2012 eq. 3–4) where the transmission is stiff.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vsalog.diagnosis.balance import (
+    SLACK,
+    Equation,
+    Motion,
+    cogged,
+    driven,
+    pushed,
+    recorded,
+    rubbing,
+    scaled,
+    torque_unit,
+    turned,
+)
+from vsalog.diagnosis.memory import remembered
+from vsalog.mechanics.links import link_weight
+from vsalog.mechanics.rigid_joint import as_one
+from vsalog.rig.schema import Friction, Link, Motor, RigidJoint
+
+Array = NDArray[np.float64]
+
+
+def balance_rigid(
+    joint: RigidJoint, roles: Mapping[str, Array], time: Array, spread: Mapping[str, float]
+) -> list[Equation]:
+    """Form every equation that the roles allow; parameters as `balance.balance`."""
+    motion = rigid_motion(joint, roles, time, spread)
+    q = motion.link
+    if q is None:
+        return []
+    motor, link, slack, equations = joint.motor, joint.link, motion.slacks["link"], list[Equation]()
+    external, sensor = roles.get("external_torque"), motion.torques.get("")
+    if "motor_torque" in roles and sensor is not None and motor.inertia is not None:
+        residual = remembered(turned, motor, q, sensor, roles["motor_torque"])
+        shaped = _resisted(motor, motor.reflected.friction, q, sensor if motor.friction.load else None, slack)
+        equations.append(recorded(Equation("motor", "motor", "N*m", residual, shaped, q[1]), motor))
+    elif "motor_torque" in roles and sensor is None and (motor.inertia is not None or link is not None):
+        one = as_one(motor, link)
+        residual = remembered(driven, one, q, remembered(_against, roles["motor_torque"]), external)
+        shaped = _resisted(motor, one.friction, q, remembered(_weight, one, q) if one.friction.load else None, slack)
+        shaped = _less_pushes(one, shaped, time)
+        equations.append(recorded(Equation("motor", "motor", "N*m", residual, shaped, q[1]), motor))
+    if link is not None and sensor is not None:
+        residual = remembered(driven, link, q, sensor, external)
+        shaped = remembered(rubbing, link.friction, q, sensor if link.friction.load else None, slack)
+        equation = Equation("link", "link", "N*m", residual, _less_pushes(link, shaped, time), q[1])
+        equations.append(scaled(equation, torque_unit(joint, roles)))
+    if "motor_position" in roles and "link_position" in roles:
+        off = roles["motor_position"][0] - roles["link_position"][0]
+        equations.append(Equation("encoders", "sensor", "rad", off))
+    if "link_acceleration" in roles:
+        equations.append(Equation("link_acceleration", "sensor", "rad/s^2", roles["link_acceleration"][0] - q[2]))
+    return equations
+
+
+def rigid_motion(joint: RigidJoint, roles: Mapping[str, Array], time: Array, spread: Mapping[str, float]) -> Motion:
+    """Tell what a joint did; see `Motion`. The motor's encoder tells it where there is one, before the gear as it is."""
+    role = next((r for r in ("motor_position", "link_position") if r in roles), "")
+    q = roles.get(role)
+    torques = {"": remembered(_value, roles["torque_sensor"])} if "torque_sensor" in roles else {}
+    slack = SLACK * spread.get(role, 0.0)
+    motors = {} if q is None else {"": q}
+    return Motion(roles, motors, q, {}, torques, frozenset(), frozenset(), {"": slack, "link": slack})
+
+
+def _resisted(motor: Motor, friction: Friction, q: Array, load: Array | None, slack: float) -> Array | float:
+    torque = remembered(rubbing, friction, q, load, slack)
+    return remembered(cogged, motor, q, torque) if motor.cogging else torque
+
+
+def _less_pushes(link: Link, shaped: Array | float, time: Array) -> Array | float:
+    return remembered(np.subtract, shaped, remembered(pushed, link.contact, time)) if link.contact else shaped
+
+
+def _against(torque: Array) -> Array:
+    return np.asarray(-torque[0])
+
+
+def _value(x: Array) -> Array:
+    return np.asarray(x[0])
+
+
+def _weight(link: Link, q: Array) -> Array:
+    """Return the torque that holds the link."""
+    return np.asarray(link_weight(link) * np.sin(q[0] - link.gravity_angle))

@@ -1,0 +1,74 @@
+"""Transmissions whose ends nothing is known of but their motion: the measured deflection in, the torque sensor out."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vsalog.diagnosis.balance import motion_of
+from vsalog.diagnosis.channels import Channels
+from vsalog.diagnosis.sensing import true_roles
+from vsalog.errors import SimulationError
+
+Array = NDArray[np.float64]
+Flags = NDArray[np.bool_]
+
+
+class BenchPlayer:
+    """Plays the transmissions of a joint on their measured deflections; see `windows.Player`.
+
+    Nothing has a beginning that could be fitted: loops follow the deflection through the whole log, as in the equations.
+
+    Parameters
+    ----------
+    joint : of the rig
+    channels : of the log
+
+    Raises
+    ------
+    SimulationError
+        No deflection is recorded whose torque is measured too.
+    """
+
+    def __init__(self, joint: Any, channels: Channels) -> None:
+        self.joint, self.channels, self.played = joint, channels, joint
+        motion = motion_of(joint, true_roles(joint, channels), channels.time, channels.spread)
+        self.deflections = {s: phi for s, phi in motion.deflections.items() if s not in motion.measured}
+        self.torques = {s: motion.torques[s] for s in self.deflections}
+        if not self.answered():
+            raise SimulationError("no deflection is recorded of which a sensor says the torque")
+
+    def driving(self) -> list[str]:
+        """Return nothing: no torque drives what is followed."""
+        return []
+
+    def followed(self) -> list[str]:
+        """Return the sensors that tell the deflections, and the set-point."""
+        kinds = ("deflection", "link_position", "motor_position", "setpoint")
+        return [r for r in self.channels.roles if r.startswith(kinds)]
+
+    def answered(self) -> list[str]:
+        """Return the recorded torque sensors of these transmissions, and that of both together."""
+        whole = ["torque_sensor"] if len(self.torques) == 2 else []
+        return [r for r in (*(f"torque_sensor{s}" for s in self.torques), *whole) if r in self.channels.roles]
+
+    def measured_states(self) -> Array:
+        """Return the deflections, shape (N, n): all that a window's beginning has."""
+        return np.stack([phi[0] for phi in self.deflections.values()], axis=-1)
+
+    def free(self, states: Array) -> Mapping[int, tuple[float, Flags]]:
+        """Return nothing: the measured deflection prescribes all."""
+        return {}
+
+    def simulated(
+        self, spans: NDArray[np.int64], states: Array, hold: bool
+    ) -> Iterator[tuple[slice, Mapping[str, Array]]]:
+        """Yield the windows' torques, one by one."""
+        total = np.add(*self.torques.values()) if len(self.torques) == 2 else None
+        for first, last in spans:
+            part = slice(int(first), int(last))
+            truth = {f"transmission_torque{s}": torque[part] for s, torque in self.torques.items()}
+            yield part, truth if total is None else truth | {"transmission_torque_total": total[part]}

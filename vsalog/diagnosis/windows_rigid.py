@@ -1,0 +1,84 @@
+"""Joints whose motor and link move as one, played in windows."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vsalog.diagnosis.balance_rigid import rigid_motion
+from vsalog.diagnosis.channels import Channels
+from vsalog.diagnosis.sensing import true_roles
+from vsalog.diagnosis.windows_mechanical import NUDGES, MechanicalPlayer
+from vsalog.errors import SimulationError
+from vsalog.simulation.inputs import Input, TorqueInput, sum_of, table
+
+Array = NDArray[np.float64]
+Flags = NDArray[np.bool_]
+
+SIMULATED = ("motor_position", "link_position")
+
+
+class RigidPlayer(MechanicalPlayer):
+    """Plays a rigid joint; the states are (q, q̇). See `windows.Player`.
+
+    A link that the rig does not have pulls with what the torque sensor says.
+
+    Parameters
+    ----------
+    joint : of the rig
+    channels : of the log
+
+    Raises
+    ------
+    SimulationError
+        The motor's torque is not recorded: nothing drives the joint.
+    """
+
+    def __init__(self, joint: Any, channels: Channels) -> None:
+        if "motor_torque" not in channels.raw:
+            raise SimulationError("the torque of the motor is not recorded, so that nothing drives the joint")
+        super().__init__(joint, channels)
+
+    def measured(self) -> tuple[tuple[str, ...], bool]:
+        """Return that nothing moves as it was measured."""
+        return (), False
+
+    def driving(self) -> list[str]:
+        """Return the role of the motor's torque."""
+        return ["motor_torque"]
+
+    def followed(self) -> list[str]:
+        """Return the torque sensor where it stands for the link."""
+        return ["torque_sensor"] if self._pulled() else []
+
+    def answered(self) -> list[str]:
+        """Return the recorded positions."""
+        return [r for r in self.channels.roles if r in SIMULATED]
+
+    def measured_states(self) -> Array:
+        """Return the states as rig and filter have them, shape (N, 2)."""
+        channels = self.channels
+        q = rigid_motion(self.joint, true_roles(self.joint, channels), channels.time, channels.spread).link
+        if q is None:
+            raise SimulationError("the position of the joint is not recorded, and nothing tells it")
+        return np.stack([q[0], q[1]], axis=-1)
+
+    def free(self, states: Array) -> Mapping[int, tuple[float, Flags]]:
+        """Return both states."""
+        return {i: (NUDGES[i], np.ones(len(states), dtype=np.bool_)) for i in range(2)}
+
+    def inputs(self, roles: Mapping[str, Array], part: slice, hold: bool) -> dict[str, Input]:
+        """Return the motor's torque, and what else acts on the link."""
+        given = super().inputs(roles, part, hold)
+        if self._pulled():
+            time = self.times(part)
+            torque: TorqueInput = table(time, roles["torque_sensor"][0][part])
+            external = given.get("external_torque")
+            given["external_torque"] = torque if external is None else sum_of(external, torque)  # type: ignore[arg-type]
+        return given
+
+    def _pulled(self) -> bool:
+        return self.joint.link is None and "torque_sensor" in self.channels.roles
