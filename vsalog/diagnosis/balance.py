@@ -36,6 +36,7 @@ from vsalog.rig.schema import (
     KnownTransmission,
     Link,
     Motor,
+    RigidJoint,
     SerialJoint,
     UnknownTransmission,
     Vsa2Transmission,
@@ -154,7 +155,7 @@ def recorded(equation: Equation, motor: Motor) -> Equation:
     return scaled(equation, 1.0 / motor.torque_gain)
 
 
-def torque_unit(joint: Mechanical, roles: Mapping[str, Array]) -> float:
+def torque_unit(joint: Mechanical | RigidJoint, roles: Mapping[str, Array]) -> float:
     """Return what a recorded torque says of a true one [1]: of the first motor that has one, else of a torque sensor."""
     for suffix, motor in _motors(joint).items():
         if f"motor_torque{suffix}" in roles:
@@ -164,6 +165,7 @@ def torque_unit(joint: Mechanical, roles: Mapping[str, Array]) -> float:
 
 
 def scaled(equation: Equation, factor: float) -> Equation:
+    """Return an equation times a factor."""
     if factor == 1.0:
         return equation
     return replace(equation, residual=factor * equation.residual, shaped=factor * equation.shaped)
@@ -383,12 +385,12 @@ def _misread(gain: float, sensor: Array, torque: Array) -> Array:
     return np.asarray(gain * (sensor[0] - torque))
 
 
-def _gain(joint: Mechanical, role: str) -> float:
+def _gain(joint: Mechanical | RigidJoint, role: str) -> float:
     """Return a sensor's gain: the equation is formed in what it says, so that a large gain makes nothing small."""
     return offered_roles(joint)[role].gain
 
 
-def _motors(joint: Mechanical) -> dict[str, Motor]:
+def _motors(joint: Mechanical | RigidJoint) -> dict[str, Motor]:
     if isinstance(joint, AntagonisticJoint):
         return {"_1": joint.motor_1, "_2": joint.motor_2}
     return {"": joint.motor}

@@ -19,7 +19,6 @@ from vsalog.diagnosis.document import (
     Unexplained,
 )
 from vsalog.diagnosis.evidence import CauseEvidence, EquationEvidence, JointEvidence, SignalEvidence
-from vsalog.diagnosis.fit import applied
 from vsalog.diagnosis.found import Found
 from vsalog.diagnosis.joint import (
     JointDiagnosis,
@@ -29,6 +28,7 @@ from vsalog.diagnosis.joint import (
     unexplained_side,
     variables,
 )
+from vsalog.diagnosis.linear import placed
 from vsalog.diagnosis.remainder import curve_of, predicted_share, rate_of
 from vsalog.diagnosis.windows import Shot
 from vsalog.diagnosis.words import part_in_words, title_of
@@ -63,7 +63,9 @@ def causes_of(found: JointDiagnosis) -> list[FoundCause]:
                 part=cause.site.part,
                 title=title_of(cause.site.cause, cause.site.part),
                 parameters=numbers,
-                confidence=cause.choice.sureness * found.trust,
+                material=cause.material,
+                size=cause.choice.size,
+                confidence=cause.confidence,
                 indistinguishable_from=others,
                 error_removed=cause.removed,
                 why=f"{part_in_words(cause.site.part).capitalize()}: {kind.says}.",
@@ -78,7 +80,8 @@ def causes_of(found: JointDiagnosis) -> list[FoundCause]:
 def _computed(found: JointDiagnosis, role: str, why: str) -> FoundCause:
     kind = catalogue()["sensor.torque_not_independent"]
     return FoundCause(
-        cause=kind.name, joint=found.name, part=role, title=title_of(kind.name, role), parameters={}, confidence=0.99,
+        cause=kind.name, joint=found.name, part=role, title=title_of(kind.name, role), parameters={},
+        material=True, size=None, confidence=0.99,
         indistinguishable_from=(), error_removed=0.0, why=f"{why}.", how_to_confirm=kind.confirm, tell_apart="",
         reference=kind.reference,
     )  # fmt: skip
@@ -159,8 +162,8 @@ def equation_errors(found: JointDiagnosis) -> list[EquationError]:
 def unexplained_of(found: JointDiagnosis) -> Unexplained:
     """Return what no cause explains."""
     left = unexplained_side(found)
-    if found.consistent or left is None:
-        return Unexplained(fraction=found.fraction if not found.consistent else 0.0, where=None, depends_on=())
+    if left is None:
+        return Unexplained(fraction=found.fraction, where=None, depends_on=())
     side, equation = left
     (on, loop), known = remainder_depends_on(found, equation), variables(found)
     rows = plain_rows(found, found.extended)[:, equation] * found.system.deviation[equation]
@@ -218,13 +221,11 @@ def _shots(found: JointDiagnosis) -> list[Shot]:
 
 def _view(found: JointDiagnosis, cause: Found, known: dict[str, tuple[Array, str]]) -> CauseEvidence:
     """Return the equation and the variable in which a cause shows most."""
-    sites = found.fit.sites
-    rest = tuple(s for s in sites if s.key != cause.site.key)
-    values = np.concatenate([found.fit.own(s) for s in rest]) if rest else np.zeros(0)
-    without, with_it = plain_rows(found, applied(found.joint, rest, values)), plain_rows(found, found.extended)
+    rest = [(s, v) for s, v in found.selection.posterior.fit if s.key != cause.site.key]
+    without, with_it = plain_rows(found, placed(found.joint, rest)), plain_rows(found, found.extended)
     shape = without - with_it
     i = int(np.nanargmax(mean_squares(shape)))
-    blocks = found.selection.blocks.reshape(-1, len(found.system.names))[:, 0]
+    blocks = found.selection.blocks
     shares = {name: predicted_share(shape[:, i], blocks, x) for name, (x, _) in known.items()}
     best = max(shares.values())
     near = [name for name, share in shares.items() if share >= best - SLACK]

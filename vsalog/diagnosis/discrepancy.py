@@ -114,9 +114,7 @@ def factor_of(covariance: Array) -> Array:
     """Return L of a covariance L Lᵀ; directions of no variance are given a millionth of the others'."""
     scale = np.sqrt(np.maximum(np.diag(covariance), 1e-300))
     values, vectors = np.linalg.eigh(covariance / np.outer(scale, scale))
-    return np.asarray(
-        scale[:, None] * np.linalg.cholesky((vectors * np.maximum(values, 1e-6)) @ vectors.T)
-    )
+    return np.asarray(scale[:, None] * np.linalg.cholesky((vectors * np.maximum(values, 1e-6)) @ vectors.T))
 
 
 def _in_units_of(factor: Array, covariance: Array) -> Array:
@@ -125,7 +123,7 @@ def _in_units_of(factor: Array, covariance: Array) -> Array:
 
 
 def correlation_time(x: Array) -> float:
-    """Return how many rows count as one: 1 + 2 Σ ρ, over the initial positive pairs (Geyer 1992, Statistical Science 7(4)), ≥ 1."""
+    """Return how many rows count as one: 1 + 2 Σ ρ over the initial positive pairs (Geyer 1992, Statistical Science 7(4))."""
     n = x.size
     if n < 8 or not np.any(x):
         return 1.0

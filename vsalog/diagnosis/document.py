@@ -6,9 +6,9 @@ from typing import Literal
 
 import msgspec
 
-VERSION = 1
+VERSION = 2
 
-Verdict = Literal["consistent", "explained", "partly explained", "unexplained"]
+Verdict = Literal["consistent", "consistent as far as checked", "explained", "partly explained", "unexplained"]
 Where = Literal["motor", "transmission", "link", "sensor", "pneumatic"]
 
 
@@ -79,8 +79,12 @@ class FoundCause(_Part, frozen=True):
     part : of the joint: motor, transmission_1, link, or a sensor's role
     title : in words
     parameters : name → number
-    confidence : 0 to 1, how often it is the best explanation when the log's blocks are drawn anew, less what stays unexplained
-    indistinguishable_from : other causes that this log explains as well with
+    material : whether it matters: it changes an equation by as much as noise and model error do, beyond what the others could
+        take up
+    size : root mean square of that change over that of noise and model error; null where nothing was fitted
+    confidence : 0 to 1, probability of the best set of causes against the best one without this cause
+    indistinguishable_from : causes that stand in its place in sets that are about as probable: together they are one class, and
+        the rig's tolerances chose among them
     error_removed : part of what the rig left over, beyond noise, that this cause takes away; the causes' parts add up
     why : the evidence in words
     how_to_confirm : an experiment
@@ -93,6 +97,8 @@ class FoundCause(_Part, frozen=True):
     part: str
     title: str
     parameters: dict[str, Number]
+    material: bool
+    size: float | None
     confidence: float
     indistinguishable_from: tuple[str, ...]
     error_removed: float

@@ -1,7 +1,8 @@
-"""Causes that were found and kept, with their numbers and what each takes away of what was wrong."""
+"""Causes that were found, with their numbers and what each takes away of what was wrong."""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -10,17 +11,20 @@ from numpy.typing import NDArray
 
 from vsalog.diagnosis.causes import catalogue
 from vsalog.diagnosis.causes.base import Site
-from vsalog.diagnosis.fit import Fit, covariance_of, fitted
-from vsalog.diagnosis.held_out import others_of
+from vsalog.diagnosis.linear import Placed, placed
 from vsalog.diagnosis.selection import Choice, Selection
 from vsalog.diagnosis.system import System
 
 Array = NDArray[np.float64]
 
+# A cause matters where it changes an equation by as much as noise and model error together do, in root mean square, beyond what
+# the other causes could take up.
+MATERIAL = 1.0
+
 
 @dataclass(frozen=True, slots=True)
 class Found:
-    """A cause that was found and kept.
+    """A cause that was found.
 
     Attributes
     ----------
@@ -35,6 +39,16 @@ class Found:
     covariance: Array
     choice: Choice
     removed: float
+
+    @property
+    def material(self) -> bool:
+        """Whether its effect matters."""
+        return self.choice.size >= MATERIAL
+
+    @property
+    def confidence(self) -> float:
+        """Probability that a set with this cause, rather than the best one without it, is right."""
+        return float(1.0 / (1.0 + np.exp(-min(self.choice.odds, 500.0))))
 
     def numbers(self) -> dict[str, tuple[float, float, str]]:
         """Return name → value, standard deviation, unit, as people are told."""
@@ -54,35 +68,37 @@ class Found:
         return {name: (value, float(s), unit) for (name, (value, unit)), s in zip(told.items(), spread, strict=True)}
 
 
-def found_by(system: System, joint: Any, selection: Selection, fit: Fit) -> list[Found]:
-    """Return the causes of a fit with what each takes away, the weightiest first."""
-    if not fit.sites:
-        return []
-    covariance = covariance_of(fit, selection.blocks)
-    out, first = [], 0
-    for site, removed in zip(fit.sites, _removed(system, joint, selection, fit), strict=True):
-        own = slice(first, first + len(site.parameters))
-        first += len(site.parameters)
+def found_by(selection: Selection, joint: Any) -> list[Found]:
+    """Return the causes of the best set with what each takes away, the weightiest first."""
+    posterior, out = selection.posterior, list[Found]()
+    if not posterior.fit:
+        return out
+    covariance = posterior.covariance
+    shares = _removed(selection.system, joint, posterior.fit)
+    for g, ((site, values), removed) in enumerate(zip(posterior.fit, shares, strict=True)):
+        own = slice(int(posterior.linear.first[g]), int(posterior.linear.first[g + 1]))
         choice = next(c for c in selection.choices if c.site.key == site.key)
-        out.append(Found(site, fit.values[own], covariance[own, own], choice, removed))
+        out.append(Found(site, values, covariance[own, own], choice, removed))
     return sorted(out, key=lambda f: -f.removed)
 
 
-def _removed(system: System, joint: Any, selection: Selection, fit: Fit) -> list[float]:
+def loss_of(system: System, joint: Any) -> float:
+    """Return Σ of squares of a joint's averaged equations over their noise."""
+    return float(np.sum(system.whitened(joint) ** 2))
+
+
+def _removed(system: System, joint: Any, fit: Placed) -> Sequence[float]:
     """Return the part of what was wrong that each cause takes away.
 
     What two causes take away together is more, or less, than what each does alone: a cause's part is the mean of what it takes
     away as the first one and as the last one, and the parts add up to what all do.
     """
-    nothing = selection.nothing
-    wrong = max(nothing.loss - system.count, 1e-300)
+    nothing, left = loss_of(system, joint), loss_of(system, placed(joint, fit))
+    wrong = max(nothing - system.count, 1e-300)
     parts = []
-    for site in fit.sites:
-        if len(fit.sites) == 1:
-            parts.append(nothing.loss - fit.loss)
-            continue
-        alone = fitted(system, joint, (site,), fit.own(site), selection.blocks)
-        without_it = fitted(system, joint, *others_of(fit, site), selection.blocks)
-        parts.append(max(nothing.loss - alone.loss, 0.0) + max(without_it.loss - fit.loss, 0.0))
-    whole = float(np.clip((nothing.loss - fit.loss) / wrong, 0.0, 1.0))
+    for site, values in fit:
+        alone = loss_of(system, placed(joint, [(site, values)]))
+        without = loss_of(system, placed(joint, [(s, v) for s, v in fit if s.key != site.key]))
+        parts.append(max(nothing - alone, 0.0) + max(without - left, 0.0))
+    whole = float(np.clip((nothing - left) / wrong, 0.0, 1.0))
     return [whole * part / max(sum(parts), 1e-300) for part in parts]

@@ -143,9 +143,7 @@ def _outside(site: Site, start: Array, deviation: Array, price: float) -> Varian
     return Variant(site, base, moved, free, rig[own], deviation[own], price, False)
 
 
-def linearised(
-    system: System, joint: Any, fit: Placed, variants: Sequence[Variant]
-) -> Linear:
+def linearised(system: System, joint: Any, fit: Placed, variants: Sequence[Variant]) -> Linear:
     """Make the equations straight about a fit.
 
     Parameters
@@ -201,18 +199,16 @@ def candidates_of(linear: Linear, system: System) -> Candidates:
     G = np.linalg.pinv(V * np.outer(scale, scale), rcond=1e-12, hermitian=True) * np.outer(scale, scale)
     information, score = _positive(A @ G @ A), A @ G @ b
     variants, first = linear.variants, linear.first
-    low, high = (
-        np.concatenate(
-            [
-                [(getattr(v.site.parameters[i], side) - v.rig[k]) / v.deviation[k] for k, i in enumerate(v.free)]
-                for v in variants
-            ]
-            or [np.zeros(0)]
-        )
-        for side in ("low", "high")
-    )
+    bounds = [
+        (p.low - v.rig[k], p.high - v.rig[k]) / v.deviation[k]
+        for v in variants
+        for k, p in enumerate(v.site.parameters[i] for i in v.free)
+    ]
+    low, high = np.array(bounds).reshape(-1, 2).T
     price = np.array([v.price for v in variants])
-    conflict = np.array([[clash(a.site, b.site) for b in variants] for a in variants], dtype=np.bool_).reshape(len(variants), len(variants))
+    conflict = np.array([[clash(a.site, b.site) for b in variants] for a in variants], dtype=np.bool_).reshape(
+        len(variants), len(variants)
+    )
     np.fill_diagonal(conflict, False)
     return Candidates(information, score, first, price, conflict, low, high)
 

@@ -54,8 +54,15 @@ class Posterior:
     candidates: Candidates
 
     @property
+    def covariance(self) -> Array:
+        """Return the covariance of all parameters, shape (p, p), in their units: that of the prior and the log together."""
+        deviation = np.concatenate([v.deviation for v in self.linear.variants])
+        inside = np.linalg.inv(np.eye(deviation.size) + self.candidates.information)
+        return np.asarray(inside * np.outer(deviation, deviation))
+
+    @property
     def keys(self) -> frozenset[tuple[str, str]]:
-        """Causes and parts."""
+        """Return causes and parts."""
         return frozenset(site.key for site, _ in self.fit)
 
 
@@ -132,8 +139,6 @@ def begun_by(linear: Linear, candidates: Candidates, chosen: NDArray[np.bool_]) 
         variant, values = linear.variants[g], linear.variants[g].base.copy()
         for k, i in enumerate(variant.free):
             p = variant.site.parameters[i]
-            values[i] = np.clip(
-                variant.rig[k] + unknowns[linear.first[g] + k] * variant.deviation[k], p.low, p.high
-            )
+            values[i] = np.clip(variant.rig[k] + unknowns[linear.first[g] + k] * variant.deviation[k], p.low, p.high)
         out.append((variant.site, values))
     return tuple(out)

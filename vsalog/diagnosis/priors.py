@@ -6,11 +6,14 @@ log cannot tell apart; what a log tells well they hardly move.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any
+
+from msgspec.structs import replace
 
 from vsalog.diagnosis.causes.base import Parameter, Setting, Site, suffix_of
 from vsalog.diagnosis.causes.motor_friction import scale_of
+from vsalog.diagnosis.sensing import at_joint
 from vsalog.rig.tolerance import default_deviation
 
 # Parameter of a cause → key of the rig below the cause's part, where the two are called otherwise.
@@ -92,3 +95,37 @@ def _stiffness(transmission: Any) -> float:
         if hasattr(transmission, name):
             return float(getattr(transmission, name))
     return float(abs(transmission.coefficients[0]))
+
+
+def felt(joint: Any, stated: Mapping[str, float]) -> dict[str, float]:
+    """Return tolerances as the joint feels them: before a gear's ratio and a sensor's gain as `sensing.at_joint` undoes them.
+
+    Parameters
+    ----------
+    joint : as the rig writes it
+    stated : key's path below the joint → one standard deviation in SI, on the side that the rig writes it
+    """
+    plain, out = at_joint(joint), dict[str, float]()
+    for path, deviation in stated.items():
+        keys = path.split(".")
+        value = _value(joint, keys)
+        if value is None:
+            continue  # one of a list, which no cause changes
+        if keys[-1] == "gain":
+            out[path] = deviation / abs(value)
+            continue
+        moved = at_joint(_with_value(joint, keys, value + deviation))
+        now, then = _value(plain, keys), _value(moved, keys)
+        out[path] = deviation if now is None or then is None else abs(then - now)
+    return out
+
+
+def _value(part: Any, keys: Sequence[str]) -> float | None:
+    for key in keys:
+        part = getattr(part, key, None)
+    return float(part) if isinstance(part, int | float) else None
+
+
+def _with_value(part: Any, keys: Sequence[str], value: float) -> Any:
+    own = value if len(keys) == 1 else _with_value(getattr(part, keys[0]), keys[1:], value)
+    return replace(part, **{keys[0]: own})

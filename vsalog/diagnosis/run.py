@@ -17,7 +17,8 @@ from vsalog.binding import bind, offered_roles, wanted_channels
 from vsalog.diagnosis.describe import causes_of, equation_errors, evidence_of, gains_of, signal_errors, unexplained_of
 from vsalog.diagnosis.document import VERSION, Diagnosis, FoundCause, Gain, Gains, Unexplained, Verdict
 from vsalog.diagnosis.evidence import JointEvidence
-from vsalog.diagnosis.joint import LEFT, JointDiagnosis, diagnose_joint
+from vsalog.diagnosis.joint import JointDiagnosis, diagnose_joint
+from vsalog.diagnosis.priors import felt
 from vsalog.diagnosis.sensing import as_written, at_joint, bare, motors_of, sensors_as_written
 from vsalog.diagnosis.stiffness_gain import stiffness_gains
 from vsalog.diagnosis.suggest import Suggestion, suggest
@@ -35,8 +36,14 @@ from vsalog.signals import JointSignals
 
 Progress = Callable[[str], None]
 
-# Causes that are all less sure than this explain nothing.
-DOUBTFUL = 0.05
+# Of several joints, or runs, the log's verdict is the first of these that one of them has.
+WORST_FIRST: tuple[Verdict, ...] = (
+    "unexplained",
+    "partly explained",
+    "explained",
+    "consistent as far as checked",
+    "consistent",
+)
 
 
 @dataclass(frozen=True, slots=True)
@@ -121,7 +128,10 @@ def diagnose(log: Path, holdout: Path | None, options: Options, progress: Progre
                 )
             other = None if second is None else _bound(second, name, joint, set(signals.roles))
             warnings += signals.notes
-            found += [diagnose_joint(label, joint, part, other, progress) for label, part in _runs(name, signals)]
+            stated = felt(joint, rig.tolerances[name])
+            found += [
+                diagnose_joint(label, joint, part, other, progress, stated) for label, part in _runs(name, signals)
+            ]
         except VsalogError as error:
             if len(usable) == 1:
                 raise DiagnosisError("; ".join([str(error), *lacking[:2]])) from error
@@ -135,7 +145,7 @@ def diagnose(log: Path, holdout: Path | None, options: Options, progress: Progre
     proposed = _proposed(rig, found, warnings, progress) if options.suggest else None
     causes = [c for f in found for c in causes_of(f)]
     left = max((unexplained_of(f) for f in found), key=lambda u: u.fraction)
-    verdict = _verdict(found, causes)
+    verdict = min((f.verdict for f in found), key=WORST_FIRST.index)
     # What is not believed is no rig to go on with.
     extended = None if verdict == "unexplained" else _extended(rig, found)
     measured = recording if second is None else second
@@ -221,21 +231,12 @@ def _outcome(
     return Outcome(document, evidence, rig, extended, scenario)
 
 
-def _verdict(found: Sequence[JointDiagnosis], causes: Sequence[FoundCause]) -> Verdict:
-    whole = all(f.whole for f in found)
-    if not causes:
-        return "consistent" if whole else "unexplained"
-    if not whole and max(c.confidence for c in causes) < DOUBTFUL:
-        return "unexplained"
-    return "explained" if whole else "partly explained"
-
-
 def _next(causes: Sequence[FoundCause], left: Unexplained) -> str:
     """Return the experiment that would tell most."""
     for cause in causes:
         if cause.tell_apart:
             return cause.tell_apart
-    if left.fraction > LEFT and left.depends_on:
+    if left.where is not None and left.depends_on:
         variable = left.depends_on[0].replace("_", " ")
         if left.curve_back:
             return f"Pass the range of {variable} several times, at two speeds: a loop comes back, what time changes does not."
@@ -247,7 +248,7 @@ def _next(causes: Sequence[FoundCause], left: Unexplained) -> str:
 
 def _both(advice: str, proposed: Suggestion, left: Unexplained) -> str:
     """Return the words of what is proposed; where something is unexplained, after what would show it."""
-    return f"{advice} {proposed.words}" if left.fraction > LEFT and not proposed.confused else proposed.words
+    return f"{advice} {proposed.words}" if left.where is not None and not proposed.confused else proposed.words
 
 
 def _extended(rig: Rig, found: Sequence[JointDiagnosis]) -> Rig | None:
@@ -270,7 +271,7 @@ def _extended(rig: Rig, found: Sequence[JointDiagnosis]) -> Rig | None:
             kept["link"] = getattr(original, "link", None)  # it was looked at without
         signals = {"signals": sensors_as_written(one.extended, original)}
         joints[one.name] = replace(one.extended, **(motors | signals | kept))
-    return Rig(replace(rig.file, joint=joints), f"{rig.where}, extended") if changed else None
+    return rig.with_joints(joints, f"{rig.where}, extended") if changed else None
 
 
 def _stiffness(name: str, rig: Rig, extended: Rig, recording: Recording, progress: Progress) -> list[Gain]:

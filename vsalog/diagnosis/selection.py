@@ -9,7 +9,7 @@ coarse to fine by itself, as less and less is left over.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -135,6 +135,14 @@ def select(
     return _established(problem, stage, sites, most_probable(problem, stage.weights, fit), blocks)
 
 
+def nothing_found(system: System, joint: Any) -> Selection:
+    """Return the selection of no cause, where there is nothing to look for any with."""
+    linear = linearised(system, joint, (), ())
+    weights = weighted_by(system, linear.residual)
+    nothing = Posterior((), 0.0, linear, candidates_of(linear, weights.system))
+    return Selection(system, weights, nothing, (), blocks_of(system))
+
+
 def _established(
     problem: Problem, stage: Stage, sites: Sequence[Site], final: Posterior, blocks: Integers
 ) -> Selection:
@@ -183,9 +191,7 @@ def _held_or_smooth(
     """
     half = 0.5 * system.channels.period / system.channels.every
     held, smooth = (_stage(problem, system, sites, fit, blocks, hold) for hold in (half, 0.0))
-    losses = [
-        float(np.sum(held.weights.system.white(_everything_left(s, blocks)) ** 2)) for s in (held, smooth)
-    ]
+    losses = [float(np.sum(held.weights.system.white(_everything_left(s, blocks)) ** 2)) for s in (held, smooth)]
     return smooth if losses[0] - losses[1] > APART else held
 
 
@@ -209,9 +215,7 @@ def _stage(
 def _everything(linear: Linear) -> Flags:
     """Return the unknowns of all causes that can stand together: those of the fit, and all others that begin with no shape."""
     inside = [v.site for v in linear.variants if v.inside]
-    able = [
-        v.inside or (v.site.starts is None and not any(clash(v.site, s) for s in inside)) for v in linear.variants
-    ]
+    able = [v.inside or (v.site.starts is None and not any(clash(v.site, s) for s in inside)) for v in linear.variants]
     return np.repeat(able, np.diff(linear.first))
 
 

@@ -111,12 +111,12 @@ def without(candidates: Candidates, best: Ranked, barred: Flags) -> Ranked:
     free = np.zeros(len(candidates), dtype=np.bool_)
     start = best.chosen & ~barred
     found = [_descended(candidates, start, free, barred)]
-    instead = [g for g in np.flatnonzero(~barred & ~start)]
-    scores = [candidates.scored(_with(candidates, start, g)) for g in instead]
+    instead = np.flatnonzero(~barred & ~start)
+    scores = [candidates.scored(_with(candidates, start, int(g))) for g in instead]
     for k in np.argsort(scores)[:STEAD]:
         pinned = free.copy()
         pinned[instead[k]] = True
-        begin = _descended(candidates, _with(candidates, start, instead[k]), pinned, barred).chosen
+        begin = _descended(candidates, _with(candidates, start, int(instead[k])), pinned, barred).chosen
         found.append(_descended(candidates, begin, free, barred))
     return min(found, key=lambda r: r.score)
 

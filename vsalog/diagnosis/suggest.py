@@ -290,7 +290,7 @@ def separation(system: System, joint: Any, own: Hypothesis, other: Hypothesis) -
     """
     mine = residual_of(system, joint, own.sites, own.values)
     start = np.asarray(other.values, dtype=np.float64)
-    theirs = fitted(system, joint, other.sites, start, blocks_of(system)).residual
+    theirs = fitted(system, joint, other.sites, start, np.repeat(blocks_of(system), len(system.names))).residual
     more = float(theirs @ theirs) - float(mine @ mine)
     return float(np.sqrt(max(more, 0.0) / max(system.count, 1)))
 

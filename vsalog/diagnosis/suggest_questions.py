@@ -11,7 +11,8 @@ from numpy.typing import NDArray
 
 from vsalog.diagnosis.causes import catalogue
 from vsalog.diagnosis.causes.base import Parameter, Site
-from vsalog.diagnosis.fit import Fit, fitted, jacobian_of, residual_of
+from vsalog.diagnosis.fit import applied, jacobian_of, residual_of
+from vsalog.diagnosis.found import loss_of
 from vsalog.diagnosis.joint import JointDiagnosis
 from vsalog.diagnosis.selection import related
 from vsalog.diagnosis.setting import setting_of
@@ -76,35 +77,35 @@ def questions_of(found: JointDiagnosis) -> Questions:
 
 def _confused(found: JointDiagnosis) -> tuple[Question, ...]:
     """Return the pairs of causes that the log explains equally well with: of the weightiest cause that has any."""
-    system, joint, blocks = found.system, found.joint, found.selection.blocks
+    system, joint = found.system, found.joint
     for one in found.found:
         # What happened once is told by recording again, however that is done.
-        sites = [r.site for r in one.choice.rivals if not (r.site.transient or one.site.transient)]
-        if not sites:
+        rivals = [r for r in one.choice.rivals if not (r.site.transient or one.site.transient)]
+        if not rivals:
             continue
-        rest = tuple(s for s in found.fit.sites if s.key != one.site.key)
-        beside = np.concatenate([found.fit.own(s) for s in rest]) if rest else np.zeros(0)
-        fits = [(one.site, found.fit)]
-        for rival in one.choice.rivals:
+        held = [_as_found(found, one.site)]
+        for rival in rivals:
             # Of a family the first: the others are the same and more.
-            if rival.site in sites and len(fits) < MOST and not any(related(rival.site, s) for s, _ in fits[1:]):
-                start = np.concatenate([beside, rival.fit.own(rival.site)])
-                fits.append((rival.site, fitted(system, joint, (*rest, rival.site), start, blocks)))
-        # One object for each, so that each is played once.
-        held = [(Hypothesis(site, fit.sites, fit.values), fit) for site, fit in fits]
-        return tuple(Question(a, b, _apart(f, g, system.count), True) for (a, f), (b, g) in combinations(held, 2))
+            if len(held) < MOST and not any(h.site and related(rival.site, h.site) for h in held[1:]):
+                held.append(Hypothesis(rival.site, rival.sites, rival.values))
+        left = {id(h): loss_of(system, applied(joint, h.sites, h.values)) for h in held}
+        return tuple(
+            Question(a, b, float(np.sqrt(abs(left[id(a)] - left[id(b)]) / max(system.count, 1))), True)
+            for a, b in combinations(held, 2)
+        )
     return ()
 
 
-def _apart(one: Fit, other: Fit, count: int) -> float:
-    """Return how far two fits are apart on the log."""
-    return float(np.sqrt(abs(other.residual @ other.residual - one.residual @ one.residual) / max(count, 1)))
+def _as_found(found: JointDiagnosis, site: Site | None) -> Hypothesis:
+    """Return the best set of causes; `site` is what is in question."""
+    fit = found.selection.posterior.fit
+    values = np.concatenate([v for _, v in fit]) if fit else np.zeros(0)
+    return Hypothesis(site, tuple(s for s, _ in fit), values)
 
 
 def _hidden(found: JointDiagnosis) -> tuple[Question, ...]:
     """Return the causes that the log would show least of, at an ordinary size, each against nothing."""
-    system, fit, joint = found.system, found.fit, found.joint
-    nothing = Hypothesis(None, fit.sites, fit.values)
+    system, joint, nothing = found.system, found.joint, _as_found(found, None)
     asked = [
         Question(one, nothing, shown(system, joint, one, nothing), False, size)
         for one, size in ordinary_causes(found, nothing)

@@ -11,7 +11,6 @@ from numpy.typing import NDArray
 
 from vsalog.diagnosis.causes import catalogue
 from vsalog.diagnosis.joint import JointDiagnosis
-from vsalog.diagnosis.selection import WORTH
 from vsalog.diagnosis.suggest_candidates import Candidate
 from vsalog.diagnosis.suggest_questions import Question, Questions
 from vsalog.diagnosis.words import part_in_words
@@ -24,7 +23,7 @@ from vsalog.units import shown
 Array = NDArray[np.float64]
 
 # Two hypotheses that are at least so many standard deviations of an average apart are told apart: what a cause has to be worth.
-TELLS = WORTH**0.5
+TELLS = 0.3
 # What is shown from so many times smaller a size on is worth an experiment.
 BETTER = 1.2
 FILE = "next.scenario.toml"

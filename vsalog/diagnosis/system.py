@@ -237,6 +237,7 @@ def _covariance(noise: Array, used: Flags) -> Array:
 
 
 def whitener(covariance: Array, pattern: int) -> Array:
+    """Return what makes the noise of the equations that a pattern uses white and of variance 1, shape (m, m)."""
     m = covariance.shape[0]
     own = [i for i in range(m) if pattern >> i & 1]
     out = np.zeros((m, m))

@@ -7,9 +7,6 @@ from collections.abc import Sequence
 from vsalog.diagnosis.causes import catalogue
 from vsalog.diagnosis.document import FoundCause, Gain, Unexplained, Verdict
 
-# A simulation that is off by so many times what noise makes is said to be, though the equations close.
-STILL_OFF = 3.0
-
 _PARTS = {
     "motor": "motor",
     "motor_1": "first motor",
@@ -52,12 +49,16 @@ def sentences(
     """Say in three sentences what was found, why one may believe it, and what it is worth."""
     if verdict == "consistent":
         return (
-            "Nothing is wrong: the log is consistent with the rig within its noise."
-            if simulated
-            else "Nothing was found to be wrong, but nothing could be simulated: what only adds up over time was not looked at.",
-            "Every equation of the joint closes to what the sensors' noise explains, and no cause of the catalogue would improve"
-            " it on data it was not fitted to.",
-            "What the log does not excite it cannot tell: that the rig is right holds for motions like these.",
+            "Nothing is wrong: the log is consistent with the rig within its noise.",
+            "Every equation of the joint closes and its simulation holds to what the sensors' noise explains, and no cause of the"
+            " catalogue matters.",
+            "What the log does not excite it cannot show: that the rig is right holds for motions like these.",
+        )
+    if verdict == "consistent as far as checked":
+        return (
+            "As far as the log can be checked nothing is wrong"
+            + ("." if simulated else ": nothing could be simulated, so what only adds up over time was not looked at."),
+            "The equations that could be formed close to what the sensors' noise explains; the warnings name the others.",
         )
     if causes and all(c.cause == "sensor.torque_not_independent" for c in causes) and not gains:
         return (
@@ -65,8 +66,10 @@ def sentences(
             f"{causes[0].why[0].upper()}{causes[0].why[1:]}",
             "What it says cannot confirm the rig, nor contradict it: nothing that rests on it was called right or wrong.",
         )
-    first = _found(verdict, causes, joints)
-    return tuple(s for s in (first, _believe(causes, left, gains), _worth(gains, held_out)) if s)
+    material = [c for c in causes if c.material]
+    held = _held_out(gains, held_out)
+    first = f"{_found(verdict, material, joints)} {held}".rstrip()
+    return tuple(s for s in (first, *_believe(material, left), _immaterial(causes)) if s)
 
 
 def _found(verdict: Verdict, causes: Sequence[FoundCause], joints: int) -> str:
@@ -75,7 +78,8 @@ def _found(verdict: Verdict, causes: Sequence[FoundCause], joints: int) -> str:
     told = [f"{_lower(c.title)} ({numbers(c)})" if c.parameters else _lower(c.title) for c in causes[:3]]
     if joints > 1:
         told = [f"in {c.joint}, {said}" for c, said in zip(causes, told, strict=False)]
-    whole = "; ".join(told)
+    more = f"; and {len(causes) - 3} more" if len(causes) > 3 else ""
+    whole = "; ".join(told) + more
     if verdict == "unexplained":
         return f"The rig's simulation is wrong, and no cause of the catalogue explains it; the nearest is: {whole}."
     start = "What the simulation gets wrong is explained: " if verdict == "explained" else "Part of it is explained: "
@@ -114,44 +118,56 @@ def numbers(cause: FoundCause) -> str:
     return ", ".join(parts)
 
 
-def _believe(causes: Sequence[FoundCause], left: Unexplained, gains: Sequence[Gain]) -> str:
-    sure = ""
+def _believe(causes: Sequence[FoundCause], left: Unexplained) -> list[str]:
+    """Say how sure the causes are, and what is left."""
+    said = []
     if causes:
-        others = causes[0].indistinguishable_from
-        sure = f"We are {100 * causes[0].confidence:.0f} % sure of the first"
-        sure += f"; this log cannot tell it from {', '.join(others)}. " if others else ". "
-    if left.fraction > 0.02 and left.where is not None:
+        weakest = min(causes, key=lambda c: c.confidence)
+        sure = f"confidence {_per_cent(weakest.confidence)}" + (
+            " for the least sure of them" if len(causes) > 1 else ""
+        )
+        said.append(f"Each is needed: {sure}." if len(causes) > 1 else f"It has a {sure}.")
+    said += [
+        f"This log cannot tell {c.cause} from {', '.join(c.indistinguishable_from)}: they are one class, and the rig's tolerances"
+        " chose among them."
+        for c in causes
+        if c.indistinguishable_from
+    ]
+    if left.where is not None:
         on = f" and depends on {' and '.join(left.depends_on)}" if left.depends_on else ""
         if left.curve_back:
-            on = f": a loop over {left.depends_on[0]}, as far as a log can tell that passes it once"
-        return f"{sure}{100 * left.fraction:.0f} % of what was wrong is left unexplained; it is on the {left.where} side{on}."
-    if left.fraction > 0.02 and not causes:
-        return (
+            on = f": a loop over {left.depends_on[0]}, as far as a log can show that passes it once"
+        said.append(
+            f"{_per_cent(left.fraction)} of what was wrong is left unexplained; it is on the {left.where} side{on}."
+        )
+    elif not causes:
+        said.append(
             "The equations close within their noise where they can be formed: what is wrong shows only where it adds up, in the"
             " simulation of half a second, and not on which side of the joint it is."
         )
-    if left.where is not None:
-        return f"{sure}Next to nothing of what was wrong is left unexplained, though it is more than noise."
-    if not causes:
-        return sure
-    worst = max((g for g in gains if g.noise_floor > 0.0), key=lambda g: g.rmse_after / g.noise_floor, default=None)
-    if worst is not None and worst.rmse_after > STILL_OFF * worst.noise_floor:
-        return (
-            f"{sure}Once it is put in the equations close but for their noise, and yet the simulation of"
-            f" {worst.signal.replace('_', ' ')} is off by {worst.rmse_after / worst.noise_floor:.2g} times what noise makes:"
-            " something small is left that adds up, or a value is not quite right."
-        )
-    return f"{sure}Nothing beyond noise is left over once it is put in."
+    return said
 
 
-def _worth(gains: Sequence[Gain], held_out: str) -> str:
-    if not gains:
+def _immaterial(causes: Sequence[FoundCause]) -> str:
+    small = [c.cause for c in causes if not c.material]
+    return f"Present, but immaterial: {', '.join(dict.fromkeys(small))}." if small else ""
+
+
+def _per_cent(share: float) -> str:
+    return "above 99 %" if share > 0.99 else "below 1 %" if share < 0.01 else f"{100.0 * share:.0f} %"
+
+
+def _held_out(gains: Sequence[Gain], held_out: str) -> str:
+    """Say what the extended rig's simulation is worth, for the signal that is farthest from its noise."""
+    known = [g for g in gains if g.noise_floor > 0.0]
+    if not known:
         return ""
-    best = max(gains, key=lambda g: g.reduction)
-    low, high = best.ci95
-    signal = best.signal.replace("_", " ")
+    worst = max(known, key=lambda g: g.rmse_after / g.noise_floor)
+    low, high = worst.ci95
+    unit = worst.unit.replace("*", "·")
+    off, before, after = worst.rmse_after / worst.noise_floor, worst.rmse_before, worst.rmse_after
     return (
-        f"On {held_out} the extended rig's simulation of {signal} is off by {best.rmse_after:.3g} instead of"
-        f" {best.rmse_before:.3g} {best.unit.replace('*', '·')}: {100 * best.reduction:.0f} % less (95 %: {100 * low:.0f} to"
-        f" {100 * high:.0f} %); noise alone makes {best.noise_floor:.3g}."
+        f"On {held_out} the extended rig simulates {worst.signal.replace('_', ' ')}, the signal it is worst at, to {after:.3g} {unit},"
+        f" {off:.2g} times its noise floor; the rig as it stands to {before:.3g} {unit} (reduced by {100 * worst.reduction:.0f} %,"
+        f" 95 %: {100 * low:.0f} to {100 * high:.0f} %)."
     )

@@ -29,7 +29,13 @@ from vsalog.writers.diagnosis import Outputs
 
 # Columns from which on the causes are a table, below which tables stand close, and those of a pipe.
 WIDE, NARROW, PIPE = 120, 100, 160
-_STYLE = {"consistent": "green", "explained": "cyan", "partly explained": "yellow", "unexplained": "bold red"}
+_STYLE = {
+    "consistent": "green",
+    "consistent as far as checked": "green",
+    "explained": "cyan",
+    "partly explained": "yellow",
+    "unexplained": "bold red",
+}
 
 
 def print_report(diagnosis: Diagnosis, outputs: Outputs) -> None:

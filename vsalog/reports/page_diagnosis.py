@@ -28,6 +28,7 @@ from vsalog.writers.atomic import write_text
 # The verdicts' colours; their words say the same.
 KINDS: dict[Verdict, str] = {
     "consistent": "holds",
+    "consistent as far as checked": "holds",
     "explained": "explained",
     "partly explained": "partly",
     "unexplained": "fails",
