@@ -346,7 +346,7 @@ def _holes(count: int, period: float, rng: Random) -> tuple[np.ndarray, np.ndarr
         thin = np.arange(round(begin / period), min(round((begin + lasts) / period), count))
         keep[thin[thin % every > 0]] = False
     keep[0] = True
-    off = np.clip(0.02 * rng.standard_normal(count), -0.1, 0.1)
+    off = np.clip(0.003 * rng.standard_normal(count), -0.1, 0.1)
     off[0] = 0.0
     return (np.arange(count) + off) * period, keep
 
