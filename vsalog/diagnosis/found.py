@@ -63,8 +63,8 @@ class Found:
         variance = np.maximum(np.diag(slopes @ self.covariance @ slopes.T), 0.0)
         exact = catalogue()[self.site.cause].exact
         blur = {p.name: p.blur for p in self.site.parameters}
-        beside = [(exact * value) ** 2 + blur.get(name, 0.0) ** 2 for name, (value, _) in told.items()]
-        spread = np.sqrt(variance + np.array(beside))
+        variance += [(exact * value) ** 2 + blur.get(name, 0.0) ** 2 for name, (value, _) in told.items()]
+        spread = np.sqrt(variance)
         return {name: (value, float(s), unit) for (name, (value, unit)), s in zip(told.items(), spread, strict=True)}
 
 

@@ -14,7 +14,7 @@ from vsalog.diagnosis.balance import Motion
 from vsalog.diagnosis.channels import Channels, channels_of, span_of
 from vsalog.diagnosis.document import Verdict
 from vsalog.diagnosis.found import Found, found_by, loss_of
-from vsalog.diagnosis.gain import Compared, Standing, compared, standing
+from vsalog.diagnosis.gain import Compared, Standing, compared, standing, weighed
 from vsalog.diagnosis.hints import hint_of
 from vsalog.diagnosis.independent import not_independent
 from vsalog.diagnosis.kinds import balance_for, motion_for
@@ -25,6 +25,7 @@ from vsalog.diagnosis.sensing import at_joint, true_roles
 from vsalog.diagnosis.setting import setting_of
 from vsalog.diagnosis.sides import side_of
 from vsalog.diagnosis.system import BELL, System, build_system
+from vsalog.diagnosis.trajectory import refined
 from vsalog.diagnosis.unknown import TAKEN_UP, with_springs
 from vsalog.diagnosis.windows import Windows, windows_of
 from vsalog.errors import DiagnosisError, SimulationError
@@ -152,12 +153,13 @@ def diagnose_joint(
     progress(f"joint {name}: looking for causes")
     barred = TAKEN_UP if said else frozenset[str]()
     selection = select(system, joint, setting_of(joint, system), barred, stated)
-    extended = placed(joint, selection.posterior.fit)
     progress(f"joint {name}: simulating")
-    stands, gain, held_out = None, None, ""
+    stands, gain, held_out, extended = None, None, "", placed(joint, selection.posterior.fit)
     try:
         own = windows_of(joint, channels, selection.system.hold > 0.0)
         windows, held_out = _held_out(joint, own, holdout)
+        posterior = refined(joint, selection.posterior, weighed(extended, own))
+        selection, extended = replace(selection, posterior=posterior), placed(joint, posterior.fit)
         gain = compared(joint, extended if selection.posterior.fit else joint, windows)
         stands = standing(joint, own, gain if holdout is None else None)
     except SimulationError as error:

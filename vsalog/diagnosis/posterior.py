@@ -46,18 +46,21 @@ class Posterior:
     score : negative log marginal likelihood, by Laplace's method
     linear : the equations about it, straight in the numbers of its causes
     candidates : their normal equations
+    simulated : shape (p, p), information of equations and simulated trajectories together; none where nothing was simulated
     """
 
     fit: tuple[tuple[Site, Array], ...]
     score: float
     linear: Linear
     candidates: Candidates
+    simulated: Array | None = None
 
     @property
     def covariance(self) -> Array:
         """Return the covariance of all parameters, shape (p, p), in their units: that of the prior and the log together."""
         deviation = np.concatenate([v.deviation for v in self.linear.variants])
-        inside = np.linalg.inv(np.eye(deviation.size) + self.candidates.information)
+        information = np.eye(deviation.size) + self.candidates.information
+        inside = np.linalg.inv(information if self.simulated is None else self.simulated)
         return np.asarray(inside * np.outer(deviation, deviation))
 
     @property

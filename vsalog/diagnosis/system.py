@@ -30,7 +30,7 @@ BELL, FEWEST = 0.05, 5
 # Velocities below so many standard deviations have no sign; an average needs this share of its weight.
 STILL, ENOUGH = 3.0, 0.9
 # Filters are exact to about this part of the torques they pass.
-EXACT = 3e-4
+EXACT = 1e-3
 SEEDS = (1, 2)
 # No channel is later, or earlier, than this [s].
 LATEST = 0.05

@@ -33,6 +33,8 @@ Integers = NDArray[np.int64]
 
 # Length of a window [s], its fewest samples, and how many of a long log are simulated.
 WINDOW, FEWEST, MOST = 0.5, 20, 40
+# Windows are chosen in so many runs.
+RUNS = 4
 # A window is there when its mean square is no more than so many times a Newton step promises; above the second it is begun anew,
 # so often, and so much of each window is looked at first.
 # Dampings of a step that are tried one after another, and the part of the usual effect below which a state is not moved.
@@ -189,8 +191,16 @@ def windows_of(joint: Any, channels: Channels, hold: bool) -> Windows:
             spans += [(k, k + length) for k in range(a + margin, b - margin - length + 1, length)]
     if not spans:
         raise SimulationError(f"no run of the log is as long as {length * channels.period:g} s with all of its inputs")
-    kept = np.linspace(0, len(spans) - 1, min(MOST, len(spans))).round().astype(np.int64)
-    return Windows(channels, np.array(spans)[kept], answered, hold)
+    return Windows(channels, np.array(spans)[in_runs(len(spans), MOST)], answered, hold)
+
+
+def in_runs(count: int, most: int) -> Integers:
+    """Choose windows in a few runs, spread over the log: loops and bristles go on from one window to the next."""
+    if count <= most:
+        return np.arange(count)
+    length = most // RUNS
+    begin = np.linspace(0, count - length, RUNS).round().astype(np.int64)
+    return np.unique(begin[:, None] + np.arange(length))
 
 
 def shoot(joint: Any, windows: Windows, states: Array) -> Shot:

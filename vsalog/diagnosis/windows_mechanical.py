@@ -57,11 +57,21 @@ class MechanicalPlayer:
         self.lead = int(np.ceil(latest / channels.period))
         roles = [torque_role(m) for m in self.moved]
         prescribed = [m.index for m in self.machine.motors if m.role in roles] + ([0] if self.link_moves else [])
-        if self.machine.steps(channels.period, prescribed)[1]:
+        if self.machine.steps(channels.period, prescribed)[1] and not self._sees_bristles():
             plain = build({NAME: without_bristles(self.played)})
-            # Bristles so stiff that they ask for an implicit integrator differ from ideal friction by less than encoders see.
             if not plain.steps(channels.period, prescribed)[1]:
                 self.machine, self.played = plain, without_bristles(self.played)
+
+    def _sees_bristles(self) -> bool:
+        """Tell whether an encoder sees how far bristles give way before they slide: those that it does not see are ideal friction."""
+        for name in (*motors_of(self.played), "link"):
+            friction = getattr(getattr(self.played, name), "friction", None)
+            role = "link_position" if name == "link" else position_role(name)
+            if friction is None or not friction.presliding_stiffness or role not in self.channels.noise:
+                continue
+            if friction.breakaway / friction.presliding_stiffness > self.channels.noise[role].floor:
+                return True
+        return False
 
     def measured(self) -> tuple[tuple[str, ...], bool]:
         """Return the motors that move as they were measured, and whether the link does."""
