@@ -122,17 +122,28 @@ def select(
     stated : tolerances of the rig
     """
     sites, problem, blocks = sites_of(setting, barred), Problem(joint, setting, stated), blocks_of(system)
-    fit: tuple[tuple[Site, Array], ...] = ()
-    stage = _held_or_smooth(problem, system, sites, fit, blocks)
+    held = 0.5 * system.channels.period / system.channels.every
+    stage, best = _settled(problem, _stage(problem, system, sites, (), blocks, held), sites, blocks)
+    # Drives hold a torque from sample to sample. One that is smooth acts half a sample earlier, which several delays together
+    # would explain as well: it is taken for smooth where that is the more probable.
+    smooth, other = _settled(problem, _stage(problem, system, sites, best.fit, blocks, 0.0), sites, blocks)
+    if best.score - other.score > APART:
+        stage, best = smooth, other
+    return _established(problem, stage, sites, most_probable(problem, stage.weights, best.fit), blocks)
+
+
+def _settled(problem: Problem, stage: Stage, sites: Sequence[Site], blocks: Integers) -> tuple[Stage, Posterior]:
+    """Search until the best set stays the same; return it, and the equations about it."""
     best: Posterior | None = None
     for _ in range(ROUNDS):
-        found = _best(problem, stage, fit)
+        found = _best(problem, stage)
         settled = best is not None and found.keys == best.keys and found.score > best.score - 1.0
-        best, fit = found, found.fit
-        stage = _stage(problem, stage.system, sites, fit, blocks, stage.system.hold)
+        best = found
+        stage = _stage(problem, stage.system, sites, best.fit, blocks, stage.system.hold)
         if settled:
             break
-    return _established(problem, stage, sites, most_probable(problem, stage.weights, fit), blocks)
+    assert best is not None
+    return stage, best
 
 
 def nothing_found(system: System, joint: Any) -> Selection:
@@ -182,19 +193,6 @@ def related(one: Site, other: Site) -> bool:
     return clash(one, other)
 
 
-def _held_or_smooth(
-    problem: Problem, system: System, sites: Sequence[Site], fit: tuple[tuple[Site, Array], ...], blocks: Integers
-) -> Stage:
-    """Lay out the equations for torques that are held from sample to sample and for such that are not.
-
-    Drives hold them, so held they are unless the equations close better with smooth ones by more than that is worth.
-    """
-    half = 0.5 * system.channels.period / system.channels.every
-    held, smooth = (_stage(problem, system, sites, fit, blocks, hold) for hold in (half, 0.0))
-    losses = [float(np.sum(held.weights.system.white(_everything_left(s, blocks)) ** 2)) for s in (held, smooth)]
-    return smooth if losses[0] - losses[1] > APART else held
-
-
 def _stage(
     problem: Problem,
     system: System,
@@ -219,11 +217,7 @@ def _everything(linear: Linear) -> Flags:
     return np.repeat(able, np.diff(linear.first))
 
 
-def _everything_left(stage: Stage, blocks: Integers) -> Array:
-    return left_out(stage.linear, stage.system, _everything(stage.linear), blocks)
-
-
-def _best(problem: Problem, stage: Stage, fit: tuple[tuple[Site, Array], ...]) -> Posterior:
+def _best(problem: Problem, stage: Stage) -> Posterior:
     """Search the sets about a stage, fit the best few in full, and return the most probable."""
     start = np.array([v.inside for v in stage.linear.variants], dtype=np.bool_)
     sets = best_sets(stage.candidates, [start])
