@@ -27,15 +27,13 @@ from vsalog.diagnosis.sides import side_of
 from vsalog.diagnosis.system import BELL, System, build_system
 from vsalog.diagnosis.trajectory import refined
 from vsalog.diagnosis.unknown import TAKEN_UP, with_springs
-from vsalog.diagnosis.windows import Windows, windows_of
+from vsalog.diagnosis.windows import WITHIN, Windows, windows_of
 from vsalog.errors import DiagnosisError, SimulationError
 from vsalog.signals import JointSignals
 
 Array = NDArray[np.float64]
 Progress = Callable[[str], None]
 
-# An equation closes, and a simulation is right, within so many times their noise (which is measured to about a third).
-WITHIN = 2.0
 # A log has so many times the samples that filter and bell take.
 LEAST = 3
 
@@ -158,8 +156,8 @@ def diagnose_joint(
     try:
         own = windows_of(joint, channels, selection.system.hold > 0.0)
         windows, held_out = _held_out(joint, own, holdout)
-        posterior = refined(joint, selection.posterior, weighed(extended, own))
-        selection, extended = replace(selection, posterior=posterior), placed(joint, posterior.fit)
+        selection = refined(selection, weighed(extended, own))
+        extended = placed(joint, selection.posterior.fit)
         gain = compared(joint, extended if selection.posterior.fit else joint, windows)
         stands = standing(joint, own, gain if holdout is None else None)
     except SimulationError as error:
@@ -230,7 +228,7 @@ def _only_computed(
     """Return the diagnosis of a log whose only torque is none: there is nothing else to be checked with."""
     channels = channels_of(signals).thinned()
     system = build_system(joint, channels, balance_for(joint), 0.5 * signals.period)
-    nothing = nothing_found(system, joint)
+    nothing = nothing_found(system, joint, setting_of(joint, system))
     warnings.append(
         f"joint '{name}': without a torque that was measured no equation can be checked: nothing else was looked for"
     )

@@ -164,11 +164,11 @@ def linearised(system: System, joint: Any, fit: Placed, variants: Sequence[Varia
     columns = np.empty((*here.shape, int(first[-1])))
     now = np.zeros(int(first[-1]))
     for g, variant in enumerate(variants):
-        base = here if variant.inside else formed(_set_in(fit, variant.site, variant.base))
+        base = here if variant.inside else formed(set_in(fit, variant.site, variant.base))
         for k, i in enumerate(variant.free):
             j = int(first[g]) + k
             by = (variant.moved[k, i] - variant.base[i]) / variant.deviation[k]
-            columns[..., j] = (formed(_set_in(fit, variant.site, variant.moved[k])) - base) / by
+            columns[..., j] = (formed(set_in(fit, variant.site, variant.moved[k])) - base) / by
             if variant.inside:
                 now[j] = (variant.base[i] - variant.rig[k]) / variant.deviation[k]
     residual = here - columns @ now
@@ -234,7 +234,7 @@ def placed(joint: Any, fit: Placed) -> Any:
     return joint
 
 
-def _set_in(fit: Placed, site: Site, values: Array) -> Placed:
+def set_in(fit: Placed, site: Site, values: Array) -> Placed:
     """Return a fit with a cause in it, in the place of what cannot stand with it."""
     if any(s.key == site.key for s, _ in fit):
         return [(site, values) if s.key == site.key else (s, v) for s, v in fit]

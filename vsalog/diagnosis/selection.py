@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from vsalog.diagnosis.causes import catalogue
 from vsalog.diagnosis.causes.base import Remainder, Setting, Site
 from vsalog.diagnosis.discrepancy import Weights, left_out, weighted_by
-from vsalog.diagnosis.linear import Linear, candidates_of, clash, linearised, placed, variants_of
+from vsalog.diagnosis.linear import Linear, Variant, candidates_of, clash, linearised, placed, variants_of
 from vsalog.diagnosis.posterior import Posterior, Problem, begun_by, most_probable
 from vsalog.diagnosis.sensing import true_roles
 from vsalog.diagnosis.subsets import Candidates, Ranked, best_sets, without
@@ -72,26 +72,6 @@ class Choice:
 
 
 @dataclass(frozen=True, slots=True)
-class Selection:
-    """What explains a log.
-
-    Attributes
-    ----------
-    system : with the noise as the causes have it
-    weights : of noise and model error
-    posterior : of all causes together
-    choices : of its causes
-    blocks : shape (R,), the block of each row
-    """
-
-    system: System
-    weights: Weights
-    posterior: Posterior
-    choices: tuple[Choice, ...]
-    blocks: Integers
-
-
-@dataclass(frozen=True, slots=True)
 class Stage:
     """The equations about one set of causes.
 
@@ -106,6 +86,36 @@ class Stage:
     weights: Weights
     linear: Linear
     candidates: Candidates
+
+
+@dataclass(frozen=True, slots=True)
+class Selection:
+    """What explains a log.
+
+    Attributes
+    ----------
+    problem : what was asked
+    stage : the equations about the best set
+    posterior : of its causes together
+    choices : of its causes
+    blocks : shape (R,), the block of each row
+    """
+
+    problem: Problem
+    stage: Stage
+    posterior: Posterior
+    choices: tuple[Choice, ...]
+    blocks: Integers
+
+    @property
+    def system(self) -> System:
+        """The equations with the noise as the causes have it."""
+        return self.stage.system
+
+    @property
+    def weights(self) -> Weights:
+        """Noise and model error."""
+        return self.stage.weights
 
 
 def select(
@@ -123,10 +133,10 @@ def select(
     """
     sites, problem, blocks = sites_of(setting, barred), Problem(joint, setting, stated), blocks_of(system)
     held = 0.5 * system.channels.period / system.channels.every
-    stage, best = _settled(problem, _stage(problem, system, sites, (), blocks, held), sites, blocks)
+    stage, best = _settled(problem, stage_about(problem, system, sites, (), blocks, held), sites, blocks)
     # Drives hold a torque from sample to sample. One that is smooth acts half a sample earlier, which several delays together
     # would explain as well: it is taken for smooth where that is the more probable.
-    smooth, other = _settled(problem, _stage(problem, system, sites, best.fit, blocks, 0.0), sites, blocks)
+    smooth, other = _settled(problem, stage_about(problem, system, sites, best.fit, blocks, 0.0), sites, blocks)
     if best.score - other.score > APART:
         stage, best = smooth, other
     return _established(problem, stage, sites, most_probable(problem, stage.weights, best.fit), blocks)
@@ -139,19 +149,18 @@ def _settled(problem: Problem, stage: Stage, sites: Sequence[Site], blocks: Inte
         found = _best(problem, stage)
         settled = best is not None and found.keys == best.keys and found.score > best.score - 1.0
         best = found
-        stage = _stage(problem, stage.system, sites, best.fit, blocks, stage.system.hold)
+        stage = stage_about(problem, stage.system, sites, best.fit, blocks, stage.system.hold)
         if settled:
             break
     assert best is not None
     return stage, best
 
 
-def nothing_found(system: System, joint: Any) -> Selection:
+def nothing_found(system: System, joint: Any, setting: Setting) -> Selection:
     """Return the selection of no cause, where there is nothing to look for any with."""
-    linear = linearised(system, joint, (), ())
-    weights = weighted_by(system, linear.residual)
-    nothing = Posterior((), 0.0, linear, candidates_of(linear, weights.system))
-    return Selection(system, weights, nothing, (), blocks_of(system))
+    problem, blocks = Problem(joint, setting, {}), blocks_of(system)
+    stage = stage_about(problem, system, (), (), blocks, system.hold)
+    return Selection(problem, stage, most_probable(problem, stage.weights, ()), (), blocks)
 
 
 def _established(
@@ -159,12 +168,15 @@ def _established(
 ) -> Selection:
     """Drop the causes without which the set is about as probable and nothing stands in their place, the least sure first."""
     while True:
-        choices = _choices(problem, stage, final)
+        variants = stage.linear.variants
+        chosen = np.array([v.inside for v in variants], dtype=np.bool_)
+        best = Ranked(chosen, stage.candidates.scored(chosen))
+        choices = choices_of(problem, stage, stage.candidates, best, variants, final)
         loose = min((c for c in choices if not c.rivals), key=lambda c: c.odds, default=None)
         if loose is None or loose.odds >= APART:
-            return Selection(stage.system, stage.weights, final, choices, blocks)
+            return Selection(problem, stage, final, choices, blocks)
         fit = tuple((site, values) for site, values in final.fit if site.key != loose.site.key)
-        stage = _stage(problem, stage.system, sites, fit, blocks, stage.system.hold)
+        stage = stage_about(problem, stage.system, sites, fit, blocks, stage.system.hold)
         final = most_probable(problem, stage.weights, fit)
 
 
@@ -193,7 +205,7 @@ def related(one: Site, other: Site) -> bool:
     return clash(one, other)
 
 
-def _stage(
+def stage_about(
     problem: Problem,
     system: System,
     sites: Sequence[Site],
@@ -201,6 +213,17 @@ def _stage(
     blocks: Integers,
     hold: float,
 ) -> Stage:
+    """Make the equations straight about a set of causes, under its own noise and model error.
+
+    Parameters
+    ----------
+    problem : what is asked
+    system : of the log, for the rows that are used
+    sites : of the catalogue
+    fit : the set
+    blocks : shape (R,), the block of each row
+    hold : how long after its stamp a motor torque acts on average [s]
+    """
     there = placed(problem.joint, fit)
     own = build_system(there, system.channels, system.balance, hold, system.copies).on_rows_of(system)
     left = remainder(own, there, problem.setting)
@@ -226,23 +249,36 @@ def _best(problem: Problem, stage: Stage) -> Posterior:
     return min(fitted, key=lambda p: p.score)
 
 
-def _choices(problem: Problem, stage: Stage, final: Posterior) -> tuple[Choice, ...]:
-    """Hold each cause of the best set against the best set without it."""
-    variants, c = stage.linear.variants, stage.candidates
-    chosen = np.array([v.inside for v in variants], dtype=np.bool_)
-    best = Ranked(chosen, c.scored(chosen))
+def choices_of(
+    problem: Problem, stage: Stage, c: Candidates, best: Ranked, variants: Sequence[Variant], final: Posterior
+) -> tuple[Choice, ...]:
+    """Hold each cause of the best set against the best set without it.
+
+    Parameters
+    ----------
+    problem, stage : about the best set
+    c : normal equations in which the sets are scored
+    best : the set among them
+    variants : their groups
+    final : the best set, fitted
+    """
     out = []
     for site, _ in final.fit:
         barred = np.array([v.site.key == site.key for v in variants], dtype=np.bool_)
         other = without(c, best, barred)
         odds, rivals = other.score - best.score, tuple[Rival, ...]()
-        if odds < NEAR:
+        if odds < NEAR and c is stage.candidates:
             instead = most_probable(problem, stage.weights, begun_by(stage.linear, c, other.chosen))
             odds = instead.score - final.score
             if odds < APART:
                 rivals = _rivals(final, instead)
         out.append(Choice(site, odds, rivals, _size_of(final, stage.weights, site)))
     return tuple(sorted(out, key=lambda choice: -choice.odds))
+
+
+def sites_in(stage: Stage) -> list[Site]:
+    """Return the causes that a stage has, each once."""
+    return list({(v.site.key, len(v.site.parameters)): v.site for v in stage.linear.variants}.values())
 
 
 def _rivals(final: Posterior, instead: Posterior) -> tuple[Rival, ...]:

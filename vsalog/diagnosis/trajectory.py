@@ -1,13 +1,17 @@
-"""The values of a set of causes, fitted once more to the simulated trajectories.
+"""Causes and their values, held against the simulated trajectories.
 
 Equations look at 50 ms at a time; a simulation adds up for half a second, and a fine encoder sees at its end what no equation
-shows. So the values that the equations give are the prior of a fit to the windows of the log: multiple shooting with every window's
-beginning free (variable projection: what beginnings can make up for is taken off; Golub and Pereyra 2003, Inverse Problems 19).
+shows. So the values that the equations give are the prior of a fit to windows of the log: multiple shooting with the beginning of
+every window free (variable projection: what beginnings can make up for is taken off; Golub and Pereyra 2003, Inverse Problems
+19). Where the trajectories are off by more than their noise all the same, sets of causes are searched once more, with what
+equations and trajectories say together; a set that brings the trajectories to their noise is taken.
 """
 
 from __future__ import annotations
 
+import os
 from collections.abc import Sequence
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 from typing import Any
 
@@ -17,9 +21,11 @@ from numpy.typing import NDArray
 from vsalog.diagnosis.causes import catalogue
 from vsalog.diagnosis.causes.base import Site
 from vsalog.diagnosis.discrepancy import correlation_time
-from vsalog.diagnosis.linear import Placed, placed
-from vsalog.diagnosis.posterior import Posterior
-from vsalog.diagnosis.windows import Shot, Windows, begun, by_states, in_runs, in_windows, shoot
+from vsalog.diagnosis.linear import Placed, Variant, placed, set_in
+from vsalog.diagnosis.posterior import Posterior, begun_by, most_probable
+from vsalog.diagnosis.selection import APART, Choice, Selection, choices_of, sites_in, stage_about
+from vsalog.diagnosis.subsets import Ranked, best_sets
+from vsalog.diagnosis.windows import WITHIN, Shot, Windows, begun, by_states, in_runs, in_windows, shoot
 from vsalog.errors import SimulationError
 
 Array = NDArray[np.float64]
@@ -28,40 +34,60 @@ Array = NDArray[np.float64]
 WINDOWS, STEPS, HALVINGS = 20, 8, 4
 # Steps end where less than this is gained, in squares over noise.
 ENOUGH = 1.0
+# Trajectories are off where a signal's error is more than so many times its noise, and sets are then searched at most so often.
+OFF, SEARCHES = 1.5, 3
 
 
-def refined(joint: Any, posterior: Posterior, windows: Windows) -> Posterior:
-    """Return a set of causes with the values that fit equations and trajectories best.
+def refined(selection: Selection, windows: Windows) -> Selection:
+    """Return a selection whose causes and values fit equations and trajectories best.
 
     Parameters
     ----------
-    joint : of the rig, without the causes
-    posterior : of the equations
-    windows : of the log
+    selection : by the equations
+    windows : of the log, with their noise
 
     Raises
     ------
     SimulationError
         The joint with the causes cannot be simulated.
     """
-    if not posterior.fit:
-        return posterior
     windows = windows.part(in_runs(len(windows.spans), WINDOWS))
+    best, shot = _fitted(selection, windows)
+    for _ in range(SEARCHES):
+        if np.max(_squares(shot, windows)) <= OFF**2:
+            break
+        other = _searched(best, windows, shot)
+        if other is None:
+            break
+        try:
+            other, there = _fitted(other, windows)
+        except SimulationError:
+            break
+        # What takes away a part of an error only may be anything.
+        if np.max(_squares(there, windows)) > OFF**2:
+            break
+        best, shot = other, there
+    return replace(best, choices=_as_seen(best, windows, shot)) if best.posterior.fit else best
+
+
+def _fitted(selection: Selection, windows: Windows) -> tuple[Selection, Shot]:
+    """Fit the values of a selection's causes; return their trajectories, too."""
+    joint, posterior = selection.problem.joint, selection.posterior
     fit = posterior.fit
     shot = begun(placed(joint, fit), windows)
+    if not fit:
+        return selection, shot
     prior = _prior(posterior)
-    away = np.zeros(prior.shape[0])
-    information = np.zeros_like(prior)
+    away, information = np.zeros(prior.shape[0]), np.zeros_like(prior)
     for _ in range(STEPS):
         weights = _weights(shot, windows)
-        J = _by_values(joint, posterior, fit, windows, shot)
         bases = _bases(placed(joint, fit), windows, shot)
-        J = np.stack([_projected(bases, J[..., k]) for k in range(J.shape[-1])], axis=-1)
+        J = _by_values(joint, _at(posterior.linear.variants, fit), fit, windows, shot, bases)
         J = (J * weights[:, None]).reshape(-1, J.shape[-1])
         r = (_projected(bases, in_windows(shot, windows)) * weights).ravel()
         information = J.T @ J
         step = np.linalg.solve(prior + information, -J.T @ r - prior @ away)
-        before, moved = _misfit(shot, windows, weights) + float(away @ prior @ away), False
+        before, moved, after = _misfit(shot, windows, weights) + float(away @ prior @ away), False, np.inf
         for _ in range(HALVINGS):
             trial = _with_values(posterior, away + step)
             try:
@@ -75,7 +101,54 @@ def refined(joint: Any, posterior: Posterior, windows: Windows) -> Posterior:
             step = 0.5 * step
         if not moved or before - after < ENOUGH:
             break
-    return replace(posterior, fit=fit, simulated=prior + information)
+    return replace(selection, posterior=replace(posterior, fit=fit, simulated=prior + information)), shot
+
+
+def _searched(selection: Selection, windows: Windows, shot: Shot) -> Selection | None:
+    """Search sets of causes by equations and trajectories together; none where the best set stays as it is."""
+    problem, fit, blocks = selection.problem, selection.posterior.fit, selection.blocks
+    sites = sites_in(selection.stage)
+    stage = stage_about(problem, selection.system, sites, fit, blocks, selection.system.hold)
+    variants, weights = stage.linear.variants, _weights(shot, windows)
+    bases = _bases(placed(problem.joint, fit), windows, shot)
+    J = _by_values(problem.joint, variants, fit, windows, shot, bases)
+    J = (J * weights[:, None]).reshape(-1, J.shape[-1])
+    r = (_projected(bases, in_windows(shot, windows)) * weights).ravel() - J @ stage.linear.now
+    both = replace(
+        stage.candidates,
+        information=stage.candidates.information + J.T @ J,
+        score=stage.candidates.score - J.T @ r,
+    )
+    now = np.array([v.inside for v in variants], dtype=np.bool_)
+    found = best_sets(both, [now])[0]
+    if found.score > both.scored(now) - APART:
+        return None
+    posterior = most_probable(problem, stage.weights, begun_by(stage.linear, both, found.chosen))
+    stage = stage_about(problem, stage.system, sites, posterior.fit, blocks, stage.system.hold)
+    choices = choices_of(problem, stage, both, Ranked(found.chosen, found.score), variants, posterior)
+    return Selection(problem, stage, posterior, choices, blocks)
+
+
+def _as_seen(selection: Selection, windows: Windows, shot: Shot) -> tuple[Choice, ...]:
+    """Return a selection's causes with their sizes in the trajectories where these are larger than in the equations.
+
+    The unit is what makes a trajectory, together with its noise, as much off as a simulation may be.
+    """
+    posterior = selection.posterior
+    joint, fit = selection.problem.joint, posterior.fit
+    bases = _bases(placed(joint, fit), windows, shot)
+    J = _by_values(joint, _at(posterior.linear.variants, fit), fit, windows, shot, bases)
+    first, shape = posterior.linear.first, (len(windows.spans), len(windows.roles), -1)
+    sizes = {}
+    for g, (site, values) in enumerate(fit):
+        variant, own = posterior.linear.variants[g], np.arange(first[g], first[g + 1])
+        strength = (values[list(variant.free)] - variant.rig) / variant.deviation
+        effect = (J[..., own] @ strength).ravel()
+        others = np.delete(J, own, axis=-1).reshape(effect.size, -1)
+        left = effect - others @ np.linalg.lstsq(others, effect, rcond=1e-9)[0] if others.size else effect
+        squares = np.mean(left.reshape(shape) ** 2, axis=(0, 2))
+        sizes[site.key] = float(np.sqrt(np.max(squares) / (WITHIN**2 - 1.0)))
+    return tuple(replace(c, size=max(c.size, sizes[c.site.key])) for c in selection.choices)
 
 
 def _prior(posterior: Posterior) -> Array:
@@ -90,10 +163,19 @@ def _prior(posterior: Posterior) -> Array:
     return np.asarray(np.linalg.inv(equations + np.diag(np.square(blur))))
 
 
+def _squares(shot: Shot, windows: Windows) -> Array:
+    """Return the mean square of each role's errors over their noise, shape (roles,)."""
+    return np.asarray(np.mean(_by_role(shot, windows) ** 2, axis=(0, 2)))
+
+
+def _by_role(shot: Shot, windows: Windows) -> Array:
+    return in_windows(shot, windows).reshape(len(windows.spans), len(windows.roles), -1)
+
+
 def _weights(shot: Shot, windows: Windows) -> Array:
     """Return the square root of each error's weight, shape (L · roles,): noise or misfit, and how many samples count as one."""
-    errors = in_windows(shot, windows).reshape(len(windows.spans), len(windows.roles), -1)
-    squares = np.maximum(np.mean(errors**2, axis=(0, 2)), 1.0)
+    errors = _by_role(shot, windows)
+    squares = np.maximum(_squares(shot, windows), 1.0)
     times = np.array([np.mean([correlation_time(e) for e in errors[:, i]]) for i in range(len(windows.roles))])
     return np.repeat(1.0 / np.sqrt(squares * times), errors.shape[2])
 
@@ -116,20 +198,43 @@ def _projected(bases: Sequence[Array], errors: Array) -> Array:
     return np.stack([e - U @ (U.T @ e) for U, e in zip(bases, errors, strict=True)])
 
 
-def _by_values(joint: Any, posterior: Posterior, fit: Placed, windows: Windows, shot: Shot) -> Array:
-    """Return the change of the windows' errors with the causes' numbers in units of their prior, shape (W, L · roles, p)."""
-    here = in_windows(shoot(placed(joint, fit), windows, shot.states), windows)
-    columns = []
-    for g, variant in enumerate(posterior.linear.variants):
-        site, values = fit[g]
+def _at(variants: Sequence[Variant], fit: Placed) -> list[Variant]:
+    """Return the variants of a fit's own causes with its values."""
+    return [
+        replace(v, base=values, moved=values + (v.moved - v.base)) for v, (_, values) in zip(variants, fit, strict=True)
+    ]
+
+
+def _by_values(
+    joint: Any, variants: Sequence[Variant], fit: Placed, windows: Windows, shot: Shot, bases: Sequence[Array]
+) -> Array:
+    """Return the change of the windows' errors with all unknowns in units of their prior, shape (W, L · roles, p).
+
+    What cannot be simulated changes nothing: it is not chosen for it.
+    """
+
+    def errors(causes: Placed) -> Array | None:
+        try:
+            return in_windows(shoot(placed(joint, causes), windows, shot.states), windows)
+        except SimulationError:
+            return None
+
+    here = errors(fit)
+    assert here is not None
+
+    def columns(variant: Variant) -> list[Array]:
+        base = here if variant.inside else errors(set_in(fit, variant.site, variant.base))
+        out = []
         for k, i in enumerate(variant.free):
-            moved = values.copy()
-            step = variant.moved[k, i] - variant.base[i]
-            moved[i] += step
-            changed = [*fit[:g], (site, moved), *fit[g + 1 :]]
-            there = in_windows(shoot(placed(joint, changed), windows, shot.states), windows)
-            columns.append((there - here) / (step / variant.deviation[k]))
-    return np.stack(columns, axis=-1)
+            there = errors(set_in(fit, variant.site, variant.moved[k]))
+            by = (variant.moved[k, i] - variant.base[i]) / variant.deviation[k]
+            known = base is not None and there is not None and bool(np.isfinite(there).all())
+            out.append(_projected(bases, (there - base) / by) if known else np.zeros_like(here))  # type: ignore[operator]
+        return out
+
+    # Compiled simulations leave the interpreter to one another.
+    with ThreadPoolExecutor(os.cpu_count() or 1) as pool:
+        return np.stack([column for own in pool.map(columns, variants) for column in own], axis=-1)
 
 
 def _with_values(posterior: Posterior, away: Array) -> tuple[tuple[Site, Array], ...]:

@@ -33,6 +33,8 @@ Integers = NDArray[np.int64]
 
 # Length of a window [s], its fewest samples, and how many of a long log are simulated.
 WINDOW, FEWEST, MOST = 0.5, 20, 40
+# An equation closes, and a simulation is right, within so many times their noise, which is measured to about a third.
+WITHIN = 2.0
 # Windows are chosen in so many runs.
 RUNS = 4
 # A window is there when its mean square is no more than so many times a Newton step promises; above the second it is begun anew,

@@ -63,7 +63,7 @@ class MechanicalPlayer:
                 self.machine, self.played = plain, without_bristles(self.played)
 
     def _sees_bristles(self) -> bool:
-        """Tell whether an encoder sees how far bristles give way before they slide: those that it does not see are ideal friction."""
+        """Tell whether an encoder sees how far bristles give way before they slide; others are ideal friction."""
         for name in (*motors_of(self.played), "link"):
             friction = getattr(getattr(self.played, name), "friction", None)
             role = "link_position" if name == "link" else position_role(name)

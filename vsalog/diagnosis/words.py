@@ -165,9 +165,9 @@ def _held_out(gains: Sequence[Gain], held_out: str) -> str:
     worst = max(known, key=lambda g: g.rmse_after / g.noise_floor)
     low, high = worst.ci95
     unit = worst.unit.replace("*", "·")
-    off, before, after = worst.rmse_after / worst.noise_floor, worst.rmse_before, worst.rmse_after
+    off, signal = worst.rmse_after / worst.noise_floor, worst.signal.replace("_", " ")
     return (
-        f"On {held_out} the extended rig simulates {worst.signal.replace('_', ' ')}, the signal it is worst at, to {after:.3g} {unit},"
-        f" {off:.2g} times its noise floor; the rig as it stands to {before:.3g} {unit} (reduced by {100 * worst.reduction:.0f} %,"
-        f" 95 %: {100 * low:.0f} to {100 * high:.0f} %)."
+        f"On {held_out} the extended rig simulates {signal}, the signal it is worst at, to {worst.rmse_after:.3g} {unit},"
+        f" {off:.2g} times its noise floor; the rig as it stands to {worst.rmse_before:.3g} {unit}"
+        f" (reduced by {100 * worst.reduction:.0f} %, 95 %: {100 * low:.0f} to {100 * high:.0f} %)."
     )
