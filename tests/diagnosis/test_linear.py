@@ -213,7 +213,7 @@ def test_causes_in_the_fit_have_all_numbers_free_and_others_their_strengths():
         assert np.count_nonzero(moved) == len(v.free)
         assert np.all(np.diag(moved) != 0.0)
         for p, own in zip(v.site.parameters, v.rig, strict=True):
-            held = dict((s.key, x) for s, x in fit)[v.site.key][v.site.parameters.index(p)]
+            held = {s.key: x for s, x in fit}[v.site.key][v.site.parameters.index(p)]
             assert own == (held if p.shape else p.start)
     outside = variants_of([loop, damping], setting, left, (), {})
     loops = [v for v in outside if v.site.cause == loop.cause]
