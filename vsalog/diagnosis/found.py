@@ -20,6 +20,8 @@ Array = NDArray[np.float64]
 # A cause matters where it changes an equation by as much as noise and model error together do, in root mean square, beyond what
 # the other causes could take up.
 MATERIAL = 1.0
+# Standard deviations to either side that hold 95 % of a normal distribution.
+NORMAL_95 = 1.96
 
 
 @dataclass(frozen=True, slots=True)
@@ -73,13 +75,36 @@ def found_by(selection: Selection, joint: Any) -> list[Found]:
     posterior, out = selection.posterior, list[Found]()
     if not posterior.fit:
         return out
-    covariance = posterior.covariance
+    covariance = posterior.covariance + np.diag(_between(selection))
     shares = _removed(selection.system, joint, posterior.fit)
     for g, ((site, values), removed) in enumerate(zip(posterior.fit, shares, strict=True)):
         own = slice(int(posterior.linear.first[g]), int(posterior.linear.first[g + 1]))
         choice = next(c for c in selection.choices if c.site.key == site.key)
         out.append(Found(site, values, covariance[own, own], choice, removed))
     return sorted(out, key=lambda f: -f.removed)
+
+
+def _between(selection: Selection) -> Array:
+    """Return the variance that the choice within a class adds to each value, shape (p,).
+
+    A 95 % interval reaches as far as the values that the other members of the class go with.
+    """
+    fit = selection.posterior.fit
+    now = np.concatenate([values for _, values in fit])
+    farthest = np.zeros(now.size)
+    for rival in (r for choice in selection.choices for r in choice.rivals):
+        ends = np.cumsum([len(s.parameters) for s in rival.sites])[:-1]
+        there = {s.key: v for s, v in zip(rival.sites, np.split(rival.values, ends), strict=True)}
+        other = [_as_there(site, values, there.get(site.key)) for site, values in fit]
+        farthest = np.maximum(farthest, np.abs(np.concatenate(other) - now))
+    return np.square(farthest / NORMAL_95)
+
+
+def _as_there(site: Site, values: Array, other: Array | None) -> Array:
+    """Return a cause's values in another set; what is absent there is as the rig says, and has no shape of its own."""
+    if other is not None and other.size == values.size:
+        return other
+    return np.array([v if p.shape else p.start for p, v in zip(site.parameters, values, strict=True)])
 
 
 def loss_of(system: System, joint: Any) -> float:

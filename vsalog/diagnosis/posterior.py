@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from vsalog.diagnosis.causes.base import Setting, Site
 from vsalog.diagnosis.discrepancy import Weights
 from vsalog.diagnosis.linear import Linear, Placed, Variant, candidates_of, linearised, placed, variants_of
-from vsalog.diagnosis.subsets import Candidates
+from vsalog.diagnosis.subsets import Candidates, precisions
 
 Array = NDArray[np.float64]
 
@@ -59,7 +59,7 @@ class Posterior:
     def covariance(self) -> Array:
         """Return the covariance of all parameters, shape (p, p), in their units: that of the prior and the log together."""
         deviation = np.concatenate([v.deviation for v in self.linear.variants])
-        information = np.eye(deviation.size) + self.candidates.information
+        information = np.diag(precisions(self.linear.now)) + self.candidates.information
         inside = np.linalg.inv(information if self.simulated is None else self.simulated)
         return np.asarray(inside * np.outer(deviation, deviation))
 
@@ -72,13 +72,13 @@ class Posterior:
 def most_probable(problem: Problem, weights: Weights, start: Placed) -> Posterior:
     """Fit a set of causes from values to begin with.
 
-    The score is ½ (deviance + |δ|²) + ½ log det(I + A) + Σ price, with δ in units of the prior deviations.
+    The score is ½ (deviance + δᵀ Λ δ) + ½ log det(I + Λ⁻¹ A) + Σ price, δ in units of the prior deviations and Λ of `subsets`.
     """
     fit = tuple(start)
     linear, candidates = _straight(problem, weights, fit)
     now, damping = _loss(problem, weights, fit, linear), 0.0
     for _ in range(STEPS if fit else 0):
-        H = np.eye(candidates.score.size) + candidates.information
+        H = np.diag(precisions(linear.now)) + candidates.information
         before = now
         for _ in range(DAMPINGS):
             step = np.linalg.solve(H + damping * np.diag(np.diag(H)), candidates.score - H @ linear.now)
@@ -93,7 +93,8 @@ def most_probable(problem: Problem, weights: Weights, start: Placed) -> Posterio
         linear, candidates = _straight(problem, weights, fit)
         if before - now <= ENOUGH:
             break
-    H = np.eye(candidates.score.size) + candidates.information
+    H = np.diag(precisions(linear.now)) + candidates.information
+    # The prior's own log λ is in the loss.
     score = 0.5 * now + 0.5 * float(np.linalg.slogdet(H)[1]) + float(candidates.price.sum())
     return Posterior(fit, score, linear, candidates)
 
@@ -105,7 +106,7 @@ def _straight(problem: Problem, weights: Weights, fit: Placed) -> tuple[Linear, 
 
 
 def _loss(problem: Problem, weights: Weights, fit: Placed, linear: Linear) -> float:
-    return weights.deviance(placed(problem.joint, fit)) + float(linear.now @ linear.now)
+    return weights.deviance(placed(problem.joint, fit)) + _surprise(linear.now)
 
 
 def _straight_loss(problem: Problem, weights: Weights, trial: Placed, linear: Linear) -> float:
@@ -117,7 +118,13 @@ def _straight_loss(problem: Problem, weights: Weights, trial: Placed, linear: Li
         for k, i in enumerate(v.free)
         if not v.site.parameters[i].shape
     ]
-    return deviance + float(np.sum(np.square(off)))
+    return deviance + _surprise(np.array(off))
+
+
+def _surprise(unknowns: Array) -> float:
+    """Return δᵀ Λ δ − log det Λ: what unknowns that far from the rig cost."""
+    weight = precisions(unknowns)
+    return float(np.sum(weight * unknowns**2 - np.log(weight)))
 
 
 def _moved(variants: tuple[Variant, ...], unknowns: Array) -> tuple[tuple[Site, Array], ...]:

@@ -75,7 +75,8 @@ def _size(site: Site, parameter: Parameter, setting: Setting, key: str) -> tuple
         own = joint.link.inertia if parameter.name == "inertia" else abs(joint.link.gravity_torque)
         return own, own
     if cause.startswith("pneumatic."):
-        return parameter.start, 1e3 * parameter.step
+        # Their steps are so small parts of what they are of: a valve's area or voltage, a pressure, a torque.
+        return parameter.start, parameter.step * (1e3 if cause == "pneumatic.muscle_friction" else 1e4)
     if part.startswith(("motor", "secondary_motor")) and cause.startswith("motor."):
         torque, speed = scale_of(setting, part)
         return parameter.start, torque / speed if key == "damping" else torque

@@ -21,7 +21,7 @@ from vsalog.diagnosis.discrepancy import Weights, left_out, weighted_by
 from vsalog.diagnosis.linear import Linear, Variant, candidates_of, clash, linearised, placed, variants_of
 from vsalog.diagnosis.posterior import Posterior, Problem, begun_by, most_probable
 from vsalog.diagnosis.sensing import true_roles
-from vsalog.diagnosis.subsets import Candidates, Ranked, best_sets, without
+from vsalog.diagnosis.subsets import Candidates, Ranked, best_sets, precisions, without
 from vsalog.diagnosis.system import System, build_system
 
 Array = NDArray[np.float64]
@@ -293,7 +293,7 @@ def _size_of(final: Posterior, weights: Weights, site: Site) -> float:
     variant = final.linear.variants[g]
     first = int(final.linear.first[g])
     own = [first + k for k, i in enumerate(variant.free) if not variant.site.parameters[i].shape]
-    covariance = np.linalg.inv(np.eye(final.candidates.score.size) + final.candidates.information)
+    covariance = np.linalg.inv(np.diag(precisions(final.linear.now)) + final.candidates.information)
     values = final.linear.now[own]
     wald = float(values @ np.linalg.solve(covariance[np.ix_(own, own)], values))
     effect = weights.system.white(final.linear.columns[:, :, own] @ values)

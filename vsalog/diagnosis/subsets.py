@@ -1,8 +1,12 @@
 """The best sets of causes of a linear-Gaussian model, each set scored by its closed-form marginal likelihood.
 
-With unknowns u ~ N(0, 1), information A and score vector b, a set γ has (George and McCulloch 1997, Statistica Sinica 7(2))
+With unknowns u ~ N(0, 1/λ), information A and score vector b, a set γ has (George and McCulloch 1997, Statistica Sinica 7(2))
 
-    −log p(data | γ) + const = ½ log det(I + A_γγ) − ½ b_γᵀ (I + A_γγ)⁻¹ b_γ + Σ price_γ.
+    −log p(data | γ) + const = ½ log det(I + Λ⁻¹ A_γγ) − ½ b_γᵀ (Λ + A_γγ)⁻¹ b_γ + Σ price_γ.
+
+λ is 1, but for an unknown that is larger than that: its prior is as wide as it is (λ = 1/u², automatic relevance determination;
+MacKay 1994, ASHRAE Transactions 100(2)). So what is far out is as improbable as its logarithm, not as its square: a gross
+error, as a wrong gear ratio, is one cause, and is not spread over several small ones.
 
 A set is improved by adding, dropping, exchanging and two-for-one moves until none helps. One start leads to a local optimum,
 so the search begins from nothing, from everything, and with each candidate pinned in turn: that crosses the directions that the
@@ -35,7 +39,7 @@ class Candidates:
 
     Attributes
     ----------
-    information : A, shape (p, p), of unknowns scaled to a prior of variance 1
+    information : A, shape (p, p), of unknowns in units of their prior deviation
     score : b, shape (p,)
     first : shape (G + 1,), where the unknowns of each group begin
     price : shape (G,), −log of the prior odds of each group
@@ -63,12 +67,19 @@ class Candidates:
         out = np.zeros(self.score.size)
         own = self.unknowns(chosen)
         if own.size:
-            out[own] = np.linalg.solve(np.eye(own.size) + self.information[np.ix_(own, own)], self.score[own])
+            A, b = self.information[np.ix_(own, own)], self.score[own]
+            near = np.asarray(np.linalg.solve(np.eye(own.size) + A, b))
+            out[own] = np.linalg.solve(np.diag(precisions(near)) + A, b)
         return out
 
     def scored(self, chosen: Flags) -> float:
         """Return the negative log marginal likelihood of a set, less that of the empty one."""
         return float(_score(chosen, self.information, self.score, self.first, self.price, self.low, self.high))
+
+
+def precisions(unknowns: Array) -> Array:
+    """Return λ of the unknowns' priors, shape (p,)."""
+    return np.asarray(1.0 / np.maximum(np.square(unknowns), 1.0))
 
 
 @dataclass(frozen=True, slots=True)
@@ -166,34 +177,41 @@ def _score(chosen: Flags, A: Array, b: Array, first: Integers, price: Array, low
             for j in range(first[g], first[g + 1]):
                 index[k] = j
                 k += 1
-    L = np.empty((k, k))
-    y = np.empty(k)
-    for i in range(k):
-        for j in range(i + 1):
-            s = A[index[i], index[j]]
-            if i == j:
-                s += 1.0
-            for m in range(j):
-                s -= L[i, m] * L[j, m]
-            if i == j:
-                if s <= 1e-12:
-                    return np.inf
-                L[i, i] = np.sqrt(s)
-                total += np.log(L[i, i])
-            else:
-                L[i, j] = s / L[j, j]
-        s = b[index[i]]
-        for m in range(i):
-            s -= L[i, m] * y[m]
-        y[i] = s / L[i, i]
-        total -= 0.5 * y[i] * y[i]
-    # Back substitution for the values.
-    x = np.empty(k)
-    for i in range(k - 1, -1, -1):
-        s = y[i]
-        for m in range(i + 1, k):
-            s -= L[m, i] * x[m]
-        x[i] = s / L[i, i]
+    L, y, x, precision = np.empty((k, k)), np.empty(k), np.empty(k), np.ones(k)
+    prices = total
+    for again in range(2):
+        total = prices
+        for i in range(k):
+            for j in range(i + 1):
+                s = A[index[i], index[j]]
+                if i == j:
+                    s += precision[i]
+                for m in range(j):
+                    s -= L[i, m] * L[j, m]
+                if i == j:
+                    if s <= 1e-12 * precision[i]:
+                        return np.inf
+                    L[i, i] = np.sqrt(s)
+                    total += np.log(L[i, i]) - 0.5 * np.log(precision[i])
+                else:
+                    L[i, j] = s / L[j, j]
+            s = b[index[i]]
+            for m in range(i):
+                s -= L[i, m] * y[m]
+            y[i] = s / L[i, i]
+            total -= 0.5 * y[i] * y[i]
+        for i in range(k - 1, -1, -1):
+            s = y[i]
+            for m in range(i + 1, k):
+                s -= L[m, i] * x[m]
+            x[i] = s / L[i, i]
+        far = False
+        for i in range(k):
+            if abs(x[i]) > 1.0:
+                precision[i] = 1.0 / (x[i] * x[i])
+                far = True
+        if again or not far:
+            break
     for i in range(k):
         off = max(low[index[i]] - x[i], x[i] - high[index[i]], 0.0)
         if off > 0.0:

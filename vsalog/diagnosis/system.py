@@ -220,7 +220,9 @@ def _size(equation: Equation, channels: Channels) -> float:
         )
     if equation.unit != "N*m":
         return 0.0
-    torques = [v[0] for role, v in channels.roles.items() if "torque" in role]
+    # The motor that sets a stiffness is far smaller than the joint.
+    small = equation.name == "secondary_motor"
+    torques = [v[0] for r, v in channels.roles.items() if "torque" in r and (r == "secondary_torque") == small]
     return max((float(np.nanstd(t)) for t in torques), default=0.0)
 
 

@@ -24,7 +24,7 @@ from vsalog.diagnosis.discrepancy import correlation_time
 from vsalog.diagnosis.linear import Placed, Variant, placed, set_in
 from vsalog.diagnosis.posterior import Posterior, begun_by, most_probable
 from vsalog.diagnosis.selection import APART, Choice, Selection, choices_of, sites_in, stage_about
-from vsalog.diagnosis.subsets import Ranked, best_sets
+from vsalog.diagnosis.subsets import Ranked, best_sets, precisions
 from vsalog.diagnosis.windows import WITHIN, Shot, Windows, begun, by_states, in_runs, in_windows, shoot
 from vsalog.errors import SimulationError
 
@@ -159,7 +159,7 @@ def _prior(posterior: Posterior) -> Array:
         for k, i in enumerate(variant.free):
             p = site.parameters[i]
             blur.append(float(np.hypot(p.step if p.shape else exact * values[i], p.blur)) / variant.deviation[k])
-    equations = np.linalg.inv(np.eye(len(blur)) + posterior.candidates.information)
+    equations = np.linalg.inv(np.diag(precisions(posterior.linear.now)) + posterior.candidates.information)
     return np.asarray(np.linalg.inv(equations + np.diag(np.square(blur))))
 
 
