@@ -1,0 +1,189 @@
+"""The search over sets: scores against scipy's Gaussian densities, best sets against all sets there are."""
+
+from dataclasses import replace
+from itertools import product
+
+import numpy as np
+import pytest
+from scipy.optimize import lsq_linear
+from scipy.stats import multivariate_normal
+
+from vsalog.diagnosis.subsets import SAME_SCORE, Candidates, Ranked, best_sets, without
+
+ROWS = 40
+SEEDS = range(40)
+
+
+def problem(seed, groups=8, correlated=0.0, twins=False, conflicts=0, loud=3.0):
+    """Columns X, data y with a few unknowns in them, and the candidates they make; groups of one or two unknowns."""
+    rng = np.random.default_rng(seed)
+    first = np.concatenate([[0], np.cumsum(rng.integers(1, 3, groups))])
+    p = int(first[-1])
+    X = rng.standard_normal((ROWS, p)) + correlated * rng.standard_normal((ROWS, 1))
+    if twins:
+        # One unknown does exactly what another does, and one what two others do together.
+        X[:, -1] = X[:, 0]
+        X[:, -2] = X[:, 1] - X[:, 2]
+    X *= loud / np.sqrt(ROWS)
+    u = np.where(rng.random(p) < 0.3, rng.standard_normal(p), 0.0)
+    y = X @ u + rng.standard_normal(ROWS)
+    conflict = np.zeros((groups, groups), dtype=bool)
+    for _ in range(conflicts):
+        a, b = rng.choice(groups, 2, replace=False)
+        conflict[a, b] = conflict[b, a] = True
+    wide = np.full(p, np.inf)
+    return X, y, Candidates(X.T @ X, X.T @ y, first, rng.uniform(0.5, 2.5, groups), conflict, -wide, wide)
+
+
+def all_sets(c):
+    """Every set that holds no two groups in conflict."""
+    for bits in product((False, True), repeat=len(c)):
+        chosen = np.array(bits)
+        if not np.any(c.conflict[np.ix_(chosen, chosen)]):
+            yield chosen
+
+
+def brute(c, barred=None):
+    sets = [s for s in all_sets(c) if barred is None or not np.any(s & barred)]
+    return min(sets, key=c.scored)
+
+
+@pytest.mark.parametrize("seed", range(10))
+def test_the_score_is_the_marginal_likelihood(seed):
+    """y = X u + e with u and e of variance 1: u integrated out, y has the covariance I + X Xᵀ."""
+    X, y, c = problem(seed, twins=seed % 2 == 1)
+    nothing = multivariate_normal.logpdf(y, np.zeros(ROWS), np.eye(ROWS))
+    rng = np.random.default_rng(1000 + seed)
+    for _ in range(20):
+        chosen = rng.random(len(c)) < 0.5
+        own = X[:, np.repeat(chosen, np.diff(c.first))]
+        density = multivariate_normal.logpdf(y, np.zeros(ROWS), np.eye(ROWS) + own @ own.T)
+        assert c.scored(chosen) == pytest.approx(nothing - density + c.price[chosen].sum(), abs=1e-8)
+
+
+def test_the_empty_set_scores_nothing():
+    _, _, c = problem(0)
+    assert c.scored(np.zeros(len(c), dtype=bool)) == 0.0
+
+
+def test_a_solution_is_the_ridge_regression_of_the_set():
+    X, y, c = problem(1)
+    chosen = np.arange(len(c)) % 3 != 1
+    own = np.repeat(chosen, np.diff(c.first))
+    # The prior as rows of their own.
+    k = int(own.sum())
+    expected = np.linalg.lstsq(np.vstack([X[:, own], np.eye(k)]), np.concatenate([y, np.zeros(k)]))[0]
+    found = c.solution(chosen)
+    np.testing.assert_allclose(found[own], expected, atol=1e-10)
+    assert np.all(found[~own] == 0.0)
+    np.testing.assert_array_equal(c.unknowns(chosen), np.flatnonzero(own))
+
+
+@pytest.mark.parametrize("seed", range(10))
+def test_a_bound_costs_what_it_takes_to_stay_within_it(seed):
+    """One value beyond its bound: the least of squares and prior within the bound, less that without it."""
+    X, y, c = problem(seed)
+    p = c.score.size
+    everything = np.ones(len(c), dtype=bool)
+    free = c.solution(everything)
+    j = seed % p
+    high, low = c.high.copy(), c.low.copy()
+    if seed % 2:
+        high[j] = free[j] - 0.3
+    else:
+        low[j] = free[j] + 0.3
+    A, data = np.vstack([X, np.eye(p)]), np.concatenate([y, np.zeros(p)])
+    bound = lsq_linear(A, data, (low, high), method="bvls", tol=1e-14).x
+    extra = 0.5 * (np.sum((A @ bound - data) ** 2) - np.sum((A @ free - data) ** 2))
+    assert extra > 0.0
+    bounded = replace(c, low=low, high=high)
+    assert bounded.scored(everything) - c.scored(everything) == pytest.approx(extra, rel=1e-8)
+    # A bound that is not reached costs nothing.
+    near = replace(c, low=free - 0.1, high=free + 0.1)
+    assert near.scored(everything) == c.scored(everything)
+
+
+@pytest.mark.parametrize(
+    "kind",
+    [
+        {},
+        {"loud": 10.0},
+        {"correlated": 2.0},
+        {"twins": True},
+        {"conflicts": 6},
+        {"groups": 10, "correlated": 2.0, "twins": True, "conflicts": 4, "loud": 10.0},
+    ],
+    ids=str,
+)
+def test_the_best_set_is_the_best_of_all(kind):
+    for seed in SEEDS:
+        _, _, c = problem(seed, **kind)
+        found = best_sets(c)
+        expected = c.scored(brute(c))
+        assert found[0].score == pytest.approx(expected, abs=1e-5), seed
+        for ranked in found:
+            assert c.scored(ranked.chosen) == pytest.approx(ranked.score, abs=1e-9)
+            assert not np.any(c.conflict[np.ix_(ranked.chosen, ranked.chosen)])
+        scores = [r.score for r in found]
+        assert scores == sorted(scores)
+        assert len({r.chosen.tobytes() for r in found}) == len(found)
+
+
+def test_no_single_move_makes_a_set_that_was_found_better():
+    for seed in SEEDS:
+        _, _, c = problem(seed, correlated=2.0, conflicts=4)
+        for ranked in best_sets(c):
+            for g in range(len(c)):
+                other = ranked.chosen.copy()
+                other[g] ^= True
+                if not np.any(c.conflict[np.ix_(other, other)]):
+                    assert c.scored(other) > ranked.score - 2 * SAME_SCORE
+
+
+def test_what_two_do_only_together_is_found():
+    """Two groups that nearly cancel: neither is worth its price alone."""
+    rng = np.random.default_rng(3)
+    common, apart = rng.standard_normal((2, ROWS))
+    X = np.column_stack([10 * common + 3 * apart, 10 * common - 3 * apart])
+    y = X @ [1.5, -1.5]
+    c = problem(0)[2]
+    c = replace(c, information=X.T @ X, score=X.T @ y, first=np.array([0, 1, 2]), price=np.full(2, 2.0),
+                conflict=np.zeros((2, 2), dtype=bool), low=np.full(2, -np.inf), high=np.full(2, np.inf))  # fmt: skip
+    assert c.scored(np.array([True, False])) > c.scored(np.array([True, True]))
+    np.testing.assert_array_equal(best_sets(c)[0].chosen, [True, True])
+
+
+def test_a_start_of_ones_own_is_begun_from():
+    _, _, c = problem(5)
+    best = best_sets(c)[0]
+    again = best_sets(c, [best.chosen])
+    np.testing.assert_array_equal(again[0].chosen, best.chosen)
+
+
+def test_no_candidates_leave_the_empty_set():
+    c = Candidates(np.zeros((0, 0)), np.zeros(0), np.zeros(1, dtype=np.int64), np.zeros(0), np.zeros((0, 0), dtype=bool),
+                   np.zeros(0), np.zeros(0))  # fmt: skip
+    (only,) = best_sets(c)
+    assert only.score == 0.0
+    assert only.chosen.size == 0
+
+
+@pytest.mark.parametrize("kind", [{}, {"correlated": 2.0}, {"twins": True, "loud": 10.0}, {"conflicts": 6}], ids=str)
+def test_without_a_group_the_best_of_the_other_sets_is_found(kind):
+    for seed in SEEDS:
+        _, _, c = problem(seed, **kind)
+        best = best_sets(c)[0]
+        for g in np.flatnonzero(best.chosen):
+            barred = np.arange(len(c)) == g
+            found = without(c, best, barred)
+            assert not np.any(found.chosen & barred)
+            assert not np.any(c.conflict[np.ix_(found.chosen, found.chosen)])
+            assert found.score == pytest.approx(c.scored(brute(c, barred)), abs=1e-5), (seed, g)
+
+
+def test_without_everything_nothing_is_left():
+    _, _, c = problem(2)
+    everything = np.ones(len(c), dtype=bool)
+    found = without(c, Ranked(everything, c.scored(everything)), everything)
+    assert not np.any(found.chosen)
+    assert found.score == 0.0
