@@ -35,6 +35,13 @@ def problem(seed, groups=8, correlated=0.0, twins=False, conflicts=0, loud=3.0):
     return X, y, Candidates(X.T @ X, X.T @ y, first, rng.uniform(0.5, 2.5, groups), conflict, -wide, wide)
 
 
+def widths(own, y):
+    """Prior deviations: 1, or as large as an unknown is by ridge regression."""
+    k = own.shape[1]
+    near = np.linalg.lstsq(np.vstack([own, np.eye(k)]), np.concatenate([y, np.zeros(k)]))[0]
+    return np.maximum(np.abs(near), 1.0)
+
+
 def all_sets(c):
     """Every set that holds no two groups in conflict."""
     for bits in product((False, True), repeat=len(c)):
@@ -50,14 +57,14 @@ def brute(c, barred=None):
 
 @pytest.mark.parametrize("seed", range(10))
 def test_the_score_is_the_marginal_likelihood(seed):
-    """y = X u + e with u and e of variance 1: u integrated out, y has the covariance I + X Xᵀ."""
+    """y = X u + e with e of variance 1 and u of prior variance V: u integrated out, y has the covariance I + X V Xᵀ."""
     X, y, c = problem(seed, twins=seed % 2 == 1)
     nothing = multivariate_normal.logpdf(y, np.zeros(ROWS), np.eye(ROWS))
     rng = np.random.default_rng(1000 + seed)
     for _ in range(20):
         chosen = rng.random(len(c)) < 0.5
         own = X[:, np.repeat(chosen, np.diff(c.first))]
-        density = multivariate_normal.logpdf(y, np.zeros(ROWS), np.eye(ROWS) + own @ own.T)
+        density = multivariate_normal.logpdf(y, np.zeros(ROWS), np.eye(ROWS) + (own * widths(own, y) ** 2) @ own.T)
         assert c.scored(chosen) == pytest.approx(nothing - density + c.price[chosen].sum(), abs=1e-8)
 
 
@@ -72,7 +79,8 @@ def test_a_solution_is_the_ridge_regression_of_the_set():
     own = np.repeat(chosen, np.diff(c.first))
     # The prior as rows of their own.
     k = int(own.sum())
-    expected = np.linalg.lstsq(np.vstack([X[:, own], np.eye(k)]), np.concatenate([y, np.zeros(k)]))[0]
+    prior = np.diag(1.0 / widths(X[:, own], y))
+    expected = np.linalg.lstsq(np.vstack([X[:, own], prior]), np.concatenate([y, np.zeros(k)]))[0]
     found = c.solution(chosen)
     np.testing.assert_allclose(found[own], expected, atol=1e-10)
     assert np.all(found[~own] == 0.0)
@@ -92,7 +100,7 @@ def test_a_bound_costs_what_it_takes_to_stay_within_it(seed):
         high[j] = free[j] - 0.3
     else:
         low[j] = free[j] + 0.3
-    A, data = np.vstack([X, np.eye(p)]), np.concatenate([y, np.zeros(p)])
+    A, data = np.vstack([X, np.diag(1.0 / widths(X, y))]), np.concatenate([y, np.zeros(p)])
     bound = lsq_linear(A, data, (low, high), method="bvls", tol=1e-14).x
     extra = 0.5 * (np.sum((A @ bound - data) ** 2) - np.sum((A @ free - data) ** 2))
     assert extra > 0.0

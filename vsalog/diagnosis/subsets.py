@@ -122,7 +122,7 @@ def without(candidates: Candidates, best: Ranked, barred: Flags) -> Ranked:
     """Return the best set found that has none of some groups: what would stand in their place."""
     free = np.zeros(len(candidates), dtype=np.bool_)
     start = best.chosen & ~barred
-    found = [_descended(candidates, start, free, barred)]
+    found = [_descended(candidates, s, free, barred) for s in (start, free)]
     instead = np.flatnonzero(~barred & ~start)
     scores = [candidates.scored(_with(candidates, start, int(g))) for g in instead]
     for k in np.argsort(scores)[:STEAD]:
