@@ -105,18 +105,15 @@ class Channels:
         if self.whole is not None:
             return self.whole.with_noise(seed).thinned()
         rng = np.random.default_rng(seed)
-        added = {}
+        raw, added = {}, {}
         for role, measured in self.raw.items():
             smooth = self.roles[role][0]
             values = np.where(np.isfinite(smooth), smooth, measured)
-            added[role] = _sensed(values, self.noise[role], rng) - values
+            raw[role] = _sensed(values, self.noise[role], rng)
+            added[role] = raw[role] - values
         # The filter is linear: what it makes of the noise is added, and the motion is not filtered twice.
         filtered = _filtered(added, self.starts, self.period, self.window)
-        return replace(
-            self,
-            roles={role: values + filtered[role] for role, values in self.roles.items()},
-            raw={role: values + added[role] for role, values in self.raw.items()},
-        )
+        return replace(self, roles={role: values + filtered[role] for role, values in self.roles.items()}, raw=raw)
 
 
 def span_of(values: Array) -> float:

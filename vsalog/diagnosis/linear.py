@@ -168,7 +168,9 @@ def linearised(system: System, joint: Any, fit: Placed, variants: Sequence[Varia
         for k, i in enumerate(variant.free):
             j = int(first[g]) + k
             by = (variant.moved[k, i] - variant.base[i]) / variant.deviation[k]
-            columns[..., j] = (formed(set_in(fit, variant.site, variant.moved[k])) - base) / by
+            # What cannot be formed changes nothing, and is not chosen for it.
+            there = (formed(set_in(fit, variant.site, variant.moved[k])) - base) / by
+            columns[..., j] = there if np.isfinite(there).all() else 0.0
             if variant.inside:
                 now[j] = (variant.base[i] - variant.rig[k]) / variant.deviation[k]
     residual = here - columns @ now

@@ -82,6 +82,8 @@ def most_probable(problem: Problem, weights: Weights, start: Placed) -> Posterio
         before = now
         for _ in range(DAMPINGS):
             step = np.linalg.solve(H + damping * np.diag(np.diag(H)), candidates.score - H @ linear.now)
+            if not np.isfinite(step).all():
+                break
             trial = _moved(linear.variants, np.clip(linear.now + step, candidates.low, candidates.high))
             there = _straight_loss(problem, weights, trial, linear)
             if there <= now:

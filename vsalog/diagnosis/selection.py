@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 from vsalog.diagnosis.causes import catalogue
 from vsalog.diagnosis.causes.base import Remainder, Setting, Site
 from vsalog.diagnosis.discrepancy import Weights, left_out, weighted_by
+from vsalog.diagnosis.fit import driven_out
 from vsalog.diagnosis.linear import Linear, Variant, candidates_of, clash, linearised, placed, variants_of
 from vsalog.diagnosis.posterior import Posterior, Problem, begun_by, most_probable
 from vsalog.diagnosis.sensing import true_roles
@@ -136,9 +137,9 @@ def select(
     stage, best = _settled(problem, stage_about(problem, system, sites, (), blocks, held), sites, blocks)
     # Drives hold a torque from sample to sample. One that is smooth acts half a sample earlier, which several delays together
     # would explain as well: it is taken for smooth where that is the more probable.
-    smooth = stage_about(problem, system, sites, best.fit, blocks, 0.0)
-    if best.score - _best(problem, smooth).score > APART:
-        stage, best = _settled(problem, smooth, sites, blocks)
+    smooth, other = _settled(problem, stage_about(problem, system, sites, (), blocks, 0.0), sites, blocks)
+    if best.score - other.score > APART:
+        stage, best = smooth, other
     return _established(problem, stage, sites, most_probable(problem, stage.weights, best.fit), blocks)
 
 
@@ -172,10 +173,13 @@ def _established(
         chosen = np.array([v.inside for v in variants], dtype=np.bool_)
         best = Ranked(chosen, stage.candidates.scored(chosen))
         choices = choices_of(problem, stage, stage.candidates, best, variants, final)
-        loose = min((c for c in choices if not c.rivals), key=lambda c: c.odds, default=None)
-        if loose is None or loose.odds >= APART:
+        # A cause that is driven as far as it may go stands for something else.
+        out = {site.key for site, values in final.fit if driven_out(site.parameters, values)}
+        loose = min((c for c in choices if not c.rivals or c.site.key in out), key=lambda c: c.odds, default=None)
+        if loose is None or (loose.odds >= APART and not out):
             return Selection(problem, stage, final, choices, blocks)
-        fit = tuple((site, values) for site, values in final.fit if site.key != loose.site.key)
+        gone = out or {loose.site.key}
+        fit = tuple((site, values) for site, values in final.fit if site.key not in gone)
         stage = stage_about(problem, stage.system, sites, fit, blocks, stage.system.hold)
         final = most_probable(problem, stage.weights, fit)
 
