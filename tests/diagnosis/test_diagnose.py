@@ -80,7 +80,7 @@ def test_the_cause_is_named_with_its_numbers_and_what_to_do(document):
     assert cause["error_removed"] > 0.95
     assert cause["how_to_confirm"] == catalogue()[cause["cause"]].confirm
     assert cause["reference"]
-    assert len(document["sentences"]) == 3
+    assert len(document["sentences"]) == 2
     assert document["unexplained"]["fraction"] < 0.05
 
 

@@ -191,7 +191,7 @@ def test_no_candidates_leave_the_empty_set():
     assert only.chosen.size == 0
 
 
-@pytest.mark.parametrize("kind", [{}, {"twins": True, "loud": 10.0}, {"conflicts": 6}], ids=str)
+@pytest.mark.parametrize("kind", [{}, {"correlated": 2.0}, {"twins": True, "loud": 10.0}, {"conflicts": 6}], ids=str)
 def test_without_a_group_the_best_of_the_other_sets_is_found(kind):
     for seed in SEEDS:
         _, _, c = problem(seed, **kind)

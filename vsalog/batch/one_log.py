@@ -220,7 +220,7 @@ def diagnose(log: Log, path: Path, settings: Settings, scratch: Path) -> Result:
     result.warnings = outcome.diagnosis.warnings
     result.rig_sha256 = hashlib.sha256(outcome.diagnosis.rig.encode()).hexdigest()
     result.input_sha256 = outcome.diagnosis.log_sha256
-    result.met = not settings.fail_on_cause or outcome.diagnosis.verdict == "consistent"
+    result.met = not settings.fail_on_cause or outcome.diagnosis.verdict.startswith("consistent")
     return result
 
 

@@ -25,6 +25,11 @@ from vsalog.cli.options import LogPath, reading_options, rig_options
     help="Exit with 3 when the log is not consistent with the rig: a cause was found, or something is unexplained.",
 )
 @click.option(
+    "--fail-on-unchecked",
+    is_flag=True,
+    help="Exit with 3 when nothing is wrong but not everything could be checked: the verdict 'consistent as far as checked'.",
+)
+@click.option(
     "--suggest",
     is_flag=True,
     help="Propose the experiment that would tell most, as next.scenario.toml: a scenario for 'vsalog simulate'.",
@@ -50,6 +55,7 @@ def diagnose(
     start: str | None,
     end: str | None,
     fail_on_cause: bool,
+    fail_on_unchecked: bool,
     suggest: bool,
     output: Path | None,
     as_json: bool,
@@ -78,5 +84,7 @@ def diagnose(
         extended = None if outcome.extended is None else outcome.extended.to_toml()
         outputs = write_diagnosis(outcome.diagnosis, outcome.evidence, extended, outputs, outcome.scenario)
     (print_json if as_json else print_report)(outcome.diagnosis, outputs)
-    if fail_on_cause and outcome.diagnosis.verdict != "consistent":
+    verdict = outcome.diagnosis.verdict
+    unchecked = verdict == "consistent as far as checked"
+    if (fail_on_unchecked and unchecked) or (fail_on_cause and not unchecked and verdict != "consistent"):
         context.exit(3)

@@ -136,9 +136,9 @@ def select(
     stage, best = _settled(problem, stage_about(problem, system, sites, (), blocks, held), sites, blocks)
     # Drives hold a torque from sample to sample. One that is smooth acts half a sample earlier, which several delays together
     # would explain as well: it is taken for smooth where that is the more probable.
-    smooth, other = _settled(problem, stage_about(problem, system, sites, best.fit, blocks, 0.0), sites, blocks)
-    if best.score - other.score > APART:
-        stage, best = smooth, other
+    smooth = stage_about(problem, system, sites, best.fit, blocks, 0.0)
+    if best.score - _best(problem, smooth).score > APART:
+        stage, best = _settled(problem, smooth, sites, blocks)
     return _established(problem, stage, sites, most_probable(problem, stage.weights, best.fit), blocks)
 
 

@@ -9,8 +9,8 @@ MacKay 1994, ASHRAE Transactions 100(2)). So what is far out is as improbable as
 error, as a wrong gear ratio, is one cause, and is not spread over several small ones.
 
 A set is improved by adding, dropping, exchanging and two-for-one moves until none helps. One start leads to a local optimum,
-so the search begins from nothing, from everything, and with each candidate pinned in turn: that crosses the directions that the
-data leave open, which no single move does.
+so the search begins from nothing and from everything, and from the best of those with each candidate pinned in turn, and then
+released: that crosses the directions that the data leave open, which no single move does.
 """
 
 from __future__ import annotations
@@ -106,14 +106,15 @@ def best_sets(candidates: Candidates, starts: Iterable[Flags] = ()) -> list[Rank
     """
     count = len(candidates)
     free = np.zeros(count, dtype=np.bool_)
-    begin = [free.copy(), *starts, _everything(candidates)]
     found = dict[bytes, Ranked]()
-    for start in begin:
+    for start in (free.copy(), *starts, _everything(candidates)):
         _keep(found, _descended(candidates, start, free, free))
-    for g in range(count):
+    best = min(found.values(), key=lambda r: r.score)
+    for g in np.flatnonzero(~best.chosen):
         pinned = free.copy()
         pinned[g] = True
-        _keep(found, _descended(candidates, _descended(candidates, pinned, pinned, free).chosen, free, free))
+        there = _descended(candidates, _with(candidates, best.chosen, int(g)), pinned, free).chosen
+        _keep(found, _descended(candidates, there, free, free))
     return sorted(found.values(), key=lambda r: r.score)
 
 
@@ -121,7 +122,7 @@ def without(candidates: Candidates, best: Ranked, barred: Flags) -> Ranked:
     """Return the best set found that has none of some groups: what would stand in their place."""
     free = np.zeros(len(candidates), dtype=np.bool_)
     start = best.chosen & ~barred
-    found = [_descended(candidates, start, free, barred)]
+    found = [_descended(candidates, s, free, barred) for s in (start, free)]
     instead = np.flatnonzero(~barred & ~start)
     scores = [candidates.scored(_with(candidates, start, int(g))) for g in instead]
     for k in np.argsort(scores)[:STEAD]:

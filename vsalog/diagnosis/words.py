@@ -123,10 +123,8 @@ def _believe(causes: Sequence[FoundCause], left: Unexplained) -> list[str]:
     said = []
     if causes:
         weakest = min(causes, key=lambda c: c.confidence)
-        sure = f"confidence {_per_cent(weakest.confidence)}" + (
-            " for the least sure of them" if len(causes) > 1 else ""
-        )
-        said.append(f"Each is needed: {sure}." if len(causes) > 1 else f"It has a {sure}.")
+        of = "of the least certain of them " if len(causes) > 1 else ""
+        said.append(f"The confidence {of}is {_per_cent(weakest.confidence)}.")
     said += [
         f"This log cannot tell {c.cause} from {', '.join(c.indistinguishable_from)}: they are one class, and the rig's tolerances"
         " chose among them."

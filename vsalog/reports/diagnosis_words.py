@@ -104,7 +104,9 @@ def unexplained_words(left: Unexplained) -> str:
 
 def sure_words(cause: FoundCause) -> str:
     """Say how sure a cause is, and what it takes away."""
-    return f"{confidence_text(cause.confidence)} sure; it takes away {share_text(cause.error_removed)} of the error"
+    return (
+        f"confidence {confidence_text(cause.confidence)}; it takes away {share_text(cause.error_removed)} of the error"
+    )
 
 
 def open_experiment(diagnosis: Diagnosis) -> str:
