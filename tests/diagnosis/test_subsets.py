@@ -14,7 +14,7 @@ ROWS = 40
 SEEDS = range(40)
 
 
-def problem(seed, groups=8, correlated=0.0, twins=False, conflicts=0, loud=3.0):
+def problem(seed, groups=8, correlated=0.0, twins=False, conflicts=0, loud=3.0, far=1.0):
     """Columns X, data y with a few unknowns in them, and the candidates they make; groups of one or two unknowns."""
     rng = np.random.default_rng(seed)
     first = np.concatenate([[0], np.cumsum(rng.integers(1, 3, groups))])
@@ -25,21 +25,14 @@ def problem(seed, groups=8, correlated=0.0, twins=False, conflicts=0, loud=3.0):
         X[:, -1] = X[:, 0]
         X[:, -2] = X[:, 1] - X[:, 2]
     X *= loud / np.sqrt(ROWS)
-    u = np.where(rng.random(p) < 0.3, rng.standard_normal(p), 0.0)
+    u = np.where(rng.random(p) < 0.3, far * rng.standard_normal(p), 0.0)
     y = X @ u + rng.standard_normal(ROWS)
     conflict = np.zeros((groups, groups), dtype=bool)
     for _ in range(conflicts):
         a, b = rng.choice(groups, 2, replace=False)
         conflict[a, b] = conflict[b, a] = True
-    wide = np.full(p, np.inf)
-    return X, y, Candidates(X.T @ X, X.T @ y, first, rng.uniform(0.5, 2.5, groups), conflict, -wide, wide)
-
-
-def widths(own, y):
-    """Prior deviations: 1, or as large as an unknown is by ridge regression."""
-    k = own.shape[1]
-    near = np.linalg.lstsq(np.vstack([own, np.eye(k)]), np.concatenate([y, np.zeros(k)]))[0]
-    return np.maximum(np.abs(near), 1.0)
+    bound = np.full(p, np.inf)
+    return X, y, Candidates(X.T @ X, X.T @ y, first, rng.uniform(0.5, 2.5, groups), conflict, -bound, bound)
 
 
 def all_sets(c):
@@ -55,16 +48,28 @@ def brute(c, barred=None):
     return min(sets, key=c.scored)
 
 
+def ridge(X, y, deviation):
+    """Least squares with the prior as rows of their own."""
+    return np.linalg.lstsq(np.vstack([X, np.diag(1.0 / deviation)]), np.concatenate([y, np.zeros(deviation.size)]))[0]
+
+
+def wide(X, y):
+    """Deviations of the unknowns' priors: 1, or as large as an unknown is where that is larger."""
+    return np.maximum(np.abs(ridge(X, y, np.ones(X.shape[1]))), 1.0)
+
+
 @pytest.mark.parametrize("seed", range(10))
-def test_the_score_is_the_marginal_likelihood(seed):
-    """y = X u + e with e of variance 1 and u of prior variance V: u integrated out, y has the covariance I + X V Xᵀ."""
-    X, y, c = problem(seed, twins=seed % 2 == 1)
+@pytest.mark.parametrize("far", [0.3, 5.0])
+def test_the_score_is_the_marginal_likelihood(seed, far):
+    """y = X u + e with u of a known variance and e of 1: u integrated out, y has the covariance I + X P Xᵀ."""
+    X, y, c = problem(seed, twins=seed % 2 == 1, far=far)
     nothing = multivariate_normal.logpdf(y, np.zeros(ROWS), np.eye(ROWS))
     rng = np.random.default_rng(1000 + seed)
     for _ in range(20):
         chosen = rng.random(len(c)) < 0.5
         own = X[:, np.repeat(chosen, np.diff(c.first))]
-        density = multivariate_normal.logpdf(y, np.zeros(ROWS), np.eye(ROWS) + (own * widths(own, y) ** 2) @ own.T)
+        prior = own * wide(own, y)
+        density = multivariate_normal.logpdf(y, np.zeros(ROWS), np.eye(ROWS) + prior @ prior.T)
         assert c.scored(chosen) == pytest.approx(nothing - density + c.price[chosen].sum(), abs=1e-8)
 
 
@@ -73,24 +78,33 @@ def test_the_empty_set_scores_nothing():
     assert c.scored(np.zeros(len(c), dtype=bool)) == 0.0
 
 
-def test_a_solution_is_the_ridge_regression_of_the_set():
-    X, y, c = problem(1)
+@pytest.mark.parametrize("far", [0.3, 5.0])
+def test_a_solution_is_the_ridge_regression_of_the_set(far):
+    X, y, c = problem(1, far=far)
     chosen = np.arange(len(c)) % 3 != 1
     own = np.repeat(chosen, np.diff(c.first))
-    # The prior as rows of their own.
-    k = int(own.sum())
-    prior = np.diag(1.0 / widths(X[:, own], y))
-    expected = np.linalg.lstsq(np.vstack([X[:, own], prior]), np.concatenate([y, np.zeros(k)]))[0]
     found = c.solution(chosen)
-    np.testing.assert_allclose(found[own], expected, atol=1e-10)
+    np.testing.assert_allclose(found[own], ridge(X[:, own], y, wide(X[:, own], y)), atol=1e-10)
     assert np.all(found[~own] == 0.0)
     np.testing.assert_array_equal(c.unknowns(chosen), np.flatnonzero(own))
 
 
+def test_what_is_far_out_costs_as_its_logarithm():
+    """One unknown of much information at u: log u, where a prior of deviation 1 would ask for u²/2."""
+    costs = []
+    for u in (10.0, 100.0):
+        information = np.array([[1e6]])
+        c = Candidates(information, information[0] * u, np.array([0, 1]), np.zeros(1), np.zeros((1, 1), dtype=bool),
+                       np.full(1, -np.inf), np.full(1, np.inf))  # fmt: skip
+        costs.append(c.scored(np.ones(1, dtype=bool)) + 0.5 * 1e6 * u**2)
+    assert costs[1] - costs[0] == pytest.approx(np.log(10.0), abs=1e-2)
+
+
 @pytest.mark.parametrize("seed", range(10))
-def test_a_bound_costs_what_it_takes_to_stay_within_it(seed):
+@pytest.mark.parametrize("far", [0.3, 5.0])
+def test_a_bound_costs_what_it_takes_to_stay_within_it(seed, far):
     """One value beyond its bound: the least of squares and prior within the bound, less that without it."""
-    X, y, c = problem(seed)
+    X, y, c = problem(seed, far=far)
     p = c.score.size
     everything = np.ones(len(c), dtype=bool)
     free = c.solution(everything)
@@ -100,7 +114,7 @@ def test_a_bound_costs_what_it_takes_to_stay_within_it(seed):
         high[j] = free[j] - 0.3
     else:
         low[j] = free[j] + 0.3
-    A, data = np.vstack([X, np.diag(1.0 / widths(X, y))]), np.concatenate([y, np.zeros(p)])
+    A, data = np.vstack([X, np.diag(1.0 / wide(X, y))]), np.concatenate([y, np.zeros(p)])
     bound = lsq_linear(A, data, (low, high), method="bvls", tol=1e-14).x
     extra = 0.5 * (np.sum((A @ bound - data) ** 2) - np.sum((A @ free - data) ** 2))
     assert extra > 0.0
@@ -119,6 +133,7 @@ def test_a_bound_costs_what_it_takes_to_stay_within_it(seed):
         {"correlated": 2.0},
         {"twins": True},
         {"conflicts": 6},
+        {"far": 5.0, "correlated": 2.0},
         {"groups": 10, "correlated": 2.0, "twins": True, "conflicts": 4, "loud": 10.0},
     ],
     ids=str,
