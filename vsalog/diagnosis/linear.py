@@ -29,6 +29,9 @@ Placed = Sequence[tuple[Site, Array]]
 PRESENT = 0.1
 # Places in a log where something may happen once, per second.
 PLACES = 10.0
+# Directions of the scaled columns with less than this part of the strongest one's squares say nothing: columns are differences of
+# equations whose rounding is a part in 10⁸ of them.
+WELL_DETERMINED = 1e-8
 
 
 @dataclass(frozen=True, slots=True)
@@ -194,12 +197,18 @@ def candidates_of(linear: Linear, system: System) -> Candidates:
         Jn, rn = whitened_columns(columns, system), system.white(residual).ravel()
         A -= Jn.T @ Jn / count
         b += Jn.T @ rn / count
-    A = _positive(A)
-    # Scaled, so that nothing is lost to units; directions without information have no instruments either.
     size = np.sqrt(np.diag(V))
     scale = np.where(size > 0.0, 1.0 / np.where(size > 0.0, size, 1.0), 0.0)
-    G = np.linalg.pinv(V * np.outer(scale, scale), rcond=1e-12, hermitian=True) * np.outer(scale, scale)
-    information, score = _positive(A @ G @ A), A @ G @ b
+    values, vectors = np.linalg.eigh(V * np.outer(scale, scale))
+    kept = values > WELL_DETERMINED * max(values.max(initial=0.0), 1e-300)
+    root = np.sqrt(values[kept])
+    W = scale[:, None] * vectors[:, kept] / root  # Wᵀ V W = 1
+    # What is not noise is between none and all of the columns.
+    part, own = np.linalg.eigh(W.T @ A @ W)
+    part = np.clip(part, 0.0, 1.0)
+    back = size[:, None] * (vectors[:, kept] * root) @ own
+    information = (back * part**2) @ back.T
+    score = back @ (part * (own.T @ (W.T @ b)))
     variants, first = linear.variants, linear.first
     bounds = [
         (p.low - v.rig[k], p.high - v.rig[k]) / v.deviation[k]
@@ -222,11 +231,6 @@ def whitened_columns(columns: Array, system: System) -> Array:
         own = system.pattern == pattern
         out[own] = np.einsum("ij,rjp->rip", whitener, columns[own])
     return out.reshape(columns.shape[0] * columns.shape[1], columns.shape[2])
-
-
-def _positive(A: Array) -> Array:
-    values, vectors = np.linalg.eigh(0.5 * (A + A.T))
-    return np.asarray((vectors * np.maximum(values, 0.0)) @ vectors.T)
 
 
 def placed(joint: Any, fit: Placed) -> Any:

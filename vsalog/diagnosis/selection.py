@@ -241,7 +241,7 @@ def _everything(linear: Linear) -> Flags:
     """Return the unknowns of all causes that can stand together: those of the fit, and all others that begin with no shape."""
     inside = [v.site for v in linear.variants if v.inside]
     able = [v.inside or (v.site.starts is None and not any(clash(v.site, s) for s in inside)) for v in linear.variants]
-    return np.repeat(able, np.diff(linear.first))
+    return np.repeat(np.array(able, dtype=np.bool_), np.diff(linear.first))
 
 
 def _best(problem: Problem, stage: Stage) -> Posterior:
@@ -302,6 +302,8 @@ def _size_of(final: Posterior, weights: Weights, site: Site) -> float:
     wald = float(values @ np.linalg.solve(covariance[np.ix_(own, own)], values))
     effect = weights.system.white(final.linear.columns[:, :, own] @ values)
     squares = np.sum(effect**2, axis=0)
-    rows = np.count_nonzero(weights.system.weights, axis=0) / weights.times
+    # What happens once is as large as it is while it happens.
+    acts = np.abs(effect) > 0.0 if site.transient else weights.system.weights > 0.0
+    rows = np.count_nonzero(acts, axis=0) / weights.times
     i = int(np.argmax(squares))
     return float(np.sqrt(wald / max(rows[i], 1.0)))
