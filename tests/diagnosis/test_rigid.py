@@ -156,11 +156,11 @@ def laid(folder, truth, rig=RIGID, **options):
 
 
 # A push that is over within a part of a block is model error to the weights that the search begins with.
-PUSHED = pytest.mark.xfail(reason="a short push is not yet told from model error", strict=False)
+PUSHED = pytest.mark.xfail(reason="a short push is not yet told from model error", strict=True)
 
 
 # Friction with a shape leaves a little that a second look with the extended rig gives another name.
-SECOND = pytest.mark.xfail(reason="a second diagnosis with the extended rig finds something material", strict=False)
+SECOND = pytest.mark.xfail(reason="a second diagnosis with the extended rig finds something material", strict=True)
 UNMET = {"link.contact": PUSHED, "motor.stribeck_friction": SECOND, "motor.load_dependent_friction": SECOND}
 
 

@@ -161,7 +161,7 @@ def test_where_nothing_is_looked_for_nothing_is_found():
 
 # Smooth torques are the more probable here by 2.7, and held ones are kept up to 3.0.
 NEARLY = pytest.mark.xfail(
-    reason="the log prefers smooth torques by less than the odds that are asked for", strict=False
+    reason="the log prefers smooth torques by less than the odds that are asked for", strict=True
 )
 
 

@@ -1,4 +1,4 @@
-"""What a joint's equations leave over whatever the catalogue's causes are: model error, and its part in the weights.
+"""Model error: the residual that no cause of the catalogue takes away, and its part in the weights.
 
 On a real machine the remainder is far above the sensors' noise and coloured (Kennedy and O'Hagan 2001, JRSS B 63(3)). It is
 predicted block by block from a fit of everything to the other blocks. Its covariance joins the noise's, never below it, and
@@ -22,6 +22,8 @@ Integers = NDArray[np.int64]
 
 # What is left of the filters' own error where noise is compared with noise: it keeps equations without noise apart.
 TRACE = 1e-4
+# A quarter of a series' lags are looked at: of fewer samples than this no pair of lags is left.
+SHORTEST = 12
 
 
 @dataclass(frozen=True, slots=True)
@@ -95,7 +97,7 @@ def weighted_by(system: System, rows: Array) -> Weights:
     Parameters
     ----------
     system : with the noise's own covariance
-    rows : shape (R, m), what is left over of the averaged equations, 0 where they are not used
+    rows : shape (R, m), residuals of the averaged equations, 0 where they are not used
     """
     used = (system.weights > 0.0).astype(np.float64)
     both = used.T @ used
@@ -125,7 +127,7 @@ def _in_units_of(factor: Array, covariance: Array) -> Array:
 def correlation_time(x: Array) -> float:
     """Return how many rows count as one: 1 + 2 Σ ρ over the initial positive pairs (Geyer 1992, Statistical Science 7(4))."""
     n = x.size
-    if n < 8 or not np.any(x):
+    if n < SHORTEST or not np.any(x):
         return 1.0
     spectrum = np.abs(np.fft.rfft(x, 2 * n)) ** 2
     rho = np.fft.irfft(spectrum)[: n // 4]

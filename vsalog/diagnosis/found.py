@@ -87,24 +87,19 @@ def found_by(selection: Selection, joint: Any) -> list[Found]:
 def _between(selection: Selection) -> Array:
     """Return the variance that the choice within a class adds to each value, shape (p,).
 
-    A 95 % interval reaches as far as the values that the other members of the class go with.
+    A 95 % interval reaches as far as the values that go with the other members of the class; of a cause that is absent there, the
+    interval is that of its value if it is present.
     """
     fit = selection.posterior.fit
-    now = np.concatenate([values for _, values in fit])
-    farthest = np.zeros(now.size)
+    farthest = [np.zeros(values.size) for _, values in fit]
     for rival in (r for choice in selection.choices for r in choice.rivals):
         ends = np.cumsum([len(s.parameters) for s in rival.sites])[:-1]
         there = {s.key: v for s, v in zip(rival.sites, np.split(rival.values, ends), strict=True)}
-        other = [_as_there(site, values, there.get(site.key)) for site, values in fit]
-        farthest = np.maximum(farthest, np.abs(np.concatenate(other) - now))
-    return np.square(farthest / NORMAL_95)
-
-
-def _as_there(site: Site, values: Array, other: Array | None) -> Array:
-    """Return a cause's values in another set; what is absent there is as the rig says, and has no shape of its own."""
-    if other is not None and other.size == values.size:
-        return other
-    return np.array([v if p.shape else p.start for p, v in zip(site.parameters, values, strict=True)])
+        for k, (site, values) in enumerate(fit):
+            other = there.get(site.key, values)
+            if other.size == values.size:
+                farthest[k] = np.maximum(farthest[k], np.abs(other - values))
+    return np.square(np.concatenate(farthest) / NORMAL_95)
 
 
 def loss_of(system: System, joint: Any) -> float:

@@ -124,41 +124,26 @@ def standing(joint: Any, windows: Windows, known: Compared | None = None) -> Sta
     return Standing(windows, shot, floor, {r: e for r, e in through.items() if np.isfinite(e)})
 
 
-def compared(
-    before: Any,
-    after: Any,
-    windows: Windows,
-    *,
-    first: Shot | None = None,
-    second: Shot | None = None,
-    near: Shot | None = None,
-    noise: bool = True,
-) -> Compared:
+def compared(before: Any, after: Any, windows: Windows) -> Compared:
     """Simulate windows with two rigs, each from the states that fit it best.
 
     Parameters
     ----------
     before, after : the rig as it stands, and extended
     windows : of the log
-    first, second : simulations of just these windows with each, where they are known from another comparison
-    near : simulation of just these windows with a rig that is much like the one that is not known yet
-    noise : whether to measure what noise alone makes, which takes as long as a search for the states; what the errors are
-        weighed by stands for it otherwise
 
     Raises
     ------
     SimulationError
         The rig as it stands cannot be simulated there.
     """
-    if first is None and second is None:
-        windows = weighed(after, _affordable(after, windows))
-    one = begun(before, windows, near=near) if first is None else first
+    windows = weighed(after, _affordable(after, windows))
+    one = begun(before, windows)
     two = one
     if after is not before:
-        two = begun(after, windows, near=near) if second is None else second
+        two = begun(after, windows)
         one, two = begun_as(before, windows, one, two), begun_as(after, windows, two, one)
-    known = None if noise else windows.scale
-    return Compared(windows, one, two, floors(after, windows, two) if known is None else known)
+    return Compared(windows, one, two, floors(after, windows, two))
 
 
 def weighed(joint: Any, windows: Windows) -> Windows:

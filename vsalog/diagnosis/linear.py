@@ -1,4 +1,4 @@
-"""The equations of a joint, straight in all numbers that the catalogue's causes change: the linear model that sets are sought in.
+"""The equations of a joint, linearised in all numbers that the catalogue's causes change: the model that sets are sought in.
 
 About the rig, r(δ) ≈ r₀ + J δ with one group of columns per cause and shape. The columns are made of noisy channels: what noise
 alone makes of JᵀJ and Jᵀr is measured on channels that carry noise once more and taken off (errors in variables; Fuller 1987,
@@ -46,7 +46,7 @@ class Variant:
     rig : value of each unknown when the cause is absent
     deviation : prior standard deviation of each unknown
     price : −log of its prior odds
-    inside : whether it is in the fit that the equations are made straight about
+    inside : whether it is in the fit that the equations are linearised about
     """
 
     site: Site
@@ -67,10 +67,10 @@ class Linear:
     ----------
     variants : the groups of unknowns
     first : shape (G + 1,), where each group begins
-    residual : shape (R, m), averaged equations of the rig, extrapolated
+    residual : shape (R, m), averaged equations of the rig, extrapolated from the fit
     columns : shape (R, m, p)
     noise_columns, noise_residual : shape (K, …), what further draws of noise add to them
-    now : shape (p,), δ of the fit that they were made straight about
+    now : shape (p,), δ of the fit that they were linearised about
     """
 
     variants: tuple[Variant, ...]
@@ -99,7 +99,7 @@ def variants_of(
     out = []
     for site in sites:
         values = known.get((site.key, len(site.parameters)))
-        deviation = np.array([_deviation(site, p, values, setting, stated) for p in site.parameters])
+        deviation = np.array([_deviation(site, p, setting, stated) for p in site.parameters])
         price = float(np.log((1.0 - PRESENT) / PRESENT))
         if site.transient:
             price += float(np.log(max(PLACES * setting.duration, 1.0)))
@@ -113,9 +113,8 @@ def variants_of(
     return out
 
 
-def _deviation(
-    site: Site, parameter: Parameter, values: Array | None, setting: Setting, stated: Mapping[str, float]
-) -> float:
+def _deviation(site: Site, parameter: Parameter, setting: Setting, stated: Mapping[str, float]) -> float:
+    """Return a parameter's prior deviation; a shape may be as far off as one step of a fit may go."""
     if not parameter.shape:
         return deviation_of(site, parameter, setting, stated)
     return parameter.reach if np.isfinite(parameter.reach) else parameter.high - parameter.low
@@ -147,7 +146,7 @@ def _outside(site: Site, start: Array, deviation: Array, price: float) -> Varian
 
 
 def linearised(system: System, joint: Any, fit: Placed, variants: Sequence[Variant]) -> Linear:
-    """Make the equations straight about a fit.
+    """Linearise the equations about a fit.
 
     Parameters
     ----------

@@ -44,7 +44,7 @@ class Posterior:
     ----------
     fit : causes with their values
     score : negative log marginal likelihood, by Laplace's method
-    linear : the equations about it, straight in the numbers of its causes
+    linear : the equations, linearised about it in the numbers of its causes
     candidates : their normal equations
     simulated : shape (p, p), information of equations and simulated trajectories together; none where nothing was simulated
     """
@@ -75,7 +75,7 @@ def most_probable(problem: Problem, weights: Weights, start: Placed) -> Posterio
     The score is ½ (deviance + δᵀ Λ δ) + ½ log det(I + Λ⁻¹ A) + Σ price, δ in units of the prior deviations and Λ of `subsets`.
     """
     fit = tuple(start)
-    linear, candidates = _straight(problem, weights, fit)
+    linear, candidates = _about(problem, weights, fit)
     now, damping = _loss(problem, weights, fit, linear), 0.0
     for _ in range(STEPS if fit else 0):
         H = np.diag(precisions(linear.now)) + candidates.information
@@ -85,14 +85,14 @@ def most_probable(problem: Problem, weights: Weights, start: Placed) -> Posterio
             if not np.isfinite(step).all():
                 break
             trial = _moved(linear.variants, np.clip(linear.now + step, candidates.low, candidates.high))
-            there = _straight_loss(problem, weights, trial, linear)
+            there = _trial_loss(problem, weights, trial, linear)
             if there <= now:
                 fit, now, damping = trial, there, 0.1 * damping
                 break
             damping = max(10.0 * damping, 1e-3)
         if before - now <= 0.0:
             break
-        linear, candidates = _straight(problem, weights, fit)
+        linear, candidates = _about(problem, weights, fit)
         if before - now <= ENOUGH:
             break
     H = np.diag(precisions(linear.now)) + candidates.information
@@ -101,7 +101,7 @@ def most_probable(problem: Problem, weights: Weights, start: Placed) -> Posterio
     return Posterior(fit, score, linear, candidates)
 
 
-def _straight(problem: Problem, weights: Weights, fit: Placed) -> tuple[Linear, Candidates]:
+def _about(problem: Problem, weights: Weights, fit: Placed) -> tuple[Linear, Candidates]:
     variants = variants_of([site for site, _ in fit], problem.setting, None, fit, problem.stated)
     linear = linearised(weights.system, problem.joint, fit, variants)
     return linear, candidates_of(linear, weights.system)
@@ -111,7 +111,7 @@ def _loss(problem: Problem, weights: Weights, fit: Placed, linear: Linear) -> fl
     return weights.deviance(placed(problem.joint, fit)) + _surprise(linear.now)
 
 
-def _straight_loss(problem: Problem, weights: Weights, trial: Placed, linear: Linear) -> float:
+def _trial_loss(problem: Problem, weights: Weights, trial: Placed, linear: Linear) -> float:
     """Return deviance and prior of a trial; a shape counts from where the step began."""
     deviance = weights.deviance(placed(problem.joint, trial))
     off = [
@@ -130,7 +130,7 @@ def _surprise(unknowns: Array) -> float:
 
 
 def _moved(variants: tuple[Variant, ...], unknowns: Array) -> tuple[tuple[Site, Array], ...]:
-    """Return causes with the values that unknowns stand for, no farther than where they are straight."""
+    """Return causes with the values that unknowns stand for, no farther than one step may go."""
     out, j = [], 0
     for variant in variants:
         values = variant.base.copy()

@@ -1,9 +1,9 @@
 """Which causes: a search over whole sets of them, each scored by its marginal likelihood under noise, model error and priors.
 
-The equations are made straight about the best set so far, all sets are searched (`subsets`), the best few are fitted in full
-(`posterior`), and the equations are made straight about the best of those, until it stays the same. The weights are noise and
-model error together (`discrepancy`): what a fit of everything leaves over in blocks that it has not seen. So the search goes from
-coarse to fine by itself, as less and less is left over.
+The equations are linearised about the best set so far, all sets are searched (`subsets`), the best few are fitted in full
+(`posterior`), and the equations are linearised about the best of those, until it stays the same. The weights are noise and
+model error together (`discrepancy`): the residual of a fit of everything in blocks that it has not seen. So the search goes from
+coarse to fine by itself, as the residual shrinks.
 """
 
 from __future__ import annotations
@@ -29,11 +29,13 @@ Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]
 Integers = NDArray[np.int64]
 
-# A block is at least so long [s], longer than any transient of a joint; a log has between so many.
+# Least length of a block [s], longer than any transient of a joint, and the least and largest number of blocks of a log.
 BLOCK, FEWEST, MOST = 1.0, 8, 24
-# The search ends at the latest after so many rounds; of each round so many sets within so much of the best are fitted in full
-# [log-probability]: the linear score of a set that is far from where it is straight may be off by that.
+# Largest number of rounds of a search; largest number of sets that a round fits in full, and how near to the best their linear
+# score has to be [log-probability]: that of a set far from where it is linearised may be off by as much.
 ROUNDS, SETS, NEAR = 8, 6, 10.0
+# A set that is found again is settled where its score gains less than this [log-probability]: a factor of e in probability.
+SETTLED = 1.0
 # Causes of which a set without the one is less probable by no more than this factor are not told apart from it (log 20: 5 %).
 APART = float(np.log(20.0))
 
@@ -80,7 +82,7 @@ class Stage:
     ----------
     system : with the noise as the set has it
     weights : of noise and model error
-    linear, candidates : straight in the numbers of all causes
+    linear, candidates : linearised in the numbers of all causes
     """
 
     system: System
@@ -148,7 +150,7 @@ def _settled(problem: Problem, stage: Stage, sites: Sequence[Site], blocks: Inte
     best: Posterior | None = None
     for _ in range(ROUNDS):
         found = _best(problem, stage)
-        settled = best is not None and found.keys == best.keys and found.score > best.score - 1.0
+        settled = best is not None and found.keys == best.keys and found.score > best.score - SETTLED
         best = found
         stage = stage_about(problem, stage.system, sites, best.fit, blocks, stage.system.hold)
         if settled:
@@ -197,16 +199,11 @@ def blocks_of(system: System) -> Integers:
 
 
 def remainder(system: System, joint: Any, setting: Setting) -> Remainder:
-    """Return what is left over at every sample."""
+    """Return the residual of each equation at every sample."""
     equations = {}
     for i, equation in enumerate(system.equations(joint)):
         equations[equation.name] = np.where(system.usable[i], equation.whole, np.nan)
     return Remainder(system.channels.time, equations, true_roles(joint, system.channels, system.hold))
-
-
-def related(one: Site, other: Site) -> bool:
-    """Tell whether two causes are of one family at one part, of which only one can be."""
-    return clash(one, other)
 
 
 def stage_about(
@@ -217,7 +214,7 @@ def stage_about(
     blocks: Integers,
     hold: float,
 ) -> Stage:
-    """Make the equations straight about a set of causes, under its own noise and model error.
+    """Linearise the equations about a set of causes, under its own noise and model error.
 
     Parameters
     ----------

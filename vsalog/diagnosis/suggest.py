@@ -25,7 +25,6 @@ from vsalog.diagnosis.channels import channels_of
 from vsalog.diagnosis.fit import applied, fitted, residual_of
 from vsalog.diagnosis.joint import JointDiagnosis
 from vsalog.diagnosis.kinds import balance_for
-from vsalog.diagnosis.selection import blocks_of
 from vsalog.diagnosis.sensing import bare
 from vsalog.diagnosis.suggest_candidates import Candidate, candidates
 from vsalog.diagnosis.suggest_questions import Hypothesis, Question, ordinary_causes, questions_of, shown
@@ -290,7 +289,7 @@ def separation(system: System, joint: Any, own: Hypothesis, other: Hypothesis) -
     """
     mine = residual_of(system, joint, own.sites, own.values)
     start = np.asarray(other.values, dtype=np.float64)
-    theirs = fitted(system, joint, other.sites, start, np.repeat(blocks_of(system), len(system.names))).residual
+    _, theirs = fitted(system, joint, other.sites, start)
     more = float(theirs @ theirs) - float(mine @ mine)
     return float(np.sqrt(max(more, 0.0) / max(system.count, 1)))
 

@@ -14,7 +14,7 @@ from vsalog.diagnosis.causes.base import Parameter, Site
 from vsalog.diagnosis.fit import applied, jacobian_of, residual_of
 from vsalog.diagnosis.found import loss_of
 from vsalog.diagnosis.joint import JointDiagnosis
-from vsalog.diagnosis.selection import related
+from vsalog.diagnosis.linear import clash
 from vsalog.diagnosis.setting import setting_of
 from vsalog.diagnosis.system import System
 
@@ -86,7 +86,7 @@ def _confused(found: JointDiagnosis) -> tuple[Question, ...]:
         held = [_as_found(found, one.site)]
         for rival in rivals:
             # Of a family the first: the others are the same and more.
-            if len(held) < MOST and not any(h.site and related(rival.site, h.site) for h in held[1:]):
+            if len(held) < MOST and not any(h.site and clash(rival.site, h.site) for h in held[1:]):
                 held.append(Hypothesis(rival.site, rival.sites, rival.values))
         left = {id(h): loss_of(system, applied(joint, h.sites, h.values)) for h in held}
         return tuple(
@@ -119,7 +119,7 @@ def ordinary_causes(found: JointDiagnosis, beside: Hypothesis) -> list[tuple[Hyp
     setting = setting_of(found.joint, found.system)
     for cause in catalogue().values():
         for site in cause.sites(setting):
-            if len(site.parameters) > 1 or site.transient or any(related(site, s) for s in beside.sites):
+            if len(site.parameters) > 1 or site.transient or any(clash(site, s) for s in beside.sites):
                 continue
             value = _ordinary(site.parameters[0])
             told, unit = next(iter(site.reported([value]).values()))
