@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numba import njit
 from numpy.typing import NDArray
+from scipy.linalg import lstsq
 
 Array = NDArray[np.float64]
 
@@ -169,10 +170,13 @@ def _is_told(F: Array, y: Array, share: float) -> bool:
     F = F / np.where(size > 0.0, size, 1.0)
     use = learn
     for _ in range(ROUNDS):
-        solution = np.linalg.lstsq(F[use], y[use], rcond=1e-12)[0]
+        solution = lstsq(F[use], y[use], cond=1e-12, lapack_driver="gelsy", check_finite=False)[0]
         off = np.abs(y - F @ solution)
         middle = float(np.median(off[learn]))
         if middle > (HOPELESS if share < 1.0 else NOISY) * float(np.std(y)):
             return False
-        use = learn & (off <= max(WILD * middle, 1e-12 * float(np.ptp(y))))
+        kept = learn & (off <= max(WILD * middle, 1e-12 * float(np.ptp(y))))
+        if np.array_equal(kept, use):
+            break
+        use = kept
     return float(np.quantile(off[~learn], share)) <= FOLLOWED * float(np.std(y))
