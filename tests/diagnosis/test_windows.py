@@ -176,7 +176,9 @@ def by_hand(before, after):
     spans = np.stack([np.arange(0, n, 10), np.arange(10, n + 1, 10)], axis=-1)
     found = channels(duration=1.0)
     windows = Windows(replace(found, raw={"x": np.arange(float(n))}, noise={}), spans, ("x",), False)
-    return Compared(windows, Shot(spans, {"x": before}), Shot(spans, {"x": after}), {"x": 1.0})
+    return Compared(
+        windows, *(Shot(spans, {"x": x}, np.full(spans.shape, np.nan)) for x in (before, after)), {"x": 1.0}
+    )
 
 
 def test_the_reduction_and_its_interval_are_those_of_a_bootstrap_by_hand():

@@ -30,6 +30,7 @@ from vsalog.diagnosis.joint import (
 )
 from vsalog.diagnosis.linear import placed
 from vsalog.diagnosis.remainder import curve_of, predicted_share, rate_of
+from vsalog.diagnosis.smooth import UNKNOWN
 from vsalog.diagnosis.windows import Shot
 from vsalog.diagnosis.words import part_in_words, title_of
 from vsalog.rig.schema import role_units
@@ -55,7 +56,7 @@ def causes_of(found: JointDiagnosis) -> list[FoundCause]:
         rivals = (r.site.cause for r in cause.choice.rivals if r.site.cause != cause.site.cause)
         others = tuple(dict.fromkeys((*rivals, *cause.site.doubles)))
         numbers = {n: Number(value=v, std=s, unit=u) for n, (v, s, u) in cause.numbers().items()}
-        apart = " ".join(f"To tell it from {name}: {catalogue()[name].confirm}" for name in others)
+        apart = " ".join(f"To tell it from {name}: {_confirmed(name)}" for name in others)
         out.append(
             FoundCause(
                 cause=cause.site.cause,
@@ -75,6 +76,13 @@ def causes_of(found: JointDiagnosis) -> list[FoundCause]:
             )
         )
     return out
+
+
+def _confirmed(name: str) -> str:
+    """Return the experiment that confirms a cause, or shows that none of the catalogue is meant."""
+    if name == UNKNOWN:
+        return "repeat the motion with other speeds and ranges; a cause keeps its numbers, an unknown effect does not."
+    return catalogue()[name].confirm
 
 
 def _computed(found: JointDiagnosis, role: str, why: str) -> FoundCause:

@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from vsalog.diagnosis.linear import Linear, whitened_columns
+from vsalog.diagnosis.linear import Linear, Placed, rows_of, whitened_columns
 from vsalog.diagnosis.system import System, whitener
 
 Array = NDArray[np.float64]
@@ -41,17 +41,17 @@ class Weights:
     inflation: Array
     times: Array
 
-    def deviance(self, joint: Any) -> float:
-        """Return Σ rᵀ C⁻¹ r of a joint, with the noise as that joint has it.
+    def deviance(self, joint: Any, fit: Placed = ()) -> float:
+        """Return Σ rᵀ C⁻¹ r of a joint with causes, with the noise as that joint has it.
 
         What noise makes of an equation depends on the numbers in it, and a fit must not gain by making it small (the sensors'
         true values are profiled out: Fuller 1987, §3.2).
         """
         system = self.system
-        rows = system.averaged(joint)
+        rows = rows_of(system, joint, fit)
         used = (system.weights > 0.0).astype(np.float64)
         both = used.T @ used
-        added = [copy.averaged(joint) - rows for copy in system.noisy]
+        added = [rows_of(copy, joint, fit) - rows for copy in system.noisy]
         noise = sum(d.T @ d for d in added) / len(added)
         covariance = np.where(both > 0.0, noise / np.maximum(both, 1.0), system.covariance) + TRACE * system.exact
         if not np.isfinite(covariance).all():

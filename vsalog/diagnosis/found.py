@@ -78,6 +78,8 @@ def found_by(selection: Selection, joint: Any) -> list[Found]:
     covariance = posterior.covariance + np.diag(_between(selection))
     shares = _removed(selection.system, joint, posterior.fit)
     for g, ((site, values), removed) in enumerate(zip(posterior.fit, shares, strict=True)):
+        if site.added is not None:
+            continue
         own = slice(int(posterior.linear.first[g]), int(posterior.linear.first[g + 1]))
         choice = next(c for c in selection.choices if c.site.key == site.key)
         out.append(Found(site, values, covariance[own, own], choice, removed))
@@ -93,8 +95,7 @@ def _between(selection: Selection) -> Array:
     fit = selection.posterior.fit
     farthest = [np.zeros(values.size) for _, values in fit]
     for rival in (r for choice in selection.choices for r in choice.rivals):
-        ends = np.cumsum([len(s.parameters) for s in rival.sites])[:-1]
-        there = {s.key: v for s, v in zip(rival.sites, np.split(rival.values, ends), strict=True)}
+        there = {s.key: v for s, v in rival.fit}
         for k, (site, values) in enumerate(fit):
             other = there.get(site.key, values)
             if other.size == values.size:

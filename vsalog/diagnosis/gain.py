@@ -10,7 +10,18 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vsalog.diagnosis.channels import Channels
-from vsalog.diagnosis.windows import Shot, Windows, begun, begun_as, by_states, floor_of, in_windows, player_of, shoot
+from vsalog.diagnosis.windows import (
+    Shot,
+    Windows,
+    begun,
+    begun_as,
+    by_states,
+    floor_of,
+    in_runs,
+    in_windows,
+    player_of,
+    shoot,
+)
 from vsalog.errors import SimulationError
 
 Array = NDArray[np.float64]
@@ -165,7 +176,7 @@ def weighed(joint: Any, windows: Windows) -> Windows:
 
 
 def _affordable(joint: Any, windows: Windows) -> Windows:
-    """Return fewer windows, as evenly spread, of a machine that takes many integration steps, as stiff bristles do."""
+    """Return fewer windows of a machine that takes many integration steps, as stiff bristles do."""
     machine = getattr(player_of(joint, windows.channels), "machine", None)
     if machine is None:
         return windows
@@ -173,7 +184,7 @@ def _affordable(joint: Any, windows: Windows) -> Windows:
     share = STEPS / (steps * (STIFF if stiff else 1))
     count = len(windows.spans)
     kept = int(np.clip(share * count, min(FEWEST, count), count))
-    return windows if kept == count else windows.part(np.linspace(0, count - 1, kept).round().astype(np.int64))
+    return windows if kept == count else windows.part(in_runs(count, kept))
 
 
 def floors(joint: Any, windows: Windows, shot: Shot, typical: Callable[..., Any] = np.mean) -> dict[str, float]:

@@ -8,7 +8,7 @@ Measurement Error Models, §2.2).
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -47,6 +47,7 @@ class Variant:
     deviation : prior standard deviation of each unknown
     price : −log of its prior odds
     inside : whether it is in the fit that the equations are linearised about
+    instead : whether it is another shape of a cause of the fit, with the strengths that the fit has
     """
 
     site: Site
@@ -57,6 +58,7 @@ class Variant:
     deviation: Array
     price: float
     inside: bool
+    instead: bool = False
 
 
 @dataclass(frozen=True, slots=True)
@@ -96,25 +98,39 @@ def variants_of(
     stated : tolerances of the rig, see `priors`
     """
     known = {(site.key, len(site.parameters)): values for site, values in fit}
+    named = {site.key: {p.name: v for p, v in zip(site.parameters, values, strict=True)} for site, values in fit}
     out = []
+    functions = sum(site.added is not None for site in sites)
     for site in sites:
         values = known.get((site.key, len(site.parameters)))
         deviation = np.array([_deviation(site, p, setting, stated) for p in site.parameters])
         price = float(np.log((1.0 - PRESENT) / PRESENT))
         if site.transient:
             price += float(np.log(max(PLACES * setting.duration, 1.0)))
+        if site.added is not None:
+            price += float(np.log(functions))
         if values is not None:
             out.append(_inside(site, values, deviation, price))
             continue
         assert left is not None or site.starts is None
         starts = site.starts(left) if site.starts and left is not None else [site.start]
         price += float(np.log(max(len(starts), 1)))
+        if site.key in named:
+            own = named[site.key]
+            begun = {tuple(own.get(p.name, v) for p, v in zip(site.parameters, s, strict=True)) for s in starts}
+            out += [
+                replace(_outside(site, np.array(s), deviation, price), base=np.array(s), instead=True)
+                for s in sorted(begun)
+            ]
+            continue
         out += [_outside(site, np.array(start, dtype=np.float64), deviation, price) for start in starts]
     return out
 
 
 def _deviation(site: Site, parameter: Parameter, setting: Setting, stated: Mapping[str, float]) -> float:
     """Return a parameter's prior deviation; a shape may be as far off as one step of a fit may go."""
+    if site.added is not None:
+        return 1.0
     if not parameter.shape:
         return deviation_of(site, parameter, setting, stated)
     return parameter.reach if np.isfinite(parameter.reach) else parameter.high - parameter.low
@@ -159,13 +175,20 @@ def linearised(system: System, joint: Any, fit: Placed, variants: Sequence[Varia
     every = (system, *system.noisy)
 
     def formed(causes: Placed) -> Array:
-        there = placed(joint, causes)
-        return np.stack([s.averaged(there) for s in every])
+        return np.stack([rows_of(s, joint, causes) for s in every])
 
     here = formed(fit)
     columns = np.empty((*here.shape, int(first[-1])))
     now = np.zeros(int(first[-1]))
-    for g, variant in enumerate(variants):
+    for g, variant in sorted(enumerate(variants), key=lambda v: v[1].instead):
+        if variant.instead:
+            change = formed(set_in(fit, variant.site, variant.base)) - here
+            columns[..., first[g] : first[g + 1]] = exchanged(variants, first, columns, now, g, change)
+            continue
+        if variant.site.added is not None:
+            columns[..., first[g] : first[g + 1]] = variant.site.added
+            now[first[g] : first[g + 1]] = variant.base
+            continue
         base = here if variant.inside else formed(set_in(fit, variant.site, variant.base))
         for k, i in enumerate(variant.free):
             j = int(first[g]) + k
@@ -179,6 +202,31 @@ def linearised(system: System, joint: Any, fit: Placed, variants: Sequence[Varia
     return Linear(
         tuple(variants), first, residual[0], columns[0], columns[1:] - columns[0], residual[1:] - residual[0], now
     )
+
+
+def exchanged(
+    variants: Sequence[Variant], first: Integers, columns: Array, now: Array, group: int, change: Array
+) -> Array:
+    """Return the columns of a cause of the fit in another shape, such that the shape with the fit's strengths makes the change.
+
+    Parameters
+    ----------
+    variants, first, columns, now : see `Linear`; the columns of the fit's own causes are known
+    group : index of the variant
+    change : shape (…), what the shape changes in place of the one of the fit
+    """
+    variant = variants[group]
+    g = next(i for i, v in enumerate(variants) if v.inside and v.site.key == variant.site.key)
+    own = variants[g]
+    at = {own.site.parameters[i].name: int(first[g]) + k for k, i in enumerate(own.free)}
+    places = [at.get(variant.site.parameters[i].name) for i in variant.free]
+    out = np.stack([np.zeros_like(change) if j is None else columns[..., j] for j in places], axis=-1)
+    strengths = np.array([0.0 if j is None else now[j] for j in places])
+    strongest = int(np.argmax(np.abs(strengths)))
+    if strengths[strongest] == 0.0 or not np.isfinite(change).all():
+        return np.zeros_like(out)
+    out[..., strongest] += change / strengths[strongest]
+    return np.asarray(out)
 
 
 def candidates_of(linear: Linear, system: System) -> Candidates:
@@ -230,6 +278,15 @@ def whitened_columns(columns: Array, system: System) -> Array:
         own = system.pattern == pattern
         out[own] = np.einsum("ij,rjp->rip", whitener, columns[own])
     return out.reshape(columns.shape[0] * columns.shape[1], columns.shape[2])
+
+
+def rows_of(system: System, joint: Any, fit: Placed) -> Array:
+    """Return the averaged equations of a joint with causes and unknown functions put in, shape (R, m)."""
+    rows = system.averaged(placed(joint, fit))
+    for site, values in fit:
+        if site.added is not None:
+            rows = rows + site.added @ values
+    return rows
 
 
 def placed(joint: Any, fit: Placed) -> Any:

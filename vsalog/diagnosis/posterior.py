@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from vsalog.diagnosis.causes.base import Setting, Site
 from vsalog.diagnosis.discrepancy import Weights
-from vsalog.diagnosis.linear import Linear, Placed, Variant, candidates_of, linearised, placed, variants_of
+from vsalog.diagnosis.linear import Linear, Placed, Variant, candidates_of, linearised, variants_of
 from vsalog.diagnosis.subsets import Candidates, precisions
 
 Array = NDArray[np.float64]
@@ -108,12 +108,12 @@ def _about(problem: Problem, weights: Weights, fit: Placed) -> tuple[Linear, Can
 
 
 def _loss(problem: Problem, weights: Weights, fit: Placed, linear: Linear) -> float:
-    return weights.deviance(placed(problem.joint, fit)) + _surprise(linear.now)
+    return weights.deviance(problem.joint, fit) + _surprise(linear.now)
 
 
 def _trial_loss(problem: Problem, weights: Weights, trial: Placed, linear: Linear) -> float:
     """Return deviance and prior of a trial; a shape counts from where the step began."""
-    deviance = weights.deviance(placed(problem.joint, trial))
+    deviance = weights.deviance(problem.joint, trial)
     off = [
         (values[i] - v.rig[k]) / v.deviation[k]
         for v, (_, values) in zip(linear.variants, trial, strict=True)

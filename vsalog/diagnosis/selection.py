@@ -19,9 +19,11 @@ from vsalog.diagnosis.causes import catalogue
 from vsalog.diagnosis.causes.base import Remainder, Setting, Site
 from vsalog.diagnosis.discrepancy import Weights, left_out, weighted_by
 from vsalog.diagnosis.fit import driven_out
+from vsalog.diagnosis.kinds import motion_for
 from vsalog.diagnosis.linear import Linear, Variant, candidates_of, clash, linearised, placed, variants_of
 from vsalog.diagnosis.posterior import Posterior, Problem, begun_by, most_probable
 from vsalog.diagnosis.sensing import true_roles
+from vsalog.diagnosis.smooth import smooth_sites
 from vsalog.diagnosis.subsets import Candidates, Ranked, best_sets, precisions, without
 from vsalog.diagnosis.system import System, build_system
 
@@ -53,6 +55,12 @@ class Rival:
     site: Site
     sites: tuple[Site, ...]
     values: Array
+
+    @property
+    def fit(self) -> tuple[tuple[Site, Array], ...]:
+        """The whole set with its values."""
+        ends = np.cumsum([len(s.parameters) for s in self.sites])[:-1]
+        return tuple(zip(self.sites, np.split(self.values, ends), strict=True))
 
 
 @dataclass(frozen=True, slots=True)
@@ -142,6 +150,14 @@ def select(
     smooth, other = _settled(problem, stage_about(problem, system, sites, (), blocks, 0.0), sites, blocks)
     if best.score - other.score > APART:
         stage, best = smooth, other
+    # What was found has to stand against unknown functions, which are not looked at before: there are many of them.
+    there = placed(joint, best.fit)
+    roles = true_roles(there, system.channels, stage.system.hold)
+    motion = motion_for(there, roles, system.channels.time, system.channels.spread)
+    sites = [*sites, *smooth_sites(stage.system, there, motion)]
+    stage, best = _settled(
+        problem, stage_about(problem, stage.system, sites, best.fit, blocks, stage.system.hold), sites, blocks
+    )
     return _established(problem, stage, sites, most_probable(problem, stage.weights, best.fit), blocks)
 
 
@@ -169,12 +185,22 @@ def nothing_found(system: System, joint: Any, setting: Setting) -> Selection:
 def _established(
     problem: Problem, stage: Stage, sites: Sequence[Site], final: Posterior, blocks: Integers
 ) -> Selection:
-    """Drop the causes without which the set is about as probable and nothing stands in their place, the least sure first."""
+    """Drop the causes without which the set is about as probable and nothing stands in their place, the least sure first.
+
+    Where a set that was looked at in the place of a cause turns out to be the more probable one, it goes on from there.
+    """
+    exchanges = 0
     while True:
         variants = stage.linear.variants
         chosen = np.array([v.inside for v in variants], dtype=np.bool_)
         best = Ranked(chosen, stage.candidates.scored(chosen))
         choices = choices_of(problem, stage, stage.candidates, best, variants, final)
+        worst = min(choices, key=lambda c: c.odds, default=None)
+        if worst is not None and worst.rivals and worst.odds < -SETTLED and exchanges < ROUNDS:
+            exchanges += 1
+            stage = stage_about(problem, stage.system, sites, worst.rivals[0].fit, blocks, stage.system.hold)
+            final = most_probable(problem, stage.weights, worst.rivals[0].fit)
+            continue
         # A cause that is driven as far as it may go stands for something else.
         out = {site.key for site, values in final.fit if driven_out(site.parameters, values)}
         loose = min((c for c in choices if not c.rivals or c.site.key in out), key=lambda c: c.odds, default=None)
@@ -235,9 +261,16 @@ def stage_about(
 
 
 def _everything(linear: Linear) -> Flags:
-    """Return the unknowns of all causes that can stand together: those of the fit, and all others that begin with no shape."""
+    """Return the unknowns of all causes that can stand together: those of the fit, and all others that begin with no shape.
+
+    Of unknown functions there are too many: what all of them predict in a block that they have not seen is mostly noise.
+    """
     inside = [v.site for v in linear.variants if v.inside]
-    able = [v.inside or (v.site.starts is None and not any(clash(v.site, s) for s in inside)) for v in linear.variants]
+    plain = [v.site.starts is None and v.site.added is None for v in linear.variants]
+    able = [
+        v.inside or (p and not any(clash(v.site, s) for s in inside))
+        for p, v in zip(plain, linear.variants, strict=True)
+    ]
     return np.repeat(np.array(able, dtype=np.bool_), np.diff(linear.first))
 
 

@@ -56,9 +56,13 @@ def _suspects(system: System, joint: Any, springs: Collection[str]) -> Iterator[
     for i, side in enumerate(system.sides):
         yield ("sensor" if springs and side == "transmission" else side), np.eye(len(names))[i]
     for suffix in springs:
-        # τ_T more than the rig has it: see the equations of `balance`.
-        signs = {f"motor{suffix}": -1.0, "link": 1.0}
-        for name in (f"transmission{suffix}", "transmission"):
-            if name in names:
-                signs[name] = -offered_roles(joint)[name.replace("transmission", "torque_sensor")].gain
-        yield "transmission", np.array([signs.get(name, 0.0) for name in names])
+        yield "transmission", spring_direction(system, joint, suffix)
+
+
+def spring_direction(system: System, joint: Any, suffix: str) -> Array:
+    """Return the change of the equations, shape (m,), with more torque of a spring than the rig has: see `balance`."""
+    signs = {f"motor{suffix}": -1.0, "link": 1.0}
+    for name in (f"transmission{suffix}", "transmission"):
+        if name in system.names:
+            signs[name] = -offered_roles(joint)[name.replace("transmission", "torque_sensor")].gain
+    return np.array([signs.get(name, 0.0) for name in system.names])

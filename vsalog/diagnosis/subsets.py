@@ -158,7 +158,18 @@ def _descended(candidates: Candidates, start: Flags, pinned: Flags, barred: Flag
     c = candidates
     chosen = (start | pinned) & ~barred
     score = _descend(
-        chosen, pinned, barred, c.information, c.score, c.first, c.price, c.conflict, c.low, c.high, SAME_SCORE, PAIRED,
+        chosen,
+        pinned,
+        barred,
+        c.information,
+        c.score,
+        c.first,
+        c.price,
+        c.conflict,
+        c.low,
+        c.high,
+        SAME_SCORE,
+        PAIRED,
         EXACTLY,
     )
     return Ranked(chosen, float(score))
@@ -167,8 +178,7 @@ def _descended(candidates: Candidates, start: Flags, pinned: Flags, barred: Flag
 @njit(cache=True, error_model="numpy")
 def _score(chosen: Flags, A: Array, b: Array, first: Integers, price: Array, low: Array, high: Array) -> float:
     """Return the negative log marginal likelihood; values beyond their bounds cost what it takes to pull them back."""
-    total = _posterior(chosen, A, b, first, price, low, high)[0]
-    return total
+    return _posterior(chosen, A, b, first, price, low, high)[0]
 
 
 @njit(cache=True, error_model="numpy")
@@ -365,7 +375,9 @@ def _descend(
                             for o in range(count):
                                 if conflict[h, o] and chosen[o]:
                                     gone -= price[o]
-                            gain = gone + price[h] + _with_group(first[h], first[h + 1], S, c, V, R, r, W2, y2, low, high)
+                            gain = (
+                                gone + price[h] + _with_group(first[h], first[h + 1], S, c, V, R, r, W2, y2, low, high)
+                            )
                             r = 0
                         else:
                             gain = out + price[h] + _with_group(first[h], first[h + 1], S, c, V, R, r, W, y, low, high)
@@ -416,9 +428,7 @@ def _remember(gains: Array, moves: Integers, gain: float, g: int, g2: int, h: in
 
 
 @njit(cache=True, error_model="numpy")
-def _without(
-    M: Array, x: Array, precision: Array, cost: Array, R: Integers, r: int
-) -> tuple[float, Array, Array]:
+def _without(M: Array, x: Array, precision: Array, cost: Array, R: Integers, r: int) -> tuple[float, Array, Array]:
     """Return what dropping r unknowns changes in the score, the inverse of their covariance, and that times their means."""
     L, ones = np.empty((r, r)), np.full(r, 1e-300)
     for i in range(r):

@@ -80,7 +80,9 @@ def _confused(found: JointDiagnosis) -> tuple[Question, ...]:
     system, joint = found.system, found.joint
     for one in found.found:
         # What happened once is told by recording again, however that is done.
-        rivals = [r for r in one.choice.rivals if not (r.site.transient or one.site.transient)]
+        rivals = [
+            r for r in one.choice.rivals if not (r.site.transient or one.site.transient or r.site.added is not None)
+        ]
         if not rivals:
             continue
         held = [_as_found(found, one.site)]

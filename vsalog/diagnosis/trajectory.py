@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 from vsalog.diagnosis.causes import catalogue
 from vsalog.diagnosis.causes.base import Site
 from vsalog.diagnosis.discrepancy import correlation_time
-from vsalog.diagnosis.linear import Placed, Variant, placed, set_in
+from vsalog.diagnosis.linear import Placed, Variant, exchanged, placed, set_in
 from vsalog.diagnosis.posterior import Posterior, begun_by, most_probable
 from vsalog.diagnosis.selection import APART, Choice, Selection, choices_of, sites_in, stage_about
 from vsalog.diagnosis.subsets import Ranked, best_sets, precisions
@@ -155,7 +155,7 @@ def _prior(posterior: Posterior) -> Array:
     """Return the information of the equations, no surer than filters let them be: they round corners and take off waves."""
     blur = []
     for (site, values), variant in zip(posterior.fit, posterior.linear.variants, strict=True):
-        exact = catalogue()[site.cause].exact
+        exact = catalogue()[site.cause].exact if site.added is None else 0.0
         for k, i in enumerate(variant.free):
             p = site.parameters[i]
             blur.append(float(np.hypot(p.step if p.shape else exact * values[i], p.blur)) / variant.deviation[k])
@@ -223,6 +223,11 @@ def _by_values(
     assert here is not None
 
     def columns(variant: Variant) -> list[Array]:
+        if variant.site.added is not None:
+            return [np.zeros_like(here)] * len(variant.free)
+        if variant.instead:
+            there = errors(set_in(fit, variant.site, variant.base))
+            return [np.full_like(here, np.nan) if there is None else _projected(bases, there - here)]
         base = here if variant.inside else errors(set_in(fit, variant.site, variant.base))
         out = []
         for k, i in enumerate(variant.free):
@@ -234,7 +239,17 @@ def _by_values(
 
     # Compiled simulations leave the interpreter to one another.
     with ThreadPoolExecutor(os.cpu_count() or 1) as pool:
-        return np.stack([column for own in pool.map(columns, variants) for column in own], axis=-1)
+        made = list(pool.map(columns, variants))
+    first = np.concatenate([[0], np.cumsum([len(v.free) for v in variants])]).astype(np.int64)
+    J, now = np.zeros((*here.shape, int(first[-1]))), np.zeros(int(first[-1]))
+    for g, variant in sorted(enumerate(variants), key=lambda v: v[1].instead):
+        own = slice(int(first[g]), int(first[g + 1]))
+        J[..., own] = (
+            exchanged(variants, first, J, now, g, made[g][0]) if variant.instead else np.stack(made[g], axis=-1)
+        )
+        if variant.inside:
+            now[own] = (variant.base[list(variant.free)] - variant.rig) / variant.deviation
+    return J
 
 
 def _with_values(posterior: Posterior, away: Array) -> tuple[tuple[Site, Array], ...]:

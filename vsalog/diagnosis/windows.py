@@ -21,7 +21,7 @@ from vsalog.diagnosis.channels import Channels, span_of
 from vsalog.diagnosis.sensing import known, said, true_roles
 from vsalog.diagnosis.system import LATEST
 from vsalog.diagnosis.windows_bench import BenchPlayer
-from vsalog.diagnosis.windows_mechanical import MechanicalPlayer, free_motors, link_told, movable
+from vsalog.diagnosis.windows_mechanical import MechanicalPlayer, free_motors, link_told, movable, remembers
 from vsalog.diagnosis.windows_pneumatic import PneumaticPlayer
 from vsalog.diagnosis.windows_rigid import RigidPlayer
 from vsalog.errors import SimulationError
@@ -72,6 +72,10 @@ class Player(Protocol):
 
     def free(self, states: Array) -> Mapping[int, tuple[float, Flags]]:
         """Return state → a small change of it, and the windows, shape (W,), in which nothing prescribes it."""
+        ...
+
+    def after(self, truth: Mapping[str, Array], sample: int) -> Array:
+        """Return the state one sample later than one of the truth, shape (n,), NaN where that is not known."""
         ...
 
     def simulated(
@@ -150,10 +154,16 @@ class Shot:
     ----------
     states : shape (W, n), at the windows' beginnings
     errors : role → recorded − simulated, shape (N,), NaN outside the windows
+    ends : shape (W, n), states where the windows end, NaN where they are not known
     """
 
     states: Array
     errors: Mapping[str, Array]
+    ends: Array
+
+    def part(self, chosen: Integers) -> Shot:
+        """Return the simulation of some of the windows."""
+        return Shot(self.states[chosen], self.errors, self.ends[chosen])
 
     def whitened(self, windows: Windows) -> Array:
         """Return the errors in the windows over their noise, all roles, shape (W·L·roles,) in the order of `blocks`."""
@@ -219,13 +229,16 @@ def shoot(joint: Any, windows: Windows, states: Array) -> Shot:
     SimulationError
         The motion leaves what the model describes.
     """
-    channels = windows.channels
+    channels, player = windows.channels, player_of(joint, windows.channels)
     errors = {role: np.full(len(channels), np.nan) for role in windows.roles}
-    for part, truth in player_of(joint, channels).simulated(windows.spans, states, windows.hold):
+    ends = np.full_like(states, np.nan)
+    for part, truth in player.simulated(windows.spans, states, windows.hold):
+        for w in np.flatnonzero((windows.spans[:, 0] >= part.start) & (windows.spans[:, 1] <= part.stop)):
+            ends[w] = player.after(truth, int(windows.spans[w, 1]) - 1 - part.start)
         time = channels.time[part.start] + np.arange(part.stop - part.start) * channels.period
         for role in windows.roles:
             errors[role][part] = channels.raw[role][part] - said(joint, role, truth, time)
-    return Shot(states, errors)
+    return Shot(states, errors, ends)
 
 
 def begun(
@@ -251,12 +264,13 @@ def begun(
         first = windows.first(share)
         states = _nearer(joint, first, shoot(joint, first, states), 1)[0].states
     shot, far = _nearer(joint, windows, shoot(joint, windows, states), rounds)
+    shot, far = _gone_on(joint, windows, shot, far)
     # Friction that sticks bends it too: such windows are looked at again where they are now.
     for _ in range(AGAIN):
         if not far.size:
             break
         some = np.arange(len(windows.spans)) if _remembers(joint, windows) else far
-        near, still = _nearer(joint, windows.part(some), Shot(shot.states[some], shot.errors), 1)
+        near, still = _nearer(joint, windows.part(some), shot.part(some), 1)
         if np.array_equal(near.states, shot.states[some]):
             break
         shot, far = _merged(windows, shot, some, near), some[still]
@@ -276,16 +290,27 @@ def begun_as(joint: Any, windows: Windows, shot: Shot, other: Shot) -> Shot:
     if not moved.size:
         return shot
     some = np.arange(len(windows.spans)) if _remembers(joint, windows) else moved
-    near, _ = _nearer(joint, windows.part(some), Shot(shot.states[some], shot.errors), 1)
+    near, _ = _nearer(joint, windows.part(some), shot.part(some), 1)
     return _merged(windows, shot, some, near)
 
 
+def _gone_on(joint: Any, windows: Windows, shot: Shot, far: Integers) -> tuple[Shot, Integers]:
+    """Begin windows that are far off where the windows before them end, one after another: what sticks there sticks on."""
+    spans = windows.spans
+    for _ in range(far.size):
+        follow = np.array([w for w in far if w > 0 and spans[w, 0] == spans[w - 1, 1]], dtype=np.int64)
+        follow = follow[np.isfinite(shot.ends[follow - 1]).all(axis=1)]
+        if not follow.size:
+            break
+        shot, left = _better(joint, windows, shot, follow, shot.ends[follow - 1])
+        if left.size == follow.size:
+            break
+    return shot, far
+
+
 def _remembers(joint: Any, windows: Windows) -> bool:
-    """Tell whether what is played has loops or bristles: they go on from one window to the next, so none is played alone."""
-    played = player_of(joint, windows.channels).played
-    parts = [getattr(played, name) for name in played.__struct_fields__]
-    bristles = any(getattr(getattr(p, "friction", None), "presliding_stiffness", None) is not None for p in parts)
-    return bristles or any(getattr(p, "bouc_wen", None) is not None or getattr(p, "slip", ()) for p in parts)
+    """Tell whether what is played goes on from one window to the next, so that none is played alone."""
+    return remembers(player_of(joint, windows.channels).played)
 
 
 def _nearer(joint: Any, windows: Windows, shot: Shot, rounds: int) -> tuple[Shot, Integers]:
@@ -322,24 +347,26 @@ def _better(joint: Any, windows: Windows, shot: Shot, some: Integers, states: Ar
         played, begin = windows, shot.states.copy()
         begin[some] = states
     try:
-        errors = shoot(joint, played, begin).errors
+        there = shoot(joint, played, begin)
     except SimulationError:
         return shot, some
-    old = _squares(Shot(shot.states[some], shot.errors), part)
-    better = _squares(Shot(states, errors), part) < old
+    if played is windows:
+        there = there.part(some)
+    better = _squares(there, part) < _squares(shot.part(some), part)
     if not better.any():
         return shot, some
-    return _merged(windows, shot, some[better], Shot(states[better], errors)), some[~better]
+    return _merged(windows, shot, some[better], there.part(np.flatnonzero(better))), some[~better]
 
 
 def _merged(windows: Windows, shot: Shot, some: Integers, other: Shot) -> Shot:
     """Put another simulation of some windows into one of all."""
     states, errors = shot.states.copy(), {role: e.copy() for role, e in shot.errors.items()}
-    states[some] = other.states
+    ends = shot.ends.copy()
+    states[some], ends[some] = other.states, other.ends
     for first, last in windows.spans[some]:
         for role, kept in errors.items():
             kept[first:last] = other.errors[role][first:last]
-    return Shot(states, errors)
+    return Shot(states, errors, ends)
 
 
 def _squares(shot: Shot, windows: Windows) -> Array:

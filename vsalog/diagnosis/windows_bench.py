@@ -63,6 +63,10 @@ class BenchPlayer:
         """Return nothing: the measured deflection prescribes all."""
         return {}
 
+    def after(self, truth: Mapping[str, Array], sample: int) -> Array:
+        """Return that nothing is known of it."""
+        return np.full(len(self.deflections), np.nan)
+
     def simulated(
         self, spans: NDArray[np.int64], states: Array, hold: bool
     ) -> Iterator[tuple[slice, Mapping[str, Array]]]:

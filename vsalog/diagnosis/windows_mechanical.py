@@ -30,6 +30,9 @@ SIMULATED = ("motor_position", "link_position", "deflection", "torque_sensor", "
 
 # What stands for the inertia of a motor or a link that the rig does not have, and that moves as it was measured [kg·m²].
 STAND_IN = 1.0
+# Bristles, loops and slip elements are not measured: where a run of windows begins, they are as the joint's motion of so long
+# before [s] has left them.
+RUN_IN = 0.5
 
 
 class MechanicalPlayer:
@@ -61,17 +64,15 @@ class MechanicalPlayer:
             plain = build({NAME: without_bristles(self.played)})
             if not plain.steps(channels.period, prescribed)[1]:
                 self.machine, self.played = plain, without_bristles(self.played)
+        self.run_in = round(RUN_IN / channels.period) if remembers(self.played) else 0
 
     def _sees_bristles(self) -> bool:
-        """Tell whether an encoder sees how far bristles give way before they slide; others are ideal friction."""
-        for name in (*motors_of(self.played), "link"):
-            friction = getattr(getattr(self.played, name), "friction", None)
-            role = "link_position" if name == "link" else position_role(name)
-            if friction is None or not friction.presliding_stiffness or role not in self.channels.noise:
-                continue
-            if friction.breakaway / friction.presliding_stiffness > self.channels.noise[role].floor:
-                return True
-        return False
+        """Tell whether any encoder sees how far bristles give way before they slide; others are ideal friction."""
+        roles = ("link_position", *(position_role(name) for name in motors_of(self.played)))
+        finest = min((self.channels.noise[r].floor for r in roles if r in self.channels.noise), default=np.inf)
+        parts = (getattr(self.played, name) for name in (*motors_of(self.played), "link"))
+        frictions = [f for f in (getattr(part, "friction", None) for part in parts) if f is not None]
+        return any(f.presliding_stiffness and f.breakaway / f.presliding_stiffness > finest for f in frictions)
 
     def measured(self) -> tuple[tuple[str, ...], bool]:
         """Return the motors that move as they were measured, and whether the link does."""
@@ -139,6 +140,16 @@ class MechanicalPlayer:
                 free += [2 + 2 * k, 3 + 2 * k]
         return {i: (NUDGES[i % 2], np.ones(len(states), dtype=np.bool_)) for i in free}
 
+    def after(self, truth: Mapping[str, Array], sample: int) -> Array:
+        """Return the state one sample later: positions go on with their velocities."""
+        state = []
+        for name in ("link", *(m.removesuffix("_motor") for m in motors_of(self.joint)))[: self.machine.freedom]:
+            base, _, number = name.partition("_")
+            suffix = f"_{number}" if number else ""
+            velocity = truth[f"{base}_velocity{suffix}"][sample]
+            state += [truth[f"{base}_position{suffix}"][sample] + velocity * self.channels.period, velocity]
+        return np.array(state)
+
     def simulated(
         self, spans: NDArray[np.int64], states: Array, hold: bool
     ) -> Iterator[tuple[slice, Mapping[str, Array]]]:
@@ -148,14 +159,26 @@ class MechanicalPlayer:
         for first_w, last_w in _stretches(spans):
             part = slice(int(spans[first_w, 0]), int(spans[last_w - 1, 1]))
             # A late torque was recorded before the stretch: the motion is begun so much earlier, and begun again there.
-            before = min(part.start, self.lead)
+            before, begin = self._before(part.start, states[first_w])
             whole = slice(part.start - before, part.stop)
             time = self.times(whole)
             inputs = self.inputs(roles, whole, hold)
             restarts = {int(spans[w, 0]) - whole.start: {NAME: states[w]} for w in range(first_w, last_w)}
-            start = {NAME: states[first_w]}
+            start = {NAME: begin}
             truth = play(self.machine, {NAME: inputs}, time, start=start, restarts=restarts)[NAME]
             yield part, {name: values[before:] for name, values in truth.items()}
+
+    def _before(self, first: int, state: Array) -> tuple[int, Array]:
+        """Return how many samples before a stretch its motion begins, and the state there."""
+        lead = min(first, self.lead)
+        if not self.run_in:
+            return lead, state
+        measured, starts = self.measured_states(), self.channels.starts
+        known = np.asarray(np.isfinite(measured).all(axis=1))
+        for begin in range(max(first - self.run_in, 0), first - lead):
+            if known[begin] and not starts[begin + 1 : first + 1].any():
+                return first - begin, measured[begin]
+        return lead, state
 
     def times(self, part: slice) -> Array:
         """Return the times of a run's samples."""
@@ -178,6 +201,13 @@ class MechanicalPlayer:
         if "external_torque" in roles:
             given["external_torque"] = table(time, roles["external_torque"][0][part])
         return given
+
+
+def remembers(joint: Any) -> bool:
+    """Tell whether a joint has bristles, loops or slip elements: what it does depends on what it did before."""
+    parts = [getattr(joint, name) for name in joint.__struct_fields__]
+    bristles = any(getattr(getattr(p, "friction", None), "presliding_stiffness", None) is not None for p in parts)
+    return bristles or any(getattr(p, "bouc_wen", None) is not None or getattr(p, "slip", ()) for p in parts)
 
 
 def without_bristles(joint: Any) -> Any:

@@ -84,6 +84,10 @@ class PneumaticPlayer:
             del free[0], free[1]
         return free
 
+    def after(self, truth: Mapping[str, Array], sample: int) -> Array:
+        """Return that nothing is known of it."""
+        return np.full(4, np.nan)
+
     def simulated(
         self, spans: NDArray[np.int64], states: Array, hold: bool
     ) -> Iterator[tuple[slice, Mapping[str, Array]]]:

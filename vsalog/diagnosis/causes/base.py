@@ -80,6 +80,8 @@ class Site:
     excludes : causes that cannot stand beside this one at the same part
     transient : happens once; its share of the log cannot be told from the rest
     doubles : names of causes that would look the same with the roles there are, and have no numbers to be fitted
+    added : shape (R, m, parameters), what the averaged equations have beside the rig's, in proportion to the parameters, where
+        no rig has it: an unknown function
     """
 
     cause: str
@@ -91,6 +93,7 @@ class Site:
     excludes: frozenset[str] = frozenset()
     transient: bool = False
     doubles: tuple[str, ...] = ()
+    added: Array | None = None
 
     @property
     def key(self) -> tuple[str, str]:
