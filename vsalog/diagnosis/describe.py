@@ -64,6 +64,7 @@ def causes_of(found: JointDiagnosis) -> list[FoundCause]:
                 part=cause.site.part,
                 title=title_of(cause.site.cause, cause.site.part),
                 parameters=numbers,
+                common_with=cause.common_with,
                 material=cause.material,
                 size=cause.choice.size,
                 confidence=cause.confidence,
@@ -89,7 +90,7 @@ def _computed(found: JointDiagnosis, role: str, why: str) -> FoundCause:
     kind = catalogue()["sensor.torque_not_independent"]
     return FoundCause(
         cause=kind.name, joint=found.name, part=role, title=title_of(kind.name, role), parameters={},
-        material=True, size=None, confidence=0.99,
+        common_with=(), material=True, size=None, confidence=0.99,
         indistinguishable_from=(), error_removed=0.0, why=f"{why}.", how_to_confirm=kind.confirm, tell_apart="",
         reference=kind.reference,
     )  # fmt: skip
@@ -229,7 +230,7 @@ def _shots(found: JointDiagnosis) -> list[Shot]:
 
 def _view(found: JointDiagnosis, cause: Found, known: dict[str, tuple[Array, str]]) -> CauseEvidence:
     """Return the equation and the variable in which a cause shows most."""
-    rest = [(s, v) for s, v in found.selection.posterior.fit if s.key != cause.site.key]
+    rest = [(s, v) for s, v in found.selection.posterior.fit if not s.overlaps(cause.site)]
     without, with_it = plain_rows(found, placed(found.joint, rest)), plain_rows(found, found.extended)
     shape = without - with_it
     i = int(np.nanargmax(mean_squares(shape)))

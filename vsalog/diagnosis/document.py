@@ -79,6 +79,7 @@ class FoundCause(_Part, frozen=True):
     part : of the joint: motor, transmission_1, link, or a sensor's role
     title : in words
     parameters : name → number
+    common_with : other parts that have the same number, or the same factor on the rig's
     material : whether it matters: it changes an equation by as much as noise and model error do, beyond what the others could
         take up
     size : root mean square of that change over that of noise and model error; null where nothing was fitted
@@ -97,6 +98,7 @@ class FoundCause(_Part, frozen=True):
     part: str
     title: str
     parameters: dict[str, Number]
+    common_with: tuple[str, ...]
     material: bool
     size: float | None
     confidence: float

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from vsalog.diagnosis.causes import catalogue
 from vsalog.diagnosis.causes.base import Site
+from vsalog.diagnosis.common import scales
 from vsalog.diagnosis.linear import Placed, placed
 from vsalog.diagnosis.selection import Choice, Selection
 from vsalog.diagnosis.system import System
@@ -34,6 +35,7 @@ class Found:
     values, covariance : as fitted
     choice : why it was chosen
     removed : part of what the rig left over, beyond noise, that it takes away
+    common_with : other parts that have the same number, or the same factor
     """
 
     site: Site
@@ -41,6 +43,7 @@ class Found:
     covariance: Array
     choice: Choice
     removed: float
+    common_with: tuple[str, ...] = ()
 
     @property
     def material(self) -> bool:
@@ -82,7 +85,11 @@ def found_by(selection: Selection, joint: Any) -> list[Found]:
             continue
         own = slice(int(posterior.linear.first[g]), int(posterior.linear.first[g + 1]))
         choice = next(c for c in selection.choices if c.site.key == site.key)
-        out.append(Found(site, values, covariance[own, own], choice, removed))
+        members = site.members or (site,)
+        for member, scale in zip(members, scales(members), strict=True):
+            others = tuple(m.part for m in members if m.part != member.part)
+            there = covariance[own, own] * np.outer(scale, scale)
+            out.append(Found(member, values * scale, there, choice, removed / len(members), others))
     return sorted(out, key=lambda f: -f.removed)
 
 

@@ -132,7 +132,7 @@ def _deviation(site: Site, parameter: Parameter, setting: Setting, stated: Mappi
     if site.added is not None:
         return 1.0
     if not parameter.shape:
-        return deviation_of(site, parameter, setting, stated)
+        return deviation_of(site.members[0] if site.members else site, parameter, setting, stated)
     return parameter.reach if np.isfinite(parameter.reach) else parameter.high - parameter.low
 
 
@@ -305,6 +305,6 @@ def set_in(fit: Placed, site: Site, values: Array) -> Placed:
 
 def clash(one: Site, other: Site) -> bool:
     """Tell whether two causes cannot be in one set: variants of one, or members of a family at one part."""
-    if one.part != other.part:
+    if not one.parts & other.parts:
         return False
     return one.cause == other.cause or other.cause in one.excludes or one.cause in other.excludes

@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 
 from vsalog.diagnosis.causes import catalogue
 from vsalog.diagnosis.causes.base import Remainder, Setting, Site
+from vsalog.diagnosis.common import common_sites
 from vsalog.diagnosis.discrepancy import Weights, left_out, weighted_by
 from vsalog.diagnosis.fit import driven_out
 from vsalog.diagnosis.kinds import motion_for
@@ -214,7 +215,8 @@ def _established(
 
 def sites_of(setting: Setting, barred: frozenset[str]) -> list[Site]:
     """Return all causes of the catalogue, wherever they may sit, but for those that are barred."""
-    return [site for cause in catalogue().values() if cause.name not in barred for site in cause.sites(setting)]
+    sites = [site for cause in catalogue().values() if cause.name not in barred for site in cause.sites(setting)]
+    return [*sites, *common_sites(sites)]
 
 
 def blocks_of(system: System) -> Integers:
@@ -298,8 +300,9 @@ def choices_of(
     """
     out = []
     for site, _ in final.fit:
-        barred = np.array([v.site.key == site.key for v in variants], dtype=np.bool_)
-        other = without(c, best, barred)
+        # A cause of two parts is as sure as it is of either of them.
+        each = [np.array([v.site.overlaps(m) for v in variants], dtype=np.bool_) for m in site.members or (site,)]
+        other = min((without(c, best, barred) for barred in each), key=lambda r: r.score)
         odds, rivals = other.score - best.score, tuple[Rival, ...]()
         if odds < NEAR and c is stage.candidates:
             instead = most_probable(problem, stage.weights, begun_by(stage.linear, c, other.chosen))

@@ -51,6 +51,9 @@ def refined(selection: Selection, windows: Windows) -> Selection:
     SimulationError
         The joint with the causes cannot be simulated.
     """
+    # Where equations do not close, trajectories cannot either, and say of model error nothing that is not in the equations.
+    if np.max(np.diag(selection.weights.inflation)) > WITHIN**2:
+        return selection
     windows = windows.part(in_runs(len(windows.spans), WINDOWS))
     best, shot = _fitted(selection, windows)
     for _ in range(SEARCHES):

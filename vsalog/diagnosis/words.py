@@ -75,15 +75,26 @@ def sentences(
 def _found(verdict: Verdict, causes: Sequence[FoundCause], joints: int) -> str:
     if not causes:
         return "The rig's simulation is wrong, and no cause of the catalogue explains it."
-    told = [f"{_lower(c.title)} ({numbers(c)})" if c.parameters else _lower(c.title) for c in causes[:3]]
+    # A number that two parts have in common is said once.
+    first = [c for i, c in enumerate(causes) if not any(_in_common(c, other) for other in causes[:i])]
+    told = [f"{_lower(c.title)} ({numbers(c)}{_and_of(c)})" if c.parameters else _lower(c.title) for c in first[:3]]
     if joints > 1:
-        told = [f"in {c.joint}, {said}" for c, said in zip(causes, told, strict=False)]
-    more = f"; and {len(causes) - 3} more" if len(causes) > 3 else ""
+        told = [f"in {c.joint}, {said}" for c, said in zip(first, told, strict=False)]
+    more = f"; and {len(first) - 3} more" if len(first) > 3 else ""
     whole = "; ".join(told) + more
     if verdict == "unexplained":
         return f"The rig's simulation is wrong, and no cause of the catalogue explains it; the nearest is: {whole}."
     start = "What the simulation gets wrong is explained: " if verdict == "explained" else "Part of it is explained: "
     return f"{start}{whole}."
+
+
+def _in_common(one: FoundCause, other: FoundCause) -> bool:
+    return one.joint == other.joint and one.cause == other.cause and one.part in other.common_with
+
+
+def _and_of(cause: FoundCause) -> str:
+    """Say which other parts have the same."""
+    return "".join(f", and likewise of {part_in_words(part)}" for part in cause.common_with)
 
 
 def _lower(title: str) -> str:

@@ -80,6 +80,7 @@ class Site:
     excludes : causes that cannot stand beside this one at the same part
     transient : happens once; its share of the log cannot be told from the rest
     doubles : names of causes that would look the same with the roles there are, and have no numbers to be fitted
+    members : sites of a cause that several parts have in common
     added : shape (R, m, parameters), what the averaged equations have beside the rig's, in proportion to the parameters, where
         no rig has it: an unknown function
     """
@@ -93,7 +94,17 @@ class Site:
     excludes: frozenset[str] = frozenset()
     transient: bool = False
     doubles: tuple[str, ...] = ()
+    members: tuple[Site, ...] = ()
     added: Array | None = None
+
+    @property
+    def parts(self) -> frozenset[str]:
+        """Parts of the joint where it sits."""
+        return frozenset(m.part for m in self.members) or frozenset((self.part,))
+
+    def overlaps(self, other: Site) -> bool:
+        """Tell whether it is the same cause, at the same part or at one of its parts."""
+        return self.cause == other.cause and bool(self.parts & other.parts)
 
     @property
     def key(self) -> tuple[str, str]:
