@@ -43,7 +43,13 @@ def _of_both(one: Site, other: Site) -> Site:
         return joint
 
     return Site(
-        one.cause, f"{one.part}+{other.part}", one.parameters, apply, excludes=one.excludes, doubles=one.doubles, members=members
+        one.cause,
+        f"{one.part}+{other.part}",
+        one.parameters,
+        apply,
+        excludes=one.excludes,
+        doubles=one.doubles,
+        members=members,
     )
 
 

@@ -29,7 +29,7 @@ from vsalog.diagnosis.joint import (
     variables,
 )
 from vsalog.diagnosis.linear import placed
-from vsalog.diagnosis.remainder import curve_of, predicted_share, rate_of
+from vsalog.diagnosis.remainder import curve_of, predicted_share
 from vsalog.diagnosis.smooth import UNKNOWN
 from vsalog.diagnosis.windows import Shot
 from vsalog.diagnosis.words import part_in_words, title_of
@@ -174,11 +174,11 @@ def unexplained_of(found: JointDiagnosis) -> Unexplained:
     if left is None:
         return Unexplained(fraction=found.fraction, where=None, depends_on=())
     side, equation = left
-    (on, loop), known = remainder_depends_on(found, equation), variables(found)
+    (on, rate), known = remainder_depends_on(found, equation), variables(found)
     rows = plain_rows(found, found.extended)[:, equation] * found.system.deviation[equation]
     curve, back = tuple[Bin, ...](), tuple[Bin, ...]()
-    if loop is not None:
-        x, falls = known[loop][0], known[rate_of(loop)][0] < 0.0
+    if rate is not None:
+        x, falls = known[on[0]][0], known[rate][0] < 0.0
         curve, back = (_bins(np.where(falls == way, rows, np.nan), x) for way in (False, True))
     elif on:
         curve = _bins(rows, known[on[0]][0])

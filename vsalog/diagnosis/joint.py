@@ -24,6 +24,7 @@ from vsalog.diagnosis.selection import Selection, nothing_found, select
 from vsalog.diagnosis.sensing import at_joint, true_roles
 from vsalog.diagnosis.setting import setting_of
 from vsalog.diagnosis.sides import side_of
+from vsalog.diagnosis.smooth import SmoothSite
 from vsalog.diagnosis.system import BELL, System, build_system
 from vsalog.diagnosis.trajectory import refined
 from vsalog.diagnosis.unknown import TAKEN_UP, with_springs
@@ -253,6 +254,9 @@ def unexplained_side(found: JointDiagnosis) -> tuple[str, int] | None:
     squares = mean_squares(rows)
     if not np.any(squares[np.isfinite(squares)] > WITHIN**2):
         return None
+    unknown = unknown_function(found)
+    if unknown is not None:
+        return unknown.side, found.system.names.index(unknown.equation)
     motion = _motion(found)
     springs = [s for s in motion.deflections if s not in motion.measured]
     return side_of(found.system, found.extended, found.system.whitened(found.extended), springs)
@@ -282,10 +286,20 @@ def _motion(found: JointDiagnosis) -> Motion:
 
 
 def remainder_depends_on(found: JointDiagnosis, equation: int) -> tuple[list[str], str | None]:
-    """Return the variables that an equation's remainder depends on, strongest first, and the one over which it is a loop."""
+    """Return the variables that an equation's remainder depends on, strongest first, and the rate whose sign it depends on."""
+    unknown = unknown_function(found)
+    if unknown is not None:
+        return [name for name in (unknown.variable, unknown.rate) if name], unknown.rate or None
     rows = plain_rows(found, found.extended)[:, equation]
     blocks = found.selection.blocks
     known = variables(found)
     told = depends_on(rows, blocks, known)
     loop, names = loop_over(rows, blocks, known, told), [d.name for d in told]
-    return names if loop is None else [loop, rate_of(loop), "time"], loop
+    return (names, None) if loop is None else ([loop, rate_of(loop), "time"], rate_of(loop))
+
+
+def unknown_function(found: JointDiagnosis) -> SmoothSite | None:
+    """Return the largest of the unknown functions that a log needs beside its causes; none where it needs none."""
+    sizes = {choice.site.key: choice.size for choice in found.selection.choices}
+    functions = [site for site, _ in found.selection.posterior.fit if isinstance(site, SmoothSite)]
+    return max(functions, key=lambda site: sizes.get(site.key, 0.0), default=None)

@@ -156,15 +156,15 @@ def select(
     roles = true_roles(there, system.channels, stage.system.hold)
     motion = motion_for(there, roles, system.channels.time, system.channels.spread)
     sites = [*sites, *smooth_sites(stage.system, there, motion)]
-    stage, best = _settled(
-        problem, stage_about(problem, stage.system, sites, best.fit, blocks, stage.system.hold), sites, blocks
-    )
+    stage = stage_about(problem, stage.system, sites, best.fit, blocks, stage.system.hold)
+    stage, best = _settled(problem, stage, sites, blocks, best)
     return _established(problem, stage, sites, most_probable(problem, stage.weights, best.fit), blocks)
 
 
-def _settled(problem: Problem, stage: Stage, sites: Sequence[Site], blocks: Integers) -> tuple[Stage, Posterior]:
-    """Search until the best set stays the same; return it, and the equations about it."""
-    best: Posterior | None = None
+def _settled(
+    problem: Problem, stage: Stage, sites: Sequence[Site], blocks: Integers, best: Posterior | None = None
+) -> tuple[Stage, Posterior]:
+    """Search until the best set stays the same; return it, and the equations about it. `best` is what the stage is about."""
     for _ in range(ROUNDS):
         found = _best(problem, stage)
         settled = best is not None and found.keys == best.keys and found.score > best.score - SETTLED

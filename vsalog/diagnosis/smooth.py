@@ -8,12 +8,13 @@ prior that falls with their order (a Gaussian process on a compact interval; Sol
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from vsalog.diagnosis.balance import Motion
+from vsalog.diagnosis.balance import Motion, Side
 from vsalog.diagnosis.causes.base import Parameter, Site
 from vsalog.diagnosis.remainder import variables_of
 from vsalog.diagnosis.sides import spring_direction
@@ -27,6 +28,24 @@ UNKNOWN = "unknown"
 TERMS, SIZE = 6, 0.05
 
 
+@dataclass(frozen=True, slots=True)
+class SmoothSite(Site):
+    """A torque that is a smooth function of a signal.
+
+    Attributes
+    ----------
+    side : of the joint it acts on
+    equation : in which it is looked at
+    variable : signal, as `remainder.variables_of` names it
+    rate : signal whose sign the function is multiplied with; empty where it is not
+    """
+
+    side: Side = "motor"
+    equation: str = ""
+    variable: str = ""
+    rate: str = ""
+
+
 def smooth_sites(system: System, joint: Any, motion: Motion) -> list[Site]:
     """Return one hypothesis per side and signal, and per side, signal and direction of the motion.
 
@@ -37,43 +56,55 @@ def smooth_sites(system: System, joint: Any, motion: Motion) -> list[Site]:
     motion : what the joint did
     """
     known = {name: x for name, (x, _) in variables_of(system, motion).items()}
-    sites = []
-    for side, direction, names, rate in _sides(system, joint, motion):
+    sites: list[Site] = []
+    for part, side, equation, direction, names, rate in _places(system, joint, motion):
         push = np.where(system.weights > 0.0, direction, 0.0)
         for name in (n for n in (*names, rate) if n in known):
             series = _series(known[name])
-            sites.append(_site(f"{side}({name})", push, series))
+            ways = {"": series}
             if rate in known and name != rate:
-                sites.append(_site(f"{side}({name}, direction)", push, np.sign(known[rate])[:, None] * series))
+                ways[rate] = np.sign(known[rate])[:, None] * series
+            for way, shape in ways.items():
+                terms = tuple(Parameter(f"term_{k + 1}", "1", 0.0, 1.0) for k in range(TERMS))
+                added = push[:, :, None] * np.nan_to_num(shape)[:, None, :]
+                site = SmoothSite(UNKNOWN, f"{part}, {name}, {way}", terms, _as_it_is, added=added)
+                sites.append(replace(site, side=side, equation=equation, variable=name, rate=way))
     return sites
 
 
-def _sides(system: System, joint: Any, motion: Motion) -> Iterator[tuple[str, Array, Sequence[str], str]]:
-    """Yield sides: name, change of the equations (m,) with a torque of the prior's size, signals, and the rate's signal."""
+def _as_it_is(joint: Any, values: Sequence[float]) -> Any:
+    return joint
+
+
+def _places(system: System, joint: Any, motion: Motion) -> Iterator[tuple[str, Side, str, Array, Sequence[str], str]]:
+    """Yield part, side, equation, change of the equations (m,) with a torque of the prior's size, signals, and the rate's."""
     size = SIZE * np.sqrt(np.diag(system.exact)) / EXACT
     springs = [s for s in motion.deflections if s not in motion.measured]
     for i, name in enumerate(system.names):
         if system.units[i] != "N*m":
             continue
         own = size * np.eye(len(system.names))[i]
-        suffix = name[name.rindex("_") :] if name[-1:] in "12" else ""
-        if name.startswith("motor"):
-            yield name, own, ("time", f"motor_position{suffix}", f"motor_torque{suffix}"), f"motor_velocity{suffix}"
-        elif name == "secondary_motor":
-            yield name, own, ("time", "setpoint", "secondary_torque"), ""
+        suffix = name[-2:] if name.endswith(("_1", "_2")) else ""
+        if name == "secondary_motor":
+            yield name, "motor", name, own, ("time", "setpoint", "secondary_torque"), ""
+        elif name.startswith("motor"):
+            signals = ("time", f"motor_position{suffix}", f"motor_torque{suffix}")
+            yield name, "motor", name, own, signals, f"motor_velocity{suffix}"
         elif name == "link":
-            yield name, own, ("time", "link_position"), "link_velocity"
+            yield name, "link", name, own, ("time", "link_position"), "link_velocity"
+        elif name.startswith("transmission") and springs:
+            # Held against a spring, it is the torque sensor that errs over what it measures.
+            yield f"torque_sensor{suffix}", "sensor", name, own, ("time", f"deflection{suffix}"), ""
         elif name.startswith("transmission"):
-            # A torque sensor errs over what it measures; without a spring to compare it with, this is the spring's equation.
-            yield (
-                f"torque_sensor{suffix}" if springs else name,
-                own,
-                ("time", f"deflection{suffix}"),
-                ("" if springs else f"deflection_rate{suffix}"),
-            )
+            yield name, "transmission", name, own, ("time", f"deflection{suffix}"), f"deflection_rate{suffix}"
     for suffix in springs:
         direction = spring_direction(system, joint, suffix) * float(size.max(initial=0.0))
-        yield f"transmission{suffix}", direction, ("time", f"deflection{suffix}"), f"deflection_rate{suffix}"
+        shown = max(np.flatnonzero(direction), key=lambda i: size[i], default=None)
+        if shown is not None:
+            names = ("time", f"deflection{suffix}")
+            yield (
+                f"transmission{suffix}", "transmission", system.names[shown], direction, names, f"deflection_rate{suffix}",
+            )  # fmt: skip
 
 
 def _series(x: Array) -> Array:
@@ -84,12 +115,3 @@ def _series(x: Array) -> Array:
     out = np.zeros((x.size, TERMS))
     out[good] = 2.0**0.5 * np.cos(np.pi * order * rank[:, None]) / order
     return out
-
-
-def _site(part: str, push: Array, series: Array) -> Site:
-    terms = tuple(Parameter(f"term_{k + 1}", "1", 0.0, 1.0) for k in range(series.shape[1]))
-    return Site(UNKNOWN, part, terms, _as_it_is, added=push[:, :, None] * np.nan_to_num(series)[:, None, :])
-
-
-def _as_it_is(joint: Any, values: Sequence[float]) -> Any:
-    return joint
