@@ -55,7 +55,7 @@ def refined(selection: Selection, windows: Windows) -> Selection:
     if np.max(np.diag(selection.weights.inflation)) > WITHIN**2:
         return selection
     windows = windows.part(in_runs(len(windows.spans), WINDOWS))
-    best, shot = _fitted(selection, windows)
+    best, shot, J = _fitted(selection, windows)
     for _ in range(SEARCHES):
         if np.max(_squares(shot, windows)) <= OFF**2:
             break
@@ -63,30 +63,31 @@ def refined(selection: Selection, windows: Windows) -> Selection:
         if other is None:
             break
         try:
-            other, there = _fitted(other, windows)
+            other, there, changes = _fitted(other, windows)
         except SimulationError:
             break
         # What takes away a part of an error only may be anything.
         if np.max(_squares(there, windows)) > OFF**2:
             break
-        best, shot = other, there
-    return replace(best, choices=_as_seen(best, windows, shot)) if best.posterior.fit else best
+        best, shot, J = other, there, changes
+    return replace(best, choices=_as_seen(best, windows, J)) if best.posterior.fit else best
 
 
-def _fitted(selection: Selection, windows: Windows) -> tuple[Selection, Shot]:
-    """Fit the values of a selection's causes; return their trajectories, too."""
+def _fitted(selection: Selection, windows: Windows) -> tuple[Selection, Shot, Array]:
+    """Fit the values of a selection's causes; return their trajectories, too, and what the values change in them."""
     joint, posterior = selection.problem.joint, selection.posterior
     fit = posterior.fit
     shot = begun(placed(joint, fit), windows)
     if not fit:
-        return selection, shot
+        return selection, shot, np.zeros((len(windows.spans), 0, 0))
     prior = _prior(posterior)
-    away, information = np.zeros(prior.shape[0]), np.zeros_like(prior)
+    away, information, columns = np.zeros(prior.shape[0]), np.zeros_like(prior), np.zeros(0)
     for _ in range(STEPS):
         weights = _weights(shot, windows)
-        bases = _bases(placed(joint, fit), windows, shot)
-        J = _by_values(joint, _at(posterior.linear.variants, fit), fit, windows, shot, bases)
-        J = (J * weights[:, None]).reshape(-1, J.shape[-1])
+        slopes = by_states(placed(joint, fit), windows, shot)
+        bases = _bases(slopes)
+        columns = _by_values(joint, _at(posterior.linear.variants, fit), fit, windows, shot, bases)
+        J = (columns * weights[:, None]).reshape(-1, columns.shape[-1])
         r = (_projected(bases, in_windows(shot, windows)) * weights).ravel()
         information = J.T @ J
         step = np.linalg.solve(prior + information, -J.T @ r - prior @ away)
@@ -94,7 +95,7 @@ def _fitted(selection: Selection, windows: Windows) -> tuple[Selection, Shot]:
         for _ in range(HALVINGS):
             trial = _with_values(posterior, away + step)
             try:
-                there = begun(placed(joint, trial), windows, near=shot)
+                there = begun(placed(joint, trial), windows, near=shot, slopes=slopes)
                 after = _misfit(there, windows, weights) + float((away + step) @ prior @ (away + step))
             except SimulationError:
                 after = np.inf
@@ -104,7 +105,7 @@ def _fitted(selection: Selection, windows: Windows) -> tuple[Selection, Shot]:
             step = 0.5 * step
         if not moved or before - after < ENOUGH:
             break
-    return replace(selection, posterior=replace(posterior, fit=fit, simulated=prior + information)), shot
+    return replace(selection, posterior=replace(posterior, fit=fit, simulated=prior + information)), shot, columns
 
 
 def _searched(selection: Selection, windows: Windows, shot: Shot) -> Selection | None:
@@ -113,7 +114,7 @@ def _searched(selection: Selection, windows: Windows, shot: Shot) -> Selection |
     sites = sites_in(selection.stage)
     stage = stage_about(problem, selection.system, sites, fit, blocks, selection.system.hold)
     variants, weights = stage.linear.variants, _weights(shot, windows)
-    bases = _bases(placed(problem.joint, fit), windows, shot)
+    bases = _bases(by_states(placed(problem.joint, fit), windows, shot))
     J = _by_values(problem.joint, variants, fit, windows, shot, bases)
     J = (J * weights[:, None]).reshape(-1, J.shape[-1])
     r = (_projected(bases, in_windows(shot, windows)) * weights).ravel() - J @ stage.linear.now
@@ -132,15 +133,19 @@ def _searched(selection: Selection, windows: Windows, shot: Shot) -> Selection |
     return Selection(problem, stage, posterior, choices, blocks)
 
 
-def _as_seen(selection: Selection, windows: Windows, shot: Shot) -> tuple[Choice, ...]:
+def _as_seen(selection: Selection, windows: Windows, J: Array) -> tuple[Choice, ...]:
     """Return a selection's causes with their sizes in the trajectories where these are larger than in the equations.
 
     The unit is what makes a trajectory, together with its noise, as much off as a simulation may be.
+
+    Parameters
+    ----------
+    selection : fitted
+    windows : of the log
+    J : what the values change in the trajectories, see `_by_values`
     """
     posterior = selection.posterior
-    joint, fit = selection.problem.joint, posterior.fit
-    bases = _bases(placed(joint, fit), windows, shot)
-    J = _by_values(joint, _at(posterior.linear.variants, fit), fit, windows, shot, bases)
+    fit = posterior.fit
     first, shape = posterior.linear.first, (len(windows.spans), len(windows.roles), -1)
     sizes = {}
     for g, (site, values) in enumerate(fit):
@@ -187,10 +192,10 @@ def _misfit(shot: Shot, windows: Windows, weights: Array) -> float:
     return float(np.sum((in_windows(shot, windows) * weights) ** 2))
 
 
-def _bases(joint: Any, windows: Windows, shot: Shot) -> list[Array]:
-    """Return an orthonormal basis of what each window's beginning can make up for."""
+def _bases(slopes: Array) -> list[Array]:
+    """Return an orthonormal basis of what each window's beginning can make up for, from `by_states`."""
     out = []
-    for S in by_states(joint, windows, shot):
+    for S in slopes:
         U, s, _ = np.linalg.svd(S, full_matrices=False)
         out.append(U[:, s > 1e-8 * max(s.max(), 1e-300)])
     return out

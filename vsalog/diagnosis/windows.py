@@ -242,7 +242,13 @@ def shoot(joint: Any, windows: Windows, states: Array) -> Shot:
 
 
 def begun(
-    joint: Any, windows: Windows, states: Array | None = None, rounds: int = 2, *, near: Shot | None = None
+    joint: Any,
+    windows: Windows,
+    states: Array | None = None,
+    rounds: int = 2,
+    *,
+    near: Shot | None = None,
+    slopes: Array | None = None,
 ) -> Shot:
     """Simulate the windows from the states that fit them best.
 
@@ -253,6 +259,7 @@ def begun(
     states : to start the search with; the measured ones when absent
     rounds : Newton steps with one set of derivatives; windows that are still far off are begun anew
     near : simulation with a rig that is much like this one, to go on from instead
+    slopes : of that rig, see `by_states`, to step with at first
     """
     if near is not None:
         states = near.states
@@ -263,7 +270,7 @@ def begun(
     for share in PARTS if near is None and not _remembers(joint, windows) else ():
         first = windows.first(share)
         states = _nearer(joint, first, shoot(joint, first, states), 1)[0].states
-    shot, far = _nearer(joint, windows, shoot(joint, windows, states), rounds)
+    shot, far = _nearer(joint, windows, shoot(joint, windows, states), rounds, slopes)
     shot, far = _gone_on(joint, windows, shot, far)
     # Friction that sticks bends it too: such windows are looked at again where they are now.
     for _ in range(AGAIN):
@@ -313,14 +320,16 @@ def _remembers(joint: Any, windows: Windows) -> bool:
     return remembers(player_of(joint, windows.channels).played)
 
 
-def _nearer(joint: Any, windows: Windows, shot: Shot, rounds: int) -> tuple[Shot, Integers]:
+def _nearer(
+    joint: Any, windows: Windows, shot: Shot, rounds: int, slopes: Array | None = None
+) -> tuple[Shot, Integers]:
     """Take Newton steps with one set of derivatives; in each window the least damped one that is better.
 
     Returns
     -------
     The simulation, and the windows that are still far from what the derivatives promise
     """
-    J = by_states(joint, windows, shot)
+    J = by_states(joint, windows, shot) if slopes is None else slopes.copy()
     norms = np.linalg.norm(J, axis=1)
     # What sticks does not notice how fast it was: a beginning is not led far away by what says next to nothing.
     J *= (norms > WEAK * np.median(norms, axis=0))[:, None, :]
