@@ -85,7 +85,7 @@ class FoundCause(_Part, frozen=True):
     size : root mean square of that change over that of noise and model error; null where nothing was fitted
     confidence : 0 to 1, probability of the best set of causes against the best one without this cause
     indistinguishable_from : causes that stand in its place in sets that are about as probable: together they are one class, and
-        the rig's tolerances chose among them
+        the rig's tolerances chose among them; `unknown` is a smooth function of a signal, no cause of the catalogue
     error_removed : part of what the rig left over, beyond noise, that this cause takes away; the causes' parts add up
     why : the evidence in words
     how_to_confirm : an experiment
