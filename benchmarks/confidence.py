@@ -3,9 +3,9 @@
     python -m benchmarks.confidence [--machines 1000] [--seed 1] [--family NAME …] [--out DIR] [--workers 2] [--score]
 
 As many machines are drawn, shared among the families of hidden effects, each with a random rig, effects and noises, and
-diagnosed; `--score` counts those that lie in DIR. Of each interval of confidence the mean, the share that is right, and the 95 % interval of
-that share (Wilson 1927, JASA 22(158)) are printed; and how large classes are. Exits with 1 where the interval of a share does not
-hold the mean confidence. A cause counts as right where it, or a member of its class, is hidden in the machine.
+diagnosed; `--score` counts those that lie in DIR. Of each interval of confidence the mean, the share that is right, and the 95 %
+interval of that share (Wilson 1927, JASA 22(158)) are printed; and how large classes are. Exits with 1 where the interval of a
+share does not hold the mean confidence. A cause counts as right where it, or a member of its class, is hidden in the machine.
 """
 
 from __future__ import annotations
