@@ -169,23 +169,24 @@ def true_roles(joint: Joint, channels: Channels, hold: float = 0.0) -> dict[str,
 
     Returns
     -------
-    role → value, first and second derivative, shape (3, N), SI, so long after each sample's time; motor torques are those that
-    act. What is held is not shifted, but all else is: held torques are then exactly smooth ones with every sensor so much late
+    role → value, first and second derivative, shape (3, N), SI; motor torques are those that act
     """
-    offered, motors = offered_roles(joint), {torque_role(name): name for name in motors_of(joint)}
-    true = {}
-    for role, values in channels.roles.items():
-        later = 0.0 if role in motors or role in VALVES else hold
-        if role in BOUND:
-            true[role] = remembered(shifted, values, later / channels.period)
-        else:
-            said = _said_of(offered.get(role, Signal()), later)
-            true[role] = remembered(_true, values, said, channels.time, channels.period)
-        if role in motors:
-            motor: Motor = getattr(joint, motors[role]).reflected
-            late = motor.torque_delay / channels.period
+    offered = offered_roles(joint)
+    true = {
+        role: values
+        if role in BOUND
+        else remembered(_true, values, _said_of(offered.get(role, Signal())), channels.time, channels.period)
+        for role, values in channels.roles.items()
+    }
+    for name in motors_of(joint):
+        role = torque_role(name)
+        if role in true:
+            motor: Motor = getattr(joint, name).reflected
+            late = (motor.torque_delay + hold) / channels.period
             true[role] = remembered(_acting, true[role], late, motor.torque_gain, motor.torque_offset)
     for role, values in list(true.items()):
+        if role in VALVES and hold:
+            true[role] = remembered(shifted, values, -hold / channels.period)
         series = offered.get(role, Signal()).series_stiffness
         sensor = role.replace("deflection", "torque_sensor")
         if series is not None and sensor in true:
@@ -198,17 +199,10 @@ def _without_series(deflection: Array, torque: Array, stiffness: float) -> Array
     return deflection - torque / stiffness
 
 
-def _said_of(signal: Signal, later: float) -> tuple[float, ...]:
+def _said_of(signal: Signal) -> tuple[float, ...]:
     """Return what a rig says of a sensor, as numbers: offset, gain, drift, delay, and amplitude and phase of an eccentricity."""
     e = signal.eccentricity
-    return (
-        signal.offset,
-        signal.gain,
-        signal.drift,
-        signal.delay + later,
-        e.amplitude if e else 0.0,
-        e.phase if e else 0.0,
-    )
+    return signal.offset, signal.gain, signal.drift, signal.delay, e.amplitude if e else 0.0, e.phase if e else 0.0
 
 
 def _true(m: Array, said: tuple[float, ...], time: Array, period: float) -> Array:
@@ -241,23 +235,17 @@ def _centred(m: Array, gain: float, amplitude: float, phase: float) -> Array:
 
 
 def shifted(values: Array, samples: float) -> Array:
-    """Return what is found `samples` later, shape (3, N): the cubic through four samples carries a fraction of one.
+    """Return what is found `samples` later, shape (3, N): the filter's own derivatives carry a fraction of a sample.
 
-    A straight line between two would take a part in a hundred off what swings at a twentieth of the sample rate. Beyond the ends
-    the last sample stands.
+    Beyond the ends the last sample stands.
     """
     if samples == 0.0:
         return values
     whole = int(np.floor(samples))
-    part, last = samples - whole, values.shape[1] - 1
-    index = np.arange(values.shape[1]) + whole
-    if part == 0.0:
-        return np.asarray(values[:, np.clip(index, 0, last)])
-    before, here, after, beyond = (values[:, np.clip(index + k, 0, last)] for k in (-1, 0, 1, 2))
-    # Lagrange's weights, p of the way from here to after.
-    p, q = part, 1.0 - part
-    outer, inner = -p * q / 6.0, (1.0 + p) * (1.0 + q) / 2.0
-    return np.asarray(inner * (q * here + p * after) + outer * ((1.0 + q) * before + (1.0 + p) * beyond))
+    part = samples - whole
+    index = np.clip(np.arange(values.shape[1]) + whole, 0, values.shape[1] - 1)
+    following = np.minimum(index + 1, values.shape[1] - 1)
+    return np.asarray((1.0 - part) * values[:, index] + part * values[:, following])
 
 
 def said(joint: Any, role: str, truth: Mapping[str, Array], time: Array) -> Array:

@@ -191,7 +191,7 @@ def build_system(
 
 def formed(balance: Balance, joint: Any, channels: Channels, hold: float) -> list[Equation]:
     """Form the equations of a joint at every sample."""
-    return balance(joint, true_roles(joint, channels, hold), remembered(np.add, channels.time, hold), channels.spread)
+    return balance(joint, true_roles(joint, channels, hold), channels.time, channels.spread)
 
 
 def _bell(period: float) -> Array:
