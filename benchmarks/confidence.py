@@ -47,10 +47,10 @@ def main() -> None:
         if not given.score:
             diagnose_all(folders, given.workers)
         outcomes += [o for o in judge(folders, out / "sealed") if isinstance(o, FamilyOutcome)]
-    sys.exit(0 if told(outcomes) else 1)
+    sys.exit(0 if calibrated(outcomes) else 1)
 
 
-def told(outcomes: list[FamilyOutcome]) -> bool:
+def calibrated(outcomes: list[FamilyOutcome]) -> bool:
     """Print the curve; tell whether it is the diagonal as far as the machines can say."""
     sizes = [len(c) for o in outcomes for c in o.classes]
     print(f"{len(outcomes)} machines; classes have {np.median(sizes) if sizes else 0:g} members in the median\n")

@@ -5,8 +5,8 @@ import json
 import numpy as np
 import pytest
 from click.testing import CliRunner
-from hidden_effects.cases import Plan, make_case, write_case
 
+from tests.hidden_effects.cases import Plan, make_case, write_case
 from vsalog.cli import cli
 from vsalog.diagnosis.causes.base import Parameter, Site
 from vsalog.diagnosis.common import common_sites, scales

@@ -285,3 +285,25 @@ def test_an_inertia_is_not_attenuated_by_a_loud_encoder():
     assert np.mean(corrected) == pytest.approx(0.024, rel=0.015)
     assert abs(np.mean(plain) - 0.024) > 2.0 * abs(np.mean(corrected) - 0.024)
     assert abs(np.mean(plain) - 0.024) > 5.0 * spread
+
+
+def test_a_cause_of_the_fit_in_another_shape_makes_what_that_shape_makes():
+    """Friction with bristles in the place of ideal friction, at the strength of the fit: the joint itself says what that is."""
+    found = channels(Truth(coulomb=0.2), duration=6.0)
+    joint = joint_of()
+    system = build_system(joint, found.thinned(), balance_for(joint))
+    setting = setting_of(joint, system)
+    sites = [s for s in sites_of(setting, frozenset()) if s.key == ("motor.coulomb_friction", "motor")]
+    plain = min(sites, key=lambda s: len(s.parameters))
+    fit = ((plain, np.array([0.2])),)
+    there = placed(joint, fit)
+    variants = variants_of(sites, setting, remainder(system, there, setting), fit, {})
+    linear = linearised(system, joint, fit, variants)
+    others = [g for g, v in enumerate(linear.variants) if v.instead]
+    assert len(others) >= 2
+    for g in others:
+        variant = linear.variants[g]
+        assert variant.base[0] == 0.2
+        (j,) = range(int(linear.first[g]), int(linear.first[g + 1]))
+        said = linear.residual + linear.columns[:, :, j] * (0.2 / variant.deviation[0])
+        np.testing.assert_allclose(said, system.averaged(placed(joint, [(variant.site, variant.base)])), atol=1e-9)

@@ -6,11 +6,14 @@ import numpy as np
 import pytest
 from written_out import Truth, channels, drive, joint_of, log, motion, signals
 
+from vsalog.diagnosis import windows_mechanical
 from vsalog.diagnosis.causes.base import with_part, with_signal
 from vsalog.diagnosis.channels import channels_of
 from vsalog.diagnosis.gain import Compared, compared
 from vsalog.diagnosis.windows import Shot, Windows, begun, by_states, in_windows, player_of, shoot, windows_of
 from vsalog.errors import SimulationError
+from vsalog.simulation.machine import build
+from vsalog.simulation.play import play
 
 SECONDS, PERIOD = 6.0, 2e-3
 
@@ -54,6 +57,45 @@ def test_from_the_true_states_the_simulation_is_the_motion(clean):
         added = windows.channels.raw[role] - moved[role][0]
         np.testing.assert_allclose(shot.errors[role][inside], added[inside], atol=most)
         assert np.isnan(shot.errors[role][~inside]).all()
+
+
+def test_a_window_ends_where_the_next_one_begins(clean):
+    """scipy's states at the beginnings of the windows that follow one another without a gap."""
+    windows, moved = clean
+    expected = true_states(windows, moved)
+    ends = shoot(joint_of(), windows, expected).ends
+    follow = np.flatnonzero(windows.spans[1:, 0] == windows.spans[:-1, 1]) + 1
+    assert follow.size > 5
+    # A velocity is that of one sample before: off by T times an acceleration of up to 60 rad/s².
+    np.testing.assert_allclose(ends[follow - 1][:, [0, 2]], expected[follow][:, [0, 2]], atol=3e-4)
+    np.testing.assert_allclose(ends[follow - 1][:, [1, 3]], expected[follow][:, [1, 3]], atol=60.0 * PERIOD)
+
+
+@pytest.fixture(scope="module")
+def bristled():
+    """A joint whose motor's bristles give way by a fifth of its motion, played through, and its log without noise."""
+    friction = type(joint_of().motor.friction)(coulomb=1.0, presliding_stiffness=20.0)
+    joint = with_part(joint_of(), "motor", friction=friction)
+    time = np.arange(round(SECONDS / PERIOD)) * PERIOD
+    truth = play(build({"arm": joint}), {"arm": {"motor_torque": drive(0)}}, time)["arm"]
+    said = {r: truth[r] for r in ("motor_position", "link_position")} | {"torque_sensor": truth["transmission_torque"]}
+    windows = windows_of(joint, channels_of(signals(said | {"motor_torque": drive(0)(time)}, PERIOD)), False)
+    names = ("link_position", "link_velocity", "motor_position", "motor_velocity")
+    return joint, windows, np.stack([truth[n] for n in names], axis=-1)
+
+
+@pytest.mark.parametrize("lead", [0.5, 0.0])
+def test_bristles_are_run_in_before_a_window(bristled, monkeypatch, lead):
+    """Begun with the true positions and velocities, but with bristles that nobody measured: they follow the motion before."""
+    joint, windows, states = bristled
+    monkeypatch.setattr(windows_mechanical, "RUN_IN", lead)
+    off = []
+    for w in range(2, len(windows.spans)):
+        one = windows.part([w])
+        errors = shoot(joint, one, states[one.spans[:, 0]]).errors["motor_position"]
+        off.append(float(np.nanmax(np.abs(errors))))
+    # Where the motor stuck for all of that time, nothing tells how far its bristles give way.
+    assert (np.median(off) < 1e-3 * np.ptp(states[:, 2])) == (lead > 0.0)
 
 
 def surprise(shot, windows, expected):

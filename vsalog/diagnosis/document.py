@@ -80,13 +80,13 @@ class FoundCause(_Part, frozen=True):
     title : in words
     parameters : name → number
     common_with : other parts that have the same number, or the same factor on the rig's
-    material : whether it matters: it changes an equation by as much as noise and model error do, beyond what the others could
-        take up
-    size : root mean square of that change over that of noise and model error; null where nothing was fitted
+    material : whether it matters: `size` is 1 or more
+    size : RMS of what it changes in an equation that no other cause of the set explains, over the RMS of noise and model error;
+        null where nothing was fitted
     confidence : 0 to 1, probability of the best set of causes against the best one without this cause
-    indistinguishable_from : causes that stand in its place in sets that are about as probable: together they are one class, and
-        the rig's tolerances chose among them; `unknown` is a smooth function of a signal, no cause of the catalogue
-    error_removed : part of what the rig left over, beyond noise, that this cause takes away; the causes' parts add up
+    indistinguishable_from : its equivalence class: causes that replace it in sets about as probable; the rig's tolerances chose
+        among them; `unknown` is a smooth function of a signal, no cause of the catalogue
+    error_removed : share of the rig's squared residual beyond noise that this cause removes; the shares add up
     why : the evidence in words
     how_to_confirm : an experiment
     tell_apart : which experiment would tell it from the others; empty where there are none
@@ -161,7 +161,8 @@ class Unexplained(_Part, frozen=True):
     depends_on : signals it depends on, strongest first
     equation : in which it was looked at
     curve : over the first of these signals
-    curve_back : where that signal falls, if what is left is a loop over it; `curve` is then where it rises
+    curve_back : over the same signal while the second one, a rate, is negative, and `curve` while it is positive; empty where the
+        direction does not matter
     unit : of that signal
     """
 
@@ -172,6 +173,11 @@ class Unexplained(_Part, frozen=True):
     curve: tuple[Bin, ...] = ()
     curve_back: tuple[Bin, ...] = ()
     unit: str = ""
+
+    @property
+    def loop(self) -> bool:
+        """Whether it is a loop that the log passes once, so that time tells as much as the direction does."""
+        return bool(self.curve_back) and self.depends_on[-1] == "time"
 
 
 class Diagnosis(_Part, frozen=True):

@@ -238,7 +238,7 @@ def _next(causes: Sequence[FoundCause], left: Unexplained) -> str:
             return cause.tell_apart
     if left.where is not None and left.depends_on:
         variable = left.depends_on[0].replace("_", " ")
-        if left.curve_back and left.depends_on[-1] == "time":
+        if left.loop:
             return f"Pass the range of {variable} several times, at two speeds: a loop comes back, what time changes does not."
         if variable == "time":
             return "Record the same motion again, cold and warm: what is left over changes with time."

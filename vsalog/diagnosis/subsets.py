@@ -28,11 +28,9 @@ Integers = NDArray[np.int64]
 
 # Scores that differ by less are equal: rounding, in natural units of log-probability.
 SAME_SCORE = 1e-6
-# So many groups are tried in the stead of one; a set of more groups than the second is not looked through for two-for-one moves,
-# whose number grows with its square: sets of so many are on the way to smaller ones.
+# Number of groups that are tried in place of one; largest set that is searched for two-for-one moves, whose number grows with the
+# square of its size: larger sets are on the way to smaller ones.
 STEAD, PAIRED = 6, 16
-# So many of the best moves by their estimates are scored exactly.
-EXACTLY = 8
 
 
 @dataclass(frozen=True, slots=True)
@@ -170,7 +168,6 @@ def _descended(candidates: Candidates, start: Flags, pinned: Flags, barred: Flag
         c.high,
         SAME_SCORE,
         PAIRED,
-        EXACTLY,
     )
     return Ranked(chosen, float(score))
 
@@ -198,19 +195,30 @@ def _posterior(
             for j in range(first[g], first[g + 1]):
                 index[k] = j
                 k += 1
-    L, x, precision, cost = np.zeros((k, k)), np.empty(k), np.ones(k), np.zeros(k)
-    total = prices
+    own, score, bottom, top = np.empty((k, k)), np.empty(k), np.empty(k), np.empty(k)
+    for i in range(k):
+        score[i], bottom[i], top[i] = b[index[i]], low[index[i]], high[index[i]]
+        for j in range(k):
+            own[i, j] = A[index[i], index[j]]
+    total, precision, covariance, x, cost = _evidence(own, score, bottom, top)
+    return prices + total, index, precision, covariance, x, cost
+
+
+@njit(cache=True, error_model="numpy")
+def _evidence(A: Array, b: Array, low: Array, high: Array) -> tuple[float, Array, Array, Array, Array]:
+    """Return the negative log evidence of k unknowns, their precisions, covariance and means, and what their bounds cost."""
+    k, total = b.size, 0.0
+    L, x, precision, cost = np.empty((k, k)), np.empty(k), np.ones(k), np.zeros(k)
     for again in range(2):
-        total = prices
+        total, far = 0.0, False
+        L[:] = A
         for i in range(k):
-            for j in range(i + 1):
-                L[i, j] = A[index[i], index[j]]
             L[i, i] += precision[i]
         if not _factored(L, k, precision):
-            return np.inf, index, precision, L, x, cost
+            return np.inf, precision, L, x, cost
         for i in range(k):
             total += np.log(L[i, i]) - 0.5 * np.log(precision[i])
-            s = b[index[i]]
+            s = b[i]
             for m in range(i):
                 s -= L[i, m] * x[m]
             x[i] = s / L[i, i]
@@ -220,7 +228,6 @@ def _posterior(
             for m in range(i + 1, k):
                 s -= L[m, i] * x[m]
             x[i] = s / L[i, i]
-        far = False
         if again:
             break
         for i in range(k):
@@ -231,10 +238,10 @@ def _posterior(
             break
     covariance = _inverse_of(L, k)
     for i in range(k):
-        off = max(low[index[i]] - x[i], x[i] - high[index[i]], 0.0)
+        off = max(low[i] - x[i], x[i] - high[i], 0.0)
         cost[i] = 0.5 * off * off / covariance[i, i]
         total += cost[i]
-    return total, index, precision, covariance, x, cost
+    return total, precision, covariance, x, cost
 
 
 @njit(cache=True, error_model="numpy")
@@ -289,19 +296,19 @@ def _descend(
     high: Array,
     same: float,
     paired: int,
-    exactly: int,
 ) -> float:
     """Improve a set in place until no move helps; return its score.
 
-    Every move is first scored with the precisions and bounds of the unknowns that stay as they are, by block elimination (the
-    Schur complement); the best few of them are then scored exactly.
+    Every move is estimated with the precisions and bounds of the unknowns that stay as they are, by block elimination (the Schur
+    complement); the best one is then scored exactly. Where that does not help, every addition and every drop is scored exactly:
+    a bound that binds makes estimates wrong.
     """
     count, p = price.size, b.size
     widest = 0
     for g in range(count):
         widest = max(widest, first[g + 1] - first[g])
     S, c = np.empty((p, widest)), np.empty(p)
-    gains, moves = np.empty(exactly), np.empty((exactly, 3), dtype=np.int64)
+    move = np.empty(3, dtype=np.int64)
     trial, best = np.empty_like(chosen), np.empty_like(chosen)
     where = np.empty(count, dtype=np.int64)
     while True:
@@ -334,15 +341,15 @@ def _descend(
         R = np.empty(k, dtype=np.int64)
         better, least = False, now - same
         # Exchanges, and two for one, only where nothing simpler helps.
-        for complex_moves in range(2):
-            gains[:] = np.inf
+        for exchanging in range(2):
+            gained = np.inf
             for g in range(-1, count):
                 if g >= 0 and (not chosen[g] or pinned[g]):
                     continue
                 for g2 in range(g, count):
-                    if g2 != g and (complex_moves == 0 or g < 0 or size > paired or not chosen[g2] or pinned[g2]):
+                    if g2 != g and (exchanging == 0 or g < 0 or size > paired or not chosen[g2] or pinned[g2]):
                         continue
-                    if complex_moves == 1 and g < 0:
+                    if exchanging == 1 and g < 0:
                         continue
                     r = 0
                     if g >= 0:
@@ -354,8 +361,10 @@ def _descend(
                         out -= price[g]
                     if g2 != g:
                         out -= price[g2]
-                    if complex_moves == 0 and g >= 0:
-                        _remember(gains, moves, out, g, g2, -1)
+                    if exchanging == 0 and g >= 0:
+                        if out < gained:
+                            gained = out
+                            move[0], move[1], move[2] = g, g2, -1
                         continue
                     for h in range(count):
                         if chosen[h] or barred[h]:
@@ -365,7 +374,7 @@ def _descend(
                             if conflict[h, o] and chosen[o] and o != g and o != g2:
                                 clashing += 1
                                 blocked = blocked or pinned[o]
-                        if blocked or (clashing and complex_moves == 1):
+                        if blocked or (clashing and exchanging == 1):
                             continue
                         if clashing:
                             for o in range(count):
@@ -381,12 +390,12 @@ def _descend(
                             r = 0
                         else:
                             gain = out + price[h] + _with_group(first[h], first[h + 1], S, c, V, R, r, W, y, low, high)
-                        _remember(gains, moves, gain, g, g2, h)
-            for m in range(exactly):
-                if not gains[m] < np.inf:
-                    break
+                        if gain < gained:
+                            gained = gain
+                            move[0], move[1], move[2] = g, g2, h
+            if gained < np.inf:
                 trial[:] = chosen
-                g, g2, h = moves[m]
+                g, g2, h = int(move[0]), int(move[1]), int(move[2])
                 if g >= 0:
                     trial[g] = False
                     trial[g2] = False
@@ -401,6 +410,23 @@ def _descend(
                     best[:] = trial
             if better:
                 break
+        for h in range(0 if better else count):
+            if pinned[h] or (barred[h] and not chosen[h]):
+                continue
+            trial[:] = chosen
+            blocked = False
+            if not chosen[h]:
+                for o in range(count):
+                    if conflict[h, o]:
+                        blocked = blocked or (chosen[o] and pinned[o])
+                        trial[o] = False
+            if blocked:
+                continue
+            trial[h] = not chosen[h]
+            s = _score(trial, A, b, first, price, low, high)
+            if s < least:
+                least, better = s, True
+                best[:] = trial
         if not better:
             return now
         chosen[:] = best
@@ -411,20 +437,6 @@ def _listed(R: Integers, r: int, begin: int, size: int) -> int:
     for i in range(size):
         R[r + i] = begin + i
     return r + size
-
-
-@njit(cache=True, error_model="numpy")
-def _remember(gains: Array, moves: Integers, gain: float, g: int, g2: int, h: int) -> None:
-    """Put a move among the best ones, the best first."""
-    m = gains.size - 1
-    if not gain < gains[m]:
-        return
-    while m > 0 and gain < gains[m - 1]:
-        gains[m] = gains[m - 1]
-        moves[m] = moves[m - 1]
-        m -= 1
-    gains[m] = gain
-    moves[m, 0], moves[m, 1], moves[m, 2] = g, g2, h
 
 
 @njit(cache=True, error_model="numpy")
@@ -452,47 +464,14 @@ def _with_group(
 ) -> float:
     """Return what adding a group changes in the score once r unknowns are dropped, its price aside."""
     n = end - begin
-    own, L, rhs, u, precision = np.empty((n, n)), np.empty((n, n)), np.empty(n), np.empty(n), np.ones(n)
+    own, score = np.empty((n, n)), np.empty(n)
     for i in range(n):
-        rhs[i] = c[begin + i]
+        score[i] = c[begin + i]
         for m in range(r):
-            rhs[i] += V[begin + i, R[m]] * y[m]
+            score[i] += V[begin + i, R[m]] * y[m]
         for j in range(n):
             own[i, j] = S[begin + i, j]
             for m in range(r):
                 for o in range(r):
                     own[i, j] += V[begin + i, R[m]] * W[m, o] * V[begin + j, R[o]]
-    gain = 0.0
-    for again in range(2):
-        gain = 0.0
-        L[:] = own
-        for i in range(n):
-            L[i, i] += precision[i]
-        if not _factored(L, n, precision):
-            return np.inf
-        for i in range(n):
-            gain += np.log(L[i, i]) - 0.5 * np.log(precision[i])
-            s = rhs[i]
-            for m in range(i):
-                s -= L[i, m] * u[m]
-            u[i] = s / L[i, i]
-            gain -= 0.5 * u[i] * u[i]
-        for i in range(n - 1, -1, -1):
-            s = u[i]
-            for m in range(i + 1, n):
-                s -= L[m, i] * u[m]
-            u[i] = s / L[i, i]
-        far = False
-        if again:
-            break
-        for i in range(n):
-            if abs(u[i]) > 1.0:
-                precision[i] = 1.0 / (u[i] * u[i])
-                far = True
-        if not far:
-            break
-    covariance = _inverse_of(L, n)
-    for i in range(n):
-        off = max(low[begin + i] - u[i], u[i] - high[begin + i], 0.0)
-        gain += 0.5 * off * off / covariance[i, i]
-    return gain
+    return _evidence(own, score, low[begin:end], high[begin:end])[0]

@@ -30,8 +30,8 @@ SIMULATED = ("motor_position", "link_position", "deflection", "torque_sensor", "
 
 # What stands for the inertia of a motor or a link that the rig does not have, and that moves as it was measured [kg·m²].
 STAND_IN = 1.0
-# Bristles, loops and slip elements are not measured: where a run of windows begins, they are as the joint's motion of so long
-# before [s] has left them.
+# Length of the measured motion [s] that is played before a run of windows for bristles, loops and slip elements, whose states
+# nobody measures: as long as a window, and longer than they remember at any usual speed.
 RUN_IN = 0.5
 
 
@@ -156,10 +156,11 @@ class MechanicalPlayer:
         """Yield the windows' truth; those that touch are one run with restarts."""
         channels = self.channels
         roles = true_roles(self.joint, channels, 0.0)
+        measured = self.measured_states() if self.run_in else None
         for first_w, last_w in _stretches(spans):
             part = slice(int(spans[first_w, 0]), int(spans[last_w - 1, 1]))
             # A late torque was recorded before the stretch: the motion is begun so much earlier, and begun again there.
-            before, begin = self._before(part.start, states[first_w])
+            before, begin = self._before(part.start, states[first_w], measured)
             whole = slice(part.start - before, part.stop)
             time = self.times(whole)
             inputs = self.inputs(roles, whole, hold)
@@ -168,17 +169,15 @@ class MechanicalPlayer:
             truth = play(self.machine, {NAME: inputs}, time, start=start, restarts=restarts)[NAME]
             yield part, {name: values[before:] for name, values in truth.items()}
 
-    def _before(self, first: int, state: Array) -> tuple[int, Array]:
+    def _before(self, first: int, state: Array, measured: Array | None) -> tuple[int, Array]:
         """Return how many samples before a stretch its motion begins, and the state there."""
         lead = min(first, self.lead)
-        if not self.run_in:
+        if measured is None:
             return lead, state
-        measured, starts = self.measured_states(), self.channels.starts
-        known = np.asarray(np.isfinite(measured).all(axis=1))
-        for begin in range(max(first - self.run_in, 0), first - lead):
-            if known[begin] and not starts[begin + 1 : first + 1].any():
-                return first - begin, measured[begin]
-        return lead, state
+        cuts = np.flatnonzero(self.channels.starts[: first + 1])
+        earliest = max(first - self.run_in, int(cuts[-1]) if cuts.size else 0)
+        known = np.flatnonzero(np.isfinite(measured[earliest : first - lead]).all(axis=1))
+        return (first - earliest - int(known[0]), measured[earliest + known[0]]) if known.size else (lead, state)
 
     def times(self, part: slice) -> Array:
         """Return the times of a run's samples."""

@@ -144,7 +144,7 @@ def _believe(causes: Sequence[FoundCause], left: Unexplained) -> list[str]:
     ]
     if left.where is not None:
         on = f" and depends on {' and '.join(left.depends_on)}" if left.depends_on else ""
-        if left.curve_back and left.depends_on[-1] == "time":
+        if left.loop:
             on = f": a loop over {left.depends_on[0]}, as far as a log can show that passes it once"
         said.append(
             f"{_per_cent(left.fraction)} of what was wrong is left unexplained; it is on the {left.where} side{on}."

@@ -90,7 +90,7 @@ def unexplained_words(left: Unexplained) -> str:
     words = f"{share_text(left.fraction)} of what was wrong is left unexplained"
     if left.where is None:
         return f"{words}."
-    if left.curve_back and left.depends_on[-1] == "time":
+    if left.loop:
         return (
             f"{words}; it is on the {left.where} side, and a loop over {signal_name(left.depends_on[0])}: one way up, another way"
             " down, as far as a log can tell that passes it once."
