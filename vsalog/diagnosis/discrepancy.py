@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from vsalog.diagnosis.linear import Linear, Placed, rows_of, whitened_columns
+from vsalog.diagnosis.linear import Linear, Placed, formed_of, whitened_columns
 from vsalog.diagnosis.system import System, whitener
 
 Array = NDArray[np.float64]
@@ -42,17 +42,20 @@ class Weights:
     times: Array
 
     def deviance(self, joint: Any, fit: Placed = ()) -> float:
-        """Return Σ rᵀ C⁻¹ r of a joint with causes, with the noise as that joint has it.
+        """Return Σ rᵀ C⁻¹ r of a joint with causes, with the noise as that joint has it."""
+        return self.deviance_of(formed_of(self.system, joint, fit))
+
+    def deviance_of(self, formed: Array) -> float:
+        """Return Σ rᵀ C⁻¹ r of a joint's equations, with the noise as that joint has it; see `formed_of`.
 
         What noise makes of an equation depends on the numbers in it, and a fit must not gain by making it small (the sensors'
         true values are profiled out: Fuller 1987, §3.2).
         """
-        system = self.system
-        rows = rows_of(system, joint, fit)
+        system, rows = self.system, formed[0]
         used = (system.weights > 0.0).astype(np.float64)
         both = used.T @ used
-        added = [rows_of(copy, joint, fit) - rows for copy in system.noisy]
-        noise = sum(d.T @ d for d in added) / len(added)
+        added = formed[1:] - rows
+        noise = np.einsum("kri,krj->ij", added, added) / len(added)
         covariance = np.where(both > 0.0, noise / np.maximum(both, 1.0), system.covariance) + TRACE * system.exact
         if not np.isfinite(covariance).all():
             return np.inf

@@ -161,7 +161,9 @@ def _outside(site: Site, start: Array, deviation: Array, price: float) -> Varian
     return Variant(site, base, moved, free, rig[own], deviation[own], price, False)
 
 
-def linearised(system: System, joint: Any, fit: Placed, variants: Sequence[Variant]) -> Linear:
+def linearised(
+    system: System, joint: Any, fit: Placed, variants: Sequence[Variant], here: Array | None = None
+) -> Linear:
     """Linearise the equations about a fit.
 
     Parameters
@@ -170,14 +172,14 @@ def linearised(system: System, joint: Any, fit: Placed, variants: Sequence[Varia
     joint : of the rig
     fit : causes with their values
     variants : see `variants_of`
+    here : the equations of the fit, where they are known; see `formed_of`
     """
     first = np.concatenate([[0], np.cumsum([len(v.free) for v in variants])]).astype(np.int64)
-    every = (system, *system.noisy)
 
     def formed(causes: Placed) -> Array:
-        return np.stack([rows_of(s, joint, causes) for s in every])
+        return formed_of(system, joint, causes)
 
-    here = formed(fit)
+    here = formed(fit) if here is None else here
     columns = np.empty((*here.shape, int(first[-1])))
     now = np.zeros(int(first[-1]))
     for g, variant in sorted(enumerate(variants), key=lambda v: v[1].instead):
@@ -201,6 +203,27 @@ def linearised(system: System, joint: Any, fit: Placed, variants: Sequence[Varia
     residual = here - columns @ now
     return Linear(
         tuple(variants), first, residual[0], columns[0], columns[1:] - columns[0], residual[1:] - residual[0], now
+    )
+
+
+def carried(linear: Linear, fit: Placed, here: Array) -> Linear:
+    """Return a linear model of a set's own causes at other values of theirs, with the same columns.
+
+    Parameters
+    ----------
+    linear : about other values
+    fit : the causes with their values
+    here : the equations of the fit, see `formed_of`
+    """
+    variants, now = [], []
+    for v, (_, values) in zip(linear.variants, fit, strict=True):
+        rig = np.where([p.shape for p in v.site.parameters], values, v.rig)
+        variants.append(replace(v, base=values, moved=values + (v.moved - v.base), rig=rig))
+        now.append((values - rig) / v.deviation)
+    away = np.concatenate(now)
+    residual = here - np.concatenate([linear.columns[None], linear.columns + linear.noise_columns]) @ away
+    return replace(
+        linear, variants=tuple(variants), residual=residual[0], noise_residual=residual[1:] - residual[0], now=away
     )
 
 
@@ -278,6 +301,11 @@ def whitened_columns(columns: Array, system: System) -> Array:
         own = system.pattern == pattern
         out[own] = np.einsum("ij,rjp->rip", whitener, columns[own])
     return out.reshape(columns.shape[0] * columns.shape[1], columns.shape[2])
+
+
+def formed_of(system: System, joint: Any, fit: Placed) -> Array:
+    """Return what `rows_of` does for a system and each copy that carries noise once more, shape (1 + K, R, m)."""
+    return np.stack([rows_of(s, joint, fit) for s in (system, *system.noisy)])
 
 
 def rows_of(system: System, joint: Any, fit: Placed) -> Array:

@@ -11,8 +11,9 @@ from numpy.typing import NDArray
 
 from vsalog.diagnosis.causes.base import Setting, Site
 from vsalog.diagnosis.discrepancy import Weights
-from vsalog.diagnosis.linear import Linear, Placed, Variant, candidates_of, linearised, variants_of
+from vsalog.diagnosis.linear import Linear, Placed, Variant, candidates_of, carried, formed_of, linearised, variants_of
 from vsalog.diagnosis.subsets import Candidates, precisions
+from vsalog.diagnosis.system import System
 
 Array = NDArray[np.float64]
 
@@ -73,54 +74,55 @@ def most_probable(problem: Problem, weights: Weights, start: Placed) -> Posterio
     """Fit a set of causes from values to begin with.
 
     The score is ½ (deviance + δᵀ Λ δ) + ½ log det(I + Λ⁻¹ A) + Σ price, δ in units of the prior deviations and Λ of `subsets`.
+    Steps keep the columns for as long as they gain (the chord method), and end where none gains with columns of its own.
     """
-    fit = tuple(start)
-    linear, candidates = _about(problem, weights, fit)
-    now, damping = _loss(problem, weights, fit, linear), 0.0
+    fit, system = tuple(start), weights.system
+    here = formed_of(system, problem.joint, fit)
+    linear = _about(problem, system, fit, here)
+    candidates = candidates_of(linear, system)
+    now, damping, fresh = weights.deviance_of(here) + _surprise(linear.now), 0.0, True
     for _ in range(STEPS if fit else 0):
         H = np.diag(precisions(linear.now)) + candidates.information
-        before = now
-        for _ in range(DAMPINGS):
+        before, moved = now, False
+        for _ in range(DAMPINGS if fresh else 1):
             step = np.linalg.solve(H + damping * np.diag(np.diag(H)), candidates.score - H @ linear.now)
             if not np.isfinite(step).all():
                 break
             trial = _moved(linear.variants, np.clip(linear.now + step, candidates.low, candidates.high))
-            there = _trial_loss(problem, weights, trial, linear)
-            if there <= now:
-                fit, now, damping = trial, there, 0.1 * damping
+            there = formed_of(system, problem.joint, trial)
+            after = weights.deviance_of(there) + _surprise(_strengths(linear.variants, trial))
+            if after <= now:
+                fit, here, now, damping, moved = trial, there, after, 0.1 * damping, True
                 break
             damping = max(10.0 * damping, 1e-3)
-        if before - now <= 0.0:
+        small = before - now <= ENOUGH
+        if fresh and (before - now <= 0.0 or small):
+            linear = carried(linear, fit, here) if moved else linear
+            candidates = candidates_of(linear, system)
             break
-        linear, candidates = _about(problem, weights, fit)
-        if before - now <= ENOUGH:
-            break
+        fresh = small
+        linear = _about(problem, system, fit, here) if fresh else carried(linear, fit, here)
+        candidates = candidates_of(linear, system)
     H = np.diag(precisions(linear.now)) + candidates.information
     # The prior's own log λ is in the loss.
     score = 0.5 * now + 0.5 * float(np.linalg.slogdet(H)[1]) + float(candidates.price.sum())
     return Posterior(fit, score, linear, candidates)
 
 
-def _about(problem: Problem, weights: Weights, fit: Placed) -> tuple[Linear, Candidates]:
+def _about(problem: Problem, system: System, fit: Placed, here: Array) -> Linear:
     variants = variants_of([site for site, _ in fit], problem.setting, None, fit, problem.stated)
-    linear = linearised(weights.system, problem.joint, fit, variants)
-    return linear, candidates_of(linear, weights.system)
+    return linearised(system, problem.joint, fit, variants, here)
 
 
-def _loss(problem: Problem, weights: Weights, fit: Placed, linear: Linear) -> float:
-    return weights.deviance(problem.joint, fit) + _surprise(linear.now)
-
-
-def _trial_loss(problem: Problem, weights: Weights, trial: Placed, linear: Linear) -> float:
-    """Return deviance and prior of a trial; a shape counts from where the step began."""
-    deviance = weights.deviance(problem.joint, trial)
+def _strengths(variants: tuple[Variant, ...], trial: Placed) -> Array:
+    """Return how far the strengths of a trial are from the rig, in units of their prior; a shape counts from where a step begins."""
     off = [
         (values[i] - v.rig[k]) / v.deviation[k]
-        for v, (_, values) in zip(linear.variants, trial, strict=True)
+        for v, (_, values) in zip(variants, trial, strict=True)
         for k, i in enumerate(v.free)
         if not v.site.parameters[i].shape
     ]
-    return deviance + _surprise(np.array(off))
+    return np.array(off)
 
 
 def _surprise(unknowns: Array) -> float:

@@ -166,7 +166,7 @@ def _settled(
 ) -> tuple[Stage, Posterior]:
     """Search until the best set stays the same; return it, and the equations about it. `best` is what the stage is about."""
     for _ in range(ROUNDS):
-        found = _best(problem, stage)
+        found = _best(problem, stage, best)
         settled = best is not None and found.keys == best.keys and found.score > best.score - SETTLED
         best = found
         stage = stage_about(problem, stage.system, sites, best.fit, blocks, stage.system.hold)
@@ -276,13 +276,15 @@ def _everything(linear: Linear) -> Flags:
     return np.repeat(np.array(able, dtype=np.bool_), np.diff(linear.first))
 
 
-def _best(problem: Problem, stage: Stage) -> Posterior:
-    """Search the sets about a stage, fit the best few in full, and return the most probable."""
+def _best(problem: Problem, stage: Stage, about: Posterior | None) -> Posterior:
+    """Search the sets about a stage, fit the best few in full, and return the most probable of them and of the one it is about."""
     start = np.array([v.inside for v in stage.linear.variants], dtype=np.bool_)
     sets = best_sets(stage.candidates, [start])
     near = [s for s in sets if s.score <= sets[0].score + NEAR][:SETS]
-    fitted = [most_probable(problem, stage.weights, begun_by(stage.linear, stage.candidates, s.chosen)) for s in near]
-    return min(fitted, key=lambda p: p.score)
+    begun = [begun_by(stage.linear, stage.candidates, s.chosen) for s in near]
+    if about is not None:
+        begun.append(about.fit)
+    return min((most_probable(problem, stage.weights, b) for b in begun), key=lambda p: p.score)
 
 
 def choices_of(

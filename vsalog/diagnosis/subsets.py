@@ -110,11 +110,14 @@ def best_sets(candidates: Candidates, starts: Iterable[Flags] = ()) -> list[Rank
     for start in (free.copy(), *starts, _everything(candidates)):
         _keep(found, _descended(candidates, start, free, free))
     best = min(found.values(), key=lambda r: r.score)
+    begun = {best.chosen.tobytes()}
     for g in np.flatnonzero(~best.chosen):
         pinned = free.copy()
         pinned[g] = True
         there = _descended(candidates, _with(candidates, best.chosen, int(g)), pinned, free).chosen
-        _keep(found, _descended(candidates, there, free, free))
+        if there.tobytes() not in begun:
+            begun.add(there.tobytes())
+            _keep(found, _descended(candidates, there, free, free))
     return sorted(found.values(), key=lambda r: r.score)
 
 
