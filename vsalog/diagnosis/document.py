@@ -193,6 +193,7 @@ class Diagnosis(_Part, frozen=True):
     settings : of this run
     verdict : in a word
     sentences : what was found, as a colleague would say it
+    p_values : joint → probability that a machine that is as the rig says gives a log whose equations speak as much against it
     simulation_error : of the rig as it stands, on the log
     equations : what is left over in each
     causes : found, the weightiest first
@@ -212,6 +213,7 @@ class Diagnosis(_Part, frozen=True):
     settings: dict[str, str]
     verdict: Verdict
     sentences: tuple[str, ...]
+    p_values: dict[str, float]
     simulation_error: tuple[SignalError, ...]
     equations: tuple[EquationError, ...]
     causes: tuple[FoundCause, ...]

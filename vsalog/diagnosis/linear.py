@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from vsalog.diagnosis.causes.base import Parameter, Remainder, Setting, Site
 from vsalog.diagnosis.priors import deviation_of
+from vsalog.diagnosis.sensing import earlier, whole_delays
 from vsalog.diagnosis.subsets import Candidates
 from vsalog.diagnosis.system import System
 
@@ -176,8 +177,10 @@ def linearised(
     """
     first = np.concatenate([[0], np.cumsum([len(v.free) for v in variants])]).astype(np.int64)
 
+    whole = whole_delays(placed(joint, fit), system.channels.period)
+
     def formed(causes: Placed) -> Array:
-        return formed_of(system, joint, causes)
+        return formed_of(system, joint, causes, whole)
 
     here = formed(fit) if here is None else here
     columns = np.empty((*here.shape, int(first[-1])))
@@ -303,9 +306,23 @@ def whitened_columns(columns: Array, system: System) -> Array:
     return out.reshape(columns.shape[0] * columns.shape[1], columns.shape[2])
 
 
-def formed_of(system: System, joint: Any, fit: Placed) -> Array:
-    """Return what `rows_of` does for a system and each copy that carries noise once more, shape (1 + K, R, m)."""
-    return np.stack([rows_of(s, joint, fit) for s in (system, *system.noisy)])
+def formed_of(system: System, joint: Any, fit: Placed, whole: Mapping[str, int] | None = None) -> Array:
+    """Return what `rows_of` does for a system and each copy that carries noise once more, shape (1 + K, R, m).
+
+    Noise is the same whenever it comes, so what it adds is looked at without the whole samples of delays. Otherwise two fits
+    would differ by other draws of it: some parts in a hundred of their deviance.
+
+    Parameters
+    ----------
+    system, joint, fit : of the log
+    whole : of the delays, see `sensing.whole_delays`; those of the fit when absent
+    """
+    here, there, period = rows_of(system, joint, fit), placed(joint, fit), system.channels.period
+    whole = whole_delays(there, period) if whole is None else whole
+    near = earlier(there, whole, period)
+    base = system.averaged(near) if whole else here
+    added = [(copy.averaged(near) if whole else rows_of(copy, joint, fit)) - base for copy in system.noisy]
+    return np.stack([here, *(here + a for a in added)])
 
 
 def rows_of(system: System, joint: Any, fit: Placed) -> Array:

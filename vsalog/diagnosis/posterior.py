@@ -115,7 +115,7 @@ def _about(problem: Problem, system: System, fit: Placed, here: Array) -> Linear
 
 
 def _strengths(variants: tuple[Variant, ...], trial: Placed) -> Array:
-    """Return how far the strengths of a trial are from the rig, in units of their prior; a shape counts from where a step begins."""
+    """Return how far a trial's strengths are from the rig, in units of their prior; a shape counts from where a step begins."""
     off = [
         (values[i] - v.rig[k]) / v.deviation[k]
         for v, (_, values) in zip(variants, trial, strict=True)

@@ -9,7 +9,7 @@ coarse to fine by itself, as the residual shrinks.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -17,11 +17,13 @@ from numpy.typing import NDArray
 
 from vsalog.diagnosis.causes import catalogue
 from vsalog.diagnosis.causes.base import Remainder, Setting, Site
+from vsalog.diagnosis.clock import on_fewest_clocks
 from vsalog.diagnosis.common import common_sites
 from vsalog.diagnosis.discrepancy import Weights, left_out, weighted_by
 from vsalog.diagnosis.fit import driven_out
 from vsalog.diagnosis.kinds import motion_for
 from vsalog.diagnosis.linear import Linear, Variant, candidates_of, clash, linearised, placed, variants_of
+from vsalog.diagnosis.omnibus import p_value
 from vsalog.diagnosis.posterior import Posterior, Problem, begun_by, most_probable
 from vsalog.diagnosis.sensing import true_roles
 from vsalog.diagnosis.smooth import smooth_sites
@@ -111,6 +113,7 @@ class Selection:
     posterior : of its causes together
     choices : of its causes
     blocks : shape (R,), the block of each row
+    p_value : of the rig as it stands, see `omnibus`; none where no cause can be looked for
     """
 
     problem: Problem
@@ -118,6 +121,7 @@ class Selection:
     posterior: Posterior
     choices: tuple[Choice, ...]
     blocks: Integers
+    p_value: float | None = None
 
     @property
     def system(self) -> System:
@@ -145,12 +149,17 @@ def select(
     """
     sites, problem, blocks = sites_of(setting, barred), Problem(joint, setting, stated), blocks_of(system)
     held = 0.5 * system.channels.period / system.channels.every
-    stage, best = _settled(problem, stage_about(problem, system, sites, (), blocks, held), sites, blocks)
+    rig = stage_about(problem, system, sites, (), blocks, held)
+    stage, best = _settled(problem, rig, sites, blocks)
     # Drives hold a torque from sample to sample. One that is smooth acts half a sample earlier, which several delays together
     # would explain as well: it is taken for smooth where that is the more probable.
-    smooth, other = _settled(problem, stage_about(problem, system, sites, (), blocks, 0.0), sites, blocks)
-    if best.score - other.score > APART:
-        stage, best = smooth, other
+    plain = stage_about(problem, system, sites, (), blocks, 0.0)
+    smooth, other = _settled(problem, plain, sites, blocks)
+    # Two fits can be compared under one model error only.
+    alike = replace(smooth.weights, inflation=stage.weights.inflation, times=stage.weights.times)
+    held_score = most_probable(problem, stage.weights, best.fit).score
+    if held_score - most_probable(problem, alike, other.fit).score > APART:
+        rig, stage, best = plain, smooth, other
     # What was found has to stand against unknown functions, which are not looked at before: there are many of them.
     there = placed(joint, best.fit)
     roles = true_roles(there, system.channels, stage.system.hold)
@@ -158,7 +167,8 @@ def select(
     sites = [*sites, *smooth_sites(stage.system, there, motion)]
     stage = stage_about(problem, stage.system, sites, best.fit, blocks, stage.system.hold)
     stage, best = _settled(problem, stage, sites, blocks, best)
-    return _established(problem, stage, sites, most_probable(problem, stage.weights, best.fit), blocks)
+    found = _established(problem, stage, sites, most_probable(problem, stage.weights, best.fit), blocks)
+    return replace(found, p_value=p_value(rig.linear, rig.weights.system, _everything(rig.linear), blocks))
 
 
 def _settled(
@@ -277,14 +287,16 @@ def _everything(linear: Linear) -> Flags:
 
 
 def _best(problem: Problem, stage: Stage, about: Posterior | None) -> Posterior:
-    """Search the sets about a stage, fit the best few in full, and return the most probable of them and of the one it is about."""
+    """Search the sets about a stage, fit the best few in full, and return the most probable of them and the one it is about."""
     start = np.array([v.inside for v in stage.linear.variants], dtype=np.bool_)
     sets = best_sets(stage.candidates, [start])
     near = [s for s in sets if s.score <= sets[0].score + NEAR][:SETS]
     begun = [begun_by(stage.linear, stage.candidates, s.chosen) for s in near]
     if about is not None:
         begun.append(about.fit)
-    return min((most_probable(problem, stage.weights, b) for b in begun), key=lambda p: p.score)
+    best = min((most_probable(problem, stage.weights, b) for b in begun), key=lambda p: p.score)
+    other = on_fewest_clocks(best.fit, sites_in(stage))
+    return best if other is None else min(best, most_probable(problem, stage.weights, other), key=lambda p: p.score)
 
 
 def choices_of(

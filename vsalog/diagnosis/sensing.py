@@ -194,6 +194,32 @@ def true_roles(joint: Joint, channels: Channels, hold: float = 0.0) -> dict[str,
     return true
 
 
+def whole_delays(joint: Joint, period: float) -> dict[str, int]:
+    """Return role or motor → whole samples of its delay, where there are any; what is left is −¼ to ¾ of a sample."""
+    delays = {role: signal.delay for role, signal in offered_roles(joint).items() if role not in BOUND}
+    delays |= {name: getattr(joint, name).torque_delay for name in motors_of(joint)}
+    # Sensors on time, and drives that hold a torque, half a sample late, are both well inside of that range.
+    return {name: whole for name, d in delays.items() if (whole := int(np.floor(d / period + 0.25)))}
+
+
+def earlier(joint: Any, whole: Mapping[str, int], period: float) -> Any:
+    """Return a joint whose sensors and drives are so many samples less late; see `whole_delays`."""
+    if not whole:
+        return joint
+    motors, signals = motors_of(joint), {}
+    changed = {}
+    for name, samples in whole.items():
+        if name in motors:
+            motor: Motor = getattr(joint, name)
+            changed[name] = replace(motor, torque_delay=motor.torque_delay - samples * period)
+        else:
+            signal = offered_roles(joint)[name]
+            signals[name] = replace(signal, delay=signal.delay - samples * period)
+    if signals:
+        changed["signals"] = replace(joint.signals, **signals)
+    return replace(joint, **changed)
+
+
 def _without_series(deflection: Array, torque: Array, stiffness: float) -> Array:
     """Take off a deflection what a spring in series with it gives way under a torque."""
     return deflection - torque / stiffness

@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from vsalog.diagnosis.balance import Equation
 from vsalog.diagnosis.channels import Channels
 from vsalog.diagnosis.memory import remembered
-from vsalog.diagnosis.sensing import true_roles
+from vsalog.diagnosis.sensing import earlier, true_roles, whole_delays
 
 Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]
@@ -179,6 +179,10 @@ def build_system(
         channels, balance, names, tuple(e.side for e in equations), tuple(e.unit for e in equations), bell, wide, centres,
         usable, weights, {}, bits, np.eye(len(equations)), hold,
     )  # fmt: skip
+    # What noise adds is looked at without the whole samples of delays, see `linear.formed_of`.
+    near = earlier(joint, whole_delays(joint, channels.period), channels.period)
+    if near is not joint:
+        equations, again = (formed(balance, near, channels, hold), [formed(balance, near, c, hold) for c in copies])
     plain = system.rows(equations)
     noise = np.concatenate([system.rows(a) - plain for a in again])
     scale = np.array([_size(e, channels) for e in equations])

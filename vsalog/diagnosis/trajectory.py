@@ -130,7 +130,7 @@ def _searched(selection: Selection, windows: Windows, shot: Shot) -> Selection |
     posterior = most_probable(problem, stage.weights, begun_by(stage.linear, both, found.chosen))
     stage = stage_about(problem, stage.system, sites, posterior.fit, blocks, stage.system.hold)
     choices = choices_of(problem, stage, both, Ranked(found.chosen, found.score), variants, posterior)
-    return Selection(problem, stage, posterior, choices, blocks)
+    return replace(selection, stage=stage, posterior=posterior, choices=choices)
 
 
 def _as_seen(selection: Selection, windows: Windows, J: Array) -> tuple[Choice, ...]:

@@ -1,0 +1,57 @@
+"""Whose clock is right: a log shows only which channels are late against which.
+
+Delays of all sensors by one time and a delay of the drive by the same are one direction of the equations. Of the sets along it the
+one with the fewest late channels is proposed; the search scores it like any other.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vsalog.diagnosis.causes.base import Site
+from vsalog.diagnosis.linear import Placed
+
+Array = NDArray[np.float64]
+
+# Causes by which a channel is late: a sensor's record comes after the motion, a drive's before its torque.
+LATE = {"sensor.clock_skew": 1.0, "sensor.torque_delay": 1.0, "motor.torque_delay": -1.0}
+
+
+def on_fewest_clocks(fit: Placed, sites: Iterable[Site]) -> tuple[tuple[Site, Array], ...] | None:
+    """Return a fit whose delays are counted from the channel that leaves the fewest late; none where they are counted so.
+
+    Parameters
+    ----------
+    fit : causes with their values
+    sites : of the catalogue
+    """
+    own = {s.key: s for s in sites if s.cause in LATE}
+    single = [s for s in own.values() if not s.members]
+    late = np.zeros(len(single))
+    for site, values in fit:
+        for i, one in enumerate(single):
+            if site.overlaps(one):
+                late[i] = LATE[one.cause] * (values[0] - one.start[0])
+    # A delay is no finer than the step it is looked for with.
+    steps = np.array([s.parameters[0].step for s in single])
+    counts = [np.count_nonzero(np.abs(late - shift) > steps) for shift in late]
+    if not counts or min(counts) >= np.count_nonzero(late):
+        return None
+    there = late - late[int(np.argmin(counts))]
+    moved = [(s, np.array([s.start[0] + LATE[s.cause] * d])) for s, d in zip(single, there, strict=True)]
+    kept = [one for one, d, step in zip(moved, there, steps, strict=True) if abs(d) > step]
+    if any(not s.parameters[0].low <= v[0] <= s.parameters[0].high for s, v in kept):
+        return None
+    return (*((s, v) for s, v in fit if s.cause not in LATE), *_in_common(kept, own.values()))
+
+
+def _in_common(kept: Sequence[tuple[Site, Array]], sites: Iterable[Site]) -> list[tuple[Site, Array]]:
+    """Return delays with those of both parts of a joint as one."""
+    for both in (s for s in sites if s.members):
+        own = [(s, v) for s, v in kept if both.overlaps(s)]
+        if len(own) == len(both.members):
+            kept = [*((s, v) for s, v in kept if not both.overlaps(s)), (both, np.mean([v for _, v in own], axis=0))]
+    return list(kept)

@@ -1,0 +1,55 @@
+"""Is anything wrong with a rig at all: one p-value, before any cause is named.
+
+Were the rig right, the score of the causes' unknowns would be a sum of independent contributions of the blocks of a log, each as
+likely with the one sign as with the other. So flipping their signs draws the score's own distribution, whatever the noise is and
+however it is coloured (Hemerik, Goeman and Finos 2020, JRSS B 82(3), sign-flipping score contributions).
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vsalog.diagnosis.linear import Linear, whitened_columns
+from vsalog.diagnosis.system import System
+
+Array = NDArray[np.float64]
+Flags = NDArray[np.bool_]
+Integers = NDArray[np.int64]
+
+# Draws of signs [1]: the smallest p-value there is is one in a thousand.
+FLIPS = 999
+
+
+def p_value(linear: Linear, system: System, chosen: Flags, blocks: Integers, seed: int = 0) -> float:
+    """Return the probability that a machine that is as its rig says gives a log that speaks as much against the rig.
+
+    Parameters
+    ----------
+    linear : the equations about the rig
+    system : whose weights are used
+    chosen : shape (p,), the unknowns whose scores are looked at
+    blocks : shape (R,), the block of each row
+    seed : of the signs, and of what filters leave
+    """
+    m = len(system.names)
+    of = np.repeat(blocks, m)
+    count = int(blocks[-1]) + 1 if blocks.size else 0
+    rng = np.random.default_rng(seed)
+    # Filters are exact to a part of the torques only: so much is drawn and added, so that it does not speak against the rig.
+    blur = rng.standard_normal(linear.residual.shape) * np.sqrt(np.diag(system.exact)) * (system.weights > 0.0)
+    J, r = whitened_columns(linear.columns, system)[:, chosen], system.white(linear.residual + blur).ravel()
+    made = -J * r[:, None]
+    # Noise in the columns and in the residual is the same noise: its own part of the score is none of the rig's.
+    for columns, residual in zip(linear.noise_columns, linear.noise_residual, strict=True):
+        noise = whitened_columns(columns, system)[:, chosen] * system.white(residual).ravel()[:, None]
+        made += noise / len(linear.noise_columns)
+    parts = np.stack([made[of == b].sum(axis=0) for b in range(count)])
+    # In units of the prior's deviations: what is expected to be large counts for more.
+    lower = np.linalg.cholesky(J.T @ J + np.eye(J.shape[1]))
+    seen = np.linalg.solve(lower, parts.T).T
+    signs = rng.choice([-1.0, 1.0], (FLIPS, count))
+    found = float(np.sum(seen.sum(axis=0) ** 2))
+    flipped = np.sum((signs @ seen) ** 2, axis=1)
+    # The same signs drawn once more add up to the same but for rounding.
+    return float((1 + np.count_nonzero(flipped >= found * (1.0 - 1e-9))) / (1 + FLIPS))
