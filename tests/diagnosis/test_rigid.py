@@ -159,9 +159,7 @@ def laid(folder, truth, rig=RIGID, **options):
 PUSHED = pytest.mark.xfail(reason="a short push is not yet told from model error", strict=True)
 
 
-# Friction with a shape leaves a little that a second look with the extended rig gives another name.
-SECOND = pytest.mark.xfail(reason="a second diagnosis with the extended rig finds something material", strict=True)
-UNMET = {"link.contact": PUSHED, "motor.load_dependent_friction": SECOND}
+UNMET = {"link.contact": PUSHED}
 
 
 @pytest.mark.parametrize("cause", [pytest.param(c, marks=UNMET.get(c, ())) for c in HIDDEN])

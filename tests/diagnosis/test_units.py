@@ -74,13 +74,7 @@ WRONG = {
 }
 
 
-# Smooth torques against held ones move every delay by half a sample; a log with a late sensor is not yet told from that.
-HALF_A_SAMPLE = pytest.mark.xfail(reason="half a sample of hold and a delay are one class", strict=True)
-
-
-@pytest.mark.parametrize(
-    "cause", [pytest.param(c, marks=HALF_A_SAMPLE) if c == "sensor.torque_delay" else c for c in WRONG]
-)
+@pytest.mark.parametrize("cause", WRONG)
 def test_what_is_found_beside_counts_is_told_in_the_joints_units(tmp_path, cause):
     truth, role, expected = WRONG[cause]
     time, said = said_of(truth)

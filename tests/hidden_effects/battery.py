@@ -53,13 +53,13 @@ def lay_out(
     return out + [p for k in families for p in family_plans(k, cases or FAMILY, seed, devices, engine)]
 
 
-def diagnose(folder: Path, rig: Path | None = None) -> tuple[float, str]:
+def diagnose(folder: Path, rig: Path | None = None, into: str = "diagnosis") -> tuple[float, str]:
     """Diagnose one case through the command's entry point; return how long it took and what went wrong."""
     from click.testing import CliRunner
 
     from vsalog.cli import cli
 
-    log, holdout, out = (folder / n for n in ("log.parquet", "holdout.parquet", "diagnosis"))
+    log, holdout, out = (folder / n for n in ("log.parquet", "holdout.parquet", into))
     rig = rig or folder / "rig.toml"
     out.mkdir(exist_ok=True)
     arguments = ["diagnose", str(log), "--rig", str(rig), "--holdout", str(holdout), "-o", str(out)]
@@ -81,15 +81,15 @@ def _impatient(*_: object) -> None:
     raise TimeoutError(f"no diagnosis within {PATIENCE} s")
 
 
-def diagnose_all(folders: list[Path], workers: int, rigs: list[Path] | None = None) -> None:
+def diagnose_all(folders: list[Path], workers: int, rigs: list[Path] | None = None, into: str = "diagnosis") -> None:
     """Diagnose cases, with other rigs perhaps; how long each took, and what went wrong, is kept beside its diagnosis."""
     rigs = rigs or [folder / "rig.toml" for folder in folders]
     with ProcessPoolExecutor(workers, mp_context=get_context("spawn")) as pool:
         for done, (folder, (took, problem)) in enumerate(
-            zip(folders, pool.map(diagnose, folders, rigs), strict=True), 1
+            zip(folders, pool.map(diagnose, folders, rigs, [into] * len(folders)), strict=True), 1
         ):
             text = json.dumps({"seconds": took, "problem": problem})
-            (folder / "diagnosis" / "run.json").write_text(text, encoding="utf-8")
+            (folder / into / "run.json").write_text(text, encoding="utf-8")
             print(f"\r{done}/{len(folders)} diagnosed", end="", file=sys.stderr, flush=True)
     print(file=sys.stderr)
 
@@ -106,6 +106,20 @@ def judge(folders: list[Path], sealed: Path) -> list[Outcome | FamilyOutcome]:
             scored = score_family if truth.get("family") else score
             outcomes.append(scored(truth, diagnosis, run["seconds"], run["problem"]))
     return outcomes
+
+
+def look_again(folders: list[Path], workers: int) -> str:
+    """Diagnose cases again with their extended rigs; return how often that finds something that matters."""
+    rigs = [folder / "diagnosis" / "extended.rig.toml" for folder in folders]
+    known = [(folder, rig) for folder, rig in zip(folders, rigs, strict=True) if rig.exists()]
+    diagnose_all([folder for folder, _ in known], workers, [rig for _, rig in known], "again")
+    more = {}
+    for folder, _ in known:
+        second = read(folder / "again")
+        causes = second["causes"] if second else [{"cause": "no diagnosis", "part": ""}]
+        more[folder.name] = [f"{c['cause']}@{c['part']}" for c in causes if c.get("material") is not False]
+    lines = [f"- {name}: {', '.join(causes)}" for name, causes in more.items() if causes]
+    return "\n".join([f"{len(lines)} of {len(known)} extended rigs are off by something that matters", *lines])
 
 
 def look_at_sets(outcomes: list[Outcome], chosen: dict[str, Plan], workers: int) -> None:
@@ -159,12 +173,17 @@ def main() -> None:
         action="store_true",
         help="diagnose families with the rig as it truly is: what is then off is no cause",
     )
+    parser.add_argument(
+        "--extended",
+        action="store_true",
+        help="diagnose the cases that lie in --out again, each with its extended rig: nothing that matters is left to find",
+    )
     given = parser.parse_args()
     # Workers side by side, one to a core: linear algebra with threads of its own would make them wait for one another.
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     devices, kinds = tuple(given.device or ()) or None, tuple(given.kind or KINDS)
     chosen = lay_out(given.cases or (QUICK if given.quick else None), given.seed, devices, kinds, given.engine)
-    if not (given.again or given.score):
+    if not (given.again or given.score or given.extended):
         for problem in generate(chosen, given.out, given.workers):
             print(f"not made: {problem}", file=sys.stderr)
     names = [p.name for p in chosen if (given.out / "sealed" / f"{p.name}.json").exists()]
@@ -172,6 +191,9 @@ def main() -> None:
     if given.true:
         diagnose_all(folders, given.workers, [given.out / "sealed" / f"{name}.rig.toml" for name in names])
         print(true_rig_table(judge(folders, given.out / "sealed")))
+        return
+    if given.extended:
+        print(look_again(folders, given.workers))
         return
     if not given.score:
         diagnose_all(folders, given.workers)

@@ -64,7 +64,8 @@ def position_gain(**more):
 def diagnosis(**more):
     told = {
         "version": VERSION, "vsalog": "0", "log": "log.mcap", "log_sha256": "0" * 64, "holdout": None, "holdout_sha256": None,
-        "rig": RIG, "settings": {"time": "auto"}, "verdict": "explained", "sentences": ("One.", "Two.", "Three."), "p_values": {"elbow": 0.001},
+        "rig": RIG, "settings": {"time": "auto"}, "verdict": "explained", "sentences": ("One.", "Two.", "Three."),
+        "p_values": {"elbow": 0.001},
         "simulation_error": (
             SignalError(joint="elbow", signal="motor_position", unit="rad", rmse=0.008, noise_floor=0.0002, nrmse=0.4),
         ),

@@ -1,7 +1,7 @@
 """Whose clock is right: a log shows only which channels are late against which.
 
-Delays of all sensors by one time and a delay of the drive by the same are one direction of the equations. Of the sets along it the
-one with the fewest late channels is proposed; the search scores it like any other.
+Delays of all sensors by one time and a delay of the drive by the same are one direction of the equations. Of the sets along
+it the one with the fewest late channels is the most plausible.
 """
 
 from __future__ import annotations
@@ -29,12 +29,8 @@ def on_fewest_clocks(fit: Placed, sites: Iterable[Site]) -> tuple[tuple[Site, Ar
     sites : of the catalogue
     """
     own = {s.key: s for s in sites if s.cause in LATE}
-    single = [s for s in own.values() if not s.members]
-    late = np.zeros(len(single))
-    for site, values in fit:
-        for i, one in enumerate(single):
-            if site.overlaps(one):
-                late[i] = LATE[one.cause] * (values[0] - one.start[0])
+    single = _channels(own.values())
+    late = _lateness(fit, single)
     # A delay is no finer than the step it is looked for with.
     steps = np.array([s.parameters[0].step for s in single])
     counts = [np.count_nonzero(np.abs(late - shift) > steps) for shift in late]
@@ -46,6 +42,28 @@ def on_fewest_clocks(fit: Placed, sites: Iterable[Site]) -> tuple[tuple[Site, Ar
     if any(not s.parameters[0].low <= v[0] <= s.parameters[0].high for s, v in kept):
         return None
     return (*((s, v) for s, v in fit if s.cause not in LATE), *_in_common(kept, own.values()))
+
+
+def all_late(fit: Placed, sites: Iterable[Site]) -> bool:
+    """Tell whether a fit has every channel late: then all may be so by any time, and no log says by which."""
+    late = _lateness(fit, _channels(sites))
+    return bool(late.size and late.all())
+
+
+def _channels(sites: Iterable[Site]) -> list[Site]:
+    """Return the delay of each channel; none where drives have none, so that the others are late against them."""
+    single = [s for s in sites if s.cause in LATE and not s.members]
+    return single if any(LATE[s.cause] < 0.0 for s in single) else []
+
+
+def _lateness(fit: Placed, single: Sequence[Site]) -> Array:
+    """Return how late a fit has the channel of each site against the rig, shape (channels,)."""
+    late = np.zeros(len(single))
+    for site, values in fit:
+        for i, one in enumerate(single):
+            if site.overlaps(one):
+                late[i] = LATE[one.cause] * (values[0] - one.start[0])
+    return late
 
 
 def _in_common(kept: Sequence[tuple[Site, Array]], sites: Iterable[Site]) -> list[tuple[Site, Array]]:

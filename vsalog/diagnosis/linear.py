@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from vsalog.diagnosis.causes.base import Parameter, Remainder, Setting, Site
 from vsalog.diagnosis.priors import deviation_of
-from vsalog.diagnosis.sensing import earlier, whole_delays
+from vsalog.diagnosis.sensing import earlier
 from vsalog.diagnosis.subsets import Candidates
 from vsalog.diagnosis.system import System
 
@@ -177,7 +177,7 @@ def linearised(
     """
     first = np.concatenate([[0], np.cumsum([len(v.free) for v in variants])]).astype(np.int64)
 
-    whole = whole_delays(placed(joint, fit), system.channels.period)
+    whole = system.whole_delays(placed(joint, fit))
 
     def formed(causes: Placed) -> Array:
         return formed_of(system, joint, causes, whole)
@@ -317,12 +317,13 @@ def formed_of(system: System, joint: Any, fit: Placed, whole: Mapping[str, int] 
     system, joint, fit : of the log
     whole : of the delays, see `sensing.whole_delays`; those of the fit when absent
     """
-    here, there, period = rows_of(system, joint, fit), placed(joint, fit), system.channels.period
-    whole = whole_delays(there, period) if whole is None else whole
-    near = earlier(there, whole, period)
-    base = system.averaged(near) if whole else here
-    added = [(copy.averaged(near) if whole else rows_of(copy, joint, fit)) - base for copy in system.noisy]
-    return np.stack([here, *(here + a for a in added)])
+    here, there = rows_of(system, joint, fit), placed(joint, fit)
+    whole = system.whole_delays(there) if whole is None else whole
+    if not whole:
+        return np.stack([here, *(rows_of(copy, joint, fit) for copy in system.noisy)])
+    near = earlier(there, whole, system.channels.period)
+    base = system.averaged(near)
+    return np.stack([here, *(here + copy.averaged(near) - base for copy in system.noisy)])
 
 
 def rows_of(system: System, joint: Any, fit: Placed) -> Array:

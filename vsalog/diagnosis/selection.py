@@ -17,12 +17,12 @@ from numpy.typing import NDArray
 
 from vsalog.diagnosis.causes import catalogue
 from vsalog.diagnosis.causes.base import Remainder, Setting, Site
-from vsalog.diagnosis.clock import on_fewest_clocks
+from vsalog.diagnosis.clock import all_late, on_fewest_clocks
 from vsalog.diagnosis.common import common_sites
 from vsalog.diagnosis.discrepancy import Weights, left_out, weighted_by
 from vsalog.diagnosis.fit import driven_out
 from vsalog.diagnosis.kinds import motion_for
-from vsalog.diagnosis.linear import Linear, Variant, candidates_of, clash, linearised, placed, variants_of
+from vsalog.diagnosis.linear import Linear, Placed, Variant, candidates_of, clash, linearised, placed, variants_of
 from vsalog.diagnosis.omnibus import p_value
 from vsalog.diagnosis.posterior import Posterior, Problem, begun_by, most_probable
 from vsalog.diagnosis.sensing import true_roles
@@ -152,13 +152,13 @@ def select(
     rig = stage_about(problem, system, sites, (), blocks, held)
     stage, best = _settled(problem, rig, sites, blocks)
     # Drives hold a torque from sample to sample. One that is smooth acts half a sample earlier, which several delays together
-    # would explain as well: it is taken for smooth where that is the more probable.
+    # would explain as well: it is taken for smooth where that is the more probable, or about as probable with fewer causes.
     plain = stage_about(problem, system, sites, (), blocks, 0.0)
     smooth, other = _settled(problem, plain, sites, blocks)
     # Two fits can be compared under one model error only.
     alike = replace(smooth.weights, inflation=stage.weights.inflation, times=stage.weights.times)
-    held_score = most_probable(problem, stage.weights, best.fit).score
-    if held_score - most_probable(problem, alike, other.fit).score > APART:
+    more = most_probable(problem, stage.weights, best.fit).score - most_probable(problem, alike, other.fit).score
+    if more > APART or (more >= -APART and len(other.fit) < len(best.fit)):
         rig, stage, best = plain, smooth, other
     # What was found has to stand against unknown functions, which are not looked at before: there are many of them.
     there = placed(joint, best.fit)
@@ -294,9 +294,20 @@ def _best(problem: Problem, stage: Stage, about: Posterior | None) -> Posterior:
     begun = [begun_by(stage.linear, stage.candidates, s.chosen) for s in near]
     if about is not None:
         begun.append(about.fit)
-    best = min((most_probable(problem, stage.weights, b) for b in begun), key=lambda p: p.score)
-    other = on_fewest_clocks(best.fit, sites_in(stage))
-    return best if other is None else min(best, most_probable(problem, stage.weights, other), key=lambda p: p.score)
+    return min((fitted(problem, stage, b) for b in begun), key=lambda p: p.score)
+
+
+def fitted(problem: Problem, stage: Stage, start: Placed) -> Posterior:
+    """Fit a set under a stage's noise and model error, with its delays counted from the channel that leaves the fewest late.
+
+    Shifting all channels together changes only how samples fall between those of the log: a fit must not gain by that.
+    """
+    found, sites = most_probable(problem, stage.weights, start), sites_in(stage)
+    fewest = on_fewest_clocks(found.fit, sites)
+    if fewest is None:
+        return found
+    other = most_probable(problem, stage.weights, fewest)
+    return other if all_late(found.fit, sites) else min(found, other, key=lambda p: p.score)
 
 
 def choices_of(
@@ -319,7 +330,7 @@ def choices_of(
         other = min((without(c, best, barred) for barred in each), key=lambda r: r.score)
         odds, rivals = other.score - best.score, tuple[Rival, ...]()
         if odds < NEAR and c is stage.candidates:
-            instead = most_probable(problem, stage.weights, begun_by(stage.linear, c, other.chosen))
+            instead = fitted(problem, stage, begun_by(stage.linear, c, other.chosen))
             odds = instead.score - final.score
             if odds < APART:
                 rivals = _rivals(final, instead)

@@ -102,6 +102,10 @@ class System:
         """Return the system on each of the copies that carry noise once more."""
         return tuple(replace(self, channels=copy) for copy in self.copies)
 
+    def whole_delays(self, joint: Any) -> dict[str, int]:
+        """Return the whole samples by which a joint's channels are late, see `sensing.whole_delays`."""
+        return whole_delays(joint, self.channels.period)
+
     def equations(self, joint: Any) -> list[Equation]:
         """Form the equations of a joint at every sample."""
         return formed(self.balance, joint, self.channels, self.hold)

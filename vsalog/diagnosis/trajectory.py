@@ -22,8 +22,8 @@ from vsalog.diagnosis.causes import catalogue
 from vsalog.diagnosis.causes.base import Site
 from vsalog.diagnosis.discrepancy import correlation_time
 from vsalog.diagnosis.linear import Placed, Variant, exchanged, placed, set_in
-from vsalog.diagnosis.posterior import Posterior, begun_by, most_probable
-from vsalog.diagnosis.selection import APART, Choice, Selection, choices_of, sites_in, stage_about
+from vsalog.diagnosis.posterior import Posterior, begun_by
+from vsalog.diagnosis.selection import APART, Choice, Selection, choices_of, fitted, sites_in, stage_about
 from vsalog.diagnosis.subsets import Ranked, best_sets, precisions
 from vsalog.diagnosis.windows import WITHIN, Shot, Windows, begun, by_states, in_runs, in_windows, shoot
 from vsalog.errors import SimulationError
@@ -127,7 +127,7 @@ def _searched(selection: Selection, windows: Windows, shot: Shot) -> Selection |
     found = best_sets(both, [now])[0]
     if found.score > both.scored(now) - APART:
         return None
-    posterior = most_probable(problem, stage.weights, begun_by(stage.linear, both, found.chosen))
+    posterior = fitted(problem, stage, begun_by(stage.linear, both, found.chosen))
     stage = stage_about(problem, stage.system, sites, posterior.fit, blocks, stage.system.hold)
     choices = choices_of(problem, stage, both, Ranked(found.chosen, found.score), variants, posterior)
     return replace(selection, stage=stage, posterior=posterior, choices=choices)

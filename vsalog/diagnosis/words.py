@@ -78,7 +78,9 @@ def _as_likely(p_values: Mapping[str, float | None]) -> str:
     told = [
         f"{name}: p = {p:.2g}" if len(p_values) > 1 else f"p = {p:.2g}" for name, p in p_values.items() if p is not None
     ]
-    return f" A machine that is as the rig says would give logs that look as wrong with {', '.join(told)}." if told else ""
+    return (
+        f" A machine that is as the rig says would give logs that look as wrong with {', '.join(told)}." if told else ""
+    )
 
 
 def _found(verdict: Verdict, causes: Sequence[FoundCause], joints: int) -> str:

@@ -1,0 +1,112 @@
+"""Delays of channels against each other: the set with the fewest late ones, and noise that comes whenever it comes."""
+
+import numpy as np
+import pytest
+from written_out import Truth, channels, joint_of
+
+from vsalog.diagnosis.causes.base import Parameter, Site
+from vsalog.diagnosis.clock import all_late, on_fewest_clocks
+from vsalog.diagnosis.common import common_sites
+from vsalog.diagnosis.kinds import balance_for
+from vsalog.diagnosis.linear import formed_of
+from vsalog.diagnosis.selection import sites_of
+from vsalog.diagnosis.sensing import earlier, whole_delays
+from vsalog.diagnosis.setting import setting_of
+from vsalog.diagnosis.system import build_system
+
+PERIOD = 2e-3
+
+
+def late(cause, part, low=-0.05):
+    return Site(cause, part, (Parameter("delay", "s", 0.0, 0.25 * PERIOD, low, 0.05),), lambda joint, values: joint)
+
+
+DRIVE = late("motor.torque_delay", "motor", 0.0)
+ENCODERS = [late("sensor.clock_skew", role) for role in ("motor_position", "link_position")]
+SENSOR = late("sensor.torque_delay", "torque_sensor")
+SITES = [DRIVE, *ENCODERS, SENSOR]
+
+
+def placed(*pairs):
+    return tuple((site, np.array([value])) for site, value in pairs)
+
+
+def told(fit):
+    return {site.key: pytest.approx(float(values[0]), abs=1e-12) for site, values in fit}
+
+
+def test_sensors_that_are_all_late_are_a_drive_that_is():
+    fit = placed((ENCODERS[0], 5e-3), (ENCODERS[1], 5.1e-3), (SENSOR, 4.9e-3))
+    (found,) = [on_fewest_clocks(fit, SITES)]
+    assert {site.key for site, _ in found} == {DRIVE.key}
+    assert 4.9e-3 <= found[0][1][0] <= 5.1e-3
+    assert not all_late(fit, SITES)
+
+
+def test_the_one_that_is_late_beside_the_others_stays_late():
+    fit = placed((ENCODERS[0], 5e-3), (ENCODERS[1], 8e-3), (SENSOR, 5e-3))
+    found = on_fewest_clocks(fit, SITES)
+    assert {s.key: float(v[0]) for s, v in found} == told(placed((DRIVE, 5e-3), (ENCODERS[1], 3e-3)))
+
+
+def test_a_time_of_all_channels_is_taken_off():
+    fit = placed((DRIVE, 1e-3), (ENCODERS[0], 4e-3), (ENCODERS[1], 4e-3), (SENSOR, 4e-3))
+    assert all_late(fit, SITES)
+    assert {s.key: float(v[0]) for s, v in on_fewest_clocks(fit, SITES)} == told(placed((DRIVE, 5e-3)))
+
+
+def test_fewer_than_the_fewest_there_are_not_and_a_drive_is_never_early():
+    assert on_fewest_clocks(placed((ENCODERS[0], 5e-3)), SITES) is None
+    assert on_fewest_clocks(placed((DRIVE, 5e-3)), SITES) is None
+    assert on_fewest_clocks((), SITES) is None
+    assert on_fewest_clocks(placed(*((s, -5e-3) for s in (*ENCODERS, SENSOR))), SITES) is None
+
+
+def test_where_a_drive_is_the_clock_sensors_are_late_against_it():
+    fit = placed((ENCODERS[0], 5e-3))
+    assert on_fewest_clocks(fit, ENCODERS[:1]) is None
+    assert not all_late(fit, ENCODERS[:1])
+
+
+def test_other_causes_and_drives_in_common_are_kept():
+    drives = [late("motor.torque_delay", f"motor_{i}", 0.0) for i in (1, 2)]
+    encoders = [late("sensor.clock_skew", f"motor_position_{i}") for i in (1, 2)]
+    every = [*drives, *encoders, ENCODERS[1]]
+    sites = [*every, *common_sites(every)]
+    inertia = Site(
+        "motor.inertia", "motor_1", (Parameter("inertia", "kg*m^2", 1.0, 1e-3),), lambda joint, values: joint
+    )
+    both = next(s for s in sites if s.members and s.cause == "sensor.clock_skew")
+    found = on_fewest_clocks(placed((inertia, 1.1), (both, 5e-3), (ENCODERS[1], 5e-3)), sites)
+    assert {s.key: float(v[0]) for s, v in found} == {
+        inertia.key: 1.1,
+        ("motor.torque_delay", "motor_1+motor_2"): pytest.approx(5e-3),
+    }
+
+
+def test_whole_samples_of_delays_are_taken_off_and_put_back():
+    joint = joint_of()
+    setting = setting_of(joint, build_system(joint, channels(seed=1, duration=8.0), balance_for(joint)))
+    sites = {s.key: s for s in sites_of(setting, frozenset())}
+    there = sites["motor.torque_delay", "motor"].apply(joint, [2.5 * PERIOD])
+    there = sites["sensor.clock_skew", "link_position"].apply(there, [-1.1 * PERIOD])
+    assert whole_delays(there, PERIOD) == {"motor": 2, "link_position": -1}
+    near = earlier(there, whole_delays(there, PERIOD), PERIOD)
+    assert near.motor.torque_delay == pytest.approx(0.5 * PERIOD)
+    assert near.signals.link_position.delay == pytest.approx(-0.1 * PERIOD)
+    assert earlier(joint, whole_delays(joint, PERIOD), PERIOD) is joint
+
+
+def test_noise_does_not_depend_on_how_many_samples_a_channel_is_late():
+    """The draws of noise are the same ones: another alignment of them is some parts in a hundred of a log's deviance."""
+    joint = joint_of()
+    system = build_system(joint, channels(Truth(), seed=3, duration=8.0), balance_for(joint))
+    sites = sites_of(setting_of(joint, system), frozenset())
+    period = system.channels.period
+    sensors = [s for s in sites if s.cause in ("sensor.clock_skew", "sensor.torque_delay")]
+    made = []
+    for samples in (0.4, 3.4):
+        fit = tuple((s, np.array([samples * period])) for s in sensors)
+        formed = formed_of(system, joint, fit)
+        made.append(formed[1:] - formed[0])
+    np.testing.assert_allclose(made[0], made[1], rtol=1e-9, atol=1e-9 * np.abs(made[0]).max())
