@@ -206,7 +206,6 @@ def _outcome(
         (f.held_out for f in found if f.gain is not None), "the log" if holdout is None else "the held-out log"
     )
     simulation_error = tuple(e for f in found for e in signal_errors(f))
-    p_values = {f.name: f.selection.p_value for f in found}
     document = Diagnosis(
         version=VERSION,
         vsalog=__version__,
@@ -217,8 +216,8 @@ def _outcome(
         rig=rig.to_toml(),
         settings=_settings(options),
         verdict=verdict,
-        sentences=sentences(verdict, causes, gains, where, left, p_values, bool(simulation_error)),
-        p_values={name: p for name, p in p_values.items() if p is not None},
+        sentences=sentences(verdict, causes, gains, where, left, len(found), bool(simulation_error)),
+        p_values={f.name: f.selection.p_value for f in found if f.selection.p_value is not None},
         simulation_error=simulation_error,
         equations=tuple(e for f in found for e in equation_errors(f)),
         causes=tuple(causes),

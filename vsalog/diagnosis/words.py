@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 
 from vsalog.diagnosis.causes import catalogue
 from vsalog.diagnosis.document import FoundCause, Gain, Unexplained, Verdict
@@ -43,7 +43,7 @@ def sentences(
     gains: Sequence[Gain],
     held_out: str,
     left: Unexplained,
-    p_values: Mapping[str, float | None],
+    joints: int,
     simulated: bool,
 ) -> tuple[str, ...]:
     """Say in three sentences what was found, why one may believe it, and what it is worth."""
@@ -51,15 +51,14 @@ def sentences(
         return (
             "Nothing is wrong: the log is consistent with the rig within its noise.",
             "Every equation of the joint closes and its simulation holds to what the sensors' noise explains, and no cause of the"
-            f" catalogue matters.{_as_likely(p_values)}",
+            " catalogue matters.",
             "What the log does not excite it cannot show: that the rig is right holds for motions like these.",
         )
     if verdict == "consistent as far as checked":
         return (
             "As far as the log can be checked nothing is wrong"
             + ("." if simulated else ": nothing could be simulated, so what only adds up over time was not looked at."),
-            "The equations that could be formed close to what the sensors' noise explains; the warnings name the others."
-            + _as_likely(p_values),
+            "The equations that could be formed close to what the sensors' noise explains; the warnings name the others.",
         )
     if causes and all(c.cause == "sensor.torque_not_independent" for c in causes) and not gains:
         return (
@@ -69,18 +68,8 @@ def sentences(
         )
     material = [c for c in causes if c.material]
     held = _held_out(gains, held_out)
-    first = f"{_found(verdict, material, len(p_values))} {held}".rstrip()
+    first = f"{_found(verdict, material, joints)} {held}".rstrip()
     return tuple(s for s in (first, *_believe(material, left), _immaterial(causes)) if s)
-
-
-def _as_likely(p_values: Mapping[str, float | None]) -> str:
-    """Say how often a machine that is as the rig says gives a log that speaks as much against the rig."""
-    told = [
-        f"{name}: p = {p:.2g}" if len(p_values) > 1 else f"p = {p:.2g}" for name, p in p_values.items() if p is not None
-    ]
-    return (
-        f" A machine that is as the rig says would give logs that look as wrong with {', '.join(told)}." if told else ""
-    )
 
 
 def _found(verdict: Verdict, causes: Sequence[FoundCause], joints: int) -> str:
