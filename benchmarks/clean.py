@@ -2,8 +2,7 @@
 
     python -m benchmarks.clean [--logs 500] [--seed 1] [--device NAME …] [--out DIR] [--workers 2]
 
-Logs of machines without any effect are made by the equations of tests/hidden_effects, and the p-value of each rig is taken from
-the first linearisation of the search. Prints the share of p-values below some levels and the Kolmogorov–Smirnov test of their
+Logs of machines without any effect are made by the equations of tests/hidden_effects, and diagnosed. Prints the share of p-values below some levels and the Kolmogorov–Smirnov test of their
 being uniform; exits with 1 where that has a probability below 1 %.
 """
 
@@ -30,27 +29,10 @@ REJECTED = 0.01
 
 def p_value_of(folder: Path) -> float:
     """Return the p-value of the rig of a case; NaN where none could be looked for."""
-    from vsalog.binding import bind, offered_roles, wanted_channels
-    from vsalog.diagnosis.channels import channels_of
-    from vsalog.diagnosis.kinds import balance_for
-    from vsalog.diagnosis.selection import select
-    from vsalog.diagnosis.sensing import at_joint, bare
-    from vsalog.diagnosis.setting import setting_of
-    from vsalog.diagnosis.system import build_system
-    from vsalog.readers import read
-    from vsalog.rig.find import find_rig
+    from vsalog.diagnosis.run import Options, diagnose
 
-    log = folder / "log.parquet"
-    rig = find_rig(log, None, folder / "rig.toml")
-    assert rig is not None
-    name, joint = next(iter(rig.joints.items()))
-    plain = bare(joint, gains=True)
-    recording = read(log, wanted_channels(plain, log.name))
-    there = [r for r in offered_roles(plain) if wanted_channels(plain, log.name, [r]) <= set(recording.channels)]
-    signals, joint = bind([recording], name, plain, there), at_joint(joint)
-    system = build_system(joint, channels_of(signals).thinned(), balance_for(joint), 0.5 * signals.period)
-    found = select(system, joint, setting_of(joint, system), frozenset(), {}).p_value
-    return float("nan") if found is None else found
+    found = diagnose(folder / "log.parquet", None, Options(rig=folder / "rig.toml")).diagnosis.p_values
+    return next(iter(found.values()), float("nan"))
 
 
 def main() -> None:

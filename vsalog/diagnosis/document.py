@@ -193,7 +193,7 @@ class Diagnosis(_Part, frozen=True):
     settings : of this run
     verdict : in a word
     sentences : what was found, as a colleague would say it
-    p_values : joint → probability that a machine that is as the rig says gives a log whose equations speak as much against it
+    p_values : joint → probability of a log whose equations contradict the rig at least as much, were the rig right
     simulation_error : of the rig as it stands, on the log
     equations : what is left over in each
     causes : found, the weightiest first

@@ -22,7 +22,7 @@ FLIPS = 999
 
 
 def p_value(linear: Linear, system: System, chosen: Flags, blocks: Integers, seed: int = 0) -> float:
-    """Return the probability that a machine that is as its rig says gives a log that speaks as much against the rig.
+    """Return the probability of a log that contradicts the rig at least as much, were the rig right.
 
     Parameters
     ----------

@@ -203,7 +203,7 @@ def whole_delays(joint: Joint, period: float) -> dict[str, int]:
 
 
 def earlier(joint: Any, whole: Mapping[str, int], period: float) -> Any:
-    """Return a joint whose sensors and drives are so many samples less late; see `whole_delays`."""
+    """Return a joint with whole samples taken off the delays of its sensors and drives; see `whole_delays`."""
     if not whole:
         return joint
     motors, signals = motors_of(joint), {}
