@@ -176,7 +176,6 @@ def linearised(
     here : the equations of the fit, where they are known; see `formed_of`
     """
     first = np.concatenate([[0], np.cumsum([len(v.free) for v in variants])]).astype(np.int64)
-
     whole = system.whole_delays(placed(joint, fit))
 
     def formed(causes: Placed) -> Array:
