@@ -2,8 +2,9 @@
 
     python -m benchmarks.clean [--logs 500] [--seed 1] [--device NAME …] [--out DIR] [--workers 2]
 
-Logs of machines without any effect are made by the equations of tests/hidden_effects, and diagnosed. Prints the share of p-values below some levels and the Kolmogorov–Smirnov test of their
-being uniform; exits with 1 where that has a probability below 1 %.
+Logs of machines without any effect are made by the equations of tests/hidden_effects, and diagnosed. Prints the share of
+p-values below some levels and the Kolmogorov–Smirnov test of their being uniform; exits with 1 where that has a probability
+below 1 %.
 """
 
 from __future__ import annotations
