@@ -31,35 +31,49 @@ def placed(*pairs):
     return tuple((site, np.array([value])) for site, value in pairs)
 
 
-def told(fit):
+def values(fit):
     return {site.key: pytest.approx(float(values[0]), abs=1e-12) for site, values in fit}
 
 
 def test_sensors_that_are_all_late_are_a_drive_that_is():
     fit = placed((ENCODERS[0], 5e-3), (ENCODERS[1], 5.1e-3), (SENSOR, 4.9e-3))
-    (found,) = [on_fewest_clocks(fit, SITES)]
+    assert not all_late(fit, SITES)
+    found = on_fewest_clocks(fit, SITES)
     assert {site.key for site, _ in found} == {DRIVE.key}
     assert 4.9e-3 <= found[0][1][0] <= 5.1e-3
-    assert not all_late(fit, SITES)
 
 
 def test_the_one_that_is_late_beside_the_others_stays_late():
     fit = placed((ENCODERS[0], 5e-3), (ENCODERS[1], 8e-3), (SENSOR, 5e-3))
     found = on_fewest_clocks(fit, SITES)
-    assert {s.key: float(v[0]) for s, v in found} == told(placed((DRIVE, 5e-3), (ENCODERS[1], 3e-3)))
+    assert {s.key: float(v[0]) for s, v in found} == values(placed((DRIVE, 5e-3), (ENCODERS[1], 3e-3)))
 
 
-def test_a_time_of_all_channels_is_taken_off():
-    fit = placed((DRIVE, 1e-3), (ENCODERS[0], 4e-3), (ENCODERS[1], 4e-3), (SENSOR, 4e-3))
+def test_a_time_of_all_channels_is_taken_off_and_differences_below_a_step_with_it():
+    fit = placed((DRIVE, 1e-3), (ENCODERS[0], 4e-3), (ENCODERS[1], 4.1e-3), (SENSOR, 4e-3))
     assert all_late(fit, SITES)
-    assert {s.key: float(v[0]) for s, v in on_fewest_clocks(fit, SITES)} == told(placed((DRIVE, 5e-3)))
+    assert {s.key: float(v[0]) for s, v in on_fewest_clocks(fit, SITES)} == values(placed((DRIVE, 5e-3)))
 
 
-def test_fewer_than_the_fewest_there_are_not_and_a_drive_is_never_early():
-    assert on_fewest_clocks(placed((ENCODERS[0], 5e-3)), SITES) is None
-    assert on_fewest_clocks(placed((DRIVE, 5e-3)), SITES) is None
-    assert on_fewest_clocks((), SITES) is None
-    assert on_fewest_clocks(placed(*((s, -5e-3) for s in (*ENCODERS, SENSOR))), SITES) is None
+def test_of_clocks_only_those_count_by_which_no_drive_is_early():
+    """Two sensors agree that the drive is early, which none is: the drive's own clock is the one that is left."""
+    fit = placed((DRIVE, 1e-3), (ENCODERS[0], -5e-3), (ENCODERS[1], -5e-3), (SENSOR, -1e-3))
+    found = on_fewest_clocks(fit, SITES)
+    assert {s.key: float(v[0]) for s, v in found} == values(placed((ENCODERS[0], -4e-3), (ENCODERS[1], -4e-3)))
+
+
+@pytest.mark.parametrize(
+    "fit",
+    [
+        (),
+        placed((ENCODERS[0], 5e-3)),
+        placed((DRIVE, 5e-3)),
+        placed(*((s, -5e-3) for s in (*ENCODERS, SENSOR))),
+    ],
+    ids=["nothing", "one sensor", "the drive", "a drive that would be early"],
+)
+def test_what_cannot_have_fewer_late_channels_stays(fit):
+    assert on_fewest_clocks(fit, SITES) is None
 
 
 def test_where_a_drive_is_the_clock_sensors_are_late_against_it():
@@ -94,6 +108,8 @@ def test_whole_samples_of_delays_are_taken_off_and_put_back():
     near = earlier(there, whole_delays(there, PERIOD), PERIOD)
     assert near.motor.torque_delay == pytest.approx(0.5 * PERIOD)
     assert near.signals.link_position.delay == pytest.approx(-0.1 * PERIOD)
+    assert whole_delays(sites["motor.torque_delay", "motor"].apply(joint, [0.74 * PERIOD]), PERIOD) == {}
+    assert whole_delays(sites["motor.torque_delay", "motor"].apply(joint, [0.76 * PERIOD]), PERIOD) == {"motor": 1}
     assert earlier(joint, whole_delays(joint, PERIOD), PERIOD) is joint
 
 

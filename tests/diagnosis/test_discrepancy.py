@@ -11,7 +11,7 @@ from written_out import Truth, channels, joint_of
 from vsalog.diagnosis.causes import catalogue
 from vsalog.diagnosis.discrepancy import correlation_time, factor_of, left_out, weighted_by
 from vsalog.diagnosis.kinds import balance_for
-from vsalog.diagnosis.linear import linearised, variants_of
+from vsalog.diagnosis.linear import formed_of, linearised, variants_of
 from vsalog.diagnosis.setting import setting_of
 from vsalog.diagnosis.system import build_system
 
@@ -139,7 +139,7 @@ def test_the_deviance_of_the_joint_itself_is_that_of_its_weights(coloured):
         rows = np.where(s.weights > 0.0, lfilter(np.ones(8) / 2, [1.0], rows, axis=0), 0.0)
     weights = weighted_by(s, rows)
     plain = np.sum(weights.system.white(s.averaged(joint_of())) ** 2)
-    assert weights.deviance(joint_of()) == pytest.approx(plain, rel=0.02)
+    assert weights.deviance(formed_of(weights.system, joint_of(), ())) == pytest.approx(plain, rel=0.02)
 
 
 def test_each_block_is_predicted_from_the_others():

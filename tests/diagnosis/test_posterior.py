@@ -11,7 +11,7 @@ from written_out import Truth, channels, joint_of
 from vsalog.diagnosis.causes.base import with_part, with_signal
 from vsalog.diagnosis.discrepancy import Weights, weighted_by
 from vsalog.diagnosis.kinds import balance_for
-from vsalog.diagnosis.linear import placed
+from vsalog.diagnosis.linear import carried, formed_of, linearised, placed, variants_of
 from vsalog.diagnosis.posterior import Problem, begun_by, most_probable
 from vsalog.diagnosis.selection import blocks_of, sites_of, stage_about
 from vsalog.diagnosis.sensing import at_joint
@@ -20,6 +20,11 @@ from vsalog.diagnosis.system import build_system
 
 # Held torques act half a sample later; those of the written-out joint are smooth.
 SMOOTH = 0.0
+
+
+def deviance(weights, joint):
+    """The deviance of a joint as it is."""
+    return weights.deviance(formed_of(weights.system, joint, ()))
 
 
 @dataclass
@@ -49,7 +54,7 @@ class Case:
             off = np.abs((values - rig) / deviation)
             # Beyond its deviation a number costs as its logarithm.
             prior = np.where(off > 1.0, 1.0 + 2.0 * np.log(np.maximum(off, 1.0)), off**2)
-            return 0.5 * (self.weights.deviance(there) + float(np.sum(prior)))
+            return 0.5 * (deviance(self.weights, there) + float(np.sum(prior)))
 
         return at, deviation
 
@@ -149,7 +154,7 @@ def test_no_cause_scores_its_deviance():
     found = most_probable(c.problem, c.weights, ())
     assert found.fit == ()
     assert found.keys == frozenset()
-    assert found.score == pytest.approx(0.5 * c.weights.deviance(c.problem.joint))
+    assert found.score == pytest.approx(0.5 * deviance(c.weights, c.problem.joint))
 
 
 def test_what_is_hidden_is_more_probable_than_nothing_and_what_is_not_is_less():
@@ -158,6 +163,27 @@ def test_what_is_hidden_is_more_probable_than_nothing_and_what_is_not_is_less():
     for cause, sign in (("motor.viscous_friction", -1.0), ("link.gravity", 1.0), ("sensor.torque_offset", 1.0)):
         found = most_probable(c.problem, c.weights, ((c.site(cause), np.array(c.site(cause).start)),))
         assert np.sign(found.score - nothing) == sign, cause
+
+
+def test_a_model_that_is_carried_on_is_exact_where_it_is_carried_to_and_keeps_its_columns():
+    c = case(Truth(damping=0.055))
+    site = c.site("motor.viscous_friction")
+    start, there = ((site, np.array([v])) for v in (0.05, 0.08))
+    formed = formed_of(c.system, c.problem.joint, (there,))
+    variants = variants_of([site], c.problem.setting, None, (start,), {})
+    begun = linearised(c.system, c.problem.joint, (start,), variants)
+    moved = carried(begun, (there,), formed)
+    scale = np.abs(formed).max()
+    np.testing.assert_array_equal(moved.columns, begun.columns)
+    np.testing.assert_allclose(moved.residual + moved.columns @ moved.now, formed[0], atol=1e-12 * scale)
+    every = moved.columns + moved.noise_columns
+    np.testing.assert_allclose(
+        moved.residual + moved.noise_residual + every @ moved.now, formed[1:], atol=1e-12 * scale
+    )
+    # Damping is in the equations as it is, so the columns and what is left of them without it are the same everywhere.
+    anew = linearised(c.system, c.problem.joint, (there,), variants_of([site], c.problem.setting, None, (there,), {}))
+    np.testing.assert_allclose(moved.residual, anew.residual, atol=1e-6 * scale)
+    assert moved.variants[0].base == there[1]
 
 
 def test_a_sets_linear_values_begin_its_fit():
@@ -188,9 +214,9 @@ def test_a_common_factor_on_all_torques_leaves_the_deviance_as_it_is(factor, tru
     """Only the prior tells torque constants from inertias: the noise of equations in larger torques is as much larger."""
     plain, c = at_joint(joint_of()), case(truth)
     other = with_signal(scaled(plain, factor), "torque_sensor", gain=1.0 / factor)
-    assert c.weights.deviance(other) == pytest.approx(c.weights.deviance(plain), rel=1e-3)
+    assert deviance(c.weights, other) == pytest.approx(deviance(c.weights, plain), rel=1e-3)
     # Without the sensor's gain it is another joint.
-    assert c.weights.deviance(scaled(plain, factor)) > 1.2 * c.weights.deviance(plain)
+    assert deviance(c.weights, scaled(plain, factor)) > 1.2 * deviance(c.weights, plain)
 
 
 def test_a_simulations_information_takes_the_place_of_the_equations():

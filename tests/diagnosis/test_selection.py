@@ -8,7 +8,7 @@ from vsalog.diagnosis.channels import channels_of
 from vsalog.diagnosis.discrepancy import weighted_by
 from vsalog.diagnosis.found import MATERIAL
 from vsalog.diagnosis.kinds import balance_for
-from vsalog.diagnosis.linear import placed
+from vsalog.diagnosis.linear import formed_of, placed
 from vsalog.diagnosis.posterior import Problem, most_probable
 from vsalog.diagnosis.selection import blocks_of, nothing_found, select, sites_of
 from vsalog.diagnosis.setting import setting_of
@@ -110,14 +110,17 @@ def test_without_a_torque_sensor_the_cause_is_first_or_among_those_that_fit_alik
     largest = max(selection.choices, key=lambda c: c.size)
     assert "link.inertia" in [largest.site.cause, *(r.site.cause for r in largest.rivals)]
     # What is listed is a whole set that really fits about as well: by the deviance under the same weights.
-    deviance = selection.weights.deviance
-    best = deviance(placed(joint_of(), selection.posterior.fit))
+
+    def deviance(fit):
+        return selection.weights.deviance(formed_of(selection.weights.system, joint_of(), fit))
+
+    best = deviance(selection.posterior.fit)
     for choice in selection.choices:
         for rival in choice.rivals:
             ends = np.cumsum([len(s.parameters) for s in rival.sites])[:-1]
             instead = list(zip(rival.sites, np.split(rival.values, ends), strict=True))
             assert rival.site in rival.sites
-            assert deviance(placed(joint_of(), instead)) < 1.5 * best
+            assert deviance(instead) < 1.5 * best
 
 
 def test_an_effect_far_below_the_noise_is_not_named():

@@ -23,6 +23,8 @@ LATE = {"sensor.clock_skew": 1.0, "sensor.torque_delay": 1.0, "motor.torque_dela
 def on_fewest_clocks(fit: Placed, sites: Iterable[Site]) -> tuple[tuple[Site, Array], ...] | None:
     """Return a fit whose delays are counted from the channel that leaves the fewest late; none where they are counted so.
 
+    Differences below the step that delays are looked for with are left out.
+
     Parameters
     ----------
     fit : causes with their values
@@ -31,23 +33,30 @@ def on_fewest_clocks(fit: Placed, sites: Iterable[Site]) -> tuple[tuple[Site, Ar
     own = {s.key: s for s in sites if s.cause in LATE}
     single = _channels(own.values())
     late = _lateness(fit, single)
-    # A delay is no finer than the step it is looked for with.
     steps = np.array([s.parameters[0].step for s in single])
-    counts = [np.count_nonzero(np.abs(late - shift) > steps) for shift in late]
-    if not counts or min(counts) >= np.count_nonzero(late):
+    possible = [late - shift for shift in late if _within(single, late - shift)]
+    there = min(possible, key=lambda d: np.count_nonzero(np.abs(d) > steps), default=late)
+    fewest = np.abs(there) > steps
+    if np.count_nonzero(fewest) >= np.count_nonzero(late):
         return None
-    there = late - late[int(np.argmin(counts))]
-    moved = [(s, np.array([s.start[0] + LATE[s.cause] * d])) for s, d in zip(single, there, strict=True)]
-    kept = [one for one, d, step in zip(moved, there, steps, strict=True) if abs(d) > step]
-    if any(not s.parameters[0].low <= v[0] <= s.parameters[0].high for s, v in kept):
-        return None
-    return (*((s, v) for s, v in fit if s.cause not in LATE), *_in_common(kept, own.values()))
+    delays = [(s, _value(s, d)) for s, d, kept in zip(single, there, fewest, strict=True) if kept]
+    return (*((s, v) for s, v in fit if s.cause not in LATE), *_in_common(delays, own.values()))
 
 
 def all_late(fit: Placed, sites: Iterable[Site]) -> bool:
     """Tell whether a fit has every channel late: then all may be so by any time, and no log says by which."""
     late = _lateness(fit, _channels(sites))
     return bool(late.size and late.all())
+
+
+def _value(site: Site, late: float) -> Array:
+    return np.array([site.start[0] + LATE[site.cause] * late])
+
+
+def _within(single: Sequence[Site], late: Array) -> bool:
+    """Tell whether channels may be so late."""
+    values = [(s.parameters[0], float(_value(s, d)[0])) for s, d in zip(single, late, strict=True)]
+    return all(p.low <= v <= p.high for p, v in values)
 
 
 def _channels(sites: Iterable[Site]) -> list[Site]:

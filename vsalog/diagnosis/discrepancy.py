@@ -8,12 +8,11 @@ correlated rows count for as many as there are independent ones.
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from vsalog.diagnosis.linear import Linear, Placed, formed_of, whitened_columns
+from vsalog.diagnosis.linear import Linear, whitened_columns
 from vsalog.diagnosis.system import System, whitener
 
 Array = NDArray[np.float64]
@@ -41,12 +40,8 @@ class Weights:
     inflation: Array
     times: Array
 
-    def deviance(self, joint: Any, fit: Placed = ()) -> float:
-        """Return Σ rᵀ C⁻¹ r of a joint with causes, with the noise as that joint has it."""
-        return self.deviance_of(formed_of(self.system, joint, fit))
-
-    def deviance_of(self, formed: Array) -> float:
-        """Return Σ rᵀ C⁻¹ r of a joint's equations, with the noise as that joint has it; see `formed_of`.
+    def deviance(self, formed: Array) -> float:
+        """Return Σ rᵀ C⁻¹ r of a joint's equations, with the noise as that joint has it; see `linear.formed_of`.
 
         What noise makes of an equation depends on the numbers in it, and a fit must not gain by making it small (the sensors'
         true values are profiled out: Fuller 1987, §3.2).

@@ -80,7 +80,7 @@ def most_probable(problem: Problem, weights: Weights, start: Placed) -> Posterio
     here = formed_of(system, problem.joint, fit)
     linear = _about(problem, system, fit, here)
     candidates = candidates_of(linear, system)
-    now, damping, fresh = weights.deviance_of(here) + _surprise(linear.now), 0.0, True
+    now, damping, fresh = weights.deviance(here) + _surprise(linear.now), 0.0, True
     for _ in range(STEPS if fit else 0):
         H = np.diag(precisions(linear.now)) + candidates.information
         before, moved = now, False
@@ -90,7 +90,7 @@ def most_probable(problem: Problem, weights: Weights, start: Placed) -> Posterio
                 break
             trial = _moved(linear.variants, np.clip(linear.now + step, candidates.low, candidates.high))
             there = formed_of(system, problem.joint, trial)
-            after = weights.deviance_of(there) + _surprise(_strengths(linear.variants, trial))
+            after = weights.deviance(there) + _surprise(_strengths(linear.variants, trial))
             if after <= now:
                 fit, here, now, damping, moved = trial, there, after, 0.1 * damping, True
                 break

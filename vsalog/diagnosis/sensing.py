@@ -22,6 +22,9 @@ Array = NDArray[np.float64]
 ROUNDS = 6
 # Voltages that are commanded, and held from one sample to the next as motors' torques are.
 VALVES = ("valve_1", "valve_2")
+# Part of a sample by which a channel may be early before a whole sample is counted [1]: so what is on time, and what is half a
+# sample late, as a held torque, are both far from where the count changes.
+EARLIEST = 0.25
 # Roles that no cause speaks of, and that are recorded as something else than the joint has: a lever arm as an angle.
 BOUND = ("setpoint",)
 
@@ -198,8 +201,7 @@ def whole_delays(joint: Joint, period: float) -> dict[str, int]:
     """Return role or motor → whole samples of its delay, where there are any; what is left is −¼ to ¾ of a sample."""
     delays = {role: signal.delay for role, signal in offered_roles(joint).items() if role not in BOUND}
     delays |= {name: getattr(joint, name).torque_delay for name in motors_of(joint)}
-    # Sensors on time, and drives that hold a torque, half a sample late, are both well inside of that range.
-    return {name: whole for name, d in delays.items() if (whole := int(np.floor(d / period + 0.25)))}
+    return {name: whole for name, d in delays.items() if (whole := int(np.floor(d / period + EARLIEST)))}
 
 
 def earlier(joint: Any, whole: Mapping[str, int], period: float) -> Any:
