@@ -159,11 +159,7 @@ def laid(folder, truth, rig=RIGID, **options):
 PUSHED = pytest.mark.xfail(reason="a short push is not yet told from model error", strict=True)
 
 
-# Channels are read on a straight line between two samples: half a sample of the drive and of the encoder rounds what has corners.
-HALVES = pytest.mark.xfail(
-    reason="half a sample of the drive and of the encoder together is named as a delay", strict=True
-)
-UNMET = {"link.contact": PUSHED, "motor.stribeck_friction": HALVES}
+UNMET = {"link.contact": PUSHED}
 
 
 @pytest.mark.parametrize("cause", [pytest.param(c, marks=UNMET.get(c, ())) for c in HIDDEN])

@@ -5,11 +5,9 @@ import pytest
 from written_out import ELASTIC, ROLES, Truth, channels, drive, elastic, joint_of, sensed, signals
 
 from vsalog.diagnosis.channels import channels_of
-from vsalog.diagnosis.discrepancy import weighted_by
 from vsalog.diagnosis.found import MATERIAL
 from vsalog.diagnosis.kinds import balance_for
 from vsalog.diagnosis.linear import formed_of, placed
-from vsalog.diagnosis.posterior import Problem, most_probable
 from vsalog.diagnosis.selection import blocks_of, nothing_found, select, sites_of
 from vsalog.diagnosis.setting import setting_of
 from vsalog.diagnosis.system import build_system
@@ -187,10 +185,7 @@ def test_smooth_torques_are_not_held_ones_with_every_sensor_late(seed):
     joint = joint_of()
     system = system_of(channels(seed=seed, duration=8.0), joint)
     selection = select(system, joint, setting_of(joint, system), frozenset(), {})
-    smooth = build_system(joint, system.channels, balance_for(joint), 0.0, system.copies).on_rows_of(system)
-    problem = Problem(joint, setting_of(joint, smooth), {})
-    nothing = most_probable(problem, weighted_by(smooth, smooth.averaged(joint)), ())
-    assert selection.posterior.score <= nothing.score + 3.0
+    assert named(selection) == []
     assert selection.system.hold == 0.0
 
 

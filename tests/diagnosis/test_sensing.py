@@ -117,10 +117,19 @@ def test_a_deflection_measured_over_a_second_spring_in_series():
 
 
 @pytest.mark.parametrize("samples", [0.0, 2.0, -3.0, 1.25, -0.5])
-def test_shifted_straight_lines_are_found_later(samples):
-    line = np.stack([np.arange(50.0), 3.0 * np.arange(50.0), -np.arange(50.0)])
-    found = shifted(line, samples)
-    np.testing.assert_allclose(found[:, 5:-5], line[:, 5:-5] + np.array([[1.0], [3.0], [-1.0]]) * samples, atol=1e-12)
+def test_shifted_cubics_are_found_later(samples):
+    at = np.linspace(-1.0, 1.0, 50)
+    step = at[1] - at[0]
+    cubics = [np.polynomial.Polynomial(c) for c in ([1.0, 3.0], [0.3, -1.0, 2.0], [0.5, 0.0, -1.0, 4.0])]
+    found = shifted(np.stack([c(at) for c in cubics]), samples)
+    inner = np.stack([c(at + samples * step) for c in cubics])[:, 5:-5]
+    np.testing.assert_allclose(found[:, 5:-5], inner, atol=1e-12)
+
+
+def test_half_a_sample_takes_little_off_what_swings_at_a_twentieth_of_the_rate():
+    swing = np.stack([np.sin(2.0 * np.pi * np.arange(200.0) / 20.0 + phase) for phase in (0.0, 1.0, 2.0)])
+    later = np.stack([np.sin(2.0 * np.pi * (np.arange(200.0) + 0.5) / 20.0 + phase) for phase in (0.0, 1.0, 2.0)])
+    np.testing.assert_allclose(shifted(swing, 0.5)[:, 5:-5], later[:, 5:-5], atol=3e-4)
 
 
 def test_a_bare_joint_has_perfect_sensors_and_drives_but_keeps_its_channels():

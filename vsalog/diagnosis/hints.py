@@ -34,10 +34,10 @@ def hint_of(name: str, joint: Any, system: System) -> str | None:
     name, joint : of the rig, on the joint's side
     system : of the log
     """
-    now = float(np.sum(system.whitened(joint) ** 2))
+    now = _left(joint, system)
     best, said = min(CLOSES * now, NEAR * system.count), None
     for what, factor, changed in _turned(joint, system):
-        left = float(np.sum(system.whitened(changed) ** 2))
+        left = _left(changed, system)
         if left < best:
             best = left
             better = min((now / left) ** 0.5, 100.0)
@@ -46,6 +46,13 @@ def hint_of(name: str, joint: Any, system: System) -> str | None:
                 " better: look at its sign and unit in the rig first"
             )
     return said
+
+
+def _left(joint: Any, system: System) -> float:
+    """Return what the equations leave of a joint, in squares of what noise makes of them there."""
+    rows = system.averaged(joint)
+    noise = np.mean([(copy.averaged(joint) - rows) ** 2 for copy in system.noisy], axis=(0, 1))
+    return float(np.sum(rows**2 / (noise + np.diag(system.exact))))
 
 
 def _turned(joint: Any, system: System) -> Iterator[tuple[str, float, Any]]:
