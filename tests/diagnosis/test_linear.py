@@ -8,6 +8,7 @@ import pytest
 from written_out import Truth, channels, joint_of
 
 from vsalog.diagnosis.causes.base import Parameter, Site, with_part
+from vsalog.diagnosis.discrepancy import left_out
 from vsalog.diagnosis.kinds import balance_for
 from vsalog.diagnosis.linear import Variant, candidates_of, clash, linearised, placed, variants_of
 from vsalog.diagnosis.selection import remainder, sites_of
@@ -28,6 +29,10 @@ class Lines:
 
     names = ("line",)
     covariance = np.eye(1)
+
+    @property
+    def weights(self):
+        return np.ones((self.y.size, 1))
 
     @property
     def pattern(self):
@@ -111,6 +116,20 @@ def test_noisy_regressors_do_not_attenuate_the_estimate():
     assert np.all(np.abs(corrected.mean(axis=0) - TRUTH) < sure)
     assert np.all(np.abs(plain.mean(axis=0) - TRUTH) > 3.0 * sure)
     assert np.all(np.abs(plain.mean(axis=0) - TRUTH) > 0.03 * np.abs(TRUTH))
+
+
+def test_what_is_left_of_blocks_that_were_not_seen_is_all_of_the_noise():
+    """Least squares make a prediction from noisy regressors small by shrinking it; corrected, its error is the true slopes'."""
+    noise, about = 1.0, 0.1
+    found, plain = [], []
+    for seed in range(20):
+        system, blocks = lines(seed, TRUTH, noise, about), np.arange(N) * 8 // N
+        linear = estimate(system)[2]
+        found.append(np.mean(left_out(linear, system, np.ones(2, dtype=bool), blocks) ** 2))
+        plain.append(np.mean((system.y - system.x @ np.linalg.lstsq(system.x, system.y)[0]) ** 2))
+    expected = noise**2 * (TRUTH[0] ** 2 + (TRUTH[1] - 0.5) ** 2) + about**2
+    assert np.mean(found) == pytest.approx(expected, rel=0.03)
+    assert np.mean(plain) < 0.6 * expected
 
 
 def test_without_noise_in_the_regressors_it_is_least_squares():

@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from vsalog.diagnosis.linear import Linear, whitened_columns
+from vsalog.diagnosis.linear import Linear, corrected
 from vsalog.diagnosis.system import System, whitener
 
 Array = NDArray[np.float64]
@@ -74,18 +74,16 @@ def left_out(linear: Linear, system: System, chosen: Flags, blocks: Integers) ->
     chosen : shape (p,), the unknowns
     blocks : shape (R,), the block of each row
     """
-    m = len(system.names)
-    J, r = whitened_columns(linear.columns, system)[:, chosen], system.white(linear.residual).ravel()
-    of = np.repeat(blocks, m)
-    count = int(blocks[-1]) + 1
-    A = np.stack([J[of == b].T @ J[of == b] for b in range(count)])
-    g = np.stack([J[of == b].T @ r[of == b] for b in range(count)])
+    found = corrected(linear, system, chosen)
+    of = np.repeat(blocks, len(system.names))
+    J, b = found.columns @ found.calibration, found.gradients @ found.calibration
+    own = [of == k for k in range(int(blocks[-1]) + 1)]
+    A, g = np.stack([J[o].T @ J[o] for o in own]), np.stack([b[o].sum(axis=0) for o in own])
     whole, pull = A.sum(axis=0) + np.eye(J.shape[1]), g.sum(axis=0)
     out = np.empty_like(linear.residual)
-    for b in range(count):
-        delta = -np.linalg.solve(whole - A[b], pull - g[b])
-        own = blocks == b
-        out[own] = linear.residual[own] + linear.columns[own][:, :, chosen] @ delta
+    for k in range(len(own)):
+        delta = np.linalg.solve(whole - A[k], pull - g[k])
+        out[blocks == k] = linear.residual[blocks == k] + linear.columns[blocks == k][:, :, chosen] @ delta
     return np.asarray(np.where(system.weights > 0.0, out, 0.0))
 
 

@@ -254,21 +254,37 @@ def exchanged(
     return np.asarray(out)
 
 
-def candidates_of(linear: Linear, system: System) -> Candidates:
-    """Return the normal equations of a linear model under a system's weights, corrected for the noise in them.
+@dataclass(frozen=True, slots=True)
+class Corrected:
+    """Normal equations of a linear model, corrected for the noise in its columns.
 
-    With b = −Jᵀr and A = JᵀJ less the noise's own share of both, b is about A δ with covariance JᵀJ: noise in the columns
-    makes b uncertain though it says nothing of δ. So the information is A (JᵀJ)⁻¹ A and the score A (JᵀJ)⁻¹ b (Söderström 2007,
-    Automatica 43(6), generalised instrumental variables).
+    With b = −Jᵀr and A = JᵀJ less the noise's own share of both, b is about A δ with covariance V = JᵀJ: noise in the columns
+    makes b uncertain though it says nothing of δ. So the information is A V⁻¹ A and the score A V⁻¹ b (Söderström 2007,
+    Automatica 43(6), generalised instrumental variables): those of the columns J V⁻¹ A, which are what columns without noise are
+    expected to be (regression calibration, Carroll et al. 2006, Measurement Error in Nonlinear Models, §4).
+
+    Attributes
+    ----------
+    columns : shape (n, p), J
+    gradients : shape (n, p), what each row adds to b
+    calibration : shape (p, p), V⁻¹ A
     """
-    J, r = whitened_columns(linear.columns, system), system.white(linear.residual).ravel()
+
+    columns: Array
+    gradients: Array
+    calibration: Array
+
+
+def corrected(linear: Linear, system: System, chosen: NDArray[np.bool_] | slice = slice(None)) -> Corrected:
+    """Return the normal equations of some unknowns, all by default, under a system's weights."""
+    J, r = whitened_columns(linear.columns, system)[:, chosen], system.white(linear.residual).ravel()
     V = J.T @ J
-    A, b = V.copy(), -J.T @ r
+    A, gradients = V.copy(), -J * r[:, None]
     count = len(linear.noise_columns)
     for columns, residual in zip(linear.noise_columns, linear.noise_residual, strict=True):
-        Jn, rn = whitened_columns(columns, system), system.white(residual).ravel()
+        Jn, rn = whitened_columns(columns, system)[:, chosen], system.white(residual).ravel()
         A -= Jn.T @ Jn / count
-        b += Jn.T @ rn / count
+        gradients += Jn * rn[:, None] / count
     size = np.sqrt(np.diag(V))
     scale = np.where(size > 0.0, 1.0 / np.where(size > 0.0, size, 1.0), 0.0)
     values, vectors = np.linalg.eigh(V * np.outer(scale, scale))
@@ -277,10 +293,15 @@ def candidates_of(linear: Linear, system: System) -> Candidates:
     W = scale[:, None] * vectors[:, kept] / root  # Wᵀ V W = 1
     # What is not noise is between none and all of the columns.
     part, own = np.linalg.eigh(W.T @ A @ W)
-    part = np.clip(part, 0.0, 1.0)
     back = size[:, None] * (vectors[:, kept] * root) @ own
-    information = (back * part**2) @ back.T
-    score = back @ (part * (own.T @ (W.T @ b)))
+    return Corrected(J, gradients, (W @ own * np.clip(part, 0.0, 1.0)) @ back.T)
+
+
+def candidates_of(linear: Linear, system: System) -> Candidates:
+    """Return the groups of a linear model for the search, under a system's weights."""
+    found = corrected(linear, system)
+    calibrated = found.columns @ found.calibration
+    information, score = calibrated.T @ calibrated, found.calibration.T @ found.gradients.sum(axis=0)
     variants, first = linear.variants, linear.first
     bounds = [
         (p.low - v.rig[k], p.high - v.rig[k]) / v.deviation[k]

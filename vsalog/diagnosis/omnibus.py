@@ -7,10 +7,12 @@ however it is coloured (Hemerik, Goeman and Finos 2020, JRSS B 82(3), sign-flipp
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 from numpy.typing import NDArray
 
-from vsalog.diagnosis.linear import Linear, whitened_columns
+from vsalog.diagnosis.linear import Linear, corrected
 from vsalog.diagnosis.system import System
 
 Array = NDArray[np.float64]
@@ -38,12 +40,8 @@ def p_value(linear: Linear, system: System, chosen: Flags, blocks: Integers, see
     rng = np.random.default_rng(seed)
     # Filters are exact to a part of the torques only: so much is drawn and added, so that it does not speak against the rig.
     blur = rng.standard_normal(linear.residual.shape) * np.sqrt(np.diag(system.exact)) * (system.weights > 0.0)
-    J, r = whitened_columns(linear.columns, system)[:, chosen], system.white(linear.residual + blur).ravel()
-    made = -J * r[:, None]
-    # Noise in the columns and in the residual is the same noise: its own part of the score is none of the rig's.
-    for columns, residual in zip(linear.noise_columns, linear.noise_residual, strict=True):
-        noise = whitened_columns(columns, system)[:, chosen] * system.white(residual).ravel()[:, None]
-        made += noise / len(linear.noise_columns)
+    normal = corrected(replace(linear, residual=linear.residual + blur), system, chosen)
+    J, made = normal.columns, normal.gradients
     parts = np.stack([made[of == b].sum(axis=0) for b in range(count)])
     # In units of the prior's deviations: what is expected to be large counts for more.
     lower = np.linalg.cholesky(J.T @ J + np.eye(J.shape[1]))
