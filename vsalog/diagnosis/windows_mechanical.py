@@ -16,7 +16,7 @@ from vsalog.diagnosis.sensing import motors_of, position_role, torque_role, true
 from vsalog.errors import SimulationError
 from vsalog.rig.schema import AntagonisticJoint, AwasTransmission, Link, SerialJoint, UnknownTransmission
 from vsalog.simulation.inputs import Input, Motion, table
-from vsalog.simulation.machine import build
+from vsalog.simulation.machine import BRISTLE_SPEED, build
 from vsalog.simulation.play import play
 
 Array = NDArray[np.float64]
@@ -60,11 +60,18 @@ class MechanicalPlayer:
         self.lead = int(np.ceil(latest / channels.period))
         roles = [torque_role(m) for m in self.moved]
         prescribed = [m.index for m in self.machine.motors if m.role in roles] + ([0] if self.link_moves else [])
-        if self.machine.steps(channels.period, prescribed)[1] and not self._sees_bristles():
+        self.speeds = self._speeds()
+        if self.machine.steps(channels.period, prescribed, self.speeds)[1] and not self._sees_bristles():
             plain = build({NAME: without_bristles(self.played)})
-            if not plain.steps(channels.period, prescribed)[1]:
+            if not plain.steps(channels.period, prescribed, self.speeds)[1]:
                 self.machine, self.played = plain, without_bristles(self.played)
         self.run_in = round(RUN_IN / channels.period) if remembers(self.played) else 0
+
+    def _speeds(self) -> Array | float:
+        """Return how fast bristles slide: of a motion that was measured that is known."""
+        if self.played == without_bristles(self.played):
+            return BRISTLE_SPEED
+        return np.asarray(np.fmax.reduce(np.abs(self.measured_states()[:, 1::2]), axis=0, initial=BRISTLE_SPEED))
 
     def _sees_bristles(self) -> bool:
         """Tell whether any encoder sees how far bristles give way before they slide; others are ideal friction."""
@@ -166,7 +173,7 @@ class MechanicalPlayer:
             inputs = self.inputs(roles, whole, hold)
             restarts = {int(spans[w, 0]) - whole.start: {NAME: states[w]} for w in range(first_w, last_w)}
             start = {NAME: begin}
-            truth = play(self.machine, {NAME: inputs}, time, start=start, restarts=restarts)[NAME]
+            truth = play(self.machine, {NAME: inputs}, time, start=start, restarts=restarts, speeds=self.speeds)[NAME]
             yield part, {name: values[before:] for name, values in truth.items()}
 
     def _before(self, first: int, state: Array, measured: Array | None) -> tuple[int, Array]:

@@ -39,7 +39,7 @@ Movable = RigidJoint | ElasticJoint | SerialJoint | AntagonisticJoint
 DAMPING_PER_STEP, ANGLE_PER_STEP = 0.5, 0.02
 # Beyond so many steps per period for the sake of damping alone, the equations are stiff.
 STIFF_STEPS, MOST_STEPS = 16, 2000
-# The speed at which bristles have to be followed [rad/s]; they stay stable at five times this.
+# The speed at which bristles have to be followed where none is known [rad/s]; they stay stable at five times this.
 BRISTLE_SPEED = 10.0
 # A chain's inertia is looked at in so many positions.
 POSITIONS = 50
@@ -125,13 +125,16 @@ class Machine:
         elements = [s.index for s in self.transmissions for _ in s.transmission.slip]
         return [int(self.at[d.FIRST_SLIP]) + e for e, owner in enumerate(elements) if owner == transmission]
 
-    def steps(self, period: float, fixed: Sequence[int] = ()) -> tuple[int, bool]:
+    def steps(
+        self, period: float, fixed: Sequence[int] = (), speeds: Array | float = BRISTLE_SPEED
+    ) -> tuple[int, bool]:
         """Return the integration steps per period that the fastest mode needs, and whether the equations are stiff.
 
         Parameters
         ----------
         period : T [s]
         fixed : degrees of freedom that move as prescribed, however fast they would be
+        speeds : at which bristles have to be followed, one or shape (freedom,) [rad/s]
 
         Raises
         ------
@@ -139,7 +142,7 @@ class Machine:
             More than `MOST_STEPS` are needed.
         """
         with np.errstate(all="ignore"):  # numbers beyond all measure end as steps beyond all measure
-            needed, stiff = self._needed(period, fixed)
+            needed, stiff = self._needed(period, fixed, speeds)
         if not needed <= MOST_STEPS:
             raise SimulationError(
                 f"the rig's fastest mode needs more than {MOST_STEPS} integration steps per period: are inertia, damping"
@@ -147,7 +150,7 @@ class Machine:
             )
         return max(1, int(np.ceil(needed))), stiff
 
-    def _needed(self, period: float, fixed: Sequence[int]) -> tuple[float, bool]:
+    def _needed(self, period: float, fixed: Sequence[int], speeds: Array | float) -> tuple[float, bool]:
         n, rates, load, inertia = self.freedom, [], np.zeros(self.freedom), self.inertia.copy()
         inertia[list(fixed)] = np.inf
         for slot in self.transmissions:
@@ -163,7 +166,7 @@ class Machine:
         viscous, static, bristle, bristle_damping = friction[:, [0, 2, 5, 6]].T
         load += bristle
         rates += list((viscous + bristle_damping) / inertia)
-        rates += list(np.where(bristle > 0.0, bristle * BRISTLE_SPEED / np.maximum(static, 1e-12), 0.0))
+        rates += list(np.where(bristle > 0.0, bristle * speeds / np.maximum(static, 1e-12), 0.0))
         vibration = period * float(np.sqrt(np.max(load / inertia))) / ANGLE_PER_STEP
         decay = period * max(rates) / DAMPING_PER_STEP
         needed = vibration if decay > STIFF_STEPS else max(vibration, decay)
