@@ -151,7 +151,9 @@ def test_each_block_is_predicted_from_the_others():
     # Data with more in it than noise, and blocks of unequal lengths.
     rng = np.random.default_rng(0)
     rows = model.residual + np.where(s.weights > 0.0, 5.0 * s.deviation * rng.standard_normal(s.weights.shape), 0.0)
-    model = replace(model, residual=rows, noise_columns=model.noise_columns[:0], noise_residual=model.noise_residual[:0])
+    model = replace(
+        model, residual=rows, noise_columns=model.noise_columns[:0], noise_residual=model.noise_residual[:0]
+    )
     p = model.columns.shape[-1]
     blocks = np.sort(rng.integers(0, 6, s.centres.size))
     chosen = np.arange(p) % 4 != 2

@@ -10,7 +10,7 @@ from written_out import Truth, channels, joint_of
 from vsalog.diagnosis.causes.base import Parameter, Site, with_part
 from vsalog.diagnosis.discrepancy import left_out
 from vsalog.diagnosis.kinds import balance_for
-from vsalog.diagnosis.linear import Variant, candidates_of, clash, linearised, placed, variants_of
+from vsalog.diagnosis.linear import Linear, Variant, candidates_of, clash, corrected, linearised, placed, variants_of
 from vsalog.diagnosis.selection import remainder, sites_of
 from vsalog.diagnosis.setting import setting_of
 from vsalog.diagnosis.system import build_system
@@ -149,6 +149,26 @@ def test_noise_alone_is_no_information():
     c = candidates_of(linearised(Lines(x, y, copies), (1.0, 1.0), (), loose(())), Lines(x, y, copies))
     # Corrected, what is left of N rows is the sampling error of a difference of sums, squared.
     assert np.trace(c.information) < 0.01 * N
+
+
+def test_columns_that_are_rounding_where_their_noise_is_not_say_nothing():
+    """As of causes that act only where rows are left out: the information of the others is what it is without them."""
+    rng = np.random.default_rng(0)
+    sizes = np.r_[np.ones(20), np.full(5, 1e-15)]
+    columns = rng.standard_normal((N, 1, 25)) @ (np.eye(25) + 0.3 * rng.standard_normal((25, 25))) * sizes
+    noise = rng.standard_normal((2, N, 1, 25)) * np.r_[np.full(20, 0.3), np.ones(5)]
+    noise[..., 20:] -= (
+        noise[..., :20] @ np.linalg.lstsq(noise[..., :20].reshape(-1, 20), noise[..., 20:].reshape(-1, 5))[0]
+    )
+
+    def information(own):
+        linear = Linear((), np.arange(26), rng.standard_normal((N, 1)), columns[..., own], noise[..., own],
+                        np.zeros((2, N, 1)), np.zeros(25)[own])  # fmt: skip
+        found = corrected(linear, Lines(np.zeros((N, 2)), np.zeros(N)))
+        calibrated = found.columns @ found.calibration
+        return calibrated.T @ calibrated
+
+    np.testing.assert_allclose(information(slice(25))[:20, :20], information(slice(20)), rtol=1e-6, atol=1e-6 * N)
 
 
 def test_the_fit_that_the_equations_are_made_straight_about_does_not_matter():

@@ -120,6 +120,8 @@ def test_a_bound_costs_what_it_takes_to_stay_within_it(seed, far):
     assert extra > 0.0
     bounded = replace(c, low=low, high=high)
     assert bounded.scored(everything) - c.scored(everything) == pytest.approx(extra, rel=1e-8)
+    # The other values give way to it.
+    np.testing.assert_allclose(bounded.solution(everything), bound, atol=1e-8)
     # A bound that is not reached costs nothing.
     near = replace(c, low=free - 0.1, high=free + 0.1)
     assert near.scored(everything) == c.scored(everything)

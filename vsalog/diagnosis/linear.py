@@ -278,23 +278,24 @@ class Corrected:
 def corrected(linear: Linear, system: System, chosen: NDArray[np.bool_] | slice = slice(None)) -> Corrected:
     """Return the normal equations of some unknowns, all by default, under a system's weights."""
     J, r = whitened_columns(linear.columns, system)[:, chosen], system.white(linear.residual).ravel()
-    V = J.T @ J
-    A, gradients = V.copy(), -J * r[:, None]
-    count = len(linear.noise_columns)
+    V, gradients, count = J.T @ J, -J * r[:, None], len(linear.noise_columns)
+    noise = np.zeros_like(V)
     for columns, residual in zip(linear.noise_columns, linear.noise_residual, strict=True):
         Jn, rn = whitened_columns(columns, system)[:, chosen], system.white(residual).ravel()
-        A -= Jn.T @ Jn / count
+        noise += Jn.T @ Jn / count
         gradients += Jn * rn[:, None] / count
-    size = np.sqrt(np.diag(V))
+    # In units of columns and noise together nothing is large: a column may be no more than rounding where its noise is not.
+    size = np.sqrt(np.diag(V + noise))
     scale = np.where(size > 0.0, 1.0 / np.where(size > 0.0, size, 1.0), 0.0)
-    values, vectors = np.linalg.eigh(V * np.outer(scale, scale))
+    values, vectors = np.linalg.eigh((V + noise) * np.outer(scale, scale))
     kept = values > WELL_DETERMINED * max(values.max(initial=0.0), 1e-300)
-    root = np.sqrt(values[kept])
-    W = scale[:, None] * vectors[:, kept] / root  # Wᵀ V W = 1
+    W = scale[:, None] * vectors[:, kept] / np.sqrt(values[kept])
+    share, own = np.linalg.eigh(W.T @ V @ W)  # of the columns in both
     # What is not noise is between none and all of the columns.
-    part, own = np.linalg.eigh(W.T @ A @ W)
-    back = size[:, None] * (vectors[:, kept] * root) @ own
-    return Corrected(J, gradients, (W @ own * np.clip(part, 0.0, 1.0)) @ back.T)
+    more = share > 0.5
+    part = np.minimum(2.0 - 1.0 / share[more], 1.0)
+    X = W @ own[:, more] / np.sqrt(share[more])  # Xᵀ V X = 1, Xᵀ A X = part
+    return Corrected(J, gradients, (X * part) @ (V @ X).T)
 
 
 def candidates_of(linear: Linear, system: System) -> Candidates:

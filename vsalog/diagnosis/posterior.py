@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from vsalog.diagnosis.causes.base import Setting, Site
 from vsalog.diagnosis.discrepancy import Weights
 from vsalog.diagnosis.linear import Linear, Placed, Variant, candidates_of, carried, formed_of, linearised, variants_of
-from vsalog.diagnosis.subsets import Candidates, precisions
+from vsalog.diagnosis.subsets import Candidates, precisions, within
 from vsalog.diagnosis.system import System
 
 Array = NDArray[np.float64]
@@ -85,10 +85,11 @@ def most_probable(problem: Problem, weights: Weights, start: Placed) -> Posterio
         H = np.diag(precisions(linear.now)) + candidates.information
         before, moved = now, False
         for _ in range(DAMPINGS if fresh else 1):
-            step = np.linalg.solve(H + damping * np.diag(np.diag(H)), candidates.score - H @ linear.now)
-            if not np.isfinite(step).all():
+            damped, pull = H + damping * np.diag(np.diag(H)), candidates.score - H @ linear.now
+            target = within(damped, pull, linear.now, candidates.low, candidates.high)
+            if not np.isfinite(target).all():
                 break
-            trial = _moved(linear.variants, np.clip(linear.now + step, candidates.low, candidates.high))
+            trial = _moved(linear.variants, target)
             there = formed_of(system, problem.joint, trial)
             after = weights.deviance(there) + _surprise(_strengths(linear.variants, trial))
             if after <= now:

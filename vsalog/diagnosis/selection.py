@@ -292,8 +292,7 @@ def _best(problem: Problem, stage: Stage, about: Posterior | None) -> Posterior:
     sets = best_sets(stage.candidates, [start])
     near = [s for s in sets if s.score <= sets[0].score + NEAR][:SETS]
     begun = [begun_by(stage.linear, stage.candidates, s.chosen) for s in near]
-    if about is not None:
-        begun.append(about.fit)
+    begun.append(() if about is None else about.fit)
     return min((fitted(problem, stage, b) for b in begun), key=lambda p: p.score)
 
 

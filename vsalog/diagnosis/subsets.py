@@ -63,18 +63,40 @@ class Candidates:
         return np.flatnonzero(np.repeat(chosen, np.diff(self.first)))
 
     def solution(self, chosen: Flags) -> Array:
-        """Return the posterior mean of all unknowns with a set of groups in, shape (p,), 0 for those that are out."""
+        """Return the most probable values of all unknowns with a set of groups in, shape (p,), 0 for those that are out."""
         out = np.zeros(self.score.size)
         own = self.unknowns(chosen)
         if own.size:
             A, b = self.information[np.ix_(own, own)], self.score[own]
             near = np.asarray(np.linalg.solve(np.eye(own.size) + A, b))
-            out[own] = np.linalg.solve(np.diag(precisions(near)) + A, b)
+            out[own] = within(np.diag(precisions(near)) + A, b, np.zeros(own.size), self.low[own], self.high[own])
         return out
 
     def scored(self, chosen: Flags) -> float:
         """Return the negative log marginal likelihood of a set, less that of the empty one."""
         return float(_score(chosen, self.information, self.score, self.first, self.price, self.low, self.high))
+
+
+def within(H: Array, pull: Array, now: Array, low: Array, high: Array) -> Array:
+    """Return where ½ xᵀ H x − pullᵀ x, x from `now`, is least within bounds.
+
+    What would leave them stays on them, and the others give way.
+
+    Raises
+    ------
+    LinAlgError
+        H has no inverse.
+    """
+    out, free = now.copy(), np.ones(now.size, dtype=np.bool_)
+    while free.any():
+        given = pull[free] - H[np.ix_(free, ~free)] @ (out - now)[~free]
+        out[free] = now[free] + np.linalg.solve(H[np.ix_(free, free)], given)
+        beyond = free & ((out < low) | (out > high))
+        if not beyond.any():
+            break
+        out[beyond] = np.clip(out, low, high)[beyond]
+        free &= ~beyond
+    return out
 
 
 def precisions(unknowns: Array) -> Array:

@@ -96,9 +96,7 @@ class LinkPayload(_OfLink):
             told = _payload(values)
             return with_part(joint, "link", payload=Payload(mass=told["mass"][0], distance=told["distance"][0]))
 
-        yield Site(
-            self.name, "link", parameters, apply, report=_payload, excludes=frozenset({"link.inertia", "link.gravity"})
-        )
+        yield Site(self.name, "link", parameters, apply, report=_payload, excludes=frozenset({"link.gravity"}))
 
 
 def _payload(values: Sequence[float]) -> dict[str, tuple[float, str]]:
