@@ -75,8 +75,11 @@ class MechanicalPlayer:
 
     def _sees_bristles(self) -> bool:
         """Tell whether any encoder sees how far bristles give way before they slide; others are ideal friction."""
-        roles = ("link_position", *(position_role(name) for name in motors_of(self.played)))
-        finest = min((self.channels.noise[r].floor for r in roles if r in self.channels.noise), default=np.inf)
+        roles = {"link": "link_position"} | {name: position_role(name) for name in motors_of(self.played)}
+        floors = {part: self.channels.noise[r].floor for part, r in roles.items() if r in self.channels.noise}
+        if "secondary_motor" in floors:  # recorded as a lever arm
+            floors["secondary_motor"] /= abs(self.played.lever.travel)
+        finest = min(floors.values(), default=np.inf)
         parts = (getattr(self.played, name) for name in (*motors_of(self.played), "link"))
         frictions = [f for f in (getattr(part, "friction", None) for part in parts) if f is not None]
         return any(f.presliding_stiffness and f.breakaway / f.presliding_stiffness > finest for f in frictions)

@@ -234,6 +234,12 @@ def position_of(setting: Setting, part: str) -> str:
     return role
 
 
+def angle_of(joint: Any, position: Array, part: str) -> Array:
+    """Return the position of a motor or the link on the joint's side [rad], shape (N,); a set-point is a lever arm here."""
+    x = position[0]
+    return np.asarray((joint.lever.start - x) / joint.lever.travel if part == "secondary_motor" else x)
+
+
 def one_clock(setting: Setting) -> bool:
     """Tell whether a rigid joint's one encoder and its motor's torque are all that has a time: one is late as the other is."""
     others = {"encoders", "link", "link_acceleration"} & set(setting.equations)

@@ -15,6 +15,7 @@ from vsalog.diagnosis.causes.base import (
     Remainder,
     Setting,
     Site,
+    angle_of,
     link_equation,
     one_clock,
     position_of,
@@ -140,7 +141,7 @@ class MotorCogging(Cause):
                 continue
             torque, _ = scale_of(setting, name)
             ratio = getattr(setting.joint, name).gear_ratio
-            theta = _angle(setting.joint, setting.roles[role], name)
+            theta = angle_of(setting.joint, setting.roles[role], name)
             span = float(np.nanmax(theta) - np.nanmin(theta)) * ratio or 1.0
             parameters = (
                 Parameter("cosine", "N*m", 0.0, 1e-3 * torque),
@@ -169,18 +170,12 @@ def _cogging_report(values: Sequence[float]) -> dict[str, tuple[float, str]]:
     }
 
 
-def _angle(joint: Any, position: Array, name: str) -> Array:
-    """Return a motor's position on the joint's side [rad], shape (N,); a set-point is a lever arm here."""
-    x = position[0]
-    return np.asarray((joint.lever.start - x) / joint.lever.travel if name == "secondary_motor" else x)
-
-
 def _waves(joint: Any, name: str, role: str) -> Any:
     """Look for waves over the rotor's turn in what is left over of the motor equation."""
 
     def starts(left: Remainder) -> list[tuple[float, ...]]:
         residual = left.equations.get(name)
-        theta = _angle(joint, left.roles[role], name) * getattr(joint, name).gear_ratio
+        theta = angle_of(joint, left.roles[role], name) * getattr(joint, name).gear_ratio
         if residual is None:
             residual = left.equations.get("link")
         if residual is None:

@@ -15,6 +15,7 @@ from vsalog.diagnosis.causes.base import (
     Remainder,
     Setting,
     Site,
+    angle_of,
     is_rigid,
     link_equation,
     position_of,
@@ -41,7 +42,7 @@ def with_bristles(plain: Site, setting: Setting) -> Iterator[Site]:
     role = position_of(setting, plain.part)
     if role not in setting.roles:
         return
-    travel = size(setting.roles[role][0])
+    travel = size(angle_of(setting.joint, setting.roles[role], plain.part))
     torque = setting.torque_size() if plain.part == "link" else scale_of(setting, plain.part)[0]
     own = len(plain.parameters)
 
