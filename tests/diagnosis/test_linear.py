@@ -329,23 +329,28 @@ def test_an_inertia_is_not_attenuated_by_a_loud_encoder():
     assert abs(np.mean(plain) - 0.024) > 5.0 * spread
 
 
-def test_a_cause_of_the_fit_in_another_shape_makes_what_that_shape_makes():
-    """Friction with bristles in the place of ideal friction, at the strength of the fit: the joint itself says what that is."""
+@pytest.mark.parametrize("cause", ["motor.coulomb_friction", "motor.stribeck_friction"])
+def test_a_cause_in_the_place_of_one_of_the_fit_makes_what_it_makes(cause):
+    """Another shape of the same friction, or a simpler one, at the strength of the fit: the joint itself says what that is."""
     found = channels(Truth(coulomb=0.2), duration=6.0)
     joint = joint_of()
     system = build_system(joint, found.thinned(), balance_for(joint))
     setting = setting_of(joint, system)
-    sites = [s for s in sites_of(setting, frozenset()) if s.key == ("motor.coulomb_friction", "motor")]
-    plain = min(sites, key=lambda s: len(s.parameters))
-    fit = ((plain, np.array([0.2])),)
+    frictions = ("motor.coulomb_friction", "motor.stribeck_friction")
+    sites = [s for s in sites_of(setting, frozenset()) if s.cause in frictions and s.part == "motor"]
+    plain = min((s for s in sites if s.cause == cause), key=lambda s: len(s.parameters))
+    values = {"torque": 0.2, "excess": 0.1, "velocity": 0.5}
+    fit = ((plain, np.array([values[p.name] for p in plain.parameters])),)
     there = placed(joint, fit)
     variants = variants_of(sites, setting, remainder(system, there, setting), fit, {})
     linear = linearised(system, joint, fit, variants)
-    others = [g for g, v in enumerate(linear.variants) if v.instead]
-    assert len(others) >= 2
+    others = [g for g, v in enumerate(linear.variants) if v.instead == plain.key]
+    assert {linear.variants[g].site.cause for g in others} == {cause, "motor.coulomb_friction"}
     for g in others:
         variant = linear.variants[g]
-        assert variant.base[0] == 0.2
-        (j,) = range(int(linear.first[g]), int(linear.first[g + 1]))
-        said = linear.residual + linear.columns[:, :, j] * (0.2 / variant.deviation[0])
-        np.testing.assert_allclose(said, system.averaged(placed(joint, [(variant.site, variant.base)])), atol=1e-9)
+        strengths = [p.name for p in variant.site.parameters if not p.shape]
+        assert list(variant.base[: len(strengths)]) == [values[name] for name in strengths]
+        own = linear.columns[:, :, int(linear.first[g]) : int(linear.first[g + 1])]
+        change = own @ ((variant.base[list(variant.free)] - variant.rig) / variant.deviation)
+        there = system.averaged(placed(joint, [(variant.site, variant.base)]))
+        np.testing.assert_allclose(linear.residual + change, there, atol=1e-9)

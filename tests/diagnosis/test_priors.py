@@ -1,5 +1,6 @@
 """Priors of the causes' numbers: what a rig states, as the joint feels it, and a default for every number of the catalogue."""
 
+from dataclasses import replace
 from functools import cache
 
 import numpy as np
@@ -194,3 +195,20 @@ def test_every_number_of_every_cause_has_a_prior(kind):
             assert 0.0 < deviation < np.inf, (site.key, p.name)
             # A step over which equations are straight is not larger than what is likely.
             assert p.step < 30.0 * deviation, (site.key, p.name)
+
+
+def test_a_lever_motors_bristles_give_way_by_a_part_of_its_angle():
+    """Its position is logged as the set-point that it drives [m], which is a small number where its angle is not."""
+    joint, found = of_kind("awas")
+    system = build_system(joint, found, balance_for(joint))
+    setting = setting_of(joint, system)
+    torque = {"secondary_torque": 40.0 * np.sin(4.0 * system.channels.time)}
+    setting = replace(setting, roles=setting.roles | torque, equations=(*setting.equations, "secondary_motor"))
+    (way,) = [
+        p
+        for s in catalogue()["motor.coulomb_friction"].sites(setting)
+        for p in s.parameters
+        if s.part == "secondary_motor" and p.name == "way"
+    ]
+    angle = np.nanstd(setting.roles["setpoint"][0]) / joint.lever.travel
+    np.testing.assert_allclose(np.exp(way.high), 0.3 * angle, rtol=1e-9)

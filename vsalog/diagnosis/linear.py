@@ -48,7 +48,8 @@ class Variant:
     deviation : prior standard deviation of each unknown
     price : −log of its prior odds
     inside : whether it is in the fit that the equations are linearised about
-    instead : whether it is another shape of a cause of the fit, with the strengths that the fit has
+    instead : cause and part of the fit in whose place it is looked at with the same strengths, as another shape of the same cause
+        or a simpler one of its family; none where it is looked at with no strength
     """
 
     site: Site
@@ -59,7 +60,7 @@ class Variant:
     deviation: Array
     price: float
     inside: bool
-    instead: bool = False
+    instead: tuple[str, str] | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -99,7 +100,6 @@ def variants_of(
     stated : tolerances of the rig, see `priors`
     """
     known = {(site.key, len(site.parameters)): values for site, values in fit}
-    named = {site.key: {p.name: v for p, v in zip(site.parameters, values, strict=True)} for site, values in fit}
     out = []
     functions = sum(site.added is not None for site in sites)
     for site in sites:
@@ -116,16 +116,24 @@ def variants_of(
         assert left is not None or site.starts is None
         starts = site.starts(left) if site.starts and left is not None else [site.start]
         price += float(np.log(max(len(starts), 1)))
-        if site.key in named:
-            own = named[site.key]
+        kin = next(((s, v) for s, v in fit if _stands_for(site, s)), None)
+        if kin is not None:
+            own = {p.name: v for p, v in zip(kin[0].parameters, kin[1], strict=True)}
             begun = {tuple(own.get(p.name, v) for p, v in zip(site.parameters, s, strict=True)) for s in starts}
             out += [
-                replace(_outside(site, np.array(s), deviation, price), base=np.array(s), instead=True)
+                replace(_outside(site, np.array(s), deviation, price), base=np.array(s), instead=kin[0].key)
                 for s in sorted(begun)
             ]
             continue
         out += [_outside(site, np.array(start, dtype=np.float64), deviation, price) for start in starts]
     return out
+
+
+def _stands_for(site: Site, other: Site) -> bool:
+    """Tell whether a cause is looked at with another's strengths: in another shape, or as the simpler one of a family."""
+    strengths = {p.name for p in site.parameters if not p.shape}
+    simpler = site.parts == other.parts and clash(site, other) and strengths <= {p.name for p in other.parameters}
+    return site.key == other.key or simpler
 
 
 def _deviation(site: Site, parameter: Parameter, setting: Setting, stated: Mapping[str, float]) -> float:
@@ -184,7 +192,7 @@ def linearised(
     here = formed(fit) if here is None else here
     columns = np.empty((*here.shape, int(first[-1])))
     now = np.zeros(int(first[-1]))
-    for g, variant in sorted(enumerate(variants), key=lambda v: v[1].instead):
+    for g, variant in sorted(enumerate(variants), key=lambda v: v[1].instead is not None):
         if variant.instead:
             change = formed(set_in(fit, variant.site, variant.base)) - here
             columns[..., first[g] : first[g + 1]] = exchanged(variants, first, columns, now, g, change)
@@ -232,16 +240,16 @@ def carried(linear: Linear, fit: Placed, here: Array) -> Linear:
 def exchanged(
     variants: Sequence[Variant], first: Integers, columns: Array, now: Array, group: int, change: Array
 ) -> Array:
-    """Return the columns of a cause of the fit in another shape, such that the shape with the fit's strengths makes the change.
+    """Return the columns of a cause in the place of one of the fit, such that it makes the change with the fit's strengths.
 
     Parameters
     ----------
     variants, first, columns, now : see `Linear`; the columns of the fit's own causes are known
     group : index of the variant
-    change : shape (…), what the shape changes in place of the one of the fit
+    change : shape (…), what it changes in place of the one of the fit
     """
     variant = variants[group]
-    g = next(i for i, v in enumerate(variants) if v.inside and v.site.key == variant.site.key)
+    g = next(i for i, v in enumerate(variants) if v.inside and v.site.key == variant.instead)
     own = variants[g]
     at = {own.site.parameters[i].name: int(first[g]) + k for k, i in enumerate(own.free)}
     places = [at.get(variant.site.parameters[i].name) for i in variant.free]
@@ -250,7 +258,9 @@ def exchanged(
     strongest = int(np.argmax(np.abs(strengths)))
     if strengths[strongest] == 0.0 or not np.isfinite(change).all():
         return np.zeros_like(out)
-    out[..., strongest] += change / strengths[strongest]
+    # What only the other has goes with it.
+    gone = [j for j in at.values() if j not in places]
+    out[..., strongest] += (change + columns[..., gone] @ now[gone]) / strengths[strongest]
     return np.asarray(out)
 
 

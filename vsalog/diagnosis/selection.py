@@ -22,7 +22,17 @@ from vsalog.diagnosis.common import common_sites
 from vsalog.diagnosis.discrepancy import Weights, left_out, weighted_by
 from vsalog.diagnosis.fit import driven_out
 from vsalog.diagnosis.kinds import motion_for
-from vsalog.diagnosis.linear import Linear, Placed, Variant, candidates_of, clash, linearised, placed, variants_of
+from vsalog.diagnosis.linear import (
+    Linear,
+    Placed,
+    Variant,
+    candidates_of,
+    clash,
+    linearised,
+    placed,
+    set_in,
+    variants_of,
+)
 from vsalog.diagnosis.omnibus import p_value
 from vsalog.diagnosis.posterior import Posterior, Problem, begun_by, most_probable
 from vsalog.diagnosis.sensing import true_roles
@@ -328,13 +338,22 @@ def choices_of(
         each = [np.array([v.site.overlaps(m) for v in variants], dtype=np.bool_) for m in site.members or (site,)]
         other = min((without(c, best, barred) for barred in each), key=lambda r: r.score)
         odds, rivals = other.score - best.score, tuple[Rival, ...]()
-        if odds < NEAR and c is stage.candidates:
-            instead = fitted(problem, stage, begun_by(stage.linear, c, other.chosen))
-            odds = instead.score - final.score
-            if odds < APART:
-                rivals = _rivals(final, instead)
+        if c is stage.candidates:
+            others = _simpler(variants, final.fit, site)
+            if odds < NEAR:
+                others.append(begun_by(stage.linear, c, other.chosen))
+                odds = np.inf
+            exact = [fitted(problem, stage, o) for o in others]
+            odds = min([odds, *(e.score - final.score for e in exact)])
+            if exact and odds < APART:
+                rivals = _rivals(final, min(exact, key=lambda e: e.score))
         out.append(Choice(site, odds, rivals, _size_of(final, stage.weights, site)))
     return tuple(sorted(out, key=lambda choice: -choice.odds))
+
+
+def _simpler(variants: Sequence[Variant], fit: Placed, site: Site) -> list[Placed]:
+    """Return a set with a cause exchanged for each simpler one of its family, which begins with its numbers."""
+    return [set_in(fit, v.site, v.base) for v in variants if v.instead == site.key != v.site.key]
 
 
 def sites_in(stage: Stage) -> list[Site]:

@@ -250,7 +250,7 @@ def _by_values(
         made = list(pool.map(columns, variants))
     first = np.concatenate([[0], np.cumsum([len(v.free) for v in variants])]).astype(np.int64)
     J, now = np.zeros((*here.shape, int(first[-1]))), np.zeros(int(first[-1]))
-    for g, variant in sorted(enumerate(variants), key=lambda v: v[1].instead):
+    for g, variant in sorted(enumerate(variants), key=lambda v: v[1].instead is not None):
         own = slice(int(first[g]), int(first[g + 1]))
         J[..., own] = (
             exchanged(variants, first, J, now, g, made[g][0]) if variant.instead else np.stack(made[g], axis=-1)
