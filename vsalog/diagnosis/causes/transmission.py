@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from typing import Any
 
+import numpy as np
 from msgspec.structs import replace
 
 from vsalog.diagnosis.causes.base import (
@@ -18,6 +19,7 @@ from vsalog.diagnosis.causes.base import (
     transmissions_of,
     with_part,
 )
+from vsalog.diagnosis.causes.motor_friction import NARROW
 from vsalog.rig.schema import (
     AwasTransmission,
     BoucWen,
@@ -26,7 +28,7 @@ from vsalog.rig.schema import (
 )
 
 # Widths of loops and gaps to begin with, as parts of the deflection.
-WIDTHS, GAPS = (0.02, 0.06, 0.2, 0.5), (0.02, 0.1, 0.3)
+WIDTHS, GAPS = (5e-4, 4e-3, 0.02, 0.06, 0.2, 0.5), (0.02, 0.1, 0.3)
 
 
 def scaled(transmission: Any, factor: float) -> Any:
@@ -157,20 +159,25 @@ class TransmissionHysteresis(_OfTransmission):
         phi, torque = setting.deflection_size(suffix_of(name)), setting.torque_size()
         loop = transmission.bouc_wen
         height, width = (loop.torque, loop.width) if loop is not None else (0.0, 0.1 * phi)
+        # A loop may be as narrow as dry friction is.
+        low, high = float(np.log(NARROW * phi)), float(np.log(2.0 * phi))
         parameters = (
             Parameter("torque", "N*m", height, 1e-3 * torque, 0.0),
-            Parameter("width", "rad", width, 0.02 * width, 2e-3 * phi, 2.0 * phi, 0.1 * phi, shape=True),
+            Parameter("width", "1", float(np.log(width)), 0.02, low, high, 1.0, shape=True),
         )
 
         def starts(_: Remainder) -> list[tuple[float, ...]]:
-            return [(max(height, 0.01 * torque), share * phi) for share in WIDTHS]
+            return [(max(height, 0.01 * torque), float(np.log(share * phi))) for share in WIDTHS]
 
         def apply(joint: Any, values: Sequence[float]) -> Any:
             exponent, shape = (loop.exponent, loop.shape) if loop is not None else (1.0, 1.0)
-            changed = BoucWen(torque=max(float(values[0]), 0.0), width=float(values[1]), exponent=exponent, shape=shape)
-            return with_part(joint, name, bouc_wen=changed)
+            torque, width = max(float(values[0]), 0.0), float(np.exp(values[1]))
+            return with_part(joint, name, bouc_wen=BoucWen(torque=torque, width=width, exponent=exponent, shape=shape))
 
-        return Site(self.name, name, parameters, apply, starts)
+        def report(values: Sequence[float]) -> dict[str, tuple[float, str]]:
+            return {"torque": (float(values[0]), "N*m"), "width": (float(np.exp(values[1])), "rad")}
+
+        return Site(self.name, name, parameters, apply, starts, report)
 
 
 class TransmissionBacklash(_OfTransmission):
