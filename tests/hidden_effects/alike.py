@@ -82,6 +82,10 @@ SAME = {
 # A weight that turns by little is an offset, a slope and a bend.
 BENT = {"bench": {"link.gravity": (*_WEIGHT, *_TORQUE_OR_ANGLE, "sensor.encoder_offset@deflection")}}
 
+# What an effect brings along at its own part, of which the catalogue has the nearest only: its name is neither right nor false.
+# The walls of a gap are damped in proportion to their torque (Hunt, Crossley 1975).
+BROUGHT = {"transmission.backlash": ("transmission.damping",)}
+
 
 def same_physics(cause: str, machine: Any) -> list[str]:
     """Return what else a cause may be called in a device, "cause@part"."""

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from .alike import BELOW, split
+from .alike import BELOW, BROUGHT, split
 from .scoring import SIDES, VERDICTS, Estimate, _estimates, _gains, _is, _key
 
 # An effect has to be named when it alone is so many times the noise.
@@ -160,7 +160,7 @@ def score_family(
     for cause in causes:
         right = any(holds(cause, e) for e in effects)
         confidence = cause.get("confidence")
-        if not right and any(_is_near(cause, o) for o in outside):
+        if not right and (any(_is_near(cause, o) for o in outside) or any(_comes_with(cause, e) for e in effects)):
             continue
         if not right:
             outcome.false.append(_key(cause))
@@ -188,14 +188,25 @@ def _is_near(named: Mapping[str, Any], outside: Mapping[str, Any]) -> bool:
     return any(named["cause"] == cause and covers(named.get("part"), part) for cause, part in near)
 
 
+def _comes_with(named: Mapping[str, Any], effect: Mapping[str, Any]) -> bool:
+    """Tell whether a cause is the catalogue's nearest to what a hidden effect brings along."""
+    return named["cause"] in BROUGHT.get(effect["cause"], ()) and covers(named.get("part"), effect["part"])
+
+
 def has_to_be_named(effect: Mapping[str, Any]) -> bool:
     """Tell whether an effect is visible alone, also next to what the catalogue lacks."""
     return effect["size"] >= VISIBLE and effect.get("over_remainder", np.inf) >= 1.0
 
 
 def _intervals(causes: Sequence[Mapping[str, Any]], effects: Sequence[Mapping[str, Any]]):
-    """Yield an estimate for every parameter that is reported of an effect under its own name, once per named cause."""
+    """Yield an estimate for every parameter that is reported of an effect under its own name, once per named cause.
+
+    A number in which another hidden effect has a share, as it is the same physics in that device, is nobody's.
+    """
     for cause in causes:
+        key = _key(cause)
+        if any(_key(e) != key and e.get("alike", {}).get(key, np.inf) < BELOW for e in effects):
+            continue
         for effect in effects:
             if cause["cause"] == effect["cause"] and covers(cause.get("part"), effect["part"]):
                 reported = cause.get("parameters", {})

@@ -385,6 +385,15 @@ def test_a_class_that_holds_what_was_hidden_is_right(member):
     assert not score_family(truth(SPRING), diagnosis(large)).first_small
 
 
+def test_a_number_that_two_hidden_effects_share_is_nobodys():
+    gain = effect("sensor.torque_gain", "torque_sensor", gain=0.95, nominal={"gain": 1.0})
+    reported = diagnosis(named("sensor.torque_gain", "torque_sensor", gain=(0.97, 0.001)))
+    (estimate,) = score_family(truth(gain), reported).estimates
+    assert not estimate.covered
+    weight = effect("link.gravity", "link", alike={"sensor.torque_gain@torque_sensor": 0.0}, torque=0.1)
+    assert score_family(truth(gain, weight), reported).estimates == []
+
+
 def test_false_causes_count_where_they_are_material():
     right = named("transmission.stiffness", "transmission", factor=(1.05, 0.01))
     wrong = named("link.inertia", "link", ["link.payload (link)"], inertia=(0.3, 0.1))
@@ -448,6 +457,19 @@ def test_next_to_model_error_only_larger_causes_are_asked_for():
     assert value([outcome], "causes larger than", "model-error") == 1.0
     assert value([outcome], "partly explained", "model-error") == 1.0
     assert value([outcome], "over the noise, median", "model-error") == 50.0
+
+
+def test_the_damping_of_a_gaps_walls_is_neither_right_nor_false():
+    gap = effect("transmission.backlash", "transmission_1", gap=0.01)
+
+    def false(*effects):
+        damping = named("transmission.damping", "transmission_1", confidence=1.0)
+        outcome = score_family(truth(*effects), diagnosis(damping))
+        return outcome.false, outcome.confidences
+
+    assert false(gap) == ([], [])
+    assert false({**gap, "part": "transmission_2"}) == (["transmission.damping@transmission_1"], [(1.0, False)])
+    assert false(SPRING) == (["transmission.damping@transmission_1"], [(1.0, False)])
 
 
 def test_repeats_agree_on_verdict_and_causes():
