@@ -194,6 +194,18 @@ def test_what_moves_as_one_has_one_inertia_and_says_so(tmp_path):
     assert document.causes[0].indistinguishable_from == ("motor.inertia",)
 
 
+def test_a_scale_that_no_weight_fixes_is_as_sure_as_the_priors_are(tmp_path):
+    """Without gravity a torque constant scales inertia and frictions alike: ± 10 % and ± 20 % of one part of the inertia."""
+    rig = RIGID.replace("gravity_torque = 1.5\n", "")
+    truth = Truth(gravity=0.0, constant=0.95, inertia=0.07, coulomb=0.35, damping=0.12)
+    document = diagnose(*laid(tmp_path, truth, rig), Options()).diagnosis
+    friction = next(c for c in document.causes if c.cause == "motor.coulomb_friction").parameters["torque"]
+    constant, inertia = 0.1 / 1.96, 0.2 / 1.96 * 0.05 / 0.07
+    scale = (constant**-2 + inertia**-2) ** -0.5
+    assert friction.std / friction.value == pytest.approx(scale, rel=0.1)
+    assert abs(friction.value - 0.35) < 1.96 * friction.std
+
+
 def test_a_late_drive_is_a_late_encoder_and_it_says_so(tmp_path):
     document = diagnose(*laid(tmp_path, Truth(torque_delay=5e-3)), Options()).diagnosis
     (cause,) = document.causes

@@ -14,6 +14,7 @@ from vsalog.diagnosis.causes.base import Site
 from vsalog.diagnosis.common import scales
 from vsalog.diagnosis.linear import Placed, placed
 from vsalog.diagnosis.selection import Choice, Selection
+from vsalog.diagnosis.subsets import precisions
 from vsalog.diagnosis.system import System
 
 Array = NDArray[np.float64]
@@ -21,8 +22,8 @@ Array = NDArray[np.float64]
 # A cause matters where it changes an equation by as much as noise and model error together do, in root mean square, beyond what
 # the other causes could take up.
 MATERIAL = 1.0
-# Standard deviations to either side that hold 95 % of a normal distribution.
-NORMAL_95 = 1.96
+# Standard deviations to either side that hold 95 % of a normal distribution, and to one side.
+NORMAL_95, BELOW_95 = 1.96, 1.645
 
 
 @dataclass(frozen=True, slots=True)
@@ -78,7 +79,9 @@ def found_by(selection: Selection, joint: Any) -> list[Found]:
     posterior, out = selection.posterior, list[Found]()
     if not posterior.fit:
         return out
-    covariance = posterior.covariance + np.diag(_between(selection))
+    covariance = posterior.covariance
+    more = np.maximum(_between(selection, np.sqrt(np.diag(covariance))), _undetermined(selection))
+    covariance = covariance + np.diag(more)
     shares = _removed(selection.system, joint, posterior.fit)
     for g, ((site, values), removed) in enumerate(zip(posterior.fit, shares, strict=True)):
         if site.added is not None:
@@ -93,11 +96,16 @@ def found_by(selection: Selection, joint: Any) -> list[Found]:
     return sorted(out, key=lambda f: -f.removed)
 
 
-def _between(selection: Selection) -> Array:
+def _between(selection: Selection, spread: Array) -> Array:
     """Return the variance that the choice within a class adds to each value, shape (p,).
 
-    A 95 % interval reaches as far as the values that go with the other members of the class; of a cause that is absent there, the
-    interval is that of its value if it is present.
+    A 95 % interval reaches as far as 95 % of the values that go with the other members of the class; of a cause that is absent
+    there, the interval is that of its value if it is present.
+
+    Parameters
+    ----------
+    selection : of causes
+    spread : shape (p,), standard deviation of each value within the set
     """
     fit = selection.posterior.fit
     farthest = [np.zeros(values.size) for _, values in fit]
@@ -107,7 +115,30 @@ def _between(selection: Selection) -> Array:
             other = there.get(site.key, values)
             if other.size == values.size:
                 farthest[k] = np.maximum(farthest[k], np.abs(other - values))
-    return np.square(np.concatenate(farthest) / NORMAL_95)
+    far = np.concatenate(farthest)
+    return np.where(far > 0.0, np.maximum(((far + BELOW_95 * spread) / NORMAL_95) ** 2 - spread**2, 0.0), 0.0)
+
+
+def _undetermined(selection: Selection) -> Array:
+    """Return the variance that the other members of the causes' classes add to each value where they are present too, shape (p,).
+
+    A class is a direction that the log cannot determine: along it a value is as sure as the priors of all members together are.
+    """
+    variants, candidates = selection.stage.linear.variants, selection.stage.candidates
+    inside = np.array([v.inside for v in variants], dtype=np.bool_)
+    chosen = inside.copy()
+    rivals = {r.site.key for choice in selection.choices for r in choice.rivals}
+    for g, variant in enumerate(variants):
+        alone = not (candidates.conflict[g] & chosen).any()
+        chosen[g] |= alone and variant.instead is None and variant.site.key in rivals
+    H = np.diag(precisions(selection.stage.linear.now)) + candidates.information
+    own, all_of = candidates.unknowns(inside), candidates.unknowns(chosen)
+    among = np.searchsorted(all_of, own)
+    more = np.diag(np.linalg.inv(H[np.ix_(all_of, all_of)]))[among] - np.diag(np.linalg.inv(H[np.ix_(own, own)]))
+    there = [v for v in variants if v.inside]
+    ends = np.cumsum([v.deviation.size for v in there])[:-1]
+    added = {v.site.key: m * v.deviation**2 for v, m in zip(there, np.split(np.maximum(more, 0.0), ends), strict=True)}
+    return np.concatenate([added[site.key] for site, _ in selection.posterior.fit])
 
 
 def loss_of(system: System, joint: Any) -> float:
