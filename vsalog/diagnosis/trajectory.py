@@ -25,7 +25,7 @@ from vsalog.diagnosis.linear import Placed, Variant, exchanged, placed, set_in
 from vsalog.diagnosis.posterior import Posterior, begun_by
 from vsalog.diagnosis.selection import APART, Choice, Selection, choices_of, fitted, sites_in, stage_about
 from vsalog.diagnosis.subsets import Ranked, best_sets, precisions
-from vsalog.diagnosis.windows import WITHIN, Shot, Windows, begun, by_states, in_runs, in_windows, shoot
+from vsalog.diagnosis.windows import WITHIN, Shot, Windows, begun, by_states, in_runs, in_windows, player_of, shoot
 from vsalog.errors import SimulationError
 
 Array = NDArray[np.float64]
@@ -53,6 +53,10 @@ def refined(selection: Selection, windows: Windows) -> Selection:
     """
     # Where equations do not close, trajectories cannot either, and say of model error nothing that is not in the equations.
     if np.max(np.diag(selection.weights.inflation)) > WITHIN**2:
+        return selection
+    # Where nothing has a beginning nothing is added up: a simulation says what equations say, once more and of the same samples.
+    player = player_of(selection.problem.joint, windows.channels)
+    if not player.free(player.measured_states()):
         return selection
     windows = windows.part(in_runs(len(windows.spans), WINDOWS))
     best, shot, J = _fitted(selection, windows)
