@@ -119,8 +119,8 @@ def _transmitted(spring, phi, rate, arm, t, z, y1, y2, y3):
     if half > 0.0:
         u = phi - half if phi > half else phi + half if phi < -half else 0.0
         du = rate if u != 0.0 else 0.0
-    scale = spring.factor * (1.0 + spring.drift * t) * (1.0 + spring.asymmetry if u > 0.0 else 1.0 - spring.asymmetry)
-    torque = scale * (spring_torque(spring, u, arm) + spring.added_cubic * u * u * u)
+    scale = (1.0 + spring.drift * t) * (1.0 + spring.asymmetry if u > 0.0 else 1.0 - spring.asymmetry)
+    torque = scale * (spring.factor * spring_torque(spring, u, arm) + spring.added_cubic * u * u * u)
     if half > 0.0:
         # Walls that give way more reluctantly the faster they are hit (Hunt and Crossley 1975); they do not pull.
         torque *= max(1.0 + spring.wall * du * np.sign(u), 0.0)

@@ -80,7 +80,8 @@ SAME = {
     ),
 }  # fmt: skip
 # A weight that turns by little is an offset, a slope and a bend.
-BENT = {"bench": {"link.gravity": (*_WEIGHT, *_TORQUE_OR_ANGLE, "sensor.encoder_offset@deflection")}}
+_BEND = ("sensor.encoder_offset@deflection", "transmission.nonlinearity@transmission")
+BENT = {"bench": {"link.gravity": (*_WEIGHT, *_TORQUE_OR_ANGLE, *_BEND)}}
 
 # What an effect brings along at its own part, of which the catalogue has the nearest only: its name is neither right nor false.
 # The walls of a gap are damped in proportion to their torque (Hunt, Crossley 1975).

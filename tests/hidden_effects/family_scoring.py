@@ -245,9 +245,16 @@ def agree(outcomes: Sequence[FamilyOutcome]) -> list[bool]:
 
 
 def _same_answer(one: FamilyOutcome, other: FamilyOutcome) -> bool:
+    def same(member: str, another: str) -> bool:
+        """A member of a class is named without its part."""
+        (cause, part), (cause_2, part_2) = split(member), split(another)
+        return cause == cause_2 and (part == part_2 or not part or not part_2)
+
     def found(own: FamilyOutcome, others: FamilyOutcome) -> bool:
-        said = [{split(m) for m in members} for members in others.classes]
-        return all(any({split(m) for m in members} & s for s in said) for members in own.classes)
+        return all(
+            any(same(m, n) for members_2 in others.classes for n in members_2 for m in members)
+            for members in own.classes
+        )
 
     return one.ended == other.ended and found(one, other) and found(other, one)
 

@@ -80,7 +80,7 @@ def model_text(machine: Machine, step: float) -> str:
             f'<body><joint name="motor" {rotor}/>{light}</body><body><joint name="link" {arm}/>{_link(machine)}</body>'
         )
         stiffness = float(spring["factor"] * spring["k1"])
-        cubic = float(spring["factor"] * (spring["k3"] + spring["added_cubic"]))
+        cubic = float(spring["factor"] * spring["k3"] + spring["added_cubic"])
         half = 0.5 * float(spring["gap"])
         own = _text(
             stiffness=f"{stiffness!r} 0 {cubic!r}", springlength=f"{-half!r} {half!r}", damping=spring["damping"],

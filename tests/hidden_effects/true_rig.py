@@ -73,7 +73,7 @@ def _spring(row: np.void, nominal: dict[str, Any], bristles: bool) -> dict[str, 
     factor = float(row["factor"])
     out: dict[str, Any] = {k: nominal[k] * factor for k in ("stiffness", "cubic", "spring_stiffness") if k in nominal}
     out |= _given(
-        damping=row["damping"], added_cubic=factor * row["added_cubic"], backlash=row["gap"], asymmetry=row["asymmetry"],
+        damping=row["damping"], added_cubic=row["added_cubic"], backlash=row["gap"], asymmetry=row["asymmetry"],
         drift=row["drift"],
     )  # fmt: skip
     if row["loop"]:
