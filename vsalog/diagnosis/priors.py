@@ -30,6 +30,7 @@ _KEYS = {
     ("transmission.stiffness", "factor"): "stiffness",
     ("transmission.nonlinearity", "cubic"): "added_cubic",
     ("transmission.hysteresis", "torque"): "bouc_wen.torque",
+    ("transmission.hysteresis", "slip_limit"): "slip.limit",
     ("transmission.backlash", "gap"): "backlash",
     ("transmission.stiffness_drift", "rate"): "drift",
     ("link.gravity", "torque"): "gravity_torque",

@@ -25,6 +25,7 @@ from vsalog.rig.schema import (
     BoucWen,
     CubicTransmission,
     PolynomialTransmission,
+    SlipElement,
 )
 
 # Widths of loops and gaps to begin with, as parts of the deflection.
@@ -178,6 +179,40 @@ class TransmissionHysteresis(_OfTransmission):
             return {"torque": (float(values[0]), "N*m"), "width": (float(np.exp(values[1])), "rad")}
 
         return Site(self.name, name, parameters, apply, starts, report)
+
+    def sites(self, setting: Setting) -> Iterator[Site]:
+        """Yield one per transmission; of a bench, whose equations have no other friction, one with dry friction, too."""
+        for site in super().sites(setting):
+            yield site
+            if all(e.startswith("transmission") for e in setting.equations):
+                yield _beside_friction(site, setting)
+
+
+def _beside_friction(loop: Site, setting: Setting) -> Site:
+    """Return hysteresis with a slip element that gives way at once beside its loop."""
+    name, phi, own = loop.part, setting.deflection_size(suffix_of(loop.part)), len(loop.parameters)
+    step = loop.parameters[0].step
+    low, high = float(np.log(NARROW * phi)), float(np.log(WIDTHS[1] * phi))
+    travel = Parameter("slip_travel", "1", 0.5 * (low + high), 0.02, low, high, 1.0, shape=True)
+
+    def starts(left: Remainder) -> list[tuple[float, ...]]:
+        begun = loop.starts(left) if loop.starts is not None else []
+        return [(*s, 10.0 * step, float(np.log(WIDTHS[0] * phi))) for s in begun if np.exp(s[1]) > WIDTHS[1] * phi]
+
+    def apply(joint: Any, values: Sequence[float]) -> Any:
+        changed = loop.apply(joint, values[:own])
+        limit = max(float(values[own]), 0.0)
+        if limit == 0.0:
+            return changed
+        element = SlipElement(stiffness=limit / float(np.exp(values[own + 1])), limit=limit)
+        return with_part(changed, name, slip=(*getattr(changed, name).slip, element))
+
+    def report(values: Sequence[float]) -> dict[str, tuple[float, str]]:
+        limit, travel = float(values[own]), float(np.exp(values[own + 1]))
+        return loop.reported(values[:own]) | {"slip_limit": (limit, "N*m"), "slip_travel": (travel, "rad")}
+
+    parameters = (*loop.parameters, Parameter("slip_limit", "N*m", 0.0, step, 0.0), travel)
+    return Site(loop.cause, name, parameters, apply, starts, report)
 
 
 class TransmissionBacklash(_OfTransmission):
