@@ -70,10 +70,14 @@ def _run(
 
 @njit(cache=True, error_model="numpy")
 def loop_after(z: float, du: float, width: float, exponent: float, shape: float) -> float:
-    """Return what a change of the deflection makes of a loop's state z, by the midpoint rule.
+    """Return what a change of the deflection makes of a loop's state z.
 
-    The normalised Bouc–Wen loop over the deflection (Ikhouane and Rodellar 2007).
+    The normalised Bouc–Wen loop over the deflection (Ikhouane and Rodellar 2007), by the midpoint rule; one with exponent and
+    shape 1 decays towards ±1.
     """
+    if exponent == 1.0 and shape == 1.0:
+        end = 1.0 if du > 0.0 else -1.0
+        return float(end + (z - end) * np.exp(-abs(du) / width))
     parts = min(1 + int(abs(du) / (PART * width)), 1000)
     h = du / parts / width
     now = z

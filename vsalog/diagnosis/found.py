@@ -81,6 +81,10 @@ def found_by(selection: Selection, joint: Any) -> list[Found]:
         return out
     covariance = posterior.covariance
     more = np.maximum(_between(selection, np.sqrt(np.diag(covariance))), _undetermined(selection))
+    if posterior.simulated is None:
+        more += np.square(
+            [p.rounded * v for site, values in posterior.fit for p, v in zip(site.parameters, values, strict=True)]
+        )
     covariance = covariance + np.diag(more)
     shares = _removed(selection.system, joint, posterior.fit)
     for g, ((site, values), removed) in enumerate(zip(posterior.fit, shares, strict=True)):

@@ -51,15 +51,15 @@ def refined(selection: Selection, windows: Windows) -> Selection:
     SimulationError
         The joint with the causes cannot be simulated.
     """
-    # Where equations do not close, trajectories cannot either, and say of model error nothing that is not in the equations.
-    if np.max(np.diag(selection.weights.inflation)) > WITHIN**2:
-        return selection
     # Where nothing has a beginning nothing is added up: a simulation says what equations say, once more and of the same samples.
     player = player_of(selection.problem.joint, windows.channels)
     if not player.free(player.measured_states()):
         return selection
     windows = windows.part(in_runs(len(windows.spans), WINDOWS))
     best, shot, J = _fitted(selection, windows)
+    # Where equations do not close, trajectories mostly cannot either; then they say nothing that is not in the equations.
+    if np.max(np.diag(selection.weights.inflation)) > WITHIN**2 and np.max(_squares(shot, windows)) > OFF**2:
+        return selection
     for _ in range(SEARCHES):
         if np.max(_squares(shot, windows)) <= OFF**2:
             break
@@ -170,7 +170,8 @@ def _prior(posterior: Posterior) -> Array:
         exact = catalogue()[site.cause].exact if site.added is None else 0.0
         for k, i in enumerate(variant.free):
             p = site.parameters[i]
-            blur.append(float(np.hypot(p.step if p.shape else exact * values[i], p.blur)) / variant.deviation[k])
+            equation = max(p.step if p.shape else exact * abs(values[i]), p.rounded * abs(values[i]))
+            blur.append(float(np.hypot(equation, p.blur)) / variant.deviation[k])
     equations = np.linalg.inv(np.diag(precisions(posterior.linear.now)) + posterior.candidates.information)
     return np.asarray(np.linalg.inv(equations + np.diag(np.square(blur))))
 

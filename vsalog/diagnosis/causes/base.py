@@ -29,6 +29,7 @@ class Parameter:
     reach : as far as one step of a fit may go, where the equations bend
     hard : whether its bounds say how large such a thing can be at all, whatever the cause's other numbers
     blur : what of it nothing tells, one standard deviation
+    rounded : part of the value that filters may take off where equations tell it, one standard deviation; trajectories keep it
     shape : whether it says what an effect looks like, not how strong it is: nothing is known of it before a log is seen
     """
 
@@ -41,6 +42,7 @@ class Parameter:
     reach: float = np.inf
     hard: bool = False
     blur: float = 0.0
+    rounded: float = 0.0
     shape: bool = False
 
 

@@ -28,6 +28,8 @@ from vsalog.mechanics.links import link_weight
 DRY = frozenset({"motor.coulomb_friction", "motor.stribeck_friction"})
 # Stribeck speeds to begin with, as parts of the motor's speed.
 SPEEDS = (0.03, 0.1, 0.3, 0.8)
+# Friction rises towards rest within a filter's length: up to a tenth of the rise is averaged away.
+ROUNDED = 0.1
 # Displacements over which bristles give way, as parts of the position's, to begin with.
 BRISTLES = (3e-4, 3e-3, 3e-2)
 # Bristles give way over no less and no more than these parts of it: what never slides is a spring to the ground, not friction.
@@ -180,9 +182,19 @@ class MotorStribeckFriction(Cause):
             falling = friction.stribeck_velocity or 0.1 * speed
             parameters = (
                 Parameter("torque", "N*m", friction.coulomb, 1e-3 * torque, 0.0),
-                Parameter("excess", "N*m", friction.breakaway - friction.coulomb, 1e-3 * torque, 0.0),
-                Parameter("velocity", "rad/s", falling, 1e-3 * speed, 1e-3 * speed, 3.0 * speed, 0.3 * speed, shape=True),
-            )  # fmt: skip
+                Parameter("excess", "N*m", friction.breakaway - friction.coulomb, 1e-3 * torque, 0.0, rounded=ROUNDED),
+                Parameter(
+                    "velocity",
+                    "rad/s",
+                    falling,
+                    1e-3 * speed,
+                    1e-3 * speed,
+                    3.0 * speed,
+                    0.3 * speed,
+                    rounded=ROUNDED,
+                    shape=True,
+                ),
+            )
 
             def starts(
                 _: Remainder, c: float = friction.coulomb, t: float = torque, v: float = speed
