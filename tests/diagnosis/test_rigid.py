@@ -195,12 +195,12 @@ def test_what_moves_as_one_has_one_inertia_and_says_so(tmp_path):
 
 
 def test_a_scale_that_no_weight_fixes_is_as_sure_as_the_priors_are(tmp_path):
-    """Without gravity a torque constant scales inertia and frictions alike: ± 10 % and ± 20 % of one part of the inertia."""
+    """Without gravity a torque constant scales inertia and frictions alike: ± 10 %, and ± 20 % of motor and link each."""
     rig = RIGID.replace("gravity_torque = 1.5\n", "")
     truth = Truth(gravity=0.0, constant=0.95, inertia=0.07, coulomb=0.35, damping=0.12)
     document = diagnose(*laid(tmp_path, truth, rig), Options()).diagnosis
     friction = next(c for c in document.causes if c.cause == "motor.coulomb_friction").parameters["torque"]
-    constant, inertia = 0.1 / 1.96, 0.2 / 1.96 * 0.05 / 0.07
+    constant, inertia = 0.1 / 1.96, 0.2 / 1.96 * np.hypot(0.02, 0.05) / 0.07
     scale = (constant**-2 + inertia**-2) ** -0.5
     assert friction.std / friction.value == pytest.approx(scale, rel=0.1)
     assert abs(friction.value - 0.35) < 1.96 * friction.std

@@ -211,6 +211,9 @@ def _intervals(causes: Sequence[Mapping[str, Any]], effects: Sequence[Mapping[st
             if cause["cause"] == effect["cause"] and covers(cause.get("part"), effect["part"]):
                 reported = cause.get("parameters", {})
                 known = {k: v for k, v in effect["parameters"].items() if reported.get(k, {}).get("value") is not None}
+                if any(e["cause"] == "sensor.encoder_offset" and e["size"] < VISIBLE for e in effects):
+                    # A phase counts from the encoder's zero.
+                    known.pop("phase", None)
                 yield from _estimates(cause, {**effect, "parameters": known})
                 break
 

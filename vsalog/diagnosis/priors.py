@@ -9,6 +9,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import Any
 
+import numpy as np
 from msgspec.structs import replace
 
 from vsalog.diagnosis.causes.base import Parameter, Setting, Site, suffix_of
@@ -61,11 +62,15 @@ def deviation_of(site: Site, parameter: Parameter, setting: Setting, stated: Map
     key = _KEYS.get((site.cause, parameter.name), parameter.name)
     path = f"signals.{site.part}.{key}" if site.cause.startswith("sensor.") else f"{site.part}.{key}"
     nominal, scale = _size(site, parameter, setting, key)
-    if path in stated:
-        own = stated[path]
+    own = stated.get(path, default_deviation(path, nominal, scale))
+    if key == "stiffness" and path in stated:
         # A factor on a whole spring is known as well as its stiffness is.
-        return own / _stiffness(getattr(setting.joint, site.part)) if key == "stiffness" else own
-    return default_deviation(path, nominal, scale)
+        return own / _stiffness(getattr(setting.joint, site.part))
+    if site.cause == "link.inertia" and "motor.inertia" in site.doubles:
+        # What moves as one is as unsure as both parts are.
+        motor = setting.joint.motor.inertia
+        return float(np.hypot(own, stated.get("motor.inertia", default_deviation("motor.inertia", motor, motor))))
+    return own
 
 
 def _size(site: Site, parameter: Parameter, setting: Setting, key: str) -> tuple[float, float]:
