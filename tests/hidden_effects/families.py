@@ -369,6 +369,8 @@ NEAR = {
     "friction that depends on the position": DRY_CAUSES,
     WARM: DRY_CAUSES,
     "filter in the drive": ("motor.torque_delay",),
+    # Both are waves over the rotor's angle.
+    "ripple of the drive's torque": ("motor.cogging",),
 }
 REMAINDER = 10.0, 1000.0
 

@@ -48,8 +48,11 @@ class Found:
 
     @property
     def material(self) -> bool:
-        """Whether its effect matters."""
-        return self.choice.size >= MATERIAL
+        """Whether its effect matters, and is not within what nothing tells."""
+        blurs = np.array([p.blur for p in self.site.parameters])
+        off = np.abs(self.values - [p.start for p in self.site.parameters])
+        told = off > NORMAL_95 * np.sqrt(blurs**2 + np.diag(self.covariance))
+        return self.choice.size >= MATERIAL and bool(np.any(told | (blurs == 0.0)))
 
     @property
     def confidence(self) -> float:

@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 from msgspec.structs import replace
+from numpy.typing import NDArray
 
 from vsalog.diagnosis.causes.base import (
     CORNERED,
@@ -23,10 +24,14 @@ from vsalog.diagnosis.causes.motor_friction import with_bristles
 from vsalog.mechanics.links import GRAVITY
 from vsalog.rig.schema import Contact, Payload
 
+Array = NDArray[np.float64]
+
 # Lengths of pushes to begin with [s]; the equation's remainder is averaged over them to find where.
 PUSHES = (0.1, 0.3, 1.0)
 # Time in the beginning in which nothing is taken for a push [s].
 SETTLING = 0.2
+# Something happened once, or a few times, where the largest bumps stand out of all others; how often they would by chance.
+TIMES, BY_CHANCE = 3, 1e-3
 
 
 class _OfLink(Cause):
@@ -220,5 +225,30 @@ def _pushes(left: Remainder) -> list[tuple[float, ...]]:
         # What the log begins with may be a loop that is not where the search has it.
         fit[: max(1, round(SETTLING / period))] = 0.0
         k = int(np.argmax(np.abs(fit)))
-        found.append((float(left.time[k]), length * period, float(fit[k])))
+        if stands_out(fit, length):
+            found.append((float(left.time[k]), length * period, float(fit[k])))
     return found
+
+
+def stands_out(sizes: Array, length: int) -> bool:
+    """Tell whether the largest bumps of a signal are larger than the next by more than those are from each other.
+
+    Squares of the largest of many stretches have an exponential tail, whatever their scale: the k-th spacing times k is from
+    one exponential distribution (Rényi 1953, Acta Math. Hung. 4), and t times the mean of n others is exceeded with probability
+    (1 + t / n)⁻ⁿ. A remainder that bursts again and again has no push.
+
+    Parameters
+    ----------
+    sizes : shape (N,), of a bump that would begin at each sample
+    length : of a bump, in samples
+    """
+    count = sizes.size // (2 * length)
+    if count < 4 * TIMES:
+        return True  # too short to tell
+    peaks = np.sort(np.max(np.abs(sizes[: count * 2 * length]).reshape(count, -1), axis=1) ** 2)[::-1][: count // 2]
+    spacings = np.arange(1, peaks.size) * -np.diff(peaks)
+    for m in range(TIMES):
+        others = spacings[m + 1 :]
+        if (1.0 + spacings[m] / max(float(np.sum(others)), 1e-300)) ** -float(others.size) < BY_CHANCE:
+            return True
+    return False
