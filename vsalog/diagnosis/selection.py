@@ -339,7 +339,7 @@ def choices_of(
         other = min((without(c, best, barred) for barred in each), key=lambda r: r.score)
         odds, rivals = other.score - best.score, tuple[Rival, ...]()
         if c is stage.candidates:
-            others = _simpler(variants, final.fit, site)
+            others = simpler_sets(variants, final.fit, site)
             if odds < NEAR:
                 others.append(begun_by(stage.linear, c, other.chosen))
                 odds = np.inf
@@ -351,7 +351,7 @@ def choices_of(
     return tuple(sorted(out, key=lambda choice: -choice.odds))
 
 
-def _simpler(variants: Sequence[Variant], fit: Placed, site: Site) -> list[Placed]:
+def simpler_sets(variants: Sequence[Variant], fit: Placed, site: Site) -> list[Placed]:
     """Return a set with a cause exchanged for each simpler one of its family, which begins with its numbers."""
     return [set_in(fit, v.site, v.base) for v in variants if v.instead == site.key != v.site.key]
 

@@ -23,7 +23,7 @@ from vsalog.diagnosis.causes.base import Site
 from vsalog.diagnosis.discrepancy import correlation_time
 from vsalog.diagnosis.linear import Placed, Variant, exchanged, placed, set_in
 from vsalog.diagnosis.posterior import Posterior, begun_by
-from vsalog.diagnosis.selection import APART, Choice, Selection, choices_of, fitted, sites_in, stage_about
+from vsalog.diagnosis.selection import APART, Choice, Selection, choices_of, fitted, simpler_sets, sites_in, stage_about
 from vsalog.diagnosis.subsets import Ranked, best_sets, precisions
 from vsalog.diagnosis.windows import WITHIN, Shot, Windows, begun, by_states, in_runs, in_windows, player_of, shoot
 from vsalog.errors import SimulationError
@@ -60,6 +60,7 @@ def refined(selection: Selection, windows: Windows) -> Selection:
     # Where equations do not close, trajectories mostly cannot either; then they say nothing that is not in the equations.
     if np.max(np.diag(selection.weights.inflation)) > WITHIN**2 and np.max(_squares(shot, windows)) > OFF**2:
         return selection
+    best, shot, J = _simplified(best, windows, shot, J)
     for _ in range(SEARCHES):
         if np.max(_squares(shot, windows)) <= OFF**2:
             break
@@ -110,6 +111,30 @@ def _fitted(selection: Selection, windows: Windows) -> tuple[Selection, Shot, Ar
         if not moved or before - after < ENOUGH:
             break
     return replace(selection, posterior=replace(posterior, fit=fit, simulated=prior + information)), shot, columns
+
+
+def _simplified(selection: Selection, windows: Windows, shot: Shot, J: Array) -> tuple[Selection, Shot, Array]:
+    """Exchange causes that filters round for simpler ones of their family where trajectories are about as probable with these."""
+    problem, blocks, weights = selection.problem, selection.blocks, _weights(shot, windows)
+    for site, _ in selection.posterior.fit:
+        if not any(p.rounded for p in site.parameters):
+            continue
+        sets = simpler_sets(selection.stage.linear.variants, selection.posterior.fit, site)
+        if not sets:
+            continue
+        posterior = min((fitted(problem, selection.stage, s) for s in sets), key=lambda p: p.score)
+        sites = [s for s in sites_in(selection.stage) if s.key != site.key]
+        stage = stage_about(problem, selection.system, sites, posterior.fit, blocks, selection.system.hold)
+        try:
+            other, there, changes = _fitted(replace(selection, stage=stage, posterior=posterior), windows)
+        except SimulationError:
+            continue
+        if 0.5 * (_misfit(there, windows, weights) - _misfit(shot, windows, weights)) < APART:
+            chosen = np.array([v.inside for v in stage.linear.variants], dtype=np.bool_)
+            best = Ranked(chosen, stage.candidates.scored(chosen))
+            choices = choices_of(problem, stage, stage.candidates, best, stage.linear.variants, posterior)
+            return replace(other, choices=choices), there, changes
+    return selection, shot, J
 
 
 def _searched(selection: Selection, windows: Windows, shot: Shot) -> Selection | None:
