@@ -212,3 +212,12 @@ def test_a_lever_motors_bristles_give_way_by_a_part_of_its_angle():
     ]
     angle = np.nanstd(setting.roles["setpoint"][0]) / joint.lever.travel
     np.testing.assert_allclose(np.exp(way.high), 0.3 * angle, rtol=1e-9)
+
+
+def test_a_part_that_rests_has_no_bristles():
+    setting = elastic()
+    roles = {
+        r: v if r != "link_position" else np.full_like(v, 0.5) * [[1.0], [0.0], [0.0]] for r, v in setting.roles.items()
+    }
+    sites = list(catalogue()["link.coulomb_friction"].sites(replace(setting, roles=roles)))
+    assert [[p.name for p in s.parameters] for s in sites] == [["torque"]]

@@ -189,6 +189,16 @@ def test_a_sound_one_is_consistent_and_simulated_to_its_noise(tmp_path):
     assert error.rmse < 2.5 * error.noise_floor
 
 
+def test_a_held_out_log_of_another_state_is_told_with_its_error(tmp_path):
+    recorded(tmp_path, *log(Truth()), RIGID)
+    recorded(tmp_path, *log(Truth(coulomb=0.4), seed=1), RIGID, name="held")
+    document = diagnose(tmp_path / "log.csv", tmp_path / "held.csv", Options()).diagnosis
+    (signal,) = document.gain.signals
+    assert signal.rmse_after == signal.rmse_before > 2.0 * signal.noise_floor
+    assert document.verdict == "unexplained"
+    assert f"{signal.rmse_before:.3g}" in document.sentences[0]
+
+
 def test_what_moves_as_one_has_one_inertia_and_says_so(tmp_path):
     document = diagnose(*laid(tmp_path, Truth(inertia=0.08)), Options()).diagnosis
     assert document.causes[0].indistinguishable_from == ("motor.inertia",)

@@ -8,7 +8,7 @@ import pytest
 from scipy.optimize import lsq_linear
 from scipy.stats import multivariate_normal
 
-from vsalog.diagnosis.subsets import SAME_SCORE, Candidates, Ranked, best_sets, without
+from vsalog.diagnosis.subsets import SAME_SCORE, Candidates, Ranked, best_sets, within, without
 
 ROWS = 40
 SEEDS = range(40)
@@ -215,3 +215,10 @@ def test_without_everything_nothing_is_left():
     found = without(c, Ranked(everything, c.scored(everything)), everything)
     assert not np.any(found.chosen)
     assert found.score == 0.0
+
+
+def test_where_nothing_is_known_of_a_direction_it_stays_where_it_is():
+    """Of x + y = 3 alone the nearest solution to where one is."""
+    H, pull, now = np.ones((2, 2)), np.array([3.0, 3.0]), np.array([1.0, 0.0])
+    wide = np.full(2, np.inf)
+    np.testing.assert_allclose(within(H, pull - H @ now, now, -wide, wide), [2.0, 1.0], atol=1e-12)

@@ -220,7 +220,7 @@ def test_a_consistent_log_and_one_that_was_not_simulated():
     consistent = diagnosis(verdict="consistent", causes=(), gain=Gains(holdout=False, where="", signals=()))
     text = diagnosis_page(consistent, [replace(friction_evidence(), causes=())], None)
     assert "No cause of the catalogue was found" in text
-    assert "Nothing beyond noise is left over." in text
+    assert "Nothing beyond noise is left over in the equations of this log." in text
     assert "The extended rig" not in text
     bare = diagnosis(simulation_error=(), equations=(), causes=(), gain=Gains(holdout=False, where="", signals=()))
     assert "Nothing could be simulated" in diagnosis_page(bare, [], None)

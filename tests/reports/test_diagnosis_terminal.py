@@ -77,7 +77,7 @@ def test_a_consistent_log_has_its_errors_beside_the_noise(capsys, monkeypatch):
     told = diagnosis(verdict="consistent", causes=(), gain=Gains(holdout=False, where="", signals=()))
     out, err = printed(told, capsys, monkeypatch, 80, Outputs.within(None))
     assert re.search(r"motor position \[rad\] +0\.008 +0\.0002 +0\.4 %", out)
-    assert "Nothing beyond noise is left over." in out
+    assert "Nothing beyond noise is left over in the equations of this log." in out
     assert "Causes" not in out
     assert "extended.rig.toml" not in out
     assert err == ""

@@ -21,6 +21,7 @@ from vsalog.diagnosis.document import (
 from vsalog.diagnosis.evidence import CauseEvidence, EquationEvidence, JointEvidence, SignalEvidence
 from vsalog.diagnosis.found import Found
 from vsalog.diagnosis.joint import (
+    HELD_OUT,
     JointDiagnosis,
     mean_squares,
     plain_rows,
@@ -129,9 +130,9 @@ def signal_errors(found: JointDiagnosis) -> list[SignalError]:
 
 
 def gains_of(found: JointDiagnosis) -> list[Gain]:
-    """Return what the causes are worth; nothing where none was kept."""
+    """Return what the causes are worth; where there is none, how well the rig simulates a held-out log."""
     gain, out = found.gain, []
-    if gain is None or not found.found:
+    if gain is None or not (found.found or found.held_out == HELD_OUT):
         return []
     for role in gain.windows.roles:
         reduction, interval = gain.reduction(role)

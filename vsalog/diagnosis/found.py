@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.special import expit
 
 from vsalog.diagnosis.causes import catalogue
 from vsalog.diagnosis.causes.base import Site
@@ -57,7 +58,7 @@ class Found:
     @property
     def confidence(self) -> float:
         """Probability that a set with this cause, rather than the best one without it, is right."""
-        return float(1.0 / (1.0 + np.exp(-min(self.choice.odds, 500.0))))
+        return float(expit(self.choice.odds))
 
     def numbers(self) -> dict[str, tuple[float, float, str]]:
         """Return name → value, standard deviation, unit, as people are told."""

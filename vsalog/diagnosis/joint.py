@@ -37,6 +37,8 @@ Progress = Callable[[str], None]
 
 # A log has so many times the samples that filter and bell take.
 LEAST = 3
+# What the windows are called that the gain is measured on, where another log was given for it.
+HELD_OUT = "the held-out log"
 
 
 @dataclass(frozen=True, slots=True)
@@ -176,7 +178,7 @@ def _held_out(joint: Any, own: Windows, holdout: JointSignals | None) -> tuple[W
     """Return the windows to measure the gain on, and what they are called."""
     if holdout is None:
         return own, "windows of the log itself"
-    return windows_of(joint, channels_of(holdout), own.hold), "the held-out log"
+    return windows_of(joint, channels_of(holdout), own.hold), HELD_OUT
 
 
 def far_off(stands: Standing) -> tuple[str, float] | None:

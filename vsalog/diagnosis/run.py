@@ -17,7 +17,7 @@ from vsalog.binding import bind, offered_roles, wanted_channels
 from vsalog.diagnosis.describe import causes_of, equation_errors, evidence_of, gains_of, signal_errors, unexplained_of
 from vsalog.diagnosis.document import VERSION, Diagnosis, FoundCause, Gain, Gains, Unexplained, Verdict
 from vsalog.diagnosis.evidence import JointEvidence
-from vsalog.diagnosis.joint import JointDiagnosis, diagnose_joint
+from vsalog.diagnosis.joint import HELD_OUT, JointDiagnosis, diagnose_joint
 from vsalog.diagnosis.priors import felt
 from vsalog.diagnosis.sensing import as_written, at_joint, bare, motors_of, sensors_as_written
 from vsalog.diagnosis.stiffness_gain import stiffness_gains
@@ -202,9 +202,7 @@ def _outcome(
     proposed: Suggestion | None,
 ) -> Outcome:
     gains = [g for f in found for g in gains_of(f)]
-    where = next(
-        (f.held_out for f in found if f.gain is not None), "the log" if holdout is None else "the held-out log"
-    )
+    where = next((f.held_out for f in found if f.gain is not None), "the log" if holdout is None else HELD_OUT)
     simulation_error = tuple(e for f in found for e in signal_errors(f))
     document = Diagnosis(
         version=VERSION,

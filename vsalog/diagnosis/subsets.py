@@ -80,17 +80,12 @@ class Candidates:
 def within(H: Array, pull: Array, now: Array, low: Array, high: Array) -> Array:
     """Return where ½ xᵀ H x − pullᵀ x, x from `now`, is least within bounds.
 
-    What would leave them stays on them, and the others give way.
-
-    Raises
-    ------
-    LinAlgError
-        H has no inverse.
+    What would leave them stays on them, and the others give way. Where H has no inverse, `now` stays as far as it may.
     """
     out, free = now.copy(), np.ones(now.size, dtype=np.bool_)
     while free.any():
         given = pull[free] - H[np.ix_(free, ~free)] @ (out - now)[~free]
-        out[free] = now[free] + np.linalg.solve(H[np.ix_(free, free)], given)
+        out[free] = now[free] + np.linalg.lstsq(H[np.ix_(free, free)], given, rcond=None)[0]
         beyond = free & ((out < low) | (out > high))
         if not beyond.any():
             break

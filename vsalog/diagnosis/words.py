@@ -47,9 +47,10 @@ def sentences(
     simulated: bool,
 ) -> tuple[str, ...]:
     """Say in three sentences what was found, why one may believe it, and what it is worth."""
+    held = _held_out(gains, held_out, bool(causes))
     if verdict == "consistent":
         return (
-            "Nothing is wrong: the log is consistent with the rig within its noise.",
+            f"Nothing is wrong: the log is consistent with the rig within its noise. {held}".rstrip(),
             "Every equation of the joint closes and its simulation holds to what the sensors' noise explains, and no cause of the"
             " catalogue matters.",
             "What the log does not excite it cannot show: that the rig is right holds for motions like these.",
@@ -57,7 +58,8 @@ def sentences(
     if verdict == "consistent as far as checked":
         return (
             "As far as the log can be checked nothing is wrong"
-            + ("." if simulated else ": nothing could be simulated, so what only adds up over time was not looked at."),
+            + ("." if simulated else ": nothing could be simulated, so what only adds up over time was not looked at.")
+            + f" {held}".rstrip(),
             "The equations that could be formed close to what the sensors' noise explains; the warnings name the others.",
         )
     if causes and all(c.cause == "sensor.torque_not_independent" for c in causes) and not gains:
@@ -67,7 +69,6 @@ def sentences(
             "What it says cannot confirm the rig, nor contradict it: nothing that rests on it was called right or wrong.",
         )
     material = [c for c in causes if c.material]
-    held = _held_out(gains, held_out)
     first = f"{_found(verdict, material, joints)} {held}".rstrip()
     return tuple(s for s in (first, *_believe(material, left), _immaterial(causes)) if s)
 
@@ -166,8 +167,8 @@ def _per_cent(share: float) -> str:
     return "above 99 %" if share > 0.99 else "below 1 %" if share < 0.01 else f"{100.0 * share:.0f} %"
 
 
-def _held_out(gains: Sequence[Gain], held_out: str) -> str:
-    """Say what the extended rig's simulation is worth, for the signal that is farthest from its noise."""
+def _held_out(gains: Sequence[Gain], held_out: str, extended: bool) -> str:
+    """Say what the simulation of the rig, extended or not, is worth, for the signal that is farthest from its noise."""
     known = [g for g in gains if g.noise_floor > 0.0]
     if not known:
         return ""
@@ -175,8 +176,13 @@ def _held_out(gains: Sequence[Gain], held_out: str) -> str:
     low, high = worst.ci95
     unit = worst.unit.replace("*", "·")
     off, signal = worst.rmse_after / worst.noise_floor, worst.signal.replace("_", " ")
+    said = (
+        f"On {held_out} the {'extended ' if extended else ''}rig simulates {signal}, the signal it is worst at, to"
+        f" {worst.rmse_after:.3g} {unit}, {off:.2g} times its noise floor"
+    )
+    if not extended:
+        return f"{said}."
     return (
-        f"On {held_out} the extended rig simulates {signal}, the signal it is worst at, to {worst.rmse_after:.3g} {unit},"
-        f" {off:.2g} times its noise floor; the rig as it stands to {worst.rmse_before:.3g} {unit}"
+        f"{said}; the rig as it stands to {worst.rmse_before:.3g} {unit}"
         f" (reduced by {100 * worst.reduction:.0f} %, 95 %: {100 * low:.0f} to {100 * high:.0f} %)."
     )

@@ -86,7 +86,7 @@ def reduction_text(gain: Gain) -> str:
 def unexplained_words(left: Unexplained) -> str:
     """Say what no cause explains."""
     if left.fraction < LITTLE and left.where is None:
-        return "Nothing beyond noise is left over."
+        return "Nothing beyond noise is left over in the equations of this log."
     words = f"{share_text(left.fraction)} of what was wrong is left unexplained"
     if left.where is None:
         return f"{words}."

@@ -45,6 +45,8 @@ def with_bristles(plain: Site, setting: Setting) -> Iterator[Site]:
     if role not in setting.roles:
         return
     travel = size(angle_of(setting.joint, setting.roles[role], plain.part))
+    if travel == 0.0:
+        return  # what does not move shows no displacement before it slides
     torque = setting.torque_size() if plain.part == "link" else scale_of(setting, plain.part)[0]
     own = len(plain.parameters)
 
