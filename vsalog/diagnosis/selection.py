@@ -341,7 +341,9 @@ def choices_of(
         if c is stage.candidates:
             others = simpler_sets(variants, final.fit, site)
             if odds < NEAR:
-                others.append(begun_by(stage.linear, c, other.chosen))
+                instead = begun_by(stage.linear, c, other.chosen)
+                # What else came and went on the way there may be worth more than the linear model says.
+                others += [instead, _exchanged(final.fit, site, instead)]
                 odds = np.inf
             exact = [fitted(problem, stage, o) for o in others]
             odds = min([odds, *(e.score - final.score for e in exact)])
@@ -349,6 +351,15 @@ def choices_of(
                 rivals = _rivals(final, min(exact, key=lambda e: e.score))
         out.append(Choice(site, odds, rivals, _size_of(final, stage.weights, site)))
     return tuple(sorted(out, key=lambda choice: -choice.odds))
+
+
+def _exchanged(fit: Placed, site: Site, instead: Placed) -> Placed:
+    """Return a set without a cause, with what another set has that this one lacks."""
+    out = [(s, v) for s, v in fit if not s.overlaps(site)]
+    for other, values in instead:
+        if all(other.key != s.key for s, _ in fit):
+            out = list(set_in(out, other, values))
+    return out
 
 
 def simpler_sets(variants: Sequence[Variant], fit: Placed, site: Site) -> list[Placed]:
