@@ -22,6 +22,7 @@ from vsalog.diagnosis.windows import (
     player_of,
     shoot,
 )
+from vsalog.diagnosis.windows_mechanical import MechanicalPlayer
 from vsalog.errors import SimulationError
 
 Array = NDArray[np.float64]
@@ -177,11 +178,10 @@ def weighed(joint: Any, windows: Windows) -> Windows:
 
 def _affordable(joint: Any, windows: Windows) -> Windows:
     """Return fewer windows of a machine that takes many integration steps, as stiff bristles do."""
-    machine = getattr(player_of(joint, windows.channels), "machine", None)
-    if machine is None:
+    player = player_of(joint, windows.channels)
+    if not isinstance(player, MechanicalPlayer):
         return windows
-    steps, stiff = machine.steps(windows.channels.period)
-    share = STEPS / (steps * (STIFF if stiff else 1))
+    share = STEPS / (player.steps * (STIFF if player.stiff else 1))
     count = len(windows.spans)
     kept = int(np.clip(share * count, min(FEWEST, count), count))
     return windows if kept == count else windows.part(in_runs(count, kept))

@@ -202,7 +202,7 @@ def _score(chosen: Flags, A: Array, b: Array, first: Integers, price: Array, low
 def _posterior(
     chosen: Flags, A: Array, b: Array, first: Integers, price: Array, low: Array, high: Array
 ) -> tuple[float, Integers, Array, Array, Array, Array]:
-    """Return the score of a set; and its unknowns' indices, precisions, covariance and means, and what their bounds cost."""
+    """Return the score of a set, and its unknowns' indices; for the rest see `_evidence`."""
     k, prices = 0, 0.0
     for g in range(price.size):
         if chosen[g]:
@@ -220,13 +220,16 @@ def _posterior(
         score[i], bottom[i], top[i] = b[index[i]], low[index[i]], high[index[i]]
         for j in range(k):
             own[i, j] = A[index[i], index[j]]
-    total, precision, covariance, x, cost = _evidence(own, score, bottom, top)
-    return prices + total, index, precision, covariance, x, cost
+    total, precision, L, x, cost = _evidence(own, score, bottom, top)
+    return prices + total, index, precision, L, x, cost
 
 
 @njit(cache=True, error_model="numpy")
 def _evidence(A: Array, b: Array, low: Array, high: Array) -> tuple[float, Array, Array, Array, Array]:
-    """Return the negative log evidence of k unknowns, their precisions, covariance and means, and what their bounds cost."""
+    """Return the negative log evidence of k unknowns, and what their bounds cost.
+
+    Between them: the precisions of their priors, the Cholesky factor of their information with these, and their means.
+    """
     k, total = b.size, 0.0
     L, x, precision, cost = np.empty((k, k)), np.empty(k), np.ones(k), np.zeros(k)
     for again in range(2):
@@ -256,12 +259,26 @@ def _evidence(A: Array, b: Array, low: Array, high: Array) -> tuple[float, Array
                 far = True
         if not far:
             break
-    covariance = _inverse_of(L, k)
     for i in range(k):
         off = max(low[i] - x[i], x[i] - high[i], 0.0)
-        cost[i] = 0.5 * off * off / covariance[i, i]
-        total += cost[i]
-    return total, precision, covariance, x, cost
+        if off > 0.0:
+            cost[i] = 0.5 * off * off / _variance(L, k, i)
+            total += cost[i]
+    return total, precision, L, x, cost
+
+
+@njit(cache=True, error_model="numpy")
+def _evidence_of_one(A: float, b: float, low: float, high: float) -> float:
+    """Return what `_evidence` does for one unknown, as most groups have: nothing is allocated."""
+    precision = 1.0
+    if abs(b) > 1.0 + A > 1e-12:
+        precision = (1.0 + A) ** 2 / (b * b)
+    total = precision + A
+    if total <= 1e-12 * precision:
+        return np.inf
+    x = b / total
+    off = max(low - x, x - high, 0.0)
+    return 0.5 * float(np.log(total / precision) - b * x + off * off * total)
 
 
 @njit(cache=True, error_model="numpy")
@@ -279,6 +296,19 @@ def _factored(L: Array, k: int, precision: Array) -> bool:
             else:
                 return False
     return True
+
+
+@njit(cache=True, error_model="numpy")
+def _variance(L: Array, k: int, i: int) -> float:
+    """Return element i of the diagonal of (L Lᵀ)⁻¹ of the first k rows."""
+    column, total = np.zeros(k), 0.0
+    for j in range(i, k):
+        s = 1.0 if j == i else 0.0
+        for m in range(i, j):
+            s -= L[j, m] * column[m]
+        column[j] = s / L[j, j]
+        total += column[j] * column[j]
+    return total
 
 
 @njit(cache=True, error_model="numpy")
@@ -331,9 +361,11 @@ def _descend(
     move = np.empty(3, dtype=np.int64)
     trial, best = np.empty_like(chosen), np.empty_like(chosen)
     where = np.empty(count, dtype=np.int64)
+    clashes, barring = np.empty(count, dtype=np.int64), np.empty(count, dtype=np.int64)
     while True:
-        now, index, precision, M, x, cost = _posterior(chosen, A, b, first, price, low, high)
+        now, index, precision, L, x, cost = _posterior(chosen, A, b, first, price, low, high)
         k = index.size
+        M = _inverse_of(L, k)
         V = np.zeros((p, k))
         size, at = 0, 0
         for g in range(count):
@@ -344,6 +376,11 @@ def _descend(
         for h in range(count):
             if chosen[h] or barred[h]:
                 continue
+            clashes[h] = barring[h] = 0
+            for o in range(count):
+                if chosen[o] and conflict[h, o]:
+                    clashes[h] += 1
+                    barring[h] += pinned[o]
             for j in range(first[h], first[h + 1]):
                 c[j] = b[j]
                 for m in range(k):
@@ -389,12 +426,10 @@ def _descend(
                     for h in range(count):
                         if chosen[h] or barred[h]:
                             continue
-                        clashing, blocked = 0, False
-                        for o in range(count):
-                            if conflict[h, o] and chosen[o] and o != g and o != g2:
-                                clashing += 1
-                                blocked = blocked or pinned[o]
-                        if blocked or (clashing and exchanging == 1):
+                        clashing = clashes[h]
+                        if g >= 0:
+                            clashing -= conflict[h, g] + (g2 != g and conflict[h, g2])
+                        if barring[h] or (clashing and exchanging == 1):
                             continue
                         if clashing:
                             for o in range(count):
@@ -484,6 +519,13 @@ def _with_group(
 ) -> float:
     """Return what adding a group changes in the score once r unknowns are dropped, its price aside."""
     n = end - begin
+    if n == 1:
+        single, pull = S[begin, 0], c[begin]
+        for m in range(r):
+            pull += V[begin, R[m]] * y[m]
+            for o in range(r):
+                single += V[begin, R[m]] * W[m, o] * V[begin, R[o]]
+        return _evidence_of_one(single, pull, low[begin], high[begin])
     own, score = np.empty((n, n)), np.empty(n)
     for i in range(n):
         score[i] = c[begin + i]

@@ -126,7 +126,11 @@ class Machine:
         return [int(self.at[d.FIRST_SLIP]) + e for e, owner in enumerate(elements) if owner == transmission]
 
     def steps(
-        self, period: float, fixed: Sequence[int] = (), speeds: Array | float = BRISTLE_SPEED
+        self,
+        period: float,
+        fixed: Sequence[int] = (),
+        speeds: Array | float = BRISTLE_SPEED,
+        angle: float = ANGLE_PER_STEP,
     ) -> tuple[int, bool]:
         """Return the integration steps per period that the fastest mode needs, and whether the equations are stiff.
 
@@ -135,6 +139,7 @@ class Machine:
         period : T [s]
         fixed : degrees of freedom that move as prescribed, however fast they would be
         speeds : at which bristles have to be followed, one or shape (freedom,) [rad/s]
+        angle : by which a vibration may turn in a step [rad]
 
         Raises
         ------
@@ -142,7 +147,7 @@ class Machine:
             More than `MOST_STEPS` are needed.
         """
         with np.errstate(all="ignore"):  # numbers beyond all measure end as steps beyond all measure
-            needed, stiff = self._needed(period, fixed, speeds)
+            needed, stiff = self._needed(period, fixed, speeds, angle)
         if not needed <= MOST_STEPS:
             raise SimulationError(
                 f"the rig's fastest mode needs more than {MOST_STEPS} integration steps per period: are inertia, damping"
@@ -150,7 +155,7 @@ class Machine:
             )
         return max(1, int(np.ceil(needed))), stiff
 
-    def _needed(self, period: float, fixed: Sequence[int], speeds: Array | float) -> tuple[float, bool]:
+    def _needed(self, period: float, fixed: Sequence[int], speeds: Array | float, angle: float) -> tuple[float, bool]:
         n, rates, load, inertia = self.freedom, [], np.zeros(self.freedom), self.inertia.copy()
         inertia[list(fixed)] = np.inf
         for slot in self.transmissions:
@@ -167,7 +172,7 @@ class Machine:
         load += bristle
         rates += list((viscous + bristle_damping) / inertia)
         rates += list(np.where(bristle > 0.0, bristle * speeds / np.maximum(static, 1e-12), 0.0))
-        vibration = period * float(np.sqrt(np.max(load / inertia))) / ANGLE_PER_STEP
+        vibration = period * float(np.sqrt(np.max(load / inertia))) / angle
         decay = period * max(rates) / DAMPING_PER_STEP
         needed = vibration if decay > STIFF_STEPS else max(vibration, decay)
         return needed, decay > STIFF_STEPS
