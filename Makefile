@@ -25,7 +25,7 @@ demo: $(VENV)/.demo
 	@echo "Next: $(BIN)/vsalog init YOUR_LOG > rig.toml, look it over, $(BIN)/vsalog estimate YOUR_LOG --rig rig.toml"
 
 test: lint
-	$(BIN)/python -m pytest -n 2
+	$(BIN)/python -m pytest -n 2 --dist worksteal
 
 lint: $(VENV)/.test
 	$(BIN)/ruff check .

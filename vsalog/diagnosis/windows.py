@@ -351,16 +351,18 @@ def _nearer(
 
 def _better(joint: Any, windows: Windows, shot: Shot, some: Integers, states: Array) -> tuple[Shot, Integers]:
     """Take new states in each of some windows where they are better; return the windows where they are not, too."""
-    part, played, begin = windows.part(some), windows.part(some), states
+    part, whole = windows.part(some), some
     if _remembers(joint, windows):
-        played, begin = windows, shot.states.copy()
-        begin[some] = states
+        # What a run remembers goes on from its beginning.
+        runs = np.cumsum(np.r_[True, windows.spans[1:, 0] != windows.spans[:-1, 1]])
+        whole = np.flatnonzero(np.isin(runs, runs[some]))
+    begin = shot.states.copy()
+    begin[some] = states
     try:
-        there = shoot(joint, played, begin)
+        there = shoot(joint, windows.part(whole), begin[whole])
     except SimulationError:
         return shot, some
-    if played is windows:
-        there = there.part(some)
+    there = there.part(np.searchsorted(whole, some))
     better = _squares(there, part) < _squares(shot.part(some), part)
     if not better.any():
         return shot, some

@@ -22,9 +22,9 @@ from vsalog.simulation.play import play
 Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]
 
-# A vibration may turn by this angle in an integration step [rad]: its phase is then off by a millionth of what it turns, and
-# its share of what the sensors' noise is by less.
-ANGLE_PER_STEP = 0.1
+# A vibration may turn by this angle in an integration step [rad]: its phase is then off by 1e-5 of what it turns (the fourth
+# power over 120), which no encoder sees within a window.
+ANGLE_PER_STEP = 0.2
 # Perturbations of positions [rad] and velocities [rad/s] that tell how a window depends on its beginning.
 NUDGES = (1e-5, 1e-3)
 NAME = "joint"
