@@ -272,10 +272,10 @@ def shifted(values: Array, samples: float) -> Array:
         return values
     whole = int(np.floor(samples))
     part, last = samples - whole, values.shape[1] - 1
-    index = np.arange(values.shape[1]) + whole
+    there = values.take(np.arange(whole - 1, last + whole + 3), axis=1, mode="clip")
+    before, here, after, beyond = (there[:, k : k + last + 1] for k in range(4))
     if part == 0.0:
-        return np.asarray(values[:, np.clip(index, 0, last)])
-    before, here, after, beyond = (values[:, np.clip(index + k, 0, last)] for k in (-1, 0, 1, 2))
+        return np.asarray(here)
     # Lagrange's weights, p of the way from here to after.
     p, q = part, 1.0 - part
     outer, inner = -p * q / 6.0, (1.0 + p) * (1.0 + q) / 2.0

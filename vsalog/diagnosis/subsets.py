@@ -28,6 +28,8 @@ Integers = NDArray[np.int64]
 
 # Scores that differ by less are equal: rounding, in natural units of log-probability.
 SAME_SCORE = 1e-6
+# Sums may be added in any order: several terms at a time.
+SUMS = {"reassoc", "contract"}
 # Number of groups that are tried in place of one; largest set that is searched for two-for-one moves, whose number grows with the
 # square of its size: larger sets are on the way to smaller ones.
 STEAD, PAIRED = 6, 16
@@ -132,6 +134,7 @@ def best_sets(candidates: Candidates, starts: Iterable[Flags] = ()) -> list[Rank
         pinned = free.copy()
         pinned[g] = True
         there = _descended(candidates, _with(candidates, best.chosen, int(g)), pinned, free).chosen
+        begun.add((best.chosen | pinned).tobytes())  # from there it leads back
         if there.tobytes() not in begun:
             begun.add(there.tobytes())
             _keep(found, _descended(candidates, there, free, free))
@@ -192,13 +195,13 @@ def _descended(candidates: Candidates, start: Flags, pinned: Flags, barred: Flag
     return Ranked(chosen, float(score))
 
 
-@njit(cache=True, error_model="numpy")
+@njit(cache=True, error_model="numpy", fastmath=SUMS)
 def _score(chosen: Flags, A: Array, b: Array, first: Integers, price: Array, low: Array, high: Array) -> float:
     """Return the negative log marginal likelihood; values beyond their bounds cost what it takes to pull them back."""
     return _posterior(chosen, A, b, first, price, low, high)[0]
 
 
-@njit(cache=True, error_model="numpy")
+@njit(cache=True, error_model="numpy", fastmath=SUMS)
 def _posterior(
     chosen: Flags, A: Array, b: Array, first: Integers, price: Array, low: Array, high: Array
 ) -> tuple[float, Integers, Array, Array, Array, Array]:
@@ -224,7 +227,7 @@ def _posterior(
     return prices + total, index, precision, L, x, cost
 
 
-@njit(cache=True, error_model="numpy")
+@njit(cache=True, error_model="numpy", fastmath=SUMS)
 def _evidence(A: Array, b: Array, low: Array, high: Array) -> tuple[float, Array, Array, Array, Array]:
     """Return the negative log evidence of k unknowns, and what their bounds cost.
 
@@ -267,7 +270,7 @@ def _evidence(A: Array, b: Array, low: Array, high: Array) -> tuple[float, Array
     return total, precision, L, x, cost
 
 
-@njit(cache=True, error_model="numpy")
+@njit(cache=True, error_model="numpy", fastmath=SUMS)
 def _evidence_of_one(A: float, b: float, low: float, high: float) -> float:
     """Return what `_evidence` does for one unknown, as most groups have: nothing is allocated."""
     precision = 1.0
@@ -281,7 +284,7 @@ def _evidence_of_one(A: float, b: float, low: float, high: float) -> float:
     return 0.5 * float(np.log(total / precision) - b * x + off * off * total)
 
 
-@njit(cache=True, error_model="numpy")
+@njit(cache=True, error_model="numpy", fastmath=SUMS)
 def _factored(L: Array, k: int, precision: Array) -> bool:
     """Put the Cholesky factor of the lower triangle of k rows in its place; tell whether it has one."""
     for i in range(k):
@@ -298,7 +301,7 @@ def _factored(L: Array, k: int, precision: Array) -> bool:
     return True
 
 
-@njit(cache=True, error_model="numpy")
+@njit(cache=True, error_model="numpy", fastmath=SUMS)
 def _variance(L: Array, k: int, i: int) -> float:
     """Return element i of the diagonal of (L Lᵀ)⁻¹ of the first k rows."""
     column, total = np.zeros(k), 0.0
@@ -311,28 +314,28 @@ def _variance(L: Array, k: int, i: int) -> float:
     return total
 
 
-@njit(cache=True, error_model="numpy")
+@njit(cache=True, error_model="numpy", fastmath=SUMS)
 def _inverse_of(L: Array, k: int) -> Array:
     """Return (L Lᵀ)⁻¹ of the first k rows."""
-    Z, out = np.zeros((k, k)), np.zeros((k, k))
+    Z, out = np.zeros((k, k)), np.zeros((k, k))  # Z is the transpose of L⁻¹
     for j in range(k):
         Z[j, j] = 1.0 / L[j, j]
         for i in range(j + 1, k):
             s = 0.0
             for m in range(j, i):
-                s -= L[i, m] * Z[m, j]
-            Z[i, j] = s / L[i, i]
+                s -= L[i, m] * Z[j, m]
+            Z[j, i] = s / L[i, i]
     for i in range(k):
         for j in range(i + 1):
             s = 0.0
             for m in range(i, k):
-                s += Z[m, i] * Z[m, j]
+                s += Z[i, m] * Z[j, m]
             out[i, j] = s
             out[j, i] = s
     return out
 
 
-@njit(cache=True, error_model="numpy")
+@njit(cache=True, error_model="numpy", fastmath=SUMS)
 def _descend(
     chosen: Flags,
     pinned: Flags,
@@ -366,7 +369,7 @@ def _descend(
         now, index, precision, L, x, cost = _posterior(chosen, A, b, first, price, low, high)
         k = index.size
         M = _inverse_of(L, k)
-        V = np.zeros((p, k))
+        V, row = np.zeros((p, k)), np.empty(k)
         size, at = 0, 0
         for g in range(count):
             if chosen[g]:
@@ -384,10 +387,12 @@ def _descend(
             for j in range(first[h], first[h + 1]):
                 c[j] = b[j]
                 for m in range(k):
-                    c[j] -= A[j, index[m]] * x[m]
+                    row[m] = A[j, index[m]]
+                    c[j] -= row[m] * x[m]
+                for m in range(k):
                     s = 0.0
                     for i in range(k):
-                        s += A[j, index[i]] * M[i, m]
+                        s += row[i] * M[m, i]
                     V[j, m] = s
             for j in range(first[h], first[h + 1]):
                 for i in range(first[h], first[h + 1]):
@@ -396,7 +401,7 @@ def _descend(
                         s -= V[j, m] * A[i, index[m]]
                     S[j, i - first[h]] = s
         R = np.empty(k, dtype=np.int64)
-        better, least = False, now - same
+        better, least, doubtful = False, now - same, bool(np.any(cost > 0.0))
         # Exchanges, and two for one, only where nothing simpler helps.
         for exchanging in range(2):
             gained = np.inf
@@ -448,7 +453,8 @@ def _descend(
                         if gain < gained:
                             gained = gain
                             move[0], move[1], move[2] = g, g2, h
-            if gained < np.inf:
+            if now + gained < least:
+                doubtful = True
                 trial[:] = chosen
                 g, g2, h = int(move[0]), int(move[1]), int(move[2])
                 if g >= 0:
@@ -465,7 +471,7 @@ def _descend(
                     best[:] = trial
             if better:
                 break
-        for h in range(0 if better else count):
+        for h in range(count if doubtful and not better else 0):
             if pinned[h] or (barred[h] and not chosen[h]):
                 continue
             trial[:] = chosen
@@ -487,14 +493,14 @@ def _descend(
         chosen[:] = best
 
 
-@njit(cache=True, error_model="numpy")
+@njit(cache=True, error_model="numpy", fastmath=SUMS)
 def _listed(R: Integers, r: int, begin: int, size: int) -> int:
     for i in range(size):
         R[r + i] = begin + i
     return r + size
 
 
-@njit(cache=True, error_model="numpy")
+@njit(cache=True, error_model="numpy", fastmath=SUMS)
 def _without(M: Array, x: Array, precision: Array, cost: Array, R: Integers, r: int) -> tuple[float, Array, Array]:
     """Return what dropping r unknowns changes in the score, the inverse of their covariance, and that times their means."""
     L, ones = np.empty((r, r)), np.full(r, 1e-300)
@@ -513,7 +519,7 @@ def _without(M: Array, x: Array, precision: Array, cost: Array, R: Integers, r: 
     return gain, W, y
 
 
-@njit(cache=True, error_model="numpy")
+@njit(cache=True, error_model="numpy", fastmath=SUMS)
 def _with_group(
     begin: int, end: int, S: Array, c: Array, V: Array, R: Integers, r: int, W: Array, y: Array, low: Array, high: Array
 ) -> float:

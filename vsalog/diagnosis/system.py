@@ -142,10 +142,10 @@ class System:
             column = remembered(_averages, equation.residual, self.usable, i, self.bell, self.centres)
             if np.ndim(equation.shaped):
                 more = remembered(_averages, equation.shaped, self.usable, i, self.wide, self.centres)
-                column = column + np.nan_to_num(more)
+                column = column + np.where(np.isnan(more), 0.0, more)
             out[:, i] = np.where(self.weights[:, i] > 0.0, column, 0.0)
         # What a rig that is far off makes of a row must not stop the search.
-        return np.nan_to_num(out, nan=1e6, posinf=1e6, neginf=-1e6)
+        return out if np.isfinite(out).all() else np.nan_to_num(out, nan=1e6, posinf=1e6, neginf=-1e6)
 
 
 def build_system(
