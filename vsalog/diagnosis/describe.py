@@ -56,7 +56,8 @@ def causes_of(found: JointDiagnosis) -> list[FoundCause]:
         kind = catalogue()[cause.site.cause]
         rivals = [r.site for r in cause.choice.rivals if r.site.cause != cause.site.cause]
         others = tuple(dict.fromkeys((*cause.site.doubles, *(name for s in rivals for name in (s.cause, *s.doubles)))))
-        numbers = {n: Number(value=v, std=s, unit=u) for n, (v, s, u) in cause.numbers().items()}
+        known = cause.determined()
+        numbers = {n: Number(value=v, std=s, unit=u, determined=known[n]) for n, (v, s, u) in cause.numbers().items()}
         apart = " ".join(f"To tell it from {name}: {_confirmed(name)}" for name in others)
         out.append(
             FoundCause(

@@ -17,11 +17,19 @@ class _Part(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class Number(_Part, frozen=True):
-    """A parameter of a cause: its value, standard deviation and SI unit."""
+    """A parameter of a cause.
+
+    Attributes
+    ----------
+    value, std : with its standard deviation
+    unit : SI
+    determined : whether its 95 % interval excludes the rig's own value and zero; where it does not the value says little
+    """
 
     value: float
     std: float | None
     unit: str
+    determined: bool = True
 
 
 class SignalError(_Part, frozen=True):

@@ -23,7 +23,9 @@ def driven_out(parameters: Sequence[Parameter], values: Array) -> bool:
 
     Nothing is no bound: a friction of 0 is one that is not there.
     """
-    out = [(p.low != 0.0 and v <= p.low) or v >= p.high for p, v in zip(parameters, values, strict=True)]
+    # Values come from units of their priors: rounded, they may be a little short of a bound.
+    near = [(p, v, 1e-12 * abs(v)) for p, v in zip(parameters, values, strict=True)]
+    out = [(p.low != 0.0 and v <= p.low + e) or v >= p.high - e for p, v, e in near]
     return all(out) or any(o and p.hard for o, p in zip(out, parameters, strict=True))
 
 

@@ -49,11 +49,10 @@ class Found:
 
     @property
     def material(self) -> bool:
-        """Whether its effect matters, and is not within what nothing tells."""
-        blurs = np.array([p.blur for p in self.site.parameters])
-        off = np.abs(self.values - [p.start for p in self.site.parameters])
-        told = off > NORMAL_95 * np.sqrt(blurs**2 + np.diag(self.covariance))
-        return self.choice.size >= MATERIAL and bool(np.any(told | (blurs == 0.0)))
+        """Whether its effect matters, and the log determines it, or a class that it is one member of."""
+        blurred = any(p.blur for p in self.site.parameters)
+        known = any(self.determined().values()) or (bool(self.choice.rivals) and not blurred)
+        return self.choice.size >= MATERIAL and known
 
     @property
     def confidence(self) -> float:
@@ -76,6 +75,14 @@ class Found:
         variance += [(exact * value) ** 2 + blur.get(name, 0.0) ** 2 for name, (value, _) in told.items()]
         spread = np.sqrt(variance)
         return {name: (value, float(s), unit) for (name, (value, unit)), s in zip(told.items(), spread, strict=True)}
+
+    def determined(self) -> dict[str, bool]:
+        """Return name → whether a number's 95 % interval excludes the rig's and zero; a shape's, if any other does."""
+        shapes = [p.shape for p in self.site.parameters]
+        absent = self.site.reported(np.where(shapes, self.values, self.site.start).tolist())
+        told = self.numbers()
+        clear = {n: min(abs(v - absent[n][0]), abs(v)) > NORMAL_95 * std for n, (v, std, _) in told.items()}
+        return {n: any(clear.values()) if v == absent[n][0] else clear[n] for n, (v, _, _) in told.items()}
 
 
 def found_by(selection: Selection, joint: Any) -> list[Found]:

@@ -102,6 +102,8 @@ class JointDiagnosis:
     def verdict(self) -> Verdict:
         """What the evidence says."""
         material = [f for f in self.found if f.material]
+        if not self.system.count:
+            return "consistent as far as checked"
         if material or self.computed:
             right = self.closed and (self.simulated or (self.gain is None and not material))
             if right:
@@ -178,7 +180,10 @@ def _held_out(joint: Any, own: Windows, holdout: JointSignals | None) -> tuple[W
     """Return the windows to measure the gain on, and what they are called."""
     if holdout is None:
         return own, "windows of the log itself"
-    return windows_of(joint, channels_of(holdout), own.hold), HELD_OUT
+    try:
+        return windows_of(joint, channels_of(holdout), own.hold), HELD_OUT
+    except SimulationError as error:
+        raise SimulationError(f"{HELD_OUT}: {error}") from error
 
 
 def far_off(stands: Standing) -> tuple[str, float] | None:

@@ -21,6 +21,7 @@ from numpy.typing import NDArray
 from vsalog.diagnosis.causes import catalogue
 from vsalog.diagnosis.causes.base import Site
 from vsalog.diagnosis.discrepancy import correlation_time
+from vsalog.diagnosis.fit import driven_out
 from vsalog.diagnosis.linear import Placed, Variant, exchanged, placed, set_in
 from vsalog.diagnosis.posterior import Posterior, begun_by
 from vsalog.diagnosis.selection import APART, Choice, Selection, choices_of, fitted, simpler_sets, sites_in, stage_about
@@ -57,6 +58,9 @@ def refined(selection: Selection, windows: Windows) -> Selection:
         return selection
     windows = windows.part(in_runs(len(windows.spans), WINDOWS))
     best, shot, J = _fitted(selection, windows)
+    # A cause that trajectories drive as far as it may go stands for something else: they say nothing of it.
+    if _at_bounds(best):
+        return selection
     # Where equations do not close, trajectories mostly cannot either; then they say nothing that is not in the equations.
     if np.max(np.diag(selection.weights.inflation)) > WITHIN**2 and np.max(_squares(shot, windows)) > OFF**2:
         return selection
@@ -72,10 +76,14 @@ def refined(selection: Selection, windows: Windows) -> Selection:
         except SimulationError:
             break
         # What takes away a part of an error only may be anything.
-        if np.max(_squares(there, windows)) > OFF**2:
+        if np.max(_squares(there, windows)) > OFF**2 or _at_bounds(other):
             break
         best, shot, J = other, there, changes
     return replace(best, choices=_as_seen(best, windows, J)) if best.posterior.fit else best
+
+
+def _at_bounds(selection: Selection) -> bool:
+    return any(driven_out(site.parameters, values) for site, values in selection.posterior.fit)
 
 
 def _fitted(selection: Selection, windows: Windows) -> tuple[Selection, Shot, Array]:

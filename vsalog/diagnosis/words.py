@@ -48,6 +48,12 @@ def sentences(
 ) -> tuple[str, ...]:
     """Say in three sentences what was found, why one may believe it, and what it is worth."""
     held = _held_out(gains, held_out, bool(causes))
+    if causes and all(c.cause == "sensor.torque_not_independent" for c in causes) and not gains:
+        return (
+            f"{causes[0].title}.",
+            f"{causes[0].why[0].upper()}{causes[0].why[1:]}",
+            "What it says cannot confirm the rig, nor contradict it: nothing that rests on it was called right or wrong.",
+        )
     if verdict == "consistent":
         return (
             f"Nothing is wrong: the log is consistent with the rig within its noise. {held}".rstrip(),
@@ -61,12 +67,6 @@ def sentences(
             + ("." if simulated else ": nothing could be simulated, so what only adds up over time was not looked at.")
             + f" {held}".rstrip(),
             "The equations that could be formed close to what the sensors' noise explains; the warnings name the others.",
-        )
-    if causes and all(c.cause == "sensor.torque_not_independent" for c in causes) and not gains:
-        return (
-            f"{causes[0].title}.",
-            f"{causes[0].why[0].upper()}{causes[0].why[1:]}",
-            "What it says cannot confirm the rig, nor contradict it: nothing that rests on it was called right or wrong.",
         )
     material = [c for c in causes if c.material]
     first = f"{_found(verdict, material, joints)} {held}".rstrip()
@@ -124,6 +124,9 @@ def numbers(cause: FoundCause) -> str:
     """Return a cause's parameters with their 95 % intervals."""
     parts = []
     for name, n in cause.parameters.items():
+        if not n.determined:
+            parts.append(f"{name.replace('_', ' ')} undetermined")
+            continue
         unit = "" if n.unit == "1" else f" {n.unit.replace('*', '·').replace('^2', '²').replace('^3', '³')}"
         spread = "" if n.std is None else f" ± {1.96 * n.std:.2g}"
         parts.append(f"{name.replace('_', ' ')} {n.value:.4g}{spread}{unit}")
@@ -148,7 +151,8 @@ def _believe(causes: Sequence[FoundCause], left: Unexplained) -> list[str]:
         if left.loop:
             on = f": a loop over {left.depends_on[0]}, as far as a log can show that passes it once"
         said.append(
-            f"{_per_cent(left.fraction)} of what was wrong is left unexplained; it is on the {left.where} side{on}."
+            f"{_per_cent(left.fraction)} of what is wrong in the equations, in squares beyond noise, is left unexplained; it is"
+            f" on the {left.where} side{on}."
         )
     elif not causes:
         said.append(
@@ -182,7 +186,10 @@ def _held_out(gains: Sequence[Gain], held_out: str, extended: bool) -> str:
     )
     if not extended:
         return f"{said}."
+    way = "reduced"
+    if worst.reduction < 0.0:
+        way, low, high = "enlarged", -high, -low
     return (
         f"{said}; the rig as it stands to {worst.rmse_before:.3g} {unit}"
-        f" (reduced by {100 * worst.reduction:.0f} %, 95 %: {100 * low:.0f} to {100 * high:.0f} %)."
+        f" ({way} by {100 * abs(worst.reduction):.0f} %, 95 %: {100 * low:.0f} to {100 * high:.0f} %)."
     )

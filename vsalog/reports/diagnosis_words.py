@@ -53,6 +53,8 @@ def with_interval(value: float, half: float | None) -> str:
 
 def parameter_text(found: Number) -> str:
     """Return a parameter with its 95 % interval and unit."""
+    if not found.determined:
+        return "undetermined"
     half = None if found.std is None else HALF * found.std
     return with_interval(found.value, half) + unit_of(found.unit)
 
