@@ -87,12 +87,14 @@ class Choice:
     rivals : causes that stand in its place in sets that are about as probable
     size : what the cause changes in the equation where it shows most, beyond what the other causes of the set could take up, root
         mean square over that of noise and model error
+    instead : the best set without this cause, where any was fitted in full
     """
 
     site: Site
     odds: float
     rivals: tuple[Rival, ...]
     size: float
+    instead: tuple[tuple[Site, Array], ...] | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -217,10 +219,11 @@ def _established(
         best = Ranked(chosen, stage.candidates.scored(chosen))
         choices = choices_of(problem, stage, stage.candidates, best, variants, final)
         worst = min(choices, key=lambda c: c.odds, default=None)
-        if worst is not None and worst.rivals and worst.odds < -SETTLED and exchanges < ROUNDS:
+        better = None if worst is None or worst.odds > -SETTLED else worst.instead
+        if better is not None and exchanges < ROUNDS:
             exchanges += 1
-            stage = stage_about(problem, stage.system, sites, worst.rivals[0].fit, blocks, stage.system.hold)
-            final = most_probable(problem, stage.weights, worst.rivals[0].fit)
+            stage = stage_about(problem, stage.system, sites, better, blocks, stage.system.hold)
+            final = most_probable(problem, stage.weights, better)
             continue
         # A cause that is driven as far as it may go stands for something else.
         out = {site.key for site, values in final.fit if driven_out(site.parameters, values)}
@@ -332,24 +335,36 @@ def choices_of(
     variants : their groups
     final : the best set, fitted
     """
-    out = []
+    out, searched, known = [], list[Ranked](), dict[bytes, Posterior]()
+
+    def best_without(barred: Flags) -> Ranked:
+        # A set that is better than the best one, found in the place of another cause, will do for all that it lacks.
+        better = [r for r in searched if r.score < best.score and not (r.chosen & barred).any()]
+        found = better[0] if better else without(c, best, barred)
+        searched.append(found)
+        return found
+
     for site, _ in final.fit:
         # A cause of two parts is as sure as it is of either of them.
         each = [np.array([v.site.overlaps(m) for v in variants], dtype=np.bool_) for m in site.members or (site,)]
-        other = min((without(c, best, barred) for barred in each), key=lambda r: r.score)
-        odds, rivals = other.score - best.score, tuple[Rival, ...]()
+        other = min((best_without(barred) for barred in each), key=lambda r: r.score)
+        odds, rivals, likeliest = other.score - best.score, tuple[Rival, ...](), None
         if c is stage.candidates:
-            others = simpler_sets(variants, final.fit, site)
+            exact = [fitted(problem, stage, o) for o in simpler_sets(variants, final.fit, site)]
             if odds < NEAR:
-                instead = begun_by(stage.linear, c, other.chosen)
-                # What else came and went on the way there may be worth more than the linear model says.
-                others += [instead, _exchanged(final.fit, site, instead)]
+                instead, name = begun_by(stage.linear, c, other.chosen), other.chosen.tobytes()
+                known[name] = known.get(name) or fitted(problem, stage, instead)
+                exact.append(known[name])
+                if exact[-1].score > final.score - SETTLED:
+                    # What else came and went on the way there may be worth more than the linear model says.
+                    exact.append(fitted(problem, stage, _exchanged(final.fit, site, instead)))
                 odds = np.inf
-            exact = [fitted(problem, stage, o) for o in others]
             odds = min([odds, *(e.score - final.score for e in exact)])
-            if exact and odds < APART:
-                rivals = _rivals(final, min(exact, key=lambda e: e.score))
-        out.append(Choice(site, odds, rivals, _size_of(final, stage.weights, site)))
+            likeliest = min(exact, key=lambda e: e.score, default=None)
+            if likeliest is not None and odds < APART:
+                rivals = _rivals(final, likeliest)
+        size = _size_of(final, stage.weights, site)
+        out.append(Choice(site, odds, rivals, size, None if likeliest is None else likeliest.fit))
     return tuple(sorted(out, key=lambda choice: -choice.odds))
 
 
