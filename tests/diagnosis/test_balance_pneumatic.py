@@ -284,7 +284,7 @@ def test_where_the_seesaw_tells_a_pressure_one_muscle_stronger_is_the_other_weak
     assert names(Bench(), ("pressure_2", "torque_sensor", "valve_1", "valve_2")) == ()
     found = diagnosed(Bench(gain=(1.1, 1.0)), ("pressure_2", "torque_sensor", "valve_1"))
     choice = material(found)[0]
-    told = {choice.site.key, *(r.site.key for r in choice.rivals)}
+    told = {choice.site.key, *(r.key for r in choice.rivals)}
     assert ("pneumatic.force_gain", "muscle_1") in told or ("pneumatic.force_gain", "muscle_2") in told
 
 

@@ -12,6 +12,7 @@ from written_out import ELASTIC, ROLES, Truth, log, write_csv
 from vsalog.cli import _run
 from vsalog.diagnosis.causes import catalogue
 from vsalog.diagnosis.document import Diagnosis
+from vsalog.diagnosis.joint import HELD_OUT
 from vsalog.diagnosis.schema_file import diagnosis_schema, schema_text
 from vsalog.rig import Rig
 
@@ -290,6 +291,36 @@ def test_a_torque_that_was_computed_is_told(tmp_path, call):
     assert document["causes"][0]["cause"] == "sensor.torque_not_independent"
     assert document["causes"][0]["part"] == "torque_sensor"
     assert "transmission" not in {e["equation"] for e in document["equations"]}
+
+
+def test_a_bench_whose_only_torque_was_computed_is_not_explained(tmp_path, call):
+    """Nothing can be checked: nothing is called right, and nothing explained."""
+    time, said = log(duration=6.0)
+    deflection = said["link_position"] - said["motor_position"]
+    table = np.stack([time, deflection, 12.0 * deflection], axis=-1)
+    header = "time [s],deflection [rad],torque sensor [N*m]"
+    np.savetxt(tmp_path / "exp1.csv", table, fmt="%.17g", delimiter=",", header=header, comments="")
+    bench = (
+        "[joint.arm]\nkind = 'elastic'\n[joint.arm.transmission]\ntype = 'linear'\nstiffness = 12.0\n"
+        "[joint.arm.signals]\ndeflection = 'deflection'\ntorque_sensor = 'torque sensor'\n"
+    )
+    (tmp_path / "exp1.rig.toml").write_text(bench, encoding="utf-8")
+    code, out, err = call("exp1.csv", "--json", cwd=tmp_path)
+    assert code == 0, err
+    document = json.loads(out)
+    assert document["verdict"] == "consistent as far as checked"
+    assert [c["cause"] for c in document["causes"]] == ["sensor.torque_not_independent"]
+    assert document["gain"]["signals"] == []
+
+
+def test_a_held_out_log_that_is_too_short_is_named(tmp_path, call):
+    lay(tmp_path, WRONG)
+    lay(tmp_path, WRONG, "exp2", seed=1, duration=0.5)
+    code, out, err = call("exp1.csv", "--holdout", "exp2.csv", "--json", cwd=tmp_path)
+    assert code == 0, err
+    document = json.loads(out)
+    assert any(HELD_OUT in w for w in document["warnings"])
+    assert document["gain"]["signals"] == []
 
 
 def test_what_is_outside_the_catalogue_is_said_to_be_unexplained(tmp_path, call):

@@ -150,3 +150,10 @@ def test_a_wall_is_a_bound_that_all_numbers_were_driven_to_but_not_zero():
     assert not end(0.1, 2.0, count=2)
     assert end(0.1, 2.0, count=2, hard=True)
     assert not end(-9.0, 2.0, count=2, hard=True)
+
+
+def test_a_value_that_rounding_left_short_of_a_bound_is_at_it():
+    free = site("gain", 0, 1.0, 0.05, 20.0)
+    assert driven_out(free.parameters, np.array([0.050000000000000155]))
+    assert driven_out(free.parameters, np.array([20.0 * (1.0 - 3e-16)]))
+    assert not driven_out(free.parameters, np.array([0.05 * (1.0 + 1e-9)]))

@@ -8,7 +8,7 @@ import pytest
 from scipy.optimize import lsq_linear
 from scipy.stats import multivariate_normal
 
-from vsalog.diagnosis.subsets import SAME_SCORE, Candidates, Ranked, best_sets, within, without
+from vsalog.diagnosis.subsets import SAME_SCORE, Candidates, Ranked, _evidence_of_one, best_sets, within, without
 
 ROWS = 40
 SEEDS = range(40)
@@ -222,3 +222,16 @@ def test_where_nothing_is_known_of_a_direction_it_stays_where_it_is():
     H, pull, now = np.ones((2, 2)), np.array([3.0, 3.0]), np.array([1.0, 0.0])
     wide = np.full(2, np.inf)
     np.testing.assert_allclose(within(H, pull - H @ now, now, -wide, wide), [2.0, 1.0], atol=1e-12)
+
+
+@pytest.mark.parametrize("seed", range(30))
+def test_one_unknown_alone_is_scored_as_a_set_of_one(seed):
+    """Near and far, within its bounds and beyond them."""
+    rng = np.random.default_rng(seed)
+    A, b, low, high = rng.gamma(1.0, 3.0), 5.0 * rng.standard_normal(), -rng.gamma(1.0), rng.gamma(1.0)
+    one = np.array([True])
+    c = Candidates(
+        np.array([[A]]), np.array([b]), np.array([0, 1]), np.zeros(1), np.zeros((1, 1), dtype=bool), np.array([low]),
+        np.array([high]),
+    )  # fmt: skip
+    assert _evidence_of_one(A, b, low, high) == pytest.approx(c.scored(one), rel=1e-12, abs=1e-12)

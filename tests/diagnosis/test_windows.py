@@ -98,6 +98,45 @@ def test_bristles_are_run_in_before_a_window(bristled, monkeypatch, lead):
     assert (np.median(off) < 1e-3 * np.ptp(states[:, 2])) == (lead > 0.0)
 
 
+def test_a_run_alone_is_played_as_it_is_among_others(bristled):
+    """What bristles remember goes on within a run of windows, and not from one run to the next."""
+    joint, windows, states = bristled
+    first = windows.part([w for w in range(len(windows.spans)) if w not in (3, 7)])
+    runs = np.cumsum(np.r_[True, first.spans[1:, 0] != first.spans[:-1, 1]])
+    whole = in_windows(shoot(joint, first, states[first.spans[:, 0]]), first)
+    for run in np.unique(runs):
+        own = first.part(np.flatnonzero(runs == run))
+        np.testing.assert_array_equal(in_windows(shoot(joint, own, states[own.spans[:, 0]]), own), whole[runs == run])
+
+
+def test_steps_are_as_fine_as_a_vibrations_phase_asks_for():
+    """Two inertias on a spring, let go: cos ωt, against RK4's phase error of angle⁴/120 of what the vibration turns.
+
+    The vibration turns by 0.4 rad in a sample, so that a period takes two steps of 0.2 rad.
+    """
+    motor, link, turn = 0.02, 0.03, 0.4
+    reduced = motor * link / (motor + link)
+    text = (
+        f"[joint.arm]\nkind = 'elastic'\n[joint.arm.motor]\ninertia = {motor}\n[joint.arm.transmission]\ntype = 'linear'\n"
+        f"stiffness = {reduced * (turn / PERIOD) ** 2}\n[joint.arm.link]\ninertia = {link}\n[joint.arm.signals]\n"
+        "motor_position = 'a'\nlink_position = 'q'\nmotor_torque = 'u'\n"
+    )
+    turned = turn * np.arange(2000)
+    # The centre of mass rests: the link swings by the motor's part of the deflection.
+    said = {"link_position": motor, "motor_position": -link}
+    said = {role: 0.1 * part / (motor + link) * np.cos(turned) for role, part in said.items()}
+    found = channels_of(signals({**said, "motor_torque": np.zeros_like(turned)}, PERIOD))
+    windows = windows_of(joint_of(text), found, False)
+    first = windows.spans[:, 0]
+    speed = -np.sin(turned[first]) / np.cos(turned[first]) * turn / PERIOD
+    q, a = (said[r][first] for r in ("link_position", "motor_position"))
+    shot = shoot(joint_of(text), windows, np.stack([q, q * speed, a, a * speed], axis=-1))
+    worst = np.nanmax(np.abs(shot.errors["link_position"])) / np.max(said["link_position"])
+    most = 0.2**4 / 120.0 * turn * (windows.spans[0, 1] - windows.spans[0, 0])
+    # Its amplitude falls by angle⁵/144 per step, a little less than that.
+    assert most / 16.0 < worst < 2.0 * most
+
+
 def surprise(shot, windows, expected):
     """How far states are from the true ones, over the spread that noise gives a least-squares fit of them, (JᵀJ)⁻¹."""
     J = by_states(joint_of(), windows, shot)

@@ -54,7 +54,7 @@ def causes_of(found: JointDiagnosis) -> list[FoundCause]:
     out = [_computed(found, role, why) for role, why in found.computed.items()]
     for cause in found.found:
         kind = catalogue()[cause.site.cause]
-        rivals = [r.site for r in cause.choice.rivals if r.site.cause != cause.site.cause]
+        rivals = [r for r in cause.choice.rivals if r.cause != cause.site.cause]
         others = tuple(dict.fromkeys((*cause.site.doubles, *(name for s in rivals for name in (s.cause, *s.doubles)))))
         known = cause.determined()
         numbers = {n: Number(value=v, std=s, unit=u, determined=known[n]) for n, (v, s, u) in cause.numbers().items()}

@@ -16,6 +16,9 @@ Array = NDArray[np.float64]
 ROUNDS, ENOUGH = 12, 1e-4
 # Directions that the log says nothing of, as parts of the strongest one, are not followed.
 RANK = 1e-9
+# Values come from units of their priors: one at a bound may be short of it by this part of itself, the rounding of numbers a
+# thousand times larger.
+ROUNDING = 1e-12
 
 
 def driven_out(parameters: Sequence[Parameter], values: Array) -> bool:
@@ -23,8 +26,7 @@ def driven_out(parameters: Sequence[Parameter], values: Array) -> bool:
 
     Nothing is no bound: a friction of 0 is one that is not there.
     """
-    # Values come from units of their priors: rounded, they may be a little short of a bound.
-    near = [(p, v, 1e-12 * abs(v)) for p, v in zip(parameters, values, strict=True)]
+    near = [(p, v, ROUNDING * abs(v)) for p, v in zip(parameters, values, strict=True)]
     out = [(p.low != 0.0 and v <= p.low + e) or v >= p.high - e for p, v, e in near]
     return all(out) or any(o and p.hard for o, p in zip(out, parameters, strict=True))
 

@@ -50,6 +50,7 @@ class Found:
     @property
     def material(self) -> bool:
         """Whether its effect matters, and the log determines it, or a class that it is one member of."""
+        # Of what nothing tells, as a part of a sample, no other cause can be told either.
         blurred = any(p.blur for p in self.site.parameters)
         known = any(self.determined().values()) or (bool(self.choice.rivals) and not blurred)
         return self.choice.size >= MATERIAL and known
@@ -124,8 +125,8 @@ def _between(selection: Selection, spread: Array) -> Array:
     """
     fit = selection.posterior.fit
     farthest = [np.zeros(values.size) for _, values in fit]
-    for rival in (r for choice in selection.choices for r in choice.rivals):
-        there = {s.key: v for s, v in rival.fit}
+    for instead in (choice.instead or () for choice in selection.choices if choice.rivals):
+        there = {s.key: v for s, v in instead}
         for k, (site, values) in enumerate(fit):
             other = there.get(site.key, values)
             if other.size == values.size:
@@ -142,7 +143,7 @@ def _undetermined(selection: Selection) -> Array:
     variants, candidates = selection.stage.linear.variants, selection.stage.candidates
     inside = np.array([v.inside for v in variants], dtype=np.bool_)
     chosen = inside.copy()
-    rivals = {r.site.key for choice in selection.choices for r in choice.rivals}
+    rivals = {r.key for choice in selection.choices for r in choice.rivals}
     for g, variant in enumerate(variants):
         alone = not (candidates.conflict[g] & chosen).any()
         chosen[g] |= alone and variant.instead is None and variant.site.key in rivals

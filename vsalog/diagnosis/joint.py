@@ -144,7 +144,7 @@ def diagnose_joint(
     _require_motion(name, channels)
     system = build_system(joint, channels.thinned(), balance_for(joint), 0.5 * signals.period)
     if not system.count and computed:
-        return _only_computed(name, joint, signals, computed, warnings)
+        return _only_computed(name, joint, system, computed, warnings)
     holdout = None if holdout is None else without(holdout, computed)
     if not system.count:
         raise DiagnosisError(
@@ -231,11 +231,9 @@ def _require_motion(name: str, channels: Channels) -> None:
 
 
 def _only_computed(
-    name: str, joint: Any, signals: JointSignals, computed: Mapping[str, str], warnings: list[str]
+    name: str, joint: Any, system: System, computed: Mapping[str, str], warnings: list[str]
 ) -> JointDiagnosis:
     """Return the diagnosis of a log whose only torque is none: there is nothing else to be checked with."""
-    channels = channels_of(signals).thinned()
-    system = build_system(joint, channels, balance_for(joint), 0.5 * signals.period)
     nothing = nothing_found(system, joint, setting_of(joint, system))
     warnings.append(
         f"joint '{name}': without a torque that was measured no equation can be checked: nothing else was looked for"

@@ -56,27 +56,6 @@ APART = float(np.log(20.0))
 
 
 @dataclass(frozen=True, slots=True)
-class Rival:
-    """A cause that may stand in the place of another.
-
-    Attributes
-    ----------
-    site : of the catalogue
-    sites, values : the whole set that it stands in
-    """
-
-    site: Site
-    sites: tuple[Site, ...]
-    values: Array
-
-    @property
-    def fit(self) -> tuple[tuple[Site, Array], ...]:
-        """The whole set with its values."""
-        ends = np.cumsum([len(s.parameters) for s in self.sites])[:-1]
-        return tuple(zip(self.sites, np.split(self.values, ends), strict=True))
-
-
-@dataclass(frozen=True, slots=True)
 class Choice:
     """A cause of the best set.
 
@@ -84,15 +63,15 @@ class Choice:
     ----------
     site : of the catalogue
     odds : log of how much more probable the best set is than the best without this cause
-    rivals : causes that stand in its place in sets that are about as probable
+    rivals : causes that stand in its place in `instead`, where that is about as probable
     size : what the cause changes in the equation where it shows most, beyond what the other causes of the set could take up, root
         mean square over that of noise and model error
-    instead : the best set without this cause, where any was fitted in full
+    instead : the best set without this cause; nothing where none was fitted in full
     """
 
     site: Site
     odds: float
-    rivals: tuple[Rival, ...]
+    rivals: tuple[Site, ...]
     size: float
     instead: tuple[tuple[Site, Array], ...] | None = None
 
@@ -231,6 +210,8 @@ def _established(
         if loose is None or (loose.odds >= APART and not out):
             return Selection(problem, stage, final, choices, blocks)
         gone = out or {loose.site.key}
+        # Nor may it come back in the place of another.
+        sites = [site for site in sites if site.key not in out]
         fit = tuple((site, values) for site, values in final.fit if site.key not in gone)
         stage = stage_about(problem, stage.system, sites, fit, blocks, stage.system.hold)
         final = most_probable(problem, stage.weights, fit)
@@ -348,7 +329,7 @@ def choices_of(
         # A cause of two parts is as sure as it is of either of them.
         each = [np.array([v.site.overlaps(m) for v in variants], dtype=np.bool_) for m in site.members or (site,)]
         other = min((best_without(barred) for barred in each), key=lambda r: r.score)
-        odds, rivals, likeliest = other.score - best.score, tuple[Rival, ...](), None
+        odds, rivals, likeliest = other.score - best.score, tuple[Site, ...](), None
         if c is stage.candidates:
             exact = [fitted(problem, stage, o) for o in simpler_sets(variants, final.fit, site)]
             if odds < NEAR:
@@ -362,7 +343,7 @@ def choices_of(
             odds = min([odds, *(e.score - final.score for e in exact)])
             likeliest = min(exact, key=lambda e: e.score, default=None)
             if likeliest is not None and odds < APART:
-                rivals = _rivals(final, likeliest)
+                rivals = tuple(s for s, _ in likeliest.fit if s.key not in final.keys)
         size = _size_of(final, stage.weights, site)
         out.append(Choice(site, odds, rivals, size, None if likeliest is None else likeliest.fit))
     return tuple(sorted(out, key=lambda choice: -choice.odds))
@@ -385,12 +366,6 @@ def simpler_sets(variants: Sequence[Variant], fit: Placed, site: Site) -> list[P
 def sites_in(stage: Stage) -> list[Site]:
     """Return the causes that a stage has, each once."""
     return list({(v.site.key, len(v.site.parameters)): v.site for v in stage.linear.variants}.values())
-
-
-def _rivals(final: Posterior, instead: Posterior) -> tuple[Rival, ...]:
-    sites = tuple(site for site, _ in instead.fit)
-    values = np.concatenate([v for _, v in instead.fit]) if instead.fit else np.zeros(0)
-    return tuple(Rival(site, sites, values) for site in sites if site.key not in final.keys)
 
 
 def _size_of(final: Posterior, weights: Weights, site: Site) -> float:

@@ -274,10 +274,11 @@ def _evidence(A: Array, b: Array, low: Array, high: Array) -> tuple[float, Array
 def _evidence_of_one(A: float, b: float, low: float, high: float) -> float:
     """Return what `_evidence` does for one unknown, as most groups have: nothing is allocated."""
     precision = 1.0
-    if abs(b) > 1.0 + A > 1e-12:
-        precision = (1.0 + A) ** 2 / (b * b)
+    if abs(b) > 1.0 + A:
+        precision = ((1.0 + A) / b) ** 2
     total = precision + A
-    if total <= 1e-12 * precision:
+    # See `_factored`.
+    if 1.0 + A <= 1e-12 or total <= 1e-12 * precision:
         return np.inf
     x = b / total
     off = max(low - x, x - high, 0.0)

@@ -14,7 +14,7 @@ from vsalog.diagnosis.causes.base import Parameter, Site
 from vsalog.diagnosis.fit import applied, jacobian_of, residual_of
 from vsalog.diagnosis.found import loss_of
 from vsalog.diagnosis.joint import JointDiagnosis
-from vsalog.diagnosis.linear import clash
+from vsalog.diagnosis.linear import Placed, clash
 from vsalog.diagnosis.setting import setting_of
 from vsalog.diagnosis.system import System
 
@@ -80,16 +80,14 @@ def _confused(found: JointDiagnosis) -> tuple[Question, ...]:
     system, joint = found.system, found.joint
     for one in found.found:
         # What happened once is told by recording again, however that is done.
-        rivals = [
-            r for r in one.choice.rivals if not (r.site.transient or one.site.transient or r.site.added is not None)
-        ]
+        rivals = [r for r in one.choice.rivals if not (r.transient or one.site.transient or r.added is not None)]
         if not rivals:
             continue
-        held = [_as_found(found, one.site)]
+        held = [_hypothesis(found.selection.posterior.fit, one.site)]
         for rival in rivals:
             # Of a family the first: the others are the same and more.
-            if len(held) < MOST and not any(h.site and clash(rival.site, h.site) for h in held[1:]):
-                held.append(Hypothesis(rival.site, rival.sites, rival.values))
+            if len(held) < MOST and not any(h.site and clash(rival, h.site) for h in held[1:]):
+                held.append(_hypothesis(one.choice.instead or (), rival))
         left = {id(h): loss_of(system, applied(joint, h.sites, h.values)) for h in held}
         return tuple(
             Question(a, b, float(np.sqrt(abs(left[id(a)] - left[id(b)]) / max(system.count, 1))), True)
@@ -98,16 +96,15 @@ def _confused(found: JointDiagnosis) -> tuple[Question, ...]:
     return ()
 
 
-def _as_found(found: JointDiagnosis, site: Site | None) -> Hypothesis:
-    """Return the best set of causes; `site` is what is in question."""
-    fit = found.selection.posterior.fit
+def _hypothesis(fit: Placed, site: Site | None) -> Hypothesis:
+    """Return a set of causes; `site` is what is in question."""
     values = np.concatenate([v for _, v in fit]) if fit else np.zeros(0)
     return Hypothesis(site, tuple(s for s, _ in fit), values)
 
 
 def _hidden(found: JointDiagnosis) -> tuple[Question, ...]:
     """Return the causes that the log would show least of, at an ordinary size, each against nothing."""
-    system, joint, nothing = found.system, found.joint, _as_found(found, None)
+    system, joint, nothing = found.system, found.joint, _hypothesis(found.selection.posterior.fit, None)
     asked = [
         Question(one, nothing, shown(system, joint, one, nothing), False, size)
         for one, size in ordinary_causes(found, nothing)

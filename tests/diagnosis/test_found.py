@@ -1,0 +1,65 @@
+"""What a log determines of a cause: intervals against the rig's own values and zero, and what a cause matters by."""
+
+import numpy as np
+import pytest
+from written_out import channels, joint_of
+
+from vsalog.diagnosis.causes import catalogue
+from vsalog.diagnosis.found import Found
+from vsalog.diagnosis.joint import balance_for, setting_of
+from vsalog.diagnosis.selection import Choice
+from vsalog.diagnosis.system import build_system
+
+
+@pytest.fixture(scope="module")
+def setting():
+    joint, found = joint_of(), channels(duration=4.0).thinned()
+    return setting_of(joint, build_system(joint, found, balance_for(joint)))
+
+
+def site_of(setting, cause):
+    return next(iter(catalogue()[cause].sites(setting)))
+
+
+def found(setting, cause, values, spread, rivals=(), size=3.0):
+    site = site_of(setting, cause)
+    choice = Choice(site, 9.0, rivals, size)
+    return Found(site, np.array(values), np.diag(np.square(spread)), choice, 0.5)
+
+
+@pytest.mark.parametrize(
+    ("cause", "value", "spread", "told"),
+    [
+        # The rig's motor has an inertia of 0.02 kg·m².
+        ("motor.inertia", 0.03, 0.004, True),
+        ("motor.inertia", 0.03, 0.006, False),
+        # Far from the rig, but no farther from nothing than it is uncertain.
+        ("motor.inertia", 0.005, 0.003, False),
+        ("motor.torque_offset", 0.1, 0.04, True),
+        ("motor.torque_offset", 0.1, 0.06, False),
+        ("motor.torque_constant", 1.1, 0.04, True),
+        ("motor.torque_constant", 1.1, 0.06, False),
+    ],
+)
+def test_a_number_is_determined_where_its_interval_excludes_the_rigs_and_zero(setting, cause, value, spread, told):
+    one = found(setting, cause, [value], [spread])
+    assert list(one.determined().values()) == [told]
+    assert one.material is told
+
+
+def test_a_shape_is_determined_as_the_strength_of_its_cause_is(setting):
+    site = site_of(setting, "motor.stribeck_friction")
+    shapes = {p.name for p in site.parameters if p.shape}
+    values = [2.0 * p.start or 0.1 for p in site.parameters]
+    for part, told in ((0.1, True), (1.0, False)):
+        one = found(setting, "motor.stribeck_friction", values, part * np.abs(values))
+        assert shapes
+        assert {one.determined()[name] for name in shapes} == {told}
+
+
+def test_an_undetermined_member_of_a_class_matters_and_one_alone_does_not(setting):
+    rivals = (site_of(setting, "link.inertia"),)
+    values = ("motor.inertia", [0.03], [0.1])
+    assert found(setting, *values, rivals=rivals).material
+    assert not found(setting, *values).material
+    assert not found(setting, *values, rivals=rivals, size=0.5).material
