@@ -402,7 +402,7 @@ def _descend(
                         s -= V[j, m] * A[i, index[m]]
                     S[j, i - first[h]] = s
         R = np.empty(k, dtype=np.int64)
-        better, least, doubtful = False, now - same, bool(np.any(cost > 0.0))
+        better, least, doubtful = False, now - same, bool(np.any(cost > 0.0)) or not np.isfinite(now)
         # Exchanges, and two for one, only where nothing simpler helps.
         for exchanging in range(2):
             gained = np.inf
