@@ -43,7 +43,7 @@ def hint_of(name: str, joint: Any, system: System) -> str | None:
             better = min((now / left) ** 0.5, 100.0)
             said = (
                 f"joint '{name}': with {FACTORS[factor]} of {what} put right the equations would close some {better:.0f} times"
-                " better: look at its sign and unit in the rig first"
+                " better: look at its sign and unit in the rig first; nothing else was looked for"
             )
     return said
 

@@ -153,9 +153,14 @@ def diagnose_joint(
             " with muscles needs their pressures with the angle, or with the torque meter; a rigid one its position, its motor's"
             " torque and an inertia"
         )
-    progress(f"joint {name}: looking for causes")
-    barred = TAKEN_UP if said else frozenset[str]()
-    selection = select(system, joint, setting_of(joint, system), barred, stated)
+    setting, hint = setting_of(joint, system), hint_of(name, joint, system)
+    if hint is None:
+        progress(f"joint {name}: looking for causes")
+        selection = select(system, joint, setting, TAKEN_UP if said else frozenset[str](), stated)
+    else:
+        # Causes are small changes of a rig: what they would make of a wrong sign means nothing.
+        warnings.append(hint)
+        selection = nothing_found(system, joint, setting)
     progress(f"joint {name}: simulating")
     stands, gain, held_out, extended = None, None, "", placed(joint, selection.posterior.fit)
     try:
@@ -201,11 +206,8 @@ def _doubts(found: JointDiagnosis) -> list[str]:
         for equation, used in zip(system.names, np.any(system.weights, axis=0).tolist(), strict=True)
         if not used
     ]
-    if not found.closed:
-        hint = hint_of(found.name, found.joint, system)
-        return said if hint is None else [*said, hint]
     stands = found.standing
-    far = None if found.found or stands is None else far_off(stands)
+    far = None if found.found or stands is None or not found.closed else far_off(stands)
     if far is None:
         return said
     return [

@@ -8,7 +8,7 @@ coarse to fine by itself, as the residual shrinks.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -196,10 +196,13 @@ def _established(
         variants = stage.linear.variants
         chosen = np.array([v.inside for v in variants], dtype=np.bool_)
         best = Ranked(chosen, stage.candidates.scored(chosen))
-        choices = choices_of(problem, stage, stage.candidates, best, variants, final)
-        worst = min(choices, key=lambda c: c.odds, default=None)
-        better = None if worst is None or worst.odds > -SETTLED else worst.instead
-        if better is not None and exchanges < ROUNDS:
+        choices, better = list[Choice](), None
+        for choice in _each_choice(problem, stage, stage.candidates, best, variants, final):
+            if choice.odds <= -SETTLED and choice.instead is not None and exchanges < ROUNDS:
+                better = choice.instead
+                break
+            choices.append(choice)
+        if better is not None:
             exchanges += 1
             stage = stage_about(problem, stage.system, sites, better, blocks, stage.system.hold)
             final = most_probable(problem, stage.weights, better)
@@ -208,7 +211,7 @@ def _established(
         out = {site.key for site, values in final.fit if driven_out(site.parameters, values)}
         loose = min((c for c in choices if not c.rivals or c.site.key in out), key=lambda c: c.odds, default=None)
         if loose is None or (loose.odds >= APART and not out):
-            return Selection(problem, stage, final, choices, blocks)
+            return Selection(problem, stage, final, tuple(sorted(choices, key=lambda c: -c.odds)), blocks)
         gone = out or {loose.site.key}
         # Nor may it come back in the place of another.
         sites = [site for site in sites if site.key not in out]
@@ -306,7 +309,7 @@ def fitted(problem: Problem, stage: Stage, start: Placed) -> Posterior:
 def choices_of(
     problem: Problem, stage: Stage, c: Candidates, best: Ranked, variants: Sequence[Variant], final: Posterior
 ) -> tuple[Choice, ...]:
-    """Hold each cause of the best set against the best set without it.
+    """Hold each cause of the best set against the best set without it; the surest first.
 
     Parameters
     ----------
@@ -316,7 +319,14 @@ def choices_of(
     variants : their groups
     final : the best set, fitted
     """
-    out, searched, known = [], list[Ranked](), dict[bytes, Posterior]()
+    return tuple(sorted(_each_choice(problem, stage, c, best, variants, final), key=lambda choice: -choice.odds))
+
+
+def _each_choice(
+    problem: Problem, stage: Stage, c: Candidates, best: Ranked, variants: Sequence[Variant], final: Posterior
+) -> Iterator[Choice]:
+    """Yield what `choices_of` returns, the one first that looks the least sure before any other set is fitted."""
+    searched, known, without_it = list[Ranked](), dict[bytes, Posterior](), list[tuple[Ranked, Site]]()
 
     def best_without(barred: Flags) -> Ranked:
         # A set that is better than the best one, found in the place of another cause, will do for all that it lacks.
@@ -328,7 +338,8 @@ def choices_of(
     for site, _ in final.fit:
         # A cause of two parts is as sure as it is of either of them.
         each = [np.array([v.site.overlaps(m) for v in variants], dtype=np.bool_) for m in site.members or (site,)]
-        other = min((best_without(barred) for barred in each), key=lambda r: r.score)
+        without_it.append((min((best_without(barred) for barred in each), key=lambda r: r.score), site))
+    for other, site in sorted(without_it, key=lambda w: w[0].score):
         odds, rivals, likeliest = other.score - best.score, tuple[Site, ...](), None
         if c is stage.candidates:
             exact = [fitted(problem, stage, o) for o in simpler_sets(variants, final.fit, site)]
@@ -344,9 +355,9 @@ def choices_of(
             likeliest = min(exact, key=lambda e: e.score, default=None)
             if likeliest is not None and odds < APART:
                 rivals = tuple(s for s, _ in likeliest.fit if s.key not in final.keys)
-        size = _size_of(final, stage.weights, site)
-        out.append(Choice(site, odds, rivals, size, None if likeliest is None else likeliest.fit))
-    return tuple(sorted(out, key=lambda choice: -choice.odds))
+        yield Choice(
+            site, odds, rivals, _size_of(final, stage.weights, site), None if likeliest is None else likeliest.fit
+        )
 
 
 def _exchanged(fit: Placed, site: Site, instead: Placed) -> Placed:
