@@ -9,7 +9,7 @@ from vsalog.diagnosis.clock import all_late, on_fewest_clocks
 from vsalog.diagnosis.common import common_sites
 from vsalog.diagnosis.kinds import balance_for
 from vsalog.diagnosis.linear import formed_of
-from vsalog.diagnosis.selection import sites_of
+from vsalog.diagnosis.selection import APART, sites_of, smooth_drive
 from vsalog.diagnosis.sensing import earlier, whole_delays
 from vsalog.diagnosis.setting import setting_of
 from vsalog.diagnosis.system import build_system
@@ -53,6 +53,17 @@ def test_a_time_of_all_channels_is_taken_off_and_differences_below_a_step_with_i
     fit = placed((DRIVE, 1e-3), (ENCODERS[0], 4e-3), (ENCODERS[1], 4.1e-3), (SENSOR, 4e-3))
     assert all_late(fit, SITES)
     assert {s.key: float(v[0]) for s, v in on_fewest_clocks(fit, SITES)} == values(placed((DRIVE, 5e-3)))
+
+
+def test_of_sets_about_as_probable_that_with_fewer_delays_says_whether_a_drive_is_smooth():
+    """However many other causes a set has: with both encoders late by half a sample a smooth drive is one that holds."""
+    others = placed(*((late(f"link.{i}", "link"), 0.1) for i in range(3)))
+    both = placed((ENCODERS[0], 5e-4), (ENCODERS[1], 5e-4))
+    assert not smooth_drive(0.5, both, (*placed((ENCODERS[0], 2e-3)), *others))
+    assert smooth_drive(-0.5, others, both)
+    assert not smooth_drive(-0.5, others, others)
+    assert smooth_drive(APART + 0.1, both, others)
+    assert not smooth_drive(-APART - 0.1, others, both)
 
 
 def test_of_clocks_only_those_count_by_which_no_drive_is_early():

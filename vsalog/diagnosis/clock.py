@@ -49,6 +49,11 @@ def all_late(fit: Placed, sites: Iterable[Site]) -> bool:
     return bool(late.size and late.all())
 
 
+def delays_in(fit: Placed) -> int:
+    """Return how many causes of a fit are delays."""
+    return sum(site.cause in LATE for site, _ in fit)
+
+
 def _value(site: Site, late: float) -> Array:
     return np.array([site.start[0] + LATE[site.cause] * late])
 

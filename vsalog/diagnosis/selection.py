@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from vsalog.diagnosis.causes import catalogue
 from vsalog.diagnosis.causes.base import Remainder, Setting, Site
-from vsalog.diagnosis.clock import all_late, on_fewest_clocks
+from vsalog.diagnosis.clock import all_late, delays_in, on_fewest_clocks
 from vsalog.diagnosis.common import common_sites
 from vsalog.diagnosis.discrepancy import Weights, left_out, weighted_by
 from vsalog.diagnosis.fit import driven_out
@@ -142,14 +142,12 @@ def select(
     held = 0.5 * system.channels.period / system.channels.every
     rig = stage_about(problem, system, sites, (), blocks, held)
     stage, best = _settled(problem, rig, sites, blocks)
-    # Drives hold a torque from sample to sample. One that is smooth acts half a sample earlier, which several delays together
-    # would explain as well: it is taken for smooth where that is the more probable, or about as probable with fewer causes.
     plain = stage_about(problem, system, sites, (), blocks, 0.0)
     smooth, other = _settled(problem, plain, sites, blocks)
     # Two fits can be compared under one model error only.
     alike = replace(smooth.weights, inflation=stage.weights.inflation, times=stage.weights.times)
     more = most_probable(problem, stage.weights, best.fit).score - most_probable(problem, alike, other.fit).score
-    if more > APART or (more >= -APART and len(other.fit) < len(best.fit)):
+    if smooth_drive(more, other.fit, best.fit):
         rig, stage, best = plain, smooth, other
     # What was found has to stand against unknown functions, which are not looked at before: there are many of them.
     there = placed(joint, best.fit)
@@ -160,6 +158,20 @@ def select(
     stage, best = _settled(problem, stage, sites, blocks, best)
     found = _established(problem, stage, sites, most_probable(problem, stage.weights, best.fit), blocks)
     return replace(found, p_value=p_value(rig.linear, rig.weights.system, _everything(rig.linear), blocks))
+
+
+def smooth_drive(more: float, smooth: Placed, held: Placed) -> bool:
+    """Tell whether drives are taken for smooth.
+
+    They hold a torque from sample to sample. One that is smooth acts half a sample earlier, which several delays together would
+    explain as well: it is taken for smooth where that is the more probable, or about as probable with fewer delays.
+
+    Parameters
+    ----------
+    more : log of how much more probable the set for smooth drives is
+    smooth, held : the sets
+    """
+    return more > APART or (more >= -APART and delays_in(smooth) < delays_in(held))
 
 
 def _settled(
