@@ -21,9 +21,9 @@ def site_of(setting, cause):
     return next(iter(catalogue()[cause].sites(setting)))
 
 
-def found(setting, cause, values, spread, rivals=(), size=3.0):
+def found(setting, cause, values, spread, rivals=(), size=3.0, odds=9.0):
     site = site_of(setting, cause)
-    choice = Choice(site, 9.0, rivals, size)
+    choice = Choice(site, odds, rivals, size)
     return Found(site, np.array(values), np.diag(np.square(spread)), choice, 0.5)
 
 
@@ -63,3 +63,9 @@ def test_an_undetermined_member_of_a_class_matters_and_one_alone_does_not(settin
     assert found(setting, *values, rivals=rivals).material
     assert not found(setting, *values).material
     assert not found(setting, *values, rivals=rivals, size=0.5).material
+
+
+@pytest.mark.parametrize(("odds", "confidence"), [(-np.inf, 0.0), (0.0, 0.4925), (np.log(19.0), 0.93575), (1e6, 0.985)])
+def test_no_cause_is_surer_than_the_catalogue_is_complete(setting, odds, confidence):
+    """Of 200 causes with overwhelming odds 3 are not there."""
+    assert found(setting, "motor.inertia", [0.03], [1e-3], odds=odds).confidence == pytest.approx(confidence, rel=1e-12)

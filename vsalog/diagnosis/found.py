@@ -23,6 +23,9 @@ Array = NDArray[np.float64]
 # A cause matters where it changes an equation by as much as noise and model error together do, in root mean square, beyond what
 # the other causes could take up.
 MATERIAL = 1.0
+# Share of the causes with overwhelming odds that are not there: something that the catalogue lacks looks like them. Odds compare
+# models that are known; this share is counted (benchmarks/confidence.py, docs/diagnosis.md).
+IMITATED = 0.015
 # Standard deviations to either side that hold 95 % of a normal distribution, and to one side.
 NORMAL_95, BELOW_95 = 1.96, 1.645
 
@@ -57,8 +60,8 @@ class Found:
 
     @property
     def confidence(self) -> float:
-        """Probability that a set with this cause, rather than the best one without it, is right."""
-        return float(expit(self.choice.odds))
+        """Probability that a set with this cause, rather than the best one without it, is right, and that nothing imitates it."""
+        return float((1.0 - IMITATED) * expit(self.choice.odds))
 
     def numbers(self) -> dict[str, tuple[float, float, str]]:
         """Return name → value, standard deviation, unit, as people are told."""
