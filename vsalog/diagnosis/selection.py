@@ -142,13 +142,14 @@ def select(
     held = 0.5 * system.channels.period / system.channels.every
     rig = stage_about(problem, system, sites, (), blocks, held)
     stage, best = _settled(problem, rig, sites, blocks)
-    plain = stage_about(problem, system, sites, (), blocks, 0.0)
-    smooth, other = _settled(problem, plain, sites, blocks)
+    plain = stage_about(problem, system, sites, best.fit, blocks, 0.0)
+    smooth, other = _settled(problem, plain, sites, blocks, best)
     # Two fits can be compared under one model error only.
     alike = replace(smooth.weights, inflation=stage.weights.inflation, times=stage.weights.times)
     more = most_probable(problem, stage.weights, best.fit).score - most_probable(problem, alike, other.fit).score
     if smooth_drive(more, other.fit, best.fit):
-        rig, stage, best = plain, smooth, other
+        rig = stage_about(problem, system, sites, (), blocks, 0.0)
+        stage, best = smooth, other
     # What was found has to stand against unknown functions, which are not looked at before: there are many of them.
     there = placed(joint, best.fit)
     roles = true_roles(there, system.channels, stage.system.hold)
@@ -180,11 +181,10 @@ def _settled(
     """Search until the best set stays the same; return it, and the equations about it. `best` is what the stage is about."""
     for _ in range(ROUNDS):
         found = _best(problem, stage, best)
-        settled = best is not None and found.keys == best.keys and found.score > best.score - SETTLED
+        if best is not None and found.keys == best.keys and found.score > best.score - SETTLED:
+            return stage, found
         best = found
         stage = stage_about(problem, stage.system, sites, best.fit, blocks, stage.system.hold)
-        if settled:
-            break
     assert best is not None
     return stage, best
 
