@@ -38,8 +38,9 @@ from vsalog.rig.schema import PneumaticJoint
 Array = NDArray[np.float64]
 
 ANGLE, PRESSURES = "link_position", ("pressure_1", "pressure_2")
-# Rounds of finding what a torque tells, and the share of the slope in the middle below which a step is not trusted.
-ROUNDS, LEAST = 12, 0.05
+# Rounds of finding what a torque tells, the part of the range below which a step is rounding, and the share of the slope in the
+# middle below which a step is not trusted.
+ROUNDS, ROUNDING, LEAST = 12, 1e-14, 0.05
 # The direction of a motion is known where it is the same over so many of the filter's windows.
 ABOUT = 1.4
 # A seesaw slower than this part of its usual velocity may be creeping, and friction is then below its level.
@@ -129,10 +130,13 @@ def _told(joint: PneumaticJoint, roles: Mapping[str, Array], role: str, torque: 
     x = np.full(roles[PRESSURES[0] if turns else ANGLE].shape[1], middle)
     least: Array | None = None
     for _ in range(ROUNDS):
-        slope = (off(x + step) - off(x - step)) / (2.0 * step)
+        left, before = off(x), x
+        slope = (off(x + step) - left) / step
         least = LEAST * np.abs(slope) if least is None else least
         slope = np.where(np.abs(slope) < least, np.copysign(least, slope), slope)
-        x = np.clip(x - off(x) / slope, low, high)
+        x = np.clip(x - left / slope, low, high)
+        if not np.any(np.abs(x - before) > ROUNDING * (high - low)):
+            break
     return np.asarray(x)
 
 

@@ -39,7 +39,7 @@ def friction_level(
             load = np.abs(np.asarray(f1) + np.asarray(f2) - joint.seesaw.mass * joint.seesaw.gravity)
             outside = joint.air.outside_pressure
             gauges = (np.maximum(np.abs(np.asarray(p) - outside), LEAST_GAUGE) for p in (p1, p2))
-            tube = sum((gauge**-2.0 for gauge in gauges), start=np.zeros(()))
+            tube = sum((1.0 / (gauge * gauge) for gauge in gauges), start=np.zeros(()))
             return np.asarray(model.shaft_radius * model.shaft_coefficient * load + model.muscle * tube)
         case SimpleFriction() as model:
             return np.full(np.shape(speed), model.level)
