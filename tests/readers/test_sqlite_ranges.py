@@ -196,7 +196,7 @@ def test_a_file_that_ends_within_a_row_has_no_row_that_ends_in_zeros(tmp_path, s
     rows = [(number, topic, when, data + b"\xff" * 9) for number, topic, when, data in rows]
     whole = write(tmp_path / "whole.db3", rows).read_bytes()
     put_in, seen = {(topic, when, data) for _, topic, when, data in rows}, 0
-    for length in range(len(whole) - 4 * PAGE, len(whole), 61):
+    for length in range(len(whole) - 4 * PAGE, len(whole), 331):
         (tmp_path / "cut.db3").write_bytes(whole[:length])
         try:
             got = found(SqliteContainer(tmp_path / "cut.db3"))

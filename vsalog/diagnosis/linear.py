@@ -184,7 +184,8 @@ def linearised(
     here : the equations of the fit, where they are known; see `formed_of`
     """
     first = np.concatenate([[0], np.cumsum([len(v.free) for v in variants])]).astype(np.int64)
-    whole = system.whole_delays(placed(joint, fit))
+    as_fitted = placed(joint, fit)
+    whole = system.whole_delays(as_fitted)
 
     def formed(causes: Placed) -> Array:
         return formed_of(system, joint, causes, whole)
@@ -201,7 +202,9 @@ def linearised(
             columns[..., first[g] : first[g + 1]] = variant.site.added
             now[first[g] : first[g + 1]] = variant.base
             continue
-        base = here if variant.inside else formed(set_in(fit, variant.site, variant.base))
+        without = set_in(fit, variant.site, variant.base)
+        # A cause that is absent mostly leaves the joint as it is.
+        base = here if variant.inside or placed(joint, without) == as_fitted else formed(without)
         for k, i in enumerate(variant.free):
             j = int(first[g]) + k
             by = (variant.moved[k, i] - variant.base[i]) / variant.deviation[k]
