@@ -137,15 +137,26 @@ def test_defaults_scale_with_what_would_matter():
     assert of("transmission.backlash", "gap", {}) == pytest.approx(0.02 * deflection / HALF, rel=1e-6)
 
 
-def test_a_springs_coefficients_have_no_cause_of_their_own():
-    """The factor on a polynomial spring has the default of a stiffness, whatever a coefficient's tolerance is."""
-    text = ELASTIC.replace('type = "cubic"\nstiffness = 12.0\ncubic = 150.0',
-                           'type = "polynomial"\nscale = "1 rad"\ncoefficients = ["12 N*m ± 1 N*m", "150 N*m"]')  # fmt: skip
-    joint, stated = known(text)
-    assert stated == {}
+POLYNOMIAL = ELASTIC.replace(
+    'type = "cubic"\nstiffness = 12.0\ncubic = 150.0',
+    'type = "polynomial"\nscale = "1 rad"\ncoefficients = ["12 N*m ± 1 N*m", "150 N*m ± 2 N*m"]',
+)
+
+
+def test_a_factor_on_a_polynomial_spring_is_known_as_well_as_its_first_coefficient():
+    joint, stated = known(POLYNOMIAL)
     found = channels(duration=4.0).thinned()
     setting = setting_of(joint, build_system(joint, found, balance_for(joint)))
-    assert of("transmission.stiffness", "factor", stated, setting) == pytest.approx(0.1 / HALF)
+    assert of("transmission.stiffness", "factor", stated, setting) == pytest.approx(1.0 / 12.0 / HALF)
+    # Without it the default of a stiffness holds.
+    assert of("transmission.stiffness", "factor", {}, setting) == pytest.approx(0.1 / HALF)
+
+
+def test_a_factor_on_a_lever_arms_springs_is_known_as_well_as_these_are():
+    joint, found = of_kind("awas")
+    setting = setting_of(joint, build_system(joint, found, balance_for(joint)))
+    stated = {"transmission.spring_stiffness": 0.02 * joint.transmission.spring_stiffness}
+    assert of("transmission.stiffness", "factor", stated, setting) == pytest.approx(0.02)
 
 
 DRIVEN = {

@@ -62,10 +62,13 @@ def deviation_of(site: Site, parameter: Parameter, setting: Setting, stated: Map
     key = _KEYS.get((site.cause, parameter.name), parameter.name)
     path = f"signals.{site.part}.{key}" if site.cause.startswith("sensor.") else f"{site.part}.{key}"
     nominal, scale = _size(site, parameter, setting, key)
-    own = stated.get(path, default_deviation(path, nominal, scale))
-    if key == "stiffness" and path in stated:
+    if key == "stiffness":
         # A factor on a whole spring is known as well as its stiffness is.
-        return own / _stiffness(getattr(setting.joint, site.part))
+        part = (site.members[0] if site.members else site).part
+        name, value = _stiffness(getattr(setting.joint, part))
+        if f"{part}.{name}" in stated:
+            return stated[f"{part}.{name}"] / value
+    own = stated.get(path, default_deviation(path, nominal, scale))
     if site.cause == "link.inertia" and "motor.inertia" in site.doubles:
         # What moves as one is as unsure as both parts are.
         motor = setting.joint.motor.inertia
@@ -97,11 +100,12 @@ def _size(site: Site, parameter: Parameter, setting: Setting, key: str) -> tuple
     return parameter.start, scales.get(key, torque)
 
 
-def _stiffness(transmission: Any) -> float:
+def _stiffness(transmission: Any) -> tuple[str, float]:
+    """Return the key that says how stiff a spring is, and its value."""
     for name in ("stiffness", "spring_stiffness"):
         if hasattr(transmission, name):
-            return float(getattr(transmission, name))
-    return float(abs(transmission.coefficients[0]))
+            return name, float(getattr(transmission, name))
+    return "coefficients[0]", float(abs(transmission.coefficients[0]))
 
 
 def felt(joint: Any, stated: Mapping[str, float]) -> dict[str, float]:
@@ -117,7 +121,8 @@ def felt(joint: Any, stated: Mapping[str, float]) -> dict[str, float]:
         keys = path.split(".")
         value = _value(joint, keys)
         if value is None:
-            continue  # one of a list, which no cause changes
+            out[path] = deviation  # one of a list, which neither gears nor sensors change
+            continue
         if keys[-1] == "gain":
             out[path] = deviation / abs(value)
             continue
