@@ -5,7 +5,7 @@ import pytest
 from written_out import Truth, channels, joint_of
 
 from vsalog.diagnosis.causes.base import Parameter, Site
-from vsalog.diagnosis.clock import all_late, on_fewest_clocks
+from vsalog.diagnosis.clock import all_late, counted_from, on_fewest_clocks
 from vsalog.diagnosis.common import common_sites
 from vsalog.diagnosis.kinds import balance_for
 from vsalog.diagnosis.linear import formed_of
@@ -85,6 +85,21 @@ def test_of_clocks_only_those_count_by_which_no_drive_is_early():
 )
 def test_what_cannot_have_fewer_late_channels_stays(fit):
     assert on_fewest_clocks(fit, SITES) is None
+
+
+def test_of_three_channels_two_are_late_whichever_is_the_clock():
+    fit = placed((ENCODERS[0], 4e-3), (ENCODERS[1], 2e-3))
+    sites = [DRIVE, *ENCODERS]
+    assert {s.key: float(v[0]) for s, v in counted_from(fit, ENCODERS[0], sites)} == values(
+        placed((DRIVE, 4e-3), (ENCODERS[1], -2e-3))
+    )
+    assert {s.key: float(v[0]) for s, v in counted_from(fit, ENCODERS[1], sites)} == values(
+        placed((DRIVE, 2e-3), (ENCODERS[0], 2e-3))
+    )
+    # With a fourth channel that is in time, three would be late.
+    assert counted_from(fit, ENCODERS[0], SITES) is None
+    # No drive is early.
+    assert counted_from(placed((ENCODERS[0], -4e-3), (ENCODERS[1], 2e-3)), ENCODERS[0], sites) is None
 
 
 def test_where_a_drive_is_the_clock_sensors_are_late_against_it():

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from written_out import ELASTIC, ROLES, Truth, channels, drive, elastic, joint_of, sensed, signals
+from written_out import ELASTIC, ROLES, Truth, channels, drive, elastic, joint_of, log, sensed, signals
 
 from vsalog.diagnosis.channels import channels_of
 from vsalog.diagnosis.found import MATERIAL
@@ -117,6 +117,20 @@ def test_without_a_torque_sensor_the_cause_is_first_or_among_those_that_fit_alik
         for rival in choice.rivals:
             assert rival in [site for site, _ in choice.instead]
             assert deviance(choice.instead) < 1.5 * best
+
+
+def test_of_two_late_encoders_a_late_drive_is_one_beside_a_late_encoder():
+    """No torque sensor says which of three clocks is right: all three delays are one class."""
+    time, said = log(duration=8.0, seed=3, roles=[r for r in ROLES if r != "torque_sensor"])
+    for role, samples in (("motor_position", 2), ("link_position", 4)):
+        said[role] = np.concatenate([np.full(samples, said[role][0]), said[role][:-samples]])
+    selection = selected(channels_of(signals(said, time[1] - time[0])))
+    delays = {c.site.key: c for c in selection.choices if "delay" in c.site.cause or "clock" in c.site.cause}
+    every = {("motor.torque_delay", "motor"), *(("sensor.clock_skew", f"{end}_position") for end in ("motor", "link"))}
+    assert len(delays) == 2
+    for choice in delays.values():
+        assert set(delays) | {r.key for r in choice.rivals} == every
+        assert choice.odds < np.log(2.0)
 
 
 def test_an_effect_far_below_the_noise_is_not_named():

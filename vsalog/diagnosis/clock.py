@@ -36,11 +36,35 @@ def on_fewest_clocks(fit: Placed, sites: Iterable[Site]) -> tuple[tuple[Site, Ar
     steps = np.array([s.parameters[0].step for s in single])
     possible = [late - shift for shift in late if _within(single, late - shift)]
     there = min(possible, key=lambda d: np.count_nonzero(np.abs(d) > steps), default=late)
-    fewest = np.abs(there) > steps
-    if np.count_nonzero(fewest) >= np.count_nonzero(late):
-        return None
-    delays = [(s, _value(s, d)) for s, d, kept in zip(single, there, fewest, strict=True) if kept]
-    return (*((s, v) for s, v in fit if s.cause not in LATE), *_in_common(delays, own.values()))
+    return (
+        None
+        if np.count_nonzero(np.abs(there) > steps) >= np.count_nonzero(late)
+        else _so_late(fit, own.values(), there)
+    )
+
+
+def counted_from(fit: Placed, site: Site, sites: Iterable[Site]) -> tuple[tuple[Site, Array], ...] | None:
+    """Return a fit whose delays are counted from the channel that one of them is of; none where that leaves more channels late.
+
+    Parameters
+    ----------
+    fit : causes with their values
+    site : of a delay
+    sites : of the catalogue
+    """
+    own = {s.key: s for s in sites if s.cause in LATE}
+    single = _channels(own.values())
+    late = _lateness(fit, single)
+    shift = next((d for s, d in zip(single, late, strict=True) if site.overlaps(s)), 0.0)
+    steps = np.array([s.parameters[0].step for s in single])
+    more = np.count_nonzero(np.abs(late - shift) > steps) > np.count_nonzero(late)
+    return _so_late(fit, own.values(), late - shift) if shift and not more and _within(single, late - shift) else None
+
+
+def _so_late(fit: Placed, sites: Iterable[Site], late: Array) -> tuple[tuple[Site, Array], ...]:
+    """Return a fit with its channels so late, but for those that are by less than a step."""
+    delays = [(s, _value(s, d)) for s, d in zip(_channels(sites), late, strict=True) if abs(d) > s.parameters[0].step]
+    return (*((s, v) for s, v in fit if s.cause not in LATE), *_in_common(delays, sites))
 
 
 def all_late(fit: Placed, sites: Iterable[Site]) -> bool:

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from vsalog.diagnosis.causes import catalogue
 from vsalog.diagnosis.causes.base import Remainder, Setting, Site
-from vsalog.diagnosis.clock import all_late, delays_in, on_fewest_clocks
+from vsalog.diagnosis.clock import all_late, counted_from, delays_in, on_fewest_clocks
 from vsalog.diagnosis.common import common_sites
 from vsalog.diagnosis.discrepancy import Weights, left_out, weighted_by
 from vsalog.diagnosis.fit import driven_out
@@ -352,24 +352,26 @@ def _each_choice(
         each = [np.array([v.site.overlaps(m) for v in variants], dtype=np.bool_) for m in site.members or (site,)]
         without_it.append((min((best_without(barred) for barred in each), key=lambda r: r.score), site))
     for other, site in sorted(without_it, key=lambda w: w[0].score):
-        odds, rivals, likeliest = other.score - best.score, tuple[Site, ...](), None
+        odds, instead = other.score - best.score, None
         if c is stage.candidates:
             exact = [fitted(problem, stage, o) for o in simpler_sets(variants, final.fit, site)]
             if odds < NEAR:
-                instead, name = begun_by(stage.linear, c, other.chosen), other.chosen.tobytes()
-                known[name] = known.get(name) or fitted(problem, stage, instead)
+                begun, name = begun_by(stage.linear, c, other.chosen), other.chosen.tobytes()
+                known[name] = known.get(name) or fitted(problem, stage, begun)
                 exact.append(known[name])
                 if exact[-1].score > final.score - SETTLED:
                     # What else came and went on the way there may be worth more than the linear model says.
-                    exact.append(fitted(problem, stage, _exchanged(final.fit, site, instead)))
+                    exact.append(fitted(problem, stage, _exchanged(final.fit, site, begun)))
                 odds = np.inf
-            odds = min([odds, *(e.score - final.score for e in exact)])
             likeliest = min(exact, key=lambda e: e.score, default=None)
-            if likeliest is not None and odds < APART:
-                rivals = tuple(s for s, _ in likeliest.fit if s.key not in final.keys)
-        yield Choice(
-            site, odds, rivals, _size_of(final, stage.weights, site), None if likeliest is None else likeliest.fit
-        )
+            if likeliest is not None:
+                odds, instead = min(odds, likeliest.score - final.score), likeliest.fit
+        counted = counted_from(final.fit, site, sites_in(stage))
+        if counted is not None and odds > 0.0:
+            # Counted from its own channel the delays say the same, however the samples of this log fall.
+            odds, instead = 0.0, counted
+        rivals = [s for s, _ in instead or () if s.key not in final.keys and odds < APART]
+        yield Choice(site, odds, tuple(rivals), _size_of(final, stage.weights, site), instead)
 
 
 def _exchanged(fit: Placed, site: Site, instead: Placed) -> Placed:
