@@ -8,7 +8,7 @@ import numpy as np
 from vsalog.binding import offered_roles
 from vsalog.diagnosis.causes import catalogue
 from vsalog.diagnosis.causes.base import Cause, Setting, Site
-from vsalog.diagnosis.sensing import at_joint
+from vsalog.residuals.sensing import at_joint
 from vsalog.rig import Rig
 
 SIDES = {"motor": "Motor", "transmission": "Transmission", "link": "Link", "sensor": "Sensors", "pneumatic": "Muscles"}

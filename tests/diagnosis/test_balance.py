@@ -5,8 +5,8 @@ import pytest
 from scipy.integrate import solve_ivp
 from written_out import ELASTIC, Truth, derived, elastic, joint_of
 
-from vsalog.diagnosis.balance import balance, motion_of
 from vsalog.diagnosis.causes.base import with_part
+from vsalog.residuals.balance import balance, motion_of
 from vsalog.rig.schema import BoucWen, Cogging, Contact, Payload
 
 TIME = np.arange(3000) * 1e-3

@@ -11,15 +11,15 @@ import pytest
 
 from vsalog.diagnosis.causes import catalogue
 from vsalog.diagnosis.causes.base import Remainder
-from vsalog.diagnosis.channels import channels_of
 from vsalog.diagnosis.fit import applied
-from vsalog.diagnosis.kinds import balance_for
 from vsalog.diagnosis.run import _bound
 from vsalog.diagnosis.selection import remainder
-from vsalog.diagnosis.sensing import at_joint
 from vsalog.diagnosis.setting import setting_of
-from vsalog.diagnosis.system import build_system
 from vsalog.diagnosis.words import part_in_words, title_of
+from vsalog.residuals.channels import channels_of
+from vsalog.residuals.kinds import balance_for
+from vsalog.residuals.sensing import at_joint
+from vsalog.residuals.system import build_system
 from vsalog.rig import Rig
 from vsalog.simulation import simulate
 

@@ -5,7 +5,7 @@ import pytest
 from scipy.signal import savgol_filter
 from written_out import signals
 
-from vsalog.diagnosis.channels import DEGREE, channels_of, noise_in
+from vsalog.residuals.channels import DEGREE, channels_of, noise_in
 
 PERIOD = 1e-3
 TIME = np.arange(8000) * PERIOD

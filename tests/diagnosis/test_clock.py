@@ -7,12 +7,12 @@ from written_out import Truth, channels, joint_of
 from vsalog.diagnosis.causes.base import Parameter, Site
 from vsalog.diagnosis.clock import all_late, counted_from, on_fewest_clocks
 from vsalog.diagnosis.common import common_sites
-from vsalog.diagnosis.kinds import balance_for
 from vsalog.diagnosis.linear import formed_of
 from vsalog.diagnosis.selection import APART, sites_of, smooth_drive
-from vsalog.diagnosis.sensing import earlier, whole_delays
 from vsalog.diagnosis.setting import setting_of
-from vsalog.diagnosis.system import build_system
+from vsalog.residuals.kinds import balance_for
+from vsalog.residuals.sensing import earlier, whole_delays
+from vsalog.residuals.system import build_system
 
 PERIOD = 2e-3
 

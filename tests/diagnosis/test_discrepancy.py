@@ -10,10 +10,10 @@ from written_out import Truth, channels, joint_of
 
 from vsalog.diagnosis.causes import catalogue
 from vsalog.diagnosis.discrepancy import correlation_time, factor_of, left_out, weighted_by
-from vsalog.diagnosis.kinds import balance_for
 from vsalog.diagnosis.linear import formed_of, linearised, variants_of
 from vsalog.diagnosis.setting import setting_of
-from vsalog.diagnosis.system import build_system
+from vsalog.residuals.kinds import balance_for
+from vsalog.residuals.system import build_system
 
 LONG = 20_000
 

@@ -8,7 +8,7 @@ from vsalog.diagnosis.causes import catalogue
 from vsalog.diagnosis.found import Found
 from vsalog.diagnosis.joint import balance_for, setting_of
 from vsalog.diagnosis.selection import Choice
-from vsalog.diagnosis.system import build_system
+from vsalog.residuals.system import build_system
 
 
 @pytest.fixture(scope="module")

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
-from vsalog.diagnosis._inverse import deflection_under
 from vsalog.mechanics.transmissions import coded, flexibility_torque
+from vsalog.residuals._inverse import deflection_under
 from vsalog.rig.schema import BoucWen, CubicTransmission, LinearTransmission, Vsa2Transmission
 
 TIME = np.arange(4000) * 2e-3

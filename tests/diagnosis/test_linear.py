@@ -9,11 +9,11 @@ from written_out import Truth, channels, joint_of
 
 from vsalog.diagnosis.causes.base import Parameter, Site, with_part
 from vsalog.diagnosis.discrepancy import left_out
-from vsalog.diagnosis.kinds import balance_for
 from vsalog.diagnosis.linear import Linear, Variant, candidates_of, clash, corrected, linearised, placed, variants_of
 from vsalog.diagnosis.selection import remainder, sites_of
 from vsalog.diagnosis.setting import setting_of
-from vsalog.diagnosis.system import build_system
+from vsalog.residuals.kinds import balance_for
+from vsalog.residuals.system import build_system
 
 N, COPIES = 4000, 4
 

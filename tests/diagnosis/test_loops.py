@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
-from vsalog.diagnosis._loops import bristle_torque, loop_torque
 from vsalog.mechanics.transmissions import coded
+from vsalog.residuals._loops import bristle_torque, loop_torque
 from vsalog.rig.schema import BoucWen, LinearTransmission
 
 TIME = np.arange(6000) * 1e-3

@@ -8,7 +8,7 @@ import numpy as np
 from hypothesis import given
 from hypothesis import strategies as st
 
-from vsalog.diagnosis.memory import Memory
+from vsalog.residuals.memory import Memory
 
 
 @dataclass(frozen=True)

@@ -14,10 +14,10 @@ from pam_machine import Bench, joint_of, moved, write
 from test_balance_pneumatic import as_rig, signals_of
 
 from vsalog.cli import cli
-from vsalog.diagnosis.channels import channels_of
 from vsalog.diagnosis.gain import compared
-from vsalog.diagnosis.windows import begun, by_states, in_windows, shoot, windows_of
 from vsalog.errors import SimulationError
+from vsalog.residuals.channels import channels_of
+from vsalog.residuals.windows import begun, by_states, in_windows, shoot, windows_of
 from vsalog.rig import Rig
 
 ROLES = {"link_position", "torque_sensor", "pressure_1", "pressure_2"}

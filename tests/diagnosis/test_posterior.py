@@ -10,13 +10,13 @@ from written_out import Truth, channels, joint_of
 
 from vsalog.diagnosis.causes.base import with_part, with_signal
 from vsalog.diagnosis.discrepancy import Weights, weighted_by
-from vsalog.diagnosis.kinds import balance_for
 from vsalog.diagnosis.linear import carried, formed_of, linearised, placed, variants_of
 from vsalog.diagnosis.posterior import Problem, begun_by, most_probable
 from vsalog.diagnosis.selection import blocks_of, sites_of, stage_about
-from vsalog.diagnosis.sensing import at_joint
 from vsalog.diagnosis.setting import setting_of
-from vsalog.diagnosis.system import build_system
+from vsalog.residuals.kinds import balance_for
+from vsalog.residuals.sensing import at_joint
+from vsalog.residuals.system import build_system
 
 # Held torques act half a sample later; those of the written-out joint are smooth.
 SMOOTH = 0.0

@@ -10,15 +10,15 @@ import rigid_machine
 from written_out import ELASTIC, channels, joint_of, signals
 
 from vsalog.diagnosis.causes import catalogue
-from vsalog.diagnosis.channels import channels_of
-from vsalog.diagnosis.kinds import balance_for
 from vsalog.diagnosis.linear import variants_of
 from vsalog.diagnosis.priors import deviation_of, felt
 from vsalog.diagnosis.run import _bound
 from vsalog.diagnosis.selection import remainder, sites_of
-from vsalog.diagnosis.sensing import at_joint
 from vsalog.diagnosis.setting import setting_of
-from vsalog.diagnosis.system import build_system
+from vsalog.residuals.channels import channels_of
+from vsalog.residuals.kinds import balance_for
+from vsalog.residuals.sensing import at_joint
+from vsalog.residuals.system import build_system
 from vsalog.rig import Rig
 from vsalog.simulation import simulate
 

@@ -8,13 +8,13 @@ from rigid_machine import RIGID, Truth, drive, log, moved
 from scipy.integrate import solve_ivp
 from written_out import derived, signals
 
-from vsalog.diagnosis.balance_rigid import balance_rigid
 from vsalog.diagnosis.causes.base import with_part
-from vsalog.diagnosis.channels import channels_of
 from vsalog.diagnosis.run import Options, diagnose
-from vsalog.diagnosis.windows import player_of, shoot, windows_of
 from vsalog.errors import DiagnosisError, SimulationError
 from vsalog.mechanics.rigid_joint import as_one
+from vsalog.residuals.balance_rigid import balance_rigid
+from vsalog.residuals.channels import channels_of
+from vsalog.residuals.windows import player_of, shoot, windows_of
 from vsalog.rig import Rig
 from vsalog.rig.schema import Cogging, Friction, Link, Motor
 from vsalog.simulation.machine import build

@@ -4,13 +4,13 @@ import numpy as np
 import pytest
 from written_out import ELASTIC, ROLES, Truth, channels, drive, elastic, joint_of, log, sensed, signals
 
-from vsalog.diagnosis.channels import channels_of
 from vsalog.diagnosis.found import MATERIAL
-from vsalog.diagnosis.kinds import balance_for
 from vsalog.diagnosis.linear import formed_of, placed
 from vsalog.diagnosis.selection import _exchanged, blocks_of, nothing_found, select, sites_of
 from vsalog.diagnosis.setting import setting_of
-from vsalog.diagnosis.system import build_system
+from vsalog.residuals.channels import channels_of
+from vsalog.residuals.kinds import balance_for
+from vsalog.residuals.system import build_system
 
 
 def system_of(found, joint, hold=0.5):

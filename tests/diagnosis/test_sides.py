@@ -4,10 +4,10 @@ import numpy as np
 import pytest
 from written_out import ROLES, Truth, channels, joint_of, log, signals
 
-from vsalog.diagnosis.channels import channels_of
-from vsalog.diagnosis.kinds import balance_for
 from vsalog.diagnosis.sides import side_of
-from vsalog.diagnosis.system import build_system
+from vsalog.residuals.channels import channels_of
+from vsalog.residuals.kinds import balance_for
+from vsalog.residuals.system import build_system
 
 # A spring that yields at 4 s, detents of motor and link at one angle, drag of the air at the link.
 WRONG = {

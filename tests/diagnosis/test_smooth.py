@@ -4,12 +4,12 @@ import numpy as np
 import pytest
 from written_out import Truth, channels, joint_of
 
-from vsalog.diagnosis.kinds import balance_for
 from vsalog.diagnosis.linear import rows_of
 from vsalog.diagnosis.selection import select
 from vsalog.diagnosis.setting import setting_of
 from vsalog.diagnosis.smooth import TERMS, SmoothSite
-from vsalog.diagnosis.system import build_system
+from vsalog.residuals.kinds import balance_for
+from vsalog.residuals.system import build_system
 
 
 def selected(truth, seed=2):

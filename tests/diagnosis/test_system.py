@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 from written_out import Truth, channels, joint_of, log, motion, sensed, signals
 
-from vsalog.diagnosis.channels import channels_of
-from vsalog.diagnosis.kinds import balance_for
-from vsalog.diagnosis.system import build_system, formed
+from vsalog.residuals.channels import channels_of
+from vsalog.residuals.kinds import balance_for
+from vsalog.residuals.system import build_system, formed
 
 
 def system_of(found, joint=None):

@@ -8,15 +8,15 @@ from written_out import Truth, channels, joint_of
 
 from vsalog.diagnosis.found import MATERIAL, found_by
 from vsalog.diagnosis.gain import weighed
-from vsalog.diagnosis.kinds import balance_for
 from vsalog.diagnosis.linear import placed
 from vsalog.diagnosis.posterior import Problem, most_probable
 from vsalog.diagnosis.selection import Selection, blocks_of, choices_of, sites_of, stage_about
 from vsalog.diagnosis.setting import setting_of
 from vsalog.diagnosis.subsets import Ranked
-from vsalog.diagnosis.system import build_system
 from vsalog.diagnosis.trajectory import refined
-from vsalog.diagnosis.windows import windows_of
+from vsalog.residuals.kinds import balance_for
+from vsalog.residuals.system import build_system
+from vsalog.residuals.windows import windows_of
 
 
 def selection_of(found, causes):

@@ -5,12 +5,12 @@ import pytest
 from restated import COUNTS, POSITIONS, TORQUES, changes, recorded
 from written_out import ELASTIC, Truth, log
 
-from vsalog.diagnosis.channels import channels_of
-from vsalog.diagnosis.kinds import balance_for
 from vsalog.diagnosis.run import Options, diagnose
-from vsalog.diagnosis.sensing import at_joint
-from vsalog.diagnosis.system import build_system
-from vsalog.diagnosis.windows import shoot, windows_of
+from vsalog.residuals.channels import channels_of
+from vsalog.residuals.kinds import balance_for
+from vsalog.residuals.sensing import at_joint
+from vsalog.residuals.system import build_system
+from vsalog.residuals.windows import shoot, windows_of
 
 SECONDS = 4.0
 GEARED = ELASTIC.replace("damping = 0.05", "damping = 0.05\ngear_ratio = 10.0")

@@ -6,9 +6,9 @@ from restated import changes, recorded
 from written_out import ELASTIC, Truth, log
 
 from vsalog.diagnosis.run import Options, diagnose
-from vsalog.diagnosis.sensing import at_joint
 from vsalog.diagnosis.unknown import with_springs
 from vsalog.mechanics import flexibility_torque
+from vsalog.residuals.sensing import at_joint
 
 UNKNOWN = ELASTIC.replace('type = "cubic"\nstiffness = 12.0\ncubic = 150.0', 'type = "unknown"').replace(
     "damping = 0.05", "damping = 0.05\ngear_ratio = 10.0"

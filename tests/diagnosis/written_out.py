@@ -11,7 +11,7 @@ from functools import cache
 import numpy as np
 from scipy.integrate import solve_ivp
 
-from vsalog.diagnosis.channels import channels_of
+from vsalog.residuals.channels import channels_of
 from vsalog.rig import Rig
 from vsalog.signals import JointSignals
 

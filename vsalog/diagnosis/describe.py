@@ -8,7 +8,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vsalog.diagnosis.causes import catalogue
-from vsalog.diagnosis.channels import span_of
 from vsalog.diagnosis.document import (
     Bin,
     EquationError,
@@ -32,8 +31,9 @@ from vsalog.diagnosis.joint import (
 from vsalog.diagnosis.linear import placed
 from vsalog.diagnosis.remainder import curve_of, predicted_share
 from vsalog.diagnosis.smooth import UNKNOWN
-from vsalog.diagnosis.windows import Shot
 from vsalog.diagnosis.words import part_in_words, title_of
+from vsalog.residuals.channels import span_of
+from vsalog.residuals.windows import Shot
 from vsalog.rig.schema import role_units
 
 Array = NDArray[np.float64]

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vsalog.diagnosis.linear import Linear, corrected
-from vsalog.diagnosis.system import System, whitener
+from vsalog.residuals.system import System, whitener
 
 Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vsalog.diagnosis.causes.base import Parameter, Site
-from vsalog.diagnosis.system import System
+from vsalog.residuals.system import System
 
 Array = NDArray[np.float64]
 

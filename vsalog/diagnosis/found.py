@@ -16,7 +16,7 @@ from vsalog.diagnosis.common import scales
 from vsalog.diagnosis.linear import Placed, placed
 from vsalog.diagnosis.selection import Choice, Selection
 from vsalog.diagnosis.subsets import precisions
-from vsalog.diagnosis.system import System
+from vsalog.residuals.system import System
 
 Array = NDArray[np.float64]
 

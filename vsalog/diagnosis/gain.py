@@ -9,8 +9,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from vsalog.diagnosis.channels import Channels
-from vsalog.diagnosis.windows import (
+from vsalog.errors import SimulationError
+from vsalog.residuals.channels import Channels
+from vsalog.residuals.windows import (
     Shot,
     Windows,
     begun,
@@ -22,8 +23,7 @@ from vsalog.diagnosis.windows import (
     player_of,
     shoot,
 )
-from vsalog.diagnosis.windows_mechanical import MechanicalPlayer
-from vsalog.errors import SimulationError
+from vsalog.residuals.windows_mechanical import MechanicalPlayer
 
 Array = NDArray[np.float64]
 

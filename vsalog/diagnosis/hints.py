@@ -9,8 +9,8 @@ import numpy as np
 
 from vsalog.binding import offered_roles
 from vsalog.diagnosis.causes.base import with_part, with_signal
-from vsalog.diagnosis.sensing import motors_of, torque_role
-from vsalog.diagnosis.system import System
+from vsalog.residuals.sensing import motors_of, torque_role
+from vsalog.residuals.system import System
 
 # What a sign or a unit makes of a signal, and what a person would have meant by it.
 FACTORS = {

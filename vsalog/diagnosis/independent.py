@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from vsalog.diagnosis.causes.sensor import TORQUES
-from vsalog.diagnosis.sensing import at_joint, each_sensor
+from vsalog.residuals.sensing import at_joint, each_sensor
 from vsalog.rig.schema import AwasTransmission
 from vsalog.signals import JointSignals
 from vsalog.validation.independence import computed_from

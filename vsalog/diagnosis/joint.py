@@ -10,26 +10,26 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from vsalog.diagnosis.balance import Motion
-from vsalog.diagnosis.channels import Channels, channels_of, span_of
 from vsalog.diagnosis.document import Verdict
 from vsalog.diagnosis.found import Found, found_by, loss_of
 from vsalog.diagnosis.gain import Compared, Standing, compared, standing, weighed
 from vsalog.diagnosis.hints import hint_of
 from vsalog.diagnosis.independent import not_independent
-from vsalog.diagnosis.kinds import balance_for, motion_for
 from vsalog.diagnosis.linear import placed
 from vsalog.diagnosis.remainder import depends_on, loop_over, rate_of, variables_of
 from vsalog.diagnosis.selection import Selection, nothing_found, select
-from vsalog.diagnosis.sensing import at_joint, true_roles
 from vsalog.diagnosis.setting import setting_of
 from vsalog.diagnosis.sides import side_of
 from vsalog.diagnosis.smooth import SmoothSite
-from vsalog.diagnosis.system import BELL, System, build_system
 from vsalog.diagnosis.trajectory import refined
 from vsalog.diagnosis.unknown import TAKEN_UP, with_springs
-from vsalog.diagnosis.windows import WITHIN, Windows, windows_of
 from vsalog.errors import DiagnosisError, SimulationError
+from vsalog.residuals.balance import Motion
+from vsalog.residuals.channels import Channels, channels_of, span_of
+from vsalog.residuals.kinds import balance_for, motion_for
+from vsalog.residuals.sensing import at_joint, true_roles
+from vsalog.residuals.system import BELL, System, build_system
+from vsalog.residuals.windows import WITHIN, Windows, windows_of
 from vsalog.signals import JointSignals
 
 Array = NDArray[np.float64]

@@ -16,9 +16,9 @@ from numpy.typing import NDArray
 
 from vsalog.diagnosis.causes.base import Parameter, Remainder, Setting, Site
 from vsalog.diagnosis.priors import deviation_of
-from vsalog.diagnosis.sensing import earlier
 from vsalog.diagnosis.subsets import Candidates
-from vsalog.diagnosis.system import System
+from vsalog.residuals.sensing import earlier
+from vsalog.residuals.system import System
 
 Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]

@@ -13,7 +13,7 @@ from vsalog.diagnosis.causes.base import Setting, Site
 from vsalog.diagnosis.discrepancy import Weights
 from vsalog.diagnosis.linear import Linear, Placed, Variant, candidates_of, carried, formed_of, linearised, variants_of
 from vsalog.diagnosis.subsets import Candidates, precisions, within
-from vsalog.diagnosis.system import System
+from vsalog.residuals.system import System
 
 Array = NDArray[np.float64]
 

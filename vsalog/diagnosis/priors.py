@@ -14,7 +14,7 @@ from msgspec.structs import replace
 
 from vsalog.diagnosis.causes.base import Parameter, Setting, Site, suffix_of
 from vsalog.diagnosis.causes.motor_friction import scale_of
-from vsalog.diagnosis.sensing import at_joint
+from vsalog.residuals.sensing import at_joint
 from vsalog.rig.tolerance import default_deviation
 
 # Parameter of a cause → key of the rig below the cause's part, where the two are called otherwise.

@@ -8,8 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from vsalog.diagnosis.balance import Motion
-from vsalog.diagnosis.system import System
+from vsalog.residuals.balance import Motion
+from vsalog.residuals.system import System
 
 Array = NDArray[np.float64]
 Integers = NDArray[np.int64]

@@ -19,7 +19,6 @@ from vsalog.diagnosis.document import VERSION, Diagnosis, FoundCause, Gain, Gain
 from vsalog.diagnosis.evidence import JointEvidence
 from vsalog.diagnosis.joint import HELD_OUT, JointDiagnosis, diagnose_joint
 from vsalog.diagnosis.priors import felt
-from vsalog.diagnosis.sensing import as_written, at_joint, bare, motors_of, sensors_as_written
 from vsalog.diagnosis.stiffness_gain import stiffness_gains
 from vsalog.diagnosis.suggest import Suggestion, suggest
 from vsalog.diagnosis.unknown import unknown_in
@@ -29,6 +28,7 @@ from vsalog.estimation import pick_joints
 from vsalog.job import sha256
 from vsalog.readers import open_reader, read
 from vsalog.recording import Recording
+from vsalog.residuals.sensing import as_written, at_joint, bare, motors_of, sensors_as_written
 from vsalog.rig import Rig
 from vsalog.rig.find import find_rig
 from vsalog.rig.schema import PneumaticJoint, RigidJoint

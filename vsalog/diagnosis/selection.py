@@ -21,7 +21,6 @@ from vsalog.diagnosis.clock import all_late, counted_from, delays_in, on_fewest_
 from vsalog.diagnosis.common import common_sites
 from vsalog.diagnosis.discrepancy import Weights, left_out, weighted_by
 from vsalog.diagnosis.fit import driven_out
-from vsalog.diagnosis.kinds import motion_for
 from vsalog.diagnosis.linear import (
     Linear,
     Placed,
@@ -35,10 +34,11 @@ from vsalog.diagnosis.linear import (
 )
 from vsalog.diagnosis.omnibus import p_value
 from vsalog.diagnosis.posterior import Posterior, Problem, begun_by, most_probable
-from vsalog.diagnosis.sensing import true_roles
 from vsalog.diagnosis.smooth import smooth_sites
 from vsalog.diagnosis.subsets import Candidates, Ranked, best_sets, precisions, without
-from vsalog.diagnosis.system import System, build_system
+from vsalog.residuals.kinds import motion_for
+from vsalog.residuals.sensing import true_roles
+from vsalog.residuals.system import System, build_system
 
 Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]

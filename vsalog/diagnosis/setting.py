@@ -8,9 +8,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vsalog.diagnosis.causes.base import Setting
-from vsalog.diagnosis.kinds import motion_for
-from vsalog.diagnosis.sensing import true_roles
-from vsalog.diagnosis.system import System
+from vsalog.residuals.kinds import motion_for
+from vsalog.residuals.sensing import true_roles
+from vsalog.residuals.system import System
 
 Array = NDArray[np.float64]
 

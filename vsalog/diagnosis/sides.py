@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vsalog.binding import offered_roles
-from vsalog.diagnosis.system import System
+from vsalog.residuals.system import System
 
 Array = NDArray[np.float64]
 

@@ -14,11 +14,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from vsalog.diagnosis.balance import Motion, Side
 from vsalog.diagnosis.causes.base import Parameter, Site
 from vsalog.diagnosis.remainder import variables_of
 from vsalog.diagnosis.sides import spring_direction
-from vsalog.diagnosis.system import EXACT, System
+from vsalog.residuals.balance import Motion, Side
+from vsalog.residuals.system import EXACT, System
 
 Array = NDArray[np.float64]
 

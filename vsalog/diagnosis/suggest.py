@@ -21,18 +21,18 @@ from msgspec.structs import replace as with_fields
 from numpy.typing import NDArray
 
 from vsalog.binding import bind
-from vsalog.diagnosis.channels import channels_of
 from vsalog.diagnosis.fit import applied, fitted, residual_of
 from vsalog.diagnosis.joint import JointDiagnosis
-from vsalog.diagnosis.kinds import balance_for
-from vsalog.diagnosis.sensing import bare
 from vsalog.diagnosis.suggest_candidates import Candidate, candidates
 from vsalog.diagnosis.suggest_questions import Hypothesis, Question, ordinary_causes, questions_of, shown
 from vsalog.diagnosis.suggest_range import Seen, seen_in
 from vsalog.diagnosis.suggest_words import TELLS, scenario_text, words_of
-from vsalog.diagnosis.system import System, build_system
 from vsalog.errors import DiagnosisError, VsalogError
 from vsalog.mechanics.links import GRAVITY
+from vsalog.residuals.channels import channels_of
+from vsalog.residuals.kinds import balance_for
+from vsalog.residuals.sensing import bare
+from vsalog.residuals.system import System, build_system
 from vsalog.rig import Rig
 from vsalog.rig.schema import Payload, PneumaticJoint, RigFile, RigidJoint
 from vsalog.simulation.scenario import Scenario

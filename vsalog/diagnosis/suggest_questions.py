@@ -16,7 +16,7 @@ from vsalog.diagnosis.found import loss_of
 from vsalog.diagnosis.joint import JointDiagnosis
 from vsalog.diagnosis.linear import Placed, clash
 from vsalog.diagnosis.setting import setting_of
-from vsalog.diagnosis.system import System
+from vsalog.residuals.system import System
 
 Array = NDArray[np.float64]
 

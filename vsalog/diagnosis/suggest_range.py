@@ -9,9 +9,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from vsalog.diagnosis.kinds import motion_for
-from vsalog.diagnosis.sensing import VALVES, motors_of, torque_role, true_roles
-from vsalog.diagnosis.system import System
+from vsalog.residuals.kinds import motion_for
+from vsalog.residuals.sensing import VALVES, motors_of, torque_role, true_roles
+from vsalog.residuals.system import System
 from vsalog.rig.schema import PneumaticJoint
 
 Array = NDArray[np.float64]

@@ -26,8 +26,8 @@ from vsalog.diagnosis.linear import Placed, Variant, exchanged, placed, set_in
 from vsalog.diagnosis.posterior import Posterior, begun_by
 from vsalog.diagnosis.selection import APART, Choice, Selection, choices_of, fitted, simpler_sets, sites_in, stage_about
 from vsalog.diagnosis.subsets import Ranked, best_sets, precisions
-from vsalog.diagnosis.windows import WITHIN, Shot, Windows, begun, by_states, in_runs, in_windows, player_of, shoot
 from vsalog.errors import SimulationError
+from vsalog.residuals.windows import WITHIN, Shot, Windows, begun, by_states, in_runs, in_windows, player_of, shoot
 
 Array = NDArray[np.float64]
 

@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 
 from vsalog.binding import offered_roles
 from vsalog.diagnosis.causes.base import with_signal
-from vsalog.diagnosis.channels import channels_of
-from vsalog.diagnosis.sensing import true_roles
+from vsalog.residuals.channels import channels_of
+from vsalog.residuals.sensing import true_roles
 from vsalog.rig.schema import PolynomialTransmission, UnknownTransmission
 from vsalog.signals import JointSignals
 

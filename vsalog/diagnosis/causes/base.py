@@ -10,7 +10,7 @@ import numpy as np
 from msgspec.structs import replace
 from numpy.typing import NDArray
 
-from vsalog.diagnosis.sensing import position_role
+from vsalog.residuals.sensing import position_role
 from vsalog.rig.schema import RigidJoint
 
 Array = NDArray[np.float64]

@@ -22,7 +22,7 @@ from vsalog.diagnosis.causes.base import (
     with_part,
 )
 from vsalog.diagnosis.causes.motor_friction import moved_motors, scale_of
-from vsalog.diagnosis.system import LATEST
+from vsalog.residuals.system import LATEST
 from vsalog.rig.schema import Cogging
 
 Array = NDArray[np.float64]

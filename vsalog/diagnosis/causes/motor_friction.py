@@ -22,8 +22,8 @@ from vsalog.diagnosis.causes.base import (
     size,
     with_part,
 )
-from vsalog.diagnosis.sensing import motors_of, torque_role
 from vsalog.mechanics.links import link_weight
+from vsalog.residuals.sensing import motors_of, torque_role
 
 DRY = frozenset({"motor.coulomb_friction", "motor.stribeck_friction"})
 # Stribeck speeds to begin with, as parts of the motor's speed.

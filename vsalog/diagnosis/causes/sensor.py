@@ -20,8 +20,8 @@ from vsalog.diagnosis.causes.base import (
     transmissions_of,
     with_signal,
 )
-from vsalog.diagnosis.system import LATEST
 from vsalog.mechanics.links import link_weight
+from vsalog.residuals.system import LATEST
 from vsalog.rig.schema import Eccentricity
 
 TORQUES = ("torque_sensor", "torque_sensor_1", "torque_sensor_2")

@@ -20,13 +20,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vsalog.binding import offered_roles
-from vsalog.diagnosis._inverse import deflection_under
-from vsalog.diagnosis._loops import bristle_torque, loop_torque
-from vsalog.diagnosis.memory import remembered
-from vsalog.diagnosis.sensing import known
 from vsalog.mechanics import flexibility_torque, reaction_torque
 from vsalog.mechanics.links import link_inertia, link_weight
 from vsalog.mechanics.transmissions import coded
+from vsalog.residuals._inverse import deflection_under
+from vsalog.residuals._loops import bristle_torque, loop_torque
+from vsalog.residuals.memory import remembered
+from vsalog.residuals.sensing import known
 from vsalog.rig.schema import (
     AntagonisticJoint,
     AwasTransmission,

@@ -15,7 +15,9 @@ from collections.abc import Mapping
 import numpy as np
 from numpy.typing import NDArray
 
-from vsalog.diagnosis.balance import (
+from vsalog.mechanics.links import link_weight
+from vsalog.mechanics.rigid_joint import as_one
+from vsalog.residuals.balance import (
     SLACK,
     Equation,
     Motion,
@@ -28,9 +30,7 @@ from vsalog.diagnosis.balance import (
     torque_unit,
     turned,
 )
-from vsalog.diagnosis.memory import remembered
-from vsalog.mechanics.links import link_weight
-from vsalog.mechanics.rigid_joint import as_one
+from vsalog.residuals.memory import remembered
 from vsalog.rig.schema import Friction, Link, Motor, RigidJoint
 
 Array = NDArray[np.float64]

@@ -8,10 +8,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from vsalog.diagnosis.balance import Motion, balance, motion_of
-from vsalog.diagnosis.balance_pneumatic import balance_pneumatic, pneumatic_motion
-from vsalog.diagnosis.balance_rigid import balance_rigid, rigid_motion
-from vsalog.diagnosis.system import Balance
+from vsalog.residuals.balance import Motion, balance, motion_of
+from vsalog.residuals.balance_pneumatic import balance_pneumatic, pneumatic_motion
+from vsalog.residuals.balance_rigid import balance_rigid, rigid_motion
+from vsalog.residuals.system import Balance
 from vsalog.rig.schema import PneumaticJoint, RigidJoint
 
 Array = NDArray[np.float64]

@@ -8,11 +8,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from vsalog.diagnosis.balance_rigid import rigid_motion
-from vsalog.diagnosis.channels import Channels
-from vsalog.diagnosis.sensing import true_roles
-from vsalog.diagnosis.windows_mechanical import NUDGES, MechanicalPlayer
 from vsalog.errors import SimulationError
+from vsalog.residuals.balance_rigid import rigid_motion
+from vsalog.residuals.channels import Channels
+from vsalog.residuals.sensing import true_roles
+from vsalog.residuals.windows_mechanical import NUDGES, MechanicalPlayer
 from vsalog.simulation.inputs import Input, TorqueInput, sum_of, table
 
 Array = NDArray[np.float64]

@@ -17,14 +17,14 @@ from typing import Any, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from vsalog.diagnosis.channels import Channels, span_of
-from vsalog.diagnosis.sensing import known, said, true_roles
-from vsalog.diagnosis.system import LATEST
-from vsalog.diagnosis.windows_bench import BenchPlayer
-from vsalog.diagnosis.windows_mechanical import MechanicalPlayer, free_motors, link_told, movable, remembers
-from vsalog.diagnosis.windows_pneumatic import PneumaticPlayer
-from vsalog.diagnosis.windows_rigid import RigidPlayer
 from vsalog.errors import SimulationError
+from vsalog.residuals.channels import Channels, span_of
+from vsalog.residuals.sensing import known, said, true_roles
+from vsalog.residuals.system import LATEST
+from vsalog.residuals.windows_bench import BenchPlayer
+from vsalog.residuals.windows_mechanical import MechanicalPlayer, free_motors, link_told, movable, remembers
+from vsalog.residuals.windows_pneumatic import PneumaticPlayer
+from vsalog.residuals.windows_rigid import RigidPlayer
 from vsalog.rig.schema import ElasticJoint, PneumaticJoint, RigidJoint
 
 Array = NDArray[np.float64]

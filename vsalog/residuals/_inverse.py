@@ -8,7 +8,6 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from vsalog.diagnosis._loops import loop_after
 from vsalog.mechanics._atoms import (
     DAMPING,
     HALF_GAP,
@@ -18,6 +17,7 @@ from vsalog.mechanics._atoms import (
     LOOP_WIDTH,
     spring,
 )
+from vsalog.residuals._loops import loop_after
 
 Array = NDArray[np.float64]
 

@@ -10,10 +10,10 @@ import numpy as np
 from msgspec.structs import replace
 from numpy.typing import NDArray
 
-from vsalog.diagnosis.balance import motion_of
-from vsalog.diagnosis.channels import Channels
-from vsalog.diagnosis.sensing import motors_of, position_role, torque_role, true_roles
 from vsalog.errors import SimulationError
+from vsalog.residuals.balance import motion_of
+from vsalog.residuals.channels import Channels
+from vsalog.residuals.sensing import motors_of, position_role, torque_role, true_roles
 from vsalog.rig.schema import AntagonisticJoint, AwasTransmission, Link, SerialJoint, UnknownTransmission
 from vsalog.simulation.inputs import Input, Motion, table
 from vsalog.simulation.machine import BRISTLE_SPEED, build

@@ -8,10 +8,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from vsalog.diagnosis.balance import motion_of
-from vsalog.diagnosis.channels import Channels
-from vsalog.diagnosis.sensing import true_roles
 from vsalog.errors import SimulationError
+from vsalog.residuals.balance import motion_of
+from vsalog.residuals.channels import Channels
+from vsalog.residuals.sensing import true_roles
 
 Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]

@@ -10,8 +10,8 @@ from msgspec.structs import replace
 from numpy.typing import NDArray
 
 from vsalog.binding import offered_roles
-from vsalog.diagnosis.channels import Channels
-from vsalog.diagnosis.memory import remembered
+from vsalog.residuals.channels import Channels
+from vsalog.residuals.memory import remembered
 from vsalog.rig.schema import AntagonisticJoint, Joint, Motor, PneumaticJoint, SerialJoint, Signal
 from vsalog.sensors import seen_by
 from vsalog.signals import JointSignals

@@ -7,11 +7,11 @@ from collections.abc import Iterator, Mapping
 import numpy as np
 from numpy.typing import NDArray
 
-from vsalog.diagnosis.balance_pneumatic import ANGLE, PRESSURES, pneumatic_motion
-from vsalog.diagnosis.channels import DEGREE, Channels
-from vsalog.diagnosis.sensing import VALVES, true_roles
 from vsalog.errors import SimulationError
 from vsalog.filters.savitzky_golay import savgol_weights
+from vsalog.residuals.balance_pneumatic import ANGLE, PRESSURES, pneumatic_motion
+from vsalog.residuals.channels import DEGREE, Channels
+from vsalog.residuals.sensing import VALVES, true_roles
 from vsalog.rig.schema import PneumaticJoint
 from vsalog.simulation.inputs import TorqueInput, table
 from vsalog.simulation.pneumatic import coarse_steps, simulate_pneumatic

@@ -16,10 +16,10 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from vsalog.diagnosis.balance import Equation
-from vsalog.diagnosis.channels import Channels
-from vsalog.diagnosis.memory import remembered
-from vsalog.diagnosis.sensing import earlier, true_roles, whole_delays
+from vsalog.residuals.balance import Equation
+from vsalog.residuals.channels import Channels
+from vsalog.residuals.memory import remembered
+from vsalog.residuals.sensing import earlier, true_roles, whole_delays
 
 Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]

@@ -19,9 +19,6 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import minimum_filter1d
 
-from vsalog.diagnosis.balance import SLACK, Equation, Motion
-from vsalog.diagnosis.channels import WINDOW
-from vsalog.diagnosis.sensing import known
 from vsalog.mechanics.pneumatic_friction import friction_level, viscous_coefficient
 from vsalog.mechanics.pneumatics import (
     joint_torque,
@@ -33,6 +30,9 @@ from vsalog.mechanics.pneumatics import (
     valve_opening,
     volume_slope,
 )
+from vsalog.residuals.balance import SLACK, Equation, Motion
+from vsalog.residuals.channels import WINDOW
+from vsalog.residuals.sensing import known
 from vsalog.rig.schema import PneumaticJoint
 
 Array = NDArray[np.float64]
