@@ -19,7 +19,7 @@ import numpy as np
 from scipy.stats import binomtest
 
 from tests.hidden_effects.battery import diagnose_all, judge
-from tests.hidden_effects.family_report import reliability
+from tests.hidden_effects.family_report import curve, reliability
 from tests.hidden_effects.family_scoring import FamilyOutcome
 from tests.hidden_effects.generate import family_plans, generate
 
@@ -54,15 +54,10 @@ def calibrated(outcomes: list[FamilyOutcome]) -> bool:
     """Print the curve; tell whether it is the diagonal as far as the machines can say."""
     sizes = [len(c) for o in outcomes for c in o.classes]
     print(f"{len(outcomes)} machines; classes have {np.median(sizes) if sizes else 0:g} members in the median\n")
-    print("| confidence | mean | right | 95 % | causes |\n| --- | --- | --- | --- | --- |")
-    good = True
-    for low, high, mean, right, count in reliability(outcomes):
-        interval = binomtest(round(right * count), count).proportion_ci(method="wilson")
-        good &= interval.low <= mean <= interval.high
-        print(
-            f"| {low:g} to {high:g} | {mean:.3f} | {right:.3f} | {interval.low:.3f} to {interval.high:.3f} | {count} |"
-        )
-    return good
+    rows = reliability(outcomes)
+    print(curve(rows))
+    shares = [(mean, binomtest(round(right * n), n).proportion_ci(method="wilson")) for *_, mean, right, n in rows]
+    return all(share.low <= mean <= share.high for mean, share in shares)
 
 
 if __name__ == "__main__":

@@ -142,8 +142,8 @@ def write(outcomes: list[Outcome | FamilyOutcome], out: Path, seed: int) -> str:
     from vsalog._version import __version__
 
     single = [o for o in outcomes if isinstance(o, Outcome)]
-    families = [o for o in outcomes if isinstance(o, FamilyOutcome)]
-    numbers = document(single, seed, __version__) | {"families": family_document(families)}
+    families = family_document([o for o in outcomes if isinstance(o, FamilyOutcome)])
+    numbers = document(single, seed, __version__) | {"families": families}
     texts = [markdown(single, seed, __version__), by_device(single)] if single else []
     texts += [family_markdown(families, seed, __version__)] if families else []
     text = "\n".join(texts)

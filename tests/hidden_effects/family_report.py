@@ -3,15 +3,17 @@
 from __future__ import annotations
 
 from collections import Counter, defaultdict
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict
 from itertools import pairwise
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
+from scipy.stats import binomtest
 
 from .family_scoring import FamilyOutcome, agree
-from .report import Line, _number, _share
+from .report import Line, _number, _share, as_data, numbers_table
 from .scoring import median
 
 # A log that is called explained is simulated within so many times its noise floor.
@@ -136,39 +138,50 @@ def reliability(outcomes: Outcomes, edges: Sequence[float] = (0.0, 0.5, 0.7, 0.9
     return rows
 
 
-def markdown(outcomes: Outcomes, seed: int, version: str) -> str:
-    """Return the families' tables as Markdown."""
-    return "\n".join(_table(f, e, own, seed, version) for (f, e), own in groups(outcomes).items())
+def pooled(curves: Sequence[Sequence[Sequence[Any]]]) -> list[list[Any]]:
+    """Return the reliability of several curves' causes together."""
+    sums: dict[tuple[float, float], NDArray[np.float64]] = {}
+    for low, high, mean, right, count in (row for rows in curves for row in rows):
+        sums[low, high] = sums.get((low, high), np.zeros(3)) + count * np.array([mean, right, 1.0])
+    return [[*ends, *(float(x) for x in total[:2] / total[2]), int(total[2])] for ends, total in sorted(sums.items())]
 
 
-def _table(family: str, engine: str, outcomes: Outcomes, seed: int, version: str) -> str:
-    simulated = "" if engine == "own" else f", simulated by {engine}"
-    rows = [f"Family {family}{simulated}, seed {seed}, vsalog {version}, {len(outcomes)} cases.", ""]
-    rows += [f"| {family} | value | asked | met | of |", "| --- | --- | --- | --- | --- |"]
-    for line in summary(family, outcomes):
-        met = {None: "", True: "yes", False: "no"}[line.met]
-        rows.append(f"| {line.what} | {_number(line)} | {line.asked} | {met} | {line.count} |")
-    verdicts = Counter(o.ended if not o.failed else "none" for o in outcomes)
-    rows += ["", "Verdicts: " + ", ".join(f"{v} {n}" for v, n in verdicts.most_common()) + ".", ""]
+def markdown(families: Sequence[Mapping[str, Any]], seed: int, version: str) -> str:
+    """Return the families' tables as Markdown; families as `document` gives them."""
+    tables = []
+    for found in families:
+        simulated = "" if found["engine"] == "own" else f", simulated by {found['engine']}"
+        title = f"Family {found['family']}{simulated}, seed {seed}, vsalog {version}, {found['count']} cases."
+        tables.append(f"{title}\n\n{table(found)}\n{curve(found['reliability'])}")
+    return "\n".join(tables)
+
+
+def table(found: Mapping[str, Any]) -> str:
+    """Return what is asked of a family and how often it is met, its verdicts, devices, and what was missed, as Markdown."""
+    rows = [numbers_table(found["numbers"], found["family"])]
+    rows += ["Verdicts: " + ", ".join(f"{v} {n}" for v, n in found["verdicts"].items()) + ".", ""]
     rows += [
         "| device | complete | with a false cause | held-out error over the floor, median |",
         "| --- | --- | --- | --- |",
     ]
-    for device in sorted({o.device for o in outcomes}):
-        own = [o for o in outcomes if o.device == device]
-        ratio = median([o.worst for o in own if o.held_out])
-        shown = "–" if ratio is None else f"{ratio:.3g}"
-        rows.append(
-            f"| {device} | {sum(o.complete for o in own)}/{len(own)} | {sum(bool(o.false) for o in own)}/{len(own)} | {shown} |"
-        )
-    for what, counted in (("Missed", _missed(outcomes)), ("False", Counter(f for o in outcomes for f in o.false))):
-        if counted:
-            rows += ["", f"{what}: " + ", ".join(f"{name} {n}" for name, n in counted.most_common(12)) + "."]
-    curve = reliability(outcomes)
-    if curve:
-        rows += ["", "| confidence | mean | right | causes |", "| --- | --- | --- | --- |"]
-        rows += [f"| {low:g} to {high:g} | {mean:.3f} | {right:.3f} | {n} |" for low, high, mean, right, n in curve]
+    for device, own in found["devices"].items():
+        shown = "–" if own["ratio"] is None else f"{own['ratio']:.3g}"
+        rows.append(f"| {device} | {own['complete']}/{own['count']} | {own['false']}/{own['count']} | {shown} |")
+    for what in ("missed", "false"):
+        if found[what]:
+            rows += ["", f"{what.capitalize()}: " + ", ".join(f"{name} {n}" for name, n in found[what].items()) + "."]
     return "\n".join(rows) + "\n"
+
+
+def curve(rows: Sequence[Sequence[Any]]) -> str:
+    """Return a reliability curve as Markdown, with the 95 % interval of each share (Wilson 1927, JASA 22(158))."""
+    lines = ["| confidence | mean | right | 95 % | causes |", "| --- | --- | --- | --- | --- |"]
+    for low, high, mean, right, count in rows:
+        share = binomtest(round(right * count), count).proportion_ci(method="wilson")
+        lines.append(
+            f"| {low:g} to {high:g} | {mean:.3f} | {right:.3f} | {share.low:.3f} to {share.high:.3f} | {count} |"
+        )
+    return "\n".join(lines) + "\n"
 
 
 def true_rig_table(outcomes: Outcomes) -> str:
@@ -199,16 +212,31 @@ def _missed(outcomes: Outcomes) -> Counter[str]:
 
 def document(outcomes: Outcomes) -> list[dict[str, Any]]:
     """Return the families' numbers and cases as JSON."""
-    return [
-        {
-            "family": family,
-            "engine": engine,
-            "numbers": [
-                {"what": x.what, "value": x.value, "cases": x.count, "asked": x.asked, "met": x.met}
-                for x in summary(family, own)
-            ],
-            "reliability": reliability(own),
-            "cases": [asdict(o) for o in own],
-        }
-        for (family, engine), own in groups(outcomes).items()
-    ]
+    return [_family(family, engine, own) for (family, engine), own in groups(outcomes).items()]
+
+
+def _family(family: str, engine: str, outcomes: Outcomes) -> dict[str, Any]:
+    verdicts = Counter(o.ended if not o.failed else "none" for o in outcomes)
+    false = Counter(f for o in outcomes for f in o.false)
+    return {
+        "family": family,
+        "engine": engine,
+        "count": len(outcomes),
+        "numbers": as_data(summary(family, outcomes)),
+        "verdicts": dict(verdicts.most_common()),
+        "devices": {d: _device([o for o in outcomes if o.device == d]) for d in sorted({o.device for o in outcomes})},
+        "missed": dict(_missed(outcomes).most_common(12)),
+        "false": dict(false.most_common(12)),
+        "reliability": reliability(outcomes),
+        "class_sizes": dict(sorted(Counter(len(c) for o in outcomes for c in o.classes).items())),
+        "cases": [asdict(o) for o in outcomes],
+    }
+
+
+def _device(own: Outcomes) -> dict[str, Any]:
+    return {
+        "count": len(own),
+        "complete": sum(o.complete for o in own),
+        "false": sum(bool(o.false) for o in own),
+        "ratio": median([o.worst for o in own if o.held_out]),
+    }

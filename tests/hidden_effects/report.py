@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter, defaultdict
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -121,13 +121,8 @@ def confusion(outcomes: Sequence[Outcome]) -> dict[str, Counter[str]]:
 
 def markdown(outcomes: Sequence[Outcome], seed: int, version: str) -> str:
     """Return numbers and confusion as Markdown."""
-    rows = [f"Seed {seed}, vsalog {version}, {len(outcomes)} cases.", ""]
-    rows += ["| | value | asked | met | cases |", "| --- | --- | --- | --- | --- |"]
-    for line in summary(outcomes):
-        met = {None: "", True: "yes", False: "no"}[line.met]
-        rows.append(f"| {line.what} | {_number(line)} | {line.asked} | {met} | {line.count} |")
+    rows = [f"Seed {seed}, vsalog {version}, {len(outcomes)} cases.", "", numbers_table(as_data(summary(outcomes)))]
     rows += [
-        "",
         "What was named first where one effect was hidden:",
         "",
         "| hidden | right | wrong |",
@@ -136,6 +131,20 @@ def markdown(outcomes: Sequence[Outcome], seed: int, version: str) -> str:
     for hidden, named in confusion(outcomes).items():
         wrong = ", ".join(f"{k} {n}" for k, n in named.most_common() if k != hidden)
         rows.append(f"| {hidden} | {named[hidden]}/{sum(named.values())} | {wrong} |")
+    return "\n".join(rows) + "\n"
+
+
+def as_data(lines: Sequence[Line]) -> list[dict[str, Any]]:
+    """Return numbers as JSON has them."""
+    return [{"what": x.what, "value": x.value, "cases": x.count, "asked": x.asked, "met": x.met} for x in lines]
+
+
+def numbers_table(numbers: Sequence[Mapping[str, Any]], title: str = "") -> str:
+    """Return numbers, as `as_data` gives them, as a table in Markdown."""
+    rows = [f"| {title} | value | asked | met | of |", "| --- | --- | --- | --- | --- |"]
+    for line in (Line(x["what"], x["value"], x["cases"], x["asked"]) for x in numbers):
+        met = {None: "", True: "yes", False: "no"}[line.met]
+        rows.append(f"| {line.what} | {_number(line)} | {line.asked} | {met} | {line.count} |")
     return "\n".join(rows) + "\n"
 
 
@@ -164,9 +173,7 @@ def document(outcomes: Sequence[Outcome], seed: int, version: str) -> dict[str, 
     return {
         "seed": seed,
         "version": version,
-        "numbers": [
-            {"what": x.what, "value": x.value, "cases": x.count, "asked": x.asked, "met": x.met} for x in summary(outcomes)
-        ],
+        "numbers": as_data(summary(outcomes)),
         "confusion": {k: dict(v) for k, v in confusion(outcomes).items()},
         "cases": [
             {

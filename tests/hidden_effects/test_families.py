@@ -17,7 +17,7 @@ from tests.hidden_effects.cases import Plan, _bench, make_case, nominal_values, 
 from tests.hidden_effects.devices import ALL_DEVICES
 from tests.hidden_effects.effects import EFFECTS
 from tests.hidden_effects.families import COMMON, ENGINES, FAMILIES
-from tests.hidden_effects.family_report import reliability, summary
+from tests.hidden_effects.family_report import pooled, reliability, summary
 from tests.hidden_effects.family_scoring import agree, covers, score_family
 from tests.hidden_effects.generate import family_plans
 from tests.hidden_effects.machines import random_machine
@@ -499,13 +499,16 @@ def test_confidence_is_held_against_how_often_it_is_right():
     doubtful = named("link.inertia", "link", confidence=0.6)
     outcomes = [score_family(truth(SPRING), diagnosis(certain, doubtful)) for _ in range(3)]
     assert reliability(outcomes) == [[0.5, 0.7, pytest.approx(0.6), 0.0, 3], [0.95, 0.99, pytest.approx(0.97), 1.0, 3]]
-    text = family_report.markdown(outcomes, 7, "0.1")
+    (found,) = family_report.document(outcomes)
+    assert pooled([reliability(outcomes[:1]), reliability(outcomes[1:])]) == [
+        pytest.approx(r) for r in reliability(outcomes)
+    ]
+    text = family_report.markdown([found], 7, "0.1")
     assert "Family messy, seed 7, vsalog 0.1, 3 cases." in text
     assert "False: link.inertia@link 3." in text
     for family in FAMILIES:
         assert all(line.value is None for line in summary(family, []))
         assert summary(family, outcomes)
-    (found,) = family_report.document(outcomes)
     assert len(found["cases"]) == 3
     assert "consistent: 0 (3 cases)" in family_report.true_rig_table(outcomes)
     json.dumps(found)
