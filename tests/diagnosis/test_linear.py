@@ -162,8 +162,8 @@ def test_columns_that_are_rounding_where_their_noise_is_not_say_nothing():
     )
 
     def information(own):
-        linear = Linear((), np.arange(26), rng.standard_normal((N, 1)), columns[..., own], noise[..., own],
-                        np.zeros((2, N, 1)), np.zeros(25)[own])  # fmt: skip
+        linear = Linear((), np.arange(26), np.zeros(25)[own], rng.standard_normal((N, 1)), columns[..., own],
+                        noise[..., own], np.zeros((2, N, 1)))  # fmt: skip
         found = corrected(linear, Lines(np.zeros((N, 2)), np.zeros(N)))
         calibrated = found.columns @ found.calibration
         return calibrated.T @ calibrated

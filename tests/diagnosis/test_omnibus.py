@@ -22,7 +22,7 @@ def system(exact=0.0):
 def linear(residual, columns, noise=None):
     again = np.zeros((1, *columns.shape)) if noise is None else noise[0][None]
     added = np.zeros((1, *residual.shape)) if noise is None else noise[1][None]
-    return Linear((), np.arange(UNKNOWNS + 1), residual, columns, again, added, np.zeros(UNKNOWNS))
+    return Linear((), np.arange(UNKNOWNS + 1), np.zeros(UNKNOWNS), residual, columns, again, added)
 
 
 def value(residual, columns, seed=0, exact=0.0, noise=None):

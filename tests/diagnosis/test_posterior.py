@@ -192,8 +192,8 @@ def test_a_sets_linear_values_begin_its_fit():
     c = case(truth)
     stage = stage_about(c.problem, c.system, c.sites, (), blocks_of(c.system), SMOOTH)
     names = ("motor.inertia", "transmission.nonlinearity", "link.gravity")
-    chosen = np.array([v.site.cause in names for v in stage.linear.variants])
-    begun = {site.cause: values for site, values in begun_by(stage.linear, stage.candidates, chosen)}
+    chosen = np.array([v.site.cause in names for v in stage.unknowns.variants])
+    begun = {site.cause: values for site, values in begun_by(stage.unknowns, stage.candidates, chosen)}
     for name, value in zip(names, expected, strict=True):
         assert begun[name][0] == pytest.approx(value, rel=0.1)
 

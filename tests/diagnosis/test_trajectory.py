@@ -30,9 +30,9 @@ def selection_of(found, causes):
     posterior = most_probable(problem, stage.weights, tuple((s, np.array(s.start)) for s in own))
     stage = stage_about(problem, system, sites, posterior.fit, blocks, 0.0)
     posterior = most_probable(problem, stage.weights, posterior.fit)
-    chosen = np.array([v.inside for v in stage.linear.variants])
+    chosen = np.array([v.inside for v in stage.unknowns.variants])
     best = Ranked(chosen, stage.candidates.scored(chosen))
-    choices = choices_of(problem, stage, stage.candidates, best, stage.linear.variants, posterior)
+    choices = choices_of(problem, stage, stage.candidates, best, stage.unknowns.variants, posterior)
     return Selection(problem, stage, posterior, choices, blocks)
 
 

@@ -143,14 +143,14 @@ def _undetermined(selection: Selection) -> Array:
 
     A class is a direction that the log cannot determine: along it a value is as sure as the priors of all members together are.
     """
-    variants, candidates = selection.stage.linear.variants, selection.stage.candidates
+    variants, candidates = selection.stage.unknowns.variants, selection.stage.candidates
     inside = np.array([v.inside for v in variants], dtype=np.bool_)
     chosen = inside.copy()
     rivals = {r.key for choice in selection.choices for r in choice.rivals}
     for g, variant in enumerate(variants):
         alone = not (candidates.conflict[g] & chosen).any()
         chosen[g] |= alone and variant.instead is None and variant.site.key in rivals
-    H = np.diag(precisions(selection.stage.linear.now)) + candidates.information
+    H = np.diag(precisions(selection.stage.unknowns.now)) + candidates.information
     own, all_of = candidates.unknowns(inside), candidates.unknowns(chosen)
     among = np.searchsorted(all_of, own)
     more = np.diag(np.linalg.inv(H[np.ix_(all_of, all_of)]))[among] - np.diag(np.linalg.inv(H[np.ix_(own, own)]))

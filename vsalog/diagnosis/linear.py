@@ -64,26 +64,41 @@ class Variant:
 
 
 @dataclass(frozen=True, slots=True)
-class Linear:
-    """r(δ) ≈ residual + columns · δ; δ in units of the prior deviations, from the rig.
+class Unknowns:
+    """The unknowns of a linear model, in units of their prior deviations, from the rig.
 
     Attributes
     ----------
     variants : the groups of unknowns
     first : shape (G + 1,), where each group begins
-    residual : shape (R, m), averaged equations of the rig, extrapolated from the fit
-    columns : shape (R, m, p)
-    noise_columns, noise_residual : shape (K, …), what further draws of noise add to them
-    now : shape (p,), δ of the fit that they were linearised about
+    now : shape (p,), δ of the fit that the equations are linearised about
     """
 
     variants: tuple[Variant, ...]
     first: Integers
+    now: Array
+
+
+@dataclass(frozen=True, slots=True)
+class Linear(Unknowns):
+    """r(δ) ≈ residual + columns · δ.
+
+    Attributes
+    ----------
+    residual : shape (R, m), averaged equations of the rig, extrapolated from the fit
+    columns : shape (R, m, p)
+    noise_columns, noise_residual : shape (K, …), what further draws of noise add to them
+    """
+
     residual: Array
     columns: Array
     noise_columns: Array
     noise_residual: Array
-    now: Array
+
+    @property
+    def unknowns(self) -> Unknowns:
+        """Return what is unknown, without the equations, which are large."""
+        return Unknowns(self.variants, self.first, self.now)
 
 
 def variants_of(
@@ -215,7 +230,7 @@ def linearised(
                 now[j] = (variant.base[i] - variant.rig[k]) / variant.deviation[k]
     residual = here - columns @ now
     return Linear(
-        tuple(variants), first, residual[0], columns[0], columns[1:] - columns[0], residual[1:] - residual[0], now
+        tuple(variants), first, now, residual[0], columns[0], columns[1:] - columns[0], residual[1:] - residual[0]
     )
 
 

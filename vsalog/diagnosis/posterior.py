@@ -11,7 +11,17 @@ from numpy.typing import NDArray
 
 from vsalog.diagnosis.causes.base import Setting, Site
 from vsalog.diagnosis.discrepancy import Weights
-from vsalog.diagnosis.linear import Linear, Placed, Variant, candidates_of, carried, formed_of, linearised, variants_of
+from vsalog.diagnosis.linear import (
+    Linear,
+    Placed,
+    Unknowns,
+    Variant,
+    candidates_of,
+    carried,
+    formed_of,
+    linearised,
+    variants_of,
+)
 from vsalog.diagnosis.subsets import Candidates, precisions, within
 from vsalog.residuals.system import System
 
@@ -146,14 +156,14 @@ def _moved(variants: tuple[Variant, ...], unknowns: Array) -> tuple[tuple[Site, 
     return tuple(out)
 
 
-def begun_by(linear: Linear, candidates: Candidates, chosen: NDArray[np.bool_]) -> tuple[tuple[Site, Array], ...]:
+def begun_by(unknowns: Unknowns, candidates: Candidates, chosen: NDArray[np.bool_]) -> tuple[tuple[Site, Array], ...]:
     """Return the causes of a chosen set with the values that the linear model has for them."""
-    unknowns = candidates.solution(chosen)
+    solution = candidates.solution(chosen)
     out = []
     for g in np.flatnonzero(chosen):
-        variant, values = linear.variants[g], linear.variants[g].base.copy()
+        variant, values = unknowns.variants[g], unknowns.variants[g].base.copy()
         for k, i in enumerate(variant.free):
             p = variant.site.parameters[i]
-            values[i] = np.clip(variant.rig[k] + unknowns[linear.first[g] + k] * variant.deviation[k], p.low, p.high)
+            values[i] = np.clip(variant.rig[k] + solution[unknowns.first[g] + k] * variant.deviation[k], p.low, p.high)
         out.append((variant.site, values))
     return tuple(out)

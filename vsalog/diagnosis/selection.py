@@ -24,6 +24,7 @@ from vsalog.diagnosis.fit import driven_out
 from vsalog.diagnosis.linear import (
     Linear,
     Placed,
+    Unknowns,
     Variant,
     candidates_of,
     clash,
@@ -84,12 +85,12 @@ class Stage:
     ----------
     system : with the noise as the set has it
     weights : of noise and model error
-    linear, candidates : linearised in the numbers of all causes
+    unknowns, candidates : of the equations, linearised in the numbers of all causes
     """
 
     system: System
     weights: Weights
-    linear: Linear
+    unknowns: Unknowns
     candidates: Candidates
 
 
@@ -140,15 +141,15 @@ def select(
     """
     sites, problem, blocks = sites_of(setting, barred), Problem(joint, setting, stated), blocks_of(system)
     held = 0.5 * system.channels.period / system.channels.every
-    rig = stage_about(problem, system, sites, (), blocks, held)
-    stage, best = _settled(problem, rig, sites, blocks)
-    plain = stage_about(problem, system, sites, best.fit, blocks, 0.0)
-    smooth, other = _settled(problem, plain, sites, blocks, best)
+    stage, contradiction = _rig_stage(problem, system, sites, blocks, held)
+    stage, best = _settled(problem, stage, sites, blocks)
+    smooth = stage_about(problem, system, sites, best.fit, blocks, 0.0)
+    smooth, other = _settled(problem, smooth, sites, blocks, best)
     # Two fits can be compared under one model error only.
     alike = replace(smooth.weights, inflation=stage.weights.inflation, times=stage.weights.times)
     more = most_probable(problem, stage.weights, best.fit).score - most_probable(problem, alike, other.fit).score
     if smooth_drive(more, other.fit, best.fit):
-        rig = stage_about(problem, system, sites, (), blocks, 0.0)
+        contradiction = _rig_stage(problem, system, sites, blocks, 0.0)[1]
         stage, best = smooth, other
     # What was found has to stand against unknown functions, which are not looked at before: there are many of them.
     there = placed(joint, best.fit)
@@ -158,7 +159,7 @@ def select(
     stage = stage_about(problem, stage.system, sites, best.fit, blocks, stage.system.hold)
     stage, best = _settled(problem, stage, sites, blocks, best)
     found = _established(problem, stage, sites, most_probable(problem, stage.weights, best.fit), blocks)
-    return replace(found, p_value=p_value(rig.linear, rig.weights.system, _everything(rig.linear), blocks))
+    return replace(found, p_value=contradiction)
 
 
 def smooth_drive(more: float, smooth: Placed, held: Placed) -> bool:
@@ -205,7 +206,7 @@ def _established(
     """
     exchanges = 0
     while True:
-        variants = stage.linear.variants
+        variants = stage.unknowns.variants
         chosen = np.array([v.inside for v in variants], dtype=np.bool_)
         best = Ranked(chosen, stage.candidates.scored(chosen))
         choices, better = list[Choice](), None
@@ -272,13 +273,32 @@ def stage_about(
     blocks : shape (R,), the block of each row
     hold : how long after its stamp a motor torque acts on average [s]
     """
+    linear, own = _equations_about(problem, system, sites, fit, hold)
+    return _stage(linear, own, blocks)
+
+
+def _rig_stage(
+    problem: Problem, system: System, sites: Sequence[Site], blocks: Integers, hold: float
+) -> tuple[Stage, float]:
+    """Linearise the equations about the rig as it stands; return the p-value of that, too."""
+    linear, own = _equations_about(problem, system, sites, (), hold)
+    stage = _stage(linear, own, blocks)
+    return stage, p_value(linear, stage.weights.system, _everything(linear), blocks)
+
+
+def _equations_about(
+    problem: Problem, system: System, sites: Sequence[Site], fit: tuple[tuple[Site, Array], ...], hold: float
+) -> tuple[Linear, System]:
     there = placed(problem.joint, fit)
     own = build_system(there, system.channels, system.balance, hold, system.copies).on_rows_of(system)
     left = remainder(own, there, problem.setting)
     variants = variants_of(sites, problem.setting, left, fit, problem.stated)
-    linear = linearised(own, problem.joint, fit, variants)
-    weights = weighted_by(own, left_out(linear, own, _everything(linear), blocks))
-    return Stage(own, weights, linear, candidates_of(linear, weights.system))
+    return linearised(own, problem.joint, fit, variants), own
+
+
+def _stage(linear: Linear, system: System, blocks: Integers) -> Stage:
+    weights = weighted_by(system, left_out(linear, system, _everything(linear), blocks))
+    return Stage(system, weights, linear.unknowns, candidates_of(linear, weights.system))
 
 
 def _everything(linear: Linear) -> Flags:
@@ -297,10 +317,10 @@ def _everything(linear: Linear) -> Flags:
 
 def _best(problem: Problem, stage: Stage, about: Posterior | None) -> Posterior:
     """Search the sets about a stage, fit the best few in full, and return the most probable of them and the one it is about."""
-    start = np.array([v.inside for v in stage.linear.variants], dtype=np.bool_)
+    start = np.array([v.inside for v in stage.unknowns.variants], dtype=np.bool_)
     sets = best_sets(stage.candidates, [start])
     near = [s for s in sets if s.score <= sets[0].score + NEAR][:SETS]
-    begun = [begun_by(stage.linear, stage.candidates, s.chosen) for s in near]
+    begun = [begun_by(stage.unknowns, stage.candidates, s.chosen) for s in near]
     begun.append(() if about is None else about.fit)
     return min((fitted(problem, stage, b) for b in begun), key=lambda p: p.score)
 
@@ -356,7 +376,7 @@ def _each_choice(
         if c is stage.candidates:
             exact = [fitted(problem, stage, o) for o in simpler_sets(variants, final.fit, site)]
             if odds < NEAR:
-                begun, name = begun_by(stage.linear, c, other.chosen), other.chosen.tobytes()
+                begun, name = begun_by(stage.unknowns, c, other.chosen), other.chosen.tobytes()
                 known[name] = known.get(name) or fitted(problem, stage, begun)
                 exact.append(known[name])
                 if exact[-1].score > final.score - SETTLED:
@@ -390,7 +410,7 @@ def simpler_sets(variants: Sequence[Variant], fit: Placed, site: Site) -> list[P
 
 def sites_in(stage: Stage) -> list[Site]:
     """Return the causes that a stage has, each once."""
-    return list({(v.site.key, len(v.site.parameters)): v.site for v in stage.linear.variants}.values())
+    return list({(v.site.key, len(v.site.parameters)): v.site for v in stage.unknowns.variants}.values())
 
 
 def _size_of(final: Posterior, weights: Weights, site: Site) -> float:

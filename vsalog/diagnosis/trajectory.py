@@ -127,7 +127,7 @@ def _simplified(selection: Selection, windows: Windows, shot: Shot, J: Array) ->
     for site, _ in selection.posterior.fit:
         if not any(p.rounded for p in site.parameters):
             continue
-        sets = simpler_sets(selection.stage.linear.variants, selection.posterior.fit, site)
+        sets = simpler_sets(selection.stage.unknowns.variants, selection.posterior.fit, site)
         if not sets:
             continue
         posterior = min((fitted(problem, selection.stage, s) for s in sets), key=lambda p: p.score)
@@ -138,9 +138,9 @@ def _simplified(selection: Selection, windows: Windows, shot: Shot, J: Array) ->
         except SimulationError:
             continue
         if 0.5 * (_misfit(there, windows, weights) - _misfit(shot, windows, weights)) < APART:
-            chosen = np.array([v.inside for v in stage.linear.variants], dtype=np.bool_)
+            chosen = np.array([v.inside for v in stage.unknowns.variants], dtype=np.bool_)
             best = Ranked(chosen, stage.candidates.scored(chosen))
-            choices = choices_of(problem, stage, stage.candidates, best, stage.linear.variants, posterior)
+            choices = choices_of(problem, stage, stage.candidates, best, stage.unknowns.variants, posterior)
             return replace(other, choices=choices), there, changes
     return selection, shot, J
 
@@ -150,11 +150,11 @@ def _searched(selection: Selection, windows: Windows, shot: Shot) -> Selection |
     problem, fit, blocks = selection.problem, selection.posterior.fit, selection.blocks
     sites = sites_in(selection.stage)
     stage = stage_about(problem, selection.system, sites, fit, blocks, selection.system.hold)
-    variants, weights = stage.linear.variants, _weights(shot, windows)
+    variants, weights = stage.unknowns.variants, _weights(shot, windows)
     bases = _bases(by_states(placed(problem.joint, fit), windows, shot))
     J = _by_values(problem.joint, variants, fit, windows, shot, bases)
     J = (J * weights[:, None]).reshape(-1, J.shape[-1])
-    r = (_projected(bases, in_windows(shot, windows)) * weights).ravel() - J @ stage.linear.now
+    r = (_projected(bases, in_windows(shot, windows)) * weights).ravel() - J @ stage.unknowns.now
     both = replace(
         stage.candidates,
         information=stage.candidates.information + J.T @ J,
@@ -164,7 +164,7 @@ def _searched(selection: Selection, windows: Windows, shot: Shot) -> Selection |
     found = best_sets(both, [now])[0]
     if found.score > both.scored(now) - APART:
         return None
-    posterior = fitted(problem, stage, begun_by(stage.linear, both, found.chosen))
+    posterior = fitted(problem, stage, begun_by(stage.unknowns, both, found.chosen))
     stage = stage_about(problem, stage.system, sites, posterior.fit, blocks, stage.system.hold)
     choices = choices_of(problem, stage, both, Ranked(found.chosen, found.score), variants, posterior)
     return replace(selection, stage=stage, posterior=posterior, choices=choices)
