@@ -1,13 +1,18 @@
 """Delays of channels against each other: the set with the fewest late ones, and noise that comes whenever it comes."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
+from click.testing import CliRunner
 from written_out import Truth, channels, joint_of
 
+from vsalog.cli import cli
 from vsalog.diagnosis.causes.base import Parameter, Site
 from vsalog.diagnosis.clock import all_late, counted_from, on_fewest_clocks
 from vsalog.diagnosis.common import common_sites
 from vsalog.diagnosis.linear import formed_of
+from vsalog.diagnosis.run import Options, diagnose
 from vsalog.diagnosis.selection import APART, sites_of, smooth_drive
 from vsalog.diagnosis.setting import setting_of
 from vsalog.residuals.kinds import balance_for
@@ -64,6 +69,26 @@ def test_of_sets_about_as_probable_that_with_fewer_delays_says_whether_a_drive_i
     assert not smooth_drive(-0.5, others, others)
     assert smooth_drive(APART + 0.1, both, others)
     assert not smooth_drive(-APART - 0.1, others, both)
+
+
+def test_channels_that_are_read_earlier_are_sensors_that_are_early_beside_a_drive_that_holds():
+    """And what the delays of a held drive say to the sample is read at the samples."""
+    joint, half = joint_of(), 0.5 * PERIOD
+    smooth = build_system(joint, channels(period=PERIOD), balance_for(joint))
+    early = earlier(joint, dict.fromkeys(("motor_position", "link_position", "torque_sensor"), 0.5), PERIOD)
+    held = replace(smooth, hold=half)
+    np.testing.assert_allclose(replace(smooth, early=0.5).averaged(joint), held.averaged(early), rtol=0, atol=1e-12)
+    np.testing.assert_allclose(replace(held, early=-0.5).averaged(early), smooth.averaged(joint), rtol=0, atol=1e-12)
+
+
+@pytest.mark.parametrize("rate", [100.0, 150.0])
+def test_a_sound_joint_with_a_smooth_drive_has_no_late_channel_at_any_rate(rate, tmp_path):
+    """Reading between samples takes off noise: three early sensors beside a held drive seemed better than none."""
+    assert (
+        CliRunner().invoke(cli, ["simulate", "sea", "--rate", f"{rate:g}", "-o", f"{tmp_path}/log.parquet"]).exit_code
+        == 0
+    )
+    assert diagnose(tmp_path / "log.parquet", None, Options()).diagnosis.verdict == "consistent"
 
 
 def test_of_clocks_only_those_count_by_which_no_drive_is_early():

@@ -145,9 +145,10 @@ def select(
     stage, best = _settled(problem, stage, sites, blocks)
     smooth = stage_about(problem, system, sites, best.fit, blocks, 0.0)
     smooth, other = _settled(problem, smooth, sites, blocks, best)
-    # Two fits can be compared under one model error only.
-    alike = replace(smooth.weights, inflation=stage.weights.inflation, times=stage.weights.times)
-    more = most_probable(problem, stage.weights, best.fit).score - most_probable(problem, alike, other.fit).score
+    # Two fits can be compared under one noise and model error only.
+    alike = replace(stage.weights, system=replace(stage.weights.system, hold=0.0))
+    half = held / system.channels.period
+    more = _likeliest(problem, stage.weights, best.fit, -half) - _likeliest(problem, alike, other.fit, half)
     if smooth_drive(more, other.fit, best.fit):
         contradiction = _rig_stage(problem, system, sites, blocks, 0.0)[1]
         stage, best = smooth, other
@@ -160,6 +161,15 @@ def select(
     stage, best = _settled(problem, stage, sites, blocks, best)
     found = _established(problem, stage, sites, most_probable(problem, stage.weights, best.fit), blocks)
     return replace(found, p_value=contradiction)
+
+
+def _likeliest(problem: Problem, weights: Weights, fit: Placed, early: float) -> float:
+    """Return the score of a set whose channels are read as stamped or so many samples earlier, whichever is better.
+
+    That is the same set. But reading between samples takes off noise, and some of what filters leave, by which no set must gain.
+    """
+    shifted = replace(weights, system=replace(weights.system, early=early))
+    return min(most_probable(problem, w, fit).score for w in (weights, shifted))
 
 
 def smooth_drive(more: float, smooth: Placed, held: Placed) -> bool:

@@ -204,22 +204,29 @@ def whole_delays(joint: Joint, period: float) -> dict[str, int]:
     return {name: whole for name, d in delays.items() if (whole := int(np.floor(d / period + EARLIEST)))}
 
 
-def earlier(joint: Any, whole: Mapping[str, int], period: float) -> Any:
-    """Return a joint with whole samples taken off the delays of its sensors and drives; see `whole_delays`."""
-    if not whole:
+def earlier(joint: Any, samples: Mapping[str, float], period: float) -> Any:
+    """Return a joint with samples taken off the delays of its sensors and drives; see `whole_delays`."""
+    if not samples:
         return joint
     motors, signals = motors_of(joint), {}
     changed = {}
-    for name, samples in whole.items():
+    for name, count in samples.items():
         if name in motors:
             motor: Motor = getattr(joint, name)
-            changed[name] = replace(motor, torque_delay=motor.torque_delay - samples * period)
+            changed[name] = replace(motor, torque_delay=motor.torque_delay - count * period)
         else:
             signal = offered_roles(joint)[name]
-            signals[name] = replace(signal, delay=signal.delay - samples * period)
+            signals[name] = replace(signal, delay=signal.delay - count * period)
     if signals:
         changed["signals"] = replace(joint.signals, **signals)
     return replace(joint, **changed)
+
+
+def read_earlier(joint: Any, samples: float, period: float) -> Any:
+    """Return a joint of which all sensors and drives are read so many samples before what their stamps and delays say."""
+    motors = motors_of(joint)
+    sensors = set(offered_roles(joint)) - {torque_role(name) for name in motors} - set(BOUND)
+    return earlier(joint, dict.fromkeys(sensors, samples) | dict.fromkeys(motors, -samples), period)
 
 
 def _without_series(deflection: Array, torque: Array, stiffness: float) -> Array:

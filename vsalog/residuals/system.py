@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from vsalog.residuals.balance import Equation
 from vsalog.residuals.channels import Channels
 from vsalog.residuals.memory import remembered
-from vsalog.residuals.sensing import earlier, true_roles, whole_delays
+from vsalog.residuals.sensing import earlier, read_earlier, true_roles, whole_delays
 
 Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]
@@ -58,6 +58,7 @@ class System:
     hold : how long after its stamp a motor torque acts on average [s]
     exact : shape (m, m), the part of the covariance that filters leave, whatever the noise
     copies : channels that carry noise once more
+    early : samples by which all channels are read before what a joint says of them
     """
 
     channels: Channels
@@ -76,6 +77,7 @@ class System:
     hold: float = 0.0
     exact: Array = field(default_factory=lambda: np.zeros((0, 0)))
     copies: tuple[Channels, ...] = ()
+    early: float = 0.0
 
     @property
     def time(self) -> Array:
@@ -104,11 +106,14 @@ class System:
 
     def whole_delays(self, joint: Any) -> dict[str, int]:
         """Return the whole samples by which a joint's channels are late, see `sensing.whole_delays`."""
-        return whole_delays(joint, self.channels.period)
+        return whole_delays(self._read(joint), self.channels.period)
 
     def equations(self, joint: Any) -> list[Equation]:
         """Form the equations of a joint at every sample."""
-        return formed(self.balance, joint, self.channels, self.hold)
+        return formed(self.balance, self._read(joint), self.channels, self.hold)
+
+    def _read(self, joint: Any) -> Any:
+        return read_earlier(joint, self.early, self.channels.period) if self.early else joint
 
     def averaged(self, joint: Any) -> Array:
         """Return the averaged equations, shape (R, m), in their units; 0 where they are not used."""
