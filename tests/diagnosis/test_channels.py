@@ -87,6 +87,26 @@ def test_noise_made_anew_is_like_the_measured(deviation, step):
         assert new == pytest.approx(own, rel=0.15), order
 
 
+@pytest.mark.parametrize(
+    ("period", "step", "size", "frequency"),
+    [
+        (2e-3, 1.5e-4, 0.66, 0.1),
+        (4e-3, 1e-3, 0.5, 0.3),
+        (1e-3, 3e-3, 0.6, 0.2),
+        (1e-3, 3e-3, 0.6, 1.0),
+        (2e-3, 1.5e-4, 0.05, 0.1),
+    ],
+)
+def test_rounding_made_anew_is_as_large_as_the_measured_at_any_speed(period, step, size, frequency):
+    """At about a whole number of steps a sample rounding errs slowly: a motion that follows the steps would not err at all."""
+    time = np.arange(round(30.0 / period)) * period
+    moved = size * (np.sin(2.0 * np.pi * frequency * time) + 0.1 * np.sin(6.6 * np.pi * frequency * time))
+    found, smooth = (channels_of(signals({"link_position": x}, period)) for x in (np.round(moved / step) * step, moved))
+    again = [found.with_noise(seed).roles["link_position"] - found.roles["link_position"] for seed in range(4)]
+    own = np.nanstd(found.roles["link_position"] - smooth.roles["link_position"], axis=1)
+    np.testing.assert_allclose(np.mean([np.nanstd(a, axis=1) for a in again], axis=0), own, rtol=0.08)
+
+
 def test_noise_made_anew_is_independent_of_the_measured_and_of_itself():
     said = motion(TIME) + 2e-3 * np.random.default_rng(4).standard_normal(TIME.size)
     found = channels(link_position=said)
@@ -104,7 +124,7 @@ def test_an_encoder_at_rest_stays_on_its_step():
     said = np.full(4000, 0.3) + np.where(np.arange(4000) > 2000, 0.01, 0.0)
     said = np.round(said / 0.01) * 0.01
     found = channels(motor_position=said, link_position=motion(TIME[:4000]))
-    assert np.ptp(found.with_noise(1).raw["motor_position"][:1900]) == 0.0
+    assert np.ptp(found.with_noise(1).raw["motor_position"][:1900]) < 1e-12
 
 
 def test_thinned_channels_keep_samples_as_they_are():
