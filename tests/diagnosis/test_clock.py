@@ -9,7 +9,7 @@ from written_out import Truth, channels, joint_of
 
 from vsalog.cli import cli
 from vsalog.diagnosis.causes.base import Parameter, Site
-from vsalog.diagnosis.clock import all_late, counted_from, on_fewest_clocks
+from vsalog.diagnosis.clock import all_late, counted_from, on_fewest_clocks, read_apart
 from vsalog.diagnosis.common import common_sites
 from vsalog.diagnosis.linear import formed_of
 from vsalog.diagnosis.run import Options, diagnose
@@ -67,6 +67,7 @@ def test_of_sets_about_as_probable_that_with_fewer_delays_says_whether_a_drive_i
     assert not smooth_drive(0.5, both, (*placed((ENCODERS[0], 2e-3)), *others))
     assert smooth_drive(-0.5, others, both)
     assert not smooth_drive(-0.5, others, others)
+    assert smooth_drive(0.5, others, others)
     assert smooth_drive(APART + 0.1, both, others)
     assert not smooth_drive(-APART - 0.1, others, both)
 
@@ -79,6 +80,21 @@ def test_channels_that_are_read_earlier_are_sensors_that_are_early_beside_a_driv
     held = replace(smooth, hold=half)
     np.testing.assert_allclose(replace(smooth, early=0.5).averaged(joint), held.averaged(early), rtol=0, atol=1e-12)
     np.testing.assert_allclose(replace(held, early=-0.5).averaged(early), smooth.averaged(joint), rtol=0, atol=1e-12)
+
+
+def test_sets_of_held_and_smooth_drives_are_read_where_their_noise_is_alike():
+    hold = 0.5 * PERIOD
+    early = placed(*((site, -hold) for site in (*ENCODERS, SENSOR)))
+
+    def apart(smooth, held, loud=None, sites=SITES):
+        return read_apart(smooth, held, sites, hold, lambda site: 10.0 if site is loud else 1.0)
+
+    assert apart((), early) == pytest.approx(hold)
+    assert apart(placed((DRIVE, 3e-3 + hold)), placed((DRIVE, 3e-3))) == pytest.approx(0.0)
+    assert apart((), ()) == 0.0
+    assert apart((), (), DRIVE) == hold
+    assert apart((), placed((SENSOR, 4e-3)), SENSOR) == -4e-3
+    assert apart((), (), sites=[]) == 0.0
 
 
 @pytest.mark.parametrize("rate", [100.0, 150.0])

@@ -2,9 +2,12 @@
 
 import numpy as np
 import pytest
+from click.testing import CliRunner
 from written_out import Truth, channels, joint_of
 
-from vsalog.diagnosis.linear import rows_of
+from vsalog.cli import cli
+from vsalog.diagnosis.linear import formed_of
+from vsalog.diagnosis.run import Options, diagnose
 from vsalog.diagnosis.selection import select
 from vsalog.diagnosis.setting import setting_of
 from vsalog.diagnosis.smooth import TERMS, SmoothSite
@@ -75,5 +78,14 @@ def test_the_function_takes_away_most_of_what_is_wrong():
     system, fit = selection.system, selection.posterior.fit
     assert all(values.size == TERMS for _, values in functions(selection))
     without = [(s, v) for s, v in fit if not isinstance(s, SmoothSite)]
-    left, before = (np.sum(system.white(rows_of(system, joint_of(), f)) ** 2) / system.count for f in (fit, without))
+    left, before = (
+        np.sum(system.white(formed_of(system, joint_of(), f)[0]) ** 2) / system.count for f in (fit, without)
+    )
     assert before > 3.0 * left
+
+
+def test_a_function_of_a_torque_does_not_take_its_noise_away(tmp_path):
+    """A servo on a coarse encoder: its torque is all jitter, and a sound joint had five times its torque constant."""
+    arguments = ["simulate", "sea", "--rate", "500", "--scenario", "servo", "-o", f"{tmp_path}/log.parquet"]
+    assert CliRunner().invoke(cli, arguments).exit_code == 0
+    assert diagnose(tmp_path / "log.parquet", None, Options()).diagnosis.verdict == "consistent"

@@ -6,7 +6,7 @@ it the one with the fewest late channels is the most plausible.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
@@ -59,6 +59,30 @@ def counted_from(fit: Placed, site: Site, sites: Iterable[Site]) -> tuple[tuple[
     steps = np.array([s.parameters[0].step for s in single])
     more = np.count_nonzero(np.abs(late - shift) > steps) > np.count_nonzero(late)
     return _so_late(fit, own.values(), late - shift) if shift and not more and _within(single, late - shift) else None
+
+
+def read_apart(
+    smooth: Placed, held: Placed, sites: Iterable[Site], hold: float, noise: Callable[[Site], float]
+) -> float:
+    """Return how much later channels are read with one fit than with another whose torques are held [s].
+
+    Of the channels, the one is meant that halves the noise: a median that is weighted with it.
+
+    Parameters
+    ----------
+    smooth, held : causes with their values
+    sites : of the catalogue
+    hold : how long after its stamp a held torque acts on average [s]
+    noise : how much of the equations' noise a channel makes, named by its delay
+    """
+    single = _channels(s for s in sites if s.cause in LATE)
+    if not single:
+        return 0.0
+    drives = np.array([LATE[s.cause] < 0.0 for s in single])
+    apart = _lateness(smooth, single) - _lateness(held, single) + hold * drives
+    order = np.argsort(apart)
+    share = np.cumsum(np.array([noise(s) for s in single])[order])
+    return float(apart[order][np.searchsorted(share, 0.5 * share[-1])])
 
 
 def _so_late(fit: Placed, sites: Iterable[Site], late: Array) -> tuple[tuple[Site, Array], ...]:

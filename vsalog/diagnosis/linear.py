@@ -229,9 +229,8 @@ def linearised(
             if variant.inside:
                 now[j] = (variant.base[i] - variant.rig[k]) / variant.deviation[k]
     residual = here - columns @ now
-    return Linear(
-        tuple(variants), first, now, residual[0], columns[0], columns[1:] - columns[0], residual[1:] - residual[0]
-    )
+    columns[1:] -= columns[0]
+    return Linear(tuple(variants), first, now, residual[0], columns[0], columns[1:], residual[1:] - residual[0])
 
 
 def carried(linear: Linear, fit: Placed, here: Array) -> Linear:
@@ -356,31 +355,28 @@ def whitened_columns(columns: Array, system: System) -> Array:
 
 
 def formed_of(system: System, joint: Any, fit: Placed, whole: Mapping[str, int] | None = None) -> Array:
-    """Return what `rows_of` does for a system and each copy that carries noise once more, shape (1 + K, R, m).
+    """Return the averaged equations of a system and of each copy that carries noise once more, shape (1 + K, R, m).
 
-    Noise is the same whenever it comes, so what it adds is looked at without the whole samples of delays. Otherwise two fits
-    would differ by other draws of it: some parts in a hundred of their deviance.
+    Causes and unknown functions are put in. Noise is the same whenever it comes, so what it adds is looked at without the whole
+    samples of delays. Otherwise two fits would differ by other draws of it: some parts in a hundred of their deviance.
 
     Parameters
     ----------
     system, joint, fit : of the log
     whole : of the delays, see `sensing.whole_delays`; those of the fit when absent
     """
-    here, there = rows_of(system, joint, fit), placed(joint, fit)
+    there = placed(joint, fit)
+    here = system.averaged(there)
     whole = system.whole_delays(there) if whole is None else whole
-    if not whole:
-        return np.stack([here, *(rows_of(copy, joint, fit) for copy in system.noisy)])
-    near = earlier(there, whole, system.channels.period)
-    base = system.averaged(near)
-    return np.stack([here, *(here + copy.averaged(near) - base for copy in system.noisy)])
-
-
-def rows_of(system: System, joint: Any, fit: Placed) -> Array:
-    """Return the averaged equations of a joint with causes and unknown functions put in, shape (R, m)."""
-    rows = system.averaged(placed(joint, fit))
+    if whole:
+        near = earlier(there, whole, system.channels.period)
+        base = system.averaged(near)
+        rows = np.stack([here, *(here + copy.averaged(near) - base for copy in system.noisy)])
+    else:
+        rows = np.stack([here, *(copy.averaged(there) for copy in system.noisy)])
     for site, values in fit:
         if site.added is not None:
-            rows = rows + site.added @ values
+            rows += site.added @ values
     return rows
 
 

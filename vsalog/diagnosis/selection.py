@@ -8,7 +8,7 @@ coarse to fine by itself, as the residual shrinks.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from vsalog.diagnosis.causes import catalogue
 from vsalog.diagnosis.causes.base import Remainder, Setting, Site
-from vsalog.diagnosis.clock import all_late, counted_from, delays_in, on_fewest_clocks
+from vsalog.diagnosis.clock import all_late, counted_from, delays_in, on_fewest_clocks, read_apart
 from vsalog.diagnosis.common import common_sites
 from vsalog.diagnosis.discrepancy import Weights, left_out, weighted_by
 from vsalog.diagnosis.fit import driven_out
@@ -37,8 +37,7 @@ from vsalog.diagnosis.omnibus import p_value
 from vsalog.diagnosis.posterior import Posterior, Problem, begun_by, most_probable
 from vsalog.diagnosis.smooth import smooth_sites
 from vsalog.diagnosis.subsets import Candidates, Ranked, best_sets, precisions, without
-from vsalog.residuals.kinds import motion_for
-from vsalog.residuals.sensing import true_roles
+from vsalog.residuals.sensing import torque_role, true_roles
 from vsalog.residuals.system import System, build_system
 
 Array = NDArray[np.float64]
@@ -145,45 +144,51 @@ def select(
     stage, best = _settled(problem, stage, sites, blocks)
     smooth = stage_about(problem, system, sites, best.fit, blocks, 0.0)
     smooth, other = _settled(problem, smooth, sites, blocks, best)
-    # Two fits can be compared under one noise and model error only.
-    alike = replace(stage.weights, system=replace(stage.weights.system, hold=0.0))
-    half = held / system.channels.period
-    more = _likeliest(problem, stage.weights, best.fit, -half) - _likeliest(problem, alike, other.fit, half)
+    # Two fits can be compared under one noise and model error only, and with the noise read at the same samples: what it happens
+    # to be between them is by some parts in a hundred larger or smaller.
+    early = read_apart(other.fit, best.fit, sites, held, _noise_of(problem, stage, best.fit)) / system.channels.period
+    alike = replace(stage.weights, system=replace(stage.weights.system, hold=0.0, early=early))
+    more = most_probable(problem, stage.weights, best.fit).score - most_probable(problem, alike, other.fit).score
     if smooth_drive(more, other.fit, best.fit):
         contradiction = _rig_stage(problem, system, sites, blocks, 0.0)[1]
         stage, best = smooth, other
     # What was found has to stand against unknown functions, which are not looked at before: there are many of them.
     there = placed(joint, best.fit)
-    roles = true_roles(there, system.channels, stage.system.hold)
-    motion = motion_for(there, roles, system.channels.time, system.channels.spread)
-    sites = [*sites, *smooth_sites(stage.system, there, motion)]
+    sites = [*sites, *smooth_sites(stage.system, there)]
     stage = stage_about(problem, stage.system, sites, best.fit, blocks, stage.system.hold)
     stage, best = _settled(problem, stage, sites, blocks, best)
     found = _established(problem, stage, sites, most_probable(problem, stage.weights, best.fit), blocks)
     return replace(found, p_value=contradiction)
 
 
-def _likeliest(problem: Problem, weights: Weights, fit: Placed, early: float) -> float:
-    """Return the score of a set whose channels are read as stamped or so many samples earlier, whichever is better.
+def _noise_of(problem: Problem, stage: Stage, fit: Placed) -> Callable[[Site], float]:
+    """Return what tells how much of the equations' noise the channel of a delay makes, in squares."""
+    joint, system = placed(problem.joint, fit), stage.weights.system
+    rows = system.averaged(joint)
 
-    That is the same set. But reading between samples takes off noise, and some of what filters leave, by which no set must gain.
-    """
-    shifted = replace(weights, system=replace(weights.system, early=early))
-    return min(most_probable(problem, w, fit).score for w in (weights, shifted))
+    def noise(site: Site) -> float:
+        role = torque_role(site.part) if site.cause == "motor.torque_delay" else site.part
+        if role not in system.channels.roles:
+            return 0.0
+        added = replace(system, channels=system.channels.with_noise(0, role)).averaged(joint) - rows
+        return float(np.sum(system.white(added) ** 2))
+
+    return noise
 
 
 def smooth_drive(more: float, smooth: Placed, held: Placed) -> bool:
     """Tell whether drives are taken for smooth.
 
     They hold a torque from sample to sample. One that is smooth acts half a sample earlier, which several delays together would
-    explain as well: it is taken for smooth where that is the more probable, or about as probable with fewer delays.
+    explain as well: it is taken for smooth where that is the more probable; with more delays by far, with fewer nearly so.
 
     Parameters
     ----------
     more : log of how much more probable the set for smooth drives is
     smooth, held : the sets
     """
-    return more > APART or (more >= -APART and delays_in(smooth) < delays_in(held))
+    fewer = delays_in(held) - delays_in(smooth)
+    return more > APART or (more >= -APART and fewer > 0) or (more > 0.0 and fewer == 0)
 
 
 def _settled(

@@ -18,6 +18,8 @@ from vsalog.diagnosis.causes.base import Parameter, Site
 from vsalog.diagnosis.remainder import variables_of
 from vsalog.diagnosis.sides import spring_direction
 from vsalog.residuals.balance import Motion, Side
+from vsalog.residuals.kinds import motion_for
+from vsalog.residuals.sensing import true_roles
 from vsalog.residuals.system import EXACT, System
 
 Array = NDArray[np.float64]
@@ -46,30 +48,38 @@ class SmoothSite(Site):
     rate: str = ""
 
 
-def smooth_sites(system: System, joint: Any, motion: Motion) -> list[Site]:
+def smooth_sites(system: System, joint: Any) -> list[Site]:
     """Return one hypothesis per side and signal, and per side, signal and direction of the motion.
+
+    A function of a noisy signal is noisy: one of the torque in whose equation it stands would else take that torque's noise away.
 
     Parameters
     ----------
     system : of the log
-    joint : of the rig
-    motion : what the joint did
+    joint : of the rig, with the causes that were found
     """
-    known = {name: x for name, (x, _) in variables_of(system, motion).items()}
+    motions = [_motion(s, joint) for s in (system, *system.noisy)]
+    seen = [{n: x for n, (x, _) in variables_of(system, motion).items()} for motion in motions]
+    known = {name: np.stack([other.get(name, x) for other in seen]) for name, x in seen[0].items()}
     sites: list[Site] = []
-    for part, side, equation, direction, names, rate in _places(system, joint, motion):
+    for part, side, equation, direction, names, rate in _places(system, joint, motions[0]):
         push = np.where(system.weights > 0.0, direction, 0.0)
         for name in (n for n in (*names, rate) if n in known):
             series = _series(known[name])
             ways = {"": series}
             if rate in known and name != rate:
-                ways[rate] = np.sign(known[rate])[:, None] * series
+                ways[rate] = np.sign(known[rate])[..., None] * series
             for way, shape in ways.items():
                 terms = tuple(Parameter(f"term_{k + 1}", "1", 0.0, 1.0) for k in range(TERMS))
-                added = push[:, :, None] * np.nan_to_num(shape)[:, None, :]
+                added = push[:, :, None] * np.nan_to_num(shape)[:, :, None, :]
                 site = SmoothSite(UNKNOWN, f"{part}, {name}, {way}", terms, _as_it_is, added=added)
                 sites.append(replace(site, side=side, equation=equation, variable=name, rate=way))
     return sites
+
+
+def _motion(system: System, joint: Any) -> Motion:
+    channels = system.channels
+    return motion_for(joint, true_roles(joint, channels, system.hold), channels.time, channels.spread)
 
 
 def _as_it_is(joint: Any, values: Sequence[float]) -> Any:
@@ -108,10 +118,8 @@ def _places(system: System, joint: Any, motion: Motion) -> Iterator[tuple[str, S
 
 
 def _series(x: Array) -> Array:
-    """Return the terms of a series over a signal, shape (R, TERMS), 0 where it is not known."""
-    good = np.isfinite(x)
-    rank = np.searchsorted(np.sort(x[good]), x[good]) / max(int(np.count_nonzero(good)), 1)
+    """Return the terms of a series over a signal and copies of it, shape (1 + K, R, TERMS), 0 where it is not known."""
+    ranked = np.sort(x[0][np.isfinite(x[0])])
+    rank = np.interp(x, ranked, (np.arange(ranked.size) + 0.5) / ranked.size)
     order = np.arange(1.0, TERMS + 1.0)
-    out = np.zeros((x.size, TERMS))
-    out[good] = 2.0**0.5 * np.cos(np.pi * order * rank[:, None]) / order
-    return out
+    return np.where(np.isfinite(x)[..., None], 2.0**0.5 * np.cos(np.pi * order * rank[..., None]) / order, 0.0)

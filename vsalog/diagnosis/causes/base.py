@@ -83,8 +83,8 @@ class Site:
     transient : happens once; its share of the log cannot be told from the rest
     doubles : names of causes that would look the same with the roles there are, and have no numbers to be fitted
     members : sites of a cause that several parts have in common
-    added : shape (R, m, parameters), what the averaged equations have beside the rig's, in proportion to the parameters, where
-        no rig has it: an unknown function
+    added : shape (1 + K, R, m, parameters), what the averaged equations and their noisy copies have beside the rig's, in
+        proportion to the parameters, where no rig has it: an unknown function
     """
 
     cause: str
