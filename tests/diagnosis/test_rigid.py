@@ -182,11 +182,15 @@ def test_what_is_hidden_is_named_with_its_numbers_and_its_gain(tmp_path, cause):
     assert not [c for c in again.diagnosis.causes if c.material]
 
 
-def test_a_sound_one_is_consistent_and_simulated_to_its_noise(tmp_path):
-    document = diagnose(*laid(tmp_path, Truth()), Options()).diagnosis
+@pytest.mark.parametrize("seed", [2, 3])
+def test_a_sound_one_is_consistent_and_simulated_to_its_noise(seed, tmp_path):
+    """Where noise lets a joint at rest go earlier, one half second may be ten times off: in one of thirteen such logs."""
+    recorded(tmp_path, *log(Truth(), seed=seed), RIGID)
+    recorded(tmp_path, *log(Truth(), seed=seed + 100), RIGID, name="held")
+    document = diagnose(tmp_path / "log.csv", tmp_path / "held.csv", Options()).diagnosis
     assert document.verdict == "consistent"
     (error,) = document.simulation_error
-    assert error.rmse < 2.5 * error.noise_floor
+    assert error.rmse < 1.5 * error.noise_floor
 
 
 def test_a_held_out_log_of_another_state_is_told_with_its_error(tmp_path):
