@@ -26,7 +26,7 @@ from vsalog.diagnosis.unknown import TAKEN_UP, with_springs
 from vsalog.errors import DiagnosisError, SimulationError
 from vsalog.residuals.balance import Motion
 from vsalog.residuals.channels import Channels, channels_of, span_of
-from vsalog.residuals.kinds import balance_for, motion_for
+from vsalog.residuals.kinds import balance_for, equations_of, motion_for
 from vsalog.residuals.sensing import at_joint, true_roles
 from vsalog.residuals.system import BELL, System, build_system
 from vsalog.residuals.windows import WITHIN, Windows, windows_of
@@ -89,9 +89,18 @@ class JointDiagnosis:
         )
 
     @property
+    def unchecked(self) -> tuple[str, ...]:
+        """The equations, of the joint's kind or beside these, that could be formed nowhere."""
+        some = np.any(self.system.weights, axis=0)
+        formed = {name for name, seen in zip(self.system.names, some.tolist(), strict=True) if seen}
+        # One torque sensor of several springs tells of all of them.
+        formed |= {"transmission"} if any(name.startswith("transmission") for name in formed) else set()
+        return tuple(sorted({*self.system.names, *equations_of(self.joint)} - formed))
+
+    @property
     def checked(self) -> bool:
         """Whether every equation of the joint's kind could be formed and something be simulated."""
-        return self.gain is not None and bool(np.any(self.system.weights, axis=0).all())
+        return self.gain is not None and not self.unchecked
 
     @property
     def helps(self) -> bool:
@@ -200,11 +209,9 @@ def far_off(stands: Standing) -> tuple[str, float] | None:
 
 def _doubts(found: JointDiagnosis) -> list[str]:
     """Return what speaks against what was found."""
-    system = found.system
     said = [
         f"joint '{found.name}': the equation '{equation}' can be formed nowhere in this log, and was not checked"
-        for equation, used in zip(system.names, np.any(system.weights, axis=0).tolist(), strict=True)
-        if not used
+        for equation in found.unchecked
     ]
     stands = found.standing
     far = None if found.found or stands is None or not found.closed else far_off(stands)

@@ -8,9 +8,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from vsalog.binding import offered_roles
 from vsalog.residuals.balance import Motion, balance, motion_of
 from vsalog.residuals.balance_pneumatic import balance_pneumatic, pneumatic_motion
 from vsalog.residuals.balance_rigid import balance_rigid, rigid_motion
+from vsalog.residuals.sensing import motors_of
 from vsalog.residuals.system import Balance
 from vsalog.rig.schema import PneumaticJoint, RigidJoint
 
@@ -30,3 +32,13 @@ def motion_for(joint: Any, roles: Mapping[str, Array], time: Array, spread: Mapp
         return rigid_motion(joint, roles, time, spread)
     told = pneumatic_motion if isinstance(joint, PneumaticJoint) else motion_of
     return told(joint, roles, time, spread)
+
+
+def equations_of(joint: Any) -> frozenset[str]:
+    """Return the equations that a joint of this kind has: of its motors or muscles, its link and its torque sensors."""
+    sensed = any(role.startswith("torque_sensor") for role in offered_roles(joint))
+    if isinstance(joint, PneumaticJoint):
+        return frozenset({"pressure_1", "pressure_2", "seesaw"})
+    if isinstance(joint, RigidJoint):
+        return frozenset({"motor", "link"} if sensed else {"motor"})
+    return frozenset({*motors_of(joint), "link", *({"transmission"} if sensed else ())})
