@@ -172,7 +172,9 @@ def test_searches_cope_with_nothing_left_over(preset):
     """Remainders of zero, and such that are not known anywhere."""
     _, _, _, left = played(preset)
     for fill in (0.0, np.nan):
-        blank = Remainder(left.time, {n: np.full_like(e, fill) for n, e in left.equations.items()}, left.roles)
+        blank = Remainder(
+            left.time, {n: np.full_like(e, fill) for n, e in left.equations.items()}, left.roles, left.noise
+        )
         for site in sites(preset):
             for start in site.starts(blank) if site.starts else ():
                 assert np.isfinite(start).all(), site.key

@@ -1,8 +1,13 @@
 """A push stands out of everything else that is left of an equation, whatever that is."""
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
+from written_out import joint_of
 
+from vsalog.diagnosis.causes import catalogue
+from vsalog.diagnosis.causes.base import Remainder
 from vsalog.diagnosis.causes.link import stands_out
 
 LENGTH, COUNT = 50, 10_000
@@ -43,3 +48,31 @@ def test_of_a_remainder_that_goes_on_nothing_stands_out(noise):
 def test_a_push_stands_out_of_noise_and_of_bursts():
     assert share(white, 2.0) > 0.95
     assert share(bursting, 4.0) > 0.95
+
+
+def starts_of(residual, noise):
+    """Where the search for a short push would begin; of long ones such a log has too few to tell."""
+    setting = SimpleNamespace(joint=joint_of(), equations=("link",), duration=20.0, torque_size=lambda: 1.0)
+    (site,) = catalogue()["link.contact"].sites(setting)
+    found = site.starts(Remainder(np.arange(COUNT) * 2e-3, {"link": residual}, {}, {"link": noise}))
+    return [start for start in found if start[1] < 0.5]
+
+
+@pytest.mark.parametrize("noisy_there", [False, True])
+def test_where_noise_bursts_too_nothing_is_a_push(noisy_there):
+    """An encoder that moves by whole steps from sample to sample errs for as long, and so does noise that is drawn anew there."""
+    rng = np.random.default_rng(5)
+    bump = np.zeros(COUNT)
+    bump[6000 : 6000 + 3 * LENGTH] = 2.0
+    noise = rng.standard_normal((2, COUNT)) + noisy_there * bump * np.array([[1.0], [-0.8]])
+    found = starts_of(rng.standard_normal(COUNT) + bump, noise)
+    assert bool(found) != noisy_there
+    assert all(start < 12.3 and start + duration > 12.0 and 1.0 < torque < 3.0 for start, duration, torque in found)
+
+
+def test_what_swings_is_no_push():
+    """A base that rings for a second: each half of a swing is a bump beside others."""
+    rng = np.random.default_rng(6)
+    since = np.arange(COUNT) - 6000
+    ringing = np.where(since > 0, 4.0 * np.exp(-since / 500.0) * np.sin(np.pi * since / LENGTH), 0.0)
+    assert not starts_of(rng.standard_normal(COUNT) + ringing, rng.standard_normal((2, COUNT)))

@@ -235,8 +235,9 @@ def _established(
             stage = stage_about(problem, stage.system, sites, better, blocks, stage.system.hold)
             final = most_probable(problem, stage.weights, better)
             continue
-        # A cause that is driven as far as it may go stands for something else.
+        # A cause that is driven as far as it may go stands for something else; what happened once has to stand out of the rest.
         out = {site.key for site, values in final.fit if driven_out(site.parameters, values)}
+        out |= {site.key for site, _ in final.fit if site.transient and not _begins(problem, stage, final.fit, site)}
         loose = min((c for c in choices if not c.rivals or c.site.key in out), key=lambda c: c.odds, default=None)
         if loose is None or (loose.odds >= APART and not out):
             return Selection(problem, stage, final, tuple(sorted(choices, key=lambda c: -c.odds)), blocks)
@@ -246,6 +247,12 @@ def _established(
         fit = tuple((site, values) for site, values in final.fit if site.key not in gone)
         stage = stage_about(problem, stage.system, sites, fit, blocks, stage.system.hold)
         final = most_probable(problem, stage.weights, fit)
+
+
+def _begins(problem: Problem, stage: Stage, fit: Placed, site: Site) -> bool:
+    """Tell whether the search for a cause would begin anywhere in what a set without it leaves over."""
+    without_it = placed(problem.joint, [(s, v) for s, v in fit if s.key != site.key])
+    return site.starts is None or bool(site.starts(remainder(stage.system, without_it, problem.setting)))
 
 
 def sites_of(setting: Setting, barred: frozenset[str]) -> list[Site]:
@@ -263,10 +270,13 @@ def blocks_of(system: System) -> Integers:
 
 def remainder(system: System, joint: Any, setting: Setting) -> Remainder:
     """Return the residual of each equation at every sample."""
+    whole, noise = system.equations(joint), dict[str, Array]()
+    copies = [copy.equations(joint) for copy in system.noisy]
     equations = {}
-    for i, equation in enumerate(system.equations(joint)):
+    for i, equation in enumerate(whole):
         equations[equation.name] = np.where(system.usable[i], equation.whole, np.nan)
-    return Remainder(system.channels.time, equations, true_roles(joint, system.channels, system.hold))
+        noise[equation.name] = np.stack([copy[i].whole - equation.whole for copy in copies])
+    return Remainder(system.channels.time, equations, true_roles(joint, system.channels, system.hold), noise)
 
 
 def stage_about(

@@ -55,11 +55,13 @@ class Remainder:
     time : shape (N,) [s]
     equations : name → residual at every sample, shape (N,), NaN where it does not count
     roles : role → value and derivatives, shape (3, N), as the rig has them
+    noise : name → what noise, drawn K times, makes of the equation at every sample, shape (K, N)
     """
 
     time: Array
     equations: Mapping[str, Array]
     roles: Mapping[str, Array]
+    noise: Mapping[str, Array]
 
 
 Apply = Callable[[Any, Sequence[float]], Any]

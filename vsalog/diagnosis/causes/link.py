@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 from msgspec.structs import replace
 from numpy.typing import NDArray
+from scipy.ndimage import uniform_filter1d
 
 from vsalog.diagnosis.causes.base import (
     CORNERED,
@@ -209,7 +210,8 @@ class LinkContact(_OfLink):
 
 def _pushes(left: Remainder) -> list[tuple[float, ...]]:
     """Look for the strongest short bump in what is left over of the link's equation."""
-    residual = left.equations.get("link", left.equations.get("motor"))
+    name = "link" if "link" in left.equations else "motor"
+    residual = left.equations.get(name)
     if residual is None:
         return []
     period = float(left.time[1] - left.time[0])
@@ -222,10 +224,19 @@ def _pushes(left: Remainder) -> list[tuple[float, ...]]:
             continue
         bell = np.sin(np.pi * (np.arange(length) + 0.5) / length) ** 2
         fit = np.convolve(values, bell, mode="valid") / float(bell @ bell)
+        # An encoder errs for moments, where it advances by whole steps from sample to sample or stands: noise does so there too.
+        again = [np.convolve(np.nan_to_num(n), bell, mode="valid") / float(bell @ bell) for n in left.noise[name]]
+        near = uniform_filter1d(np.mean(np.square(again), axis=0), length, mode="constant")
+        # What swings in the two lengths before it, or in the two after it, is no push.
+        around, within = (
+            (2 * n * length + 1) * uniform_filter1d(fit**2, 2 * n * length + 1, mode="constant") for n in (3, 1)
+        )
+        beside = (around - within) / (4 * length)
+        sizes = fit / np.sqrt(np.maximum(np.median(fit**2) + near + beside, 1e-300))
         # What the log begins with may be a loop that is not where the search has it.
-        fit[: max(1, round(SETTLING / period))] = 0.0
-        k = int(np.argmax(np.abs(fit)))
-        if stands_out(fit, length):
+        sizes[: max(1, round(SETTLING / period))] = 0.0
+        k = int(np.argmax(np.abs(sizes)))
+        if stands_out(sizes, length):
             found.append((float(left.time[k]), length * period, float(fit[k])))
     return found
 
