@@ -274,9 +274,12 @@ def test_a_clamped_seesaw_has_no_friction_to_find_but_leaks() -> None:
 
 
 def test_of_two_muscles_one_scale_is_the_scale_of_the_meter() -> None:
-    # Clamped, and without valves, only the meter's equation is left: both muscles stronger is the meter's gain, in one number.
+    # Clamped, and without valves, only the meter's equation is left: both muscles stronger is the meter's gain. The tolerance of
+    # muscles is wider.
     found = diagnosed(Bench(held=0.0, gain=(1.1, 1.1)), ("valve_1", "valve_2", "link_position"))
-    assert [c.site.cause for c in material(found)] == ["sensor.torque_gain"]
+    (choice,) = material(found)
+    assert choice.site.cause == "pneumatic.force_gain"
+    assert "sensor.torque_gain" in {r.cause for r in choice.rivals}
 
 
 def test_where_the_seesaw_tells_a_pressure_one_muscle_stronger_is_the_other_weaker() -> None:

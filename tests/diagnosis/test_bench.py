@@ -66,3 +66,20 @@ def test_loops_and_dry_friction_are_told_apart_with_their_sizes(tmp_path, loop, 
         assert abs(number.value - value) < max(4.0 * number.std, 0.02 * value), name
     (signal,) = document.gain.signals
     assert signal.rmse_after < 0.3 * signal.rmse_before
+
+
+@pytest.mark.parametrize(
+    ("spring", "sensor", "expected"),
+    [("10 %", "0.1 %", "transmission.stiffness"), ("30 %", "0.1 %", "transmission.stiffness"), ("0.1 %", "10 %", "sensor.torque_gain")],
+)  # fmt: skip
+def test_of_causes_that_a_bench_cannot_tell_the_wider_tolerance_is_believed(tmp_path, spring, sensor, expected):
+    """A torque that is 8 % larger than the spring makes it: the spring, or what the sensor says of it."""
+    rig = BENCH.replace("stiffness = 40.0", f'stiffness = "40 N*m/rad ± {spring}"').replace(
+        '"torque sensor"', f'{{ channel = "torque sensor", gain = "1 ± {sensor}" }}'
+    )
+    time, roles = turned(20.0, 0, 0.0, 0.0)
+    recorded(tmp_path, time, {**roles, "torque_sensor": 1.08 * roles["torque_sensor"]}, rig)
+    document = diagnose(tmp_path / "log.csv", None, Options()).diagnosis
+    (cause,) = [c for c in document.causes if c.material]
+    assert cause.cause == expected
+    assert next(iter(cause.parameters.values())).value == pytest.approx(1.08, rel=1e-3)

@@ -6,7 +6,7 @@ from itertools import product
 import numpy as np
 import pytest
 from scipy.optimize import lsq_linear
-from scipy.stats import multivariate_normal
+from scipy.stats import cauchy, multivariate_normal
 
 from vsalog.diagnosis.subsets import SAME_SCORE, Candidates, Ranked, _evidence_of_one, best_sets, within, without
 
@@ -61,15 +61,21 @@ def wide(X, y):
 @pytest.mark.parametrize("seed", range(10))
 @pytest.mark.parametrize("far", [0.3, 5.0])
 def test_the_score_is_the_marginal_likelihood(seed, far):
-    """y = X u + e with u of a known variance and e of 1: u integrated out, y has the covariance I + X P Xᵀ."""
+    """y = X u + e with u of a known variance and e of 1: u integrated out, y has the covariance I + X P Xᵀ.
+
+    A variance above 1 is as improbable as the deviation is wide.
+    """
     X, y, c = problem(seed, twins=seed % 2 == 1, far=far)
     nothing = multivariate_normal.logpdf(y, np.zeros(ROWS), np.eye(ROWS))
     rng = np.random.default_rng(1000 + seed)
     for _ in range(20):
         chosen = rng.random(len(c)) < 0.5
         own = X[:, np.repeat(chosen, np.diff(c.first))]
-        prior = own * wide(own, y)
-        density = multivariate_normal.logpdf(y, np.zeros(ROWS), np.eye(ROWS) + prior @ prior.T)
+        deviation = wide(own, y)
+        prior = own * deviation
+        density = (
+            multivariate_normal.logpdf(y, np.zeros(ROWS), np.eye(ROWS) + prior @ prior.T) - np.log(deviation).sum()
+        )
         assert c.scored(chosen) == pytest.approx(nothing - density + c.price[chosen].sum(), abs=1e-8)
 
 
@@ -90,14 +96,15 @@ def test_a_solution_is_the_ridge_regression_of_the_set(far):
 
 
 def test_what_is_far_out_costs_as_its_logarithm():
-    """One unknown of much information at u: log u, where a prior of deviation 1 would ask for u²/2."""
+    """One unknown of much information at u: 2 log u, as a Cauchy prior, where a normal one of deviation 1 would ask for u²/2."""
     costs = []
     for u in (10.0, 100.0):
         information = np.array([[1e6]])
         c = Candidates(information, information[0] * u, np.array([0, 1]), np.zeros(1), np.zeros((1, 1), dtype=bool),
                        np.full(1, -np.inf), np.full(1, np.inf))  # fmt: skip
         costs.append(c.scored(np.ones(1, dtype=bool)) + 0.5 * 1e6 * u**2)
-    assert costs[1] - costs[0] == pytest.approx(np.log(10.0), abs=1e-2)
+    assert costs[1] - costs[0] == pytest.approx(2.0 * np.log(10.0), abs=1e-2)
+    assert costs[1] - costs[0] == pytest.approx(cauchy.logpdf(10.0) - cauchy.logpdf(100.0), abs=1e-2)
 
 
 @pytest.mark.parametrize("seed", range(10))

@@ -83,7 +83,8 @@ class Posterior:
 def most_probable(problem: Problem, weights: Weights, start: Placed) -> Posterior:
     """Fit a set of causes from values to begin with.
 
-    The score is ½ (deviance + δᵀ Λ δ) + ½ log det(I + Λ⁻¹ A) + Σ price, δ in units of the prior deviations and Λ of `subsets`.
+    The score is ½ (deviance + δᵀ Λ δ) + ½ log det(I + Λ⁻¹ A) − ½ log det Λ + Σ price, δ in units of the prior deviations and Λ of
+    `subsets`.
     Steps keep the columns for as long as they gain (the chord method), and end where none gains with columns of its own.
     """
     fit, system = tuple(start), weights.system
@@ -115,8 +116,9 @@ def most_probable(problem: Problem, weights: Weights, start: Placed) -> Posterio
         linear = _about(problem, system, fit, here) if fresh else carried(linear, fit, here)
         candidates = candidates_of(linear, system)
     H = np.diag(precisions(linear.now)) + candidates.information
-    # The prior's own log λ is in the loss.
-    score = 0.5 * now + 0.5 * float(np.linalg.slogdet(H)[1]) + float(candidates.price.sum())
+    # The prior's own log λ is in the loss; the other is that of a prior so wide.
+    wide = -0.5 * float(np.sum(np.log(precisions(_strengths(linear.variants, fit)))))
+    score = 0.5 * now + 0.5 * float(np.linalg.slogdet(H)[1]) + wide + float(candidates.price.sum())
     return Posterior(fit, score, linear, candidates)
 
 

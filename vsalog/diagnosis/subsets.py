@@ -2,11 +2,13 @@
 
 With unknowns u ~ N(0, 1/λ), information A and score vector b, a set γ has (George and McCulloch 1997, Statistica Sinica 7(2))
 
-    −log p(data | γ) + const = ½ log det(I + Λ⁻¹ A_γγ) − ½ b_γᵀ (Λ + A_γγ)⁻¹ b_γ + Σ price_γ.
+    −log p(data | γ) + const = ½ log det(I + Λ⁻¹ A_γγ) − ½ b_γᵀ (Λ + A_γγ)⁻¹ b_γ − ½ log det Λ_γ + Σ price_γ.
 
 λ is 1, but for an unknown that is larger than that: its prior is as wide as it is (λ = 1/u², automatic relevance determination;
-MacKay 1994, ASHRAE Transactions 100(2)). So what is far out is as improbable as its logarithm, not as its square: a gross
-error, as a wrong gear ratio, is one cause, and is not spread over several small ones.
+MacKay 1994, ASHRAE Transactions 100(2)), and so wide a prior is as improbable as it is wide: the third term. Together that is the
+tail of a Cauchy distribution. So what is far out is as improbable as its logarithm, not as its square: a gross error, as a wrong
+gear ratio, is one cause, and is not spread over several small ones. Of two that explain the same it is the one whose tolerance is
+wider.
 
 A set is improved by adding, dropping, exchanging and two-for-one moves until none helps. One start leads to a local optimum,
 so the search begins from nothing and from everything, and from the best of those with each candidate pinned in turn, and then
@@ -243,7 +245,7 @@ def _evidence(A: Array, b: Array, low: Array, high: Array) -> tuple[float, Array
         if not _factored(L, k, precision):
             return np.inf, precision, L, x, cost
         for i in range(k):
-            total += np.log(L[i, i]) - 0.5 * np.log(precision[i])
+            total += np.log(L[i, i]) - np.log(precision[i])
             s = b[i]
             for m in range(i):
                 s -= L[i, m] * x[m]
@@ -282,7 +284,7 @@ def _evidence_of_one(A: float, b: float, low: float, high: float) -> float:
         return np.inf
     x = b / total
     off = max(low - x, x - high, 0.0)
-    return 0.5 * float(np.log(total / precision) - b * x + off * off * total)
+    return 0.5 * float(np.log(total / (precision * precision)) - b * x + off * off * total)
 
 
 @njit(cache=True, error_model="numpy", fastmath=SUMS)
@@ -355,7 +357,7 @@ def _descend(
 
     Every move is estimated with the precisions and bounds of the unknowns that stay as they are, by block elimination (the Schur
     complement); the best one is then scored exactly. Where that does not help, every addition and every drop is scored exactly:
-    a bound that binds makes estimates wrong.
+    a bound that binds makes estimates wrong, and so does an unknown that is far out, whose prior moves with it.
     """
     count, p = price.size, b.size
     widest = 0
@@ -402,7 +404,8 @@ def _descend(
                         s -= V[j, m] * A[i, index[m]]
                     S[j, i - first[h]] = s
         R = np.empty(k, dtype=np.int64)
-        better, least, doubtful = False, now - same, bool(np.any(cost > 0.0)) or not np.isfinite(now)
+        doubtful = bool(np.any(cost > 0.0)) or bool(np.any(precision < 1.0)) or not np.isfinite(now)
+        better, least = False, now - same
         # Exchanges, and two for one, only where nothing simpler helps.
         for exchanging in range(2):
             gained = np.inf
@@ -513,7 +516,7 @@ def _without(M: Array, x: Array, precision: Array, cost: Array, R: Integers, r: 
         return np.inf, L, y
     W, gain = _inverse_of(L, r), 0.0
     for i in range(r):
-        gain += np.log(L[i, i]) + 0.5 * np.log(precision[R[i]]) - cost[R[i]]
+        gain += np.log(L[i, i]) + np.log(precision[R[i]]) - cost[R[i]]
         for j in range(r):
             y[i] += W[i, j] * x[R[j]]
         gain += 0.5 * y[i] * x[R[i]]
