@@ -68,10 +68,13 @@ def test_loops_and_dry_friction_are_told_apart_with_their_sizes(tmp_path, loop, 
     assert signal.rmse_after < 0.3 * signal.rmse_before
 
 
+STIFFNESS, GAIN = "transmission.stiffness", "sensor.torque_gain"
+
+
 @pytest.mark.parametrize(
     ("spring", "sensor", "expected"),
-    [("10 %", "0.1 %", "transmission.stiffness"), ("30 %", "0.1 %", "transmission.stiffness"), ("0.1 %", "10 %", "sensor.torque_gain")],
-)  # fmt: skip
+    [("10 %", "0.1 %", STIFFNESS), ("30 %", "0.1 %", STIFFNESS), ("0.1 %", "10 %", GAIN)],
+)
 def test_of_causes_that_a_bench_cannot_tell_the_wider_tolerance_is_believed(tmp_path, spring, sensor, expected):
     """A torque that is 8 % larger than the spring makes it: the spring, or what the sensor says of it."""
     rig = BENCH.replace("stiffness = 40.0", f'stiffness = "40 N*m/rad ± {spring}"').replace(
