@@ -19,6 +19,7 @@ from vsalog.reports.diagnosis_words import (
     unexplained_words,
     with_interval,
 )
+from vsalog.reports.page_diagnosis import diagnosis_page
 from vsalog.writers.diagnosis import Outputs
 
 
@@ -140,6 +141,7 @@ def test_an_interval_is_printed_to_two_digits_of_its_half(value, relative):
 def test_numbers_in_words():
     assert parameter_text(Number(value=1.234e-7, std=2e-9, unit="kg*m^2")) == "(1.234 ± 0.039) × 10⁻⁷ kg·m²"
     assert parameter_text(Number(value=1.1, std=0.0, unit="1")) == "1.1 ± 0"
+    assert parameter_text(Number(value=1.1, std=0.01, unit="N*m", rig=0.9)) == "1.100 ± 0.020 N·m (rig: 0.9)"
     assert parameter_text(Number(value=float("nan"), std=None, unit="s")) == "– s"
     assert with_interval(9.9, 0.0996) == "9.90 ± 0.10"
     assert [share_text(s) for s in (0.996, 0.99999, 1.0, 0.004, 0.0, 0.5)] == [
@@ -164,3 +166,12 @@ def test_the_remainder_in_words():
     assert "a loop over deflection: one way up, another way down" in unexplained_words(loop)
     assert unexplained_words(remainder(depends_on=())).endswith("depends on no signal that was looked at.")
     assert unexplained_words(remainder(where=None, depends_on=())) == "12 % of what was wrong is left unexplained."
+
+
+@pytest.mark.parametrize("columns", [80, 160])
+def test_what_does_not_matter_is_marked(capsys, monkeypatch, columns):
+    told = diagnosis(verdict="explained", causes=(found_cause(), found_cause("link.inertia", material=False)))
+    out, _ = printed(told, capsys, monkeypatch, columns)
+    assert "link.inertia, immaterial" in flat(out)
+    assert "coulomb_friction, immaterial" not in flat(out)
+    assert flat(diagnosis_page(told, [], None)).count("</code>, immaterial") == 1

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import re
-
 import numpy as np
 from numpy.typing import NDArray
 
@@ -31,7 +29,7 @@ from vsalog.diagnosis.joint import (
 from vsalog.diagnosis.linear import placed
 from vsalog.diagnosis.remainder import curve_of, predicted_share
 from vsalog.diagnosis.smooth import UNKNOWN
-from vsalog.diagnosis.words import part_in_words, title_of
+from vsalog.diagnosis.words import part_in_words, title_of, unfilled
 from vsalog.residuals.channels import span_of
 from vsalog.residuals.windows import Shot
 from vsalog.rig.schema import role_units
@@ -56,8 +54,12 @@ def causes_of(found: JointDiagnosis) -> list[FoundCause]:
         kind = catalogue()[cause.site.cause]
         rivals = [r for r in cause.choice.rivals if r.cause != cause.site.cause]
         others = tuple(dict.fromkeys((*cause.site.doubles, *(name for s in rivals for name in (s.cause, *s.doubles)))))
-        known = cause.determined()
-        numbers = {n: Number(value=v, std=s, unit=u, determined=known[n]) for n, (v, s, u) in cause.numbers().items()}
+        known, absent = cause.determined(), {n: a for n, (a, _) in cause.absent().items()}
+        numbers = {
+            # A number that is the same without the cause is a shape, which the rig does not have.
+            n: Number(value=v, std=s, unit=u, determined=known[n], rig=None if absent[n] == v else absent[n])
+            for n, (v, s, u) in cause.numbers().items()
+        }
         apart = " ".join(f"To tell it from {name}: {_confirmed(name)}" for name in others)
         out.append(
             FoundCause(
@@ -74,7 +76,7 @@ def causes_of(found: JointDiagnosis) -> list[FoundCause]:
                 error_removed=cause.removed,
                 why=f"{part_in_words(cause.site.part).capitalize()}: {kind.says}.",
                 how_to_confirm=_filled(kind.confirm, numbers),
-                tell_apart=_unfilled(apart),
+                tell_apart=unfilled(apart),
                 reference=kind.reference,
             )
         )
@@ -103,11 +105,6 @@ def _filled(text: str, numbers: dict[str, Number]) -> str:
     for name, number in numbers.items():
         text = text.replace(f"{{{name}}}", f"{number.value:.3g} {number.unit}")
     return text
-
-
-def _unfilled(text: str) -> str:
-    """Put names where the words of causes that were not fitted ask for their numbers."""
-    return re.sub(r"\{(\w+)\}", lambda m: f"its {m[1].replace('_', ' ')}", text)
 
 
 def signal_errors(found: JointDiagnosis) -> list[SignalError]:

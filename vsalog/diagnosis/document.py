@@ -24,12 +24,14 @@ class Number(_Part, frozen=True):
     value, std : with its standard deviation
     unit : SI
     determined : whether its 95 % interval excludes the rig's own value and zero; where it does not the value says little
+    rig : the rig's own value; null where it has none
     """
 
     value: float
     std: float | None
     unit: str
     determined: bool = True
+    rig: float | None = None
 
 
 class SignalError(_Part, frozen=True):

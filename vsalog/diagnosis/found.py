@@ -80,11 +80,14 @@ class Found:
         spread = np.sqrt(variance)
         return {name: (value, float(s), unit) for (name, (value, unit)), s in zip(told.items(), spread, strict=True)}
 
+    def absent(self) -> dict[str, tuple[float, str]]:
+        """Return name → value and unit as the rig has it, of a shape as it was found."""
+        shapes = [p.shape for p in self.site.parameters]
+        return self.site.reported(np.where(shapes, self.values, self.site.start).tolist())
+
     def determined(self) -> dict[str, bool]:
         """Return name → whether a number's 95 % interval excludes the rig's and zero; a shape's, if any other does."""
-        shapes = [p.shape for p in self.site.parameters]
-        absent = self.site.reported(np.where(shapes, self.values, self.site.start).tolist())
-        told = self.numbers()
+        absent, told = self.absent(), self.numbers()
         clear = {n: min(abs(v - absent[n][0]), abs(v)) > NORMAL_95 * std for n, (v, std, _) in told.items()}
         return {n: any(clear.values()) if v == absent[n][0] else clear[n] for n, (v, _, _) in told.items()}
 

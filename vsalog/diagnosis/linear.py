@@ -120,6 +120,8 @@ def variants_of(
     for site in sites:
         values = known.get((site.key, len(site.parameters)))
         deviation = np.array([_deviation(site, p, setting, stated) for p in site.parameters])
+        if not deviation.all():
+            continue  # the rig knows it exactly
         price = float(np.log((1.0 - PRESENT) / PRESENT))
         if site.transient:
             price += float(np.log(max(PLACES * setting.duration, 1.0)))

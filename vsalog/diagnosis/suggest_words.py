@@ -13,7 +13,7 @@ from vsalog.diagnosis.causes import catalogue
 from vsalog.diagnosis.joint import JointDiagnosis
 from vsalog.diagnosis.suggest_candidates import Candidate
 from vsalog.diagnosis.suggest_questions import Question, Questions
-from vsalog.diagnosis.words import part_in_words
+from vsalog.diagnosis.words import part_in_words, unfilled
 from vsalog.rig.parts import Payload
 from vsalog.simulation.scenario import unit_of
 from vsalog.simulation.scenario_parts import sum_of_parts
@@ -82,7 +82,7 @@ def _apart(questions: Questions, separations: Array) -> str:
         pairs = "; ".join(f"{_name(q, 'one', questions)} from {_name(q, 'other', questions)}" for q in left)
         most = max(float(d) for d in separations if d < TELLS)
         site = left[0].other.site
-        confirm = f" {catalogue()[site.cause].confirm}" if site is not None and not told else ""
+        confirm = f" {unfilled(catalogue()[site.cause].confirm)}" if site is not None and not told else ""
         out.append(f"No experiment within those bounds tells {pairs} ({_times(most)} the noise at best).{confirm}")
     return " ".join(out)
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Sequence
 
 from vsalog.diagnosis.causes import catalogue
@@ -35,6 +36,11 @@ def part_in_words(part: str) -> str:
 def title_of(cause: str, part: str) -> str:
     """Return a cause's title with its part."""
     return catalogue()[cause].title.replace("{part}", part_in_words(part))
+
+
+def unfilled(text: str) -> str:
+    """Put names where the words of causes that were not fitted ask for their numbers."""
+    return re.sub(r"\{(\w+)\}", lambda m: f"its {m[1].replace('_', ' ')}", text)
 
 
 def sentences(

@@ -15,6 +15,7 @@ from vsalog.diagnosis.document import Diagnosis, FoundCause, Gain, SignalError
 from vsalog.documents import document_text
 from vsalog.reports.diagnosis_words import (
     confidence_text,
+    kind_text,
     open_experiment,
     parameter_text,
     reduction_text,
@@ -95,7 +96,7 @@ def _causes(console: Console, causes: Sequence[FoundCause], several: bool) -> No
     table.add_column("this log cannot tell it from", ratio=4)
     for cause in causes:
         where = f"\n[dim]joint {escape(plain(cause.joint))}[/]" if several else ""
-        title = f"{escape(plain(cause.title))}\n[dim]{escape(plain(cause.cause))}[/]{where}"
+        title = f"{escape(plain(cause.title))}\n[dim]{escape(plain(kind_text(cause)))}[/]{where}"
         others = "\n".join(map(plain, cause.indistinguishable_from)) or "–"
         table.add_row(
             title,
@@ -110,7 +111,7 @@ def _causes(console: Console, causes: Sequence[FoundCause], several: bool) -> No
 def _block(console: Console, i: int, cause: FoundCause, several: bool) -> None:
     """A cause where there is no room for a table."""
     where = f", joint {cause.joint}" if several else ""
-    _say(console, f"{cause.title} ({cause.cause}{where})", f"{i:>2}. ", "    ", "bold")
+    _say(console, f"{cause.title} ({kind_text(cause)}{where})", f"{i:>2}. ", "    ", "bold")
     for line in _parameters(cause):
         _say(console, line, "    ", "      ")
     _say(console, f"{sure_words(cause)}.", "    ", "    ")

@@ -52,11 +52,17 @@ def with_interval(value: float, half: float | None) -> str:
 
 
 def parameter_text(found: Number) -> str:
-    """Return a parameter with its 95 % interval and unit."""
+    """Return a parameter with its 95 % interval and unit, and what the rig has."""
     if not found.determined:
         return "undetermined"
     half = None if found.std is None else HALF * found.std
-    return with_interval(found.value, half) + unit_of(found.unit)
+    rig = "" if found.rig is None else f" (rig: {number(found.rig)})"
+    return f"{with_interval(found.value, half)}{unit_of(found.unit)}{rig}"
+
+
+def kind_text(cause: FoundCause) -> str:
+    """Return the name of a cause, and whether it does not matter."""
+    return cause.cause if cause.material else f"{cause.cause}, immaterial"
 
 
 def share_text(share: float) -> str:

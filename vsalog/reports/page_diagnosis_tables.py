@@ -149,7 +149,8 @@ def rig_change(rig: str, extended: str) -> str:
 
 
 def _cause(cause: FoundCause, several: bool) -> str:
-    return f"{escaped(cause.title)}<br><code>{escaped(cause.cause)}</code>{_joint(cause.joint, several)}"
+    mark = "" if cause.material else ", immaterial"
+    return f"{escaped(cause.title)}<br><code>{escaped(cause.cause)}</code>{mark}{_joint(cause.joint, several)}"
 
 
 def _joint(joint: str, several: bool) -> str:
