@@ -77,7 +77,7 @@ STIFFNESS, GAIN = "transmission.stiffness", "sensor.torque_gain"
 )
 @pytest.mark.filterwarnings("error::RuntimeWarning")
 def test_of_causes_that_a_bench_cannot_tell_the_wider_tolerance_is_believed(tmp_path, spring, sensor, expected):
-    """A torque that is 8 % larger than the spring makes it: the spring, or what the sensor says of it; not what is known exactly."""
+    """A torque that is 8 % larger than the spring makes it: the spring or the sensor, not what is known exactly."""
     rig = BENCH.replace("stiffness = 40.0", f'stiffness = "40 N*m/rad ± {spring}"').replace(
         '"torque sensor"', f'{{ channel = "torque sensor", gain = "1 ± {sensor}" }}'
     )
