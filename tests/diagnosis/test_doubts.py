@@ -50,9 +50,17 @@ TURNED = {
 @pytest.mark.parametrize("words", TURNED)
 def test_a_sign_or_a_unit_that_is_wrong_is_hinted_at(tmp_path, words):
     outcome = diagnose(lay(tmp_path, change=TURNED[words], duration=3.0), None, Options())
-    (hint,) = (w for w in outcome.diagnosis.warnings if "put right" in w)
+    hint = outcome.diagnosis.sentences[0]
+    assert "put right" in hint
     assert words in hint
+    assert outcome.diagnosis.next_experiment == ""
     assert outcome.diagnosis.verdict in ("unexplained", "partly explained")
+
+
+def test_a_channel_that_stands_still_has_no_unit(tmp_path):
+    """A drive that records nothing: any factor of nothing is nothing."""
+    outcome = diagnose(lay(tmp_path, change=scaled("motor_torque", by=0.0), duration=3.0), None, Options())
+    assert not [s for s in outcome.diagnosis.sentences if "put right" in s]
 
 
 def test_what_is_unexplained_otherwise_brings_no_hint_and_no_rig(tmp_path):
@@ -62,7 +70,7 @@ def test_what_is_unexplained_otherwise_brings_no_hint_and_no_rig(tmp_path):
     assert outcome.diagnosis.verdict == "unexplained"
     assert outcome.diagnosis.unexplained.where == "motor"
     assert outcome.extended is None
-    assert not [w for w in outcome.diagnosis.warnings if "put right" in w]
+    assert not [w for w in outcome.diagnosis.sentences if "put right" in w]
 
 
 def rest(said):

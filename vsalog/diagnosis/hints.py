@@ -57,7 +57,8 @@ def _left(joint: Any, system: System) -> float:
 
 def _turned(joint: Any, system: System) -> Iterator[tuple[str, float, Any]]:
     """Yield what is turned round, the factor that the log has it by, and the joint with that said."""
-    roles = system.channels.roles
+    # What stands still has neither sign nor unit.
+    roles = {role for role, values in system.channels.roles.items() if np.nanmax(values[0]) > np.nanmin(values[0])}
     positions = [r for r in roles if "position" in r or r.startswith("deflection")]
     sensed = [r for r in roles if r.startswith("torque_sensor") or r in positions]
     gains = {role: signal.gain for role, signal in offered_roles(joint).items()}

@@ -59,6 +59,7 @@ class JointDiagnosis:
     held_out : what the gain was measured on, in words
     fraction : of what the rig left over that no cause explains
     warnings : what a person should know
+    hint : which sign or unit would close the equations, turned round; empty where none would
     """
 
     name: str
@@ -73,6 +74,7 @@ class JointDiagnosis:
     held_out: str
     fraction: float
     warnings: tuple[str, ...] = field(default=())
+    hint: str = ""
 
     @property
     def closed(self) -> bool:
@@ -168,7 +170,6 @@ def diagnose_joint(
         selection = select(system, joint, setting, TAKEN_UP if said else frozenset[str](), stated)
     else:
         # Causes are small changes of a rig: what they would make of a wrong sign means nothing.
-        warnings.append(hint)
         selection = nothing_found(system, joint, setting)
     progress(f"joint {name}: simulating")
     stands, gain, held_out, extended = None, None, "", placed(joint, selection.posterior.fit)
@@ -185,7 +186,7 @@ def diagnose_joint(
         warnings.append(f"joint '{name}' could not be simulated, so nothing was measured of the gain: {why}")
     done = JointDiagnosis(
         name, joint, extended, selection.system, selection, tuple(found_by(selection, joint)), computed, stands, gain, held_out,
-        _fraction(selection.system, joint, extended), tuple(warnings),
+        _fraction(selection.system, joint, extended), tuple(warnings), hint or "",
     )  # fmt: skip
     return replace(done, warnings=(*done.warnings, *_doubts(done)))
 

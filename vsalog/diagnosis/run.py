@@ -204,6 +204,8 @@ def _outcome(
     gains = [g for f in found for g in gains_of(f)]
     where = next((f.held_out for f in found if f.gain is not None), "the log" if holdout is None else HELD_OUT)
     simulation_error = tuple(e for f in found for e in signal_errors(f))
+    hints = [f"{f.hint[0].upper()}{f.hint[1:]}." for f in found if f.hint]
+    advice = "" if hints else _next(causes, left)
     document = Diagnosis(
         version=VERSION,
         vsalog=__version__,
@@ -214,14 +216,14 @@ def _outcome(
         rig=rig.to_toml(),
         settings=_settings(options),
         verdict=verdict,
-        sentences=sentences(verdict, causes, gains, where, left, len(found), bool(simulation_error)),
+        sentences=(*hints, *sentences(verdict, causes, gains, where, left, len(found), bool(simulation_error))),
         p_values={f.name: f.selection.p_value for f in found if f.selection.p_value is not None},
         simulation_error=simulation_error,
         equations=tuple(e for f in found for e in equation_errors(f)),
         causes=tuple(causes),
         gain=Gains(holdout=holdout is not None, where=where, signals=(*gains, *stiffness)),
         unexplained=left,
-        next_experiment=_next(causes, left) if proposed is None else _both(_next(causes, left), proposed, left),
+        next_experiment=advice if proposed is None else _both(advice, proposed, left),
         warnings=gathered(warnings, [(f.name, f.warnings) for f in found]),
     )
     measured = log if holdout is None else holdout
