@@ -67,7 +67,8 @@ def test_of_sets_about_as_probable_that_with_fewer_delays_says_whether_a_drive_i
     assert not smooth_drive(0.5, both, (*placed((ENCODERS[0], 2e-3)), *others))
     assert smooth_drive(-0.5, others, both)
     assert not smooth_drive(-0.5, others, others)
-    assert smooth_drive(0.5, others, others)
+    assert not smooth_drive(0.5, others, others)
+    assert smooth_drive(0.5, others[:-1], others)
     assert smooth_drive(APART + 0.1, both, others)
     assert not smooth_drive(-APART - 0.1, others, both)
 

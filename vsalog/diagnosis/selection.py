@@ -180,7 +180,8 @@ def smooth_drive(more: float, smooth: Placed, held: Placed) -> bool:
     """Tell whether drives are taken for smooth.
 
     They hold a torque from sample to sample. One that is smooth acts half a sample earlier, which several delays together would
-    explain as well: it is taken for smooth where that is the more probable; with more delays by far, with fewer nearly so.
+    explain as well. It is taken for smooth where that is the more probable: by far, or with fewer causes; with fewer delays also
+    where it is nearly as probable.
 
     Parameters
     ----------
@@ -188,7 +189,7 @@ def smooth_drive(more: float, smooth: Placed, held: Placed) -> bool:
     smooth, held : the sets
     """
     fewer = delays_in(held) - delays_in(smooth)
-    return more > APART or (more >= -APART and fewer > 0) or (more > 0.0 and fewer == 0)
+    return more > APART or (more >= -APART and fewer > 0) or (more > 0.0 and fewer == 0 and len(smooth) < len(held))
 
 
 def _settled(
