@@ -34,7 +34,7 @@ from vsalog.diagnosis.linear import (
     variants_of,
 )
 from vsalog.diagnosis.omnibus import p_value
-from vsalog.diagnosis.posterior import Posterior, Problem, begun_by, most_probable
+from vsalog.diagnosis.posterior import STEPS, Posterior, Problem, begun_by, most_probable
 from vsalog.diagnosis.smooth import smooth_sites
 from vsalog.diagnosis.subsets import Candidates, Ranked, best_sets, precisions, without
 from vsalog.residuals.sensing import torque_role, true_roles
@@ -238,7 +238,7 @@ def _established(
             continue
         # A cause that is driven as far as it may go stands for something else; what happened once has to stand out of the rest.
         out = {site.key for site, values in final.fit if driven_out(site.parameters, values)}
-        out |= {site.key for site, _ in final.fit if site.transient and not _begins(problem, stage, final.fit, site)}
+        out |= {s.key for s, values in final.fit if s.transient and not _begins(problem, stage, final.fit, s, values)}
         loose = min((c for c in choices if not c.rivals or c.site.key in out), key=lambda c: c.odds, default=None)
         if loose is None or (loose.odds >= APART and not out):
             return Selection(problem, stage, final, tuple(sorted(choices, key=lambda c: -c.odds)), blocks)
@@ -250,10 +250,14 @@ def _established(
         final = most_probable(problem, stage.weights, fit)
 
 
-def _begins(problem: Problem, stage: Stage, fit: Placed, site: Site) -> bool:
-    """Tell whether the search for a cause would begin anywhere in what a set without it leaves over."""
+def _begins(problem: Problem, stage: Stage, fit: Placed, site: Site, values: Array) -> bool:
+    """Tell whether the search for a cause would begin, in what a set without it leaves over, where a fit might have led here."""
+    if site.starts is None:
+        return True
     without_it = placed(problem.joint, [(s, v) for s, v in fit if s.key != site.key])
-    return site.starts is None or bool(site.starts(remainder(stage.system, without_it, problem.setting)))
+    begun = site.starts(remainder(stage.system, without_it, problem.setting))
+    within = np.array([STEPS * p.reach if p.shape else np.inf for p in site.parameters])
+    return any(bool(np.all(np.abs(np.array(start) - values) <= within)) for start in begun)
 
 
 def sites_of(setting: Setting, barred: frozenset[str]) -> list[Site]:
