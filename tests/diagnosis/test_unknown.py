@@ -70,3 +70,19 @@ def test_beside_an_unknown_spring_in_counts_the_right_cause_is_named(tmp_path):
     document = diagnose(tmp_path / "log.csv", None, Options()).diagnosis
     assert [c.cause for c in document.causes][:1] == ["motor.viscous_friction"]
     assert document.causes[0].parameters["damping"].value == pytest.approx(0.1, rel=0.02)
+
+
+def test_a_sensor_that_an_unknown_spring_was_fitted_to_is_judged_by_motor_and_link(tmp_path):
+    """What the spring takes up of the sensor's gain, motor and link do not have: else all numbers of theirs seem to be off."""
+    time, roles = log(
+        Truth(gain=1.06, damping=0.08),
+        duration=10.0,
+        roles=("motor_position", "link_position", "motor_torque", "torque_sensor"),
+    )
+    rig = UNKNOWN.replace("\ngear_ratio = 10.0", "")
+    recorded(tmp_path, time, roles, rig)
+    document = diagnose(tmp_path / "log.csv", None, Options()).diagnosis
+    found = {c.cause: c.parameters for c in document.causes if c.material}
+    assert set(found) == {"sensor.torque_gain", "motor.viscous_friction"}
+    assert found["sensor.torque_gain"]["gain"].value == pytest.approx(1.06, rel=2e-3)
+    assert found["motor.viscous_friction"]["damping"].value == pytest.approx(0.08, rel=2e-2)

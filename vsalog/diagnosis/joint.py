@@ -149,8 +149,8 @@ def diagnose_joint(
         The roles allow no equation at all.
     """
     computed = not_independent(signals, joint)
-    joint, said = with_springs(at_joint(joint), signals)
-    warnings = list(said)
+    joint, fitted = with_springs(at_joint(joint), signals)
+    warnings = list(fitted.values())
     channels = channels_of(without(signals, computed))
     _require_motion(name, channels)
     system = build_system(joint, channels.thinned(), balance_for(joint), 0.5 * signals.period)
@@ -164,10 +164,10 @@ def diagnose_joint(
             " with muscles needs their pressures with the angle, or with the torque meter; a rigid one its position, its motor's"
             " torque and an inertia"
         )
-    setting, hint = setting_of(joint, system), hint_of(name, joint, system)
+    setting, hint = setting_of(joint, system, fitted), hint_of(name, joint, system)
     if hint is None:
         progress(f"joint {name}: looking for causes")
-        selection = select(system, joint, setting, TAKEN_UP if said else frozenset[str](), stated)
+        selection = select(system, joint, setting, TAKEN_UP if fitted else frozenset[str](), stated)
     else:
         # Causes are small changes of a rig: what they would make of a wrong sign means nothing.
         selection = nothing_found(system, joint, setting)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Collection
 from typing import Any
 
 import numpy as np
@@ -15,11 +16,13 @@ from vsalog.residuals.system import System
 Array = NDArray[np.float64]
 
 
-def setting_of(joint: Any, system: System) -> Setting:
-    """Look at a joint and its log as the rig has them."""
+def setting_of(joint: Any, system: System, fitted: Collection[str] = ()) -> Setting:
+    """Look at a joint and its log as the rig has them; the springs of some transmissions were fitted to the log."""
     channels = system.channels
     roles = true_roles(joint, channels, system.hold)
     motion = motion_for(joint, roles, channels.time, channels.spread)
     deflections = {s: phi[0] for s, phi in motion.deflections.items()}
     duration = float(channels.time[-1] - channels.time[0])
-    return Setting(joint, roles, channels.period, duration, deflections, motion.torques, system.names)
+    return Setting(
+        joint, roles, channels.period, duration, deflections, motion.torques, system.names, frozenset(fitted)
+    )

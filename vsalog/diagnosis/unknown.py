@@ -27,7 +27,6 @@ TAKEN_UP = frozenset(
         "transmission.stiffness",
         "transmission.nonlinearity",
         "transmission.asymmetry",
-        "sensor.torque_gain",
         "sensor.torque_offset",
         "sensor.encoder_offset",
         "sensor.encoder_scale",
@@ -36,8 +35,8 @@ TAKEN_UP = frozenset(
 )
 
 
-def with_springs(joint: Any, signals: JointSignals) -> tuple[Any, tuple[str, ...]]:
-    """Return a joint whose unknown transmissions are smooth springs fitted to a log, and what to say of it.
+def with_springs(joint: Any, signals: JointSignals) -> tuple[Any, Mapping[str, str]]:
+    """Return a joint whose unknown transmissions are smooth springs fitted to a log, and of each of these what to say of it.
 
     It is fitted to what the joint did, with what the rig says of its sensors undone. The torque at zero deflection is taken for
     the sensor's offset: a spring that is not known does not tell.
@@ -47,7 +46,7 @@ def with_springs(joint: Any, signals: JointSignals) -> tuple[Any, tuple[str, ...
     joint : of the rig
     signals : of one run of the log
     """
-    said = []
+    said = {}
     unknown = unknown_in(joint)
     roles = true_roles(joint, channels_of(signals)) if unknown else {}
     for name in unknown:
@@ -64,12 +63,12 @@ def with_springs(joint: Any, signals: JointSignals) -> tuple[Any, tuple[str, ...
         joint = replace(joint, **{name: spring})
         signal = offered_roles(joint)[sensor]
         joint = with_signal(joint, sensor, offset=signal.offset + signal.gain * at_rest)
-        said.append(
+        said[name] = (
             f"joint '{signals.joint}': the rig does not say what its spring is, so a smooth one was fitted to the log first:"
-            " what is told below is what no smooth spring explains; stiffness itself, its asymmetry, gains and offsets were not"
-            " judged"
+            " what is told below is what no smooth spring explains; stiffness itself, its asymmetry, encoders' gains and offsets"
+            " were not judged"
         )
-    return joint, tuple(said)
+    return joint, said
 
 
 def unknown_in(joint: Any) -> list[str]:

@@ -139,6 +139,7 @@ class Setting:
     deflections : suffix → φ, shape (N,)
     torques : suffix → τ_T, shape (N,)
     equations : names of those that can be formed
+    fitted : names of transmissions whose springs were fitted to the log's torque sensors
     """
 
     joint: Any
@@ -148,6 +149,7 @@ class Setting:
     deflections: Mapping[str, Array] = field(default_factory=dict)
     torques: Mapping[str, Array] = field(default_factory=dict)
     equations: tuple[str, ...] = ()
+    fitted: frozenset[str] = frozenset()
 
     def torque_size(self, role: str | None = None) -> float:
         """Return the size of a torque role's changes, or of all torques [N·m]."""

@@ -6,10 +6,12 @@ from collections.abc import Iterator, Sequence
 from typing import Any
 
 import numpy as np
+from msgspec.structs import replace
 
 from vsalog.binding import signal_of
 from vsalog.diagnosis.causes.base import (
     WAVY,
+    Apply,
     Cause,
     Parameter,
     Setting,
@@ -37,7 +39,7 @@ ENCODERS = (
 CLOCKED = (*ENCODERS, "pressure_1", "pressure_2", "valve_1", "valve_2")
 
 
-def _changing(role: str, field: str) -> Any:
+def _changing(role: str, field: str) -> Apply:
     def apply(joint: Any, values: Sequence[float]) -> Any:
         return with_signal(joint, role, **{field: float(values[0])})
 
@@ -73,8 +75,12 @@ class _OfTorqueSensor(Cause):
         for role, signal in _recorded(setting, TORQUES):
             parameter = self.number(setting, role, getattr(signal, self.field))
             yield Site(
-                self.name, role, (parameter,), _changing(role, self.field), doubles=tuple(self.doubles(setting, role))
+                self.name, role, (parameter,), self.changing(setting, role), doubles=tuple(self.doubles(setting, role))
             )
+
+    def changing(self, setting: Setting, role: str) -> Apply:
+        """Return what puts a number of the sensor's in."""
+        return _changing(role, self.field)
 
     def doubles(self, setting: Setting, role: str) -> Iterator[str]:
         """Yield the names of causes that would look the same."""
@@ -99,6 +105,19 @@ class TorqueGain(_OfTorqueSensor):
     def number(self, setting: Setting, role: str, start: float) -> Parameter:
         """Return what is fitted."""
         return Parameter("gain", "1", start, 0.01, 0.05, 20.0)
+
+    def changing(self, setting: Setting, role: str) -> Apply:
+        """Return what puts a gain in; a spring that was fitted to what the sensor says has it, too."""
+        name, change = f"transmission{suffix_of(role)}", super().changing(setting, role)
+        if name not in setting.fitted:
+            return change
+
+        def apply(joint: Any, values: Sequence[float]) -> Any:
+            there, spring = change(joint, values), getattr(joint, name)
+            by = signal_of(getattr(joint.signals, role)).gain / values[0]
+            return replace(there, **{name: replace(spring, coefficients=tuple(by * c for c in spring.coefficients))})
+
+        return apply
 
     def doubles(self, setting: Setting, role: str) -> Iterator[str]:
         """Yield a computed torque where the deflection that it may have been computed from is not in the log."""
