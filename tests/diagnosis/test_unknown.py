@@ -9,6 +9,7 @@ from vsalog.diagnosis.run import Options, diagnose
 from vsalog.diagnosis.unknown import with_springs
 from vsalog.mechanics import flexibility_torque
 from vsalog.residuals.sensing import at_joint
+from vsalog.rig import Rig
 
 UNKNOWN = ELASTIC.replace('type = "cubic"\nstiffness = 12.0\ncubic = 150.0', 'type = "unknown"').replace(
     "damping = 0.05", "damping = 0.05\ngear_ratio = 10.0"
@@ -81,8 +82,16 @@ def test_a_sensor_that_an_unknown_spring_was_fitted_to_is_judged_by_motor_and_li
     )
     rig = UNKNOWN.replace("\ngear_ratio = 10.0", "")
     recorded(tmp_path, time, roles, rig)
-    document = diagnose(tmp_path / "log.csv", None, Options()).diagnosis
-    found = {c.cause: c.parameters for c in document.causes if c.material}
+    outcome = diagnose(tmp_path / "log.csv", None, Options())
+    found = {c.cause: c.parameters for c in outcome.diagnosis.causes if c.material}
     assert set(found) == {"sensor.torque_gain", "motor.viscous_friction"}
     assert found["sensor.torque_gain"]["gain"].value == pytest.approx(1.06, rel=2e-3)
     assert found["motor.viscous_friction"]["damping"].value == pytest.approx(0.08, rel=2e-2)
+    # The spring that was fitted is in the extended rig, with which nothing is wrong.
+    (tmp_path / "extended.rig.toml").write_text(outcome.extended.to_toml(), encoding="utf-8")
+    again = diagnose(tmp_path / "log.csv", None, Options(rig=tmp_path / "extended.rig.toml"))
+    assert again.diagnosis.verdict == "consistent"
+    (arm,) = again.rig.joints.values()
+    phi = np.linspace(-0.1, 0.1, 5)
+    truth = next(iter(Rig.from_toml(ELASTIC).joints.values())).transmission
+    np.testing.assert_allclose(flexibility_torque(arm.transmission, phi), flexibility_torque(truth, phi), atol=0.02)

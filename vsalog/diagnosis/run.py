@@ -21,7 +21,6 @@ from vsalog.diagnosis.joint import HELD_OUT, JointDiagnosis, diagnose_joint
 from vsalog.diagnosis.priors import felt
 from vsalog.diagnosis.stiffness_gain import stiffness_gains
 from vsalog.diagnosis.suggest import Suggestion, suggest
-from vsalog.diagnosis.unknown import unknown_in
 from vsalog.diagnosis.words import gathered, sentences
 from vsalog.errors import BindingError, DiagnosisError, RigError, VsalogError, did_you_mean
 from vsalog.estimation import pick_joints
@@ -257,8 +256,8 @@ def _extended(rig: Rig, found: Sequence[JointDiagnosis]) -> Rig | None:
     joints, changed = dict(rig.joints), False
     for one in found:
         original = rig.joints.get(one.name)
-        # What was found of one run, or beside a spring that was fitted to the log, is no rig for others.
-        if not one.found or original is None or unknown_in(original):
+        # What was found of one run is no rig for others.
+        if not one.found or original is None:
             continue
         changed = True
         plain = at_joint(original)
