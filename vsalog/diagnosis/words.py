@@ -146,19 +146,20 @@ def _believe(causes: Sequence[FoundCause], left: Unexplained) -> list[str]:
         weakest = min(causes, key=lambda c: c.confidence)
         of = "of the least certain of them " if len(causes) > 1 else ""
         said.append(f"The confidence {of}is {_per_cent(weakest.confidence)}.")
-    said += [
+    # Both parts of a joint may have the same cause.
+    said += dict.fromkeys(
         f"This log cannot tell {c.cause} from {', '.join(c.indistinguishable_from)}: they are one class, and the rig's tolerances"
         " chose among them."
         for c in causes
         if c.indistinguishable_from
-    ]
+    )
     if left.where is not None:
         on = f" and depends on {' and '.join(left.depends_on)}" if left.depends_on else ""
         if left.loop:
             on = f": a loop over {left.depends_on[0]}, as far as a log can show that passes it once"
         said.append(
-            f"{_per_cent(left.fraction)} of what is wrong in the equations, in squares beyond noise, is left unexplained; it is"
-            f" on the {left.where} side{on}."
+            f"Of what is wrong in the equations {_per_cent(left.fraction)}, in squares beyond noise, is left unexplained; it is on"
+            f" the {left.where} side{on}."
         )
     elif not causes:
         said.append(
