@@ -158,8 +158,8 @@ def _believe(causes: Sequence[FoundCause], left: Unexplained) -> list[str]:
         if left.loop:
             on = f": a loop over {left.depends_on[0]}, as far as a log can show that passes it once"
         said.append(
-            f"Of what is wrong in the equations {_per_cent(left.fraction)}, in squares beyond noise, is left unexplained; it is on"
-            f" the {left.where} side{on}."
+            f"Of what is wrong in the equations {_per_cent(left.fraction)}, in squares beyond noise, is left unexplained; it is"
+            f" on the {left.where} side{on}."
         )
     elif not causes:
         said.append(
