@@ -183,9 +183,10 @@ def score_family(
 
 
 def _is_near(named: Mapping[str, Any], outside: Mapping[str, Any]) -> bool:
-    """Tell whether a cause is the catalogue's nearest to what the catalogue lacks: then it is neither right nor false."""
+    """Tell whether a cause or its class is the catalogue's nearest to what that lacks: then it is neither right nor false."""
     near = [split(m) for m in outside.get("near", ())]
-    return any(named["cause"] == cause and covers(named.get("part"), part) for cause, part in near)
+    members = [(named["cause"], named.get("part")), *(split(m) for m in named.get("indistinguishable_from") or ())]
+    return any(own == cause and covers(where, part) for own, where in members for cause, part in near)
 
 
 def _comes_with(named: Mapping[str, Any], effect: Mapping[str, Any]) -> bool:

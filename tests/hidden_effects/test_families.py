@@ -449,6 +449,7 @@ def test_next_to_model_error_only_larger_causes_are_asked_for():
     reported = diagnosis(
         named("transmission.stiffness", "transmission"),
         named("motor.torque_delay", "motor"),
+        named("sensor.clock_skew", "motor_position", ["motor.torque_delay"]),
         verdict="partly explained",
     )
     outcome = score_family(truth(lost, clear, family="model-error", outside=[outside], remainder=50.0), reported)
