@@ -1,6 +1,7 @@
 """The documentation keeps up with the code."""
 
 import re
+import runpy
 from pathlib import Path
 
 from vsalog.cli import cli
@@ -49,3 +50,8 @@ def test_every_public_name_has_a_docstring():
     for name in vsalog.__all__:
         if not name.startswith("__"):
             assert getattr(vsalog, name).__doc__, name
+
+
+def test_the_tables_of_batteries_are_those_that_are_kept():
+    made = runpy.run_path(str(ROOT / "docs" / "make_battery.py"))["page"]()
+    assert (ROOT / "docs" / "diagnosis.md").read_text(encoding="utf-8") == made, "run: python -m docs.make_battery"
