@@ -1,7 +1,7 @@
-"""Keep what batteries found, and write its tables into docs/diagnosis.md: ``python -m docs.make_battery [BATTERY …]``.
+"""Store results of batteries and write their tables into docs/diagnosis.md: ``python -m docs.make_battery [BATTERY …]``.
 
-Each BATTERY is the folder that ``make battery`` wrote, of one family or of the kinds that are no family. What it found is kept in
-docs/battery, in place of what was found before; without any, the tables are written anew from what is kept.
+Each BATTERY is a folder that ``make battery`` wrote. Its result replaces the one of the same family in docs/battery; without a
+BATTERY the tables are made from the stored results.
 """
 
 import json
@@ -88,7 +88,7 @@ def _families(kept: dict[str, dict[str, Any]]) -> Iterator[str]:
 
 
 def page() -> str:
-    """Return docs/diagnosis.md with its tables written anew."""
+    """Return the text of docs/diagnosis.md with the tables of the stored results."""
     before, rest = PAGE.read_text(encoding="utf-8").split(BEGIN)
     return before + section() + rest.split(END)[1]
 

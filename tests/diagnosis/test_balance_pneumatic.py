@@ -273,7 +273,7 @@ def test_a_clamped_seesaw_has_no_friction_to_find_but_leaks() -> None:
     assert not list(catalogue()["pneumatic.muscle_friction"].sites(setting))
 
 
-def test_of_two_muscles_one_scale_is_the_scale_of_the_meter() -> None:
+def test_one_scale_of_two_muscles_is_not_told_from_the_scale_of_the_meter() -> None:
     # Clamped, and without valves, only the meter's equation is left: both muscles stronger is the meter's gain. The tolerance of
     # muscles is wider.
     found = diagnosed(Bench(held=0.0, gain=(1.1, 1.1)), ("valve_1", "valve_2", "link_position"))

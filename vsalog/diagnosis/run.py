@@ -248,7 +248,7 @@ def _next(causes: Sequence[FoundCause], left: Unexplained) -> str:
 
 def _both(advice: str, proposed: Suggestion, left: Unexplained) -> str:
     """Return the words of what is proposed; where something is unexplained, after what would show it."""
-    return f"{advice} {proposed.words}" if left.where is not None and not proposed.confused else proposed.words
+    return f"{advice} {proposed.words}".strip() if left.where is not None and not proposed.confused else proposed.words
 
 
 def _extended(rig: Rig, found: Sequence[JointDiagnosis]) -> Rig | None:
