@@ -11,14 +11,13 @@ from __future__ import annotations
 
 import argparse
 import os
-import subprocess
 import sys
 import tempfile
 from dataclasses import replace
 from pathlib import Path
 from statistics import median
 
-from benchmarks.measure import machine
+from benchmarks.measure import machine, usage_of
 from tests.hidden_effects.families import FAMILIES
 from tests.hidden_effects.generate import family_plans, make_and_write
 
@@ -28,26 +27,12 @@ GIB = 2**30
 SECONDS, MEMORY = {"elastic": 8.0, "serial": 12.0, "antagonistic": 12.0}, 1.0 * GIB
 
 
-def run(*arguments: str | Path) -> tuple[float, int]:
-    """Run vsalog; return its CPU time [s] and its peak of resident memory [bytes]."""
-    quiet = os.environ | {"OPENBLAS_NUM_THREADS": "1"}
-    process = subprocess.Popen(
-        [VSALOG, *map(str, arguments)], env=quiet, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL
-    )
-    _, status, usage = os.wait4(process.pid, 0)
-    if os.waitstatus_to_exitcode(status) not in (0, 3):
-        sys.exit(f"vsalog {arguments[0]} failed")
-    return usage.ru_utime + usage.ru_stime, usage.ru_maxrss * (1 if sys.platform == "darwin" else 1024)
-
-
 def measured(case: Path) -> tuple[float, float, int]:
     """Return the CPU time of a diagnosis [s], that of an estimate [s], and the diagnosis' memory [bytes]."""
-    log, rig = case / "log.parquet", case / "rig.toml"
-    estimate, _ = run("estimate", log, "--rig", rig, "-o", case / "estimate.parquet")
-    diagnose, memory = run(
-        "diagnose", log, "--rig", rig, "--holdout", case / "holdout.parquet", "-o", case / "diagnosis"
-    )
-    return diagnose, estimate, memory
+    given = (case / "log.parquet", "--rig", case / "rig.toml")
+    estimate = usage_of([VSALOG, "estimate", *given, "-o", case / "estimate.parquet"])
+    diagnose = usage_of([VSALOG, "diagnose", *given, "--holdout", case / "holdout.parquet", "-o", case / "diagnosis"])
+    return diagnose.cpu, estimate.cpu, diagnose.memory
 
 
 def main() -> int:
@@ -56,6 +41,7 @@ def main() -> int:
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--seconds", type=float, default=60.0, help="of a log")
     asked = parser.parse_args()
+    os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     FAMILIES["messy"] = replace(FAMILIES["messy"], duration=(asked.seconds, asked.seconds))
     print(machine("vsalog", "numba", "numpy", "scipy"))
     print(f"\n{'device':14}{'median [s]':>11}{'most [s]':>10}{'target [s]':>12}{'of estimate':>13}{'memory [GiB]':>14}")

@@ -7,8 +7,9 @@ import platform
 import shutil
 import statistics
 import subprocess
+import sys
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
@@ -20,6 +21,28 @@ class Time:
 
     least: float
     median: float
+
+
+@dataclass(frozen=True)
+class Usage:
+    """What a process took: time on the wall and of processors [s], and its peak of resident memory [bytes]."""
+
+    wall: float
+    cpu: float
+    memory: int
+
+
+def usage_of(command: Sequence[str | Path], codes: Sequence[int] = (0,)) -> Usage:
+    """Run a command, which may end with some codes; exit with what it says on stderr where it ends otherwise. Needs a Unix."""
+    start = time.perf_counter()
+    process = subprocess.Popen([str(part) for part in command], stdout=subprocess.DEVNULL, stderr=subprocess.PIPE)
+    assert process.stderr is not None
+    said = process.stderr.read()
+    _, status, usage = os.wait4(process.pid, 0)
+    if os.waitstatus_to_exitcode(status) not in codes:
+        sys.exit(f"{' '.join(map(str, command[:2]))} failed: {said.decode()}")
+    memory = usage.ru_maxrss * (1 if sys.platform == "darwin" else 1024)
+    return Usage(time.perf_counter() - start, usage.ru_utime + usage.ru_stime, memory)
 
 
 def side_by_side(calls: Mapping[str, Callable[[], object]], rounds: int) -> dict[str, Time]:
