@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from scipy.signal import savgol_coeffs, savgol_filter
 
 from vsalog.binding import bind, offered_roles, wanted_channels
 from vsalog.errors import BindingError, RigError
@@ -211,6 +212,34 @@ def test_jittered_stamps_are_brought_onto_an_even_grid():
     assert np.ptp(np.diff(signals.stamps)) == 0
     start = jittered[0] + signals.time
     np.testing.assert_allclose(signals.roles["motor_position"], np.sin(5 * start), atol=1e-4)
+
+
+@pytest.mark.parametrize(("every", "jitter"), [(1, 0.3), (10, 0.0), (3, 0.2)])
+def test_noise_of_samples_between_those_of_the_grid_is_that_of_what_was_recorded(every, jitter):
+    """Neighbours on the grid share a sample's noise: their differences hide it, and averages over them are as noisy as ever."""
+    rng, noise = np.random.default_rng(4), 1e-3
+    fast = np.arange(60_000) * 1e-3
+    slow = fast[::every] + 1e-3 * every * rng.uniform(-jitter, jitter, fast[::every].size)
+    said = np.sin(3 * slow) + noise * rng.normal(size=slow.size)
+    signals = bound(TWO, recording(x=(fast, fast), y=(slow, said)))
+    found = signals.interpolated["link_position"]
+    off = signals.roles["link_position"] - np.sin(3e-9 * (signals.stamps - 1_700_000_000_000_000_000))
+    assert found.deviation == pytest.approx(noise * every**0.5, rel=0.06)
+    inside = slice(100, -100)
+    assert found.share * found.deviation == pytest.approx(np.std(off[inside]), rel=0.06)
+    filtered = savgol_filter(off, 101, 4)[inside]
+    assert found.deviation * np.linalg.norm(savgol_coeffs(101, 4)) == pytest.approx(np.std(filtered), rel=0.1)
+
+
+def test_noise_of_runs_is_that_of_the_noisiest():
+    rng, pieces = np.random.default_rng(5), []
+    for name, noise in (("a.csv", 1e-3), ("b.csv", 4e-3)):
+        slow = np.arange(2000) * 2e-3
+        x = np.sin(slow) + noise * rng.normal(size=slow.size)
+        pieces.append(recording(name, x=(np.arange(4000) * 1e-3, np.zeros(4000)), y=(slow, x)))
+    name, joint = joint_of(ELASTIC + TWO)
+    signals = bind(pieces, name, joint, tuple(offered_roles(joint)))
+    assert signals.interpolated["link_position"].deviation == pytest.approx(4e-3 * 2**0.5, rel=0.1)
 
 
 def test_a_gap_splits_the_run_and_nothing_is_bridged():

@@ -27,6 +27,7 @@ from vsalog.grid import (
     after_long_silence,
     common_segments,
     grid_of,
+    interpolated_noise,
     less,
     on_grid,
     own_stretches,
@@ -39,7 +40,7 @@ from vsalog.recording import Recording
 from vsalog.resolution import coarser, resolution_of
 from vsalog.rig.schema import Joint, RigidJoint, Run, SerialJoint, Signal
 from vsalog.role_source import constant_of, motor_of, origin_of, source_of
-from vsalog.signals import JointSignals
+from vsalog.signals import Interpolated, JointSignals
 
 Array = NDArray[np.float64]
 
@@ -262,6 +263,9 @@ def _on_one_grid(recording: Recording, joint: str, bound: Mapping[str, Bound], r
             *binding_notes(joint, segments, {role: tally_of(b) for role, b in moving.items()}, origin),
             *turned_notes(joint, turned),
         ),
+        interpolated={
+            role: noise for role, b in moving.items() if (noise := interpolated_noise(b, stamps, period)) is not None
+        },
     )
 
 
@@ -333,4 +337,11 @@ def _concatenate(name: str, pieces: Sequence[JointSignals], run_names: tuple[str
         run_names,
         least_steps([p.resolution for p in pieces], first.roles),
         tuple(note for p in pieces for note in p.notes),
+        noisiest([p.interpolated for p in pieces]),
     )
+
+
+def noisiest(runs: Sequence[Mapping[str, Interpolated]]) -> dict[str, Interpolated]:
+    """Return role → the noise of the run that has most of it, of roles that were interpolated in any."""
+    every = sorted((item for run in runs for item in run.items()), key=lambda item: item[1].deviation)
+    return dict(every)

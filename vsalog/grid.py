@@ -10,6 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vsalog.errors import BindingError
+from vsalog.resolution import noise_of, step_of
+from vsalog.signals import Interpolated
 
 Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]
@@ -134,16 +136,49 @@ def is_even(least: int, greatest: int, period: int) -> bool:
 def on_grid(b: Bound, stamps: Stamps) -> Array:
     """Values at the grid's stamps: as they are where they lie on it, linearly between neighbours otherwise."""
     b = bridged(b)
-    if b.stamps.size == stamps.size and np.array_equal(b.stamps, stamps):
+    if _lies_on(b, stamps):
         return b.values
+    v0, v1, share, _ = _between(b, stamps)
+    return np.asarray(np.where(share == 0.0, v0, np.where(share == 1.0, v1, v0 + share * (v1 - v0))), dtype=np.float64)
+
+
+def interpolated_noise(b: Bound, stamps: Stamps, period: int) -> Interpolated | None:
+    """Return the noise of a role whose samples lie between the grid's stamps; None where they lie on it.
+
+    White noise of deviation σ at samples that are Δt apart has the density σ² Δt; on the grid, σ √(Δt/T) has that.
+
+    Parameters
+    ----------
+    b : a role that moves
+    stamps : of the grid
+    period : T of the grid [ns]
+    """
+    b = bridged(b)
+    if _lies_on(b, stamps):
+        return None
+    time = (b.stamps - b.stamps[0]).astype(np.float64)
+    step = step_of(b.values) or 0.0
+    noise = max(noise_of(b.values, time=time) or 0.0, step / 12.0**0.5)
+    _, _, share, apart = _between(b, stamps)
+    density = noise * float(np.mean(apart) / period) ** 0.5
+    shown = noise * float(np.mean((1.0 - share) ** 2 + share**2)) ** 0.5
+    return Interpolated(density, shown / density if density else 1.0)
+
+
+def _lies_on(b: Bound, stamps: Stamps) -> bool:
+    return b.stamps.size == stamps.size and np.array_equal(b.stamps, stamps)
+
+
+def _between(b: Bound, stamps: Stamps) -> tuple[Array, Array, Array, Array]:
+    """Return for each of the grid's stamps the values before and after it, where it lies between them, 0 to 1, and their distance
+    in time [ns].
+    """
     # Relative to the first stamp: nanoseconds since the epoch do not fit into the digits of a float.
     origin = stamps[0]
     after = np.clip(np.searchsorted(b.stamps, stamps), 1, b.stamps.size - 1)
     t0, t1 = b.stamps[after - 1], b.stamps[after]
-    v0, v1 = b.values[after - 1], b.values[after]
     share = ((stamps - origin) - (t0 - origin)) / (t1 - t0)
-    exact = np.where(stamps == t0, v0, np.where(stamps == t1, v1, v0 + share * (v1 - v0)))
-    return np.asarray(exact, dtype=np.float64)
+    return b.values[after - 1], b.values[after], share, (t1 - t0).astype(np.float64)
 
 
 def bridged(b: Bound) -> Bound:

@@ -69,7 +69,7 @@ def sensor_noise(values: Array, step: float, least: float) -> float:
     )
 
 
-def noise_of(values: Array, step: float = 0.0) -> float | None:
+def noise_of(values: Array, step: float = 0.0, time: Array | None = None) -> float | None:
     """Return the standard deviation of a signal's white noise; None where too little can be told.
 
     Third differences leave little of a smooth motion, and their spread is √20 times that of white noise. Their median is
@@ -79,14 +79,24 @@ def noise_of(values: Array, step: float = 0.0) -> float | None:
     ----------
     values : NaN is left out
     step : of the sensor where it is to be told what lies between multiples of it: noise of which rounding is a part
+    time : when each was taken, rising [any unit], where that is not evenly
     """
     sample = _sample(values)
-    third = np.diff(sample, 3)
+    third = np.diff(sample, 3) if time is None else _divided(sample, _sample(np.where(np.isnan(values), np.nan, time)))
     if third.size < 20:
         return None
     deviation = 1.4826 * _median(np.abs(third - np.median(third)), step) / 20.0**0.5
     # What is left of a noiseless signal is the rounding of its numbers.
     return deviation if deviation > 1e-13 * float(np.max(np.abs(sample))) else None
+
+
+def _divided(values: Array, time: Array) -> Array:
+    """Return third divided differences, with weights whose squares add up to the 20 of even third differences."""
+    t = np.lib.stride_tricks.sliding_window_view(time, 4)
+    apart = t[:, :, None] - t[:, None, :] + np.eye(4)
+    weights = 1.0 / np.prod(apart, axis=2)
+    weights *= 20.0**0.5 / np.linalg.norm(weights, axis=1, keepdims=True)
+    return np.asarray(np.sum(weights * np.lib.stride_tricks.sliding_window_view(values, 4), axis=1))
 
 
 def _median(sizes: Array, step: float) -> float:

@@ -18,6 +18,20 @@ LONGER = "record longer, and with even stamps (where they jitter they make gaps;
 
 
 @dataclass(frozen=True, slots=True)
+class Interpolated:
+    """Noise of a sensor whose samples are not on the grid. Interpolated, neighbours share it, and differences hide it.
+
+    Attributes
+    ----------
+    deviation : of white noise on the grid with as much power at low frequencies as the samples have [SI]
+    share : standard deviation of an interpolated sample over that
+    """
+
+    deviation: float
+    share: float
+
+
+@dataclass(frozen=True, slots=True)
 class JointSignals:
     """The signals of one joint, or a block of them: a slice of a `JointSignals` is one too.
 
@@ -33,6 +47,7 @@ class JointSignals:
     run_names : names of the runs (groups of a file, or files); ("",) when there is just one
     resolution : role → least step of the sensor [SI], 0 where none could be told
     notes : what a person should know about how the signals came about
+    interpolated : role → noise of those whose samples were taken between the grid's
     """
 
     joint: str
@@ -45,6 +60,7 @@ class JointSignals:
     run_names: tuple[str, ...] = ("",)
     resolution: Mapping[str, float] = field(default_factory=dict)
     notes: tuple[str, ...] = ()
+    interpolated: Mapping[str, Interpolated] = field(default_factory=dict)
 
     def __len__(self) -> int:
         return int(self.time.shape[0])

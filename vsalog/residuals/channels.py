@@ -37,15 +37,17 @@ class Noise:
     ----------
     deviation : of the white noise
     step : of the rounding; 0 for none
+    share : of the deviation that a sample has; less than 1 where samples are interpolated, see `signals.Interpolated`
     """
 
     deviation: float
     step: float
+    share: float = 1.0
 
     @property
     def floor(self) -> float:
-        """Standard deviation of both together."""
-        return float(np.hypot(self.deviation, self.step / 12.0**0.5))
+        """Standard deviation of a sample."""
+        return float(np.hypot(self.share * self.deviation, self.step / 12.0**0.5))
 
 
 @dataclass(frozen=True, slots=True)
@@ -159,9 +161,10 @@ def channels_of(signals: JointSignals) -> Channels:
     noise = {role: noise_in(values) for role, values in raw.items()}
     # What is commanded in a few steps was not rounded to them.
     noise |= {role: replace(own, step=0.0) for role, own in noise.items() if role.startswith("valve")}
+    noise |= {r: Noise(own.deviation, 0.0, own.share) for r, own in signals.interpolated.items() if r in noise}
     filtered = _filtered(raw, signals.starts, period, window)
     left = float(np.linalg.norm(savgol_weights(window, DEGREE)))
-    spread = {role: own.floor * left for role, own in noise.items()}
+    spread = {role: replace(own, share=1.0).floor * left for role, own in noise.items()}
     return Channels(period, signals.time, filtered, raw, signals.starts, noise, window, spread)
 
 
