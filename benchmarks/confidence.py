@@ -5,7 +5,7 @@
 As many machines are drawn, shared among the families of hidden effects, each with a random rig, effects and noises, and
 diagnosed; `--score` counts those that lie in DIR. Of each interval of confidence the mean, the share that is right, and the 95 %
 interval of that share (Wilson 1927, JASA 22(158)) are printed; and how large classes are. Exits with 1 where the interval of a
-share does not hold the mean confidence. A cause counts as right where it, or a member of its class, is hidden in the machine.
+share does not hold the mean confidence. A cause counts as right where it is hidden in the machine, a class where a member is.
 """
 
 from __future__ import annotations
@@ -51,13 +51,16 @@ def main() -> None:
 
 
 def calibrated(outcomes: list[FamilyOutcome]) -> bool:
-    """Print the curve; tell whether it is the diagonal as far as the machines can say."""
+    """Print the curves of causes and of classes; tell whether they are the diagonal as far as the machines can say."""
     sizes = [len(c) for o in outcomes for c in o.classes]
     print(f"{len(outcomes)} machines; classes have {np.median(sizes) if sizes else 0:g} members in the median\n")
-    rows = reliability(outcomes)
-    print(curve(rows))
-    shares = [(mean, binomtest(round(right * n), n).proportion_ci(method="wilson")) for *_, mean, right, n in rows]
-    return all(share.low <= mean <= share.high for mean, share in shares)
+    good = True
+    for of in ("confidences", "class_confidences"):
+        rows = reliability([c for o in outcomes for c in getattr(o, of)])
+        print(f"{of.replace('_', ' ').capitalize()}\n\n{curve(rows)}")
+        shares = [(mean, binomtest(round(right * n), n).proportion_ci(method="wilson")) for *_, mean, right, n in rows]
+        good &= all(share.low <= mean <= share.high for mean, share in shares)
+    return good
 
 
 if __name__ == "__main__":

@@ -67,7 +67,9 @@ def _confidence(families: list[dict[str, Any]]) -> Iterator[str]:
     sizes = np.repeat(*np.array([[int(k), n] for f in families for k, n in f["class_sizes"].items()]).T)
     yield f"### Confidence of {machines} machines\n"
     yield f"All families below together. Classes have {np.median(sizes):g} member in the median, at most {sizes.max()}.\n"
-    yield curve(pooled([found["reliability"] for found in families]))
+    yield f"A cause is right where it is hidden itself:\n\n{curve(pooled([found['reliability'] for found in families]))}"
+    together = pooled([found["class_reliability"] for found in families])
+    yield f"A class is right where one of its members is hidden (a cause without a class is a class of one):\n\n{curve(together)}"
 
 
 def _alone(found: dict[str, Any] | None) -> Iterator[str]:

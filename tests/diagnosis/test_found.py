@@ -23,7 +23,7 @@ def site_of(setting, cause):
 
 def found(setting, cause, values, spread, rivals=(), size=3.0, odds=9.0):
     site = site_of(setting, cause)
-    choice = Choice(site, odds, rivals, size)
+    choice = Choice(site, odds if isinstance(odds, tuple) else (odds,), rivals, size)
     return Found(site, np.array(values), np.diag(np.square(spread)), choice, 0.5)
 
 
@@ -63,6 +63,14 @@ def test_an_undetermined_member_of_a_class_matters_and_one_alone_does_not(settin
     assert found(setting, *values, rivals=rivals).material
     assert not found(setting, *values).material
     assert not found(setting, *values, rivals=rivals, size=0.5).material
+
+
+def test_a_member_is_as_sure_as_its_odds_against_all_others_and_its_class_as_sure_as_without_any(setting):
+    """Three members that explain a log alike: each is there with a third; without all of them it is improbable by 1 to 99."""
+    rivals = (site_of(setting, "link.inertia"),)
+    one = found(setting, "motor.inertia", [0.03], [0.1], rivals=rivals, odds=(0.0, 0.0, np.log(99.0)))
+    assert one.confidence == pytest.approx(0.985 / (1.0 + 1.0 + 1.0 + 1.0 / 99.0), rel=1e-12)
+    assert one.class_confidence == pytest.approx(0.985 * 0.99, rel=1e-12)
 
 
 @pytest.mark.parametrize(("odds", "confidence"), [(-np.inf, 0.0), (0.0, 0.4925), (np.log(19.0), 0.93575), (1e6, 0.985)])

@@ -18,6 +18,8 @@ from .scoring import median
 
 # A log that is called explained is simulated within so many times its noise floor.
 EXPLAINED = 2.0
+# Ends of the intervals of confidence.
+EDGES = (0.0, 0.5, 0.7, 0.9, 0.95, 0.99, 1.0)
 Outcomes = Sequence[FamilyOutcome]
 
 
@@ -126,9 +128,15 @@ def groups(outcomes: Outcomes) -> dict[tuple[str, str], list[FamilyOutcome]]:
     return dict(out)
 
 
-def reliability(outcomes: Outcomes, edges: Sequence[float] = (0.0, 0.5, 0.7, 0.9, 0.95, 0.99, 1.0)) -> list[list[Any]]:
-    """Return, for each interval of confidence: its ends, mean confidence, share that is right, count."""
-    pairs = np.array([p for o in outcomes for p in o.confidences], dtype=float).reshape(-1, 2)
+def reliability(found: Sequence[tuple[float, bool]], edges: Sequence[float] = EDGES) -> list[list[Any]]:
+    """Return, for each interval of confidence: its ends, mean confidence, share that is right, count.
+
+    Parameters
+    ----------
+    found : confidences, and whether each was right
+    edges : of the intervals
+    """
+    pairs = np.array(found, dtype=float).reshape(-1, 2)
     rows = []
     for low, high in pairwise(edges):
         inside = (pairs[:, 0] >= low) & ((pairs[:, 0] < high) | (high == edges[-1]))
@@ -152,7 +160,7 @@ def markdown(families: Sequence[Mapping[str, Any]], seed: int, version: str) -> 
     for found in families:
         simulated = "" if found["engine"] == "own" else f", simulated by {found['engine']}"
         title = f"Family {found['family']}{simulated}, seed {seed}, vsalog {version}, {found['count']} cases."
-        tables.append(f"{title}\n\n{table(found)}\n{curve(found['reliability'])}")
+        tables.append(f"{title}\n\n{table(found)}\n{curve(found['class_reliability'])}")
     return "\n".join(tables)
 
 
@@ -227,7 +235,8 @@ def _family(family: str, engine: str, outcomes: Outcomes) -> dict[str, Any]:
         "devices": {d: _device([o for o in outcomes if o.device == d]) for d in sorted({o.device for o in outcomes})},
         "missed": dict(_missed(outcomes).most_common(12)),
         "false": dict(false.most_common(12)),
-        "reliability": reliability(outcomes),
+        "reliability": reliability([c for o in outcomes for c in o.confidences]),
+        "class_reliability": reliability([c for o in outcomes for c in o.class_confidences]),
         "class_sizes": dict(sorted(Counter(len(c) for o in outcomes for c in o.classes).items())),
         "cases": [asdict(o) for o in outcomes],
     }

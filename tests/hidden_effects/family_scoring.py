@@ -44,7 +44,8 @@ class FamilyOutcome:
     estimates : of what was named rightly
     held_out : per signal: error after over the noise floor, on held-out data
     absurd : values that are beyond a factor of three of the rig's
-    confidences : (confidence, whether it is right) of each material cause
+    confidences : (confidence, whether it is hidden itself) of each material cause
+    class_confidences : (confidence of its class, whether a member of that is hidden) of each
     simulated : signal → error of the rig as it stands over the noise floor, on the log
     equations : equation → what the rig as it stands leaves over its noise
     remainder : size of what the catalogue has not, in multiples of the noise
@@ -72,6 +73,7 @@ class FamilyOutcome:
     held_out: list[float] = field(default_factory=list)
     absurd: list[str] = field(default_factory=list)
     confidences: list[tuple[float, bool]] = field(default_factory=list)
+    class_confidences: list[tuple[float, bool]] = field(default_factory=list)
     simulated: dict[str, float] = field(default_factory=dict)
     equations: dict[str, float] = field(default_factory=dict)
     remainder: float = 0.0
@@ -167,7 +169,8 @@ def score_family(
             if confidence is None or confidence >= CONFIDENT:
                 outcome.confident.append(_key(cause))
         if confidence is not None:
-            outcome.confidences.append((float(confidence), right))
+            outcome.confidences.append((float(confidence), any(is_hidden(cause, e) for e in effects)))
+            outcome.class_confidences.append((float(cause.get("class_confidence", confidence)), right))
     if causes:
         outcome.first = any(is_hidden(causes[0], e) for e in effects)
         small = len(outcome.classes[0]) <= SMALL_CLASS

@@ -473,6 +473,14 @@ def test_the_damping_of_a_gaps_walls_is_neither_right_nor_false():
     assert false(SPRING) == (["transmission.damping@transmission_1"], [(1.0, False)])
 
 
+def test_the_member_of_a_class_that_is_not_hidden_is_wrong_and_its_class_is_right():
+    gain = named("sensor.torque_gain", "torque_sensor", ["transmission.stiffness (transmission)"], confidence=0.4)
+    outcome = score_family(truth(SPRING), diagnosis(gain | {"class_confidence": 0.97}))
+    assert outcome.confidences == [(0.4, False)]
+    assert outcome.class_confidences == [(0.97, True)]
+    assert outcome.false == []
+
+
 def test_repeats_agree_on_verdict_and_causes():
     def test_of(machine, *causes, verdict="explained"):
         return score_family(truth(SPRING, family="bench", machine=machine), diagnosis(*causes, verdict=verdict))
@@ -499,11 +507,10 @@ def test_confidence_is_held_against_how_often_it_is_right():
     certain = named("transmission.stiffness", "transmission", confidence=0.97)
     doubtful = named("link.inertia", "link", confidence=0.6)
     outcomes = [score_family(truth(SPRING), diagnosis(certain, doubtful)) for _ in range(3)]
-    assert reliability(outcomes) == [[0.5, 0.7, pytest.approx(0.6), 0.0, 3], [0.95, 0.99, pytest.approx(0.97), 1.0, 3]]
+    said = [c for o in outcomes for c in o.confidences]
+    assert reliability(said) == [[0.5, 0.7, pytest.approx(0.6), 0.0, 3], [0.95, 0.99, pytest.approx(0.97), 1.0, 3]]
     (found,) = family_report.document(outcomes)
-    assert pooled([reliability(outcomes[:1]), reliability(outcomes[1:])]) == [
-        pytest.approx(r) for r in reliability(outcomes)
-    ]
+    assert pooled([reliability(said[:2]), reliability(said[2:])]) == [pytest.approx(r) for r in reliability(said)]
     text = family_report.markdown([found], 7, "0.1")
     assert "Family messy, seed 7, vsalog 0.1, 3 cases." in text
     assert "False: link.inertia@link 3." in text

@@ -152,7 +152,9 @@ def test_numbers_in_words():
         "0 %",
         "50 %",
     ]
-    assert confidence_text(1.0) == "> 99 %"
+    assert confidence_text(found_cause(confidence=1.0)) == "> 99 %"
+    member = found_cause(confidence=0.4, class_confidence=0.97, indistinguishable_from=("link.inertia",))
+    assert confidence_text(member) == "40 %, its class 97 %"
     assert reduction_text(position_gain(reduction=0.981, ci95=(0.976, 0.985))) == "98.1 % (97.6 … 98.5)"
     assert reduction_text(position_gain(reduction=-40.0, ci95=(-50.0, -30.0))) == "worse, more than tenfold"
     assert reduction_text(position_gain(reduction=float("nan"))) == "–"

@@ -6,6 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vsalog.diagnosis.causes import catalogue
+from vsalog.diagnosis.causes.base import Site
 from vsalog.diagnosis.document import (
     Bin,
     EquationError,
@@ -52,8 +53,8 @@ def causes_of(found: JointDiagnosis) -> list[FoundCause]:
     out = [_computed(found, role, why) for role, why in found.computed.items()]
     for cause in found.found:
         kind = catalogue()[cause.site.cause]
-        rivals = [r for r in cause.choice.rivals if r.cause != cause.site.cause]
-        others = tuple(dict.fromkeys((*cause.site.doubles, *(name for s in rivals for name in (s.cause, *s.doubles)))))
+        rivals = [name for r in cause.choice.rivals for name in (_member(r, cause.site), *r.doubles)]
+        others = tuple(dict.fromkeys((*cause.site.doubles, *rivals)))
         known, absent = cause.determined(), {n: a for n, (a, _) in cause.absent().items()}
         numbers = {
             # A number that is the same without the cause is a shape, which the rig does not have.
@@ -72,6 +73,7 @@ def causes_of(found: JointDiagnosis) -> list[FoundCause]:
                 material=cause.material,
                 size=cause.choice.size,
                 confidence=cause.confidence,
+                class_confidence=cause.class_confidence,
                 indistinguishable_from=others,
                 error_removed=cause.removed,
                 why=f"{part_in_words(cause.site.part).capitalize()}: {kind.says}.",
@@ -83,20 +85,24 @@ def causes_of(found: JointDiagnosis) -> list[FoundCause]:
     return out
 
 
+def _member(rival: Site, site: Site) -> str:
+    """Return the name of a member of a cause's class; of the same cause elsewhere with its part."""
+    return f"{rival.cause} ({rival.part})" if rival.cause == site.cause else rival.cause
+
+
 def _confirmed(name: str) -> str:
-    """Return the experiment that confirms a cause, or shows that none of the catalogue is meant."""
+    """Return the experiment that confirms a member of a class, or shows that none of the catalogue is meant."""
     if name == UNKNOWN:
         return "repeat the motion with other speeds and ranges; a cause keeps its numbers, an unknown effect does not."
-    return catalogue()[name].confirm
+    return catalogue()[name.partition(" ")[0]].confirm
 
 
 def _computed(found: JointDiagnosis, role: str, why: str) -> FoundCause:
     kind = catalogue()["sensor.torque_not_independent"]
     return FoundCause(
-        cause=kind.name, joint=found.name, part=role, title=title_of(kind.name, role), parameters={},
-        common_with=(), material=True, size=None, confidence=0.99,
-        indistinguishable_from=(), error_removed=0.0, why=f"{why}.", how_to_confirm=kind.confirm, tell_apart="",
-        reference=kind.reference,
+        cause=kind.name, joint=found.name, part=role, title=title_of(kind.name, role), parameters={}, common_with=(),
+        material=True, size=None, confidence=0.99, class_confidence=0.99, indistinguishable_from=(), error_removed=0.0,
+        why=f"{why}.", how_to_confirm=kind.confirm, tell_apart="", reference=kind.reference,
     )  # fmt: skip
 
 

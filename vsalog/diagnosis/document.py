@@ -93,9 +93,11 @@ class FoundCause(_Part, frozen=True):
     material : whether it matters: `size` is 1 or more
     size : RMS of what it changes in an equation that no other cause of the set explains, over the RMS of noise and model error;
         null where nothing was fitted
-    confidence : 0 to 1, probability of the best set of causes against the best one without this cause
-    indistinguishable_from : its equivalence class: causes that replace it in sets about as probable; the rig's tolerances chose
-        among them; `unknown` is a smooth function of a signal, no cause of the catalogue
+    confidence : 0 to 1, probability of this cause, against what replaces it in sets about as probable, or nothing
+    class_confidence : the same of its class, itself and `indistinguishable_from`: that one of them is there
+    indistinguishable_from : its equivalence class: causes that replace it in sets about as probable, with the part where
+        that is the same cause elsewhere; the rig's tolerances chose among them; `unknown` is a smooth function of a signal, no
+        cause of the catalogue
     error_removed : share of the rig's squared residual beyond noise that this cause removes; the shares add up
     why : the evidence in words
     how_to_confirm : an experiment
@@ -112,6 +114,7 @@ class FoundCause(_Part, frozen=True):
     material: bool
     size: float | None
     confidence: float
+    class_confidence: float
     indistinguishable_from: tuple[str, ...]
     error_removed: float
     why: str

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.special import expit
+from scipy.special import erf, expit
 
 from vsalog.diagnosis.causes import catalogue
 from vsalog.diagnosis.causes.base import Site
@@ -60,8 +60,22 @@ class Found:
 
     @property
     def confidence(self) -> float:
-        """Probability that a set with this cause, rather than the best one without it, is right, and that nothing imitates it."""
-        return float((1.0 - IMITATED) * expit(self.choice.odds))
+        """Probability that this cause is there, not what replaces it in other sets, and that nothing imitates it."""
+        return self._not_imitated * self.choice.probability
+
+    @property
+    def class_confidence(self) -> float:
+        """Probability that a member of its class is there, and that nothing imitates it; of a class of one that of the cause."""
+        return float(self._not_imitated * expit(self.choice.class_odds))
+
+    @property
+    def _not_imitated(self) -> float:
+        """Probability that nothing imitates the cause.
+
+        Model error is no noise: it follows the motion and does not average out. Along the cause's direction it may be as large as
+        it is on the whole, as a normal variable: this is the probability that it is less than what was found there.
+        """
+        return float((1.0 - IMITATED) * erf(self.choice.over_model_error / 2.0**0.5))
 
     def numbers(self) -> dict[str, tuple[float, float, str]]:
         """Return name → value, standard deviation, unit, as people are told."""

@@ -8,12 +8,13 @@ coarse to fine by itself, as the residual shrinks.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.special import expit, logsumexp
 
 from vsalog.diagnosis.causes import catalogue
 from vsalog.diagnosis.causes.base import Remainder, Setting, Site
@@ -38,7 +39,7 @@ from vsalog.diagnosis.posterior import STEPS, Posterior, Problem, begun_by, most
 from vsalog.diagnosis.smooth import smooth_sites
 from vsalog.diagnosis.subsets import Candidates, Ranked, best_sets, precisions, without
 from vsalog.residuals.sensing import torque_role, true_roles
-from vsalog.residuals.system import System, build_system
+from vsalog.residuals.system import System, build_system, whitener
 
 Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]
@@ -62,18 +63,36 @@ class Choice:
     Attributes
     ----------
     site : of the catalogue
-    odds : log of how much more probable the best set is than the best without this cause
-    rivals : causes that stand in its place in `instead`, where that is about as probable
+    against : logs of how much more probable the best set is than others: than the best without this cause, and, for as long as
+        another cause stands in its place there, than the best without these either; the last is that without all of its class
+    rivals : the causes that stand in its place, where that is about as probable: with it they are its class
     size : what the cause changes in the equation where it shows most, beyond what the other causes of the set could take up, root
         mean square over that of noise and model error
+    over_model_error : the same over that of model error alone; infinite where there is none
     instead : the best set without this cause; nothing where none was fitted in full
     """
 
     site: Site
-    odds: float
+    against: tuple[float, ...]
     rivals: tuple[Site, ...]
     size: float
+    over_model_error: float = np.inf
     instead: tuple[tuple[Site, Array], ...] | None = None
+
+    @property
+    def odds(self) -> float:
+        """Log of how much more probable the best set is than the best without this cause."""
+        return self.against[0]
+
+    @property
+    def class_odds(self) -> float:
+        """Log of how much more probable the best set is than the best without any member of the cause's class."""
+        return self.against[-1]
+
+    @property
+    def probability(self) -> float:
+        """Probability of the best set among it and those in which others stand in this cause's place, or nothing does."""
+        return float(expit(-logsumexp(-np.array(self.against))))
 
 
 @dataclass(frozen=True, slots=True)
@@ -239,8 +258,8 @@ def _established(
         # A cause that is driven as far as it may go stands for something else; what happened once has to stand out of the rest.
         out = {site.key for site, values in final.fit if driven_out(site.parameters, values)}
         out |= {s.key for s, values in final.fit if s.transient and not _begins(problem, stage, final.fit, s, values)}
-        loose = min((c for c in choices if not c.rivals or c.site.key in out), key=lambda c: c.odds, default=None)
-        if loose is None or (loose.odds >= APART and not out):
+        loose = min(choices, key=lambda c: c.class_odds, default=None)
+        if loose is None or (loose.class_odds >= APART and not out):
             return Selection(problem, stage, final, tuple(sorted(choices, key=lambda c: -c.odds)), blocks)
         gone = out or {loose.site.key}
         # Nor may it come back in the place of another.
@@ -420,8 +439,22 @@ def _each_choice(
         if counted is not None and odds > 0.0:
             # Counted from its own channel the delays say the same, however the samples of this log fall.
             odds, instead = 0.0, counted
-        rivals = [s for s, _ in instead or () if s.key not in final.keys and odds < APART]
-        yield Choice(site, odds, tuple(rivals), _size_of(final, stage.weights, site), instead)
+        rivals, against, there = list[Site](), [odds], instead
+        while against[-1] < APART and (more := _new_in(there, {*final.keys, *(r.key for r in rivals)})):
+            rivals += more
+            barred = np.array([any(v.site.overlaps(m) for m in (site, *rivals)) for v in variants], dtype=np.bool_)
+            gone = without(c, best, barred)
+            odds, there = gone.score - best.score, None
+            if odds < NEAR:
+                after = fitted(problem, stage, begun_by(stage.unknowns, c, gone.chosen))
+                odds, there = after.score - final.score, after.fit
+            against.append(odds)
+        yield Choice(site, tuple(against), tuple(rivals), *_size_of(final, stage, site), instead)
+
+
+def _new_in(instead: Placed | None, known: Collection[tuple[str, str]]) -> list[Site]:
+    """Return the causes of a set that are not known."""
+    return [site for site, _ in instead or () if site.key not in known]
 
 
 def _exchanged(fit: Placed, site: Site, instead: Placed) -> Placed:
@@ -443,8 +476,9 @@ def sites_in(stage: Stage) -> list[Site]:
     return list({(v.site.key, len(v.site.parameters)): v.site for v in stage.unknowns.variants}.values())
 
 
-def _size_of(final: Posterior, weights: Weights, site: Site) -> float:
-    """Return how large a cause is in the equation where it shows most, beyond what the others could take up."""
+def _size_of(final: Posterior, stage: Stage, site: Site) -> tuple[float, float]:
+    """Return how large a cause is in the equation where it shows most, beyond what the others could take up, see `Choice`."""
+    weights = stage.weights
     g = next(i for i, v in enumerate(final.linear.variants) if v.site.key == site.key)
     variant = final.linear.variants[g]
     first = int(final.linear.first[g])
@@ -458,4 +492,7 @@ def _size_of(final: Posterior, weights: Weights, site: Site) -> float:
     acts = np.abs(effect) > 0.0 if site.transient else weights.system.weights > 0.0
     rows = np.count_nonzero(acts, axis=0) / weights.times
     i = int(np.argmax(squares))
-    return float(np.sqrt(wald / max(rows[i], 1.0)))
+    size = float(np.sqrt(wald / max(rows[i], 1.0)))
+    white = whitener(weights.system.covariance, (1 << len(rows)) - 1)[i]
+    beyond_noise = max(1.0 - float(white @ stage.system.covariance @ white), 0.0)
+    return size, size / beyond_noise**0.5 if beyond_noise else np.inf

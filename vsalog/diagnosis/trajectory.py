@@ -193,7 +193,11 @@ def _as_seen(selection: Selection, windows: Windows, J: Array) -> tuple[Choice, 
         left = effect - others @ np.linalg.lstsq(others, effect, rcond=1e-9)[0] if others.size else effect
         squares = np.mean(left.reshape(shape) ** 2, axis=(0, 2))
         sizes[site.key] = float(np.sqrt(np.max(squares) / (WITHIN**2 - 1.0)))
-    return tuple(replace(c, size=max(c.size, sizes[c.site.key])) for c in selection.choices)
+    out = []
+    for choice in selection.choices:
+        larger = max(sizes[choice.site.key] / choice.size, 1.0)
+        out.append(replace(choice, size=larger * choice.size, over_model_error=larger * choice.over_model_error))
+    return tuple(out)
 
 
 def _prior(posterior: Posterior) -> Array:

@@ -143,9 +143,10 @@ def _believe(causes: Sequence[FoundCause], left: Unexplained) -> list[str]:
     """Say how sure the causes are, and what is left."""
     said = []
     if causes:
-        weakest = min(causes, key=lambda c: c.confidence)
-        of = "of the least certain of them " if len(causes) > 1 else ""
-        said.append(f"The confidence {of}is {_per_cent(weakest.confidence)}.")
+        weakest = min(causes, key=lambda c: c.class_confidence)
+        of = " of the least certain of them" if len(causes) > 1 else ""
+        its = " of the class" if weakest.indistinguishable_from else ""
+        said.append(f"The confidence{its}{of} is {_per_cent(weakest.class_confidence)}.")
     # Both parts of a joint may have the same cause.
     said += dict.fromkeys(
         f"This log cannot tell {c.cause} from {', '.join(c.indistinguishable_from)}: they are one class, and the rig's tolerances"

@@ -101,7 +101,7 @@ def _causes(console: Console, causes: Sequence[FoundCause], several: bool) -> No
         table.add_row(
             title,
             escape("\n".join(_parameters(cause)) or "–"),
-            confidence_text(cause.confidence),
+            confidence_text(cause),
             share_text(cause.error_removed),
             escape(others),
         )

@@ -74,9 +74,10 @@ def share_text(share: float) -> str:
     return f"{per_cent:.{digits}f} %".replace("-", "−")
 
 
-def confidence_text(confidence: float) -> str:
-    """Return how sure we are in per cent; never all of it."""
-    return "> 99 %" if confidence > 0.99 else share_text(confidence)
+def confidence_text(cause: FoundCause) -> str:
+    """Return how sure a cause is in per cent, never all of it; of a class also how sure that is."""
+    own, together = ("> 99 %" if c > 0.99 else share_text(c) for c in (cause.confidence, cause.class_confidence))
+    return f"{own}, its class {together}" if cause.indistinguishable_from else own
 
 
 def reduction_text(gain: Gain) -> str:
@@ -112,9 +113,7 @@ def unexplained_words(left: Unexplained) -> str:
 
 def sure_words(cause: FoundCause) -> str:
     """Say how sure a cause is, and what it takes away."""
-    return (
-        f"confidence {confidence_text(cause.confidence)}; it takes away {share_text(cause.error_removed)} of the error"
-    )
+    return f"confidence {confidence_text(cause)}; it takes away {share_text(cause.error_removed)} of the error"
 
 
 def open_experiment(diagnosis: Diagnosis) -> str:

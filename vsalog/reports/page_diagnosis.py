@@ -128,7 +128,7 @@ def _charts(view: tuple[JointEvidence, CauseEvidence] | None) -> list[Chart]:
 def _about(cause: FoundCause) -> str:
     """What a cause is, why it is believed, how to confirm it."""
     told = [escaped(cause.why)]
-    sure = f"Confidence {escaped(confidence_text(cause.confidence))}."
+    sure = f"Confidence {escaped(confidence_text(cause))}."
     if cause.indistinguishable_from:
         others = ", ".join(f"<code>{escaped(o)}</code>" for o in cause.indistinguishable_from)
         told.append(f"{sure} This log cannot tell it from {others}.")

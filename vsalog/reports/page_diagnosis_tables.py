@@ -56,7 +56,7 @@ def ranking_table(diagnosis: Diagnosis, several: bool) -> str:
             [
                 _cause(cause, several),
                 _bar(cause.error_removed),
-                _bar(cause.confidence, confidence_text(cause.confidence)),
+                _bar(cause.confidence, confidence_text(cause)),
                 others or "–",
             ]
         )

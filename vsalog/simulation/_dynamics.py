@@ -294,18 +294,16 @@ def slip_guard(p: Array, at: Integers, e: int, x: Array, modes: Integers) -> flo
 
 
 @njit(error_model="numpy")
-def violated(p: Array, at: Integers, x: Array, modes: Integers, w: Array) -> bool:
-    """Tell whether any mode has ended; call `derivative` before."""
+def least_guard(p: Array, at: Integers, x: Array, modes: Integers, w: Array) -> float:
+    """Return what is negative once any mode has ended: the least of all guards; call `derivative` before."""
+    least = 1.0
     for i in range(at[DOFS]):
-        if friction_guard(at, i, x, modes, w) < 0.0:
-            return True
+        least = min(least, friction_guard(at, i, x, modes, w))
     for i in range(at[TRANSMISSIONS]):
-        if side_guard(p, at, i, x, modes) < 0.0 or way_guard(p, at, i, x, modes) < 0.0:
-            return True
-    for e in range(at[SLIPS]):  # noqa: SIM110  numba compiles no generator
-        if slip_guard(p, at, e, x, modes) < 0.0:
-            return True
-    return False
+        least = min(least, side_guard(p, at, i, x, modes), way_guard(p, at, i, x, modes))
+    for e in range(at[SLIPS]):
+        least = min(least, slip_guard(p, at, e, x, modes))
+    return least
 
 
 @njit(error_model="numpy")
