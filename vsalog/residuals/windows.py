@@ -10,7 +10,7 @@ from __future__ import annotations
 import os
 from collections.abc import Iterator, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from itertools import pairwise
 from typing import Any, Protocol
 
@@ -155,11 +155,18 @@ class Shot:
     states : shape (W, n), at the windows' beginnings
     errors : role → recorded − simulated, shape (N,), NaN outside the windows
     ends : shape (W, n), states where the windows end, NaN where they are not known
+    far : windows whose errors are far from what derivatives promise
     """
 
     states: Array
     errors: Mapping[str, Array]
     ends: Array
+    far: Integers = field(default_factory=lambda: np.zeros(0, dtype=np.int64))
+
+    @property
+    def straight(self) -> bool:
+        """Whether derivatives tell what most windows make of their beginnings."""
+        return 2 * self.far.size <= len(self.states)
 
     def part(self, chosen: Integers) -> Shot:
         """Return the simulation of some of the windows."""
@@ -281,7 +288,7 @@ def begun(
         if np.array_equal(near.states, shot.states[some]):
             break
         shot, far = _merged(windows, shot, some, near), some[still]
-    return shot
+    return replace(shot, far=far)
 
 
 def begun_as(joint: Any, windows: Windows, shot: Shot, other: Shot) -> Shot:
