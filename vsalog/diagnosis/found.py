@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.special import erf, expit
+from scipy.special import chdtri, erf, expit
 
 from vsalog.diagnosis.causes import catalogue
 from vsalog.diagnosis.causes.base import Site
@@ -23,9 +23,9 @@ Array = NDArray[np.float64]
 # A cause matters where it changes an equation by as much as noise and model error together do, in root mean square, beyond what
 # the other causes could take up.
 MATERIAL = 1.0
-# Share of the causes with overwhelming odds that are not there: something that the catalogue lacks looks like them. Odds compare
-# models that are known; this share is counted (benchmarks/confidence.py, docs/diagnosis.md).
-IMITATED = 0.015
+# Share of the causes with overwhelming odds that are not there though equations close: something that the catalogue lacks looks
+# like them. Odds compare models that are known; this share is counted: 2 of 1080, (2 + 1)/(1080 + 2) by Laplace's rule.
+IMITATED = 0.003
 # Standard deviations to either side that hold 95 % of a normal distribution, and to one side.
 NORMAL_95, BELOW_95 = 1.96, 1.645
 
@@ -55,7 +55,7 @@ class Found:
         """Whether its effect matters, and the log determines it, or a class that it is one member of."""
         # Of what nothing tells, as a part of a sample, no other cause can be told either.
         blurred = any(p.blur for p in self.site.parameters)
-        known = any(self.determined().values()) or (bool(self.choice.rivals) and not blurred)
+        known = any(self.determined().values()) or self._together() or (bool(self.choice.rivals) and not blurred)
         return self.choice.size >= MATERIAL and known
 
     @property
@@ -104,6 +104,17 @@ class Found:
         absent, told = self.absent(), self.numbers()
         clear = {n: min(abs(v - absent[n][0]), abs(v)) > NORMAL_95 * std for n, (v, std, _) in told.items()}
         return {n: any(clear.values()) if v == absent[n][0] else clear[n] for n, (v, _, _) in told.items()}
+
+    def _together(self) -> bool:
+        """Tell whether several strengths that may stand for one another are determined together, with the same probability."""
+        own = [i for i, p in enumerate(self.site.parameters) if not p.shape]
+        if len(own) < 2:
+            return False
+        away = self.values[own] - np.array(self.site.start)[own]
+        blur = np.array([self.site.parameters[i].blur for i in own])
+        blurred = blur**2 + (catalogue()[self.site.cause].exact * self.values[own]) ** 2
+        surprise = float(away @ np.linalg.solve(self.covariance[np.ix_(own, own)] + np.diag(blurred), away))
+        return surprise > float(chdtri(len(own), 0.05))
 
 
 def found_by(selection: Selection, joint: Any) -> list[Found]:
