@@ -5,6 +5,7 @@ import pytest
 from written_out import channels, joint_of
 
 from vsalog.diagnosis.causes import catalogue
+from vsalog.diagnosis.causes.base import Parameter, Site
 from vsalog.diagnosis.found import Found
 from vsalog.diagnosis.joint import balance_for, setting_of
 from vsalog.diagnosis.selection import Choice
@@ -88,15 +89,12 @@ def test_a_cause_no_larger_than_model_error_may_be_part_of_that(setting, size):
     assert one.class_confidence == one.confidence
 
 
-def test_strengths_that_stand_for_one_another_are_determined_together(setting):
-    """Sliding and static friction whose sum is well known, each of which may be all of it."""
-    site = site_of(setting, "motor.stribeck_friction")
-    own = [i for i, p in enumerate(site.parameters) if not p.shape]
-    assert len(own) == 2
-    values = np.array([0.045 if i in own else p.start or 0.1 for i, p in enumerate(site.parameters)])
+def test_strengths_that_stand_for_one_another_are_determined_together():
+    """A loop of 0.09 N·m is shared between two elements; how large both are together is well known, or it is not."""
+    strengths = tuple(Parameter(name, "N*m", 0.0, 1e-3, low=0.0) for name in ("torque", "slip_limit"))
+    site = Site("transmission.hysteresis", "transmission", strengths, lambda joint, values: joint)
     for spread, told in ((0.01, True), (0.06, False)):
-        covariance = np.diag(np.full(values.size, 1e-12))
-        covariance[np.ix_(own, own)] = 0.05**2 * (np.eye(2) - 0.5) + spread**2 / 2.0
-        one = Found(site, values, covariance, Choice(site, (9.0,), (), 3.0), 0.5)
+        covariance = 0.05**2 * (np.eye(2) - 0.5) + spread**2 / 2.0
+        one = Found(site, np.array([0.045, 0.045]), covariance, Choice(site, (9.0,), (), 3.0), 0.5)
         assert not any(one.determined().values())
         assert one.material is told
