@@ -279,8 +279,9 @@ def begun(
         states = _nearer(joint, first, shoot(joint, first, states), 1)[0].states
     shot, far = _nearer(joint, windows, shoot(joint, windows, states), rounds, slopes)
     shot, far = _gone_on(joint, windows, shot, far)
-    # Friction that sticks bends it too: such windows are looked at again where they are now.
-    for _ in range(AGAIN):
+    # Friction that sticks bends it too: such windows are looked at again where they are now. Who goes on from another rig's
+    # simulation comes again with new slopes.
+    for _ in range(AGAIN if near is None else 0):
         if not far.size:
             break
         some = np.arange(len(windows.spans)) if _remembers(joint, windows) else far
