@@ -131,6 +131,9 @@ def test_of_two_late_encoders_a_late_drive_is_one_beside_a_late_encoder():
     for choice in delays.values():
         assert set(delays) | {r.key for r in choice.rivals} == every
         assert choice.odds < np.log(2.0)
+        # One of two, or fewer; without any of the three the log is improbable.
+        assert choice.probability <= 0.5
+        assert choice.class_odds > np.log(20.0)
 
 
 def test_an_effect_far_below_the_noise_is_not_named():

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from written_out import Truth, channels, joint_of
 
+from vsalog.diagnosis import trajectory
 from vsalog.diagnosis.found import MATERIAL, found_by
 from vsalog.diagnosis.gain import weighed
 from vsalog.diagnosis.linear import placed
@@ -116,3 +117,16 @@ def test_a_value_that_is_far_off_is_brought_back():
     first = moved(selection_of(found, ("motor.inertia", "motor.viscous_friction")), 10.0)
     then = refined(first, windows_for(found, first))
     assert np.all(np.abs(values_of(then) - expected) < 0.3 * np.abs(values_of(first) - expected))
+
+
+def test_windows_that_do_not_do_what_derivatives_promise_change_no_values(monkeypatch):
+    """Most of them, as where what sticks and slips decides what follows: the values of the equations stay."""
+    found = channels(Truth(damping=0.06), duration=8.0, seed=0).thinned()
+    first = moved(selection_of(found, ("motor.viscous_friction",)), 2.0)
+    windows, begun = windows_for(found, first), trajectory.begun
+    count = len(windows.spans)
+    for far, stays in ((count // 2, False), (count // 2 + 1, True)):
+        bent = np.arange(far)
+        monkeypatch.setattr(trajectory, "begun", lambda *a, bent=bent, **k: replace(begun(*a, **k), far=bent))
+        then = refined(first, windows)
+        assert np.array_equal(values_of(then), values_of(first)) is stays
