@@ -242,3 +242,25 @@ def test_one_unknown_alone_is_scored_as_a_set_of_one(seed):
         np.array([high]),
     )  # fmt: skip
     assert _evidence_of_one(A, b, low, high) == pytest.approx(c.scored(one), rel=1e-12, abs=1e-12)
+
+
+@pytest.mark.parametrize("weak", [1e-2, 1e-4])
+@pytest.mark.parametrize("beside", [False, True], ids=["alone", "beside another"])
+def test_what_is_far_out_is_seen_though_the_log_tells_it_less_sharply_than_the_rig(weak, beside):
+    """A rotor is 200 times the rig's, whose tolerance is a hundredth of what the log can tell of it."""
+    rng, value = np.random.default_rng(3), 40.0 / weak
+    X = rng.standard_normal((ROWS, 2)) * np.array([weak, 2.0]) / np.sqrt(ROWS)
+    y = X @ np.array([value, 0.5]) + rng.standard_normal(ROWS)
+    bound, conflict = np.full(2, np.inf), np.zeros((2, 2), dtype=bool)
+    c = Candidates(X.T @ X, X.T @ y, np.arange(3), np.full(2, 2.0), conflict, -bound, bound)
+    chosen = np.array([True, beside])
+    other = np.eye(ROWS) + beside * np.outer(X[:, 1], X[:, 1])
+    best = min(
+        np.log(s) - multivariate_normal(np.zeros(ROWS), other + s**2 * np.outer(X[:, 0], X[:, 0])).logpdf(y)
+        for s in np.geomspace(1.0, 100.0 * value, 400)
+    )
+    nothing = -multivariate_normal(np.zeros(ROWS), np.eye(ROWS)).logpdf(y)
+    price = float(c.price[chosen].sum())
+    assert c.scored(chosen) - price == pytest.approx(best - nothing, abs=1.0)
+    assert c.scored(chosen) < c.scored(np.array([False, beside])) - 100.0
+    assert c.solution(chosen)[0] == pytest.approx(value, rel=0.2)

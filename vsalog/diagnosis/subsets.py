@@ -35,6 +35,9 @@ SUMS = {"reassoc", "contract"}
 # Number of groups that are tried in place of one; largest set that is searched for two-for-one moves, whose number grows with the
 # square of its size: larger sets are on the way to smaller ones.
 STEAD, PAIRED = 6, 16
+# Information, in units of the prior's, below which a value that is far out may be held back by the prior and look near. Above
+# it a prior as wide as the value gains less than two natural units of log-probability.
+WEAK = 1.0 / 3.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -72,8 +75,10 @@ class Candidates:
         own = self.unknowns(chosen)
         if own.size:
             A, b = self.information[np.ix_(own, own)], self.score[own]
-            near = np.asarray(np.linalg.solve(np.eye(own.size) + A, b))
-            out[own] = within(np.diag(precisions(near)) + A, b, np.zeros(own.size), self.low[own], self.high[own])
+            _, _, prior, *_ = _posterior(
+                chosen, self.information, self.score, self.first, self.price, self.low, self.high
+            )
+            out[own] = within(np.diag(prior) + A, b, np.zeros(own.size), self.low[own], self.high[own])
         return out
 
     def scored(self, chosen: Flags) -> float:
@@ -259,8 +264,12 @@ def _evidence(A: Array, b: Array, low: Array, high: Array) -> tuple[float, Array
         if again:
             break
         for i in range(k):
-            if abs(x[i]) > 1.0:
-                precision[i] = 1.0 / (x[i] * x[i])
+            value = abs(x[i])
+            if value <= 1.0 and A[i, i] < WEAK:
+                spread = _variance(L, k, i)
+                value = _far_out(1.0 / spread - 1.0, value / spread)
+            if value > 1.0:
+                precision[i] = 1.0 / (value * value)
                 far = True
         if not far:
             break
@@ -273,11 +282,28 @@ def _evidence(A: Array, b: Array, low: Array, high: Array) -> tuple[float, Array
 
 
 @njit(cache=True, error_model="numpy", fastmath=SUMS)
+def _far_out(A: float, b: float) -> float:
+    """Return the width of one unknown's prior, 1 or its most likely value, whichever explains the log better.
+
+    What a log tells far less sharply than the prior is held back by that, and would not be seen to be far out.
+    """
+    if A <= 0.0 or b <= A:
+        return 1.0
+    value = b / A
+    wide = 1.0 / (value * value)
+    near = np.log(1.0 + A) - b * b / (1.0 + A)
+    far = np.log((wide + A) / (wide * wide)) - b * b / (wide + A)
+    return value if far < near else 1.0
+
+
+@njit(cache=True, error_model="numpy", fastmath=SUMS)
 def _evidence_of_one(A: float, b: float, low: float, high: float) -> float:
     """Return what `_evidence` does for one unknown, as most groups have: nothing is allocated."""
     precision = 1.0
     if abs(b) > 1.0 + A:
         precision = ((1.0 + A) / b) ** 2
+    elif A < WEAK:
+        precision = 1.0 / _far_out(A, abs(b)) ** 2
     total = precision + A
     # See `_factored`.
     if 1.0 + A <= 1e-12 or total <= 1e-12 * precision:
