@@ -38,6 +38,8 @@ Progress = Callable[[str], None]
 # A log has so many times the samples that filter and bell take.
 LEAST = 3
 # What the windows are called that the gain is measured on, where another log was given for it.
+# Share of what is wrong from which on reports say that all of it is left.
+NOTHING_GONE = 0.99
 HELD_OUT = "the held-out log"
 
 
@@ -106,8 +108,8 @@ class JointDiagnosis:
 
     @property
     def helps(self) -> bool:
-        """Whether the causes make the simulation of held-out data better; they are believed where nothing can be simulated."""
-        return self.gain is None or self.gain.helps
+        """Whether the causes make the simulation of held-out data better, or the equations where nothing can be simulated."""
+        return (self.fraction < NOTHING_GONE or bool(self.computed)) if self.gain is None else self.gain.helps
 
     @property
     def verdict(self) -> Verdict:

@@ -53,7 +53,7 @@ def sentences(
     simulated: bool,
 ) -> tuple[str, ...]:
     """Say in three sentences what was found, why one may believe it, and what it is worth."""
-    held = _held_out(gains, held_out, bool(causes))
+    held = _held_out(gains, held_out, bool(causes), verdict)
     if causes and all(c.cause == "sensor.torque_not_independent" for c in causes) and not gains:
         return (
             f"{causes[0].title}.",
@@ -100,8 +100,9 @@ def _in_common(one: FoundCause, other: FoundCause) -> bool:
 
 
 def _and_of(cause: FoundCause) -> str:
-    """Say which other parts have the same."""
-    return "".join(f", and likewise of {part_in_words(part)}" for part in cause.common_with)
+    """Say which other parts have the same number, or the same factor on what the rig says."""
+    like = "by the same factor" if any(n.rig for n in cause.parameters.values()) else "the same"
+    return "".join(f", and {like} for the {part_in_words(part)}" for part in cause.common_with)
 
 
 def _lower(title: str) -> str:
@@ -179,7 +180,7 @@ def _per_cent(share: float) -> str:
     return "above 99 %" if share > 0.99 else "below 1 %" if share < 0.01 else f"{100.0 * share:.0f} %"
 
 
-def _held_out(gains: Sequence[Gain], held_out: str, extended: bool) -> str:
+def _held_out(gains: Sequence[Gain], held_out: str, extended: bool, verdict: Verdict) -> str:
     """Say what the simulation of the rig, extended or not, is worth, for the signal that is farthest from its noise."""
     known = [g for g in gains if g.noise_floor > 0.0]
     if not known:
@@ -188,16 +189,18 @@ def _held_out(gains: Sequence[Gain], held_out: str, extended: bool) -> str:
     low, high = worst.ci95
     unit = worst.unit.replace("*", "·")
     off, signal = worst.rmse_after / worst.noise_floor, worst.signal.replace("_", " ")
+    # Where nothing is explained no extended rig is written.
+    rig = "the rig" if not extended else "the rig with that" if verdict == "unexplained" else "the extended rig"
     said = (
-        f"On {held_out} the {'extended ' if extended else ''}rig simulates {signal}, the signal it is worst at, to"
-        f" {worst.rmse_after:.3g} {unit}, {off:.2g} times its noise floor"
+        f"On {held_out} {rig} simulates {signal}, the signal it is worst at, to {worst.rmse_after:.3g} {unit},"
+        f" {off:.2g} times its noise floor"
     )
     if not extended:
         return f"{said}."
+    as_it_stands = f"{said}; the rig as it stands to {worst.rmse_before:.3g} {unit}"
+    if low <= 0.0 <= high:
+        return f"{as_it_stands}, which is no different (95 %)."
     way = "reduced"
     if worst.reduction < 0.0:
         way, low, high = "enlarged", -high, -low
-    return (
-        f"{said}; the rig as it stands to {worst.rmse_before:.3g} {unit}"
-        f" ({way} by {100 * abs(worst.reduction):.0f} %, 95 %: {100 * low:.0f} to {100 * high:.0f} %)."
-    )
+    return f"{as_it_stands} ({way} by {100 * abs(worst.reduction):.0f} %, 95 %: {100 * low:.0f} to {100 * high:.0f} %)."

@@ -1,0 +1,16 @@
+"""Verdicts where nothing is simulated."""
+
+from types import SimpleNamespace
+
+import pytest
+
+from vsalog.diagnosis.joint import JointDiagnosis
+
+
+@pytest.mark.parametrize(
+    ("fraction", "computed", "helps"),
+    [(0.4, {}, True), (0.98, {}, True), (1.0, {}, False), (1.0, {"torque_sensor": "of the encoders"}, True)],
+)
+def test_causes_that_take_nothing_away_explain_no_part_where_nothing_is_simulated(fraction, computed, helps):
+    found = SimpleNamespace(gain=None, fraction=fraction, computed=computed)
+    assert JointDiagnosis.helps.fget(found) is helps
