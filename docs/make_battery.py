@@ -63,10 +63,12 @@ def section() -> str:
 
 
 def _confidence(families: list[dict[str, Any]]) -> Iterator[str]:
+    families = [found for found in families if "class_reliability" in found]
     machines = sum(found["count"] for found in families)
     sizes = np.repeat(*np.array([[int(k), n] for f in families for k, n in f["class_sizes"].items()]).T)
+    names = sorted({found["family"] for found in families})
     yield f"### Confidence of {machines} machines\n"
-    yield f"All families below together. Classes have {np.median(sizes):g} member in the median, at most {sizes.max()}.\n"
+    yield f"Of the families {', '.join(names)}. Classes have {np.median(sizes):g} member in the median, at most {sizes.max()}.\n"
     yield f"A cause is right where it is hidden itself:\n\n{curve(pooled([found['reliability'] for found in families]))}"
     together = pooled([found["class_reliability"] for found in families])
     yield f"A class is right where one of its members is hidden (a cause without a class is a class of one):\n\n{curve(together)}"
