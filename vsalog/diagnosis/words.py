@@ -146,8 +146,8 @@ def _believe(causes: Sequence[FoundCause], left: Unexplained) -> list[str]:
     if causes:
         weakest = min(causes, key=lambda c: c.class_confidence)
         of = " of the least certain of them" if len(causes) > 1 else ""
-        its = " of the class" if weakest.indistinguishable_from else ""
-        said.append(f"The confidence{its}{of} is {_per_cent(weakest.class_confidence)}.")
+        its = f", that of its class {_per_cent(weakest.class_confidence)}" if weakest.indistinguishable_from else ""
+        said.append(f"The confidence{of} is {_per_cent(weakest.confidence)}{its}.")
     # Both parts of a joint may have the same cause.
     said += dict.fromkeys(
         f"This log cannot tell {c.cause} from {', '.join(c.indistinguishable_from)}: they are one class, and the rig's tolerances"
