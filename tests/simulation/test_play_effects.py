@@ -129,6 +129,17 @@ def test_a_bouc_wen_loop():
     assert 0.45 < np.max(np.abs(height)) <= 0.5
 
 
+@pytest.mark.parametrize("width", [1e-5, 1e-7])
+def test_a_loop_that_is_next_to_a_step_is_followed(width):
+    """Dry friction in a spring: beside K φ its torque is that of the direction in which φ moves, wherever that is clear."""
+    ours = run(transmission={"bouc_wen": BoucWen(torque=0.2, width=width, exponent=1.0, shape=1.0)})
+    phi, rate = (ours[f"link_{name}"] - ours[f"motor_{name}"] for name in ("position", "velocity"))
+    beside = ours["transmission_torque"] - K * phi
+    clear = np.abs(rate) > 0.05
+    assert np.count_nonzero(clear) > 1000
+    np.testing.assert_allclose(beside[clear], 0.2 * np.sign(rate[clear]), atol=2e-3)
+
+
 def test_slip_elements_follow_their_play_operator():
     """A slip element's torque is a play operator of the deflection: clip(f + k Δφ, ±limit), step by step."""
     elements = (SlipElement(stiffness=40.0, limit=0.2), SlipElement(stiffness=10.0, limit=0.15))

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from itertools import pairwise
 from typing import Any
 
@@ -16,7 +16,7 @@ from vsalog.residuals.channels import Channels
 from vsalog.residuals.sensing import motors_of, position_role, torque_role, true_roles
 from vsalog.rig.schema import AntagonisticJoint, AwasTransmission, Link, SerialJoint, UnknownTransmission
 from vsalog.simulation.inputs import Input, Motion, table
-from vsalog.simulation.machine import BRISTLE_SPEED, build
+from vsalog.simulation.machine import BRISTLE_SPEED, DEFLECTING, Machine, build
 from vsalog.simulation.play import play
 
 Array = NDArray[np.float64]
@@ -63,21 +63,26 @@ class MechanicalPlayer:
         self.lead = int(np.ceil(latest / channels.period))
         roles = [torque_role(m) for m in self.moved]
         prescribed = [m.index for m in self.machine.motors if m.role in roles] + ([0] if self.link_moves else [])
-        self.speeds = self._speeds()
-        self.steps, self.stiff = self.machine.steps(channels.period, prescribed, self.speeds, ANGLE_PER_STEP)
+        self.speeds, self.deflecting = self._speeds()
+        self.steps, self.stiff = self._steps(self.machine, prescribed)
         if self.stiff and not self._sees_bristles():
             plain = build({NAME: without_bristles(self.played)})
-            steps, stiff = plain.steps(channels.period, prescribed, self.speeds, ANGLE_PER_STEP)
+            steps, stiff = self._steps(plain, prescribed)
             if not stiff:
                 self.machine, self.played = plain, without_bristles(self.played)
                 self.steps, self.stiff = steps, stiff
         self.run_in = round(RUN_IN / channels.period) if remembers(self.played) else 0
 
-    def _speeds(self) -> Array | float:
-        """Return how fast bristles slide: of a motion that was measured that is known."""
-        if self.played == without_bristles(self.played):
-            return BRISTLE_SPEED
-        return np.asarray(np.fmax.reduce(np.abs(self.measured_states()[:, 1::2]), axis=0, initial=BRISTLE_SPEED))
+    def _steps(self, machine: Machine, prescribed: Sequence[int]) -> tuple[int, bool]:
+        return machine.steps(self.channels.period, prescribed, self.speeds, ANGLE_PER_STEP, deflecting=self.deflecting)
+
+    def _speeds(self) -> tuple[Array | float, float]:
+        """Return how fast bristles slide and springs deflect: of a motion that was measured that is known."""
+        if not remembers(self.played):
+            return BRISTLE_SPEED, DEFLECTING
+        moved = self.measured_states()[:, 1::2]
+        deflecting = np.fmax.reduce(np.abs(moved[:, 1:] - moved[:, :1]), axis=None, initial=DEFLECTING)
+        return np.asarray(np.fmax.reduce(np.abs(moved), axis=0, initial=BRISTLE_SPEED)), float(deflecting)
 
     def _sees_bristles(self) -> bool:
         """Tell whether any encoder sees how far bristles give way before they slide; others are ideal friction."""
@@ -183,8 +188,9 @@ class MechanicalPlayer:
             restarts = {int(spans[w, 0]) - whole.start: {NAME: states[w]} for w in range(first_w, last_w)}
             start = {NAME: begin}
             truth = play(
-                self.machine, {NAME: inputs}, time, steps=self.steps, start=start, restarts=restarts, speeds=self.speeds
-            )[NAME]
+                self.machine, {NAME: inputs}, time, steps=self.steps, start=start, restarts=restarts, speeds=self.speeds,
+                deflecting=self.deflecting,
+            )[NAME]  # fmt: skip
             yield part, {name: values[before:] for name, values in truth.items()}
 
     def _before(self, first: int, state: Array, measured: Array | None) -> tuple[int, Array]:

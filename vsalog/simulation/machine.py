@@ -41,6 +41,8 @@ DAMPING_PER_STEP, ANGLE_PER_STEP = 0.5, 0.02
 STIFF_STEPS, MOST_STEPS = 16, 2000
 # The speed at which bristles have to be followed where none is known [rad/s]; they stay stable at five times this.
 BRISTLE_SPEED = 10.0
+# The same of deflections, for loops [rad/s].
+DEFLECTING = 1.0
 # A chain's inertia is looked at in so many positions.
 POSITIONS = 50
 
@@ -131,6 +133,7 @@ class Machine:
         fixed: Sequence[int] = (),
         speeds: Array | float = BRISTLE_SPEED,
         angle: float = ANGLE_PER_STEP,
+        deflecting: float = DEFLECTING,
     ) -> tuple[int, bool]:
         """Return the integration steps per period that the fastest mode needs, and whether the equations are stiff.
 
@@ -139,6 +142,7 @@ class Machine:
         period : T [s]
         fixed : degrees of freedom that move as prescribed, however fast they would be
         speeds : at which bristles have to be followed, one or shape (freedom,) [rad/s]
+        deflecting : speed of the deflections at which loops have to be followed [rad/s]
         angle : by which a vibration may turn in a step [rad]
 
         Raises
@@ -147,7 +151,7 @@ class Machine:
             More than `MOST_STEPS` are needed.
         """
         with np.errstate(all="ignore"):  # numbers beyond all measure end as steps beyond all measure
-            needed, stiff = self._needed(period, fixed, speeds, angle)
+            needed, stiff = self._needed(period, fixed, speeds, angle, deflecting)
         if not needed <= MOST_STEPS:
             raise SimulationError(
                 f"the rig's fastest mode needs more than {MOST_STEPS} integration steps per period: are inertia, damping"
@@ -155,13 +159,19 @@ class Machine:
             )
         return max(1, int(np.ceil(needed))), stiff
 
-    def _needed(self, period: float, fixed: Sequence[int], speeds: Array | float, angle: float) -> tuple[float, bool]:
+    def _needed(
+        self, period: float, fixed: Sequence[int], speeds: Array | float, angle: float, deflecting: float
+    ) -> tuple[float, bool]:
         n, rates, load, inertia = self.freedom, [], np.zeros(self.freedom), self.inertia.copy()
         inertia[list(fixed)] = np.inf
         for slot in self.transmissions:
             link, motor, _ = self.at[self.at[d.ENDS] + 3 * slot.index :][:3]
             load[[link, motor]] += self._stiffness(slot)
             rates += [slot.transmission.damping / inertia[link], slot.transmission.damping / inertia[motor]]
+            if loop := slot.transmission.bouc_wen:
+                # How fast a loop forgets, at its edge: the slope of ż in z.
+                steepest = loop.exponent * max(1.0, abs(2.0 * loop.shape - 1.0))
+                rates.append(steepest * deflecting / loop.width)
         for j, joint in enumerate(self.joints.values()):
             # A chain's weight grows with its inertia.
             load[j] += 0.0 if self.chained or joint.link is None else abs(_gravity(joint.link)[0])

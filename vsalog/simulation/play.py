@@ -15,7 +15,7 @@ from vsalog.mechanics import flexibility_torque, reaction_torque, stiffness
 from vsalog.rig.schema import AntagonisticJoint, AwasTransmission, Contact, SerialJoint
 from vsalog.simulation._integrate import integrate
 from vsalog.simulation.inputs import Input, Motion, Servo, TorqueInput, at_samples
-from vsalog.simulation.machine import BRISTLE_SPEED, Machine, MotorSlot, TransmissionSlot
+from vsalog.simulation.machine import BRISTLE_SPEED, DEFLECTING, Machine, MotorSlot, TransmissionSlot
 
 Array = NDArray[np.float64]
 
@@ -36,6 +36,7 @@ def play(
     restarts: Mapping[int, Mapping[str, Array]] | None = None,
     control: Control | None = None,
     speeds: Array | float = BRISTLE_SPEED,
+    deflecting: float = DEFLECTING,
 ) -> dict[str, dict[str, Array]]:
     """Move a machine and return joint → name → truth, shape (N,); see `Experiment` for the names.
 
@@ -50,7 +51,7 @@ def play(
         elements, which nobody measures, stay as they are
     control : told sample and joint → name → truth, shape (1,), of each sample when it is over, so that it can write what is
         held in the next one into an input that is an array
-    speeds : at which bristles have to be followed, see `Machine.steps`
+    speeds, deflecting : at which bristles and loops have to be followed, see `Machine.steps`
 
     Raises
     ------
@@ -60,7 +61,7 @@ def play(
     period = float(time[1] - time[0])
     prescribed = [m.index for m in machine.motors if isinstance(inputs.get(m.joint, {}).get(m.role), Motion)]
     prescribed += [j for j, name in enumerate(machine.joints) if "link_position" in inputs.get(name, {})]
-    suggested, stiff = machine.steps(period, prescribed, speeds)
+    suggested, stiff = machine.steps(period, prescribed, speeds, deflecting=deflecting)
     count = suggested if steps is None else steps
     drives = _Drives(machine, inputs, time, count)
     at = machine.moved(list(drives.splines))
