@@ -140,6 +140,7 @@ def test_a_loop_that_is_next_to_a_step_is_followed(width):
     phi, rate = (ours[f"link_{name}"] - ours[f"motor_{name}"] for name in ("position", "velocity"))
     beside = ours["transmission_torque"] - K * phi
     clear = np.abs(rate) > 0.05
+    clear[0] = False  # the loop begins at rest
     assert np.count_nonzero(clear) > 1000
     np.testing.assert_allclose(beside[clear], 0.2 * np.sign(rate[clear]), atol=2e-3)
 
