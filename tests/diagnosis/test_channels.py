@@ -144,3 +144,13 @@ def test_a_run_that_begins_between_kept_samples_begins_at_the_next_one():
     thin = channels_of(bound).thinned()
     (_, begin) = np.flatnonzero(thin.starts)
     assert thin.time[begin] >= TIME[2001] > thin.time[begin - 1]
+
+
+def test_what_passes_no_filter_is_driven_anew_after_it_too():
+    """A valve's voltage is played as it was recorded: its noise has to move what it drives."""
+    found = channels(link_position=motion(TIME), valve_1=np.sign(motion(TIME)))
+    other = {role: x + 0.1 for role, x in found.raw.items()}
+    driven = found.driven_by(other)
+    np.testing.assert_array_equal(driven.roles["valve_1"][0], found.roles["valve_1"][0] + 0.1)
+    np.testing.assert_array_equal(driven.roles["link_position"], found.roles["link_position"])
+    np.testing.assert_array_equal(driven.raw["link_position"], other["link_position"])

@@ -216,7 +216,7 @@ def floors(
             if role in raw and channels.noise[role].deviation:
                 raw[role] = raw[role] + channels.noise[role].deviation * rng.standard_normal(raw[role].size)
         try:
-            noisy = replace(channels, raw=raw, roles=_followed_again(channels, player.followed(), draw))
+            noisy = _followed_again(channels, player.followed(), draw).driven_by(raw)
             moved = shoot(joint, replace(windows, channels=noisy), shot.states)
         except SimulationError:
             return own
@@ -232,12 +232,13 @@ def _draws(windows: Windows) -> int:
     return -(-PLAYED // len(windows.spans))
 
 
-def _followed_again(channels: Channels, followed: Sequence[str], draw: int) -> Mapping[str, Array]:
-    """Return the filtered roles, those that are followed with their sensors' noise once more.
+def _followed_again(channels: Channels, followed: Sequence[str], draw: int) -> Channels:
+    """Return the channels, those that are followed with their sensors' noise once more.
 
     Two measurements of one motion differ by the noise of both.
     """
     if not followed:
-        return channels.roles
+        return channels
     one, other = (channels.with_noise(seed).roles for seed in (2 * draw + 1, 2 * draw + 2))
-    return {**channels.roles, **{r: channels.roles[r] + (one[r] - other[r]) / 2.0**0.5 for r in followed}}
+    again = {r: channels.roles[r] + (one[r] - other[r]) / 2.0**0.5 for r in followed}
+    return replace(channels, roles={**channels.roles, **again})

@@ -96,6 +96,11 @@ class Channels:
             raw={r: v[part] for r, v in self.raw.items()}, starts=starts, every=every, whole=self,
         )  # fmt: skip
 
+    def driven_by(self, raw: Mapping[str, Array]) -> Channels:
+        """Return the channels with other samples before the filter, and those of what passes no filter after it, too."""
+        passed = {r: np.stack([raw[r], v[1], v[2]]) if r.startswith("valve") else v for r, v in self.roles.items()}
+        return replace(self, raw=raw, roles=passed)
+
     @property
     def taps(self) -> Array:
         """The filter's own weights for a value, among the samples that are kept."""
