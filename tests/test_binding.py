@@ -221,7 +221,7 @@ def test_noise_of_samples_between_those_of_the_grid_is_that_of_what_was_recorded
     fast = np.arange(60_000) * 1e-3
     slow = fast[::every] + 1e-3 * every * rng.uniform(-jitter, jitter, fast[::every].size)
     said = np.sin(3 * slow) + noise * rng.normal(size=slow.size)
-    signals = bound(TWO, recording(x=(fast, fast), y=(slow, said)))
+    signals = bound(TWO, recording(x=(fast, fast), y=(slow, said)), noise=True)
     found = signals.interpolated["link_position"]
     off = signals.roles["link_position"] - np.sin(3e-9 * (signals.stamps - 1_700_000_000_000_000_000))
     assert found.deviation == pytest.approx(noise * every**0.5, rel=0.06)
@@ -238,7 +238,7 @@ def test_noise_of_runs_is_that_of_the_noisiest():
         x = np.sin(slow) + noise * rng.normal(size=slow.size)
         pieces.append(recording(name, x=(np.arange(4000) * 1e-3, np.zeros(4000)), y=(slow, x)))
     name, joint = joint_of(ELASTIC + TWO)
-    signals = bind(pieces, name, joint, tuple(offered_roles(joint)))
+    signals = bind(pieces, name, joint, tuple(offered_roles(joint)), noise=True)
     assert signals.interpolated["link_position"].deviation == pytest.approx(4e-3 * 2**0.5, rel=0.1)
 
 

@@ -127,6 +127,7 @@ def bind(
     setpoints: Sequence[float | None] = (),
     *,
     acting: bool = True,
+    noise: bool = False,
     neighbours: Neighbours = MappingProxyType({}),
 ) -> JointSignals:
     """Bind the roles of a joint to one or more recordings.
@@ -141,6 +142,7 @@ def bind(
     roles : the roles to bind, each offered by the rig
     setpoints : a fixed set-point per recording that goes before what the rig says, SI; None for none
     acting : False binds motor torques as they were recorded, for a simulation that plays gain, offset, delay and step itself
+    noise : True tells the noise of roles that have to be interpolated, see `JointSignals.interpolated`
     neighbours : other joints and their roles, bound on the same grid as ``JOINT/ROLE``
 
     Raises
@@ -159,7 +161,7 @@ def bind(
         }
         channels = channels_of(recording, run, roles_of_all(joint, roles, neighbours, fixed))
         clocks = clock_notes(recording, name, channels)
-        signals = _on_one_grid(recording, name, bound, len(names))
+        signals = _on_one_grid(recording, name, bound, len(names), noise)
         kept = less_series(recording.path.name, signals.roles, offered, wanted)
         motors = {role: motor_of(joint, role) for role in bound if acting and is_motor_torque(role)}
         pieces.append(replace(signals, roles=kept, notes=(*clocks, *signals.notes, *acting_notes(name, motors))))
@@ -228,7 +230,7 @@ def _bind_role(recording: Recording, run: Run, role: str, joint: Joint, fixed: f
     return bound if motor is None else acting_torque(bound, motor)
 
 
-def _on_one_grid(recording: Recording, joint: str, bound: Mapping[str, Bound], run: int) -> JointSignals:
+def _on_one_grid(recording: Recording, joint: str, bound: Mapping[str, Bound], run: int, noise: bool) -> JointSignals:
     moving = {role: b for role, b in bound.items() if b.constant is None}
     if not moving:
         raise BindingError(f"joint '{joint}': every role is a constant; there is nothing to estimate from")
@@ -264,7 +266,9 @@ def _on_one_grid(recording: Recording, joint: str, bound: Mapping[str, Bound], r
             *turned_notes(joint, turned),
         ),
         interpolated={
-            role: noise for role, b in moving.items() if (noise := interpolated_noise(b, stamps, period)) is not None
+            role: own
+            for role, b in (moving.items() if noise else ())
+            if (own := interpolated_noise(b, stamps, period)) is not None
         },
     )
 

@@ -47,7 +47,7 @@ class JointSignals:
     run_names : names of the runs (groups of a file, or files); ("",) when there is just one
     resolution : role → least step of the sensor [SI], 0 where none could be told
     notes : what a person should know about how the signals came about
-    interpolated : role → noise of those whose samples were taken between the grid's
+    interpolated : role → noise of those whose samples were taken between the grid's; empty where it was not asked for
     """
 
     joint: str

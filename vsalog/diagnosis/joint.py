@@ -23,6 +23,7 @@ from vsalog.diagnosis.sides import side_of
 from vsalog.diagnosis.smooth import SmoothSite
 from vsalog.diagnosis.trajectory import refined
 from vsalog.diagnosis.unknown import TAKEN_UP, with_springs
+from vsalog.diagnosis.words import ALL_OF_IT
 from vsalog.errors import DiagnosisError, SimulationError
 from vsalog.residuals.balance import Motion
 from vsalog.residuals.channels import Channels, channels_of, span_of
@@ -38,8 +39,6 @@ Progress = Callable[[str], None]
 # A log has so many times the samples that filter and bell take.
 LEAST = 3
 # What the windows are called that the gain is measured on, where another log was given for it.
-# Share of what is wrong from which on reports say that all of it is left.
-NOTHING_GONE = 0.99
 HELD_OUT = "the held-out log"
 
 
@@ -109,7 +108,7 @@ class JointDiagnosis:
     @property
     def helps(self) -> bool:
         """Whether the causes make the simulation of held-out data better, or the equations where nothing can be simulated."""
-        return (self.fraction < NOTHING_GONE or bool(self.computed)) if self.gain is None else self.gain.helps
+        return (self.fraction <= ALL_OF_IT or bool(self.computed)) if self.gain is None else self.gain.helps
 
     @property
     def verdict(self) -> Verdict:

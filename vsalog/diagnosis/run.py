@@ -316,7 +316,7 @@ def _bound(recording: Recording, name: str, joint: Any, roles: set[str] | None =
             f"{recording.path.name}: none of the channels that the rig names for joint '{name}' is there;"
             f" 'vsalog inspect {recording.path.name}' lists them"
         )
-    return bind([recording], name, plain, there)
+    return bind([recording], name, plain, there, noise=True)
 
 
 def _runs(name: str, signals: JointSignals) -> list[tuple[str, JointSignals]]:

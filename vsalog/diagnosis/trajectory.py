@@ -59,7 +59,7 @@ def refined(selection: Selection, windows: Windows) -> Selection:
     windows = windows.part(in_runs(len(windows.spans), WINDOWS))
     best, shot, J = _fitted(selection, windows)
     # A cause that trajectories drive as far as it may go stands for something else: they say nothing of it.
-    if not shot.straight or _at_bounds(best):
+    if not shot.is_linear or _at_bounds(best):
         return selection
     # Where equations do not close, trajectories mostly cannot either; then they say nothing that is not in the equations.
     if np.max(np.diag(selection.weights.inflation)) > WITHIN**2 and np.max(_squares(shot, windows)) > OFF**2:
@@ -76,7 +76,7 @@ def refined(selection: Selection, windows: Windows) -> Selection:
         except SimulationError:
             break
         # What takes away a part of an error only may be anything.
-        if not there.straight or np.max(_squares(there, windows)) > OFF**2 or _at_bounds(other):
+        if not there.is_linear or np.max(_squares(there, windows)) > OFF**2 or _at_bounds(other):
             break
         best, shot, J = other, there, changes
     return replace(best, choices=_as_seen(best, windows, J)) if best.posterior.fit else best
@@ -89,12 +89,12 @@ def _at_bounds(selection: Selection) -> bool:
 def _fitted(selection: Selection, windows: Windows) -> tuple[Selection, Shot, Array]:
     """Fit the values of a selection's causes; return their trajectories, too, and what the values change in them.
 
-    Where what sticks and slips makes most windows anything but straight in their beginnings, the values stay as they are.
+    Where most windows do not respond linearly to their initial states, as with much sticking, the values stay as they are.
     """
     joint, posterior = selection.problem.joint, selection.posterior
     fit = posterior.fit
     shot = begun(placed(joint, fit), windows)
-    if not fit or not shot.straight:
+    if not fit or not shot.is_linear:
         return selection, shot, np.zeros((len(windows.spans), 0, 0))
     prior = _prior(posterior)
     away, information, columns = np.zeros(prior.shape[0]), np.zeros_like(prior), np.zeros(0)
@@ -140,7 +140,7 @@ def _simplified(selection: Selection, windows: Windows, shot: Shot, J: Array) ->
             other, there, changes = _fitted(replace(selection, stage=stage, posterior=posterior), windows)
         except SimulationError:
             continue
-        if there.straight and 0.5 * (_misfit(there, windows, weights) - _misfit(shot, windows, weights)) < APART:
+        if there.is_linear and 0.5 * (_misfit(there, windows, weights) - _misfit(shot, windows, weights)) < APART:
             chosen = np.array([v.inside for v in stage.unknowns.variants], dtype=np.bool_)
             best = Ranked(chosen, stage.candidates.scored(chosen))
             choices = choices_of(problem, stage, stage.candidates, best, stage.unknowns.variants, posterior)

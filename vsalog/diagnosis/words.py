@@ -8,6 +8,9 @@ from collections.abc import Sequence
 from vsalog.diagnosis.causes import catalogue
 from vsalog.diagnosis.document import FoundCause, Gain, Unexplained, Verdict
 
+# A share above this is said to be all of it; no verdict may say otherwise.
+ALL_OF_IT = 0.99
+
 _PARTS = {
     "motor": "motor",
     "motor_1": "first motor",
@@ -177,7 +180,7 @@ def _immaterial(causes: Sequence[FoundCause]) -> str:
 
 
 def _per_cent(share: float) -> str:
-    return "above 99 %" if share > 0.99 else "below 1 %" if share < 0.01 else f"{100.0 * share:.0f} %"
+    return "above 99 %" if share > ALL_OF_IT else "below 1 %" if share < 0.01 else f"{100.0 * share:.0f} %"
 
 
 def _held_out(gains: Sequence[Gain], held_out: str, extended: bool, verdict: Verdict) -> str:
@@ -190,7 +193,7 @@ def _held_out(gains: Sequence[Gain], held_out: str, extended: bool, verdict: Ver
     unit = worst.unit.replace("*", "·")
     off, signal = worst.rmse_after / worst.noise_floor, worst.signal.replace("_", " ")
     # Where nothing is explained no extended rig is written.
-    rig = "the rig" if not extended else "the rig with that" if verdict == "unexplained" else "the extended rig"
+    rig = "the rig" if not extended else "the rig with these causes" if verdict == "unexplained" else "the extended rig"
     said = (
         f"On {held_out} {rig} simulates {signal}, the signal it is worst at, to {worst.rmse_after:.3g} {unit},"
         f" {off:.2g} times its noise floor"

@@ -223,7 +223,7 @@ def earlier(joint: Any, samples: Mapping[str, float], period: float) -> Any:
 
 
 def read_earlier(joint: Any, samples: float, period: float) -> Any:
-    """Return a joint with all channels shifted by so many samples: sensors are earlier by it, drives act later."""
+    """Shift all channels of a joint by a number of samples: sensors are read earlier, drives act later."""
     motors = motors_of(joint)
     sensors = set(offered_roles(joint)) - {torque_role(name) for name in motors} - set(BOUND)
     return earlier(joint, dict.fromkeys(sensors, samples) | dict.fromkeys(motors, -samples), period)

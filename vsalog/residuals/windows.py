@@ -155,7 +155,7 @@ class Shot:
     states : shape (W, n), at the windows' beginnings
     errors : role → recorded − simulated, shape (N,), NaN outside the windows
     ends : shape (W, n), states where the windows end, NaN where they are not known
-    far : windows whose errors are far from what derivatives promise
+    far : windows whose errors stay far above what a Gauss–Newton step predicts
     """
 
     states: Array
@@ -164,8 +164,8 @@ class Shot:
     far: Integers = field(default_factory=lambda: np.zeros(0, dtype=np.int64))
 
     @property
-    def straight(self) -> bool:
-        """Whether derivatives tell what most windows make of their beginnings."""
+    def is_linear(self) -> bool:
+        """Whether most windows respond to their initial states as linearly as a Gauss–Newton step supposes."""
         return 2 * self.far.size <= len(self.states)
 
     def part(self, chosen: Integers) -> Shot:
@@ -279,8 +279,8 @@ def begun(
         states = _nearer(joint, first, shoot(joint, first, states), 1)[0].states
     shot, far = _nearer(joint, windows, shoot(joint, windows, states), rounds, slopes)
     shot, far = _gone_on(joint, windows, shot, far)
-    # Friction that sticks bends it too: such windows are looked at again where they are now. Who goes on from another rig's
-    # simulation comes again with new slopes.
+    # Windows in which something sticks are not linear either: they are fitted again with derivatives at their new states. A fit
+    # that goes on from another rig's simulation calls again with such derivatives.
     for _ in range(AGAIN if near is None else 0):
         if not far.size:
             break

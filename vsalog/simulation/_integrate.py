@@ -43,7 +43,7 @@ Integers = NDArray[np.int64]
 
 # An event is found to this part of a step; more events than this in one step are chattering, and the step is taken as it is.
 EVENT_WIDTH, MOST_EVENTS = 2.0**-44, 50
-# Of so many looks for an event one halves the interval, so that it is found however bent the way there is.
+# Every fourth trial of a search for an event is a bisection: it bounds the search where the guard is far from linear.
 BISECTED = 4
 
 # Rodas, 6 stages, order 4, L-stable (Hairer and Wanner, Solving Ordinary Differential Equations II, §VI.4).
@@ -218,7 +218,7 @@ def _advance(
 ) -> None:  # fmt: skip
     """Go on by one whole step, through all its events.
 
-    An event is sought by the Illinois variant of false position (Dowell and Jarratt 1971, BIT 11), with a bisection now and then.
+    Events are located by the Illinois variant of false position (Dowell and Jarratt 1971, BIT 11) with bisections.
     """
     done, before, after, events = 0.0, 0.0, 1.0, 0
     seeking = False  # between `before`, where all modes hold, and `after`, where one has ended

@@ -41,7 +41,7 @@ DAMPING_PER_STEP, ANGLE_PER_STEP = 0.5, 0.02
 STIFF_STEPS, MOST_STEPS = 16, 2000
 # The speed at which bristles have to be followed where none is known [rad/s]; they stay stable at five times this.
 BRISTLE_SPEED = 10.0
-# The same of deflections, for loops [rad/s].
+# The same of deflections, for loops [rad/s]: springs deflect by a fraction of what a joint turns.
 DEFLECTING = 1.0
 # A chain's inertia is looked at in so many positions.
 POSITIONS = 50
