@@ -134,6 +134,20 @@ def test_the_extended_rig_simulates_and_estimates(wrong, run):
     assert (wrong / "exp2.stiffness.parquet").exists()
 
 
+def test_what_a_cause_does_to_the_estimated_stiffness_is_what_it_does_to_the_torque_that_is_read(tmp_path, call):
+    """A sensor's stiffness grows by its gain, whatever else there is; the link is in no equation of either estimate."""
+    truth = Truth(gain=0.9, link_damping=0.06)
+    lay(tmp_path, truth)
+    lay(tmp_path, truth, "exp2", seed=1)
+    code, out, err = call("exp1.csv", "--holdout", "exp2.csv", "-o", "out", "--json", cwd=tmp_path)
+    assert code == 0, err
+    changes = {c["cause"]: c["stiffness_change"] for c in json.loads(out)["causes"]}
+    assert changes == {
+        "sensor.torque_gain": pytest.approx(1 - truth.gain, abs=0.005),
+        "link.viscous_friction": pytest.approx(0, abs=1e-6),
+    }
+
+
 def test_the_page_opens_offline(wrong):
     page = (wrong / "out" / "diagnosis.html").read_text(encoding="utf-8")
     assert "motor.viscous_friction" in page

@@ -48,6 +48,7 @@ def found_cause(name="motor.coulomb_friction", joint="elbow", **more):
         "cause": name, "joint": joint, "part": "motor", "title": "Dry friction of the motor is missing",
         "parameters": {"torque": Number(value=0.2, std=0.001, unit="N*m")}, "common_with": (), "material": True, "size": 8.0,
         "confidence": 0.985, "class_confidence": 0.985, "indistinguishable_from": (), "error_removed": 0.91,
+        "stiffness_change": 0.034,
         "why": "A level with the sign of the velocity.",
         "how_to_confirm": "Raise the torque slowly.", "tell_apart": "", "reference": "Armstrong (1994)",
     }  # fmt: skip

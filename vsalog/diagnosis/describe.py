@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -27,7 +29,6 @@ from vsalog.diagnosis.joint import (
     unexplained_side,
     variables,
 )
-from vsalog.diagnosis.linear import placed
 from vsalog.diagnosis.remainder import curve_of, predicted_share
 from vsalog.diagnosis.smooth import UNKNOWN
 from vsalog.diagnosis.words import part_in_words, title_of, unfilled
@@ -48,10 +49,16 @@ def unit_of(role: str) -> str:
     return "m" if role == "setpoint" else role_units(role)[0]
 
 
-def causes_of(found: JointDiagnosis) -> list[FoundCause]:
-    """Return the causes as the document says them."""
+def causes_of(found: JointDiagnosis, stiffness_changes: Sequence[float | None]) -> list[FoundCause]:
+    """Return the causes as the document says them.
+
+    Parameters
+    ----------
+    found : about a joint
+    stiffness_changes : what each of its causes changes in the estimated stiffness
+    """
     out = [_computed(found, role, why) for role, why in found.computed.items()]
-    for cause in found.found:
+    for cause, change in zip(found.found, stiffness_changes, strict=True):
         kind = catalogue()[cause.site.cause]
         rivals = [name for r in cause.choice.rivals for name in (_member(r, cause.site), *r.doubles)]
         others = tuple(dict.fromkeys((*cause.site.doubles, *rivals)))
@@ -76,6 +83,7 @@ def causes_of(found: JointDiagnosis) -> list[FoundCause]:
                 class_confidence=cause.class_confidence,
                 indistinguishable_from=others,
                 error_removed=cause.removed,
+                stiffness_change=change,
                 why=f"{part_in_words(cause.site.part).capitalize()}: {kind.says}.",
                 how_to_confirm=_filled(kind.confirm, numbers),
                 tell_apart=unfilled(apart),
@@ -102,7 +110,7 @@ def _computed(found: JointDiagnosis, role: str, why: str) -> FoundCause:
     return FoundCause(
         cause=kind.name, joint=found.name, part=role, title=title_of(kind.name, role), parameters={}, common_with=(),
         material=True, size=None, confidence=0.99, class_confidence=0.99, indistinguishable_from=(), error_removed=0.0,
-        why=f"{why}.", how_to_confirm=kind.confirm, tell_apart="", reference=kind.reference,
+        stiffness_change=None, why=f"{why}.", how_to_confirm=kind.confirm, tell_apart="", reference=kind.reference,
     )  # fmt: skip
 
 
@@ -235,8 +243,7 @@ def _shots(found: JointDiagnosis) -> list[Shot]:
 
 def _view(found: JointDiagnosis, cause: Found, known: dict[str, tuple[Array, str]]) -> CauseEvidence:
     """Return the equation and the variable in which a cause shows most."""
-    rest = [(s, v) for s, v in found.selection.posterior.fit if not s.overlaps(cause.site)]
-    without, with_it = plain_rows(found, placed(found.joint, rest)), plain_rows(found, found.extended)
+    without, with_it = (plain_rows(found, j) for j in (found.extended_without(cause), found.extended))
     shape = without - with_it
     i = int(np.nanargmax(mean_squares(shape)))
     blocks = found.selection.blocks

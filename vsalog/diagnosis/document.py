@@ -99,6 +99,8 @@ class FoundCause(_Part, frozen=True):
         that is the same cause elsewhere; the rig's tolerances chose among them; `unknown` is a smooth function of a signal, no
         cause of the catalogue
     error_removed : share of the rig's squared residual beyond noise that this cause removes; the shares add up
+    stiffness_change : share by which the estimated stiffness changes, in root mean square, if the extended rig lacks this cause:
+        by the motor's torque or by the torque sensor, whichever changes more; null where no stiffness can be estimated
     why : the evidence in words
     how_to_confirm : an experiment
     tell_apart : which experiment would tell it from the others; empty where there are none
@@ -117,6 +119,7 @@ class FoundCause(_Part, frozen=True):
     class_confidence: float
     indistinguishable_from: tuple[str, ...]
     error_removed: float
+    stiffness_change: float | None
     why: str
     how_to_confirm: str
     tell_apart: str

@@ -77,6 +77,11 @@ class JointDiagnosis:
     warnings: tuple[str, ...] = field(default=())
     hint: str = ""
 
+    def extended_without(self, cause: Found) -> Any:
+        """Return the extended joint as it is without a cause, at all parts that share it."""
+        rest = [(site, values) for site, values in self.selection.posterior.fit if not site.overlaps(cause.site)]
+        return placed(self.joint, rest)
+
     @property
     def closed(self) -> bool:
         """Whether every equation that can be formed closes within its noise."""

@@ -19,7 +19,7 @@ from vsalog.diagnosis.document import VERSION, Diagnosis, FoundCause, Gain, Gain
 from vsalog.diagnosis.evidence import JointEvidence
 from vsalog.diagnosis.joint import HELD_OUT, JointDiagnosis, diagnose_joint
 from vsalog.diagnosis.priors import felt
-from vsalog.diagnosis.stiffness_gain import stiffness_gains
+from vsalog.diagnosis.stiffness_gain import stiffness_change, stiffness_gains, stiffness_traces
 from vsalog.diagnosis.suggest import Suggestion, suggest
 from vsalog.diagnosis.words import gathered, sentences
 from vsalog.errors import BindingError, DiagnosisError, RigError, VsalogError, did_you_mean
@@ -142,15 +142,15 @@ def diagnose(log: Path, holdout: Path | None, options: Options, progress: Progre
     left_out += [(f.name, (f"joint '{f.name}': {apart}",)) for f in found if f.name in _chained(rig)]
     warnings += gathered([], left_out)
     proposed = _proposed(rig, found, warnings, progress) if options.suggest else None
-    causes = [c for f in found for c in causes_of(f)]
     left = max((unexplained_of(f) for f in found), key=lambda u: u.fraction)
     verdict = min((f.verdict for f in found), key=WORST_FIRST.index)
     # What is not believed is no rig to go on with.
     extended = None if verdict == "unexplained" else _extended(rig, found)
-    measured = recording if second is None else second
-    stiffness = (
-        [] if extended is None else [g for n in usable for g in _stiffness(n, rig, extended, measured, progress)]
-    )
+    measured, causes, stiffness = recording if second is None else second, list[FoundCause](), list[Gain]()
+    for one in found:
+        gains, changes = _stiffness(one, rig, extended, measured, progress)
+        causes += causes_of(one, changes)
+        stiffness += gains
     return _outcome(log, holdout, options, rig, extended, found, causes, left, verdict, stiffness, warnings, proposed)
 
 
@@ -274,12 +274,25 @@ def _extended(rig: Rig, found: Sequence[JointDiagnosis]) -> Rig | None:
     return rig.with_joints(joints, f"{rig.where}, extended") if changed else None
 
 
-def _stiffness(name: str, rig: Rig, extended: Rig, recording: Recording, progress: Progress) -> list[Gain]:
-    before, after = rig.joints[name], extended.joints[name]
-    if before == after or isinstance(before, PneumaticJoint | RigidJoint):
-        return []
+def _stiffness(
+    found: JointDiagnosis, rig: Rig, extended: Rig | None, recording: Recording, progress: Progress
+) -> tuple[list[Gain], list[float | None]]:
+    """Return what the extended rig is worth for a joint's stiffness estimate, and what each cause changes in it."""
+    name = found.name
+    before, after = (r.joints.get(name) if r is not None else None for r in (rig, extended))
+    if after is None or before == after or isinstance(before, PneumaticJoint | RigidJoint):
+        return [], [None] * len(found.found)
     progress(f"joint {name}: estimating its stiffness with both rigs")
-    return stiffness_gains(name, before, after, recording)
+    # A cause at two parts is left out at both; without the only one the rig is as it stands.
+    known = {before: stiffness_traces(name, before, recording), after: stiffness_traces(name, after, recording)}
+    changes = []
+    for cause in found.found:
+        lacking = _extended(rig, [dataclasses.replace(found, extended=found.extended_without(cause))])
+        joint = None if lacking is None else lacking.joints[name]
+        if joint not in known:
+            known[joint] = stiffness_traces(name, joint, recording)
+        changes.append(stiffness_change(known[after], known[joint]))
+    return stiffness_gains(name, known[before], known[after]), changes
 
 
 def _rig(log: Path, options: Options) -> Rig:

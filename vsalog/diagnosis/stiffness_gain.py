@@ -1,45 +1,73 @@
-"""What the causes are worth for the stiffness estimate: RESIDUAL against SENSOR, with the rig as it stands and extended."""
+"""What the causes mean for the stiffness estimate: with the rig as it stands, extended, and without one of them."""
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from vsalog.binding import bind
 from vsalog.diagnosis.document import Gain
 from vsalog.diagnosis.gain import DRAWS, SEED
 from vsalog.errors import VsalogError
-from vsalog.estimation import choose, estimate_joint
+from vsalog.estimation import choose
+from vsalog.estimators.device import device_of
+from vsalog.estimators.folding import estimated
 from vsalog.recording import Recording, Stamps
 from vsalog.trace import Trace
 
 Array = NDArray[np.float64]
+Traces = Mapping[str, Trace]
 
 # The part of a log in which the estimators settle, and the blocks the rest is cut into.
 SETTLED, BLOCKS = 0.5, 20
 MODALITIES = ("RESIDUAL", "SENSOR")
 
 
-def stiffness_gains(name: str, before: Any, after: Any, recording: Recording) -> list[Gain]:
-    """Estimate the stiffness by the motor's equation and by the torque sensor, with two rigs, and compare.
+def stiffness_traces(name: str, joint: Any, recording: Recording) -> Traces:
+    """Estimate a joint's stiffness by the motor's equation and by the torque sensor (`residual-rls`).
 
-    The two modalities know of each other only through the rig: the nearer they are, the less is wrong with it.
+    Parameters
+    ----------
+    name, joint : of a rig, as it is written
+    recording : that was not used for the fit, where there is one
+
+    Returns
+    -------
+    Modality → trace, of those that the roles and the rig allow
+    """
+    traces = {}
+    for modality in MODALITIES:
+        try:
+            choice = choose(name, joint, "residual-rls", {"modality": modality})
+            signals = bind([recording], name, joint, choice.roles)
+            fold = choice.method.build(device_of(name, joint, signals.roles), signals, choice.tuning)
+            fold.conditioner.check_length(signals.longest_run)
+            traces[modality] = estimated(fold, signals)
+        except VsalogError:
+            continue  # a role or a parameter is missing
+    return traces
+
+
+def stiffness_gains(name: str, before: Traces, after: Traces) -> list[Gain]:
+    """Compare how near the two modalities are to each other with two rigs.
+
+    They know of each other only through the rig: the nearer they are, the less is wrong with it.
 
     Parameters
     ----------
     name : of the joint
-    before, after : the joint as the rig has it, and extended
-    recording : that was not used for the fit, where there is one
+    before, after : with the rig as it stands, and extended
 
     Returns
     -------
     A gain per transmission; nothing where the log does not allow both modalities with both rigs
     """
-    pairs = [_traces(name, joint, recording) for joint in (before, after)]
-    if any(pair is None for pair in pairs):
+    if len(before) < len(MODALITIES) or len(after) < len(MODALITIES):
         return []
-    first, second = (p for p in pairs if p is not None)
+    first, second = (tuple(traces[m] for m in MODALITIES) for traces in (before, after))
     out = []
     single = len([t for t in first[0].transmissions if t != "total"]) == 1
     for transmission in first[0].transmissions:
@@ -53,23 +81,30 @@ def stiffness_gains(name: str, before: Any, after: Any, recording: Recording) ->
     return out
 
 
-def _traces(name: str, joint: Any, recording: Recording) -> tuple[Trace, Trace] | None:
-    found = []
-    for modality in MODALITIES:
-        try:
-            estimate = estimate_joint(
-                [recording], name, joint, choose(name, joint, "residual-rls", {"modality": modality})
-            )
-        except VsalogError:
-            return None  # a role or a parameter is missing
-        if estimate.trace is None:
-            return None
-        found.append(estimate.trace)
-    return found[0], found[1]
+def stiffness_change(after: Traces, without: Traces) -> float | None:
+    """Return by which part the joint's stiffness changes, in root mean square, if the extended rig lacks a cause.
+
+    Parameters
+    ----------
+    after, without : with the extended rig, and with the one that lacks the cause
+
+    Returns
+    -------
+    That of the modality which changes more; None where neither supports a stiffness with both rigs
+    """
+    changes = []
+    for modality in after.keys() & without.keys():
+        trace = after[modality]
+        off, _ = _differences((without[modality], trace), "total", trace.stamps)
+        good = np.isfinite(off)
+        if good.any():
+            own = np.asarray(trace.transmissions["total"]["stiffness"], dtype=np.float64)[good]
+            changes.append(float(np.sqrt(np.sum(off[good] ** 2) / np.sum(own**2))))
+    return max(changes, default=None)
 
 
-def _differences(pair: tuple[Trace, Trace], transmission: str, stamps: Stamps) -> tuple[Array, Array]:
-    """Return RESIDUAL − SENSOR at some stamps, NaN where either is not supported by the data; and the variance of that.
+def _differences(pair: tuple[Trace, ...], transmission: str, stamps: Stamps) -> tuple[Array, Array]:
+    """Return the first − the second of two traces at some stamps, NaN where either is not supported; and the variance of that.
 
     A delay that one rig knows of and the other does not leaves traces that begin and end apart.
     """

@@ -14,6 +14,7 @@ from rich.table import Table
 from vsalog.diagnosis.document import Diagnosis, FoundCause, Gain, SignalError
 from vsalog.documents import document_text
 from vsalog.reports.diagnosis_words import (
+    change_text,
     confidence_text,
     kind_text,
     open_experiment,
@@ -91,7 +92,7 @@ def _causes(console: Console, causes: Sequence[FoundCause], several: bool) -> No
     table = Table(box=None, pad_edge=False, padding=(0, 2))
     table.add_column("cause", ratio=5)
     table.add_column("parameters, 95 %", ratio=5)
-    for heading in ("sure", "error removed"):
+    for heading in ("sure", "error removed", "moves stiffness"):
         table.add_column(heading, justify="right", no_wrap=True)
     table.add_column("this log cannot tell it from", ratio=4)
     for cause in causes:
@@ -103,6 +104,7 @@ def _causes(console: Console, causes: Sequence[FoundCause], several: bool) -> No
             escape("\n".join(_parameters(cause)) or "–"),
             confidence_text(cause),
             share_text(cause.error_removed),
+            change_text(cause.stiffness_change),
             escape(others),
         )
     console.print(table)

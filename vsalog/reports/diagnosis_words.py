@@ -74,6 +74,11 @@ def share_text(share: float) -> str:
     return f"{per_cent:.{digits}f} %".replace("-", "−")
 
 
+def change_text(share: float | None) -> str:
+    """Return by which share a cause changes the estimated stiffness, if that is known."""
+    return "–" if share is None else share_text(share)
+
+
 def confidence_text(cause: FoundCause) -> str:
     """Return how sure a cause is in per cent, never all of it; of a class also how sure that is."""
     own, together = ("> 99 %" if c > 0.99 else share_text(c) for c in (cause.confidence, cause.class_confidence))
@@ -112,8 +117,10 @@ def unexplained_words(left: Unexplained) -> str:
 
 
 def sure_words(cause: FoundCause) -> str:
-    """Say how sure a cause is, and what it takes away."""
-    return f"confidence {confidence_text(cause)}; it takes away {share_text(cause.error_removed)} of the error"
+    """Say how sure a cause is, what it takes away, and what it does to the stiffness."""
+    said = f"confidence {confidence_text(cause)}; it takes away {share_text(cause.error_removed)} of the error"
+    change = cause.stiffness_change
+    return said if change is None else f"{said}, and moves the estimated stiffness by {change_text(change)}"
 
 
 def open_experiment(diagnosis: Diagnosis) -> str:

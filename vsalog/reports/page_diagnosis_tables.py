@@ -8,6 +8,7 @@ from collections.abc import Sequence
 from vsalog.diagnosis.document import Diagnosis, EquationError, FoundCause, Gain, SignalError
 from vsalog.reports.diagnosis_words import (
     LITTLE,
+    change_text,
     confidence_text,
     parameter_text,
     reduction_text,
@@ -48,7 +49,7 @@ def stacking_table(caption: str, heads: Sequence[str], rows: Sequence[Sequence[s
 
 
 def ranking_table(diagnosis: Diagnosis, several: bool) -> str:
-    """Causes by the part of the error that they take away, how sure they are, and what they cannot be told from."""
+    """Causes: the error they take away, what they do to the stiffness, how sure they are, and their classes."""
     rows = []
     for cause in diagnosis.causes:
         others = ", ".join(f"<code>{escaped(o)}</code>" for o in cause.indistinguishable_from)
@@ -56,15 +57,16 @@ def ranking_table(diagnosis: Diagnosis, several: bool) -> str:
             [
                 _cause(cause, several),
                 _bar(cause.error_removed),
+                change_text(cause.stiffness_change),
                 _bar(cause.confidence, confidence_text(cause)),
                 others or "–",
             ]
         )
     left = diagnosis.unexplained.fraction
     if rows and left >= LITTLE:
-        rows.append(["left unexplained", _bar(left), "–", "–"])
-    heads = ("cause", "error it takes away", "how sure", "this log cannot tell it from")
-    return stacking_table("Ranking of the causes", heads, rows, texts=4)
+        rows.append(["left unexplained", _bar(left), "–", "–", "–"])
+    heads = ("cause", "error it takes away", "moves stiffness by", "how sure", "this log cannot tell it from")
+    return stacking_table("Ranking of the causes", heads, rows, texts=5)
 
 
 def parameters_table(causes: Sequence[FoundCause], several: bool) -> str:
