@@ -1,8 +1,13 @@
-"""JSON Schemas of the documents that are written: msgspec's own, with the docstrings' words for each key."""
+"""JSON Schemas of the documents that are written: msgspec's own, with the docstrings' words for each key.
+
+`python -m vsalog.document_schema vsalog.diagnosis.document` prints one; `docs/diagnosis.schema.json` is what it prints.
+"""
 
 from __future__ import annotations
 
 import json
+import sys
+from importlib import import_module
 from types import ModuleType
 from typing import Any
 
@@ -11,15 +16,14 @@ import msgspec
 from vsalog.rig.schema_file import field_descriptions
 
 
-def document_schema(module: ModuleType, root: str, title: str, description: str) -> dict[str, Any]:
+def document_schema(module: ModuleType) -> dict[str, Any]:
     """Return the JSON Schema (draft 2020-12) of a document.
 
     Parameters
     ----------
-    module : that holds the document's structures
-    root : name of the outermost
-    title, description : of the schema
+    module : that holds the document's structures, their `VERSION`, and the outermost one with title and description as `SCHEMA`
     """
+    root, title, description = module.SCHEMA
     schema: dict[str, Any] = msgspec.json.schema(getattr(module, root))
     definitions: dict[str, Any] = schema["$defs"]
     for name, definition in definitions.items():
@@ -30,12 +34,16 @@ def document_schema(module: ModuleType, root: str, title: str, description: str)
     return {
         **definitions.pop(root),
         "$schema": "https://json-schema.org/draft/2020-12/schema",
-        "title": title,
+        "title": f"{title}, version {module.VERSION}",
         "description": description,
         "$defs": definitions,
     }
 
 
-def as_text(schema: dict[str, Any]) -> str:
-    """Return a schema as it stands in a file."""
-    return json.dumps(schema, indent=2, ensure_ascii=False) + "\n"
+def schema_text(module: ModuleType) -> str:
+    """Return the schema as it stands in a file."""
+    return json.dumps(document_schema(module), indent=2, ensure_ascii=False) + "\n"
+
+
+if __name__ == "__main__":
+    print(schema_text(import_module(sys.argv[1])), end="")

@@ -1,4 +1,4 @@
-"""Results as JSON documents."""
+"""Structures as JSON documents and TOML tables."""
 
 from __future__ import annotations
 
@@ -21,6 +21,22 @@ def document_text(document: Any) -> str:
     except UnicodeEncodeError:
         raw = msgspec.json.encode(_readable(msgspec.to_builtins(document)))
     return msgspec.json.format(raw, indent=2).decode() + "\n"
+
+
+def toml_tables(structure: Any) -> dict[str, Any]:
+    """Return a structure as tables for TOML, without what that cannot say (None) and what says nothing."""
+    tables = _without_empty(msgspec.to_builtins(structure))
+    assert isinstance(tables, dict)
+    return tables
+
+
+def _without_empty(value: Any) -> Any:
+    if isinstance(value, dict):
+        kept = {key: _without_empty(item) for key, item in value.items() if item is not None}
+        return {key: item for key, item in kept.items() if item not in ({}, [], ())}
+    if isinstance(value, list | tuple):
+        return [_without_empty(item) for item in value]
+    return value
 
 
 def _readable(value: Any) -> Any:

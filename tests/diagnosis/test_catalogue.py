@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 
 from vsalog.diagnosis.causes import catalogue
-from vsalog.diagnosis.causes.base import Remainder
-from vsalog.diagnosis.fit import applied
+from vsalog.diagnosis.causes.base import Parameter, Remainder, Site
+from vsalog.diagnosis.linear import placed
 from vsalog.diagnosis.run import _bound
 from vsalog.diagnosis.selection import remainder
 from vsalog.diagnosis.setting import setting_of
@@ -108,7 +108,7 @@ def test_no_effect_is_the_rig_as_it_stands(preset):
     joint = played(preset)[1]
     plain = measured(preset, joint)
     for site in sites(preset):
-        same = measured(preset, applied(joint, (site,), np.array(site.start)))
+        same = measured(preset, placed(joint, [(site, np.array(site.start))]))
         # A payload begins at a millionth of the link.
         assert far(plain, same) < 1e-5, site.key
 
@@ -120,7 +120,7 @@ def test_an_effect_is_a_rig_that_loads_and_plays_and_is_another(preset):
     for site in sites(preset):
         values = [min(p.start + 30 * p.step, p.high) for p in site.parameters]
         assert values != list(site.start), site.key
-        changed = applied(joint, (site,), np.array(values))
+        changed = placed(joint, [(site, np.array(values))])
         if changed == joint:  # bristles of a friction that has no level of its own are none
             assert site.cause == "motor.load_dependent_friction"
             continue
@@ -151,7 +151,7 @@ def test_sites_are_well_made(preset):
         for start in site.starts(left) if site.starts else ():
             assert len(start) == len(site.parameters)
             assert np.isfinite(start).all()
-            assert joint != applied(joint, (site,), np.array(start)) or not any(start), site.key
+            assert joint != placed(joint, [(site, np.array(start))]) or not any(start), site.key
 
 
 def test_the_catalogue_in_the_manual_is_current(request):
@@ -189,3 +189,26 @@ def test_causes_ask_for_the_equations_they_show_in():
     assert "link.inertia" in named
     none = replace(setting, roles={}, equations=(), deflections={}, torques={})
     assert [s.key for c in catalogue().values() for s in c.sites(none)] == []
+
+
+def gain(low, high, count=1, hard=False):
+    """A cause of some numbers within the same bounds."""
+    numbers = tuple(Parameter(f"gain{i}", "1", 0.5, 1e-6, low, high, hard=hard) for i in range(count))
+    return Site("gain", "part", numbers, lambda joint, values: joint)
+
+
+def test_a_wall_is_a_bound_that_all_numbers_were_driven_to_but_not_zero():
+    assert gain(0.1, 2.0).driven_out(np.array([0.1]))
+    assert gain(-9.0, -3.5).driven_out(np.array([-3.5]))
+    assert not gain(0.0, 2.0).driven_out(np.array([0.0]))
+    assert not gain(-9.0, 2.0).driven_out(np.array([-3.0]))
+    assert not gain(0.1, 2.0, count=2).driven_out(np.array([0.1, 0.5]))
+    assert gain(0.1, 2.0, count=2).driven_out(np.array([0.1, 2.0]))
+    assert gain(0.1, 2.0, count=2, hard=True).driven_out(np.array([0.1, 0.5]))
+    assert not gain(-9.0, 2.0, count=2, hard=True).driven_out(np.array([-3.0, 0.5]))
+
+
+def test_a_value_that_rounding_left_short_of_a_bound_is_at_it():
+    assert gain(0.05, 20.0).driven_out(np.array([0.050000000000000155]))
+    assert gain(0.05, 20.0).driven_out(np.array([20.0 * (1.0 - 3e-16)]))
+    assert not gain(0.05, 20.0).driven_out(np.array([0.05 * (1.0 + 1e-9)]))

@@ -8,10 +8,14 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from scipy.optimize import least_squares
 from written_out import ELASTIC, Truth, elastic, sensed, write_csv
 
 from vsalog.cli import _run
+from vsalog.diagnosis.causes.base import Parameter, Site
+from vsalog.diagnosis.suggest import ENOUGH, separation
 from vsalog.diagnosis.suggest_candidates import DURATION, WAVES, Room
+from vsalog.diagnosis.suggest_questions import Hypothesis
 from vsalog.diagnosis.suggest_range import Range
 from vsalog.readers import read
 from vsalog.simulation.scenario import Scenario
@@ -246,3 +250,46 @@ def test_a_range_says_what_share_of_it_is_taken():
     assert one.taken(still, np.full(100, 4.08)) == pytest.approx(2.0)
     assert Range(1.0, 1.0, 0.0).taken(still) == 0.0
     assert Range(1.0, 1.0, 0.0).taken(still + 0.1) == np.inf
+
+
+class Curve:
+    """Stands for the equations of an experiment: the "joint" is (size, rate, level) of a formula, held against data."""
+
+    t = np.linspace(0.0, 4.0, 600)
+    count = t.size
+
+    def __init__(self, data):
+        self.data = data
+
+    def whitened(self, joint):
+        size, rate, level = joint
+        return (size * np.exp(-rate * self.t) + level - self.data)[:, None]
+
+
+def guess(name, index, value, low=-np.inf, high=np.inf):
+    """One number of the formula is in question."""
+
+    def apply(joint, values):
+        return tuple(values[0] if i == index else v for i, v in enumerate(joint))
+
+    site = Site(name, "part", (Parameter(name, "1", value, 1e-5, low, high),), apply)
+    return site, np.array([value])
+
+
+@pytest.mark.parametrize("high", [np.inf, 0.5])
+def test_how_far_two_hypotheses_are_apart_is_what_the_best_fit_of_the_other_leaves_over(high):
+    """With a bound that binds and without; scipy's own derivatives, from the truth's side, are the oracle."""
+    noise = np.random.default_rng(1).standard_normal(Curve.count)
+    curve, joint = Curve(2.0 * np.exp(-0.7 * Curve.t) + noise), (1.5, 0.7, 0.0)
+    own = Hypothesis(None, [guess("size", 0, 2.0)])
+    other = Hypothesis(None, [guess("rate", 1, 0.7), guess("level", 2, 0.1, high=high)])
+    left = least_squares(
+        lambda x: curve.whitened((1.5, *x)).ravel(),
+        [0.3, 0.2],
+        bounds=([-np.inf] * 2, [np.inf, high]),
+        xtol=1e-13,
+        ftol=1e-13,
+    )
+    squares = separation(curve, joint, own, other) ** 2 * Curve.count
+    # A fit ends where a step gains less than this part of what is left.
+    assert squares == pytest.approx(2.0 * left.cost - float(noise @ noise), abs=ENOUGH * 2.0 * left.cost)

@@ -25,9 +25,10 @@ from diagnosis_evidence import (
 )
 from test_browser import CHROMIUM, probed
 
+from vsalog.diagnosis import document as document_module
 from vsalog.diagnosis.document import Gains, Number
 from vsalog.diagnosis.evidence import CauseEvidence, SignalEvidence
-from vsalog.diagnosis.schema_file import diagnosis_schema, schema_text
+from vsalog.document_schema import document_schema, schema_text
 from vsalog.errors import WriteError
 from vsalog.reports.page_diagnosis import diagnosis_page
 from vsalog.reports.page_diagnosis_causes import cause_chart, means_over, remainder_chart
@@ -269,7 +270,7 @@ def test_all_files_are_written_and_the_document_keeps_its_schema(tmp_path):
     assert outputs.rig_is == "written"
     assert {p.name for p in (tmp_path / "new").iterdir()} == {"diagnosis.json", "diagnosis.html", "extended.rig.toml"}
     document = json.loads(outputs.document.read_text(encoding="utf-8"))
-    jsonschema.Draft202012Validator(diagnosis_schema()).validate(document)
+    jsonschema.Draft202012Validator(document_schema(document_module)).validate(document)
     assert msgspec.convert(document, type(told)) == told
     assert tomllib.loads(outputs.rig.read_text(encoding="utf-8")) == tomllib.loads(EXTENDED)
 
@@ -300,8 +301,8 @@ def test_nothing_is_written_where_one_file_cannot_be(tmp_path):
 
 
 def test_the_schema_file_is_up_to_date():
-    assert (DOCS / "diagnosis.schema.json").read_text(encoding="utf-8") == schema_text(), (
-        "run: python -m vsalog.diagnosis.schema_file > docs/diagnosis.schema.json"
+    assert (DOCS / "diagnosis.schema.json").read_text(encoding="utf-8") == schema_text(document_module), (
+        "run: python -m vsalog.document_schema vsalog.diagnosis.document > docs/diagnosis.schema.json"
     )
 
 

@@ -11,8 +11,9 @@ import pytest
 import tomli_w
 
 from tests.validation.conftest import SAMPLES, call
+from vsalog.document_schema import document_schema, schema_text
 from vsalog.rig.load import preset_text
-from vsalog.validation.schema_file import report_schema, schema_text
+from vsalog.validation import document
 
 DOCS = Path(__file__).parents[2] / "docs"
 SEA2 = SAMPLES / "sea_exp2.bag"
@@ -58,7 +59,7 @@ def test_the_awas_model_holds_in_the_second_experiment(models, tmp_path):
         assert all(
             b[name]["low"] <= b[name]["value"] <= b[name]["high"] for b in over["bins"] for name in ("rmse", "bias")
         )
-    jsonschema.Draft202012Validator(report_schema()).validate(report)
+    jsonschema.Draft202012Validator(document_schema(document)).validate(report)
     assert json.loads((tmp_path / "report.json").read_text()) == report
     assert (tmp_path / "report.html").stat().st_size > 10_000
 
@@ -309,8 +310,8 @@ def test_refusals(arguments, words, models, tmp_path):
 
 
 def test_the_schema_file_is_up_to_date():
-    assert (DOCS / "report.schema.json").read_text(encoding="utf-8") == schema_text(), (
-        "run: python -m vsalog.validation.schema_file > docs/report.schema.json"
+    assert (DOCS / "report.schema.json").read_text(encoding="utf-8") == schema_text(document), (
+        "run: python -m vsalog.document_schema vsalog.validation.document > docs/report.schema.json"
     )
 
 

@@ -33,12 +33,10 @@ from vsalog.diagnosis.remainder import curve_of, predicted_share
 from vsalog.diagnosis.smooth import UNKNOWN
 from vsalog.diagnosis.words import part_in_words, title_of, unfilled
 from vsalog.residuals.channels import span_of
-from vsalog.residuals.windows import Shot
 from vsalog.rig.schema import role_units
 
 Array = NDArray[np.float64]
 
-UNITS = {"deflection": "rad"}
 # A cause is shown over the signal that predicts its shape; of several that do so about as well, over the first of these.
 SLACK = 0.03
 ORDER = ("velocity", "rate", "deflection", "position", "setpoint", "torque", "time")
@@ -230,15 +228,10 @@ def evidence_of(found: JointDiagnosis, log: str) -> JointEvidence:
         inside = windows.window >= 0
         for role in windows.roles:
             measured = np.where(inside, windows.channels.raw[role], np.nan)
-            said = [measured - shot.errors[role] for shot in _shots(found)]
-            signals[role] = SignalEvidence(unit_of(role), measured, said[0], said[-1])
+            before, after = (measured - shot.errors[role] for shot in (found.gain.before, found.gain.after))
+            signals[role] = SignalEvidence(unit_of(role), measured, before, after)
     views = tuple(_view(found, cause, known) for cause in found.found)
     return JointEvidence(found.name, time, signals, log, system.time, equations, known, views)
-
-
-def _shots(found: JointDiagnosis) -> list[Shot]:
-    assert found.gain is not None
-    return [found.gain.before, found.gain.after]
 
 
 def _view(found: JointDiagnosis, cause: Found, known: dict[str, tuple[Array, str]]) -> CauseEvidence:

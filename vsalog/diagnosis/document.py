@@ -7,6 +7,7 @@ from typing import Literal
 import msgspec
 
 VERSION = 2
+SCHEMA = ("Diagnosis", "vsalog diagnosis", "What 'vsalog diagnose' found.")
 
 Verdict = Literal["consistent", "consistent as far as checked", "explained", "partly explained", "unexplained"]
 Where = Literal["motor", "transmission", "link", "sensor", "pneumatic"]

@@ -35,6 +35,20 @@ STEPS, STIFF, FEWEST = 16, 12, 12
 PLAYED = 50
 
 
+def reduction_of(before: Array, after: Array) -> tuple[float, tuple[float, float]]:
+    """Return 1 − after / before of root mean squares, and its 95 % interval: a bootstrap over parts of the data.
+
+    Parameters
+    ----------
+    before, after : shape (W,), squares of the errors in each part
+    """
+    count = before.size
+    counts = np.random.default_rng(SEED).multinomial(count, np.full(count, 1.0 / count), size=DRAWS)
+    drawn = 1.0 - np.sqrt((counts @ after) / np.maximum(counts @ before, 1e-300))
+    low, high = np.quantile(drawn, [0.025, 0.975])
+    return float(1.0 - np.sqrt(after.sum() / max(before.sum(), 1e-300))), (float(low), float(high))
+
+
 @dataclass(frozen=True, slots=True)
 class Compared:
     """A rig as it stands and extended, on the same windows.
@@ -62,13 +76,7 @@ class Compared:
 
     def reduction(self, role: str) -> tuple[float, tuple[float, float]]:
         """Return 1 − after / before and its 95 % interval, from windows drawn anew."""
-        before, after = self.squares(self.before, role), self.squares(self.after, role)
-        counts = np.random.default_rng(SEED).multinomial(
-            before.size, np.full(before.size, 1.0 / before.size), size=DRAWS
-        )
-        drawn = 1.0 - np.sqrt((counts @ after) / np.maximum(counts @ before, 1e-300))
-        low, high = np.quantile(drawn, [0.025, 0.975])
-        return float(1.0 - np.sqrt(after.sum() / max(before.sum(), 1e-300))), (float(low), float(high))
+        return reduction_of(self.squares(self.before, role), self.squares(self.after, role))
 
     @property
     def helps(self) -> bool:
@@ -103,11 +111,6 @@ class Standing:
     def rmse(self, role: str) -> float:
         """Return the root mean square error of a role in the windows."""
         return float(np.sqrt(np.nanmean(self.shot.errors[role] ** 2)))
-
-    @property
-    def whole(self) -> float:
-        """Return the Σ of squares of all roles over their noise."""
-        return float(np.sum(in_windows(self.shot, self.windows) ** 2))
 
 
 def standing(joint: Any, windows: Windows, known: Compared | None = None) -> Standing:

@@ -7,7 +7,7 @@ Measurement Error Models, §2.2).
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -200,39 +200,89 @@ def linearised(
     variants : see `variants_of`
     here : the equations of the fit, where they are known; see `formed_of`
     """
-    first = np.concatenate([[0], np.cumsum([len(v.free) for v in variants])]).astype(np.int64)
-    as_fitted = placed(joint, fit)
-    whole = system.whole_delays(as_fitted)
+    whole = system.whole_delays(placed(joint, fit))
 
     def formed(causes: Placed) -> Array:
         return formed_of(system, joint, causes, whole)
 
     here = formed(fit) if here is None else here
-    columns = np.empty((*here.shape, int(first[-1])))
-    now = np.zeros(int(first[-1]))
-    for g, variant in sorted(enumerate(variants), key=lambda v: v[1].instead is not None):
-        if variant.instead:
-            change = formed(set_in(fit, variant.site, variant.base)) - here
-            columns[..., first[g] : first[g + 1]] = exchanged(variants, first, columns, now, g, change)
-            continue
-        if variant.site.added is not None:
-            columns[..., first[g] : first[g + 1]] = variant.site.added
-            now[first[g] : first[g + 1]] = variant.base
-            continue
-        without = set_in(fit, variant.site, variant.base)
-        # A cause that is absent mostly leaves the joint as it is.
-        base = here if variant.inside or placed(joint, without) == as_fitted else formed(without)
-        for k, i in enumerate(variant.free):
-            j = int(first[g]) + k
-            by = (variant.moved[k, i] - variant.base[i]) / variant.deviation[k]
-            # What cannot be formed changes nothing, and is not chosen for it.
-            there = (formed(set_in(fit, variant.site, variant.moved[k])) - base) / by
-            columns[..., j] = there if np.isfinite(there).all() else 0.0
-            if variant.inside:
-                now[j] = (variant.base[i] - variant.rig[k]) / variant.deviation[k]
+    columns, first, now = columns_of(joint, fit, variants, here, formed, lambda site: site.added)
     residual = here - columns @ now
     columns[1:] -= columns[0]
     return Linear(tuple(variants), first, now, residual[0], columns[0], columns[1:], residual[1:] - residual[0])
+
+
+def columns_of(
+    joint: Any,
+    fit: Placed,
+    variants: Sequence[Variant],
+    here: Array,
+    formed: Callable[[Placed], Array],
+    added: Callable[[Site], Any],
+    each: Callable[..., Iterable[Any]] = map,
+) -> tuple[Array, Integers, Array]:
+    """Return what all unknowns change in a log, where each group of them begins, and their values in the fit.
+
+    Parameters
+    ----------
+    joint : of the rig
+    fit : causes with their values
+    variants : see `variants_of`
+    here : shape (…), of the fit
+    formed : causes → shape (…); what is not finite cannot be formed: it changes nothing, and is not chosen for it
+    added : unknown function → what it adds, shape (…, k)
+    each : maps the variants
+
+    Returns
+    -------
+    Shapes (…, p), (G + 1,) and (p,)
+    """
+    as_fitted = placed(joint, fit)
+
+    def made(variant: Variant) -> Array:
+        if variant.site.added is not None:
+            return np.asarray(added(variant.site))
+        without = set_in(fit, variant.site, variant.base)
+        if variant.instead:
+            return formed(without) - here
+        # A cause that is absent mostly leaves the joint as it is.
+        base = here if variant.inside or placed(joint, without) == as_fitted else formed(without)
+        out = np.zeros((*here.shape, len(variant.free)))
+        for k, i in enumerate(variant.free):
+            by = (variant.moved[k, i] - variant.base[i]) / variant.deviation[k]
+            there = (formed(set_in(fit, variant.site, variant.moved[k])) - base) / by
+            if np.isfinite(there).all():
+                out[..., k] = there
+        return out
+
+    first = np.concatenate([[0], np.cumsum([len(v.free) for v in variants])]).astype(np.int64)
+    columns, now, changes = np.empty((*here.shape, int(first[-1]))), np.zeros(int(first[-1])), dict[int, Array]()
+    for g, (variant, own) in enumerate(zip(variants, each(made, variants), strict=True)):
+        if variant.instead:
+            changes[g] = own
+            continue
+        columns[..., first[g] : first[g + 1]] = own
+        if variant.inside:
+            now[first[g] : first[g + 1]] = (variant.base[list(variant.free)] - variant.rig) / variant.deviation
+    for g, change in changes.items():
+        columns[..., first[g] : first[g + 1]] = _exchanged(variants, first, columns, now, g, change)
+    return columns, first, now
+
+
+def with_unknowns(
+    variants: Iterable[Variant], unknowns: Array, limited: bool = False
+) -> tuple[tuple[Site, Array], ...]:
+    """Return causes with the values that their unknowns stand for, within bounds; limited, no farther than one step may go."""
+    out, j = [], 0
+    for variant in variants:
+        values = variant.base.copy()
+        for k, i in enumerate(variant.free):
+            p = variant.site.parameters[i]
+            step = variant.rig[k] + unknowns[j] * variant.deviation[k] - values[i]
+            values[i] = np.clip(values[i] + (np.clip(step, -p.reach, p.reach) if limited else step), p.low, p.high)
+            j += 1
+        out.append((variant.site, values))
+    return tuple(out)
 
 
 def carried(linear: Linear, fit: Placed, here: Array) -> Linear:
@@ -256,7 +306,7 @@ def carried(linear: Linear, fit: Placed, here: Array) -> Linear:
     )
 
 
-def exchanged(
+def _exchanged(
     variants: Sequence[Variant], first: Integers, columns: Array, now: Array, group: int, change: Array
 ) -> Array:
     """Return the columns of a cause in the place of one of the fit, such that it makes the change with the fit's strengths.

@@ -21,6 +21,7 @@ from vsalog.diagnosis.linear import (
     formed_of,
     linearised,
     variants_of,
+    with_unknowns,
 )
 from vsalog.diagnosis.subsets import Candidates, precisions, within
 from vsalog.residuals.system import System
@@ -100,7 +101,7 @@ def most_probable(problem: Problem, weights: Weights, start: Placed) -> Posterio
             target = within(damped, pull, linear.now, candidates.low, candidates.high)
             if not np.isfinite(target).all():
                 break
-            trial = _moved(linear.variants, target)
+            trial = with_unknowns(linear.variants, target, limited=True)
             there = formed_of(system, problem.joint, trial)
             after = weights.deviance(there) + _surprise(_strengths(linear.variants, trial))
             if after <= now:
@@ -144,28 +145,7 @@ def _surprise(unknowns: Array) -> float:
     return float(np.sum(weight * unknowns**2 - np.log(weight)))
 
 
-def _moved(variants: tuple[Variant, ...], unknowns: Array) -> tuple[tuple[Site, Array], ...]:
-    """Return causes with the values that unknowns stand for, no farther than one step may go."""
-    out, j = [], 0
-    for variant in variants:
-        values = variant.base.copy()
-        for k, i in enumerate(variant.free):
-            p = variant.site.parameters[i]
-            step = variant.rig[k] + unknowns[j] * variant.deviation[k] - values[i]
-            values[i] = np.clip(values[i] + np.clip(step, -p.reach, p.reach), p.low, p.high)
-            j += 1
-        out.append((variant.site, values))
-    return tuple(out)
-
-
 def begun_by(unknowns: Unknowns, candidates: Candidates, chosen: NDArray[np.bool_]) -> tuple[tuple[Site, Array], ...]:
     """Return the causes of a chosen set with the values that the linear model has for them."""
-    solution = candidates.solution(chosen)
-    out = []
-    for g in np.flatnonzero(chosen):
-        variant, values = unknowns.variants[g], unknowns.variants[g].base.copy()
-        for k, i in enumerate(variant.free):
-            p = variant.site.parameters[i]
-            values[i] = np.clip(variant.rig[k] + solution[unknowns.first[g] + k] * variant.deviation[k], p.low, p.high)
-        out.append((variant.site, values))
-    return tuple(out)
+    own = [unknowns.variants[g] for g in np.flatnonzero(chosen)]
+    return with_unknowns(own, candidates.solution(chosen)[candidates.unknowns(chosen)])

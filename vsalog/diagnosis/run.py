@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from itertools import pairwise
 from pathlib import Path
@@ -17,7 +17,7 @@ from vsalog.binding import bind, offered_roles, wanted_channels
 from vsalog.diagnosis.describe import causes_of, equation_errors, evidence_of, gains_of, signal_errors, unexplained_of
 from vsalog.diagnosis.document import VERSION, Diagnosis, FoundCause, Gain, Gains, Unexplained, Verdict
 from vsalog.diagnosis.evidence import JointEvidence
-from vsalog.diagnosis.joint import HELD_OUT, JointDiagnosis, diagnose_joint
+from vsalog.diagnosis.joint import HELD_OUT, JointDiagnosis, Progress, diagnose_joint
 from vsalog.diagnosis.priors import felt
 from vsalog.diagnosis.stiffness_gain import stiffness_change, stiffness_gains, stiffness_traces
 from vsalog.diagnosis.suggest import Suggestion, suggest
@@ -32,8 +32,6 @@ from vsalog.rig import Rig
 from vsalog.rig.find import find_rig
 from vsalog.rig.schema import PneumaticJoint, RigidJoint
 from vsalog.signals import JointSignals
-
-Progress = Callable[[str], None]
 
 # Of several joints, or runs, the log's verdict is the first of these that one of them has.
 WORST_FIRST: tuple[Verdict, ...] = (

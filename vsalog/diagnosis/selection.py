@@ -21,7 +21,6 @@ from vsalog.diagnosis.causes.base import Remainder, Setting, Site
 from vsalog.diagnosis.clock import all_late, counted_from, delays_in, on_fewest_clocks, read_apart
 from vsalog.diagnosis.common import common_sites
 from vsalog.diagnosis.discrepancy import Weights, left_out, weighted_by
-from vsalog.diagnosis.fit import driven_out
 from vsalog.diagnosis.linear import (
     Linear,
     Placed,
@@ -256,7 +255,7 @@ def _established(
             final = most_probable(problem, stage.weights, better)
             continue
         # A cause that is driven as far as it may go stands for something else; what happened once has to stand out of the rest.
-        out = {site.key for site, values in final.fit if driven_out(site.parameters, values)}
+        out = {site.key for site, values in final.fit if site.driven_out(values)}
         out |= {s.key for s, values in final.fit if s.transient and not _begins(problem, stage, final.fit, s, values)}
         loose = min(choices, key=lambda c: c.class_odds, default=None)
         if loose is None or (loose.class_odds >= APART and not out):

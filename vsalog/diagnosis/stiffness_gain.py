@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from vsalog.binding import bind
 from vsalog.diagnosis.document import Gain
-from vsalog.diagnosis.gain import DRAWS, SEED
+from vsalog.diagnosis.gain import reduction_of
 from vsalog.errors import VsalogError
 from vsalog.estimation import choose
 from vsalog.estimators.device import device_of
@@ -129,10 +129,8 @@ def _gain(name: str, transmission: str, old: tuple[Array, Array], new: tuple[Arr
     if np.count_nonzero(good) < 10 * BLOCKS:
         return None
     squares = [np.array([np.mean(part**2) for part in np.array_split(off[good], BLOCKS)]) for off in (old[0], new[0])]
-    counts = np.random.default_rng(SEED).multinomial(BLOCKS, np.full(BLOCKS, 1.0 / BLOCKS), size=DRAWS)
-    drawn = 1.0 - np.sqrt((counts @ squares[1]) / np.maximum(counts @ squares[0], 1e-300))
+    reduction, interval = reduction_of(*squares)
     before, after = (float(np.sqrt(s.mean())) for s in squares)
-    low, high = np.quantile(drawn, [0.025, 0.975])
     signal = "stiffness" if transmission == "total" else f"stiffness, {transmission}"
     return Gain(
         joint=name,
@@ -141,6 +139,6 @@ def _gain(name: str, transmission: str, old: tuple[Array, Array], new: tuple[Arr
         rmse_before=before,
         rmse_after=after,
         noise_floor=float(np.sqrt(np.nanmean(new[1][good]))),
-        reduction=1.0 - after / max(before, 1e-300),
-        ci95=(float(low), float(high)),
+        reduction=reduction,
+        ci95=interval,
     )

@@ -65,6 +65,11 @@ class Candidates:
     def __len__(self) -> int:
         return int(self.price.size)
 
+    @property
+    def arrays(self) -> tuple[Array, Array, Integers, Array, Array, Array]:
+        """All but the conflicts, as compiled functions take them."""
+        return self.information, self.score, self.first, self.price, self.low, self.high
+
     def unknowns(self, chosen: Flags) -> Integers:
         """Return the indices of the unknowns of a set of groups, shape (k,)."""
         return np.flatnonzero(np.repeat(chosen, np.diff(self.first)))
@@ -75,15 +80,13 @@ class Candidates:
         own = self.unknowns(chosen)
         if own.size:
             A, b = self.information[np.ix_(own, own)], self.score[own]
-            _, _, prior, *_ = _posterior(
-                chosen, self.information, self.score, self.first, self.price, self.low, self.high
-            )
+            _, _, prior, *_ = _posterior(chosen, *self.arrays)
             out[own] = within(np.diag(prior) + A, b, np.zeros(own.size), self.low[own], self.high[own])
         return out
 
     def scored(self, chosen: Flags) -> float:
         """Return the negative log marginal likelihood of a set, less that of the empty one."""
-        return float(_score(chosen, self.information, self.score, self.first, self.price, self.low, self.high))
+        return float(_score(chosen, *self.arrays))
 
 
 def within(H: Array, pull: Array, now: Array, low: Array, high: Array) -> Array:
@@ -183,22 +186,8 @@ def _keep(found: dict[bytes, Ranked], ranked: Ranked) -> None:
 
 
 def _descended(candidates: Candidates, start: Flags, pinned: Flags, barred: Flags) -> Ranked:
-    c = candidates
     chosen = (start | pinned) & ~barred
-    score = _descend(
-        chosen,
-        pinned,
-        barred,
-        c.information,
-        c.score,
-        c.first,
-        c.price,
-        c.conflict,
-        c.low,
-        c.high,
-        SAME_SCORE,
-        PAIRED,
-    )
+    score = _descend(chosen, pinned, barred, candidates.conflict, SAME_SCORE, PAIRED, *candidates.arrays)
     return Ranked(chosen, float(score))
 
 
@@ -369,15 +358,15 @@ def _descend(
     chosen: Flags,
     pinned: Flags,
     barred: Flags,
+    conflict: Flags,
+    same: float,
+    paired: int,
     A: Array,
     b: Array,
     first: Integers,
     price: Array,
-    conflict: Flags,
     low: Array,
     high: Array,
-    same: float,
-    paired: int,
 ) -> float:
     """Improve a set in place until no move helps; return its score.
 

@@ -12,19 +12,20 @@ separation per second is largest.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 from msgspec.structs import replace as with_fields
 from numpy.typing import NDArray
+from scipy.optimize import least_squares
 
 from vsalog.binding import bind
-from vsalog.diagnosis.fit import applied, fitted, residual_of
-from vsalog.diagnosis.joint import JointDiagnosis
-from vsalog.diagnosis.suggest_candidates import Candidate, candidates
-from vsalog.diagnosis.suggest_questions import Hypothesis, Question, ordinary_causes, questions_of, shown
+from vsalog.diagnosis.joint import JointDiagnosis, Progress
+from vsalog.diagnosis.linear import placed
+from vsalog.diagnosis.suggest_candidates import Candidate, Played, candidates
+from vsalog.diagnosis.suggest_questions import Hypothesis, Questions, ordinary_causes, questions_of, shown
 from vsalog.diagnosis.suggest_range import Seen, seen_in
 from vsalog.diagnosis.suggest_words import TELLS, scenario_text, words_of
 from vsalog.errors import DiagnosisError, VsalogError
@@ -40,7 +41,6 @@ from vsalog.simulation.scenario_schema import ScenarioFile
 from vsalog.simulation.simulate import simulate
 
 Array = NDArray[np.float64]
-Progress = Callable[[str], None]
 
 # Logs faster than this are answered with a scenario at this sample time [s].
 PERIOD = 5e-4
@@ -50,6 +50,8 @@ BOTH_WAYS = 6
 NEARLY = 0.6
 # A payload adds this share to inertia and weight, and is asked for only if it separates so many times better.
 PAYLOAD, WORTHWHILE = 0.3, 1.5
+# A fit of the other hypothesis ends where a step gains less than this part of the squares.
+ENOUGH = 1e-4
 # A candidate that leaves what was seen becomes smaller, so as to stay a little within; so many times, and not below this share.
 TRIES, WITHIN, LEAST = 4, 0.93, 0.05
 
@@ -68,22 +70,6 @@ class Suggestion:
     scenario: str
     words: str
     confused: bool
-
-
-@dataclass(frozen=True, slots=True)
-class Played:
-    """A candidate as it was played.
-
-    Attributes
-    ----------
-    candidate : with the share of what was seen that stays within it
-    separations : D of each question, shape (Q,)
-    payload : that has to be put on the link; none where the link stays as it is
-    """
-
-    candidate: Candidate
-    separations: Array
-    payload: Payload | None = None
 
 
 def suggest(rig: Rig, found: Sequence[JointDiagnosis], progress: Progress = lambda _: None) -> Suggestion:
@@ -106,14 +92,12 @@ def suggest(rig: Rig, found: Sequence[JointDiagnosis], progress: Progress = lamb
     one, questions = next((o for o in open_ones if o[1].confused), open_ones[0])
     if not questions.asked:
         raise DiagnosisError(f"joint '{one.name}': there is nothing that another experiment could tell")
-    bench = Bench.of(rig, one)
+    channels = one.system.channels.whole or one.system.channels
+    bench = Bench(rig, one, seen_in(one.extended, one.system), max(channels.period, PERIOD))
     progress(f"joint {one.name}: looking for the experiment that would tell most")
-    best = bench.best(questions.asked)
-    return Suggestion(
-        scenario_text(best.candidate.file, one.name, best.candidate.words, best.payload, questions, best.separations),
-        words_of(one, best.candidate, best.payload, questions, best.separations, len(rig.joints) > 1),
-        questions.confused,
-    )
+    best = bench.best(questions)
+    words = words_of(one.name, best, questions, len(rig.joints) > 1)
+    return Suggestion(scenario_text(one.name, best, questions), words, questions.confused)
 
 
 @dataclass(frozen=True, slots=True)
@@ -133,13 +117,7 @@ class Bench:
     seen: Seen
     period: float
 
-    @classmethod
-    def of(cls, rig: Rig, found: JointDiagnosis) -> Bench:
-        """Look at a joint's log."""
-        channels = found.system.channels.whole or found.system.channels
-        return cls(rig, found, seen_in(found.extended, found.system), max(channels.period, PERIOD))
-
-    def best(self, questions: Sequence[Question]) -> Played:
+    def best(self, questions: Questions) -> Played:
         """Return the candidate that separates best.
 
         Raises
@@ -149,7 +127,7 @@ class Bench:
         """
         plain = self.found.joint
         played = self._first_look(plain, None, questions)
-        if questions[0].confused:
+        if questions.confused:
             played = self._both_ways(plain, played, questions)
             played = self._rich(plain, played, questions)
         best = max(played, key=lambda p: _worth(p, played, questions))
@@ -161,7 +139,7 @@ class Bench:
                 return trial
         return best
 
-    def _first_look(self, plain: Any, payload: Payload | None, questions: Sequence[Question]) -> list[Played]:
+    def _first_look(self, plain: Any, payload: Payload | None, questions: Questions) -> list[Played]:
         """Play every candidate with the first hypothesis of each question."""
         whole = self.rig.file
         file = with_fields(whole, joint={**whole.joint, self.found.name: self.found.extended})
@@ -180,13 +158,13 @@ class Bench:
             )
         return played
 
-    def _both_ways(self, plain: Any, played: list[Played], questions: Sequence[Question]) -> list[Played]:
+    def _both_ways(self, plain: Any, played: list[Played], questions: Questions) -> list[Played]:
         """Play the best ones with the other hypotheses too; what separates less counts."""
         ranked = sorted(played, key=lambda p: -_worth(p, played, questions))[:BOTH_WAYS]
         checked = [self._tried(plain, p.candidate, p.payload, questions) for p in ranked]
         return [c for c in checked if c is not None] or ranked
 
-    def _rich(self, plain: Any, played: list[Played], questions: Sequence[Question]) -> list[Played]:
+    def _rich(self, plain: Any, played: list[Played], questions: Questions) -> list[Played]:
         """Return, of those that separate about as well as the best, the one that shows most of all other causes.
 
         What separates two causes may leave others free to take part: a motion without acceleration knows nothing of inertia.
@@ -195,12 +173,12 @@ class Bench:
         # What the best one tells apart has to stay so.
         bar = max(NEARLY * max(worth), min(max(worth), TELLS))
         near = [p for p, w in zip(played, worth, strict=True) if w >= bar]
-        return [max(near, key=lambda p: self._shown(plain, p.candidate.file, questions[0].one))]
+        return [max(near, key=lambda p: self._shown(plain, p.candidate.file, questions.asked[0].one))]
 
     def _shown(self, plain: Any, file: ScenarioFile, truth: Hypothesis) -> float:
         """Return how far causes of an ordinary size move the equations of an experiment, on the geometric mean."""
         try:
-            system = self._played(applied(plain, truth.sites, truth.values), file)
+            system = self._played(placed(plain, truth.fit), file)
         except Left:
             return 0.0
         others = ordinary_causes(self.found, truth)
@@ -211,7 +189,7 @@ class Bench:
         plain: Any,
         candidate: Candidate,
         payload: Payload | None,
-        questions: Sequence[Question],
+        questions: Questions,
         both: bool = True,
     ) -> Played | None:
         """Return how well a candidate separates, as large as it may be; none where it cannot be small enough."""
@@ -225,7 +203,7 @@ class Bench:
                 candidate = candidate.with_share(share)
         return None
 
-    def _separations(self, plain: Any, file: ScenarioFile, questions: Sequence[Question], both: bool) -> Array:
+    def _separations(self, plain: Any, file: ScenarioFile, questions: Questions, both: bool) -> Array:
         """Return D of each question.
 
         Raises
@@ -233,17 +211,17 @@ class Bench:
         Left
             A motion leaves what was seen.
         """
-        if not questions[0].confused:
-            nothing = questions[0].other
-            system = self._played(applied(plain, nothing.sites, nothing.values), file)
-            return np.array([shown(system, plain, q.one, nothing) for q in questions])
+        if not questions.confused:
+            nothing = questions.asked[0].other
+            system = self._played(placed(plain, nothing.fit), file)
+            return np.array([shown(system, plain, q.one, nothing) for q in questions.asked])
         systems = dict[int, System]()
-        out = np.full(len(questions), np.inf)
-        for i, question in enumerate(questions):
+        out = np.full(len(questions.asked), np.inf)
+        for i, question in enumerate(questions.asked):
             ways = [(question.one, question.other), (question.other, question.one)]
             for own, other in ways if both else ways[:1]:
                 if id(own) not in systems:
-                    systems[id(own)] = self._played(applied(plain, own.sites, own.values), file)
+                    systems[id(own)] = self._played(placed(plain, own.fit), file)
                 out[i] = min(out[i], separation(systems[id(own)], plain, own, other))
         return out
 
@@ -287,31 +265,40 @@ def separation(system: System, joint: Any, own: Hypothesis, other: Hypothesis) -
     joint : of the rig, without either
     own, other : with the values to begin with
     """
-    mine = residual_of(system, joint, own.sites, own.values)
-    start = np.asarray(other.values, dtype=np.float64)
-    _, theirs = fitted(system, joint, other.sites, start)
-    more = float(theirs @ theirs) - float(mine @ mine)
+
+    def residual(values: Array) -> Array:
+        return other.at(values).residual(system, joint)
+
+    def jacobian(values: Array) -> Array:
+        return other.at(values).jacobian(system, joint)
+
+    parameters = [p for site, _ in other.fit for p in site.parameters]
+    low, high = np.array([(p.low, p.high) for p in parameters]).T
+    start, steps = np.clip(other.values, low, high), [p.step for p in parameters]
+    theirs = least_squares(residual, start, jacobian, (low, high), x_scale=steps, ftol=ENOUGH)
+    mine = own.residual(system, joint)
+    more = 2.0 * float(theirs.cost) - float(mine @ mine)
     return float(np.sqrt(max(more, 0.0) / max(system.count, 1)))
 
 
-def payload_for(joint: Any, questions: Sequence[Question]) -> Payload | None:
+def payload_for(joint: Any, questions: Questions) -> Payload | None:
     """Return a mass that changes inertia and weight alike; none without gravity, or where a payload is in question."""
     link = getattr(joint, "link", None)
-    asked = {site.cause for q in questions for h in (q.one, q.other) for site in h.sites}
+    asked = {site.cause for q in questions.asked for h in (q.one, q.other) for site, _ in h.fit}
     if link is None or not link.gravity_torque or link.payload is not None or "link.payload" in asked:
         return None
     distance = float(f"{GRAVITY * link.inertia / abs(link.gravity_torque):.2g}")
     return Payload(mass=float(f"{PAYLOAD * link.inertia / distance**2:.2g}"), distance=distance)
 
 
-def _worth(one: Played, among: Sequence[Played], questions: Sequence[Question]) -> float:
+def _worth(one: Played, among: Sequence[Played], questions: Questions) -> float:
     """Return what an experiment is worth.
 
     Where causes are confused that is the smallest separation of those pairs that any of the candidates tells apart; where the log
     could not have shown something, how many times smaller it may be to show, on the geometric mean.
     """
-    if not questions[0].confused:
-        now = np.array([max(q.now, 1e-6) for q in questions])
+    if not questions.confused:
+        now = np.array([max(q.now, 1e-6) for q in questions.asked])
         return float(np.exp(np.mean(np.log(np.maximum(one.separations, 1e-6) / now))))
     best = np.max([p.separations for p in among], axis=0)
     answered = best >= TELLS

@@ -10,12 +10,23 @@ from typing import Any
 
 import numpy as np
 from msgspec.structs import replace
+from numpy.typing import NDArray
 
 from vsalog.diagnosis.suggest_range import Range, Seen
 from vsalog.mechanics import stiffness
-from vsalog.rig.schema import AntagonisticJoint, PneumaticJoint, RigFile, RigidJoint, SerialJoint, UnknownTransmission
+from vsalog.rig.schema import (
+    AntagonisticJoint,
+    Payload,
+    PneumaticJoint,
+    RigFile,
+    RigidJoint,
+    SerialJoint,
+    UnknownTransmission,
+)
 from vsalog.simulation.scenario_generic import generic
 from vsalog.simulation.scenario_schema import Constant, Drives, Parts, ScenarioFile, ServoDrive, Sine, Steps, Trapezoid
+
+Array = NDArray[np.float64]
 
 # How long an experiment takes [s], and its lowest and highest frequencies [Hz].
 DURATION, SLOWEST, FASTEST = 16.0, 0.1, 5.0
@@ -140,6 +151,22 @@ class Candidate:
     def with_share(self, share: float) -> Candidate:
         """Return it with another share of what was seen."""
         return dataclasses.replace(self, file=self.again(share), share=share)
+
+
+@dataclass(frozen=True, slots=True)
+class Played:
+    """A candidate as it was played.
+
+    Attributes
+    ----------
+    candidate : with the share of what was seen that stays within it
+    separations : D of each question, shape (Q,)
+    payload : that has to be put on the link; none where the link stays as it is
+    """
+
+    candidate: Candidate
+    separations: Array
+    payload: Payload | None = None
 
 
 def candidates(name: str, joint: Any, rig: RigFile, seen: Seen, period: float) -> list[Candidate]:

@@ -11,10 +11,9 @@ from numpy.typing import NDArray
 
 from vsalog.diagnosis.causes import catalogue
 from vsalog.diagnosis.causes.base import Parameter, Site
-from vsalog.diagnosis.fit import applied, jacobian_of, residual_of
 from vsalog.diagnosis.found import loss_of
 from vsalog.diagnosis.joint import JointDiagnosis
-from vsalog.diagnosis.linear import Placed, clash
+from vsalog.diagnosis.linear import Placed, clash, placed
 from vsalog.diagnosis.setting import setting_of
 from vsalog.residuals.system import System
 
@@ -33,13 +32,35 @@ class Hypothesis:
     Attributes
     ----------
     site : what is in question; none for nothing
-    sites : with all that is beside it
-    values : of all parameters, as the log has them
+    fit : with all that is beside it, at the values that the log has
     """
 
     site: Site | None
-    sites: tuple[Site, ...]
-    values: Array
+    fit: Placed
+
+    @property
+    def values(self) -> Array:
+        """Of all parameters, shape (p,)."""
+        return np.concatenate([np.zeros(0), *(values for _, values in self.fit)])
+
+    def at(self, values: Array) -> Hypothesis:
+        """Return it at other values, shape (p,)."""
+        ends = np.cumsum([own.size for _, own in self.fit])
+        return Hypothesis(self.site, [(s, v) for (s, _), v in zip(self.fit, np.split(values, ends), strict=False)])
+
+    def residual(self, system: System, joint: Any) -> Array:
+        """Return the whitened equations of a joint with it put in, shape (n,)."""
+        return system.whitened(placed(joint, self.fit)).ravel()
+
+    def jacobian(self, system: System, joint: Any) -> Array:
+        """Return the change of the whitened equations with the values, shape (n, p)."""
+        values, here, columns = self.values, self.residual(system, joint), list[Array]()
+        for i, parameter in enumerate(p for site, _ in self.fit for p in site.parameters):
+            step = -parameter.step if values[i] + parameter.step > parameter.high else parameter.step
+            moved = values.copy()
+            moved[i] += step
+            columns.append((self.at(moved).residual(system, joint) - here) / step)
+        return np.stack(columns, axis=-1)
 
 
 @dataclass(frozen=True, slots=True)
@@ -50,14 +71,12 @@ class Question:
     ----------
     one, other : the hypotheses; `other` is nothing where causes that the log could not show are in question
     now : D of this log, see `suggest`
-    confused : whether the log says that one of the two is right
     size : of the cause in question, what people are told, and its unit; none for causes that are confused
     """
 
     one: Hypothesis
     other: Hypothesis
     now: float
-    confused: bool
     size: tuple[float, str] | None = None
 
 
@@ -83,30 +102,24 @@ def _confused(found: JointDiagnosis) -> tuple[Question, ...]:
         rivals = [r for r in one.choice.rivals if not (r.transient or one.site.transient or r.added is not None)]
         if not rivals:
             continue
-        held = [_hypothesis(found.selection.posterior.fit, one.site)]
+        held = [Hypothesis(one.site, found.selection.posterior.fit)]
         for rival in rivals:
             # Of a family the first: the others are the same and more.
             if len(held) < MOST and not any(h.site and clash(rival, h.site) for h in held[1:]):
-                held.append(_hypothesis(one.choice.instead or (), rival))
-        left = {id(h): loss_of(system, applied(joint, h.sites, h.values)) for h in held}
+                held.append(Hypothesis(rival, one.choice.instead or ()))
+        left = {id(h): loss_of(system, placed(joint, h.fit)) for h in held}
         return tuple(
-            Question(a, b, float(np.sqrt(abs(left[id(a)] - left[id(b)]) / max(system.count, 1))), True)
+            Question(a, b, float(np.sqrt(abs(left[id(a)] - left[id(b)]) / max(system.count, 1))))
             for a, b in combinations(held, 2)
         )
     return ()
 
 
-def _hypothesis(fit: Placed, site: Site | None) -> Hypothesis:
-    """Return a set of causes; `site` is what is in question."""
-    values = np.concatenate([v for _, v in fit]) if fit else np.zeros(0)
-    return Hypothesis(site, tuple(s for s, _ in fit), values)
-
-
 def _hidden(found: JointDiagnosis) -> tuple[Question, ...]:
     """Return the causes that the log would show least of, at an ordinary size, each against nothing."""
-    system, joint, nothing = found.system, found.joint, _hypothesis(found.selection.posterior.fit, None)
+    system, joint, nothing = found.system, found.joint, Hypothesis(None, found.selection.posterior.fit)
     asked = [
-        Question(one, nothing, shown(system, joint, one, nothing), False, size)
+        Question(one, nothing, shown(system, joint, one, nothing), size)
         for one, size in ordinary_causes(found, nothing)
     ]
     return tuple(sorted(asked, key=lambda q: q.now)[:HIDDEN])
@@ -118,12 +131,12 @@ def ordinary_causes(found: JointDiagnosis, beside: Hypothesis) -> list[tuple[Hyp
     setting = setting_of(found.joint, found.system)
     for cause in catalogue().values():
         for site in cause.sites(setting):
-            if len(site.parameters) > 1 or site.transient or any(clash(site, s) for s in beside.sites):
+            if len(site.parameters) > 1 or site.transient or any(clash(site, s) for s, _ in beside.fit):
                 continue
             value = _ordinary(site.parameters[0])
             told, unit = next(iter(site.reported([value]).values()))
             start = next(iter(site.reported([site.parameters[0].start]).values()))[0]
-            one = Hypothesis(site, (*beside.sites, site), np.concatenate([beside.values, [value]]))
+            one = Hypothesis(site, [*beside.fit, (site, np.array([value]))])
             out.append((one, (abs(told - start), unit)))
     return out
 
@@ -137,10 +150,9 @@ def shown(system: System, joint: Any, one: Hypothesis, nothing: Hypothesis) -> f
     joint : of the rig, without any of them
     one, nothing : with and without the cause
     """
-    base = residual_of(system, joint, nothing.sites, nothing.values)
-    change = residual_of(system, joint, one.sites, one.values) - base
+    change = one.residual(system, joint) - nothing.residual(system, joint)
     if nothing.values.size:
-        J = jacobian_of(system, joint, nothing.sites, nothing.values, base)
+        J = nothing.jacobian(system, joint)
         change = change - J @ np.linalg.lstsq(J, change, rcond=1e-9)[0]
     return float(np.sqrt(float(change @ change) / max(system.count, 1)))
 

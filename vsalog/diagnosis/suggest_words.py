@@ -3,18 +3,15 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Any
 
-import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
 from vsalog.diagnosis.causes import catalogue
-from vsalog.diagnosis.joint import JointDiagnosis
-from vsalog.diagnosis.suggest_candidates import Candidate
+from vsalog.diagnosis.suggest_candidates import Played
 from vsalog.diagnosis.suggest_questions import Question, Questions
-from vsalog.diagnosis.words import part_in_words, unfilled
-from vsalog.rig.parts import Payload
+from vsalog.diagnosis.words import part_in_words, unfilled, unit_in_words
+from vsalog.documents import toml_tables
 from vsalog.simulation.scenario import unit_of
 from vsalog.simulation.scenario_parts import sum_of_parts
 from vsalog.simulation.scenario_schema import ScenarioFile, ServoDrive
@@ -29,24 +26,16 @@ BETTER = 1.2
 FILE = "next.scenario.toml"
 
 
-def words_of(
-    found: JointDiagnosis,
-    candidate: Candidate,
-    payload: Payload | None,
-    questions: Questions,
-    separations: Array,
-    several: bool,
-) -> str:
-    """Say what to do, why, and how well it would separate."""
-    bounds = _listed(
-        [f"{what} {low:.2g} to {high:.2g} {unit}" for what, low, high, unit in swings(candidate.file, found.name)]
-    )
-    what = f"Play {FILE}: {candidate.words}, {candidate.file.duration:g} s, {bounds}, within what this log shows to be safe"
+def words_of(joint: str, best: Played, questions: Questions, several: bool) -> str:
+    """Say what to do, why, and how well it would separate; of several joints also with which."""
+    file, payload = best.candidate.file, best.payload
+    bounds = _listed([f"{what} {low:.2g} to {high:.2g} {unit}" for what, low, high, unit in swings(file, joint)])
+    what = f"Play {FILE}: {best.candidate.words}, {file.duration:g} s, {bounds}, within what this log shows to be safe"
     if several:
-        what += f", in joint {found.name}"
+        what += f", in joint {joint}"
     if payload is not None:
         what += f", with a known mass of {payload.mass:g} kg on the link at {payload.distance:g} m from its axis"
-    why = _apart(questions, separations) if questions.confused else _shown(questions, separations)
+    why = _apart(questions, best.separations) if questions.confused else _shown(questions, best.separations)
     return f"{what}. {why}"
 
 
@@ -116,8 +105,7 @@ def _shown(questions: Questions, separations: Array) -> str:
 
 
 def _size(value: float, unit: str) -> str:
-    plain = "" if unit == "1" else f" {unit.replace('*', '·').replace('^2', '²').replace('^3', '³')}"
-    return "any" if not np.isfinite(value) else f"{value:.2g}{plain}"
+    return f"{value:.2g}{unit_in_words(unit)}" if np.isfinite(value) else "any"
 
 
 def _name(question: Question, side: str, questions: Questions) -> str:
@@ -133,42 +121,25 @@ def _times(d: float) -> str:
     return f"{d:.2g} times" if d >= 0.01 else "less than 0.01 times"
 
 
-def scenario_text(
-    file: ScenarioFile,
-    joint: str,
-    words: str,
-    payload: Payload | None,
-    questions: Questions,
-    separations: Array,
-) -> str:
+def scenario_text(joint: str, best: Played, questions: Questions) -> str:
     """Return the scenario as TOML, with a heading that says what it is for; names must not end the comment."""
     import tomli_w
 
-    lines = [f"Proposed by vsalog diagnose --suggest for joint {shown(joint)}: {words}.", "All numbers are SI."]
-    for question, there in zip(questions.asked, separations, strict=True):
+    lines = [
+        f"Proposed by vsalog diagnose --suggest for joint {shown(joint)}: {best.candidate.words}.",
+        "All numbers are SI.",
+    ]
+    for question, there in zip(questions.asked, best.separations, strict=True):
         if question.size is None:
             what = f"{_name(question, 'one', questions)} against {_name(question, 'other', questions)}: apart by"
         else:
             what = f"{_name(question, 'one', questions)} of {_size(*question.size)}: shows as"
         lines.append(f"{what} {_times(question.now)} the noise of an average in the log, {_times(float(there))} here.")
+    payload = best.payload
     if payload is not None:
         key = f"joint.{shown(joint)}.link.payload"
         lines.append(
             f"Put {payload.mass:g} kg on the link, {payload.distance:g} m from its axis, and say so in the rig:"
             f" --set {key}.mass={payload.mass:g} --set {key}.distance={payload.distance:g}"
         )
-    return "".join(f"# {line}\n" for line in lines) + "\n" + tomli_w.dumps(_tables(file))
-
-
-def _tables(file: ScenarioFile) -> dict[str, Any]:
-    tables: dict[str, Any] = _without_empty(msgspec.to_builtins(file))
-    return tables
-
-
-def _without_empty(value: Any) -> Any:
-    """Leave out what TOML has no word for, and what is not said."""
-    if isinstance(value, dict):
-        return {k: _without_empty(v) for k, v in value.items() if v is not None and v != () and v != []}
-    if isinstance(value, list | tuple):
-        return [_without_empty(v) for v in value]
-    return value
+    return "".join(f"# {line}\n" for line in lines) + "\n" + tomli_w.dumps(toml_tables(best.candidate.file))

@@ -19,10 +19,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vsalog.diagnosis.causes import catalogue
-from vsalog.diagnosis.causes.base import Site
 from vsalog.diagnosis.discrepancy import correlation_time
-from vsalog.diagnosis.fit import driven_out
-from vsalog.diagnosis.linear import Placed, Variant, exchanged, placed, set_in
+from vsalog.diagnosis.linear import Placed, Variant, columns_of, placed, with_unknowns
 from vsalog.diagnosis.posterior import Posterior, begun_by
 from vsalog.diagnosis.selection import APART, Choice, Selection, choices_of, fitted, simpler_sets, sites_in, stage_about
 from vsalog.diagnosis.subsets import Ranked, best_sets, precisions
@@ -83,7 +81,7 @@ def refined(selection: Selection, windows: Windows) -> Selection:
 
 
 def _at_bounds(selection: Selection) -> bool:
-    return any(driven_out(site.parameters, values) for site, values in selection.posterior.fit)
+    return any(site.driven_out(values) for site, values in selection.posterior.fit)
 
 
 def _fitted(selection: Selection, windows: Windows) -> tuple[Selection, Shot, Array]:
@@ -109,7 +107,7 @@ def _fitted(selection: Selection, windows: Windows) -> tuple[Selection, Shot, Ar
         step = np.linalg.solve(prior + information, -J.T @ r - prior @ away)
         before, moved, after = _misfit(shot, windows, weights) + float(away @ prior @ away), False, np.inf
         for _ in range(HALVINGS):
-            trial = _with_values(posterior, away + step)
+            trial = with_unknowns(posterior.linear.variants, posterior.linear.now + away + step)
             try:
                 there = begun(placed(joint, trial), windows, near=shot, slopes=slopes)
                 after = _misfit(there, windows, weights) + float((away + step) @ prior @ (away + step))
@@ -247,7 +245,7 @@ def _bases(slopes: Array) -> list[Array]:
 
 
 def _projected(bases: Sequence[Array], errors: Array) -> Array:
-    """Take what the beginnings can make up for off the windows' errors, shape (W, L · roles)."""
+    """Take what the beginnings can make up for off the windows' errors, shape (W, L · roles), or what changes them, (…, p)."""
     return np.stack([e - U @ (U.T @ e) for U, e in zip(bases, errors, strict=True)])
 
 
@@ -261,58 +259,18 @@ def _at(variants: Sequence[Variant], fit: Placed) -> list[Variant]:
 def _by_values(
     joint: Any, variants: Sequence[Variant], fit: Placed, windows: Windows, shot: Shot, bases: Sequence[Array]
 ) -> Array:
-    """Return the change of the windows' errors with all unknowns in units of their prior, shape (W, L · roles, p).
+    """Return the change of the windows' errors with all unknowns in units of their prior, shape (W, L · roles, p)."""
 
-    What cannot be simulated changes nothing: it is not chosen for it.
-    """
-
-    def errors(causes: Placed) -> Array | None:
+    def errors(causes: Placed) -> Array:
         try:
             return in_windows(shoot(placed(joint, causes), windows, shot.states), windows)
         except SimulationError:
-            return None
+            return np.full_like(here, np.nan)
 
-    here = errors(fit)
-    assert here is not None
-
-    def columns(variant: Variant) -> list[Array]:
-        if variant.site.added is not None:
-            return [np.zeros_like(here)] * len(variant.free)
-        if variant.instead:
-            there = errors(set_in(fit, variant.site, variant.base))
-            return [np.full_like(here, np.nan) if there is None else _projected(bases, there - here)]
-        base = here if variant.inside else errors(set_in(fit, variant.site, variant.base))
-        out = []
-        for k, i in enumerate(variant.free):
-            there = errors(set_in(fit, variant.site, variant.moved[k]))
-            by = (variant.moved[k, i] - variant.base[i]) / variant.deviation[k]
-            known = base is not None and there is not None and bool(np.isfinite(there).all())
-            out.append(_projected(bases, (there - base) / by) if known else np.zeros_like(here))  # type: ignore[operator]
-        return out
-
+    here = in_windows(shoot(placed(joint, fit), windows, shot.states), windows)
     # Compiled simulations leave the interpreter to one another.
     with ThreadPoolExecutor(os.cpu_count() or 1) as pool:
-        made = list(pool.map(columns, variants))
-    first = np.concatenate([[0], np.cumsum([len(v.free) for v in variants])]).astype(np.int64)
-    J, now = np.zeros((*here.shape, int(first[-1]))), np.zeros(int(first[-1]))
-    for g, variant in sorted(enumerate(variants), key=lambda v: v[1].instead is not None):
-        own = slice(int(first[g]), int(first[g + 1]))
-        J[..., own] = (
-            exchanged(variants, first, J, now, g, made[g][0]) if variant.instead else np.stack(made[g], axis=-1)
+        columns, *_ = columns_of(
+            joint, fit, variants, here, errors, lambda site: np.zeros((*here.shape, len(site.parameters))), pool.map
         )
-        if variant.inside:
-            now[own] = (variant.base[list(variant.free)] - variant.rig) / variant.deviation
-    return J
-
-
-def _with_values(posterior: Posterior, away: Array) -> tuple[tuple[Site, Array], ...]:
-    """Return the causes with their numbers so far from those of the equations, within their bounds."""
-    out, j = [], 0
-    for (site, values), variant in zip(posterior.fit, posterior.linear.variants, strict=True):
-        moved = values.copy()
-        for k, i in enumerate(variant.free):
-            p = site.parameters[i]
-            moved[i] = np.clip(values[i] + away[j] * variant.deviation[k], p.low, p.high)
-            j += 1
-        out.append((site, moved))
-    return tuple(out)
+    return _projected(bases, columns)

@@ -137,10 +137,14 @@ def numbers(cause: FoundCause) -> str:
         if not n.determined:
             parts.append(f"{name.replace('_', ' ')} undetermined")
             continue
-        unit = "" if n.unit == "1" else f" {n.unit.replace('*', '·').replace('^2', '²').replace('^3', '³')}"
         spread = "" if n.std is None else f" ± {1.96 * n.std:.2g}"
-        parts.append(f"{name.replace('_', ' ')} {n.value:.4g}{spread}{unit}")
+        parts.append(f"{name.replace('_', ' ')} {n.value:.4g}{spread}{unit_in_words(n.unit)}")
     return ", ".join(parts)
+
+
+def unit_in_words(unit: str) -> str:
+    """Return a unit as people write it, after a space; nothing for a plain number."""
+    return "" if unit == "1" else f" {unit.replace('*', '·').replace('^2', '²').replace('^3', '³')}"
 
 
 def _believe(causes: Sequence[FoundCause], left: Unexplained) -> list[str]:

@@ -12,6 +12,7 @@ from typing import Any
 
 import msgspec
 
+from vsalog.documents import toml_tables
 from vsalog.errors import RigError, did_you_mean
 from vsalog.rig.checks import check_rig
 from vsalog.rig.decode import decode_rig, key_path
@@ -165,8 +166,7 @@ class Rig:
         return Rig(self.file, where, self.stated)
 
     def _tables(self) -> Table:
-        tables = _without_empty(msgspec.to_builtins(self.file))
-        assert isinstance(tables, dict)
+        tables = toml_tables(self.file)
         put_stated(tables, self.file, self.stated)
         return tables
 
@@ -240,16 +240,6 @@ def _over_preset(tables: Table) -> tuple[Table, str]:
     above = {key: value for key, value in tables.items() if key != "preset"}
     joints = ", ".join(key_path((joint,)) for joint in below.get("joint", {}))
     return merged(below, above), f' (preset "{name}" has joint {joints})'
-
-
-def _without_empty(value: Any) -> Any:
-    """Drop what TOML cannot say (None) and tables that say nothing."""
-    if isinstance(value, dict):
-        kept = {key: _without_empty(item) for key, item in value.items() if item is not None}
-        return {key: item for key, item in kept.items() if item not in ({}, [], ())}
-    if isinstance(value, list | tuple):
-        return [_without_empty(item) for item in value]
-    return value
 
 
 def _setting(text: str) -> Any:

@@ -7,6 +7,7 @@ from typing import Literal
 import msgspec
 
 VERSION = 2
+SCHEMA = ("Report", "vsalog validation report", "What 'vsalog validate' found.")
 
 Verdict = Literal["holds", "fails", "undecided", "cannot be judged"]
 Reference = Literal["sensor", "residual", "nominal", "truth"]

@@ -15,6 +15,10 @@ from vsalog.rig.schema import RigidJoint
 
 Array = NDArray[np.float64]
 
+# Values come from units of their priors: one at a bound may be short of it by this part of itself, the rounding of numbers a
+# thousand times larger.
+ROUNDING = 1e-12
+
 
 @dataclass(frozen=True, slots=True)
 class Parameter:
@@ -119,6 +123,15 @@ class Site:
     def start(self) -> tuple[float, ...]:
         """Where the search begins."""
         return tuple(p.start for p in self.parameters)
+
+    def driven_out(self, values: Array) -> bool:
+        """Tell whether all numbers, or one with hard bounds, have been driven as far as they may go.
+
+        Nothing is no bound: a friction of 0 is one that is not there.
+        """
+        near = [(p, v, ROUNDING * abs(v)) for p, v in zip(self.parameters, values, strict=True)]
+        out = [(p.low != 0.0 and v <= p.low + e) or v >= p.high - e for p, v, e in near]
+        return all(out) or any(o and p.hard for o, p in zip(out, self.parameters, strict=True))
 
     def reported(self, values: Sequence[float]) -> dict[str, tuple[float, str]]:
         """Return name → (value, unit) as people are told."""
