@@ -151,7 +151,7 @@ def play(air, muscles, seesaw, maps, voltages, period, step, x0):
         states[k] = x
         torques[k] = rates(air, muscles, seesaw, x, openings, k1)
         relaxing = (abs(x[1]) + 0.15) / seesaw[0].presliding / 1.5
-        count = int(np.ceil(period * min(max(1.0 / step, relaxing), 6e4) - 1e-9))
+        count = int(np.ceil(period * min(max(1.0 / step, relaxing), 2e6) - 1e-9))
         h = period / count
         for _ in range(count):
             rates(air, muscles, seesaw, x, openings, k1)

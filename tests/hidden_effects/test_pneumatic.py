@@ -77,8 +77,7 @@ def test_without_an_effect_nothing_is_left_over_but_the_noise(bench):
     for name, part in pneumatic.left_over(
         bench.nominal, ideal(bench.truth, Sensors(), bench.nominal), bench.qualities, bench.truth.inside, PERIOD
     ).items():
-        # The seesaw's bristles give way before they slip, of which the nominal equation knows nothing.
-        assert part.ratio < (0.4 if name == "seesaw" else 0.05), name
+        assert part.ratio < (0.1 if name == "seesaw" else 0.05), name
     white = {r: Quality(q.deviation, 0.0) for r, q in bench.qualities.items()}
     ratios = {}
     for seed in range(4):
