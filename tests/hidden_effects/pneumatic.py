@@ -66,8 +66,8 @@ def random_machine(device: str, rng: np.random.Generator) -> PneumaticMachine:
     row["return_stiffness"], row["mass"], row["gravity"] = rng.uniform(1.0, 4.0), 0.256, 9.8
     row["viscous"] = 2.256e-3 * rng.uniform(0.8, 3.0)
     row["shaft_radius"], row["shaft_coefficient"] = 6e-3, rng.uniform(0.02, 0.1)
-    # A rig of this kind cannot say how far bristles give way before they slip: less than the finest encoder counts (6e-6 rad), or a
-    # clean machine is none.
+    # A rig of this kind cannot say how far bristles give way before they slip: less than the finest encoder counts (6e-6 rad),
+    # or a clean machine is none.
     row["muscle"], row["presliding"] = 4e8 * rng.uniform(2.0, 10.0), 2e-6
     middle = rng.uniform(4.8, 5.6)
     maps = np.zeros((2, 2, 7))
