@@ -14,6 +14,7 @@ from vsalog.diagnosis.gain import reduction_of
 from vsalog.errors import VsalogError
 from vsalog.estimation import choose
 from vsalog.estimators.device import device_of
+from vsalog.estimators.fewer import TRIED
 from vsalog.estimators.folding import estimated
 from vsalog.recording import Recording, Stamps
 from vsalog.trace import Trace
@@ -32,7 +33,7 @@ def stiffness_traces(name: str, joint: Any, recording: Recording) -> Traces:
     Parameters
     ----------
     name, joint : of a rig, as it is written
-    recording : that was not used for the fit, where there is one
+    recording : that was not used for the fit, where there is one; no more than its first 32768 samples are looked at
 
     Returns
     -------
@@ -42,7 +43,7 @@ def stiffness_traces(name: str, joint: Any, recording: Recording) -> Traces:
     for modality in MODALITIES:
         try:
             choice = choose(name, joint, "residual-rls", {"modality": modality})
-            signals = bind([recording], name, joint, choice.roles)
+            signals = bind([recording], name, joint, choice.roles)[:TRIED]
             fold = choice.method.build(device_of(name, joint, signals.roles), signals, choice.tuning)
             fold.conditioner.check_length(signals.longest_run)
             traces[modality] = estimated(fold, signals)
