@@ -6,7 +6,7 @@ from written_out import ELASTIC, ROLES, Truth, channels, drive, elastic, joint_o
 
 from vsalog.diagnosis.found import MATERIAL
 from vsalog.diagnosis.linear import formed_of, placed
-from vsalog.diagnosis.selection import _exchanged, blocks_of, nothing_found, select, sites_of
+from vsalog.diagnosis.selection import _exchanged, _settled, blocks_of, nothing_found, select, sites_in, sites_of
 from vsalog.diagnosis.setting import setting_of
 from vsalog.residuals.channels import channels_of
 from vsalog.residuals.kinds import balance_for
@@ -147,6 +147,16 @@ def test_what_no_cause_has_is_not_explained():
     bare = float(np.sum(selection.system.whitened(joint_of()) ** 2)) / selection.system.count
     assert squares(selection) > 0.2 * bare
     assert np.max(np.diag(selection.weights.inflation)) > 4.0
+
+
+def test_a_search_that_is_cut_short_says_that_it_did_not_settle(monkeypatch):
+    """Each round begins where the last one ended: the first one, from nothing, finds a cause that it did not begin with."""
+    found = selected(channels(HIDDEN["motor.inertia"][0]))
+    assert found.settled
+    arguments = found.problem, found.stage, sites_in(found.stage), found.blocks
+    assert _settled(*arguments, found.posterior)[2]
+    monkeypatch.setattr("vsalog.diagnosis.selection.ROUNDS", 1)
+    assert not _settled(*arguments)[2]
 
 
 def test_a_barred_cause_is_not_named():

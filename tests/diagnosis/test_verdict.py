@@ -1,10 +1,10 @@
-"""Verdicts where nothing is simulated."""
+"""Verdicts where nothing is simulated, and what speaks against a diagnosis."""
 
 from types import SimpleNamespace
 
 import pytest
 
-from vsalog.diagnosis.joint import JointDiagnosis
+from vsalog.diagnosis.joint import JointDiagnosis, _doubts
 
 
 @pytest.mark.parametrize(
@@ -14,3 +14,11 @@ from vsalog.diagnosis.joint import JointDiagnosis
 def test_causes_that_take_nothing_away_explain_no_part_where_nothing_is_simulated(fraction, computed, helps):
     found = SimpleNamespace(gain=None, fraction=fraction, computed=computed)
     assert JointDiagnosis.helps.fget(found) is helps
+
+
+@pytest.mark.parametrize("settled", [True, False])
+def test_a_search_that_did_not_settle_is_told(settled):
+    found = SimpleNamespace(
+        name="arm", unchecked=(), standing=None, closed=True, found=(), selection=SimpleNamespace(settled=settled)
+    )
+    assert len(_doubts(found)) == (not settled)

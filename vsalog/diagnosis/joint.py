@@ -207,28 +207,27 @@ def _held_out(joint: Any, own: Windows, holdout: JointSignals | None) -> tuple[W
         raise SimulationError(f"{HELD_OUT}: {error}") from error
 
 
-def far_off(stands: Standing) -> tuple[str, float] | None:
-    """Return the signal whose simulation is farthest off, and by how many times its noise, if that is more than noise."""
-    off = {role: stands.rmse(role) / stands.floor[role] for role in stands.floor if stands.floor[role] > 0.0}
-    worst = max(off, key=lambda role: off[role], default="")
-    return (worst, off[worst]) if worst and off[worst] > WITHIN else None
-
-
 def _doubts(found: JointDiagnosis) -> list[str]:
     """Return what speaks against what was found."""
     said = [
         f"joint '{found.name}': the equation '{equation}' can be formed nowhere in this log, and was not checked"
         for equation in found.unchecked
     ]
+    if not found.selection.settled:
+        said.append(
+            f"joint '{found.name}': begun from the causes that are reported the search finds others, about as probable: record a"
+            " longer log or a richer motion"
+        )
     stands = found.standing
-    far = None if found.found or stands is None or not found.closed else far_off(stands)
-    if far is None:
-        return said
-    return [
-        *said,
-        f"joint '{found.name}': though the equations close, the simulation of {far[0]} is off by {far[1]:.3g} times its noise:"
-        " something moves the joint that the rig does not have, or its inputs are not the whole of what drives it",
-    ]
+    if stands is not None and found.closed and not found.found:
+        errors = ((stands.rmse(role) / noise, role) for role, noise in stands.floor.items() if noise > 0.0)
+        off, role = max(errors, default=(0.0, ""))
+        if off > WITHIN:
+            said.append(
+                f"joint '{found.name}': though the equations close, the simulation of {role} is off by {off:.3g} times its noise:"
+                " something moves the joint that the rig does not have, or its inputs are not the whole of what drives it"
+            )
+    return said
 
 
 def _require_motion(name: str, channels: Channels) -> None:

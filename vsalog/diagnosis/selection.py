@@ -123,6 +123,7 @@ class Selection:
     choices : of its causes
     blocks : shape (R,), the block of each row
     p_value : of the rig as it stands, see `omnibus`; none where no cause can be looked for
+    settled : whether the search ended in a set that it finds again when it begins there
     """
 
     problem: Problem
@@ -131,6 +132,7 @@ class Selection:
     choices: tuple[Choice, ...]
     blocks: Integers
     p_value: float | None = None
+    settled: bool = True
 
     @property
     def system(self) -> System:
@@ -159,9 +161,9 @@ def select(
     sites, problem, blocks = sites_of(setting, barred), Problem(joint, setting, stated), blocks_of(system)
     held = 0.5 * system.channels.period / system.channels.every
     stage, contradiction = _rig_stage(problem, system, sites, blocks, held)
-    stage, best = _settled(problem, stage, sites, blocks)
+    stage, best, _ = _settled(problem, stage, sites, blocks)
     smooth = stage_about(problem, system, sites, best.fit, blocks, 0.0)
-    smooth, other = _settled(problem, smooth, sites, blocks, best)
+    smooth, other, _ = _settled(problem, smooth, sites, blocks, best)
     # Two fits can be compared under one noise and model error only, and with the noise read at the same samples: what it happens
     # to be between them is by some parts in a hundred larger or smaller.
     early = read_apart(other.fit, best.fit, sites, held, _noise_of(problem, stage, best.fit)) / system.channels.period
@@ -174,9 +176,9 @@ def select(
     there = placed(joint, best.fit)
     sites = [*sites, *smooth_sites(stage.system, there)]
     stage = stage_about(problem, stage.system, sites, best.fit, blocks, stage.system.hold)
-    stage, best = _settled(problem, stage, sites, blocks, best)
+    stage, best, settled = _settled(problem, stage, sites, blocks, best)
     found = _established(problem, stage, sites, most_probable(problem, stage.weights, best.fit), blocks)
-    return replace(found, p_value=contradiction)
+    return replace(found, p_value=contradiction, settled=settled)
 
 
 def _noise_of(problem: Problem, stage: Stage, fit: Placed) -> Callable[[Site], float]:
@@ -212,16 +214,16 @@ def smooth_drive(more: float, smooth: Placed, held: Placed) -> bool:
 
 def _settled(
     problem: Problem, stage: Stage, sites: Sequence[Site], blocks: Integers, best: Posterior | None = None
-) -> tuple[Stage, Posterior]:
-    """Search until the best set stays the same; return it, and the equations about it. `best` is what the stage is about."""
+) -> tuple[Stage, Posterior, bool]:
+    """Search, from `best` on, until the best set stays the same; return the equations about it, it, and whether it did."""
     for _ in range(ROUNDS):
         found = _best(problem, stage, best)
         if best is not None and found.keys == best.keys and found.score > best.score - SETTLED:
-            return stage, found
+            return stage, found, True
         best = found
         stage = stage_about(problem, stage.system, sites, best.fit, blocks, stage.system.hold)
     assert best is not None
-    return stage, best
+    return stage, best, False
 
 
 def nothing_found(system: System, joint: Any, setting: Setting) -> Selection:
