@@ -19,7 +19,7 @@ from vsalog.diagnosis.document import VERSION, Diagnosis, FoundCause, Gain, Gain
 from vsalog.diagnosis.evidence import JointEvidence
 from vsalog.diagnosis.joint import HELD_OUT, JointDiagnosis, Progress, diagnose_joint
 from vsalog.diagnosis.priors import felt
-from vsalog.diagnosis.stiffness_gain import stiffness_change, stiffness_gains, stiffness_traces
+from vsalog.diagnosis.stiffness_gain import Traces, stiffness_change, stiffness_gains, stiffness_traces
 from vsalog.diagnosis.suggest import Suggestion, suggest
 from vsalog.diagnosis.words import gathered, sentences
 from vsalog.errors import BindingError, DiagnosisError, RigError, VsalogError, did_you_mean
@@ -277,20 +277,21 @@ def _stiffness(
 ) -> tuple[list[Gain], list[float | None]]:
     """Return what the extended rig is worth for a joint's stiffness estimate, and what each cause changes in it."""
     name = found.name
-    before, after = (r.joints.get(name) if r is not None else None for r in (rig, extended))
-    if after is None or before == after or isinstance(before, PneumaticJoint | RigidJoint):
+    if extended is None or name not in rig.joints or isinstance(found.joint, PneumaticJoint | RigidJoint):
         return [], [None] * len(found.found)
     progress(f"joint {name}: estimating its stiffness with both rigs")
-    # A cause at two parts is left out at both; without the only one the rig is as it stands.
-    known = {before: stiffness_traces(name, before, recording), after: stiffness_traces(name, after, recording)}
-    changes = []
-    for cause in found.found:
-        lacking = _extended(rig, [dataclasses.replace(found, extended=found.extended_without(cause))])
-        joint = None if lacking is None else lacking.joints[name]
+    known = dict[Any, Traces]()
+
+    def traces(one: Any) -> Traces:
+        joint = replace(one.joints[name], link=None)  # neither estimate reads it
         if joint not in known:
             known[joint] = stiffness_traces(name, joint, recording)
-        changes.append(stiffness_change(known[after], known[joint]))
-    return stiffness_gains(name, known[before], known[after]), changes
+        return known[joint]
+
+    before, after = traces(rig), traces(extended)
+    lacking = (dataclasses.replace(found, extended=found.extended_without(cause)) for cause in found.found)
+    changes = [stiffness_change(after, traces(_extended(rig, [one]))) for one in lacking]
+    return [] if before is after else stiffness_gains(name, before, after), changes
 
 
 def _rig(log: Path, options: Options) -> Rig:
