@@ -402,7 +402,7 @@ def whitened_columns(columns: Array, system: System) -> Array:
     out = np.zeros_like(columns)
     for pattern, whitener in system.whiteners.items():
         own = system.pattern == pattern
-        out[own] = np.einsum("ij,rjp->rip", whitener, columns[own])
+        out[own] = whitener @ columns[own]
     return out.reshape(columns.shape[0] * columns.shape[1], columns.shape[2])
 
 

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from vsalog.residuals.balance import lever_angle
 from vsalog.residuals.kinds import motion_for
 from vsalog.residuals.sensing import VALVES, motors_of, torque_role, true_roles
 from vsalog.residuals.system import System
@@ -106,7 +107,7 @@ def seen_in(joint: Any, system: System) -> Seen:
             torques[role] = float(np.nanmax(np.abs(channels.roles[role][0])))
         if name == "secondary_motor":
             if "setpoint" in roles and joint.lever is not None:
-                driven["secondary_servo"] = _range(_turned(joint, roles["setpoint"]), system)
+                driven["secondary_servo"] = _range(lever_angle(joint.lever, roles["setpoint"]), system)
             continue
         suffix = name.removeprefix("motor")
         if suffix in motion.motors:
@@ -124,12 +125,6 @@ def _seen_of_muscles(roles: Mapping[str, Array], system: System) -> Seen:
         role: _range(roles[role], system) for role in ("pressure_1", "pressure_2", "link_position") if role in roles
     }
     return Seen(driven, {}, moved)
-
-
-def _turned(joint: Any, arm: Array) -> Array:
-    """Return the secondary motor's angle of a lever arm, shape (3, N)."""
-    lever = joint.lever
-    return np.asarray(np.stack([lever.start - arm[0], -arm[1], -arm[2]]) / lever.travel)
 
 
 def _range(values: Array, system: System) -> Range:

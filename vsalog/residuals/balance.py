@@ -34,6 +34,7 @@ from vsalog.rig.schema import (
     ElasticJoint,
     Friction,
     KnownTransmission,
+    Lever,
     Link,
     Motor,
     RigidJoint,
@@ -168,7 +169,11 @@ def scaled(equation: Equation, factor: float) -> Equation:
     """Return an equation times a factor."""
     if factor == 1.0:
         return equation
-    return replace(equation, residual=factor * equation.residual, shaped=factor * equation.shaped)
+    residual, shaped = (
+        remembered(np.multiply, factor, part) if np.ndim(part) else factor * part
+        for part in (equation.residual, equation.shaped)
+    )
+    return replace(equation, residual=np.asarray(residual), shaped=shaped)
 
 
 def motion_of(joint: Mechanical, roles: Mapping[str, Array], time: Array, spread: Mapping[str, float]) -> Motion:
@@ -344,6 +349,11 @@ def pushed(contacts: tuple[Contact, ...], time: Array) -> Array:
     return torque
 
 
+def lever_angle(lever: Lever, arm: Array) -> Array:
+    """Return the secondary motor's angle of a lever arm, both of shape (3, N)."""
+    return np.asarray(np.stack([lever.start - arm[0], -arm[1], -arm[2]]) / lever.travel)
+
+
 def _secondary(joint: SerialJoint, motion: Motion, time: Array) -> list[Equation]:
     motor, lever, roles = joint.secondary_motor, joint.lever, motion.roles
     if motor is None or motor.inertia is None or lever is None or "" not in motion.deflections:
@@ -351,10 +361,12 @@ def _secondary(joint: SerialJoint, motion: Motion, time: Array) -> list[Equation
     if not known(roles, "setpoint", "secondary_torque") or not isinstance(joint.transmission, AwasTransmission):
         return []
     arm = roles["setpoint"]
-    theta = np.stack([lever.start - arm[0], -arm[1], -arm[2]]) / lever.travel
-    reaction = reaction_torque(joint.transmission, motion.deflections[""][0], arm[0], lever.travel, time)
-    residual = _moved(motor, theta) + reaction - roles["secondary_torque"][0]
-    shaped = _resisted(motor, theta, reaction, 0.0)
+    theta, length, phi = (
+        remembered(lever_angle, lever, arm), remembered(_value, arm), remembered(_value, motion.deflections[""])
+    )  # fmt: skip
+    reaction = remembered(reaction_torque, joint.transmission, phi, length, lever.travel, time)
+    residual = remembered(turned, motor, theta, remembered(np.negative, reaction), roles["secondary_torque"])
+    shaped = remembered(_resisted, motor, theta, reaction, 0.0)
     return [recorded(Equation("secondary_motor", "motor", "N*m", residual, shaped, theta[1]), motor)]
 
 
