@@ -139,7 +139,7 @@ PRESETS = {
     ("vsa2", "link"): {"motor_position_1", "motor_position_2", "torque_sensor_1", "torque_sensor_2"},
     ("vsa2", "motor_1.inertia"): {"motor_position_2", "link_position", "torque_sensor_1", "torque_sensor_2"},
     ("awas", "link"): {"motor_position", "torque_sensor"},
-    ("awas", "secondary_motor"): {"torque_sensor"},
+    ("awas", "secondary_motor"): {"motor_position", "link_position", "torque_sensor"},
 }
 
 

@@ -60,7 +60,7 @@ def test_a_sound_joint_whose_spring_is_unknown_is_consistent_in_counts_too(tmp_p
     roles = {r: v for r, v in roles.items() if r != "deflection"}
     way = next(way for r, name, way in changes([role]) if name == "counts")
     recorded(tmp_path, time, roles, UNKNOWN, role, way)
-    assert diagnose(tmp_path / "log.csv", None, Options()).diagnosis.verdict == "consistent"
+    assert diagnose(tmp_path / "log.csv", None, Options()).diagnosis.verdict == "consistent as far as checked"
 
 
 def test_beside_an_unknown_spring_in_counts_the_right_cause_is_named(tmp_path):
@@ -95,3 +95,21 @@ def test_a_sensor_that_an_unknown_spring_was_fitted_to_is_judged_by_motor_and_li
     phi = np.linspace(-0.1, 0.1, 5)
     truth = next(iter(Rig.from_toml(ELASTIC).joints.values())).transmission
     np.testing.assert_allclose(flexibility_torque(arm.transmission, phi), flexibility_torque(truth, phi), atol=0.02)
+
+
+@pytest.mark.parametrize("zero", ["motor_position", "link_position", "torque_sensor"])
+def test_motor_and_link_tell_whose_the_torque_at_rest_is(tmp_path, zero):
+    """What is 0.02 rad of an encoder, or 0.24 N·m of the sensor, for a spring, is that of no other for motor and link."""
+    off = 0.24 if zero == "torque_sensor" else 0.02
+    names = ("motor_position", "link_position", "motor_torque", "torque_sensor")
+    time, roles = log(Truth(), duration=10.0, roles=names)
+    rig = UNKNOWN.replace("\ngear_ratio = 10.0", "")
+    recorded(tmp_path, time, roles | {zero: roles[zero] + off}, rig)
+    outcome = diagnose(tmp_path / "log.csv", None, Options())
+    assert (outcome.diagnosis.verdict, outcome.diagnosis.causes) == ("consistent as far as checked", ())
+    (arm,) = outcome.extended.joints.values()
+    offsets = {
+        name: getattr(arm.signals, name).offset for name in names if not isinstance(getattr(arm.signals, name), str)
+    }
+    assert offsets.pop(zero) == pytest.approx(off, rel=0.02)
+    assert not any(offsets.values())

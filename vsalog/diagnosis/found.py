@@ -100,10 +100,15 @@ class Found:
         return self.site.reported(np.where(shapes, self.values, self.site.start).tolist())
 
     def determined(self) -> dict[str, bool]:
-        """Return name → whether a number's 95 % interval excludes the rig's and zero; a shape's, if any other does."""
+        """Return name → whether a number's 95 % interval excludes the rig's and zero; a shape's, if any other does.
+
+        Of a shape that is a size, as a speed or a width, the interval has to exclude zero, too.
+        """
         absent, told = self.absent(), self.numbers()
         clear = {n: min(abs(v - absent[n][0]), abs(v)) > NORMAL_95 * std for n, (v, std, _) in told.items()}
-        return {n: any(clear.values()) if v == absent[n][0] else clear[n] for n, (v, _, _) in told.items()}
+        places = {p.name for p in self.site.parameters if p.low <= 0.0}
+        sized = {n: n in places or abs(v) > NORMAL_95 * std for n, (v, std, _) in told.items()}
+        return {n: any(clear.values()) and sized[n] if v == absent[n][0] else clear[n] for n, (v, _, _) in told.items()}
 
     def _together(self) -> bool:
         """Tell whether several strengths that may stand for one another are determined together, with the same probability."""

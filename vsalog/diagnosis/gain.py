@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from vsalog.errors import SimulationError
 from vsalog.residuals.channels import Channels
 from vsalog.residuals.windows import (
+    WITHIN,
     Shot,
     Windows,
     begun,
@@ -77,6 +78,10 @@ class Compared:
     def reduction(self, role: str) -> tuple[float, tuple[float, float]]:
         """Return 1 − after / before and its 95 % interval, from windows drawn anew."""
         return reduction_of(self.squares(self.before, role), self.squares(self.after, role))
+
+    def within(self, shot: Shot) -> bool:
+        """Tell whether every signal is within its noise."""
+        return all(self.rmse(shot, role) <= WITHIN * noise for role, noise in self.floor.items() if noise > 0.0)
 
     @property
     def helps(self) -> bool:

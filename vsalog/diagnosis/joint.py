@@ -17,12 +17,12 @@ from vsalog.diagnosis.hints import hint_of
 from vsalog.diagnosis.independent import not_independent
 from vsalog.diagnosis.linear import placed
 from vsalog.diagnosis.remainder import depends_on, loop_over, rate_of, variables_of
-from vsalog.diagnosis.selection import Selection, nothing_found, select
+from vsalog.diagnosis.selection import APART, Selection, nothing_found, select
 from vsalog.diagnosis.setting import setting_of
 from vsalog.diagnosis.sides import side_of
 from vsalog.diagnosis.smooth import SmoothSite
 from vsalog.diagnosis.trajectory import refined
-from vsalog.diagnosis.unknown import TAKEN_UP, with_springs
+from vsalog.diagnosis.unknown import ENCODERS, TAKEN_UP, with_springs
 from vsalog.diagnosis.words import ALL_OF_IT
 from vsalog.errors import DiagnosisError, SimulationError
 from vsalog.residuals.balance import Motion
@@ -85,16 +85,16 @@ class JointDiagnosis:
     @property
     def closed(self) -> bool:
         """Whether every equation that can be formed closes within its noise."""
-        squares = mean_squares(plain_rows(self, self.extended))
+        return self._closes(self.extended)
+
+    def _closes(self, joint: Any) -> bool:
+        squares = mean_squares(plain_rows(self, joint))
         return bool(np.all(squares[np.isfinite(squares)] <= WITHIN**2))
 
     @property
-    def simulated(self) -> bool:
-        """Whether the extended rig simulates every signal within its noise, on the data that the gain was measured on."""
-        gain = self.gain
-        return gain is not None and all(
-            gain.rmse(gain.after, role) <= WITHIN * noise for role, noise in gain.floor.items() if noise > 0.0
-        )
+    def right(self) -> bool:
+        """Whether equations close, and every signal that can be is simulated within its noise, with the rig as it stands."""
+        return self._closes(self.joint) and (self.gain is None or self.gain.within(self.gain.before))
 
     @property
     def unchecked(self) -> tuple[str, ...]:
@@ -107,8 +107,8 @@ class JointDiagnosis:
 
     @property
     def checked(self) -> bool:
-        """Whether every equation of the joint's kind could be formed and something be simulated."""
-        return self.gain is not None and not self.unchecked
+        """Whether every equation of the joint's kind could be formed and something be simulated, with a spring that is known."""
+        return self.gain is not None and not self.unchecked and not self.selection.problem.setting.fitted
 
     @property
     def helps(self) -> bool:
@@ -121,14 +121,12 @@ class JointDiagnosis:
         material = [f for f in self.found if f.material]
         if not self.system.count:
             return "consistent as far as checked"
-        if material or self.computed:
-            right = self.closed and (self.simulated or (self.gain is None and not material))
-            if right:
-                return "explained"
-            return "partly explained" if self.helps else "unexplained"
-        if not self.closed or (self.gain is not None and not self.simulated):
-            return "unexplained"
-        return "consistent" if self.checked else "consistent as far as checked"
+        if self.right and not material and not self.computed:
+            return "consistent" if self.checked else "consistent as far as checked"
+        gain = self.gain
+        if self.closed and (gain.within(gain.after) if gain is not None else not material):
+            return "explained"
+        return "partly explained" if (self.found or self.computed) and self.helps else "unexplained"
 
 
 def diagnose_joint(
@@ -155,14 +153,26 @@ def diagnose_joint(
         The roles allow no equation at all.
     """
     computed = not_independent(signals, joint)
-    joint, fitted = with_springs(at_joint(joint), signals)
-    warnings = list(fitted.values())
+    plain = at_joint(joint)
+    joint, fitted = with_springs(plain, signals)
     channels = channels_of(without(signals, computed))
     _require_motion(name, channels)
     system = build_system(joint, channels.thinned(), balance_for(joint), 0.5 * signals.period)
+    # Motor and link may know whose the torque at rest is.
+    for zero in ENCODERS if fitted and system.count else ():
+        other, said = with_springs(plain, signals, zero)
+        if loss_of(system, other) < loss_of(system, joint) - 2.0 * APART:
+            joint, fitted = other, said
+            system = build_system(joint, channels.thinned(), balance_for(joint), 0.5 * signals.period)
+    warnings = list(fitted.values())
     if not system.count and computed:
         return _only_computed(name, joint, system, computed, warnings)
     holdout = None if holdout is None else without(holdout, computed)
+    if not system.count and system.names:
+        raise DiagnosisError(
+            f"joint '{name}': its equations ({', '.join(system.names)}) can be formed at no time of this log: samples are missing"
+            " from each stretch of it that a filter needs, or nothing moves fast enough for friction to have a direction"
+        )
     if not system.count:
         raise DiagnosisError(
             f"joint '{name}': its roles allow no equation to be checked; a diagnosis needs positions of motor and link (or the"
@@ -185,6 +195,10 @@ def diagnose_joint(
         selection = refined(selection, weighed(extended, own))
         extended = placed(joint, selection.posterior.fit)
         gain = compared(joint, extended if selection.posterior.fit else joint, windows)
+        # What happened once may not have happened in the other log.
+        lasting = [(site, values) for site, values in selection.posterior.fit if not site.transient]
+        if holdout is not None and len(lasting) < len(selection.posterior.fit):
+            gain = min(gain, compared(joint, placed(joint, lasting), windows), key=lambda g: g.whole(g.after))
         stands = standing(joint, own, gain if holdout is None else None)
     except SimulationError as error:
         # In a simulation of its own it has no name.

@@ -19,12 +19,13 @@ from vsalog.diagnosis.document import VERSION, Diagnosis, FoundCause, Gain, Gain
 from vsalog.diagnosis.evidence import JointEvidence
 from vsalog.diagnosis.joint import HELD_OUT, JointDiagnosis, Progress, diagnose_joint
 from vsalog.diagnosis.priors import felt
-from vsalog.diagnosis.stiffness_gain import Traces, stiffness_change, stiffness_gains, stiffness_traces
+from vsalog.diagnosis.stiffness_gain import stiffness_gains
 from vsalog.diagnosis.suggest import Suggestion, suggest
 from vsalog.diagnosis.words import gathered, sentences
 from vsalog.errors import BindingError, DiagnosisError, RigError, VsalogError, did_you_mean
 from vsalog.estimation import pick_joints
 from vsalog.job import sha256
+from vsalog.modalities import Traces, stiffness_change, stiffness_traces
 from vsalog.readers import open_reader, read
 from vsalog.recording import Recording
 from vsalog.residuals.sensing import as_written, at_joint, bare, motors_of, sensors_as_written
@@ -255,7 +256,7 @@ def _extended(rig: Rig, found: Sequence[JointDiagnosis]) -> Rig | None:
     for one in found:
         original = rig.joints.get(one.name)
         # What was found of one run is no rig for others.
-        if not one.found or original is None:
+        if original is None or not (one.found or one.selection.problem.setting.fitted):
             continue
         changed = True
         plain = at_joint(original)
@@ -277,7 +278,12 @@ def _stiffness(
 ) -> tuple[list[Gain], list[float | None]]:
     """Return what the extended rig is worth for a joint's stiffness estimate, and what each cause changes in it."""
     name = found.name
-    if extended is None or name not in rig.joints or isinstance(found.joint, PneumaticJoint | RigidJoint):
+    if (
+        extended is None
+        or not found.found
+        or name not in rig.joints
+        or isinstance(found.joint, PneumaticJoint | RigidJoint)
+    ):
         return [], [None] * len(found.found)
     progress(f"joint {name}: estimating its stiffness with both rigs")
     known = dict[Any, Traces]()

@@ -90,8 +90,11 @@ class Choice:
 
     @property
     def probability(self) -> float:
-        """Probability of the best set among it and those in which others stand in this cause's place, or nothing does."""
-        return float(expit(-logsumexp(-np.array(self.against))))
+        """Probability of the best set among it and those in which others stand in this cause's place, or nothing does.
+
+        A set that is the more probable one only until noise and model error are measured about it is as probable.
+        """
+        return float(expit(-logsumexp(-np.maximum(self.against, 0.0))))
 
 
 @dataclass(frozen=True, slots=True)
@@ -178,7 +181,7 @@ def select(
     stage = stage_about(problem, stage.system, sites, best.fit, blocks, stage.system.hold)
     stage, best, settled = _settled(problem, stage, sites, blocks, best)
     found = _established(problem, stage, sites, most_probable(problem, stage.weights, best.fit), blocks)
-    return replace(found, p_value=contradiction, settled=settled)
+    return replace(found, p_value=contradiction, settled=settled and found.settled)
 
 
 def _noise_of(problem: Problem, stage: Stage, fit: Placed) -> Callable[[Site], float]:
@@ -238,21 +241,24 @@ def _established(
 ) -> Selection:
     """Drop the causes without which the set is about as probable and nothing stands in their place, the least sure first.
 
-    Where a set that was looked at in the place of a cause turns out to be the more probable one, it goes on from there.
+    Where a set that was looked at in the place of a cause turns out to be the more probable one, it goes on from there, but not
+    where it has been: of two sets each of which is the more probable one under the other's noise neither is.
     """
-    exchanges = 0
+    been, settled = {_shapes(final.fit)}, True
     while True:
         variants = stage.unknowns.variants
         chosen = np.array([v.inside for v in variants], dtype=np.bool_)
         best = Ranked(chosen, stage.candidates.scored(chosen))
         choices, better = list[Choice](), None
         for choice in _each_choice(problem, stage, stage.candidates, best, variants, final):
-            if choice.odds <= -SETTLED and choice.instead is not None and exchanges < ROUNDS:
-                better = choice.instead
-                break
+            if choice.odds <= -SETTLED and choice.instead is not None:
+                if _shapes(choice.instead) not in been and len(been) <= ROUNDS:
+                    better = choice.instead
+                    break
+                settled = False
             choices.append(choice)
         if better is not None:
-            exchanges += 1
+            been.add(_shapes(better))
             stage = stage_about(problem, stage.system, sites, better, blocks, stage.system.hold)
             final = most_probable(problem, stage.weights, better)
             continue
@@ -261,13 +267,19 @@ def _established(
         out |= {s.key for s, values in final.fit if s.transient and not _begins(problem, stage, final.fit, s, values)}
         loose = min(choices, key=lambda c: c.class_odds, default=None)
         if loose is None or (loose.class_odds >= APART and not out):
-            return Selection(problem, stage, final, tuple(sorted(choices, key=lambda c: -c.odds)), blocks)
+            told = tuple(sorted(choices, key=lambda c: -c.odds))
+            return Selection(problem, stage, final, told, blocks, settled=settled)
         gone = out or {loose.site.key}
         # Nor may it come back in the place of another.
         sites = [site for site in sites if site.key not in out]
         fit = tuple((site, values) for site, values in final.fit if site.key not in gone)
         stage = stage_about(problem, stage.system, sites, fit, blocks, stage.system.hold)
         final = most_probable(problem, stage.weights, fit)
+
+
+def _shapes(fit: Placed) -> frozenset[tuple[str, str, int]]:
+    """Return causes and parts, and in how many numbers each."""
+    return frozenset((*site.key, len(site.parameters)) for site, _ in fit)
 
 
 def _begins(problem: Problem, stage: Stage, fit: Placed, site: Site, values: Array) -> bool:
@@ -424,7 +436,8 @@ def _each_choice(
     for other, site in sorted(without_it, key=lambda w: w[0].score):
         odds, instead = other.score - best.score, None
         if c is stage.candidates:
-            exact = [fitted(problem, stage, o) for o in simpler_sets(variants, final.fit, site)]
+            kin = [*simpler_sets(variants, final.fit, site), *_richer_sets(sites_in(stage), final.fit, site)]
+            exact = [fitted(problem, stage, o) for o in kin]
             if odds < NEAR:
                 begun, name = begun_by(stage.unknowns, c, other.chosen), other.chosen.tobytes()
                 known[name] = known.get(name) or fitted(problem, stage, begun)
@@ -470,6 +483,20 @@ def _exchanged(fit: Placed, site: Site, instead: Placed) -> Placed:
 def simpler_sets(variants: Sequence[Variant], fit: Placed, site: Site) -> list[Placed]:
     """Return a set with a cause exchanged for each simpler one of its family, which begins with its numbers."""
     return [set_in(fit, v.site, v.base) for v in variants if v.instead == site.key != v.site.key]
+
+
+def _richer_sets(sites: Sequence[Site], fit: Placed, site: Site) -> list[Placed]:
+    """Return a set with a cause exchanged for each richer one of its family, which begins with its numbers."""
+    values = next(v for s, v in fit if s.key == site.key)
+    own, kin = {p.name: v for p, v in zip(site.parameters, values, strict=True)}, dict[tuple[str, str], Site]()
+    for other in sorted(sites, key=lambda s: len(s.parameters)):
+        family = other.key != site.key and other.parts == site.parts and clash(other, site)
+        if family and own.keys() <= {p.name for p in other.parameters}:
+            kin.setdefault(other.key, other)
+    return [
+        set_in(fit, s, np.array([own.get(p.name, p.start if p.shape else p.start + p.step) for p in s.parameters]))
+        for s in kin.values()
+    ]
 
 
 def sites_in(stage: Stage) -> list[Site]:

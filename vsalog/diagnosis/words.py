@@ -77,7 +77,8 @@ def sentences(
             + f" {held}".rstrip(),
             "The equations that could be formed close to what the sensors' noise explains; the warnings name the others.",
         )
-    material = [c for c in causes if c.material]
+    # Each may be too little to matter, and all together not.
+    material = [c for c in causes if c.material] or causes
     first = f"{_found(verdict, material, joints)} {held}".rstrip()
     return tuple(s for s in (first, *_believe(material, left), _immaterial(causes)) if s)
 
@@ -180,7 +181,7 @@ def _believe(causes: Sequence[FoundCause], left: Unexplained) -> list[str]:
 
 def _immaterial(causes: Sequence[FoundCause]) -> str:
     small = [c.cause for c in causes if not c.material]
-    return f"Present, but immaterial: {', '.join(dict.fromkeys(small))}." if small else ""
+    return f"Present, but immaterial: {', '.join(dict.fromkeys(small))}." if 0 < len(small) < len(causes) else ""
 
 
 def _per_cent(share: float) -> str:
@@ -193,21 +194,30 @@ def _held_out(gains: Sequence[Gain], held_out: str, extended: bool, verdict: Ver
     if not known:
         return ""
     worst = max(known, key=lambda g: g.rmse_after / g.noise_floor)
-    low, high = worst.ci95
-    unit = worst.unit.replace("*", "·")
-    off, signal = worst.rmse_after / worst.noise_floor, worst.signal.replace("_", " ")
     # Where nothing is explained no extended rig is written.
     rig = "the rig" if not extended else "the rig with these causes" if verdict == "unexplained" else "the extended rig"
-    said = (
-        f"On {held_out} {rig} simulates {signal}, the signal it is worst at, to {worst.rmse_after:.3g} {unit},"
-        f" {off:.2g} times its noise floor"
-    )
+    said = f"On {held_out} {rig} simulates {_worst(worst)}{_off(worst, worst.rmse_after)}"
     if not extended:
         return f"{said}."
-    as_it_stands = f"{said}; the rig as it stands to {worst.rmse_before:.3g} {unit}"
-    if low <= 0.0 <= high:
-        return f"{as_it_stands}, which is no different (95 %)."
-    way = "reduced"
-    if worst.reduction < 0.0:
+    before = max(known, key=lambda g: g.rmse_before / g.noise_floor)
+    other = "" if before is worst else _worst(before)
+    as_it_stands = f"{said}; the rig as it stands {other}{_off(before, before.rmse_before)}"
+    if before.rmse_after == before.rmse_before:
+        return f"{as_it_stands}, which is no different."
+    way, (low, high) = "reduced", before.ci95
+    if before.reduction < 0.0:
         way, low, high = "enlarged", -high, -low
-    return f"{as_it_stands} ({way} by {100 * abs(worst.reduction):.0f} %, 95 %: {100 * low:.0f} to {100 * high:.0f} %)."
+    digits = int(high - low < 0.02)
+    by, least, most = (f"{100.0 * share:.{digits}f}" for share in (abs(before.reduction), low, high))
+    return f"{as_it_stands} ({way} by {by} %, 95 %: {least} to {most} %)."
+
+
+def _worst(gain: Gain) -> str:
+    return f"{gain.signal.replace('_', ' ')}, the signal it is worst at, "
+
+
+def _off(gain: Gain, error: float) -> str:
+    """Say how far off a simulation is."""
+    times = error / gain.noise_floor
+    told = f"{times:.2g}" if times < 10.0 else f"{times:.0f}"
+    return f"to {error:.3g} {gain.unit.replace('*', '·')}, {told} times its noise floor"

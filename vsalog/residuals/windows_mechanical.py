@@ -14,7 +14,7 @@ from vsalog.errors import SimulationError
 from vsalog.residuals.balance import motion_of
 from vsalog.residuals.channels import Channels
 from vsalog.residuals.sensing import motors_of, position_role, torque_role, true_roles
-from vsalog.rig.schema import AntagonisticJoint, AwasTransmission, Link, SerialJoint, UnknownTransmission
+from vsalog.rig.schema import AntagonisticJoint, AwasTransmission, Link, Motor, SerialJoint, UnknownTransmission
 from vsalog.simulation.inputs import Input, Motion, table
 from vsalog.simulation.machine import BRISTLE_SPEED, DEFLECTING, Machine, build
 from vsalog.simulation.play import play
@@ -55,6 +55,8 @@ class MechanicalPlayer:
     """
 
     def __init__(self, joint: Any, channels: Channels) -> None:
+        if isinstance(joint, SerialJoint) and joint.secondary_motor is None:
+            joint = replace(joint, secondary_motor=Motor())  # the set-point moves as it was measured
         self.joint, self.channels = joint, channels
         self.moved, self.link_moves = self.measured()
         self.played = self._with_stand_ins(joint)
@@ -257,7 +259,7 @@ def movable(joint: Any, channels: Channels) -> bool:
     roles = channels.roles
     if isinstance(joint, SerialJoint):
         awas = isinstance(joint.transmission, AwasTransmission | UnknownTransmission)
-        if joint.secondary_motor is None or joint.lever is None or not awas:
+        if joint.lever is None or not awas or (joint.secondary_motor is None and "setpoint" not in roles):
             return False
     free = free_motors(joint, channels)
     if joint.link is None and not free:
