@@ -180,8 +180,9 @@ def _believe(causes: Sequence[FoundCause], left: Unexplained) -> list[str]:
 
 
 def _immaterial(causes: Sequence[FoundCause]) -> str:
-    small = [c.cause for c in causes if not c.material]
-    return f"Present, but immaterial: {', '.join(dict.fromkeys(small))}." if 0 < len(small) < len(causes) else ""
+    small = [c for c in causes if not c.material]
+    told = dict.fromkeys(c.cause for c in small if c.class_confidence > 0.5)
+    return f"Present, but immaterial: {', '.join(told)}." if told and len(small) < len(causes) else ""
 
 
 def _per_cent(share: float) -> str:
@@ -208,7 +209,8 @@ def _held_out(gains: Sequence[Gain], held_out: str, extended: bool, verdict: Ver
     if before.reduction < 0.0:
         way, low, high = "enlarged", -high, -low
     digits = int(high - low < 0.02)
-    by, least, most = (f"{100.0 * share:.{digits}f}" for share in (abs(before.reduction), low, high))
+    shares = (round(100.0 * share, digits) + 0.0 for share in (abs(before.reduction), low, high))
+    by, least, most = (f"{share:.{digits}f}" for share in shares)
     return f"{as_it_stands} ({way} by {by} %, 95 %: {least} to {most} %)."
 
 
