@@ -1,13 +1,11 @@
 """JSON Schemas of the documents that are written: msgspec's own, with the docstrings' words for each key.
 
-`python -m vsalog.document_schema vsalog.diagnosis.document` prints one; `docs/diagnosis.schema.json` is what it prints.
+`python -m docs.make_schemas` writes them into the manual.
 """
 
 from __future__ import annotations
 
 import json
-import sys
-from importlib import import_module
 from types import ModuleType
 from typing import Any
 
@@ -43,7 +41,3 @@ def document_schema(module: ModuleType) -> dict[str, Any]:
 def schema_text(module: ModuleType) -> str:
     """Return the schema as it stands in a file."""
     return json.dumps(document_schema(module), indent=2, ensure_ascii=False) + "\n"
-
-
-if __name__ == "__main__":
-    print(schema_text(import_module(sys.argv[1])), end="")

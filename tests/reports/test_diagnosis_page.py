@@ -302,7 +302,7 @@ def test_nothing_is_written_where_one_file_cannot_be(tmp_path):
 
 def test_the_schema_file_is_up_to_date():
     assert (DOCS / "diagnosis.schema.json").read_text(encoding="utf-8") == schema_text(document_module), (
-        "run: python -m vsalog.document_schema vsalog.diagnosis.document > docs/diagnosis.schema.json"
+        "run: python -m docs.make_schemas"
     )
 
 

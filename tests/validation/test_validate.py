@@ -311,7 +311,7 @@ def test_refusals(arguments, words, models, tmp_path):
 
 def test_the_schema_file_is_up_to_date():
     assert (DOCS / "report.schema.json").read_text(encoding="utf-8") == schema_text(document), (
-        "run: python -m vsalog.document_schema vsalog.validation.document > docs/report.schema.json"
+        "run: python -m docs.make_schemas"
     )
 
 

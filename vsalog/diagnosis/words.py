@@ -203,7 +203,7 @@ def _held_out(gains: Sequence[Gain], held_out: str, extended: bool, verdict: Ver
     before = max(known, key=lambda g: g.rmse_before / g.noise_floor)
     other = "" if before is worst else _worst(before)
     as_it_stands = f"{said}; the rig as it stands {other}{_off(before, before.rmse_before)}"
-    if before.rmse_after == before.rmse_before:
+    if round(before.reduction, 2) == 0.0:
         return f"{as_it_stands}, which is no different."
     way, (low, high) = "reduced", before.ci95
     if before.reduction < 0.0:
