@@ -196,8 +196,8 @@ def _as_seen(selection: Selection, windows: Windows, J: Array) -> tuple[Choice, 
         sizes[site.key] = float(np.sqrt(np.max(squares) / (WITHIN**2 - 1.0)))
     out = []
     for choice in selection.choices:
-        larger = max(sizes[choice.site.key] / choice.size, 1.0)
-        out.append(replace(choice, size=larger * choice.size, over_model_error=larger * choice.over_model_error))
+        size, unit = max(sizes[choice.site.key], choice.size), max(choice.size, 1e-300)
+        out.append(replace(choice, size=size, over_model_error=size / unit * choice.over_model_error))
     return tuple(out)
 
 
