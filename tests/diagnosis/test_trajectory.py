@@ -1,20 +1,22 @@
 """Values fitted to simulated windows: nearer to the truth than those of the equations, and as sure as they say."""
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 from written_out import Truth, channels, joint_of
 
 from vsalog.diagnosis import trajectory
+from vsalog.diagnosis.causes.base import Parameter, Site
 from vsalog.diagnosis.found import MATERIAL, found_by
 from vsalog.diagnosis.gain import weighed
 from vsalog.diagnosis.linear import placed
 from vsalog.diagnosis.posterior import Problem, most_probable
-from vsalog.diagnosis.selection import Selection, blocks_of, choices_of, sites_of, stage_about
+from vsalog.diagnosis.selection import Choice, Selection, blocks_of, choices_of, sites_of, stage_about
 from vsalog.diagnosis.setting import setting_of
 from vsalog.diagnosis.subsets import Ranked
-from vsalog.diagnosis.trajectory import refined
+from vsalog.diagnosis.trajectory import _as_seen, refined
 from vsalog.residuals.kinds import balance_for
 from vsalog.residuals.system import build_system
 from vsalog.residuals.windows import windows_of
@@ -130,3 +132,16 @@ def test_windows_that_do_not_do_what_derivatives_promise_change_no_values(monkey
         monkeypatch.setattr(trajectory, "begun", lambda *a, bent=bent, **k: replace(begun(*a, **k), far=bent))
         then = refined(first, windows)
         assert np.array_equal(values_of(then), values_of(first)) is stays
+
+
+@pytest.mark.parametrize(("size", "over"), [(0.0, 0.0), (0.1, 0.2), (5.0, np.inf)])
+def test_a_cause_is_as_large_as_in_equations_or_trajectories_whichever_shows_more(size, over):
+    """A change by the noise is what takes a trajectory to √2 times its noise: 1 / √3 of what takes it to twice."""
+    site = Site("cause", "part", (Parameter("number", "1", 0.0, 1e-3),), lambda joint, values: joint)
+    variant = SimpleNamespace(free=(0,), rig=np.zeros(1), deviation=np.ones(1))
+    posterior = SimpleNamespace(fit=[(site, np.ones(1))], linear=SimpleNamespace(first=[0, 1], variants=[variant]))
+    selection = SimpleNamespace(posterior=posterior, choices=[Choice(site, (9.0,), (), size, over)])
+    windows = SimpleNamespace(spans=np.zeros((2, 2)), roles=["link_position"])
+    (seen,) = _as_seen(selection, windows, np.ones((2, 30, 1)))
+    assert seen.size == pytest.approx(max(size, 3.0**-0.5))
+    assert seen.over_model_error == pytest.approx(seen.size * (over / size if size else 1.0))

@@ -196,8 +196,11 @@ def _as_seen(selection: Selection, windows: Windows, J: Array) -> tuple[Choice, 
         sizes[site.key] = float(np.sqrt(np.max(squares) / (WITHIN**2 - 1.0)))
     out = []
     for choice in selection.choices:
-        size, unit = max(sizes[choice.site.key], choice.size), max(choice.size, 1e-300)
-        out.append(replace(choice, size=size, over_model_error=size / unit * choice.over_model_error))
+        size, over = (
+            max(sizes[choice.site.key], choice.size),
+            choice.over_model_error / choice.size if choice.size else 1.0,
+        )
+        out.append(replace(choice, size=size, over_model_error=over * size))
     return tuple(out)
 
 
