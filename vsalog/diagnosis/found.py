@@ -152,12 +152,7 @@ def _between(selection: Selection, spread: Array) -> Array:
     """Return the variance that the choice within a class adds to each value, shape (p,).
 
     A 95 % interval reaches as far as 95 % of the values that go with the other members of the class; of a cause that is absent
-    there, the interval is that of its value if it is present.
-
-    Parameters
-    ----------
-    selection : of causes
-    spread : shape (p,), standard deviation of each value within the set
+    there, the interval is that of its value if it is present. `spread` is each value's standard deviation within the set.
     """
     fit = selection.posterior.fit
     farthest = [np.zeros(values.size) for _, values in fit]

@@ -180,7 +180,7 @@ def select(
     sites = [*sites, *smooth_sites(stage.system, there)]
     stage = stage_about(problem, stage.system, sites, best.fit, blocks, stage.system.hold)
     stage, best, settled = _settled(problem, stage, sites, blocks, best)
-    found = _established(problem, stage, sites, most_probable(problem, stage.weights, best.fit), blocks)
+    found = established(problem, stage, sites, most_probable(problem, stage.weights, best.fit), blocks)
     return replace(found, p_value=contradiction, settled=settled and found.settled)
 
 
@@ -236,9 +236,7 @@ def nothing_found(system: System, joint: Any, setting: Setting) -> Selection:
     return Selection(problem, stage, most_probable(problem, stage.weights, ()), (), blocks)
 
 
-def _established(
-    problem: Problem, stage: Stage, sites: Sequence[Site], final: Posterior, blocks: Integers
-) -> Selection:
+def established(problem: Problem, stage: Stage, sites: Sequence[Site], final: Posterior, blocks: Integers) -> Selection:
     """Drop the causes without which the set is about as probable and nothing stands in their place, the least sure first.
 
     Where a set that was looked at in the place of a cause turns out to be the more probable one, it goes on from there, but not

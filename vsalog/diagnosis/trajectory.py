@@ -21,8 +21,18 @@ from numpy.typing import NDArray
 from vsalog.diagnosis.causes import catalogue
 from vsalog.diagnosis.discrepancy import correlation_time
 from vsalog.diagnosis.linear import Placed, Variant, columns_of, placed, with_unknowns
-from vsalog.diagnosis.posterior import Posterior, begun_by
-from vsalog.diagnosis.selection import APART, Choice, Selection, choices_of, fitted, simpler_sets, sites_in, stage_about
+from vsalog.diagnosis.posterior import Posterior, begun_by, most_probable
+from vsalog.diagnosis.selection import (
+    APART,
+    Choice,
+    Selection,
+    choices_of,
+    established,
+    fitted,
+    simpler_sets,
+    sites_in,
+    stage_about,
+)
 from vsalog.diagnosis.subsets import Ranked, best_sets, precisions
 from vsalog.errors import SimulationError
 from vsalog.residuals.windows import WITHIN, Shot, Windows, begun, by_states, in_runs, in_windows, player_of, shoot
@@ -134,15 +144,14 @@ def _simplified(selection: Selection, windows: Windows, shot: Shot, J: Array) ->
         posterior = min((fitted(problem, selection.stage, s) for s in sets), key=lambda p: p.score)
         sites = [s for s in sites_in(selection.stage) if s.key != site.key]
         stage = stage_about(problem, selection.system, sites, posterior.fit, blocks, selection.system.hold)
+        simpler = established(problem, stage, sites, most_probable(problem, stage.weights, posterior.fit), blocks)
+        simpler = replace(selection, stage=simpler.stage, posterior=simpler.posterior, choices=simpler.choices)
         try:
-            other, there, changes = _fitted(replace(selection, stage=stage, posterior=posterior), windows)
+            other, there, changes = _fitted(simpler, windows)
         except SimulationError:
             continue
         if there.is_linear and 0.5 * (_misfit(there, windows, weights) - _misfit(shot, windows, weights)) < APART:
-            chosen = np.array([v.inside for v in stage.unknowns.variants], dtype=np.bool_)
-            best = Ranked(chosen, stage.candidates.scored(chosen))
-            choices = choices_of(problem, stage, stage.candidates, best, stage.unknowns.variants, posterior)
-            return replace(other, choices=choices), there, changes
+            return other, there, changes
     return selection, shot, J
 
 
@@ -174,13 +183,7 @@ def _searched(selection: Selection, windows: Windows, shot: Shot) -> Selection |
 def _as_seen(selection: Selection, windows: Windows, J: Array) -> tuple[Choice, ...]:
     """Return a selection's causes with their sizes in the trajectories where these are larger than in the equations.
 
-    The unit is what makes a trajectory, together with its noise, as much off as a simulation may be.
-
-    Parameters
-    ----------
-    selection : fitted
-    windows : of the log
-    J : what the values change in the trajectories, see `_by_values`
+    The unit is what makes a trajectory, together with its noise, as much off as a simulation may be. J is of `_by_values`.
     """
     posterior = selection.posterior
     fit = posterior.fit
@@ -196,11 +199,9 @@ def _as_seen(selection: Selection, windows: Windows, J: Array) -> tuple[Choice, 
         sizes[site.key] = float(np.sqrt(np.max(squares) / (WITHIN**2 - 1.0)))
     out = []
     for choice in selection.choices:
-        size, over = (
-            max(sizes[choice.site.key], choice.size),
-            choice.over_model_error / choice.size if choice.size else 1.0,
-        )
-        out.append(replace(choice, size=size, over_model_error=over * size))
+        size, unit = max(sizes[choice.site.key], choice.size), choice.size or 1.0
+        over = choice.over_model_error if choice.size else 1.0
+        out.append(replace(choice, size=size, over_model_error=over * size / unit))
     return tuple(out)
 
 
