@@ -101,7 +101,8 @@ class FoundCause(_Part, frozen=True):
         cause of the catalogue
     error_removed : share of the rig's squared residual beyond noise that this cause removes; the shares add up
     stiffness_change : share by which the estimated stiffness changes, in root mean square, if the extended rig lacks this cause:
-        by the motor's torque or by the torque sensor, whichever changes more; null where no stiffness can be estimated
+        by the motor's torque or by the torque sensor, whichever changes more; null where the cause is immaterial or no stiffness
+        can be estimated
     why : the evidence in words
     how_to_confirm : an experiment
     tell_apart : which experiment would tell it from the others; empty where there are none

@@ -295,8 +295,10 @@ def _stiffness(
         return known[joint]
 
     before, after = traces(rig), traces(extended)
-    lacking = (dataclasses.replace(found, extended=found.extended_without(cause)) for cause in found.found)
-    changes = [stiffness_change(after, traces(_extended(rig, [one]))) for one in lacking]
+    lacking = (
+        dataclasses.replace(found, extended=found.extended_without(c)) if c.material else None for c in found.found
+    )
+    changes = [stiffness_change(after, traces(_extended(rig, [one]))) if one else None for one in lacking]
     return [] if before is after else stiffness_gains(name, before, after), changes
 
 
