@@ -75,7 +75,8 @@ def with_springs(joint: Any, signals: JointSignals, zero: str = "") -> tuple[Any
         said[name] = (
             f"joint '{signals.joint}': the rig does not say what its spring is, so a smooth one was fitted to the log first:"
             " what is told below is what no smooth spring explains; stiffness itself, its asymmetry, encoders' gains and offsets"
-            f" were not judged, nor the torque sensor's offset: what is felt at rest was taken for {off:.3g} {unit} of {whose}"
+            f" were not judged, nor the torque sensor's offset: the torque at zero deflection was taken for an offset of {whose},"
+            f" {off:.3g} {unit}"
         )
     return joint, said
 

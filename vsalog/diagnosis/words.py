@@ -181,6 +181,7 @@ def _believe(causes: Sequence[FoundCause], left: Unexplained) -> list[str]:
 
 def _immaterial(causes: Sequence[FoundCause]) -> str:
     small = [c for c in causes if not c.material]
+    # What is there with less than an even chance is not said to be.
     told = dict.fromkeys(c.cause for c in small if c.class_confidence > 0.5)
     return f"Present, but immaterial: {', '.join(told)}." if told and len(small) < len(causes) else ""
 
@@ -197,12 +198,13 @@ def _held_out(gains: Sequence[Gain], held_out: str, extended: bool, verdict: Ver
     worst = max(known, key=lambda g: g.rmse_after / g.noise_floor)
     # Where nothing is explained no extended rig is written.
     rig = "the rig" if not extended else "the rig with these causes" if verdict == "unexplained" else "the extended rig"
-    said = f"On {held_out} {rig} simulates {_worst(worst)}{_off(worst, worst.rmse_after)}"
+    signal = worst.signal.replace("_", " ")
+    said = f"On {held_out} {rig} simulates {signal}, the signal it is worst at, to {_off(worst, worst.rmse_after)}"
     if not extended:
         return f"{said}."
     before = max(known, key=lambda g: g.rmse_before / g.noise_floor)
-    other = "" if before is worst else _worst(before)
-    as_it_stands = f"{said}; the rig as it stands {other}{_off(before, before.rmse_before)}"
+    there = "to" if before is worst else f"is worst at {before.signal.replace('_', ' ')}, off by"
+    as_it_stands = f"{said}; the rig as it stands {there} {_off(before, before.rmse_before)}"
     if round(before.reduction, 2) == 0.0:
         return f"{as_it_stands}, which is no different."
     way, (low, high) = "reduced", before.ci95
@@ -214,12 +216,8 @@ def _held_out(gains: Sequence[Gain], held_out: str, extended: bool, verdict: Ver
     return f"{as_it_stands} ({way} by {by} %, 95 %: {least} to {most} %)."
 
 
-def _worst(gain: Gain) -> str:
-    return f"{gain.signal.replace('_', ' ')}, the signal it is worst at, "
-
-
 def _off(gain: Gain, error: float) -> str:
     """Say how far off a simulation is."""
     times = error / gain.noise_floor
     told = f"{times:.2g}" if times < 10.0 else f"{times:.0f}"
-    return f"to {error:.3g} {gain.unit.replace('*', '·')}, {told} times its noise floor"
+    return f"{error:.3g} {gain.unit.replace('*', '·')}, {told} times its noise floor"
