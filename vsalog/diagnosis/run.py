@@ -278,12 +278,8 @@ def _stiffness(
 ) -> tuple[list[Gain], list[float | None]]:
     """Return what the extended rig is worth for a joint's stiffness estimate, and what each cause changes in it."""
     name = found.name
-    if (
-        extended is None
-        or not found.found
-        or name not in rig.joints
-        or isinstance(found.joint, PneumaticJoint | RigidJoint)
-    ):
+    nothing = extended is None or not found.found or name not in rig.joints
+    if nothing or isinstance(found.joint, PneumaticJoint | RigidJoint):
         return [], [None] * len(found.found)
     progress(f"joint {name}: estimating its stiffness with both rigs")
     known = dict[Any, Traces]()

@@ -265,8 +265,8 @@ def established(problem: Problem, stage: Stage, sites: Sequence[Site], final: Po
         out |= {s.key for s, values in final.fit if s.transient and not _begins(problem, stage, final.fit, s, values)}
         loose = min(choices, key=lambda c: c.class_odds, default=None)
         if loose is None or (loose.class_odds >= APART and not out):
-            told = tuple(sorted(choices, key=lambda c: -c.odds))
-            return Selection(problem, stage, final, told, blocks, settled=settled)
+            choices.sort(key=lambda c: -c.odds)
+            return Selection(problem, stage, final, tuple(choices), blocks, settled=settled)
         gone = out or {loose.site.key}
         # Nor may it come back in the place of another.
         sites = [site for site in sites if site.key not in out]
@@ -434,8 +434,10 @@ def _each_choice(
     for other, site in sorted(without_it, key=lambda w: w[0].score):
         odds, instead = other.score - best.score, None
         if c is stage.candidates:
-            kin = [*simpler_sets(variants, final.fit, site), *_richer_sets(sites_in(stage), final.fit, site)]
-            exact = [fitted(problem, stage, o) for o in kin]
+            exact = [fitted(problem, stage, o) for o in simpler_sets(variants, final.fit, site)]
+            for o, price in _richer_sets(variants, final.fit, site):
+                richer = fitted(problem, stage, o)
+                exact.append(replace(richer, score=richer.score + price))
             if odds < NEAR:
                 begun, name = begun_by(stage.unknowns, c, other.chosen), other.chosen.tobytes()
                 known[name] = known.get(name) or fitted(problem, stage, begun)
@@ -483,18 +485,23 @@ def simpler_sets(variants: Sequence[Variant], fit: Placed, site: Site) -> list[P
     return [set_in(fit, v.site, v.base) for v in variants if v.instead == site.key != v.site.key]
 
 
-def _richer_sets(sites: Sequence[Site], fit: Placed, site: Site) -> list[Placed]:
-    """Return a set with a cause exchanged for each richer one of its family, which begins with its numbers."""
-    values = next(v for s, v in fit if s.key == site.key)
+def _richer_sets(variants: Sequence[Variant], fit: Placed, site: Site) -> list[tuple[Placed, float]]:
+    """Return a set with a cause exchanged for each richer one of its family, which begins with its numbers; and its price.
+
+    As any cause it pays for the choice among the shapes that a search begins with: none has to lie where the log shows nothing.
+    """
+    values, out = next(v for s, v in fit if s.key == site.key), list[tuple[Placed, float]]()
     own, kin = {p.name: v for p, v in zip(site.parameters, values, strict=True)}, dict[tuple[str, str], Site]()
-    for other in sorted(sites, key=lambda s: len(s.parameters)):
+    for other in sorted((v.site for v in variants), key=lambda s: len(s.parameters)):
         family = other.key != site.key and other.parts == site.parts and clash(other, site)
         if family and own.keys() <= {p.name for p in other.parameters}:
             kin.setdefault(other.key, other)
-    return [
-        set_in(fit, s, np.array([own.get(p.name, p.start if p.shape else p.start + p.step) for p in s.parameters]))
-        for s in kin.values()
-    ]
+    for s in kin.values():
+        begun = np.array([own.get(p.name, p.start if p.shape else p.start + p.step) for p in s.parameters])
+        more = [i for i, p in enumerate(s.parameters) if p.shape and p.name not in own]
+        shapes = {tuple(v.base[more]) for v in variants if v.site is s}
+        out.append((set_in(fit, s, begun), float(np.log(len(shapes)))))
+    return out
 
 
 def sites_in(stage: Stage) -> list[Site]:
