@@ -291,10 +291,9 @@ def _stiffness(
         return known[joint]
 
     before, after = traces(rig), traces(extended)
-    lacking = (
-        dataclasses.replace(found, extended=found.extended_without(c)) if c.material else None for c in found.found
-    )
-    changes = [stiffness_change(after, traces(_extended(rig, [one]))) if one else None for one in lacking]
+    each = [found.extended_without(cause) if cause.material else None for cause in found.found]
+    lacking = (j and _extended(rig, [dataclasses.replace(found, extended=j)]) for j in each)
+    changes = [stiffness_change(after, traces(one)) if one else None for one in lacking]
     return [] if before is after else stiffness_gains(name, before, after), changes
 
 
