@@ -291,8 +291,8 @@ def _stiffness(
         return known[joint]
 
     before, after = traces(rig), traces(extended)
-    each = [found.extended_without(cause) if cause.material else None for cause in found.found]
-    lacking = (j and _extended(rig, [dataclasses.replace(found, extended=j)]) for j in each)
+    each = (found.extended_without(cause) if cause.material else None for cause in found.found)
+    lacking = (joint and _extended(rig, [dataclasses.replace(found, extended=joint)]) for joint in each)
     changes = [stiffness_change(after, traces(one)) if one else None for one in lacking]
     return [] if before is after else stiffness_gains(name, before, after), changes
 

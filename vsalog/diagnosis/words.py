@@ -179,9 +179,8 @@ def _believe(causes: Sequence[FoundCause], left: Unexplained) -> list[str]:
     return said
 
 
-def _immaterial(causes: Sequence[FoundCause]) -> str:
+def _immaterial(causes: Sequence[FoundCause]) -> str:  # that are more probable than not
     small = [c for c in causes if not c.material]
-    # What is there with less than an even chance is not said to be.
     told = dict.fromkeys(c.cause for c in small if c.class_confidence > 0.5)
     return f"Present, but immaterial: {', '.join(told)}." if told and len(small) < len(causes) else ""
 
