@@ -55,3 +55,8 @@ def test_every_public_name_has_a_docstring():
 def test_the_tables_of_batteries_are_those_that_are_kept():
     made = runpy.run_path(str(ROOT / "docs" / "make_battery.py"))["page"]()
     assert (ROOT / "docs" / "diagnosis.md").read_text(encoding="utf-8") == made, "run: python -m docs.make_battery"
+
+
+def test_every_finding_is_documented():
+    made = runpy.run_path(str(ROOT / "docs" / "make_findings.py"))["reference"]()
+    assert (ROOT / "docs" / "findings.md").read_text(encoding="utf-8") == made, "run: python docs/make_findings.py"

@@ -1,14 +1,13 @@
-"""Warnings of signals that are possible and not plausible, and none where nothing is wrong."""
-
-import re
+"""Findings about signals that are possible and not plausible, and none where nothing is wrong."""
 
 import numpy as np
 import pytest
 from test_binding import joint_of, recording
 
 from vsalog.binding import bind, offered_roles
-from vsalog.checks import signal_warnings
+from vsalog.checks import signal_findings
 from vsalog.estimators.device import device_of
+from vsalog.finding_texts import sentence
 from vsalog.readers import read
 from vsalog.rig import Rig
 from vsalog.rig.find import find_rig
@@ -44,87 +43,94 @@ def channels(*, counts=True):
     return {"q": q, "theta": theta, "tau": tau + rng.normal(0.0, 0.01, T.size)}
 
 
-def warned(made, rig=RIG):
+def found(made, rig=RIG):
     name, joint = joint_of(rig)
     signals = bind([recording(**{k: (T, v) for k, v in made.items()})], name, joint, tuple(offered_roles(joint)))
-    return signal_warnings(device_of(name, joint, signals.roles), signals)
+    findings = signal_findings(device_of(name, joint, signals.roles), signals)
+    assert all(sentence(finding).startswith("joint 'elbow': ") for finding in findings)
+    return findings
 
 
 def one(made, rig=RIG):
-    (text,) = warned(made, rig)
-    assert text.startswith("joint 'elbow': ")
-    return text
+    (finding,) = found(made, rig)
+    assert finding.joint == "elbow"
+    return finding
+
+
+def codes(made):
+    return {finding.code for finding in found(made)}
 
 
 @pytest.mark.parametrize("counts", [True, False])
 def test_nothing_is_said_of_a_sound_log(counts):
-    assert warned(channels(counts=counts)) == ()
+    assert found(channels(counts=counts)) == ()
 
 
 def test_an_encoder_whose_zero_is_off():
     made = channels()
     made["theta"] = made["theta"] + 0.7
-    text = one(made)
-    assert "link_position − motor_position" in text
-    assert "around -0.699 rad" in text
-    assert "'offset' of link_position or motor_position" in text
+    finding = one(made)
+    assert (finding.code, finding.part) == ("encoder.zero", "link_position − motor_position")
+    assert finding.value == pytest.approx(-0.7, abs=0.002)
 
 
 def test_a_smaller_offset_shows_where_the_torque_is_centred():
     made = channels()
     made["theta"] = made["theta"] + 0.1
-    assert "around -0.0" in one(made)
+    assert one(made).code == "encoder.zero"
     made["tau"] = made["tau"] + 2.0
-    assert warned(made) == ()
+    assert found(made) == ()
 
 
 def test_a_zero_is_not_suspected_under_a_weight():
     made = channels()
     made["theta"] = made["theta"] - 0.7
     made["tau"] = made["tau"] + 35.0
-    assert warned(made) == ()
+    assert found(made) == ()
 
 
 def test_a_sign():
     made = channels()
     made["theta"] = -made["theta"]
-    text = one(made)
-    assert "correlation -0.9" in text or "correlation -1.0" in text
-    assert "'sign = -1'" in text
+    finding = one(made)
+    assert finding.code == "encoder.sign"
+    assert finding.value == pytest.approx(-1.0, abs=0.1)
 
 
 def test_a_motor_and_a_link_that_swing_against_one_another_are_no_sign():
     made = channels()
     made["theta"] = made["q"] * -0.4
-    assert not any("sign" in w for w in warned(made))
+    assert "encoder.sign" not in codes(made)
 
 
 def test_degrees():
     made = channels()
-    found = warned({**made, "q": np.rad2deg(made["q"]), "theta": np.rad2deg(made["theta"])})
-    assert [("deflection" in w, 'unit = "deg"' in w) for w in found] == [(True, True)]
+    finding = one({**made, "q": np.rad2deg(made["q"]), "theta": np.rad2deg(made["theta"])})
+    assert (finding.code, finding.part) == ("encoder.deflection_unit", "link_position − motor_position")
+    assert finding.value == pytest.approx(np.rad2deg(0.12), rel=0.05)
     far = {**made, "q": np.rad2deg(2.0 * made["q"]), "theta": np.rad2deg(2.0 * made["theta"])}
-    assert {w.split(":")[1].split(" spans")[0].strip() for w in warned(far)} == {
-        "the deflection (link_position − motor_position)",
-        "link_position",
-        "motor_position",
+    assert {(f.code, f.part) for f in found(far)} == {
+        ("encoder.deflection_unit", "link_position − motor_position"),
+        ("encoder.unit", "link_position"),
+        ("encoder.unit", "motor_position"),
     }
 
 
 def test_a_gear_ratio():
     made = channels()
-    text = one({**made, "theta": 30.0 * made["theta"]})
-    assert "spans 47" in text or "spans 46" in text
-    assert "gear_ratio" in text
+    finding = one({**made, "theta": 30.0 * made["theta"]})
+    assert finding.code == "encoder.deflection_unit"
+    assert 46.0 < finding.value < 48.0
 
 
 @pytest.mark.parametrize(("end", "sign"), [("highest", 1.0), ("lowest", -1.0)])
 def test_a_saturated_sensor(end, sign):
     made = channels()
     made["tau"] = sign * np.minimum(sign * made["tau"], 2.0)
-    text = one(made)
-    assert f"torque_sensor rests at its {end} value {sign * 2:.6g} for " in text
-    assert "saturated" in text
+    finding = one(made)
+    assert (finding.code, finding.part) == ("sensor.saturated", "torque_sensor")
+    assert (finding.evidence["end"], finding.evidence["at"]) == (end, 2.0 * sign)
+    assert finding.value == pytest.approx(np.mean(made["tau"] == 2.0 * sign), abs=0.02)
 
 
 @pytest.mark.parametrize("role", ["link_position", "motor_position"])
@@ -132,7 +138,7 @@ def test_a_rest_at_the_end_of_the_range_is_no_saturation(role):
     made = channels()
     name = "q" if role == "link_position" else "theta"
     made[name] = np.minimum(made[name], 0.5)
-    assert not any("saturated" in w for w in warned(made))
+    assert "sensor.saturated" not in codes(made)
 
 
 @pytest.mark.parametrize("counts", [True, False])
@@ -140,24 +146,26 @@ def test_a_rest_at_the_end_of_the_range_is_no_saturation(role):
 def test_an_encoder_that_is_stuck(name, role, counts):
     made = channels(counts=counts)
     made[name][2000:2700] = made[name][2000]
-    text = one(made)
-    assert f"{role} does not change by a single step from 2 s to 2.699 s" in text
+    finding = one(made)
+    assert (finding.code, finding.part) == ("encoder.stuck", role)
+    assert (finding.evidence["begin"], finding.evidence["end"]) == pytest.approx((2.0, 2.699))
 
 
 def test_a_torque_that_is_stuck():
     made = channels()
     made["tau"][3000:5500] = made["tau"][2999]
-    text = one(made)
-    assert "torque_sensor does not change by a single step from 2.999 s to 5.499 s" in text
+    finding = one(made)
+    assert (finding.code, finding.part) == ("torque.stuck", "torque_sensor")
+    assert (finding.evidence["begin"], finding.evidence["end"]) == pytest.approx((2.999, 5.499))
 
 
 def test_a_torque_of_a_few_levels_is_coarse_neither_stuck_nor_lost():
     made = channels()
     made["tau"] = np.round(made["tau"])
-    text = one(made)
-    assert "torque_sensor takes 7 values only, 1 N·m apart and more" in text
+    finding = one(made)
+    assert (finding.code, finding.value, finding.evidence["step"]) == ("torque.coarse", 7, 1.0)
     made["tau"] = 0.1 * np.round(channels()["tau"] / 0.1)
-    assert warned(made) == ()
+    assert found(made) == ()
 
 
 @pytest.mark.parametrize(
@@ -166,18 +174,20 @@ def test_a_torque_of_a_few_levels_is_coarse_neither_stuck_nor_lost():
 def test_a_slower_sensor_s_values_repeated(name, role):
     made = channels()
     made[name] = np.repeat(made[name][::10], 10)
-    assert f"{role} changes at every 10th sample only, 100 times a second" in " ".join(warned(made))
+    (slow,) = (f for f in found(made) if f.code == "sensor.repeated")
+    assert (slow.part, slow.value) == (role, 10)
+    assert slow.evidence["rate"] == pytest.approx(100.0)
     made[name] = np.repeat(channels()[name][::2], 2)
-    assert "sample only" not in " ".join(warned(made))
+    assert "sensor.repeated" not in codes(made)
 
 
 def test_a_coarse_encoder_at_an_even_speed_repeats_nothing():
     made = channels()
     ramp = np.round(T / 0.004) * 0.001
     made["q"], made["theta"] = made["q"] + ramp, made["theta"] + ramp
-    assert "sample only" not in " ".join(warned(made))
+    assert "sensor.repeated" not in codes(made)
     made["q"], made["theta"] = ramp, ramp - 1e-3 * np.round(channels()["tau"] / 0.05)
-    assert "sample only" not in " ".join(warned(made))
+    assert "sensor.repeated" not in codes(made)
 
 
 def test_a_torque_that_rests_between_its_steps_is_not_stuck():
@@ -186,39 +196,39 @@ def test_a_torque_that_rests_between_its_steps_is_not_stuck():
     made["tau"] = 0.1 * np.round(made["tau"] / 0.1)
     for values in made.values():
         values[3000:5500] = values[2999]
-    assert warned(made) == ()
+    assert found(made) == ()
 
 
 def test_a_torque_without_noise_that_is_stuck_while_the_spring_gives_way():
     made = channels()
     tau = np.round(3.0 * np.sin(5.0 * T) * np.cos(0.7 * T) / 0.05) * 0.05
-    assert warned(made | {"tau": tau}) == ()
+    assert found(made | {"tau": tau}) == ()
     tau[2000:2900] = tau[2000]
-    text = one(made | {"tau": tau})
-    assert "torque_sensor does not change by a single step from 1.998 s to 2.899 s" in text
-    assert "while the deflection changes by" in text
+    finding = one(made | {"tau": tau})
+    assert finding.code == "torque.stuck_while_moving"
+    assert (finding.evidence["begin"], finding.evidence["end"]) == pytest.approx((1.998, 2.899))
 
 
 def test_a_small_torque_in_noise_reads_zero_now_and_then():
     made = channels()
     noise = np.random.default_rng(3).normal(0.0, 0.02, T.size)
-    assert warned(made | {"tau": np.round((0.03 * np.sin(5.0 * T) + noise) / 0.0067) * 0.0067}) == ()
+    assert found(made | {"tau": np.round((0.03 * np.sin(5.0 * T) + noise) / 0.0067) * 0.0067}) == ()
 
 
 def test_packets_that_were_lost_and_read_as_zero():
     made = channels()
     lost = np.random.default_rng(3).random(T.size) < 0.02
     made["tau"][lost] = 0.0
-    text = one(made)
-    found = int(re.search(r"reads exactly 0 at (\d+) samples", text)[1])
+    finding = one(made)
+    assert finding.code == "torque.dropouts"
     # Where the torque passes zero itself nothing tells them apart.
-    assert 0.6 * lost.sum() < found <= lost.sum()
+    assert 0.6 * lost.sum() < finding.value <= lost.sum()
 
 
 def test_a_torque_that_passes_zero_in_steps_has_lost_nothing():
     made = channels()
     made["tau"] = 0.05 * np.round(made["tau"] / 0.05)
-    assert warned(made) == ()
+    assert found(made) == ()
 
 
 def test_friction_that_holds_the_link_while_the_spring_winds_up_is_no_stuck_encoder():
@@ -226,7 +236,7 @@ def test_friction_that_holds_the_link_while_the_spring_winds_up_is_no_stuck_enco
     held = 0.8 * np.sin(1.5 * np.minimum(T, 4.0))
     made["q"] = counted(np.where(T < 4.0, held, held[-1]))
     made["theta"] = counted(np.where(T < 4.0, made["theta"], held[-1] - 0.05 * np.sin(5.0 * (T - 4.0))))
-    assert warned(made) == ()
+    assert found(made) == ()
 
 
 @pytest.mark.parametrize(("preset", "ideal"), [*((name, False) for name in presets()), ("sea", True), ("vsa2", True)])
@@ -237,7 +247,7 @@ def test_no_preset_gives_a_false_alarm(preset, ideal, tmp_path):
         if joint.__class__.__name__ == "RigidJoint":
             continue
         signals = bind([log], name, joint, tuple(offered_roles(joint)))
-        assert signal_warnings(device_of(name, joint, signals.roles, job.believed), signals) == ()
+        assert signal_findings(device_of(name, joint, signals.roles, job.believed), signals) == ()
         assert not [note for note in signals.notes if "alone" in note]
 
 
@@ -261,5 +271,5 @@ def test_no_sample_log_gives_a_false_alarm(log, samples):
     for name, joint in rig.joints.items():
         roles = tuple(r for r in offered_roles(joint))
         signals = bind([recording_of], name, joint, roles)
-        assert signal_warnings(device_of(name, joint, signals.roles, rig.file), signals) == ()
+        assert signal_findings(device_of(name, joint, signals.roles, rig.file), signals) == ()
         assert not [note for note in signals.notes if "alone" in note]

@@ -1,15 +1,15 @@
-"""What is suspicious about a joint's signals, in words for the person who recorded them."""
+"""What is suspicious about a joint's signals."""
 
 from __future__ import annotations
 
-import re
-from collections.abc import Collection
+from collections.abc import Iterable, Iterator
 
 import numpy as np
 from numpy.typing import NDArray
 
 from vsalog.errors import EstimatorError
 from vsalog.estimators.device import Device, deflection_of, has_deflection
+from vsalog.finding import Evidence, Finding
 from vsalog.long_signals import LongSignals
 from vsalog.plausible import implausible, passing
 from vsalog.signals import JointSignals
@@ -60,70 +60,50 @@ def _first(values: Array) -> float:
     return float(values[np.isfinite(values)][0])
 
 
-def signal_warnings(device: Device, signals: JointSignals) -> tuple[str, ...]:
-    """Return warnings about a joint's bound signals, loudest first."""
-    warnings: list[str] = []
+def signal_findings(device: Device, signals: JointSignals) -> tuple[Finding, ...]:
+    """Return what is suspicious about a joint's bound signals, loudest first."""
+    found: list[Finding] = []
     for view in device.transmissions:
         sensor = view.torque_sensor if view.torque_sensor in signals.roles else "torque_sensor"
         if sensor not in signals.roles:
             continue
         for role in (view.deflection, view.motor_torque):
             if role in signals.roles:
-                warnings += _computed_from(signals, sensor, role)
+                found += _computed(signals, sensor, role, signals.roles[role])
         if view.deflection not in signals.roles and has_deflection(signals.roles, view):
-            warnings += _computed(signals, sensor, "deflection q − θ", deflection_of(signals.roles, view))
+            found += _computed(signals, sensor, "deflection q − θ", deflection_of(signals.roles, view))
     for view in device.transmissions:
-        if not has_deflection(signals.roles, view):
-            continue
-        if _still(deflection_of(signals.roles, view)):
-            warnings.append(
-                f"joint '{signals.joint}': the deflection of transmission {view.name} never changes; its stiffness"
-                " cannot be told"
-            )
-    return tuple(dict.fromkeys((*warnings, *implausible(device, signals))))
+        if has_deflection(signals.roles, view) and _still(deflection_of(signals.roles, view)):
+            found.append(Finding(code="deflection.still", joint=signals.joint, part=view.name))
+    return first_of_each((*found, *implausible(device, signals)))
 
 
-def passing_warnings(device: Device, signals: LongSignals, known: Collection[str]) -> tuple[str, ...]:
-    """Return warnings of what befell a sensor at any time of a log of which only stretches were looked at.
-
-    Parameters
-    ----------
-    device, signals : of a joint
-    known : warnings of the same joint that were given before; of each kind the first is enough
-    """
-    seen = {_kind(warning) for warning in known}
-    found: list[str] = []
-    for block in signals.blocks(WHILE):
-        for warning in passing(device, block):
-            if _kind(warning) not in seen:
-                seen.add(_kind(warning))
-                found.append(warning)
-    return tuple(found)
+def passing_findings(device: Device, signals: LongSignals) -> Iterator[Finding]:
+    """Yield what befell a sensor at any time of a log of which only stretches were looked at."""
+    return (finding for block in signals.blocks(WHILE) for finding in passing(device, block))
 
 
-def _kind(warning: str) -> str:
-    """Return a warning without its numbers."""
-    return re.sub(r"\d[\d.e+-]*", "#", warning)
+def first_of_each(findings: Iterable[Finding]) -> tuple[Finding, ...]:
+    """Return the first finding of each code about each part."""
+    first: dict[tuple[str, str], Finding] = {}
+    for finding in findings:
+        first.setdefault((finding.code, finding.part), finding)
+    return tuple(first.values())
 
 
-def _computed_from(signals: JointSignals, sensor: str, role: str) -> list[str]:
-    return _computed(signals, sensor, role, signals.roles[role])
-
-
-def _computed(signals: JointSignals, sensor: str, name: str, x: Array) -> list[str]:
+def _computed(signals: JointSignals, sensor: str, name: str, x: Array) -> Iterator[Finding]:
     tau = signals.roles[sensor]
     both = np.isfinite(x) & np.isfinite(tau)
     if np.count_nonzero(both) < 3 or np.ptp(x[both]) == 0.0 or np.ptp(tau[both]) == 0.0:
-        return []
+        return
     a, b = x[both] - x[both].mean(), tau[both] - tau[both].mean()
     factor = float(a @ b / (a @ a))
     left = float(np.sqrt(np.mean((b - factor * a) ** 2) / np.mean(b**2)))
-    if left > COMPUTED:
-        return []
-    return [
-        f"joint '{signals.joint}': {sensor} is exactly {factor:.6g} times {name}: it was computed from it, not measured."
-        " The stiffness below is the constant someone put into that computation; it validates nothing"
-    ]
+    if left <= COMPUTED:
+        evidence: Evidence = {"factor": factor, "source": name}
+        yield Finding(
+            code="torque.computed", joint=signals.joint, part=sensor, value=left, limit=COMPUTED, evidence=evidence
+        )
 
 
 def whole_windows(signals: JointSignals, window: int) -> float:

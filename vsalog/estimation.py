@@ -9,7 +9,7 @@ import msgspec
 import numpy as np
 
 from vsalog.binding import bind, offered_roles
-from vsalog.checks import passing_warnings, refuse_dead_sensors, signal_warnings, whole_windows
+from vsalog.checks import first_of_each, passing_findings, refuse_dead_sensors, signal_findings, whole_windows
 from vsalog.errors import EstimatorError, VsalogError, did_you_mean
 from vsalog.estimators import Fold, Method, method
 from vsalog.estimators.acceleration_group import senses_acceleration
@@ -21,6 +21,8 @@ from vsalog.estimators.left_over import FOLLOWS
 from vsalog.estimators.needs import meaning
 from vsalog.estimators.regression import RegressionFold
 from vsalog.estimators.tuning import Tuning, read_tuning
+from vsalog.finding import Finding
+from vsalog.finding_texts import sentence
 from vsalog.long_recording import LongRecording
 from vsalog.long_signals import LongSignals
 from vsalog.model import JointModel
@@ -31,7 +33,7 @@ from vsalog.rig.schema import Joint, RigFile
 from vsalog.second_witness import SecondWitness
 from vsalog.signals import JointSignals
 from vsalog.spring_shape import SpringShape
-from vsalog.summary import JointSummary, Summarizer
+from vsalog.summary import JointSummary, Summarizer, findings_of
 from vsalog.trace import Trace
 
 Sink = Callable[[Trace], None]
@@ -66,7 +68,8 @@ class JointEstimate:
     settings : its tuning
     model : the fitted model, frozen at the end of the log
     summary : key figures per transmission
-    warnings : what a person should know
+    findings : what a person should know
+    notes : the same in words, of what has no code yet
     trace : the estimates over time; None where they went to a sink instead
     """
 
@@ -76,8 +79,14 @@ class JointEstimate:
     settings: dict[str, str | float | int | bool]
     model: JointModel
     summary: JointSummary
-    warnings: tuple[str, ...]
+    findings: tuple[Finding, ...]
+    notes: tuple[str, ...]
     trace: Trace | None
+
+    @property
+    def warnings(self) -> tuple[str, ...]:
+        """What a person should know, in sentences."""
+        return (*(sentence(finding) for finding in self.findings), *self.notes)
 
 
 def choose(name: str, joint: Joint, estimator: str, tuning: Mapping[str, str], rig: RigFile | None = None) -> Choice:
@@ -235,9 +244,9 @@ def estimate_joint(
     look = signals if isinstance(signals, JointSignals) else signals.look()
     device = device_of(name, joint, look.roles, rig)
     refuse_dead_sensors(choice.name, look)
-    warnings = [*signals.notes, *signal_warnings(device, look)]
+    found = signal_findings(device, look)
     if isinstance(signals, LongSignals):
-        warnings += passing_warnings(device, signals, warnings)
+        found = first_of_each((*found, *passing_findings(device, signals)))
     kept: list[Trace] = []
     summarizer = Summarizer(device)
     # Where numbers run out of range the estimate is infinite or none, and the trace says so; numpy need not.
@@ -262,7 +271,8 @@ def estimate_joint(
         told = fold.warnings(state)
         # What follows the motor's motion has a shape over the deflection, too, where both go together; and that over positions.
         bent = () if any(FOLLOWS in words for words in told) else shape.said(look) or uneven.said()
-        summary = summarizer.result(signals, whole_windows(look, fold.conditioner.window))
+        summary = summarizer.result(signals)
+        whole = whole_windows(look, fold.conditioner.window)
         return JointEstimate(
             name,
             choice.name,
@@ -270,7 +280,8 @@ def estimate_joint(
             _settings(choice.tuning, fold),
             fold.model(state),
             summary,
-            (*warnings, *told, *said(device, moved), *witness.said(choice.name), *bent, *summary.warnings),
+            (*found, *findings_of(summary, device, whole)),
+            (*signals.notes, *told, *said(device, moved), *witness.said(choice.name), *bent),
             Trace.concatenate(kept) if kept else None,
         )
 

@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vsalog.estimators.device import Device, TransmissionView, deflection_of, has_deflection
+from vsalog.finding import Finding
 from vsalog.signals import JointSignals
 
 Array = NDArray[np.float64]
@@ -44,8 +45,8 @@ ZEROS, CALM, AWAY, LOUD, FEW = 3, 0.2, 0.05, 5.0, 5
 FEWEST, ENOUGH = 50, 100_000
 
 
-def implausible(device: Device, signals: JointSignals) -> Iterator[str]:
-    """Yield warnings of what is possible and not plausible."""
+def implausible(device: Device, signals: JointSignals) -> Iterator[Finding]:
+    """Yield what is possible and not plausible."""
     yield from _off_centre(device, signals)
     for view in _with_both_positions(device, signals):
         yield from _opposed(signals, view)
@@ -53,8 +54,8 @@ def implausible(device: Device, signals: JointSignals) -> Iterator[str]:
     yield from passing(device, signals)
 
 
-def passing(device: Device, signals: JointSignals) -> Iterator[str]:
-    """Yield warnings of what may befall a sensor for a while, and is told from that while."""
+def passing(device: Device, signals: JointSignals) -> Iterator[Finding]:
+    """Yield what may befall a sensor for a while, and is found in that while."""
     for view in _with_both_positions(device, signals):
         yield from _stuck(signals, view)
     yield from _torque_stuck(device, signals)
@@ -84,7 +85,7 @@ def _span(x: Array, share: float = 0.01) -> tuple[float, float]:
     return float(low), float(high)
 
 
-def _off_centre(device: Device, signals: JointSignals) -> Iterator[str]:
+def _off_centre(device: Device, signals: JointSignals) -> Iterator[Finding]:
     views = [view for view in device.transmissions if has_deflection(signals.roles, view)]
     if not views or len(views) < len(device.transmissions):
         return
@@ -93,11 +94,14 @@ def _off_centre(device: Device, signals: JointSignals) -> Iterator[str]:
     one_sided, centred = abs(load) > either, len(views) == 1 and either > 0.0 and abs(load) < CENTRED * either
     if not half > 0.0 or one_sided or abs(middle) <= (1.0 if centred else OFF_CENTRE) * half:
         return
-    roles = views[0].deflection_roles(signals.roles)
-    yield (
-        f"joint '{signals.joint}': the deflection ({' − '.join(roles)}) lies around {middle:.4g} rad and moves by"
-        f" ±{half:.3g} rad only: is an encoder's zero off? Give it as 'offset' of {' or '.join(roles)} in the"
-        " rig; the stiffness over the deflection is wrong if so"
+    yield Finding(
+        code="encoder.zero",
+        joint=signals.joint,
+        part=" − ".join(views[0].deflection_roles(signals.roles)),
+        value=middle,
+        limit=(1.0 if centred else OFF_CENTRE) * half,
+        unit="rad",
+        evidence={"half_range": half},
     )
 
 
@@ -121,7 +125,7 @@ def _torques(device: Device, signals: JointSignals) -> list[Array]:
     return []
 
 
-def _opposed(signals: JointSignals, view: TransmissionView) -> Iterator[str]:
+def _opposed(signals: JointSignals, view: TransmissionView) -> Iterator[Finding]:
     q, theta = signals.roles["link_position"], signals.roles[view.motor_position]
     both = np.isfinite(q) & np.isfinite(theta)
     if np.count_nonzero(both) < FEWEST:
@@ -132,33 +136,40 @@ def _opposed(signals: JointSignals, view: TransmissionView) -> Iterator[str]:
         return
     together = float(np.mean(a * b)) / (spread_a * spread_b)
     if together < OPPOSED and float((a + b).std()) < TURNED * min(spread_a, spread_b):
-        yield (
-            f"joint '{signals.joint}': link_position and {view.motor_position} move against one another (correlation"
-            f" {together:.2f}, by {np.ptp(a):.3g} and {np.ptp(b):.3g} rad): does one of them count the other way round? Say"
-            " 'sign = -1' of it in the rig; the deflection is their sum instead of their difference if so"
+        yield Finding(
+            code="encoder.sign",
+            joint=signals.joint,
+            part=f"link_position and {view.motor_position}",
+            value=together,
+            limit=OPPOSED,
+            evidence={"first_span": float(np.ptp(a)), "second_span": float(np.ptp(b))},
         )
 
 
-def _too_far(device: Device, signals: JointSignals) -> Iterator[str]:
+def _too_far(device: Device, signals: JointSignals) -> Iterator[Finding]:
     for view in device.transmissions:
         if has_deflection(signals.roles, view):
             low, high = _span(deflection_of(signals.roles, view))
             if high - low > WIDEST:
-                roles = view.deflection_roles(signals.roles)
-                yield (
-                    f"joint '{signals.joint}': the deflection ({' − '.join(roles)}) spans {high - low:.4g} rad, more than a turn:"
-                    f' is {" or ".join(roles)} in degrees (unit = "deg" in the rig), or on the motor\'s side of the gear'
-                    ' (side = "rotor", with the motor\'s gear_ratio)?'
+                yield Finding(
+                    code="encoder.deflection_unit",
+                    joint=signals.joint,
+                    part=" − ".join(view.deflection_roles(signals.roles)),
+                    value=high - low,
+                    limit=WIDEST,
+                    unit="rad",
                 )
     for role in _positions(signals.roles):
         low, high = _span(signals.roles[role])
         if high - low > FARTHEST:
-            gear = (
-                "" if role == "link_position" else ', or on the motor\'s side of the gear (side = "rotor", gear_ratio)'
-            )
-            yield (
-                f"joint '{signals.joint}': {role} spans {high - low:.4g} rad, {(high - low) / (2.0 * np.pi):.0f} turns of the"
-                f' joint: is it in degrees (unit = "deg" in the rig){gear}?'
+            yield Finding(
+                code="encoder.unit",
+                joint=signals.joint,
+                part=role,
+                value=high - low,
+                limit=FARTHEST,
+                unit="rad",
+                evidence={"turns": (high - low) / (2.0 * np.pi)},
             )
 
 
@@ -195,16 +206,20 @@ def _fine(signals: JointSignals, role: str) -> bool:
     return float(levels[-1] - levels[0]) > COUNTS * max(signals.resolution.get(role, 0.0), float(np.diff(levels).min()))
 
 
-def _few_levels(signals: JointSignals, role: str) -> Iterator[str]:
+def _few_levels(signals: JointSignals, role: str) -> Iterator[Finding]:
     levels = _levels(signals.roles[role])
     if 2 < levels.size < LEVELS and len(signals) > FEWEST * levels.size:
-        yield (
-            f"joint '{signals.joint}': {role} takes {levels.size} values only, {np.diff(levels).min():.3g} N·m apart and more:"
-            " too coarse for a stiffness; choose a smaller range, or record it before it is rounded"
+        yield Finding(
+            code="torque.coarse",
+            joint=signals.joint,
+            part=role,
+            value=float(levels.size),
+            limit=float(LEVELS),
+            evidence={"step": float(np.diff(levels).min())},
         )
 
 
-def _clipped(signals: JointSignals, role: str) -> Iterator[str]:
+def _clipped(signals: JointSignals, role: str) -> Iterator[Finding]:
     x = signals.roles[role]
     finite = x[np.isfinite(x)]
     if finite.size < FEWEST or not _fine(signals, role):
@@ -217,15 +232,21 @@ def _clipped(signals: JointSignals, role: str) -> Iterator[str]:
         first, after = _runs(there)
         resting = int((after - first)[after - first >= least].sum())
         if resting > CLIPPED * finite.size and _noisy(x, ~there):
-            yield (
-                f"joint '{signals.joint}': {role} rests at its {end} value {extreme:.6g} for {resting / finite.size:.1%} of the"
-                f" samples (first at {signals.time[first[np.argmax(after - first >= least)]]:.4g} s) and moves noisily elsewhere:"
-                " it is saturated, and the stiffness is wrong wherever it is; choose a larger range, or leave these"
-                " stretches out (--start, --end)"
+            yield Finding(
+                code="sensor.saturated",
+                joint=signals.joint,
+                part=role,
+                value=resting / finite.size,
+                limit=CLIPPED,
+                evidence={
+                    "end": end,
+                    "at": extreme,
+                    "begin": float(signals.time[first[np.argmax(after - first >= least)]]),
+                },
             )
 
 
-def _repeated(signals: JointSignals, role: str) -> Iterator[str]:
+def _repeated(signals: JointSignals, role: str) -> Iterator[Finding]:
     x, levels = signals.roles[role], _levels(signals.roles[role])
     changes = np.abs(np.diff(x))
     at = np.flatnonzero(changes > 0.0)
@@ -236,15 +257,17 @@ def _repeated(signals: JointSignals, role: str) -> Iterator[str]:
     if not REPEATED <= each <= REPEATED_FOR / signals.period or float(np.mean(lengths == each)) < EVENLY:
         return
     if float(np.median(changes[at])) > STEPS * float(np.diff(levels).min()):
-        held = ", and no command that the drive does hold so long" if role.startswith("motor_torque") else ""
-        yield (
-            f"joint '{signals.joint}': {role} changes at every {each}th sample only, {1.0 / (each * signals.period):.4g} times a"
-            f" second: where it is a slower sensor's, repeated{held}, it is late by half of that on average, which bends the"
-            " stiffness; record the others as slowly, or leave the repeats empty"
+        yield Finding(
+            code="sensor.repeated",
+            joint=signals.joint,
+            part=role,
+            value=float(each),
+            limit=float(REPEATED),
+            evidence={"rate": 1.0 / (each * signals.period)},
         )
 
 
-def _frozen(signals: JointSignals, role: str) -> Iterator[str]:
+def _frozen(signals: JointSignals, role: str) -> Iterator[Finding]:
     x = signals.roles[role]
     same = np.concatenate(([False], np.diff(x) == 0.0)) & ~signals.starts
     first, after = _runs(same)
@@ -255,14 +278,18 @@ def _frozen(signals: JointSignals, role: str) -> Iterator[str]:
     if not resting.any() or not _noisy(x, ~resting):
         return
     k = int(np.argmax(after - first))
-    yield (
-        f"joint '{signals.joint}': {role} does not change by a single step from {signals.time[first[k] - 1]:.4g} s to"
-        f" {signals.time[after[k] - 1]:.4g} s and is noisy elsewhere: its sensor or its driver was stuck. Leave that stretch out"
-        " (--start, --end)"
+    yield Finding(
+        code="torque.stuck",
+        joint=signals.joint,
+        part=role,
+        value=float((after[k] - first[k]) * signals.period),
+        limit=STUCK,
+        unit="s",
+        evidence={"begin": float(signals.time[first[k] - 1]), "end": float(signals.time[after[k] - 1])},
     )
 
 
-def _torque_stuck(device: Device, signals: JointSignals) -> Iterator[str]:
+def _torque_stuck(device: Device, signals: JointSignals) -> Iterator[Finding]:
     """Tell of a torque sensor that stands still while its spring gives way, as it does not elsewhere."""
     for view in device.transmissions:
         role = view.torque_sensor if view.torque_sensor in signals.roles else "torque_sensor"
@@ -284,15 +311,19 @@ def _torque_stuck(device: Device, signals: JointSignals) -> Iterator[str]:
         for begin, end in zip(first[long] - 1, after[long], strict=True):
             moved = y[begin:end][np.isfinite(y[begin:end])]
             if moved.size and float(np.ptp(moved)) > MOVED_SHARE * (high - low):
-                yield (
-                    f"joint '{signals.joint}': {role} does not change by a single step from {signals.time[begin]:.4g} s to"
-                    f" {signals.time[end - 1]:.4g} s, while the deflection changes by {np.ptp(moved):.3g} rad; elsewhere they"
-                    " change together: the sensor was stuck. Leave that stretch out (--start, --end)"
+                yield Finding(
+                    code="torque.stuck_while_moving",
+                    joint=signals.joint,
+                    part=role,
+                    value=float(np.ptp(moved)),
+                    limit=MOVED_SHARE * (high - low),
+                    unit="rad",
+                    evidence={"begin": float(signals.time[begin]), "end": float(signals.time[end - 1])},
                 )
                 break
 
 
-def _dropped_to_zero(signals: JointSignals, role: str) -> Iterator[str]:
+def _dropped_to_zero(signals: JointSignals, role: str) -> Iterator[Finding]:
     x = signals.roles[role]
     first, after = _runs(x == 0.0)
     inside = (first > 0) & (after < x.size) & (after - first <= ZEROS)
@@ -308,14 +339,17 @@ def _dropped_to_zero(signals: JointSignals, role: str) -> Iterator[str]:
         torn = (np.abs(before - behind) < CALM * away) & (away > max(AWAY * (high - low), LOUD * usual))
     count = int((after - first)[torn].sum())
     if np.count_nonzero(torn) >= FEW:
-        yield (
-            f"joint '{signals.joint}': {role} reads exactly 0 at {count} samples here and there (first at"
-            f" {signals.time[first[torn][0]]:.4g} s) amid values that go on undisturbed: lost packets, or a driver that"
-            " left out a value, and they bend the fit; have them left empty in the log"
+        yield Finding(
+            code="torque.dropouts",
+            joint=signals.joint,
+            part=role,
+            value=float(count),
+            limit=float(FEW),
+            evidence={"begin": float(signals.time[first[torn][0]])},
         )
 
 
-def _stuck(signals: JointSignals, view: TransmissionView) -> Iterator[str]:
+def _stuck(signals: JointSignals, view: TransmissionView) -> Iterator[Finding]:
     for role, other in (("link_position", view.motor_position), (view.motor_position, "link_position")):
         x, y = signals.roles[role], signals.roles[other]
         # A run of the log ends where a sample is the first after a gap.
@@ -337,10 +371,14 @@ def _stuck(signals: JointSignals, view: TransmissionView) -> Iterator[str]:
         for begin, end in zip(first[long] - 1, after[long], strict=True):
             moved = y[begin:end][np.isfinite(y[begin:end])]
             if moved.size and float(np.ptp(moved)) > enough:
-                yield (
-                    f"joint '{signals.joint}': {role} does not change by a single step from {signals.time[begin]:.4g} s to"
-                    f" {signals.time[end - 1]:.4g} s, while {other} moves by {np.ptp(moved):.3g} rad; elsewhere they move"
-                    " together: its encoder was stuck. Leave that stretch out (--start, --end)"
+                yield Finding(
+                    code="encoder.stuck",
+                    joint=signals.joint,
+                    part=role,
+                    value=float(np.ptp(moved)),
+                    limit=float(enough),
+                    unit="rad",
+                    evidence={"begin": float(signals.time[begin]), "end": float(signals.time[end - 1]), "other": other},
                 )
                 break
 

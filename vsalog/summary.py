@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass, field
+from functools import partial
 from typing import TYPE_CHECKING
 
 import msgspec
@@ -11,6 +13,7 @@ from numpy.typing import NDArray
 
 from vsalog.estimators.device import Device
 from vsalog.estimators.equation import SUPPORTED_SHARE
+from vsalog.finding import Finding
 from vsalog.trace import Trace
 
 if TYPE_CHECKING:
@@ -21,8 +24,9 @@ Array = NDArray[np.float64]
 
 # Supported rows kept for the quantiles.
 QUANTILE_SAMPLES = 20_000
-# Where the filters' windows are whole for a smaller part of the rows, that is why a log supports little.
-TORN = 0.5
+# Where the filters' windows are whole for a smaller part of the rows, that is why a log supports little; support for a smaller
+# part of the time is told.
+TORN, PARTLY = 0.5, 0.5
 # A stiffness that is surely negative for this part of the time comes of a sign; an offset this part of the torque matters.
 NEGATIVE, OFFSET = 0.01, 0.01
 
@@ -61,13 +65,12 @@ class TransmissionSummary(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class JointSummary(msgspec.Struct, frozen=True, kw_only=True):
-    """Key figures of a joint, and what is to be said about them."""
+    """Key figures of a joint."""
 
     joint: str
     duration: float
     period: float
     transmissions: tuple[TransmissionSummary, ...]
-    warnings: tuple[str, ...]
 
 
 @dataclass(slots=True)
@@ -125,15 +128,14 @@ class Summarizer:
             s.torque_sum += float(np.sum(fed[both]))
             s.torque_square += float(np.sum(fed[both] ** 2))
 
-    def result(self, signals: JointSignals | LongSignals, whole: float = 1.0) -> JointSummary:
-        """Return the figures; `whole` is the share of the filters' windows in which no sample is missing."""
+    def result(self, signals: JointSignals | LongSignals) -> JointSummary:
+        """Return the figures."""
         parts = tuple(_figures(name, s) for name, s in self.sums.items())
         return JointSummary(
             joint=self.device.joint,
             duration=len(signals) * signals.period,
             period=signals.period,
             transmissions=parts,
-            warnings=tuple(_warnings(self.device.joint, 0 not in self.device.basis.powers, parts, whole)),
         )
 
 
@@ -169,37 +171,30 @@ def _known(x: float) -> float | None:
     return float(x) if np.isfinite(x) else None
 
 
-def _warnings(joint: str, odd: bool, parts: tuple[TransmissionSummary, ...], whole: float) -> list[str]:
-    warnings = []
-    for p in parts:
-        where = f"joint '{joint}', transmission {p.transmission}"
-        if p.transmission == "total":
-            continue
+def findings_of(summary: JointSummary, device: Device, whole: float) -> Iterator[Finding]:
+    """Yield what the key figures show.
+
+    Parameters
+    ----------
+    summary, device : of a joint
+    whole : the share of the filters' windows in which no sample is missing
+    """
+    odd = 0 not in device.basis.powers
+    for p in (p for p in summary.transmissions if p.transmission != "total"):
+        found = partial(Finding, joint=summary.joint, part=p.transmission)
         if p.excited_share < TORN and whole < TORN:
-            warnings.append(
-                f"{where}: samples are missing so often that the filters' windows are whole for {whole:.0%} of"
-                " the time only; shorten them (--tune window=SECONDS), or mend the log"
-            )
+            yield found(code="estimate.torn", value=whole, limit=TORN)
         elif p.excited_share == 0.0 and p.negative_share < NEGATIVE:
-            fewer = ", or fit fewer terms ([joint.….basis] order in the rig)" if p.fit_rms is not None else ""
-            warnings.append(
-                f"{where}: the data never support an estimate (standard deviation above a fifth of the stiffness"
-                f" everywhere): move the joint more{fewer}"
+            yield found(
+                code="estimate.never_excited" if p.fit_rms is None else "estimate.fit_never_excited",
+                value=p.excited_share,
+                limit=0.0,
             )
-        elif 0.0 < p.excited_share < 0.5:
-            warnings.append(
-                f"{where}: the estimate is supported by the data for {p.excited_share:.0%} of the time only"
-                " (column excited)"
-            )
-        beside = abs(p.fit_mean or 0.0)
-        if odd and p.fit_rms and p.fit_share and beside > max(0.5, OFFSET / p.fit_share) * p.fit_rms:
-            warnings.append(
-                f"{where}: the torque lies {p.fit_mean:+.3g} N·m beside the fit on average, an offset that odd powers of the"
-                f" deflection cannot follow: set odd = false under [joint.{joint}.basis], or the offset of the torque's signal"
-            )
+        elif 0.0 < p.excited_share < PARTLY:
+            yield found(code="estimate.partly_excited", value=p.excited_share, limit=PARTLY)
+        if odd and p.fit_mean and p.fit_rms and p.fit_share:
+            limit = max(0.5, OFFSET / p.fit_share) * p.fit_rms
+            if abs(p.fit_mean) > limit:
+                yield found(code="fit.offset", value=p.fit_mean, limit=limit, unit="N*m")
         if p.negative_share > NEGATIVE:
-            warnings.append(
-                f"{where}: a negative stiffness was estimated for {p.negative_share:.0%} of the time: check the signs of the"
-                " torque and of the positions in the rig (sign = -1), and whether motor and link are swapped"
-            )
-    return warnings
+            yield found(code="stiffness.negative", value=p.negative_share, limit=NEGATIVE)

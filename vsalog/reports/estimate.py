@@ -157,6 +157,7 @@ def print_json(job: Job, estimates: Sequence[JointEstimate], outputs: Outputs) -
                 "settings": e.settings,
                 "motor": e.model.motor,
                 "summary": e.summary,
+                "findings": e.findings,
                 "warnings": list(e.warnings),
             }
             for e in estimates

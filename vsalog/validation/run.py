@@ -16,6 +16,7 @@ from vsalog.errors import BindingError, EstimatorError, RigError, did_you_mean
 from vsalog.estimation import pick_joints
 from vsalog.estimators.device import Device, device_of
 from vsalog.estimators.needs import require
+from vsalog.finding_texts import sentence
 from vsalog.job import sha256
 from vsalog.model import JointModel, ModelFile
 from vsalog.plausible import implausible
@@ -153,7 +154,7 @@ def _judge_log(
         roles = _roles(device, joint)
         recording = _read(log, joint, roles, name, options)
         bound = bind([recording], name, joint, roles)
-        doubts = list(implausible(device, bound))
+        doubts = [sentence(finding) for finding in implausible(device, bound)]
         prepared = prepare(device, bound)
         del bound  # what is long is not kept twice
         signals = prepared.signals

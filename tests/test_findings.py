@@ -1,0 +1,32 @@
+"""The catalogue of findings and what the code finds are the same."""
+
+import ast
+from pathlib import Path
+
+import vsalog
+from vsalog.finding import Finding
+from vsalog.finding_texts import TEXTS, sentence
+
+
+def codes_made():
+    """Return the codes that stand in the source, wherever a finding is made."""
+    trees = (ast.parse(path.read_text(encoding="utf-8")) for path in Path(vsalog.__file__).parent.rglob("*.py"))
+    keywords = (k for tree in trees for n in ast.walk(tree) if isinstance(n, ast.Call) for k in n.keywords)
+    words = (c.value for k in keywords if k.arg == "code" for c in ast.walk(k.value) if isinstance(c, ast.Constant))
+    return {word for word in words if isinstance(word, str)}
+
+
+def test_every_code_has_its_text_and_every_text_is_used():
+    assert codes_made() == set(TEXTS)
+
+
+def test_a_sentence_names_the_joint_and_fills_in_the_numbers():
+    finding = Finding(code="estimate.partly_excited", joint="elbow", part="2", value=0.25, limit=0.5)
+    words = sentence(finding)
+    assert words.startswith("joint 'elbow': ")
+    assert "25%" in words
+    assert "{" not in words
+
+
+def test_what_a_log_calls_its_joint_is_no_format():
+    assert "{value.__class__}" in sentence(Finding(code="deflection.still", joint="{value.__class__}", part="1"))
