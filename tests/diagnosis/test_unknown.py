@@ -113,3 +113,21 @@ def test_motor_and_link_tell_whose_the_torque_at_rest_is(tmp_path, zero):
     }
     assert offsets.pop(zero) == pytest.approx(off, rel=0.02)
     assert not any(offsets.values())
+
+
+def test_beside_an_unknown_spring_a_late_encoder_is_told_exactly(tmp_path):
+    """A spring that is fitted to late positions alone is wrong, and takes up a part of the delay."""
+    late = 0.003
+    time, roles = log(
+        Truth(), duration=10.0, roles=("motor_position", "link_position", "motor_torque", "torque_sensor")
+    )
+    roles = roles | {"motor_position": np.interp(time - late, time, roles["motor_position"])}
+    recorded(tmp_path, time, roles, UNKNOWN.replace("\ngear_ratio = 10.0", ""))
+    outcome = diagnose(tmp_path / "log.csv", None, Options())
+    (cause,) = (c for c in outcome.diagnosis.causes if c.material)
+    assert (cause.cause, cause.part) == ("sensor.clock_skew", "motor_position")
+    delay = cause.parameters["delay"]
+    assert abs(delay.value - late) < 4.0 * delay.std < 0.1 * late
+    (tmp_path / "extended.rig.toml").write_text(outcome.extended.to_toml(), encoding="utf-8")
+    again = diagnose(tmp_path / "log.csv", None, Options(rig=tmp_path / "extended.rig.toml"))
+    assert again.diagnosis.verdict == "consistent"

@@ -136,7 +136,7 @@ def found_by(selection: Selection, joint: Any) -> list[Found]:
     covariance = covariance + np.diag(more)
     shares = _removed(selection.system, joint, posterior.fit)
     for g, ((site, values), removed) in enumerate(zip(posterior.fit, shares, strict=True)):
-        if site.added is not None:
+        if not site.named:
             continue
         own = slice(int(posterior.linear.first[g]), int(posterior.linear.first[g + 1]))
         choice = next(c for c in selection.choices if c.site.key == site.key)

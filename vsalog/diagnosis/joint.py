@@ -22,7 +22,7 @@ from vsalog.diagnosis.setting import setting_of
 from vsalog.diagnosis.sides import side_of
 from vsalog.diagnosis.smooth import SmoothSite
 from vsalog.diagnosis.trajectory import refined
-from vsalog.diagnosis.unknown import ENCODERS, TAKEN_UP, with_springs
+from vsalog.diagnosis.unknown import ENCODERS, TAKEN_UP, with_springs, words_of
 from vsalog.diagnosis.words import ALL_OF_IT
 from vsalog.errors import DiagnosisError, SimulationError
 from vsalog.residuals.balance import Motion
@@ -160,11 +160,11 @@ def diagnose_joint(
     system = build_system(joint, channels.thinned(), balance_for(joint), 0.5 * signals.period)
     # Motor and link may know whose the torque at rest is.
     for zero in ENCODERS if fitted and system.count else ():
-        other, said = with_springs(plain, signals, zero)
+        other, whose = with_springs(plain, signals, zero)
         if loss_of(system, other) < loss_of(system, joint) - 2.0 * APART:
-            joint, fitted = other, said
+            joint, fitted = other, whose
             system = build_system(joint, channels.thinned(), balance_for(joint), 0.5 * signals.period)
-    warnings = list(fitted.values())
+    warnings = list[str]()
     if not system.count and computed:
         return _only_computed(name, joint, system, computed, warnings)
     holdout = None if holdout is None else without(holdout, computed)
@@ -206,7 +206,7 @@ def diagnose_joint(
         warnings.append(f"joint '{name}' could not be simulated, so nothing was measured of the gain: {why}")
     done = JointDiagnosis(
         name, joint, extended, selection.system, selection, tuple(found_by(selection, joint)), computed, stands, gain, held_out,
-        _fraction(selection.system, joint, extended), tuple(warnings), hint or "",
+        _fraction(selection.system, joint, extended), (*words_of(name, plain, extended, fitted), *warnings), hint or "",
     )  # fmt: skip
     return replace(done, warnings=(*done.warnings, *_doubts(done)))
 

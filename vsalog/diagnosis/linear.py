@@ -28,6 +28,8 @@ Placed = Sequence[tuple[Site, Array]]
 
 # Prior probability that a cause of the catalogue is present at a part: a few of some dozens are.
 PRESENT = 0.1
+# −log of the prior odds of what is in every set: more than any log says of anything.
+CERTAIN = -1e9
 # Places in a log where something may happen once, per second.
 PLACES = 10.0
 # Directions of the scaled columns with less than this part of the strongest one's squares say nothing: columns are differences of
@@ -122,7 +124,7 @@ def variants_of(
         deviation = np.array([_deviation(site, p, setting, stated) for p in site.parameters])
         if not deviation.all():
             continue  # the rig knows it exactly
-        price = float(np.log((1.0 - PRESENT) / PRESENT))
+        price = CERTAIN if site.given else float(np.log((1.0 - PRESENT) / PRESENT))
         if site.transient:
             price += float(np.log(max(PLACES * setting.duration, 1.0)))
         if site.added is not None:
@@ -155,7 +157,7 @@ def _stands_for(site: Site, other: Site) -> bool:
 
 def _deviation(site: Site, parameter: Parameter, setting: Setting, stated: Mapping[str, float]) -> float:
     """Return a parameter's prior deviation; a shape may be as far off as one step of a fit may go."""
-    if site.added is not None:
+    if not site.named:
         return 1.0
     if not parameter.shape:
         return deviation_of(site.members[0] if site.members else site, parameter, setting, stated)

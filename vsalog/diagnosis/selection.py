@@ -37,6 +37,7 @@ from vsalog.diagnosis.omnibus import p_value
 from vsalog.diagnosis.posterior import STEPS, Posterior, Problem, begun_by, most_probable
 from vsalog.diagnosis.smooth import smooth_sites
 from vsalog.diagnosis.subsets import Candidates, Ranked, best_sets, precisions, without
+from vsalog.diagnosis.unknown import spring_sites
 from vsalog.residuals.sensing import torque_role, true_roles
 from vsalog.residuals.system import System, build_system, whitener
 
@@ -293,7 +294,7 @@ def _begins(problem: Problem, stage: Stage, fit: Placed, site: Site, values: Arr
 def sites_of(setting: Setting, barred: frozenset[str]) -> list[Site]:
     """Return all causes of the catalogue, wherever they may sit, but for those that are barred."""
     sites = [site for cause in catalogue().values() if cause.name not in barred for site in cause.sites(setting)]
-    return [*sites, *common_sites(sites)]
+    return [*spring_sites(setting), *sites, *common_sites(sites)]
 
 
 def blocks_of(system: System) -> Integers:
@@ -427,7 +428,7 @@ def _each_choice(
         searched.append(found)
         return found
 
-    for site, _ in final.fit:
+    for site in (site for site, _ in final.fit if not site.given):
         # A cause of two parts is as sure as it is of either of them.
         each = [np.array([v.site.overlaps(m) for v in variants], dtype=np.bool_) for m in site.members or (site,)]
         without_it.append((min((best_without(barred) for barred in each), key=lambda r: r.score), site))

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection
+from collections.abc import Mapping
+from types import MappingProxyType
 from typing import Any
 
 import numpy as np
@@ -16,13 +17,11 @@ from vsalog.residuals.system import System
 Array = NDArray[np.float64]
 
 
-def setting_of(joint: Any, system: System, fitted: Collection[str] = ()) -> Setting:
+def setting_of(joint: Any, system: System, fitted: Mapping[str, str] = MappingProxyType({})) -> Setting:
     """Look at a joint and its log as the rig has them; the springs of some transmissions were fitted to the log."""
     channels = system.channels
     roles = true_roles(joint, channels, system.hold)
     motion = motion_for(joint, roles, channels.time, channels.spread)
     deflections = {s: phi[0] for s, phi in motion.deflections.items()}
     duration = float(channels.time[-1] - channels.time[0])
-    return Setting(
-        joint, roles, channels.period, duration, deflections, motion.torques, system.names, frozenset(fitted)
-    )
+    return Setting(joint, roles, channels.period, duration, deflections, motion.torques, system.names, fitted)

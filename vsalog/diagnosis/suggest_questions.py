@@ -99,7 +99,7 @@ def _confused(found: JointDiagnosis) -> tuple[Question, ...]:
     system, joint = found.system, found.joint
     for one in found.found:
         # What happened once is told by recording again, however that is done.
-        rivals = [r for r in one.choice.rivals if not (r.transient or one.site.transient or r.added is not None)]
+        rivals = [r for r in one.choice.rivals if not (r.transient or one.site.transient or not r.named)]
         if not rivals:
             continue
         held = [Hypothesis(one.site, found.selection.posterior.fit)]

@@ -209,7 +209,7 @@ def _prior(posterior: Posterior) -> Array:
     """Return the information of the equations, no surer than filters let them be: they round corners and take off waves."""
     blur = []
     for (site, values), variant in zip(posterior.fit, posterior.linear.variants, strict=True):
-        exact = catalogue()[site.cause].exact if site.added is None else 0.0
+        exact = catalogue()[site.cause].exact if site.named else 0.0
         for k, i in enumerate(variant.free):
             p = site.parameters[i]
             equation = max(p.step if p.shape else exact * abs(values[i]), p.rounded * abs(values[i]))

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping, Sequence
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -10,7 +11,7 @@ from msgspec.structs import replace
 from numpy.typing import NDArray
 
 from vsalog.binding import offered_roles
-from vsalog.diagnosis.causes.base import with_signal
+from vsalog.diagnosis.causes.base import Parameter, Setting, Site, with_signal
 from vsalog.residuals.channels import channels_of
 from vsalog.residuals.sensing import true_roles
 from vsalog.rig.schema import PolynomialTransmission, UnknownTransmission
@@ -21,6 +22,8 @@ Array = NDArray[np.float64]
 # Powers of the deflection that a smooth spring is given, without and with the torque at rest.
 HIGHEST = 7
 FEWEST = 100
+# A step of their changes, in units of what is large in the log.
+STEP = 1e-3
 # Encoders whose zero may be off.
 ENCODERS = ("motor_position", "link_position")
 # What a spring that is fitted to a log takes up.
@@ -38,7 +41,7 @@ TAKEN_UP = frozenset(
 
 
 def with_springs(joint: Any, signals: JointSignals, zero: str = "") -> tuple[Any, Mapping[str, str]]:
-    """Return a joint whose unknown transmissions are smooth springs fitted to a log, and of each of these what to say of it.
+    """Return a joint whose unknown transmissions are smooth springs fitted to a log, and whose offset each has at rest.
 
     It is fitted to what the joint did, with what the rig says of its sensors undone. A spring that is not known does not tell
     whose the torque at zero deflection is: it is taken for the torque sensor's offset, or for that of an encoder.
@@ -48,8 +51,12 @@ def with_springs(joint: Any, signals: JointSignals, zero: str = "") -> tuple[Any
     joint : of the rig
     signals : of one run of the log
     zero : motor_position or link_position: the encoder whose zero is taken to be off, if it is recorded
+
+    Returns
+    -------
+    The joint, and transmission → role
     """
-    said = {}
+    fitted = {}
     unknown = unknown_in(joint)
     roles = true_roles(joint, channels_of(signals)) if unknown else {}
     for name in unknown:
@@ -64,21 +71,63 @@ def with_springs(joint: Any, signals: JointSignals, zero: str = "") -> tuple[Any
             continue
         spring, at_rest = fitted_spring(phi[good], torque[good])
         role = zero if zero == "link_position" else f"{zero}{suffix}"
-        off, unit, whose = at_rest, "N*m", sensor
+        off, fitted[name] = at_rest, sensor
         if role in signals.roles and at_rest:
             free = _zero_of(spring, at_rest)
             spring, _ = fitted_spring(phi[good] - free, torque[good])
-            off, unit, whose = free if role == "link_position" else -free, "rad", role
-        joint = replace(joint, **{name: spring})
-        signal = offered_roles(joint)[whose]
-        joint = with_signal(joint, whose, offset=signal.offset + signal.gain * off)
-        said[name] = (
-            f"joint '{signals.joint}': the rig does not say what its spring is, so a smooth one was fitted to the log first:"
-            " what is told below is what no smooth spring explains; stiffness itself, its asymmetry, encoders' gains and offsets"
-            f" were not judged, nor the torque sensor's offset: the torque at zero deflection was taken for an offset of {whose},"
-            f" {off:.3g} {unit}"
-        )
-    return joint, said
+            off, fitted[name] = free if role == "link_position" else -free, role
+        joint = _with_offset(replace(joint, **{name: spring}), fitted[name], off)
+    return joint, fitted
+
+
+def spring_sites(setting: Setting) -> Iterator[Site]:
+    """Yield the springs that were fitted to the log, of which nothing is known: they are fitted again with every set of causes.
+
+    Unknown are the changes of the coefficients and of the offset at rest, in units of what is large in this log.
+    """
+    for name, role in setting.fitted.items():
+        spring, suffix = getattr(setting.joint, name), name.removeprefix("transmission")
+        torque = setting.torque_size()
+        off = setting.deflection_size(suffix) if "position" in role else torque
+
+        terms = tuple(Parameter(f"term_{k + 1}", "1", 0.0, STEP) for k in range(len(spring.coefficients) + 1))
+        yield Site("transmission.spring", name, terms, partial(_refitted, name, role, torque, off), given=True)
+
+
+def _refitted(name: str, role: str, torque: float, off: float, joint: Any, values: Sequence[float]) -> Any:
+    """Return a joint with another spring, and another offset at rest."""
+    spring = getattr(joint, name)
+    coefficients = tuple(c + torque * v for c, v in zip(spring.coefficients, values[:-1], strict=True))
+    return _with_offset(replace(joint, **{name: replace(spring, coefficients=coefficients)}), role, off * values[-1])
+
+
+def words_of(name: str, joint: Any, extended: Any, fitted: Mapping[str, str]) -> list[str]:
+    """Say what was assumed of springs that the rig does not know.
+
+    Parameters
+    ----------
+    name : of the joint
+    joint, extended : as the rig has it, without a spring, and with what was found
+    fitted : of `with_springs`
+    """
+    return [
+        f"joint '{name}': the rig does not say what its spring is, so a smooth one was fitted to the log together with the"
+        " causes: what is told below is what no smooth spring explains; stiffness itself, its asymmetry, encoders' gains and"
+        " offsets were not judged, nor the torque sensor's offset: the torque at zero deflection was taken for an offset of"
+        f" {role}, {_offset(extended, role) - _offset(joint, role):.3g} {'rad' if 'position' in role else 'N*m'}"
+        for role in fitted.values()
+    ]
+
+
+def _with_offset(joint: Any, role: str, by: float) -> Any:
+    """Return a joint of which a sensor's offset is larger, in the joint's unit."""
+    signal = offered_roles(joint)[role]
+    return with_signal(joint, role, offset=signal.offset + signal.gain * by) if by else joint
+
+
+def _offset(joint: Any, role: str) -> float:
+    signal = offered_roles(joint)[role]
+    return float(signal.offset / signal.gain)
 
 
 def unknown_in(joint: Any) -> list[str]:

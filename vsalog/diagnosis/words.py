@@ -152,7 +152,7 @@ def _believe(causes: Sequence[FoundCause], left: Unexplained) -> list[str]:
     """Say how sure the causes are, and what is left."""
     said = []
     if causes:
-        weakest = min(causes, key=lambda c: c.class_confidence)
+        weakest = min(causes, key=lambda c: (c.confidence, c.class_confidence))
         of = " of the least certain of them" if len(causes) > 1 else ""
         its = f", that of its class {_per_cent(weakest.class_confidence)}" if weakest.indistinguishable_from else ""
         said.append(f"The confidence{of} is {_per_cent(weakest.confidence)}{its}.")

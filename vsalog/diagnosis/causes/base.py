@@ -89,6 +89,7 @@ class Site:
     transient : happens once; its share of the log cannot be told from the rest
     doubles : names of causes that would look the same with the roles there are, and have no numbers to be fitted
     members : sites of a cause that several parts have in common
+    given : is no cause but a part of the joint that the rig leaves open, and in every set
     added : shape (1 + K, R, m, parameters), what the averaged equations and their noisy copies have beside the rig's, in
         proportion to the parameters, where no rig has it: an unknown function
     """
@@ -103,7 +104,13 @@ class Site:
     transient: bool = False
     doubles: tuple[str, ...] = ()
     members: tuple[Site, ...] = ()
+    given: bool = False
     added: Array | None = None
+
+    @property
+    def named(self) -> bool:
+        """Whether it is a cause of the catalogue."""
+        return not self.given and self.added is None
 
     @property
     def parts(self) -> frozenset[str]:
@@ -152,7 +159,7 @@ class Setting:
     deflections : suffix → φ, shape (N,)
     torques : suffix → τ_T, shape (N,)
     equations : names of those that can be formed
-    fitted : names of transmissions whose springs were fitted to the log's torque sensors
+    fitted : transmission whose spring was fitted to the log → the role that the torque at rest was taken for the offset of
     """
 
     joint: Any
@@ -162,7 +169,7 @@ class Setting:
     deflections: Mapping[str, Array] = field(default_factory=dict)
     torques: Mapping[str, Array] = field(default_factory=dict)
     equations: tuple[str, ...] = ()
-    fitted: frozenset[str] = frozenset()
+    fitted: Mapping[str, str] = field(default_factory=dict)
 
     def torque_size(self, role: str | None = None) -> float:
         """Return the size of a torque role's changes, or of all torques [N·m]."""

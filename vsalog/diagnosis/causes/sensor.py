@@ -6,7 +6,6 @@ from collections.abc import Iterator, Sequence
 from typing import Any
 
 import numpy as np
-from msgspec.structs import replace
 
 from vsalog.binding import signal_of
 from vsalog.diagnosis.causes.base import (
@@ -105,19 +104,6 @@ class TorqueGain(_OfTorqueSensor):
     def number(self, setting: Setting, role: str, start: float) -> Parameter:
         """Return what is fitted."""
         return Parameter("gain", "1", start, 0.01, 0.05, 20.0)
-
-    def changing(self, setting: Setting, role: str) -> Apply:
-        """Return what puts a gain in; a spring that was fitted to what the sensor says has it, too."""
-        name, change = f"transmission{suffix_of(role)}", super().changing(setting, role)
-        if name not in setting.fitted:
-            return change
-
-        def apply(joint: Any, values: Sequence[float]) -> Any:
-            there, spring = change(joint, values), getattr(joint, name)
-            by = signal_of(getattr(joint.signals, role)).gain / values[0]
-            return replace(there, **{name: replace(spring, coefficients=tuple(by * c for c in spring.coefficients))})
-
-        return apply
 
     def doubles(self, setting: Setting, role: str) -> Iterator[str]:
         """Yield a computed torque where the deflection that it may have been computed from is not in the log."""
