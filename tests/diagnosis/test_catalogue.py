@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from vsalog.diagnosis.causes import catalogue
-from vsalog.diagnosis.causes.base import Parameter, Remainder, Site
+from vsalog.diagnosis.causes.base import Parameter, Remainder, Setting, Site
 from vsalog.diagnosis.linear import placed
 from vsalog.diagnosis.run import _bound
 from vsalog.diagnosis.selection import remainder
@@ -212,3 +212,22 @@ def test_a_value_that_rounding_left_short_of_a_bound_is_at_it():
     assert gain(0.05, 20.0).driven_out(np.array([0.050000000000000155]))
     assert gain(0.05, 20.0).driven_out(np.array([20.0 * (1.0 - 3e-16)]))
     assert not gain(0.05, 20.0).driven_out(np.array([0.05 * (1.0 + 1e-9)]))
+
+
+def test_stronger_friction_gives_way_over_the_same_displacement_where_the_rig_has_bristles():
+    """So a scale that all torques have in common stays one: bristles that stayed as stiff would tell it."""
+    text = (
+        Rig.preset("sea")
+        .to_toml()
+        .replace(
+            "[joint.sea.transmission]",
+            "[joint.sea.motor.friction]\ncoulomb = 0.2\npresliding_stiffness = 100.0\n\n[joint.sea.transmission]",
+        )
+    )
+    joint = at_joint(Rig.from_toml(text).joints["sea"])
+    wave = np.stack([np.sin(k + np.linspace(0.0, 6.0, 100)) for k in range(3)])
+    roles = dict.fromkeys(("motor_position", "link_position", "motor_torque"), wave)
+    setting = Setting(joint, roles, 1e-3, 0.1, equations=("motor",))
+    (site,) = catalogue()["motor.coulomb_friction"].sites(setting)
+    friction = site.apply(joint, [0.5]).motor.friction
+    assert (friction.coulomb, friction.presliding_stiffness) == pytest.approx((0.5, 250.0))

@@ -35,7 +35,7 @@ def selection_of(found, causes):
     posterior = most_probable(problem, stage.weights, posterior.fit)
     chosen = np.array([v.inside for v in stage.unknowns.variants])
     best = Ranked(chosen, stage.candidates.scored(chosen))
-    choices = choices_of(problem, stage, stage.candidates, best, stage.unknowns.variants, posterior)
+    choices = tuple(choices_of(problem, stage, stage.candidates, best, stage.unknowns.variants, posterior))
     return Selection(problem, stage, posterior, choices, blocks)
 
 

@@ -1,14 +1,17 @@
-"""Signs and units that are wrong: no cause of the catalogue, but what a rig that was just written is most often wrong in."""
+"""Signs, units and channels that are wrong: no cause of the catalogue, but what a new rig is most often wrong in."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator
+from dataclasses import replace
+from itertools import combinations
 from typing import Any
 
 import numpy as np
 
 from vsalog.binding import offered_roles
 from vsalog.diagnosis.causes.base import with_part, with_signal
+from vsalog.residuals.channels import Channels
 from vsalog.residuals.sensing import motors_of, torque_role
 from vsalog.residuals.system import System
 
@@ -27,7 +30,7 @@ CLOSES, NEAR = 0.05, 100.0
 
 
 def hint_of(name: str, joint: Any, system: System) -> str | None:
-    """Say which one signal's sign or unit, turned round, would close most of the equations; None where none would.
+    """Say which signal's sign or unit, or which two exchanged, would close most of the equations; None where none would.
 
     Parameters
     ----------
@@ -36,14 +39,13 @@ def hint_of(name: str, joint: Any, system: System) -> str | None:
     """
     now = _left(joint, system)
     best, said = min(CLOSES * now, NEAR * system.count), None
-    for what, factor, changed in _turned(joint, system):
-        left = _left(changed, system)
+    for what, changed, there in _changed(joint, system):
+        left = _left(changed, there)
         if left < best:
             best = left
-            better = min((now / left) ** 0.5, 100.0)
             said = (
-                f"joint '{name}': with {FACTORS[factor]} of {what} put right the equations would close some {better:.0f} times"
-                " better: look at its sign and unit in the rig first; nothing else was looked for"
+                f"joint '{name}': with {what} the equations would close some {min((now / left) ** 0.5, 100.0):.0f} times better:"
+                " look at that in the rig first; nothing else was looked for"
             )
     return said
 
@@ -55,26 +57,34 @@ def _left(joint: Any, system: System) -> float:
     return float(np.sum(rows**2 / (noise + np.diag(system.exact))))
 
 
-def _turned(joint: Any, system: System) -> Iterator[tuple[str, float, Any]]:
-    """Yield what is turned round, the factor that the log has it by, and the joint with that said."""
+def _changed(joint: Any, system: System) -> Iterator[tuple[str, Any, System]]:
+    """Yield what is put right, and the joint and the log with that."""
     # What stands still has neither sign nor unit.
     roles = {role for role, values in system.channels.roles.items() if np.nanmax(values[0]) > np.nanmin(values[0])}
     positions = [r for r in roles if "position" in r or r.startswith("deflection")]
     sensed = [r for r in roles if r.startswith("torque_sensor") or r in positions]
     gains = {role: signal.gain for role, signal in offered_roles(joint).items()}
-    for factor in FACTORS:
-        for role in (r for r in sensed if r not in positions or factor in ANGLES):
-            yield role, factor, with_signal(joint, role, gain=factor * gains[role])
-        if len(positions) > 1 and factor in ANGLES:
-            all_of_them = joint
-            for role in positions:
-                all_of_them = with_signal(all_of_them, role, gain=factor * gains[role])
-            yield "all positions", factor, all_of_them
+    for factor, words in FACTORS.items():
+        own = [[r] for r in sensed if r not in positions or factor in ANGLES]
+        for those in own + ([positions] if len(positions) > 1 and factor in ANGLES else []):
+            changed = joint
+            for role in those:
+                changed = with_signal(changed, role, gain=factor * gains[role])
+            yield f"{words} of {'all positions' if len(those) > 1 else those[0]} put right", changed, system
         for motor in motors_of(joint):
-            if torque_role(motor) in roles:
+            if (role := torque_role(motor)) in roles:
                 # What acts is the recorded torque times the gain: one that is recorded too large acts with less.
-                yield (
-                    torque_role(motor),
-                    factor,
-                    with_part(joint, motor, torque_gain=getattr(joint, motor).torque_gain / factor),
-                )
+                gain = getattr(joint, motor).torque_gain / factor
+                yield f"{words} of {role} put right", with_part(joint, motor, torque_gain=gain), system
+    torques = [r for r in roles if "torque" in r]
+    for a, b in (*combinations(sorted(positions), 2), *combinations(sorted(torques), 2)):
+        yield f"{a} and {b} exchanged", joint, _exchanged(system, a, b)
+
+
+def _exchanged(system: System, a: str, b: str) -> System:
+    """Return a log of which two channels were taken for one another."""
+
+    def other(channels: Channels) -> Channels:
+        return replace(channels, roles={**channels.roles, a: channels.roles[b], b: channels.roles[a]})
+
+    return replace(system, channels=other(system.channels), copies=tuple(other(copy) for copy in system.copies))

@@ -200,6 +200,13 @@ def diagnose_joint(
         if holdout is not None and len(lasting) < len(selection.posterior.fit):
             gain = min(gain, compared(joint, placed(joint, lasting), windows), key=lambda g: g.whole(g.after))
         stands = standing(joint, own, gain if holdout is None else None)
+        if holdout is not None and not gain.within(gain.after):
+            itself = compared(joint, extended, own)
+            if itself.within(itself.after):
+                warnings.append(
+                    f"joint '{name}': with what was found the log itself is simulated within its noise and {HELD_OUT} is"
+                    " not: it is of another machine, or the machine was changed, or one log moves it as the other never does"
+                )
     except SimulationError as error:
         # In a simulation of its own it has no name.
         why = str(error).replace("joint 'joint': ", "").replace("joint 'joint'", "it")

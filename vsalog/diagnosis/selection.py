@@ -249,7 +249,7 @@ def established(problem: Problem, stage: Stage, sites: Sequence[Site], final: Po
         chosen = np.array([v.inside for v in variants], dtype=np.bool_)
         best = Ranked(chosen, stage.candidates.scored(chosen))
         choices, better = list[Choice](), None
-        for choice in _each_choice(problem, stage, stage.candidates, best, variants, final):
+        for choice in choices_of(problem, stage, stage.candidates, best, variants, final):
             if choice.odds <= -SETTLED and choice.instead is not None:
                 if _shapes(choice.instead) not in been and len(been) <= ROUNDS:
                     better = choice.instead
@@ -401,8 +401,8 @@ def fitted(problem: Problem, stage: Stage, start: Placed) -> Posterior:
 
 def choices_of(
     problem: Problem, stage: Stage, c: Candidates, best: Ranked, variants: Sequence[Variant], final: Posterior
-) -> tuple[Choice, ...]:
-    """Hold each cause of the best set against the best set without it; the surest first.
+) -> Iterator[Choice]:
+    """Hold each cause of the best set against the best set without it; the one first that looks the least sure to begin with.
 
     Parameters
     ----------
@@ -412,13 +412,6 @@ def choices_of(
     variants : their groups
     final : the best set, fitted
     """
-    return tuple(sorted(_each_choice(problem, stage, c, best, variants, final), key=lambda choice: -choice.odds))
-
-
-def _each_choice(
-    problem: Problem, stage: Stage, c: Candidates, best: Ranked, variants: Sequence[Variant], final: Posterior
-) -> Iterator[Choice]:
-    """Yield what `choices_of` returns, the one first that looks the least sure before any other set is fitted."""
     searched, known, without_it = list[Ranked](), dict[bytes, Posterior](), list[tuple[Ranked, Site]]()
 
     def best_without(barred: Flags) -> Ranked:

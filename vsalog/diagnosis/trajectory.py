@@ -177,7 +177,7 @@ def _searched(selection: Selection, windows: Windows, shot: Shot) -> Selection |
     posterior = fitted(problem, stage, begun_by(stage.unknowns, both, found.chosen))
     stage = stage_about(problem, stage.system, sites, posterior.fit, blocks, stage.system.hold)
     choices = choices_of(problem, stage, both, Ranked(found.chosen, found.score), variants, posterior)
-    return replace(selection, stage=stage, posterior=posterior, choices=choices)
+    return replace(selection, stage=stage, posterior=posterior, choices=tuple(choices))
 
 
 def _as_seen(selection: Selection, windows: Windows, J: Array) -> tuple[Choice, ...]:

@@ -22,8 +22,6 @@ Array = NDArray[np.float64]
 # Powers of the deflection that a smooth spring is given, without and with the torque at rest.
 HIGHEST = 7
 FEWEST = 100
-# A step of their changes, in units of what is large in the log.
-STEP = 1e-3
 # Encoders whose zero may be off.
 ENCODERS = ("motor_position", "link_position")
 # What a spring that is fitted to a log takes up.
@@ -90,7 +88,7 @@ def spring_sites(setting: Setting) -> Iterator[Site]:
         torque = setting.torque_size()
         off = setting.deflection_size(suffix) if "position" in role else torque
 
-        terms = tuple(Parameter(f"term_{k + 1}", "1", 0.0, STEP) for k in range(len(spring.coefficients) + 1))
+        terms = tuple(Parameter(f"term_{k + 1}", "1", 0.0, 1e-3) for k in range(len(spring.coefficients) + 1))
         yield Site("transmission.spring", name, terms, partial(_refitted, name, role, torque, off), given=True)
 
 

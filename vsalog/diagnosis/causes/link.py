@@ -6,7 +6,6 @@ from collections.abc import Iterator, Sequence
 from typing import Any
 
 import numpy as np
-from msgspec.structs import replace
 from numpy.typing import NDArray
 from scipy.ndimage import uniform_filter1d
 
@@ -19,9 +18,10 @@ from vsalog.diagnosis.causes.base import (
     Setting,
     Site,
     link_equation,
+    one_field,
     with_part,
 )
-from vsalog.diagnosis.causes.motor_friction import with_bristles
+from vsalog.diagnosis.causes.motor_friction import with_bristles, with_level
 from vsalog.mechanics.links import GRAVITY
 from vsalog.rig.schema import Contact, Payload
 
@@ -67,11 +67,7 @@ class LinkInertia(_OfLink):
         parameter = Parameter("inertia", "kg*m^2", link.inertia, 0.01 * link.inertia, 1e-3 * link.inertia)
         # What moves as one has one inertia.
         one = link_equation(setting) == "motor" and setting.joint.motor.inertia is not None
-
-        def apply(joint: Any, values: Sequence[float]) -> Any:
-            return with_part(joint, "link", inertia=float(values[0]))
-
-        yield Site(self.name, "link", (parameter,), apply, doubles=("motor.inertia",) if one else ())
+        yield one_field(self.name, "link", parameter, "inertia", doubles=("motor.inertia",) if one else ())
 
 
 class LinkPayload(_OfLink):
@@ -125,11 +121,7 @@ class LinkGravity(_OfLink):
         """Yield the cause in the link."""
         step = 0.01 * (abs(link.gravity_torque) or setting.torque_size())
         parameter = Parameter("torque", "N*m", link.gravity_torque, step)
-
-        def apply(joint: Any, values: Sequence[float]) -> Any:
-            return with_part(joint, "link", gravity_torque=float(values[0]))
-
-        yield Site(self.name, "link", (parameter,), apply)
+        yield one_field(self.name, "link", parameter, "gravity_torque")
 
 
 class LinkViscousFriction(_OfLink):
@@ -147,11 +139,7 @@ class LinkViscousFriction(_OfLink):
         """Yield the cause in the link."""
         step = 0.01 * setting.torque_size() / setting.speed("link_position")
         parameter = Parameter("damping", "N*m*s/rad", link.damping, step, 0.0)
-
-        def apply(joint: Any, values: Sequence[float]) -> Any:
-            return with_part(joint, "link", damping=max(float(values[0]), 0.0))
-
-        yield Site(self.name, "link", (parameter,), apply)
+        yield one_field(self.name, "link", parameter, "damping")
 
 
 class LinkCoulombFriction(_OfLink):
@@ -172,13 +160,7 @@ class LinkCoulombFriction(_OfLink):
     def of_link(self, setting: Setting, link: Any) -> Iterator[Site]:
         """Yield the cause in the link."""
         parameter = Parameter("torque", "N*m", link.friction.coulomb, 1e-3 * setting.torque_size(), 0.0)
-
-        def apply(joint: Any, values: Sequence[float]) -> Any:
-            friction, level = joint.link.friction, max(float(values[0]), 0.0)
-            static = None if friction.static is None else max(friction.static, level)
-            return with_part(joint, "link", friction=replace(friction, coulomb=level, static=static))
-
-        yield from with_bristles(Site(self.name, "link", (parameter,), apply), setting)
+        yield from with_bristles(Site(self.name, "link", (parameter,), with_level("link")), setting)
 
 
 class LinkContact(_OfLink):

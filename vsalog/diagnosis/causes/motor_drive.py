@@ -18,6 +18,7 @@ from vsalog.diagnosis.causes.base import (
     angle_of,
     link_equation,
     one_clock,
+    one_field,
     position_of,
     with_part,
 )
@@ -48,11 +49,7 @@ class MotorInertia(Cause):
                 continue  # the link's: what moves as one has one inertia
             inertia = getattr(setting.joint, name).inertia
             parameter = Parameter("inertia", "kg*m^2", inertia, 0.01 * inertia, 1e-3 * inertia)
-
-            def apply(joint: Any, values: Sequence[float], name: str = name) -> Any:
-                return with_part(joint, name, inertia=float(values[0]))
-
-            yield Site(self.name, name, (parameter,), apply)
+            yield one_field(self.name, name, parameter, "inertia")
 
 
 class MotorTorqueConstant(Cause):
@@ -69,11 +66,7 @@ class MotorTorqueConstant(Cause):
         """Yield one per motor."""
         for name in moved_motors(setting):
             parameter = Parameter("gain", "1", getattr(setting.joint, name).torque_gain, 0.01, 0.05, 20.0)
-
-            def apply(joint: Any, values: Sequence[float], name: str = name) -> Any:
-                return with_part(joint, name, torque_gain=float(values[0]))
-
-            yield Site(self.name, name, (parameter,), apply)
+            yield one_field(self.name, name, parameter, "torque_gain")
 
 
 class MotorTorqueOffset(Cause):
@@ -91,11 +84,7 @@ class MotorTorqueOffset(Cause):
         for name in moved_motors(setting):
             torque, _ = scale_of(setting, name)
             parameter = Parameter("torque", "N*m", getattr(setting.joint, name).torque_offset, 1e-3 * torque)
-
-            def apply(joint: Any, values: Sequence[float], name: str = name) -> Any:
-                return with_part(joint, name, torque_offset=float(values[0]))
-
-            yield Site(self.name, name, (parameter,), apply)
+            yield one_field(self.name, name, parameter, "torque_offset")
 
 
 class MotorTorqueDelay(Cause):
@@ -115,11 +104,7 @@ class MotorTorqueDelay(Cause):
             # Whether torques were held from sample to sample few logs tell: half a sample either way.
             blur = setting.period / 12.0**0.5
             parameter = Parameter("delay", "s", start, 0.25 * setting.period, 0.0, LATEST, blur=blur)
-
-            def apply(joint: Any, values: Sequence[float], name: str = name) -> Any:
-                return with_part(joint, name, torque_delay=max(float(values[0]), 0.0))
-
-            yield Site(self.name, name, (parameter,), apply)
+            yield one_field(self.name, name, parameter, "torque_delay")
 
 
 class MotorCogging(Cause):

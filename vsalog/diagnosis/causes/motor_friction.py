@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
+from dataclasses import replace as replaced
 from typing import Any
 
 import numpy as np
@@ -10,6 +11,7 @@ from msgspec.structs import replace
 
 from vsalog.diagnosis.causes.base import (
     CORNERED,
+    Apply,
     Cause,
     Parameter,
     Remainder,
@@ -18,6 +20,7 @@ from vsalog.diagnosis.causes.base import (
     angle_of,
     is_rigid,
     link_equation,
+    one_field,
     position_of,
     size,
     with_part,
@@ -38,9 +41,24 @@ NARROW, WIDE = 1e-5, 0.3
 
 def with_bristles(plain: Site, setting: Setting) -> Iterator[Site]:
     """Yield a friction as it is, and with bristles that give way before it slides, which shows after each reversal."""
-    yield plain
-    if getattr(setting.joint, plain.part).friction.presliding_stiffness is not None:
+    own, rig = len(plain.parameters), getattr(setting.joint, plain.part).friction
+
+    def level(values: Sequence[float]) -> float:
+        return float(getattr(plain.apply(setting.joint, values[:own]), plain.part).friction.breakaway)
+
+    def giving_way(joint: Any, values: Sequence[float], way: float) -> Any:
+        joint = plain.apply(joint, values[:own])
+        friction = getattr(joint, plain.part).friction
+        if friction.breakaway == 0.0:
+            return joint  # bristles without a level are nothing, and no rig may have them
+        return with_part(joint, plain.part, friction=replace(friction, presliding_stiffness=friction.breakaway / way))
+
+    if rig.presliding_stiffness is not None:
+        # Stronger friction is that of stiffer bristles: they give way over what they did.
+        way = rig.breakaway / rig.presliding_stiffness
+        yield replaced(plain, apply=lambda joint, values: giving_way(joint, values, way)) if way else plain
         return
+    yield plain
     role = position_of(setting, plain.part)
     if role not in setting.roles:
         return
@@ -48,19 +66,9 @@ def with_bristles(plain: Site, setting: Setting) -> Iterator[Site]:
     if travel == 0.0:
         return  # what does not move shows no displacement before it slides
     torque = setting.torque_size() if plain.part == "link" else scale_of(setting, plain.part)[0]
-    own = len(plain.parameters)
-
-    def level(values: Sequence[float]) -> float:
-        friction = getattr(plain.apply(setting.joint, values[:own]), plain.part).friction
-        return float(friction.breakaway)
 
     def apply(joint: Any, values: Sequence[float]) -> Any:
-        joint = plain.apply(joint, values[:own])
-        friction = getattr(joint, plain.part).friction
-        if friction.breakaway == 0.0:
-            return joint  # bristles without a level are nothing, and no rig may have them
-        stiffness = friction.breakaway / float(np.exp(values[own]))
-        return with_part(joint, plain.part, friction=replace(friction, presliding_stiffness=stiffness))
+        return giving_way(joint, values, float(np.exp(values[own])))
 
     def starts(left: Remainder) -> list[tuple[float, ...]]:
         first = plain.starts(left) if plain.starts is not None else [plain.start]
@@ -124,11 +132,7 @@ class MotorViscousFriction(Cause):
             parameter = Parameter(
                 "damping", "N*m*s/rad", getattr(setting.joint, name).damping, 0.01 * torque / speed, 0.0
             )
-
-            def apply(joint: Any, values: Sequence[float], name: str = name) -> Any:
-                return with_part(joint, name, damping=float(values[0]))
-
-            yield Site(self.name, name, (parameter,), apply)
+            yield one_field(self.name, name, parameter, "damping")
 
 
 class MotorCoulombFriction(Cause):
@@ -150,10 +154,12 @@ class MotorCoulombFriction(Cause):
             torque, _ = scale_of(setting, name)
             start = getattr(setting.joint, name).friction.coulomb
             parameter = Parameter("torque", "N*m", start, 1e-3 * torque, 0.0)
-            yield from with_bristles(Site(self.name, name, (parameter,), _coulomb(name), excludes=DRY), setting)
+            yield from with_bristles(Site(self.name, name, (parameter,), with_level(name), excludes=DRY), setting)
 
 
-def _coulomb(name: str) -> Any:
+def with_level(name: str) -> Apply:
+    """Return what puts a level of dry friction into a part of a joint."""
+
     def apply(joint: Any, values: Sequence[float]) -> Any:
         friction = getattr(joint, name).friction
         level = max(float(values[0]), 0.0)
@@ -207,7 +213,7 @@ class MotorStribeckFriction(Cause):
             yield from with_bristles(plain, setting)
 
 
-def _stribeck(name: str) -> Any:
+def _stribeck(name: str) -> Apply:
     def apply(joint: Any, values: Sequence[float]) -> Any:
         level, excess, velocity = (max(float(v), 0.0) for v in values)
         friction = replace(

@@ -9,7 +9,7 @@ import numpy as np
 from msgspec.structs import replace
 
 from vsalog.binding import signal_of
-from vsalog.diagnosis.causes.base import CORNERED, Cause, Parameter, Setting, Site, with_part, with_signal
+from vsalog.diagnosis.causes.base import CORNERED, Cause, Parameter, Setting, Site, one_field, with_part, with_signal
 from vsalog.rig.schema import PneumaticJoint, PressureFriction, SimpleFriction, TonduFriction
 
 TWINS = ("_1", "_2")
@@ -59,11 +59,7 @@ class PneumaticLeak(_OfMuscles):
         most = max(valve.inflow_area, valve.outflow_area) * valve.area_scale or 1e-8
         start = getattr(setting.joint, name).leak_area
         parameter = Parameter("area", "m^2", start, 1e-4 * most, 0.0, 100.0 * most)
-
-        def apply(joint: Any, values: Sequence[float]) -> Any:
-            return with_part(joint, name, leak_area=max(float(values[0]), 0.0))
-
-        yield Site(self.name, name, (parameter,), apply)
+        yield one_field(self.name, name, parameter, "leak_area")
 
 
 class PneumaticOrificeArea(_OfMuscles):
@@ -82,11 +78,7 @@ class PneumaticOrificeArea(_OfMuscles):
             return
         name = f"valve{twin}"
         parameter = Parameter("scale", "1", getattr(setting.joint, name).area_scale, 1e-3, 0.02, 50.0)
-
-        def apply(joint: Any, values: Sequence[float]) -> Any:
-            return with_part(joint, name, area_scale=float(values[0]))
-
-        yield Site(self.name, name, (parameter,), apply)
+        yield one_field(self.name, name, parameter, "area_scale")
 
 
 class PneumaticValveOffset(_OfMuscles):
@@ -108,11 +100,7 @@ class PneumaticValveOffset(_OfMuscles):
         span = valve.voltage[-1] - valve.voltage[0]
         # The map has corners: a step no longer than the distance between them.
         parameter = Parameter("offset", "V", valve.offset, 1e-4 * span, -span, span, 0.1 * span)
-
-        def apply(joint: Any, values: Sequence[float]) -> Any:
-            return with_part(joint, name, offset=float(values[0]))
-
-        yield Site(self.name, name, (parameter,), apply)
+        yield one_field(self.name, name, parameter, "offset")
 
 
 class PneumaticPressureOffset(_OfMuscles):
@@ -164,11 +152,7 @@ class PneumaticForceGain(_OfMuscles):
             return
         name = f"muscle{twin}"
         parameter = Parameter("gain", "1", getattr(setting.joint, name).force_gain, 1e-3, 0.05, 20.0)
-
-        def apply(joint: Any, values: Sequence[float]) -> Any:
-            return with_part(joint, name, force_gain=float(values[0]))
-
-        yield Site(self.name, name, (parameter,), apply)
+        yield one_field(self.name, name, parameter, "force_gain")
 
 
 class PneumaticMuscleFriction(Cause):

@@ -15,6 +15,7 @@ from vsalog.diagnosis.causes.base import (
     Remainder,
     Setting,
     Site,
+    one_field,
     suffix_of,
     transmissions_of,
     with_part,
@@ -93,11 +94,7 @@ class TransmissionNonlinearity(_OfTransmission):
         suffix = suffix_of(name)
         scale = setting.torque_size() / setting.deflection_size(suffix) ** 3
         parameter = Parameter("cubic", "N*m/rad^3", transmission.added_cubic, 1e-3 * scale)
-
-        def apply(joint: Any, values: Sequence[float]) -> Any:
-            return with_part(joint, name, added_cubic=float(values[0]))
-
-        return Site(self.name, name, (parameter,), apply)
+        return one_field(self.name, name, parameter, "added_cubic")
 
 
 class TransmissionAsymmetry(_OfTransmission):
@@ -113,11 +110,7 @@ class TransmissionAsymmetry(_OfTransmission):
     def site(self, setting: Setting, name: str, transmission: Any) -> Site:
         """Return the cause in one transmission."""
         parameter = Parameter("asymmetry", "1", transmission.asymmetry, 1e-3, -0.95, 0.95)
-
-        def apply(joint: Any, values: Sequence[float]) -> Any:
-            return with_part(joint, name, asymmetry=float(values[0]))
-
-        return Site(self.name, name, (parameter,), apply)
+        return one_field(self.name, name, parameter, "asymmetry")
 
 
 class TransmissionDamping(_OfTransmission):
@@ -135,11 +128,7 @@ class TransmissionDamping(_OfTransmission):
         suffix = suffix_of(name)
         stiffness = setting.torque_size() / setting.deflection_size(suffix)
         parameter = Parameter("damping", "N*m*s/rad", transmission.damping, 1e-4 * stiffness, 0.0)
-
-        def apply(joint: Any, values: Sequence[float]) -> Any:
-            return with_part(joint, name, damping=max(float(values[0]), 0.0))
-
-        return Site(self.name, name, (parameter,), apply)
+        return one_field(self.name, name, parameter, "damping")
 
 
 class TransmissionHysteresis(_OfTransmission):
@@ -234,10 +223,7 @@ class TransmissionBacklash(_OfTransmission):
         def starts(_: Remainder) -> list[tuple[float, ...]]:
             return [(share * phi,) for share in GAPS]
 
-        def apply(joint: Any, values: Sequence[float]) -> Any:
-            return with_part(joint, name, backlash=max(float(values[0]), 0.0))
-
-        return Site(self.name, name, (parameter,), apply, starts)
+        return one_field(self.name, name, parameter, "backlash", starts=starts)
 
 
 class TransmissionStiffnessDrift(_OfTransmission):
@@ -254,8 +240,4 @@ class TransmissionStiffnessDrift(_OfTransmission):
         """Return the cause in one transmission."""
         most = 0.9 / setting.duration
         parameter = Parameter("rate", "1/s", transmission.drift, 0.01 * most, -most, 10.0 * most)
-
-        def apply(joint: Any, values: Sequence[float]) -> Any:
-            return with_part(joint, name, drift=float(values[0]))
-
-        return Site(self.name, name, (parameter,), apply)
+        return one_field(self.name, name, parameter, "drift")
