@@ -33,7 +33,7 @@ from vsalog.estimators.needs import deflection_roles, require
 from vsalog.estimators.noise import BOX
 from vsalog.estimators.regression import RegressionFold
 from vsalog.estimators.solvers import RlsSolver, least_samples
-from vsalog.estimators.tuning import Positive, RlsTuning
+from vsalog.estimators.tuning import RlsTuning, Seconds
 from vsalog.filters.conditioning import Conditioned, Conditioner
 from vsalog.signals import LONGER, JointSignals
 
@@ -61,7 +61,7 @@ class AlgebraicTuning(RlsTuning, frozen=True, forbid_unknown_fields=True, kw_onl
     default_window: ClassVar[int] = 11
 
     degree: Annotated[int, Meta(ge=1, le=30)] = 3
-    span: Positive = 0.15
+    span: Seconds = 0.15
 
 
 TUNING = AlgebraicTuning

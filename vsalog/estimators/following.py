@@ -257,7 +257,9 @@ class ObserverFold:
                 phi, known, found = phi[ahead:], Rates(*(v[ahead:] for v in known)), found[:-ahead]
             typical = float(np.nanmedian(found)) if np.isfinite(found).any() else 0.0
             noise = float(self.rate_noise[borne.view.name].left(typical)) ** 0.5
-            seen[borne.view.name] = averaged(phi, known, found, noise, round(self._stale(speed) / self.period))
+            seen[borne.view.name] = averaged(
+                phi, known, found, noise, round(min(self._stale(speed) / self.period, phi.size))
+            )
         return seen
 
 

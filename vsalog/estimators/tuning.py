@@ -21,7 +21,11 @@ LEAST_USUAL, TENTH, MATTERS = 1e-4, 0.1, 1.0 / 300.0
 # What of a tuning infinity has a meaning for: a prior that weighs nothing.
 MAY_BE_INFINITE = ("p0",)
 
+# The longest time that can be asked for [s], twelve days: longer than any log, and still a number of samples that can be counted.
+LONGEST = 1e6
+
 Positive = Annotated[float, Meta(gt=0.0)]
+Seconds = Annotated[float, Meta(gt=0.0, le=LONGEST)]
 T = TypeVar("T", bound="Tuning")
 
 
@@ -44,10 +48,10 @@ class Tuning(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=Tr
     unused: ClassVar[tuple[str, ...]] = ()
 
     filter: FilterName = "savitzky-golay"
-    window: Positive | None = None
+    window: Seconds | None = None
     degree: Annotated[int, Meta(ge=1, le=30)] = 5
     shape: Positive = 6.0
-    settle: Annotated[float, Meta(ge=0.0)] | None = None
+    settle: Annotated[float, Meta(ge=0.0, le=LONGEST)] | None = None
 
     def conditioner(
         self,
