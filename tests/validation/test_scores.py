@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from scipy import stats
 from scipy.signal import lfilter
 
 from vsalog.correlation import effective_samples
@@ -81,3 +82,15 @@ def test_intervals_of_the_error_over_a_variable_hold_the_true_values():
             count += 1
     assert np.all(hits / count >= 0.90)
     assert np.all(hits / count <= 0.995)
+
+
+def test_of_few_blocks_an_interval_is_as_wide_as_student_s():
+    """Errors that are constant over each of eight blocks: t₇ s / √8 with the textbook's s; without n − 1 in it 6 % less."""
+    random, ratios = np.random.default_rng(4), []
+    for _ in range(100):
+        means = random.normal(size=8)
+        error = np.repeat(means, 50)
+        found = score(error, np.zeros(error.size)).bias
+        textbook = 2.0 * stats.t.ppf(0.975, 7) * means.std(ddof=1) / np.sqrt(8)
+        ratios.append((found.high - found.low) / textbook)
+    assert np.mean(ratios) == pytest.approx(1.0, abs=0.02)
