@@ -142,7 +142,7 @@ def test_numbers_out_of_range_leak_no_warning_from_any_part_of_an_estimate(bench
             self.fold = fold
 
         def __getattr__(self, key):
-            if key in ("model", "warnings"):
+            if key in ("model", "findings"):
                 met.append(key)
                 np.sqrt(np.array([-1.0])) / np.zeros(1)
             return getattr(self.fold, key)
@@ -157,4 +157,4 @@ def test_numbers_out_of_range_leak_no_warning_from_any_part_of_an_estimate(bench
     with warnings.catch_warnings():
         warnings.simplefilter("error")
         estimate_joint([recording], name, joint, replace(choice, method=Method))
-    assert set(met) == {"build", "model", "warnings"}
+    assert set(met) == {"build", "model", "findings"}

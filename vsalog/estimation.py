@@ -14,10 +14,9 @@ from vsalog.errors import EstimatorError, VsalogError, did_you_mean
 from vsalog.estimators import Fold, Method, method
 from vsalog.estimators.acceleration_group import senses_acceleration
 from vsalog.estimators.device import Device, device_of
-from vsalog.estimators.fewer import moved_by_samples, said, widened
+from vsalog.estimators.fewer import moved_by_samples, sampling_findings, widened
 from vsalog.estimators.folding import BLOCK, fold_over
 from vsalog.estimators.grioli_bicchi import told_by_the_link
-from vsalog.estimators.left_over import FOLLOWS
 from vsalog.estimators.needs import meaning
 from vsalog.estimators.regression import RegressionFold
 from vsalog.estimators.tuning import Tuning, read_tuning
@@ -268,9 +267,10 @@ def estimate_joint(
             pass_on(trace)
 
         state = fold_over(fold, signals, block, give)
-        told = fold.warnings(state)
+        learnt = fold.findings(state)
         # What follows the motor's motion has a shape over the deflection, too, where both go together; and that over positions.
-        bent = () if any(FOLLOWS in words for words in told) else shape.said(look) or uneven.said()
+        follows = any(finding.code == "residual.follows_motion" for finding in learnt)
+        bent = () if follows else shape.said(look) or uneven.said()
         summary = summarizer.result(signals)
         whole = whole_windows(look, fold.conditioner.window)
         return JointEstimate(
@@ -280,8 +280,8 @@ def estimate_joint(
             _settings(choice.tuning, fold),
             fold.model(state),
             summary,
-            (*found, *findings_of(summary, device, whole)),
-            (*signals.notes, *told, *said(device, moved), *witness.said(choice.name), *bent),
+            (*found, *findings_of(summary, device, whole), *learnt, *sampling_findings(device, moved)),
+            (*signals.notes, *witness.said(choice.name), *bent),
             Trace.concatenate(kept) if kept else None,
         )
 

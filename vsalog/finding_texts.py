@@ -69,6 +69,11 @@ TEXTS: Mapping[str, Text] = {
         "{part} is exactly {factor:.6g} times {source}: it was computed from it, not measured.",
         "The stiffness is the constant someone put into that computation; it validates nothing.",
     ),
+    "torque.offset_as_ramp": Text(
+        "transmission {part}: the motor's torque seems to be off by {value:+.3g} N·m all along, which an integrated"
+        " equation takes for the spring's: nothing counts as excited.",
+        "Set torque_offset of the motor in the rig, or offset of its signal, or use --estimator residual-rls.",
+    ),
     "sensor.saturated": Text(
         "{part} rests at its {end} value {at:.6g} for {value:.1%} of the samples (first at {begin:.4g} s) and moves noisily"
         " elsewhere: it is saturated.",
@@ -82,6 +87,15 @@ TEXTS: Mapping[str, Text] = {
     "deflection.still": Text(
         "the deflection of transmission {part} never changes; its stiffness cannot be told.",
         "Move the joint under load.",
+    ),
+    "deflection.too_small": Text(
+        "transmission {part}: the deflection spans {value:.1f} steps of its encoders, too few for a stiffness.",
+        "Move the joint more.",
+    ),
+    "deflection.below_noise": Text(
+        "the motor's encoder leaves a noise of {value:.2g} rad in the deflection, which the motor's torque never makes"
+        " larger than {limit:.2g} rad.",
+        "The estimated torque is noise.",
     ),
     "estimate.torn": Text(
         "transmission {part}: samples are missing so often that the filters' windows are whole for {value:.0%} of the time only.",
@@ -108,12 +122,159 @@ TEXTS: Mapping[str, Text] = {
         "transmission {part}: a negative stiffness was estimated for {value:.0%} of the time.",
         "Check the signs of the torque and of the positions in the rig (sign = -1), and whether motor and link are swapped.",
     ),
+    "residual.follows_motion": Text(
+        "transmission {part}: the residual follows the motor's {signal} ({value:.0%} of its power), as it does where a"
+        " sensor is late or wrong, or the rig is. What would explain it: {explained_by}.",
+        "'vsalog diagnose' finds which it is.",
+    ),
+    "residual.not_noise": Text(
+        "transmission {part}: the residual is {value:.0%} of the torque and no noise, for it does not average out: a sensor"
+        " is stuck, clipped or wrong for a while, the spring changes, or the basis cannot follow it ([joint.{joint}.basis]"
+        " order).",
+        "The stiffness may be further off than its standard deviation says.",
+    ),
+    "prior.holds_back": Text(
+        "transmission {part}: in {value:.0%} of what the fit is sure of, the prior holds the stiffness back where the log"
+        " would determine it: with a weaker prior it differs by {stiffness_change:.0%} (rms), which its standard deviation"
+        " includes.",
+        "Springs are seldom so: check that the signs, units and zeros of the positions, and of the set-point where there is"
+        " one, are what the rig says; if they are, --tune p0={p0:.2g} lets the log decide.",
+    ),
+    "filter.smooths_motion": Text(
+        "transmission {part}: a window of {window:g} s smooths the motion away: {value:.0%} of the deflection's rate is"
+        " left, and the stiffness is that of the smoothed motion.",
+        "Shorten it, or leave it out to have it chosen by the log.",
+    ),
+    "filter.noisy_rate": Text(
+        "transmission {part}: {value:.0%} of the deflection's rate is the encoders' noise, which biases the stiffness by"
+        " more than its standard deviation says (errors-in-variables bias).",
+        "Move the joint faster, or filter longer (--tune window=SECONDS).",
+    ),
+    "filter.window_too_long": Text(
+        "the filter's window of {value:.2g} s is longer than the deflection takes from one end to the other ({limit:.2g}"
+        " s): it smooths away what the stiffness changes by on the way, and the standard deviation does not know by how"
+        " much.",
+        "Record at a higher rate, or move more slowly.",
+    ),
+    "sampling.too_slow": Text(
+        "transmission {part}: from every second sample only, the stiffness differs by up to {stiffness_change:.0%}, which"
+        " its standard deviation includes: the samples are too few for so fast a motion, or for a spring that changes so"
+        " suddenly.",
+        "Record at a higher rate, or move more smoothly.",
+    ),
+    "sampling.too_slow_for_total": Text(
+        "from every second sample only, the stiffness of the whole joint differs by up to {stiffness_change:.0%}, which its"
+        " standard deviation includes: the samples are too few for so fast a motion, or for a spring that changes so"
+        " suddenly.",
+        "Record at a higher rate, or move more smoothly.",
+    ),
+    "sampling.untried": Text(
+        "half of the samples are too few for this estimator, so nothing shows whether all of them are enough for the"
+        " motion; the stiffness may be off by more than its standard deviation says.",
+        "Record at a higher rate, or longer.",
+    ),
+    "setpoint.constant": Text(
+        "the set-point never changes in this log.",
+        "If the machine's did, that is what the residual shows.",
+    ),
+    "friction.unknown_direction": Text(
+        "transmission {part}: for {value:.0%} of the time the torque of friction or hysteresis that the rig has is not"
+        " known, because the motor stands or is slower than its encoder resolves, or the deflection has not yet moved"
+        " through its loop.",
+        "Nothing is learnt there.",
+    ),
+    "transmission.effects_left_in": Text(
+        "transmission {part}: {estimator} does not take off the damping and the hysteresis that the rig has.",
+        "They go into the stiffness.",
+    ),
+    "motor.inertia_differs": Text(
+        "transmission {part}: the motor's inertia is estimated as {inertia:.3g} kg·m², {ratio:.3g} times the rig's {rig:.3g}.",
+        "A torque's scale or unit, the angles' unit, an uneven encoder or a gear ratio would explain it, and the stiffness"
+        " would be as far off; or the rig has another motor's inertia.",
+    ),
+    "link.inertia_not_estimated": Text(
+        "there is no link_position, so the link's inertia and damping are not estimated.",
+        "Name its channel under [joint.{joint}.signals] in the rig to have them.",
+    ),
+    "link.estimate_biased": Text(
+        "noise or steps of the sensors, or samples that are too few for the motion, bias the link's {part} by more than"
+        " {limit:.0%}, which is left out.",
+        "Move the link harder, or record faster.",
+    ),
+    "link.other_torque": Text(
+        "the link moves as if dry friction of {friction:.2g} N·m and a constant torque of {torque:.2g} N·m acted on it too,"
+        " of which neither rig nor torque sensor says anything; with these its inertia would change by"
+        " {inertia_change:.0%}, its damping by {damping_change:.0%}.",
+        "So much is added to their standard deviations, and what changes by a fifth is left out.",
+    ),
+    "link.not_explained": Text(
+        "the link does not move as an inertia and a damping under the measured torque would: innovations are {value:.2g}"
+        " times as large as noise makes them.",
+        "Weight, friction or a push may be missing in the rig, encoder and torque sensor may disagree in sign, or samples"
+        " may be too few for the motion; inertia and damping are left out where that is so.",
+    ),
+    "link.filter_restarted": Text(
+        "the link does not move as an inertia and a damping under the measured torque would: the filter began again"
+        " {value:.0f} times, because inertia and damping had become negative.",
+        "Weight, friction or a push may be missing in the rig, encoder and torque sensor may disagree in sign, or samples"
+        " may be too few for the motion; inertia and damping are left out where that is so.",
+    ),
+    "link.guess_matters": Text(
+        "stiffness and link did not settle: from an initial guess of {guess:.3g} kg·m² the inertia came to {inertia:.3g},"
+        " from {factor:g} times that to {other_inertia:.3g} kg·m². Stiffness, inertia and damping depend on the guess"
+        " (Serio 2011 §III-A).",
+        "Push the link harder and at more frequencies, or measure the joint's torque (--estimator impedance).",
+    ),
+    "link.friction_left_in": Text(
+        "the link's dry friction is not taken off.",
+        "It goes into the stiffness.",
+    ),
+    "external_torque.missing": Text(
+        "there is no external_torque, and the link is taken to be driven by its transmission alone.",
+        "Whoever pushes it biases the stiffness.",
+    ),
+    "accelerometer.off": Text(
+        "{part} is {value:.3g} {unit} (rms) away from what the motors' motion and gravity make there, where the link has"
+        " {expected:.3g} {unit}.",
+        "The sensor may be upside down, turned, in another unit (g instead of m/s²), or mounted elsewhere than the rig"
+        " says; the estimate is as wrong.",
+    ),
+    "accelerometer.scale": Text(
+        "{part} is {value:.3g} {unit} (rms) away from what the motors' motion and gravity make there, where the link has"
+        " {expected:.3g} {unit}: it is {factor:.3g} times what it should be.",
+        "The sensor may be upside down, turned, in another unit (g instead of m/s²), or mounted elsewhere than the rig"
+        " says; the estimate is as wrong.",
+    ),
+    "acceleration.masked": Text(
+        "for {value:.1%} of the time nothing is estimated: samples are missing, or the accelerometers lie within {reach:g}"
+        " m of the joint's axis, or in line with those of others, and see next to nothing of its acceleration.",
+        "Set that distance with --tune reach=METRES.",
+    ),
+    "observer.diverged": Text(
+        "the observers diverged {value:.0f} times, to deflections that no torque of the motors makes, and began again:"
+        " positions that the accelerometers do not determine for long make all accelerations wrong.",
+        "Mount an accelerometer on every link.",
+    ),
+    "pressure.below_outside": Text(
+        "{part} falls to {value:.4g} kPa, below the {outside:.4g} kPa outside, which no valve brings about.",
+        "Check that it is absolute, and that the rig's outside_pressure is that of the day.",
+    ),
+    "pressure.angle_unknown": Text(
+        "for {value:.1%} of the time the pressures do not determine the angle, not even to a quarter turn, and nothing is"
+        " estimated there: muscles that are nearly vented hardly hold the joint, and their pressures do not change with it.",
+        "Fill both.",
+    ),
+    "pressure.not_explained": Text(
+        "for {value:.1%} of the time the pressures are not those that the rig's valves and muscles would make, and nothing"
+        " is estimated there.",
+        "The valves may be swapped, a pressure may not be absolute, or the rig is another machine's.",
+    ),
 }
 
 
 def sentence(finding: Finding) -> str:
     """Return what a finding says, and what to do about it."""
     text = TEXTS[finding.code]
-    fields = {"joint": finding.joint, "part": finding.part, "value": finding.value, "limit": finding.limit}
+    fields = {name: getattr(finding, name) for name in ("joint", "part", "value", "limit", "unit")}
     words = f"{text.says} {text.advice}".format_map(fields | dict(finding.evidence))
     return f"joint '{finding.joint}': {words}" if finding.joint else words

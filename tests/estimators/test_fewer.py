@@ -1,5 +1,7 @@
 """Samples too few for a motion: what they do to an estimate, told by taking every second one."""
 
+import json
+
 import numpy as np
 import pytest
 from command_line import vsalog_run
@@ -9,7 +11,7 @@ from hypothesis import strategies as st
 from vsalog.estimators import algebraic, residual_rls
 from vsalog.estimators.by_deflection import ByDeflection
 from vsalog.estimators.device import device_of
-from vsalog.estimators.fewer import Moved, every_second, moved_by_samples, said, widened
+from vsalog.estimators.fewer import Moved, every_second, moved_by_samples, sampling_findings, widened
 from vsalog.estimators.folding import estimated
 from vsalog.rig import Rig
 from vsalog.signals import JointSignals
@@ -104,7 +106,7 @@ def test_a_motion_that_is_resolved_is_left_alone():
         moved = moved_by_samples(method, own, signals, method.TUNING(), fold)
         assert moved.shares == {}
         assert moved.tried
-        assert said(own, moved) == ()
+        assert sampling_findings(own, moved) == []
 
 
 @pytest.mark.parametrize(("rate", "enough"), [(50.0, False), (200.0, True)])
@@ -116,16 +118,16 @@ def test_where_half_the_samples_cannot_be_tried_that_is_said(rate, enough):
     assert np.any(estimated(fold, signals)["1"]["excited"])
     moved = moved_by_samples(algebraic, own, signals, algebraic.TUNING(), fold)
     assert moved.tried == enough
-    assert any("half of the samples are too few" in words for words in said(own, moved)) != enough
+    assert ([f.code for f in sampling_findings(own, moved)] == ["sampling.untried"]) != enough
 
 
 @pytest.mark.parametrize(("surely", "told"), [(0.0, False), (0.02, False), (0.05, True)])
 def test_what_noise_may_do_is_counted_in_without_a_word(surely, told):
     own = device(jerked(100.0, seconds=1.0))
     moved = Moved({"1": ByDeflection(np.zeros(1), np.array([0.3]))}, {"1": surely})
-    words = said(own, moved)
-    assert bool(words) == told
-    assert not told or "up to 30% different" in words[0]
+    found = sampling_findings(own, moved)
+    assert [(f.code, f.part, f.value) for f in found] == ([("sampling.too_slow", "1", surely)] if told else [])
+    assert not told or found[0].evidence["stiffness_change"] == 0.3
 
 
 @given(st.integers(2, 60), st.sets(st.integers(1, 59), max_size=5), st.integers(0, 1))
@@ -150,6 +152,6 @@ def test_the_command_says_so(tmp_path):
         f'[joint.elbow]\nkind = "elastic"\n[joint.elbow.motor]\ninertia = {INERTIA}\ndamping = {DAMPING}\n'
         f"[joint.elbow.signals]\n{channels}\n"
     )
-    done = vsalog_run("estimate", "jerked.csv", "--rig", "rig.toml", cwd=tmp_path)
+    done = vsalog_run("estimate", "jerked.csv", "--rig", "rig.toml", "--json", cwd=tmp_path)
     assert done.returncode == 0
-    assert "from every second sample only, the stiffness comes out" in done.stdout + done.stderr
+    assert "sampling.too_slow" in [finding["code"] for finding in json.loads(done.stdout)["joints"][0]["findings"]]

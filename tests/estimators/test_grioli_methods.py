@@ -138,7 +138,7 @@ def test_the_motor_s_side_is_taken_where_it_is_known_and_the_link_s_else(joint, 
         (RIG.replace('motor_torque = "tau"\n', "").replace('external_torque = "push"\n', ""), True),
     ):
         trace, document = estimated(path, rig, tmp_path, "--estimator", "grioli-bicchi")
-        assert ("driven by its transmission alone" in json.dumps(document)) == said
+        assert ("external_torque.missing" in json.dumps(document)) == said
         late = trace["excited"].astype(bool)
         off = np.abs(trace["stiffness"] / stiffness(phi) - 1.0)[late]
         # A push that nobody recorded is taken for the spring's.
@@ -337,7 +337,7 @@ def test_a_coarse_encoder_gets_a_longer_window_and_noise_is_told(joint):
     coarse = {**signals.roles, "link_position": signals.roles["link_position"] + 2e-3 * rng.standard_normal(COUNT)}
     noisy = replace(signals, roles=coarse)
     assert suitable_windows(device, noisy, Tuning())[0] > WINDOWS[0]
-    assert "encoders' noise" in noisy_rates(device, noisy, weights)[0]
+    assert [finding.code for finding in noisy_rates(device, noisy, weights)] == ["filter.noisy_rate"]
     assert suitable_windows(device, noisy, Tuning(window=0.03)) == [31]
 
 

@@ -157,7 +157,7 @@ def trace_of(fold, signals, *sizes):
         parts += traces
         if last:
             state = fold.freeze(state)
-    return Trace.concatenate(parts), fold.warnings(state)
+    return Trace.concatenate(parts), fold.findings(state)
 
 
 @pytest.mark.parametrize("kind", ["savitzky-golay", "kinematic", "pair"])
@@ -220,7 +220,7 @@ def test_where_friction_holds_the_motor_nothing_is_said_of_the_torque(name):
     late = found.trace.time > 13.0
     true = np.interp(found.trace.time, experiment.time, experiment.truth["stiffness"])
     assert np.sqrt(np.mean(((part["stiffness"] - true) / true)[late] ** 2)) < 0.02
-    assert any("nothing is learnt there" in w and "of the time" in w for w in found.warnings)
+    assert "friction.unknown_direction" in [finding.code for finding in found.findings]
 
 
 def test_a_friction_too_small_to_matter_does_not_keep_slow_motion_from_being_learnt_from():

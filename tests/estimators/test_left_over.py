@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import re
 from itertools import pairwise
 
 import numpy as np
@@ -72,7 +71,12 @@ def test_a_late_encoder_is_found_with_its_delay():
     found = followers(look(q - theta, STIFFNESS * phi + noise(), speed), 0.001, 0.0)
     assert found[0].suspect == SPEED
     assert found[0].coefficient / found[0].stiffness == pytest.approx(late, rel=0.15)
-    assert "the link's encoder" in following("joint 'a'", found, None)
+    finding = following("a", "1", found[:1], None)
+    assert (finding.code, finding.value) == ("residual.follows_motion", found[0].taken)
+    assert finding.evidence["signal"] == SPEED
+    assert finding.evidence["speed_stiffness_change"] == found[0].moved
+    assert "the link's encoder" in finding.evidence["explained_by"]
+    assert "damping that the rig does not have" in finding.evidence["explained_by"]
 
 
 def test_what_is_an_unknown_of_the_equation_is_not_suspected():
@@ -90,7 +94,8 @@ def test_a_wrong_gain_of_the_motor_s_encoder_is_found_with_its_size():
     )
     assert found[0].suspect == POSITION
     assert found[0].coefficient / found[0].stiffness == pytest.approx(0.03, rel=0.05)
-    assert "the motor's encoder reading 2.9% too far" in following("joint 'a'", found, None)
+    explained_by = following("a", "1", found, None).evidence["explained_by"]
+    assert "the motor's encoder reading 2.9% too far" in explained_by
 
 
 def test_nothing_is_told_of_a_spring_that_is_one():
@@ -136,11 +141,11 @@ def test_blocks_of_any_size_and_gaps_give_the_same_sums():
 
 
 @pytest.fixture(scope="module")
-def warnings_of(tmp_path_factory):
-    """Simulate a log, once for each machine; return what an estimator says of it."""
+def findings_of(tmp_path_factory):
+    """Simulate a log, once for each machine; return what an estimator finds about it, by code."""
     folder, played = tmp_path_factory.mktemp("machines"), {}
 
-    def say(estimator, preset, *actual):
+    def find(estimator, preset, *actual):
         log = played.setdefault((preset, *actual), folder / f"{len(played)}.mcap")
         if not log.exists():
             machine = [x for change in actual for x in ("--actual", change)]
@@ -150,32 +155,29 @@ def warnings_of(tmp_path_factory):
             assert done.returncode == 0, done.stderr
         done = vsalog_run("estimate", log, "-e", estimator, "-o", "trace.parquet", "--json", cwd=folder)
         assert done.returncode == 0, done.stderr
-        return " ".join(json.loads(done.stdout)["joints"][0]["warnings"])
+        return {finding["code"]: finding for finding in json.loads(done.stdout)["joints"][0]["findings"]}
 
-    return say
+    return find
 
 
 @pytest.mark.parametrize("estimator", ["direct", "residual-rls", "algebraic"])
-def test_a_link_encoder_that_is_late_is_told(warnings_of, estimator):
-    said = warnings_of(estimator, "awas", "joint.awas.signals.link_position.delay=2 ms")
-    assert "what the fit leaves over follows the motor's" in said
+def test_a_link_encoder_that_is_late_is_told(findings_of, estimator):
+    assert "residual.follows_motion" in findings_of(estimator, "awas", "joint.awas.signals.link_position.delay=2 ms")
 
 
 @pytest.mark.parametrize(("gain", "told"), [("1e-9", True), ("1", False)])
-def test_a_set_point_that_is_dead_is_named(warnings_of, gain, told):
-    said = warnings_of("residual-rls", "awas", f"joint.awas.signals.setpoint.gain={gain}")
-    assert ("the set-point never changes in this log" in said) == told
-    assert ("leaves over" in said) == told
+def test_a_set_point_that_is_dead_is_named(findings_of, gain, told):
+    found = findings_of("residual-rls", "awas", f"joint.awas.signals.setpoint.gain={gain}")
+    assert ("setpoint.constant" in found) == told
+    assert any(code.startswith("residual.") for code in found) == told
 
 
 @pytest.mark.parametrize("estimator", ["residual-rls", "algebraic"])
-def test_a_motor_heavier_than_its_rig_is_told_with_its_inertia(warnings_of, estimator):
-    said = warnings_of(estimator, "sea", "joint.sea.motor.inertia=0.1 kg*m^2")
-    inertia = re.search(r"a motor's inertia of ([0-9.]+) kg·m², not 0.08,", said)
-    assert inertia is not None
-    assert float(inertia[1]) == pytest.approx(0.1, rel=0.03)
+def test_a_motor_heavier_than_its_rig_is_told_with_its_inertia(findings_of, estimator):
+    found = findings_of(estimator, "sea", "joint.sea.motor.inertia=0.1 kg*m^2")["residual.follows_motion"]
+    assert 0.08 - found["evidence"]["acceleration_coefficient"] == pytest.approx(0.1, rel=0.03)
 
 
 @pytest.mark.parametrize("estimator", ["direct", "residual-rls", "algebraic", "grioli-parametric"])
-def test_a_machine_that_is_as_its_rig_says_is_not_accused(warnings_of, estimator):
-    assert "leaves over" not in warnings_of(estimator, "sea")
+def test_a_machine_that_is_as_its_rig_says_is_not_accused(findings_of, estimator):
+    assert not [code for code in findings_of(estimator, "sea") if code.startswith("residual.")]

@@ -1,7 +1,6 @@
 """What acts on a link beside what is known: friction and constant torques of known size, on a motion in closed form."""
 
 import json
-import re
 
 import numpy as np
 import pyarrow.parquet as pq
@@ -23,17 +22,14 @@ def moving(friction=0.0, constant=0.0, seed=0):
     return torque, rate, acceleration
 
 
-def sizes(found):
-    return [float(re.search(r"of (-?[0-9.e-]+) N·m", words)[1]) for words in found.found]
-
-
 @pytest.mark.parametrize(("friction", "constant"), [(0.1, 0.0), (0.1, -0.2), (0.1, 0.2)])
 def test_what_acts_is_found_with_its_size_and_what_it_costs(friction, constant):
     torque, rate, acceleration = moving(friction, constant)
     found = what_else_acts(torque, rate, acceleration, 51)
     # What is known to act is inertia, damping, friction and, with the other sign, what pushes unseen.
-    wanted = [x for x in (friction, -constant) if x]
-    assert sizes(found) == pytest.approx(wanted, rel=0.1)
+    assert (found.friction, found.torque) == pytest.approx((friction, -constant), rel=0.1)
+    (finding,) = found.findings("arm")
+    assert (finding.code, finding.value) == ("link.other_torque", found.moved.max())
     plain = np.linalg.lstsq(np.column_stack((acceleration, rate)), torque, rcond=None)[0]
     np.testing.assert_allclose(found.plain, plain, rtol=0.01)
     np.testing.assert_allclose(found.moved, np.abs(plain / [INERTIA, DAMPING] - 1.0), atol=0.02)
@@ -42,19 +38,19 @@ def test_what_acts_is_found_with_its_size_and_what_it_costs(friction, constant):
 @pytest.mark.parametrize("seed", range(5))
 def test_of_a_link_that_is_one_nothing_is_said(seed):
     found = what_else_acts(*moving(seed=seed), 51)
-    assert found.found == ()
+    assert found.findings("arm") == []
     assert not found.moved.any()
     np.testing.assert_allclose(found.plain, [INERTIA, DAMPING], rtol=0.02)
 
 
 def test_what_costs_nothing_is_not_told():
     """A constant torque is told apart from inertia and damping by any motion that swings."""
-    assert what_else_acts(*moving(constant=-0.2), 51).found == ()
+    assert what_else_acts(*moving(constant=-0.2), 51).findings("arm") == []
 
 
 def test_too_little_is_no_witness():
     found = what_else_acts(*(x[:500] for x in moving(0.3)), 51)
-    assert found.found == ()
+    assert found.findings("arm") == []
     assert np.isnan(found.plain).all()
 
 
@@ -65,10 +61,8 @@ def test_friction_of_the_link_is_told_and_is_in_the_deviation(tmp_path, friction
     assert done.returncode == 0, done.stderr
     done = vsalog_run("estimate", "log.mcap", "-e", "impedance", "-o", "t.parquet", "--json", cwd=tmp_path)
     assert done.returncode == 0, done.stderr
-    said = " ".join(json.loads(done.stdout)["joints"][0]["warnings"])
-    size = re.search(r"dry friction of ([0-9.]+) N·m", said)
-    assert size is not None
-    assert float(size[1]) == pytest.approx(float(friction), rel=0.15)
+    (found,) = (f for f in json.loads(done.stdout)["joints"][0]["findings"] if f["code"] == "link.other_torque")
+    assert found["evidence"]["friction"] == pytest.approx(float(friction), rel=0.15)
     damping, std = (
         pq.read_table(tmp_path / "t.parquet")[name].to_numpy(zero_copy_only=False).astype(float)[-1]
         for name in ("link_damping", "link_damping_std")

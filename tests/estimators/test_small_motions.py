@@ -189,7 +189,7 @@ def test_a_small_motion_is_estimated_or_said_to_be_uncertain(share, estimator):
 def test_a_deflection_of_a_few_steps_supports_nothing(estimator):
     joint, sensed = small("sea", 0.003)
     fold, signals = assemble(sensed, Setting("", estimator, {}), joint)
-    assert "deflection spans" in " ".join(fold.warnings(fold.start()))
+    assert "deflection.too_small" in [finding.code for finding in fold.findings(fold.start())]
     assert not np.any(estimate(sensed, Setting("", estimator, {}), joint)["1"]["excited"])
     assert set(offered_roles(sensed.rig.joint[joint])) <= set(signals.roles)
 

@@ -14,6 +14,7 @@ from typing import Any, Protocol
 from vsalog.errors import EstimatorError, did_you_mean
 from vsalog.estimators.device import Device
 from vsalog.estimators.tuning import Tuning
+from vsalog.finding import Finding
 from vsalog.model import JointModel
 from vsalog.signals import JointSignals
 from vsalog.trace import Trace
@@ -73,8 +74,8 @@ class Fold(Protocol):
     def finish(self, state: Any) -> tuple[Any, list[Trace]]:
         """Give out the rows that are still held back."""
 
-    def warnings(self, state: Any) -> tuple[str, ...]:
-        """Say what a person should know of what was learnt."""
+    def findings(self, state: Any) -> tuple[Finding, ...]:
+        """Return what a person should know of what was learnt."""
 
     def model(self, state: Any) -> JointModel:
         """Freeze what has been learnt into a model."""

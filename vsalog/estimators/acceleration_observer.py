@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from vsalog.errors import EstimatorError
 from vsalog.estimators.acceleration_group import NAME, Group, group_of
-from vsalog.estimators.accelerometer_check import said_of_accelerometers
+from vsalog.estimators.accelerometer_check import accelerometer_findings
 from vsalog.estimators.device import Device, largest
 from vsalog.estimators.net_torque import NetTorque, NetTorqueState, extended
 from vsalog.estimators.sensor_error import ENOUGH, LEAST_NOISE, sensor_error
@@ -38,6 +38,7 @@ from vsalog.filters.acceleration_observer import (
     observer_gains,
     sampled_observer,
 )
+from vsalog.finding import Finding
 from vsalog.model import JointModel, basis_spec
 from vsalog.resolution import sensor_noise
 from vsalog.signals import JointSignals
@@ -56,7 +57,7 @@ NOISE_WORTH = 1.5
 POSITIONS = 50
 # What is left of the start when so many times 1/(ζ ω) have passed is nothing; and the most samples that are told apart.
 SETTLED, MOST_UNSETTLED = 30.0, 20_000
-# A warning says so when for more than this share of the time there is nothing to tell.
+# It is a finding when nothing is estimated for more than this share of the time.
 MASKED = 0.01
 # A deflection is believed up to so many times what the motor's largest torque and the observer's noise make of it together.
 FARTHEST = 5.0
@@ -139,7 +140,7 @@ class AccelerationFold:
         self.frequencies = [self._frequency(i, float(usual[i])) for i in range(len(group.members))]
         self.arm = self._with_observers(plain)._replace(farthest=self._farthest(usual, signals))
         self.variances = self._variances(signals)
-        self.noticed = (*self._noisy(usual, signals), *said_of_accelerometers(plain, group, signals))
+        self.noticed = (*self._noisy(usual, signals), *accelerometer_findings(plain, group, signals))
 
     @property
     def derived(self) -> dict[str, float]:
@@ -183,23 +184,22 @@ class AccelerationFold:
         """Nothing is held back."""
         return state, []
 
-    def warnings(self, state: AccelerationState) -> tuple[str, ...]:
-        """Say where the accelerations do not tell this joint's, and that the observers have run away."""
-        said, joint = list(self.noticed), self.device.joint
+    def findings(self, state: AccelerationState) -> tuple[Finding, ...]:
+        """Return where the accelerations do not determine this joint's, and that the observers diverged."""
+        found, joint = list(self.noticed), self.device.joint
         if state.masked > MASKED * state.seen:
-            said.append(
-                f"joint '{joint}': for {state.masked / state.seen:.1%} of the time nothing is told: samples are missing, or the"
-                f" accelerometers lie within {self.tuning.reach:g} m of the joint's axis, or in line with those of others, and"
-                " see next to nothing of its acceleration (--tune reach=METRES)"
+            found.append(
+                Finding(
+                    code="acceleration.masked",
+                    joint=joint,
+                    value=state.masked / state.seen,
+                    limit=MASKED,
+                    evidence={"reach": self.tuning.reach},
+                )
             )
         if state.lost:
-            times = "once" if state.lost == 1 else f"{state.lost} times"
-            said.append(
-                f"joint '{joint}': the observers ran away {times}, to deflections that no torque of the motors makes, and began"
-                " anew: positions that the accelerometers do not tell for long make all accelerations wrong; mount one on every"
-                " link"
-            )
-        return tuple(said)
+            found.append(Finding(code="observer.diverged", joint=joint, value=float(state.lost), limit=0.0))
+        return tuple(found)
 
     def model(self, state: AccelerationState) -> JointModel:
         """Return a model without transmissions: what is estimated are states, by the rig's stiffness."""
@@ -255,8 +255,8 @@ class AccelerationFold:
         weights = np.stack((encoder, torque, accelerations[:, place], carried, once), axis=-1)
         return np.asarray(np.sqrt(np.einsum("ns,nsi->ni", weights, table)))
 
-    def _noisy(self, usual: Array, signals: JointSignals) -> tuple[str, ...]:
-        """Say where the deflection is noise; an observer that is made so by its tuning is refused.
+    def _noisy(self, usual: Array, signals: JointSignals) -> tuple[Finding, ...]:
+        """Find a deflection that is noise; an observer that is made so by its tuning is refused.
 
         Raises
         ------
@@ -269,14 +269,16 @@ class AccelerationFold:
         most = largest(signals.roles[own.view.motor_torque]) / own.motor.K
         if noise <= most:
             return ()
-        how = f"a noise of {noise:.2g} rad in the deflection, which the motor's torque never makes larger than {most:.2g} rad"
         if self.tuning.frequency is not None:
             frequency = self.frequencies[self.group.place]
             raise EstimatorError(
-                f"joint '{self.device.joint}': an observer of {frequency:.4g} rad/s would have {how}; ask for a higher frequency,"
+                f"joint '{self.device.joint}': an observer of {frequency:.4g} rad/s would have a noise of {noise:.2g} rad in"
+                f" the deflection, which the motor's torque never makes larger than {most:.2g} rad; ask for a higher frequency,"
                 " or leave it out"
             )
-        return (f"joint '{self.device.joint}': the motor's encoder leaves {how}: its torque tells nothing",)
+        return (
+            Finding(code="deflection.below_noise", joint=self.device.joint, value=noise, limit=float(most), unit="rad"),
+        )
 
     def _plain_arm(self) -> Arm:
         """Return the arm as the compiled functions read it, still without observers."""

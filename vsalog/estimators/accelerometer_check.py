@@ -6,6 +6,8 @@ links follow their motors but for the springs' swinging, so that slow accelerati
 
 from __future__ import annotations
 
+from functools import partial
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -13,6 +15,7 @@ from vsalog.estimators.acceleration_group import Axis, Group
 from vsalog.estimators.sensor_error import ENOUGH
 from vsalog.filters.acceleration_arm import Arm, axis_rows
 from vsalog.filters.savitzky_golay import savgol_filter, savgol_weights
+from vsalog.finding import Finding
 from vsalog.signals import JointSignals
 
 Array = NDArray[np.float64]
@@ -21,15 +24,15 @@ Array = NDArray[np.float64]
 SLOW, DEGREE = 0.25, 3
 # So many samples are looked at.
 PLACES = 500
-# An axis that differs by this part of what its link's axes should measure is told, where noise does not explain it by so many
-# deviations.
+# An axis that differs by this part of what its link's axes should measure is a finding, where noise does not explain it by so
+# many deviations.
 OFF, SURELY = 0.3, 5.0
-# A difference that a factor explains but for this part of what is measured has that factor told.
+# A difference that a factor explains but for this part of what is measured is reported with that factor.
 LEFT = 0.3
 
 
-def said_of_accelerometers(arm: Arm, group: Group, signals: JointSignals) -> tuple[str, ...]:
-    """Say which axes measure something else, and by which factor where one explains it.
+def accelerometer_findings(arm: Arm, group: Group, signals: JointSignals) -> tuple[Finding, ...]:
+    """Return which axes measure something else, and by which factor where one explains it.
 
     Parameters
     ----------
@@ -62,11 +65,11 @@ def said_of_accelerometers(arm: Arm, group: Group, signals: JointSignals) -> tup
     links = np.array([axis.place for axis in group.axes])
     whole_size = np.sqrt([size[links == link].sum() for link in links])
     off = _rms(found - expected)
-    told = off > np.maximum(OFF * whole_size, SURELY * noise)
+    limit = np.maximum(OFF * whole_size, SURELY * noise)
     return tuple(
-        _words(group, axis, off[i], whole_size[i], _factor(found[i], expected[i]))
+        _finding(group, axis, float(off[i]), float(limit[i]), float(whole_size[i]), _factor(found[i], expected[i]))
         for i, axis in enumerate(group.axes)
-        if told[i]
+        if off[i] > limit[i]
     )
 
 
@@ -93,12 +96,15 @@ def _factor(found: Array, expected: Array) -> float | None:
     return factor if np.linalg.norm(found - factor * expected) < LEFT * np.linalg.norm(found) else None
 
 
-def _words(group: Group, axis: Axis, off: float, size: float, factor: float | None) -> str:
-    own = group.members[group.place].joint
-    unit = "rad/s²" if axis.direct else "m/s²"
-    times = "" if factor is None else f", {factor:.3g} times what it should be"
-    return (
-        f"joint '{own}': {axis.role} is {off:.3g} {unit} (rms) away from what the motors' motion and gravity make there, where"
-        f" the link has {size:.3g} {unit}{times}: the sensor may be upside down, turned, in another unit (g instead of m/s²), or"
-        " mounted elsewhere than the rig says; what is told is as wrong"
+def _finding(group: Group, axis: Axis, off: float, limit: float, size: float, factor: float | None) -> Finding:
+    found = partial(
+        Finding,
+        joint=group.members[group.place].joint,
+        part=axis.role,
+        value=off,
+        limit=limit,
+        unit="rad/s^2" if axis.direct else "m/s^2",
     )
+    if factor is None:
+        return found(code="accelerometer.off", evidence={"expected": size})
+    return found(code="accelerometer.scale", evidence={"expected": size, "factor": factor})

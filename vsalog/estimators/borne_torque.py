@@ -16,6 +16,7 @@ from vsalog.estimators.device import Device, TransmissionView, deflection_of
 from vsalog.estimators.rates import RateNoise
 from vsalog.estimators.sensor_error import ENOUGH, sensor_error
 from vsalog.filters.derivatives import Differentiated
+from vsalog.finding import Finding
 from vsalog.mechanics.links import link_inertia, link_weight
 from vsalog.rig.schema import Link, UnknownTransmission
 from vsalog.signals import JointSignals
@@ -165,11 +166,10 @@ def carried_by(link: Link) -> tuple[float, Weight | None]:
     return link_inertia(link), Weight(torque, link.gravity_angle) if torque else None
 
 
-def effects_left_in(name: str, device: Device) -> list[str]:
-    """Say which transmissions have damping or hysteresis in the rig, which a method that follows rates does not take off."""
+def effects_left_in(name: str, device: Device) -> list[Finding]:
+    """Find transmissions with damping or hysteresis in the rig, which a method that follows rates does not take off."""
     return [
-        f"joint '{device.joint}', transmission {v.name}: the damping and the hysteresis that the rig has are not taken off by"
-        f" {name}, and go into the stiffness"
+        Finding(code="transmission.effects_left_in", joint=device.joint, part=v.name, evidence={"estimator": name})
         for v in device.transmissions
         if not isinstance(v.nominal, UnknownTransmission)
         and (v.nominal.damping or v.nominal.bouc_wen or v.nominal.slip)

@@ -1,4 +1,4 @@
-"""What too few samples do to an estimate, told by taking every second one.
+"""What too few samples do to an estimate, detected by taking every second one.
 
 A motion that is hardly resolved, as of jerks at 50 Hz, bends what is estimated from it: torques jump between samples, and
 derivatives lose what is fast. That repeats with the motion and is in no left-over. But every second sample alone is a recording
@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
+from functools import partial
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -22,6 +23,7 @@ from vsalog.estimators.equation import SUPPORTED_SHARE
 from vsalog.estimators.folding import estimated
 from vsalog.estimators.regression import RegressionFold
 from vsalog.estimators.tuning import Tuning
+from vsalog.finding import Finding
 from vsalog.signals import JointSignals
 from vsalog.trace import Trace
 
@@ -120,21 +122,23 @@ def widened(trace: Trace, moved: Moved) -> Trace:
     return replace(trace, transmissions=parts)
 
 
-def said(device: Device, moved: Moved) -> tuple[str, ...]:
-    """Say of which stiffness samples are too few, or that this cannot be tried."""
+def sampling_findings(device: Device, moved: Moved) -> list[Finding]:
+    """Return for which stiffness samples are too few, or that this cannot be tried."""
     if not moved.tried:
-        return (
-            f"joint '{device.joint}': half of the samples are too few for this estimator, so nothing tells whether all of them"
-            " are enough for the motion; the stiffness may be off by more than its standard deviation says: record at a higher"
-            " rate, or longer",
+        return [Finding(code="sampling.untried", joint=device.joint)]
+    found: list[Finding] = []
+    for name, share in moved.shares.items():
+        surely = moved.surely[name]
+        if surely <= WORTH_A_WORD or (name == "total" and len(device.transmissions) < 2):
+            continue
+        found_of = partial(
+            Finding, joint=device.joint, value=surely, limit=WORTH_A_WORD, evidence={"stiffness_change": share.most}
         )
-    return tuple(
-        f"joint '{device.joint}', {'the whole' if name == 'total' else f'transmission {name}'}: from every second sample only,"
-        f" the stiffness comes out up to {share.most:.0%} different, which its standard deviation counts in: the samples are too"
-        " few for so fast a motion, or for a spring that changes so suddenly; record at a higher rate, or move more smoothly"
-        for name, share in moved.shares.items()
-        if moved.surely[name] > WORTH_A_WORD and (name != "total" or len(device.transmissions) > 1)
-    )
+        if name == "total":
+            found.append(found_of(code="sampling.too_slow_for_total"))
+        else:
+            found.append(found_of(code="sampling.too_slow", part=name))
+    return found
 
 
 def change(before: Columns, after: Columns, every: slice) -> tuple[Array, Array]:

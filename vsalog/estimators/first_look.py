@@ -13,6 +13,7 @@ from vsalog.estimators.resting import Steps, steps_of
 from vsalog.estimators.tuning import Tuning
 from vsalog.estimators.windows import LOUD, WINDOWS, most_moved, rates_of
 from vsalog.filters.savitzky_golay import savgol_weights
+from vsalog.finding import Finding
 from vsalog.resolution import step_of
 from vsalog.signals import JointSignals
 
@@ -27,11 +28,11 @@ FEWEST_STEPS, EVENED_OUT = 4.0, 40.0
 
 @dataclass(frozen=True, slots=True)
 class FirstLook:
-    """What was noticed, the transmissions of which nothing can be told (a deflection too small for its encoders, say), and the
-    steps of the sensors that have any.
+    """What was found, the transmissions whose stiffness cannot be estimated (a deflection too small for its encoders, say), and
+    the steps of the sensors that have any.
     """
 
-    remarks: tuple[str, ...] = ()
+    findings: tuple[Finding, ...] = ()
     blind: frozenset[str] = frozenset()
     steps: Mapping[str, Steps] = field(default_factory=dict)
 
@@ -41,8 +42,8 @@ class FirstLook:
         return float(np.linalg.norm([self.steps[role].size for role in sorted(roles)]))
 
     def and_also(self, other: FirstLook) -> FirstLook:
-        """Return what was noticed in either look."""
-        return FirstLook(self.remarks + other.remarks, self.blind | other.blind, {**self.steps, **other.steps})
+        """Return what was found in either look."""
+        return FirstLook(self.findings + other.findings, self.blind | other.blind, {**self.steps, **other.steps})
 
 
 NOTHING_SEEN = FirstLook()
@@ -52,13 +53,12 @@ def first_look(device: Device, signals: JointSignals, tuning: Tuning) -> FirstLo
     """Look at a log as it is bound, with the window that was asked for."""
     spans = {view.name: _span(view, signals) for view in device.transmissions}
     blind = {name: span for name, span in spans.items() if span < FEWEST_STEPS}
-    told = [
-        f"joint '{device.joint}', transmission {name}: the deflection spans {span:.1f} of its encoders' steps, too few to tell a"
-        " stiffness; move the joint more"
+    small = [
+        Finding(code="deflection.too_small", joint=device.joint, part=name, value=span, limit=FEWEST_STEPS)
         for name, span in blind.items()
     ]
     steps = steps_of(signals, device.transmissions)
-    return FirstLook((*told, *_smoothed_away(device, signals, tuning)), frozenset(blind), steps)
+    return FirstLook((*small, *_smoothed_away(device, signals, tuning)), frozenset(blind), steps)
 
 
 def _span(view: TransmissionView, signals: JointSignals) -> float:
@@ -78,8 +78,8 @@ def _range(x: Array) -> float:
     return float(np.ptp(finite)) if finite.size else np.inf
 
 
-def _smoothed_away(device: Device, signals: JointSignals, tuning: Tuning) -> list[str]:
-    """Say where a window that was asked for smooths the motion away; nothing of the motion is known where noise is louder."""
+def _smoothed_away(device: Device, signals: JointSignals, tuning: Tuning) -> list[Finding]:
+    """Find where a window that was asked for smooths the motion away; nothing of the motion is known where noise is louder."""
     if tuning.window is None or tuning.filter == "kinematic":
         return []
     moved = {role for view in device.transmissions for role in view.deflection_roles(signals.roles)}
@@ -91,9 +91,14 @@ def _smoothed_away(device: Device, signals: JointSignals, tuning: Tuning) -> lis
         for window in (WINDOWS[0], asked)
     )
     return [
-        f"joint '{device.joint}', transmission {view.name}: a window of {tuning.window:g} s smooths the motion away:"
-        f" {left / rate:.0%} of the deflection's rate is left, and the stiffness is that of the smoothed motion; shorten it, or"
-        " leave it out to have it chosen by the log"
+        Finding(
+            code="filter.smooths_motion",
+            joint=device.joint,
+            part=view.name,
+            value=float(left / rate),
+            limit=float((SMOOTHED * (1.0 - (noise / rate) ** 2)) ** 0.5),
+            evidence={"window": tuning.window},
+        )
         for view, rate, noise, left in zip(device.transmissions, *before, now[0], strict=True)
         if noise < LOUD * rate and left**2 < SMOOTHED * (rate**2 - noise**2)
     ]

@@ -22,6 +22,7 @@ from vsalog.estimators.rates import Rates, prediction_error, typical_speed
 from vsalog.estimators.tuning import Positive, Tuning
 from vsalog.filters.derivatives import Derivatives, DerivativesState, Differentiated
 from vsalog.filters.stiffness_observer import observe_stiffness, observer_start
+from vsalog.finding import Finding
 from vsalog.model import JointModel, basis_spec
 from vsalog.signals import JointSignals
 from vsalog.trace import Trace
@@ -148,9 +149,9 @@ class ObserverFold:
         """Give out the rows that are still held back."""
         return self._follow(state, *self.conditioner.finish(state.filters))
 
-    def warnings(self, state: ObserverState) -> tuple[str, ...]:
-        """Say what a person should know of what was learnt."""
-        return self.look.remarks
+    def findings(self, state: ObserverState) -> tuple[Finding, ...]:
+        """Return what a person should know of what was learnt."""
+        return self.look.findings
 
     def model(self, state: ObserverState) -> JointModel:
         """Return a model without transmissions: the stiffness is followed, not modelled."""

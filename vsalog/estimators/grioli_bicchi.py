@@ -26,6 +26,7 @@ from vsalog.estimators.net_torque import NetTorque, doubt_role, extended, way_ro
 from vsalog.estimators.sensor_error import ENOUGH
 from vsalog.estimators.windows import noisy_rates, suitable_windows, with_window
 from vsalog.filters.derivatives import Derivatives
+from vsalog.finding import Finding
 from vsalog.mechanics.friction import rubs
 from vsalog.signals import JointSignals
 
@@ -121,12 +122,12 @@ def build(device: Device, signals: JointSignals, tuning: GrioliBicchiTuning) -> 
         found.smoothed_away = smoothed_away(found, sharper, part)
         found.averages = {n: replace(a, sharper=sharper.averages[n].course) for n, a in found.averages.items()}
     else:
-        found.remarks += unresolved(device, best * signals.period, found.swing)
+        found.of_filter += unresolved(device, best * signals.period, found.swing)
     return found
 
 
 class GrioliBicchiFold(ObserverFold):
-    """The observers of all transmissions, and what is to be said of where their torque comes from."""
+    """The observers of all transmissions, and findings about where their torque comes from."""
 
     def __init__(
         self, side: str, device: Device, signals: JointSignals, tuning: GrioliBicchiTuning, torques: list[BorneTorque],
@@ -134,36 +135,28 @@ class GrioliBicchiFold(ObserverFold):
     ) -> None:  # fmt: skip
         super().__init__(NAME, "RESIDUAL", device, signals, tuning, torques, conditioner, look)
         self.side, self.pushed = side, "external_torque" in signals.roles
-        self.remarks = noisy_rates(device, signals, conditioner.weights)
+        self.of_filter = noisy_rates(device, signals, conditioner.weights)
 
     @property
     def derived(self) -> dict[str, float]:
         """The gain, its uncertainty's parts and the window that were derived from the log."""
         return {**super().derived, "window": (self.conditioner.window - 1) * self.period}
 
-    def warnings(self, state: ObserverState) -> tuple[str, ...]:
-        """Say what the torque leaves out."""
-        said, joint, link = list(super().warnings(state)), self.device.joint, self.device.link
+    def findings(self, state: ObserverState) -> tuple[Finding, ...]:
+        """Return what the torque leaves out."""
+        found, joint, link = list(super().findings(state)), self.device.joint, self.device.link
         if self.side == "link" and not self.pushed:
-            said.append(
-                f"joint '{joint}': there is no external_torque, and the link is taken to be driven by its transmission alone;"
-                " whoever pushes it bends the stiffness"
-            )
+            found.append(Finding(code="external_torque.missing", joint=joint))
         if self.side == "link" and link is not None and rubs(link.friction):
-            said.append(f"joint '{joint}': the link's dry friction is not taken off, and goes into the stiffness")
-        said += self.remarks + effects_left_in(NAME, self.device)
-        return tuple(said)
+            found.append(Finding(code="link.friction_left_in", joint=joint))
+        return (*found, *self.of_filter, *effects_left_in(NAME, self.device))
 
 
-def unresolved(device: Device, window: float, swing: float) -> list[str]:
-    """Say where a window that nothing shorter is held against is longer than the deflection takes from end to end [s]."""
+def unresolved(device: Device, window: float, swing: float) -> list[Finding]:
+    """Find a window that nothing shorter is held against and that is longer than the deflection takes from end to end [s]."""
     if window <= swing:
         return []
-    return [
-        f"joint '{device.joint}': the filter's window of {window:.2g} s is longer than the deflection takes from one end to the"
-        f" other ({swing:.2g} s); what the stiffness changes by on the way is smoothed away, and its standard deviation does not"
-        " know by how much: record at a higher rate, or move more slowly"
-    ]
+    return [Finding(code="filter.window_too_long", joint=device.joint, value=window, limit=float(swing), unit="s")]
 
 
 def claimed_share(fold: ObserverFold, signals: JointSignals) -> float:

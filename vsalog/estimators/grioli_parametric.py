@@ -28,6 +28,7 @@ from vsalog.estimators.solvers import QrSolver, least_samples
 from vsalog.estimators.tuning import Positive, Tuning, usual_regressor
 from vsalog.estimators.windows import noisy_rates, suitable_windows, with_window
 from vsalog.filters.conditioning import Conditioned, Conditioner
+from vsalog.finding import Finding
 from vsalog.signals import JointSignals
 
 NAME = "grioli-parametric"
@@ -92,15 +93,15 @@ def build(device: Device, signals: JointSignals, tuning: GrioliParametricTuning)
 
 
 class RateFold(RegressionFold):
-    """The least-squares fold, with what is to be said of rates."""
+    """The least-squares fold, with findings about rates."""
 
     # It fits their rates.
     fits_torque: ClassVar[bool] = False
-    noisy: Sequence[str] = ()
+    noisy: Sequence[Finding] = ()
 
-    def warnings(self, state: FoldState) -> tuple[str, ...]:
-        """Say what goes into the stiffness beside the spring."""
-        return (*super().warnings(state), *self.noisy, *effects_left_in(NAME, self.device))
+    def findings(self, state: FoldState) -> tuple[Finding, ...]:
+        """Return what goes into the stiffness along with the spring."""
+        return (*super().findings(state), *self.noisy, *effects_left_in(NAME, self.device))
 
 
 def rate_equations(device: Device, signals: JointSignals, conditioner: Conditioner) -> tuple[RateEquation, ...]:

@@ -21,6 +21,7 @@ from vsalog.estimators.windows import keeping_window
 from vsalog.filters.derivatives import Derivatives
 from vsalog.filters.link_ekf import LinkState
 from vsalog.filters.savitzky_golay import savgol_weights
+from vsalog.finding import Finding
 from vsalog.signals import JointSignals
 
 NAME = "impedance"
@@ -103,12 +104,9 @@ class ImpedanceFold(ObserverFold):
         """Return what the link's filter tells, from the signals as they were recorded: it filters itself."""
         return (beside, {}) if self.link is None else self.link.block(beside, rows, begins)
 
-    def warnings(self, state: ObserverState) -> tuple[str, ...]:
-        """Say what the link's filter could not find."""
-        said = super().warnings(state)
+    def findings(self, state: ObserverState) -> tuple[Finding, ...]:
+        """Return what the link's filter could not estimate, too."""
+        found = super().findings(state)
         if self.link is None:
-            return (
-                *said,
-                f"joint '{self.device.joint}': without link_position the link's inertia and damping are not estimated",
-            )
-        return (*said, *self.link.warnings(state.beside))
+            return (*found, Finding(code="link.inertia_not_estimated", joint=self.device.joint))
+        return (*found, *self.link.findings(state.beside))

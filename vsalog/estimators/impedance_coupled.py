@@ -34,6 +34,7 @@ from vsalog.filters.coupled_observer import CoupledNoise, CoupledState, coupled_
 from vsalog.filters.derivative_weights import derivative_weights
 from vsalog.filters.derivatives import Derivatives, DerivativesState, Differentiated
 from vsalog.filters.savitzky_golay import savgol_filter
+from vsalog.finding import Finding
 from vsalog.model import JointModel, basis_spec
 from vsalog.signals import JointSignals
 from vsalog.trace import Trace
@@ -198,18 +199,27 @@ class ImpedanceCoupledFold:
         """Give out the rows that are still held back."""
         return self._follow(state, *self.conditioner.finish(state.filters))
 
-    def warnings(self, state: ImpedanceCoupledState) -> tuple[str, ...]:
-        """Say whether the loop depends on what it began with."""
-        said = [*self.look.remarks, *effects_left_in(NAME, self.device)]
+    def findings(self, state: ImpedanceCoupledState) -> tuple[Finding, ...]:
+        """Return, among others, whether the loop depends on what it began with."""
+        found = [*self.look.findings, *effects_left_in(NAME, self.device)]
         inertia, other = float(state.loops[0].link[0]), float(state.loops[2].link[0])
         if inertia <= 0.0 or abs(inertia - other) > MET * inertia:
-            said.append(
-                f"joint '{self.device.joint}': stiffness and link did not settle: from an initial guess of"
-                f" {self.guess[0]:.3g} kg·m² the inertia came to {inertia:.3g}, from {ANOTHER_GUESS:g} times that to {other:.3g}"
-                " kg·m². Stiffness, inertia and damping depend on the guess (Serio 2011 §III-A); push the link harder and at more"
-                " frequencies, or measure the joint's torque (--estimator impedance)"
+            found.append(
+                Finding(
+                    code="link.guess_matters",
+                    joint=self.device.joint,
+                    value=abs(inertia - other),
+                    limit=max(MET * inertia, 0.0),
+                    unit="kg*m^2",
+                    evidence={
+                        "guess": self.guess[0],
+                        "inertia": inertia,
+                        "factor": ANOTHER_GUESS,
+                        "other_inertia": other,
+                    },
+                )
             )
-        return tuple(said)
+        return tuple(found)
 
     def model(self, state: ImpedanceCoupledState) -> JointModel:
         """Return a model without transmissions: the stiffness is followed, not modelled."""

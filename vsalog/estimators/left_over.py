@@ -2,9 +2,9 @@
 
 A signal that is late by δ makes of the deflection q − θ one that is off by δ times the speed, an encoder whose gain is off by a
 part one that is off by that part of the position; a wrong inertia leaves its error times the acceleration. A fit of the stiffness
-takes for its own what it can of either, and is off without a word. The rest can be told: the equation is solved once more with
-each of these among the regressors, and where that takes away much of what was left over, and moves the stiffness by more than is
-said of it, that is told.
+takes for its own what it can of either, and is off without a word. The rest is in the residual: the equation is solved again with
+each of these among the regressors, and where that takes away much of the residual, and moves the stiffness by more than its
+standard deviation says, that is a finding.
 
 Equations are averaged over windows first. That leaves them as true as they are, takes most of the noise of differentiated
 encoders out of both sides alike, and makes accelerations differences of speeds. Noise that is left makes left-overs follow the
@@ -20,6 +20,8 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 from numba import njit
 from numpy.typing import NDArray
+
+from vsalog.finding import Finding
 
 if TYPE_CHECKING:
     from vsalog.estimators.equation import Equation
@@ -39,8 +41,6 @@ LONG, LEFT, REACH = 4, 0.6, 0.3
 # What is left over of a torque and does not average out: this part of it, of which so much is left in long averages (of white
 # noise a half), beyond so much of an encoder's step. More than all is left where the torque itself averages out.
 POOR, SLOW, COARSE = 0.05, (0.7, 1.1), 0.5
-# How a warning of these begins, behind where it is.
-FOLLOWS = "what the fit leaves over follows"
 SPEED, ACCELERATION, POSITION = "speed", "acceleration", "position"
 SUSPECTS = (SPEED, ACCELERATION, POSITION)
 
@@ -162,20 +162,24 @@ def _run(
         box[:] = 0.0
 
 
-def words_of(joint: str, equation: Equation, state: LeftOverState, claimed: float, step: float) -> str:
-    """Say what the left-overs of an equation follow, or that they are no noise; nothing where neither is the case.
+def residual_findings(
+    joint: str, equation: Equation, state: LeftOverState, claimed: float, step: float
+) -> list[Finding]:
+    """Return what the residual of an equation follows, or that it is no noise; nothing where neither is the case.
 
     Parameters
     ----------
     claimed, step : as for `followers`
     """
-    where = f"joint '{joint}', transmission {' and '.join(view.name for view in equation.transmissions)}"
+    part = " and ".join(view.name for view in equation.transmissions)
     # What would follow the speed or the acceleration, an equation that has them among its unknowns takes for those.
     suspects = (POSITION,) if equation.parameters else SUSPECTS
     if found := followers(state, claimed, step, suspects):
-        return following(where, found, equation.motor)
+        return [following(joint, part, found, equation.motor)]
     share = misfit(state, step)
-    return no_noise(where, joint, share) if share else ""
+    if share is None:
+        return []
+    return [Finding(code="residual.not_noise", joint=joint, part=part, value=share, limit=POOR)]
 
 
 def followers(
@@ -233,29 +237,27 @@ def misfit(state: LeftOverState, step: float) -> float | None:
     return float(part) if part > POOR and SLOW[0] < part / whole < SLOW[1] and beyond else None
 
 
-def following(where: str, found: list[Follower], motor: tuple[float, float] | None) -> str:
-    """Say what the left-overs follow, and what that may come from.
+def following(joint: str, part: str, found: list[Follower], motor: tuple[float, float] | None) -> Finding:
+    """Return the finding that the residual follows the motor's motion, with what would explain it.
 
     Parameters
     ----------
-    where : joint and transmission
-    found : of `followers`, at least one
-    motor : inertia and damping of the motor where the torque is computed from its motion, else None
+    found : of `followers`, at least one; each alone would do, and so they are alternatives
+    motor : inertia [kg·m²] and damping [N·m·s/rad] of the motor where the torque is computed from its motion, else None
     """
-    names = " and ".join(f"the motor's {f.suspect} ({f.taken:.0%} of its power)" for f in found)
-    causes = "; or with ".join(_causes(f, motor) for f in found)
-    return (
-        f"{where}: {FOLLOWS} {names}, as it does where a sensor is late or wrong, or the rig is: with"
-        f" {causes}. 'vsalog diagnose' tells which"
-    )
-
-
-def no_noise(where: str, joint: str, share: float) -> str:
-    """Say that a part of the torque is left over that is no noise, as `misfit` tells."""
-    return (
-        f"{where}: what the fit leaves over is {share:.0%} of the torque and no noise, for it does not average out: a"
-        " sensor that is stuck, clipped or wrong for a while, a spring that changes, or a basis that cannot follow it"
-        f" ([joint.{joint}.basis] order). The stiffness may be further off than is said"
+    evidence: dict[str, float | int | str] = {
+        "signal": " or ".join(f.suspect for f in found),
+        "explained_by": "; or ".join(f"{_causes(f, motor)} (stiffness {f.moved:.0%} different)" for f in found),
+    }
+    for f in found:
+        evidence |= {
+            f"{f.suspect}_share": f.taken,
+            f"{f.suspect}_coefficient": f.coefficient,
+            f"{f.suspect}_stiffness": f.stiffness,
+            f"{f.suspect}_stiffness_change": f.moved,
+        }
+    return Finding(
+        code="residual.follows_motion", joint=joint, part=part, value=found[0].taken, limit=TAKEN, evidence=evidence
     )
 
 
@@ -275,11 +277,10 @@ def _causes(found: Follower, motor: tuple[float, float] | None) -> str:
     elif motor is None and k > 0.0:
         causes.append(f"an inertia of {k:.3g} kg·m² between spring and torque sensor")
     elif motor is not None and motor[0] - k > 0.0:
-        causes.append(f"a motor's inertia of {motor[0] - k:.3g} kg·m², not {motor[0]:.3g},")
+        causes.append(f"a motor's inertia of {motor[0] - k:.3g} kg·m², not {motor[0]:.3g}")
     else:
         causes.append(f"the {found.suspect} in the equation")
-    change = f"change by {found.moved:.0%}" if found.moved < 1.0 else "be quite another"
-    return f"{' or '.join(causes)} the stiffness would {change}"
+    return " or ".join(causes)
 
 
 class _Fit(NamedTuple):

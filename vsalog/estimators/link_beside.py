@@ -2,7 +2,7 @@
 
 Each follows something else than q̈ and q̇ do, and bends both where nobody knows of it: Coulomb friction, which has the sign of
 q̇, looks like damping. So the link's equation is solved with these among its regressors too, averaged over half windows much as in
-`left_over.py`. What is surely there is told with its size, and what it moves I and N by is doubt in them.
+`left_over.py`. What is surely there is a finding with its size, and what it moves I and N by is doubt in them.
 """
 
 from __future__ import annotations
@@ -12,11 +12,11 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from vsalog.estimators.equation import SUPPORTED_SHARE
+from vsalog.finding import Finding
 
 Array = NDArray[np.float64]
 
-# Averages without which nothing is said; how sure a size has to be, in its standard deviations; what counts of I and N.
+# Averages without which nothing is found; how sure a size has to be, in its standard deviations; what counts of I and N.
 AVERAGES, SURE, MOVED = 40, 5.0, 0.01
 
 
@@ -27,26 +27,37 @@ class Beside:
     Attributes
     ----------
     plain : shape (2,), I [kg·m²] and N [N·m·s/rad] of least squares; NaN where there is too little
-    found : in words, with its size
-    moved : shape (2,), parts of I and N by which these change with it; 0 where nothing is found
+    moved : shape (2,), parts of I and N by which these change with what was found; 0 where nothing was
+    friction, torque : dry friction, and a constant torque [N·m]; 0 where it was not found
     """
 
     plain: Array
-    found: tuple[str, ...]
     moved: Array
+    friction: float = 0.0
+    torque: float = 0.0
 
-    def said(self, joint: str) -> tuple[str, ...]:
-        """Say what was found."""
-        if not self.found:
-            return ()
-        return (
-            f"joint '{joint}': the link moves as if {' and '.join(self.found)} acted on it too, of which neither rig nor torque"
-            f" sensor says anything; with that its inertia would change by {self.moved[0]:.0%}, its damping by"
-            f" {self.moved[1]:.0%}: so much is added to their deviations, and what changes by {SUPPORTED_SHARE:.0%} is left out",
-        )
+    def findings(self, joint: str) -> list[Finding]:
+        """Return a finding with what acts, none where nothing does."""
+        if not self.moved.any():
+            return []
+        inertia, damping = (float(x) for x in self.moved)
+        return [
+            Finding(
+                code="link.other_torque",
+                joint=joint,
+                value=max(inertia, damping),
+                limit=MOVED,
+                evidence={
+                    "friction": self.friction,
+                    "torque": self.torque,
+                    "inertia_change": inertia,
+                    "damping_change": damping,
+                },
+            )
+        ]
 
 
-NOTHING = Beside(np.full(2, np.nan), (), np.zeros(2))
+NOTHING = Beside(np.full(2, np.nan), np.zeros(2))
 
 
 def what_else_acts(torque: Array, velocity: Array, acceleration: Array, window: int) -> Beside:
@@ -67,7 +78,7 @@ def what_else_acts(torque: Array, velocity: Array, acceleration: Array, window: 
     known, target = averages[:, :-1], averages[:, -1]
     size = np.sqrt((known**2).mean(axis=0))
     plain = np.linalg.lstsq(known[:, :2], target, rcond=None)[0]
-    nothing = Beside(plain, (), np.zeros(2))
+    nothing = Beside(plain, np.zeros(2))
     if not (size > 0.0).all():
         return nothing
     inverse = np.linalg.pinv((known / size).T @ (known / size))
@@ -75,7 +86,6 @@ def what_else_acts(torque: Array, velocity: Array, acceleration: Array, window: 
     left = float(np.sum((target - known / size @ every) ** 2)) / (len(averages) - every.size)
     sure = np.abs(every) > SURE * np.sqrt(np.maximum(left * np.diagonal(inverse), 0.0))
     every /= size
-    words = (f"dry friction of {every[2]:.2g} N·m", f"a torque of {-every[3]:.2g} N·m")
     there = [bool(sure[2] and every[2] > 0.0), bool(sure[3])]
     kept = [0, 1, *(i + 2 for i in range(2) if there[i])]
     found = np.linalg.lstsq(known[:, kept], target, rcond=None)[0]
@@ -84,4 +94,4 @@ def what_else_acts(torque: Array, velocity: Array, acceleration: Array, window: 
     moved = np.where(np.isfinite(moved), moved, np.inf)
     if not any(there) or moved.max() < MOVED:
         return nothing
-    return Beside(plain, tuple(w for w, t in zip(words, there, strict=True) if t), moved)
+    return Beside(plain, moved, float(every[2]) if there[0] else 0.0, -float(every[3]) if there[1] else 0.0)

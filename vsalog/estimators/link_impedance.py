@@ -28,6 +28,7 @@ from vsalog.filters.link_ekf import (
     link_start,
 )
 from vsalog.filters.savitzky_golay import savgol_filter
+from vsalog.finding import Finding
 from vsalog.mechanics.links import link_weight
 from vsalog.resolution import sensor_noise
 from vsalog.signals import JointSignals
@@ -113,30 +114,27 @@ class LinkImpedance:
             columns |= {name: np.where(given, value, np.nan), f"{name}_std": np.where(given, std, np.nan)}
         return after, columns
 
-    def warnings(self, state: LinkState) -> tuple[str, ...]:
-        """Say what could not be found, and why, and what acts on the link beside what is known."""
+    def findings(self, state: LinkState) -> tuple[Finding, ...]:
+        """Return what could not be estimated, and why, and what acts on the link along with what is known."""
         excess, lost, joint = float(state.last[1]), int(state.last[3]), self.device.joint
-        beside = self.beside.said(joint)
+        found = self.beside.findings(joint)
         if lost > MOST_LOST:
-            how = f"the filter began anew {lost} times, because inertia and damping had come to be negative"
+            found.append(Finding(code="link.filter_restarted", joint=joint, value=float(lost), limit=float(MOST_LOST)))
         elif excess > MOST_EXCESS:
-            how = f"innovations are {excess**0.5:.2g} times as large as noise makes them"
+            found.append(Finding(code="link.not_explained", joint=joint, value=excess**0.5, limit=MOST_EXCESS**0.5))
         elif not np.all(self.bent < SUPPORTED_SHARE):
-            found = zip(("inertia", "damping"), self.bent, strict=True)
-            lacking = " and ".join(name for name, doubt in found if not doubt < SUPPORTED_SHARE)
-            return (
-                *beside,
-                f"joint '{joint}': noise or steps of the sensors, or samples that are too few for the motion, bend the link's"
-                f" {lacking} by more than {SUPPORTED_SHARE:.0%}: left out; move the link harder, or record faster",
+            biased = {name: float(bent) for name, bent in zip(("inertia", "damping"), self.bent, strict=True)}
+            found.append(
+                Finding(
+                    code="link.estimate_biased",
+                    joint=joint,
+                    part=" and ".join(name for name, bent in biased.items() if not bent < SUPPORTED_SHARE),
+                    value=max(biased.values()),
+                    limit=SUPPORTED_SHARE,
+                    evidence=biased,
+                )
             )
-        else:
-            return beside
-        return (
-            *beside,
-            f"joint '{joint}': the link does not move as an inertia and a damping under the measured torque would ({how}):"
-            " weight, friction or a push may be missing in the rig, encoder and torque sensor disagree in sign, or samples be"
-            " too few for the motion; inertia and damping are left out where that is so",
-        )
+        return tuple(found)
 
     def _acting(self, rows: JointSignals) -> Array:
         """Return the torque that turns the link: a push from outside, less its weight and what the transmissions take."""

@@ -26,6 +26,7 @@ from vsalog.estimators.region import lengths
 from vsalog.estimators.tuning import Tuning
 from vsalog.estimators.unfiltered import Unfiltered
 from vsalog.filters.square_root_ukf import UnscentedTrace
+from vsalog.finding import Finding
 from vsalog.grid import GAP
 from vsalog.model import JointModel, basis_spec
 from vsalog.resolution import sensor_noise
@@ -151,8 +152,8 @@ def estimate_of(name: str, device: Device, signals: JointSignals, tuning: PamTun
     return PamEstimate(name, device, fold, noise, tuning.air, signals.period, tuple(below))
 
 
-def _below_outside(role: str, pressure: Array, noise: float, device: Device) -> list[str]:
-    """Say where a pressure falls below that outside, as one that is not absolute does.
+def _below_outside(role: str, pressure: Array, noise: float, device: Device) -> list[Finding]:
+    """Find a pressure that falls below that outside, as one that is not absolute does.
 
     Raises
     ------
@@ -161,18 +162,26 @@ def _below_outside(role: str, pressure: Array, noise: float, device: Device) -> 
     """
     assert device.pneumatic is not None
     outside, least = device.pneumatic.air.outside_pressure, float(np.min(pressure))
-    if least > outside - max(NO_NOISE * noise, NO_WEATHER * outside):
+    limit = outside - max(NO_NOISE * noise, NO_WEATHER * outside)
+    if least > limit:
         return []
-    said = (
-        f"joint '{device.joint}': {role} falls to {least / 1e3:.4g} kPa, below the {outside / 1e3:.4g} kPa outside,"
-        " which no valve brings about"
-    )
     if least < (1.0 - NO_OFFSET) * outside:
         raise EstimatorError(
-            f"{said}: it is not absolute. A signal of the rig may have an offset, what the sensor says at zero: offset ="
-            f' "-{outside / 1e3:.4g} kPa" where it tells the pressure above that outside'
+            f"joint '{device.joint}': {role} falls to {least / 1e3:.4g} kPa, below the {outside / 1e3:.4g} kPa outside,"
+            " which no valve brings about: it is not absolute. A signal of the rig may have an offset, what the sensor says at"
+            f' zero: offset = "-{outside / 1e3:.4g} kPa" where it tells the pressure above that outside'
         )
-    return [f"{said}: is it absolute, and is the rig's outside_pressure that of the day?"]
+    return [
+        Finding(
+            code="pressure.below_outside",
+            joint=device.joint,
+            part=role,
+            value=least / 1e3,
+            limit=limit / 1e3,
+            unit="kPa",
+            evidence={"outside": outside / 1e3},
+        )
+    ]
 
 
 @dataclass(frozen=True, slots=True)
@@ -209,7 +218,7 @@ class PamEstimate:
         noise: PamNoise,
         air: str,
         period: float,
-        noticed: tuple[str, ...] = (),
+        noticed: tuple[Finding, ...] = (),
     ) -> None:
         self.name, self.device, self.fold, self.noise, self.air, self.period = name, device, fold, noise, air, period
         self.noticed = noticed
@@ -283,22 +292,16 @@ class PamEstimate:
         }
         return {name: np.where(lost, np.nan, values) for name, values in columns.items()} | {"excited": excited}
 
-    def warnings(self, state: PamFoldState) -> tuple[str, ...]:
-        """Say where the pressures are not what the model makes of the valves."""
-        said, joint = list(self.noticed), self.device.joint
+    def findings(self, state: PamFoldState) -> tuple[Finding, ...]:
+        """Return where the pressures do not determine the angle, or are not what the model makes of the valves."""
+        found, joint = list(self.noticed), self.device.joint
         if state.anywhere:
-            said.append(
-                f"joint '{joint}': for {state.anywhere / state.seen:.1%} of the time the pressures do not tell the angle, not"
-                " even to a quarter turn, and nothing is told there: muscles that are nearly vented hardly hold the joint, and"
-                " their pressures do not change with it; fill both"
-            )
+            share = state.anywhere / state.seen
+            found.append(Finding(code="pressure.angle_unknown", joint=joint, value=share, limit=0.0))
         if state.diverged:
-            said.append(
-                f"joint '{joint}': for {state.diverged / state.seen:.1%} of the time the pressures are not those that the rig's"
-                " valves and muscles would make, and nothing is told there: the valves may be swapped, a pressure may not be"
-                " absolute, or the rig is another machine's"
-            )
-        return tuple(said)
+            share = state.diverged / state.seen
+            found.append(Finding(code="pressure.not_explained", joint=joint, value=share, limit=0.0))
+        return tuple(found)
 
     def model(self, state: PamFoldState) -> JointModel:
         """Return a model without transmissions: what is estimated are states, and the model is the rig."""

@@ -1,4 +1,4 @@
-"""What the prior does to an estimate, told by a weaker one beside it.
+"""What the prior does to an estimate, detected by a weaker one beside it.
 
 A recursion begins with coefficients of zero and some trust in them, which decides what the log does not show: usually well, for
 springs are not far from what the prior expects. But where coefficients have to be large, as those of a set-point whose sign is
@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 from vsalog.estimators.device import Device
 from vsalog.estimators.equation import SUPPORTED_SHARE, Equation, EquationRows, Solver
 from vsalog.estimators.solvers import QrSolver, RlsSolver
+from vsalog.finding import Finding
 
 Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]
@@ -131,8 +132,8 @@ def beyond_together(moved: Array, allowed: Array) -> Array:
 
 def held_back(
     device: Device, equations: Sequence[Equation], solver: Solver, states: Sequence[Any], tuned: float
-) -> tuple[str, ...]:
-    """Say of which transmissions the prior often decides much of the stiffness.
+) -> list[Finding]:
+    """Find the transmissions of which the prior often decides much of the stiffness.
 
     Parameters
     ----------
@@ -142,19 +143,20 @@ def held_back(
     tuned : what of the tuning makes the solver's prior
     """
     if not isinstance(solver, WithWeakerPrior):
-        return ()
-    senses = "the set-point and the positions" if device.has_setpoint else "the positions"
-    advised = tuned * solver.weaker.p0 / solver.own.p0
-    said = []
+        return []
+    advised = float(tuned * solver.weaker.p0 / solver.own.p0)
+    found = []
     for equation, state in zip(equations, states, strict=True):
         if state.moved <= OFTEN * state.seen:
             continue
-        names = ", ".join(view.name for view in equation.transmissions)
-        part = (state.squares / state.moved) ** 0.5
-        said.append(
-            f"joint '{device.joint}', transmission {names}: in {state.moved / state.seen:.0%} of what the fit is sure of, its"
-            f" prior holds the stiffness back where the log would tell it: with a weaker one it comes out {part:.0%} different"
-            f" (rms), which its standard deviation counts in. Springs are seldom so: look whether the signs, units and zeros of"
-            f" {senses} are what the rig says; if they are, --tune p0={advised:.2g} lets the log decide"
+        found.append(
+            Finding(
+                code="prior.holds_back",
+                joint=device.joint,
+                part=" and ".join(view.name for view in equation.transmissions),
+                value=state.moved / state.seen,
+                limit=OFTEN,
+                evidence={"stiffness_change": (state.squares / state.moved) ** 0.5, "p0": advised},
+            )
         )
-    return tuple(said)
+    return found

@@ -26,6 +26,7 @@ from vsalog.estimators.solvers import QrSolver, least_samples
 from vsalog.estimators.tuning import Positive, Tuning, usual_regressor
 from vsalog.estimators.windows import motor_window
 from vsalog.filters.conditioning import Conditioner
+from vsalog.finding import Finding
 from vsalog.signals import JointSignals
 
 NAME = "qr-rls"
@@ -52,7 +53,7 @@ class QrRlsTuning(Tuning, frozen=True, forbid_unknown_fields=True, kw_only=True)
 
 TUNING = QrRlsTuning
 
-# A motor's inertia that differs from the rig's by so much, and by so many of its deviations, is told.
+# A motor's inertia that differs from the rig's by so much, and by so many of its deviations, is a finding.
 ANOTHER, SURE = 0.05, 5.0
 
 
@@ -62,21 +63,26 @@ class IntegratedFold(RegressionFold):
     # It fits their integrals.
     fits_torque: ClassVar[bool] = False
 
-    def warnings(self, state: FoldState) -> tuple[str, ...]:
-        """Say where the motor comes out as another one: its torque's scale goes into both its inertia and the stiffness."""
-        said = []
+    def findings(self, state: FoldState) -> tuple[Finding, ...]:
+        """Return where the motor's inertia is not the rig's: its torque's scale goes into both its inertia and the stiffness."""
+        another = []
         for equation, solver_state in zip(self.equations, state.solvers, strict=True):
             view = equation.transmissions[0]
             unknowns, covariance, _ = self.solver.solution(solver_state)
             found, std, rig = float(unknowns[1]), float(covariance[1, 1]) ** 0.5, view.motor.reflected_inertia
-            if rig is not None and abs(found - rig) > max(ANOTHER * rig, SURE * std):
-                said.append(
-                    f"joint '{self.device.joint}', transmission {view.name}: the motor's inertia comes out as {found:.3g} kg·m²,"
-                    f" {found / rig:.3g} times the rig's {rig:.3g}. A torque's scale or unit, the angles' unit, an uneven encoder"
-                    " or a gear ratio would make it so, and the stiffness would be as far off; or the rig has another"
-                    " motor's inertia"
+            if rig is not None and abs(found - rig) > (limit := max(ANOTHER * rig, SURE * std)):
+                another.append(
+                    Finding(
+                        code="motor.inertia_differs",
+                        joint=self.device.joint,
+                        part=view.name,
+                        value=found - rig,
+                        limit=limit,
+                        unit="kg*m^2",
+                        evidence={"inertia": found, "rig": rig, "ratio": found / rig},
+                    )
                 )
-        return (*super().warnings(state), *said)
+        return (*super().findings(state), *another)
 
 
 def printed(device: Device) -> dict[str, str]:

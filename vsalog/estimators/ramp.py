@@ -13,6 +13,7 @@ from vsalog.estimators.equations import IntegratedMotorEquation
 from vsalog.estimators.first_look import FirstLook
 from vsalog.estimators.sensor_error import ENOUGH
 from vsalog.filters.conditioning import Conditioned, Conditioner
+from vsalog.finding import Finding
 from vsalog.signals import JointSignals
 
 Array = NDArray[np.float64]
@@ -30,13 +31,13 @@ ENOUGH_ROWS = 500
 def look_for_ramps(
     device: Device, signals: JointSignals, conditioner: Conditioner, equations: Sequence[IntegratedMotorEquation]
 ) -> FirstLook:
-    """Fit the equations once with a ramp and once without; say where it matters.
+    """Fit the equations once with a ramp and once without; find where it matters.
 
     Where the basis has a constant term the ramp is among the regressors, and there is nothing to look for.
     """
     if 0 in device.basis.powers:
         return FirstLook()
-    remarks, blind = [], set()
+    findings, blind = [], set()
     _, blocks = conditioner.step(conditioner.start(), signals[:ENOUGH])
     for equation in equations:
         parts, slopes, inner = [], [], equation.start()
@@ -53,12 +54,10 @@ def look_for_ramps(
         if offset is not None:
             name = equation.view.name
             blind.add(name)
-            remarks.append(
-                f"joint '{device.joint}', transmission {name}: the motor's torque seems to be off by {offset:+.3g} N·m all along,"
-                " which an integrated equation takes for the spring's: nothing is supported. Set torque_offset of the motor in"
-                " the rig, or offset of its signal, or use --estimator residual-rls"
+            findings.append(
+                Finding(code="torque.offset_as_ramp", joint=device.joint, part=name, value=offset, unit="N*m")
             )
-    return FirstLook(tuple(remarks), frozenset(blind))
+    return FirstLook(tuple(findings), frozenset(blind))
 
 
 def _slopes(device: Device, equation: IntegratedMotorEquation, block: Conditioned) -> Array:

@@ -20,13 +20,14 @@ from vsalog.estimators.device import Device, deflection_of
 from vsalog.estimators.equation import SUPPORTED_SHARE, Equation, EquationRows, Solver
 from vsalog.estimators.first_look import NOTHING_SEEN, FirstLook
 from vsalog.estimators.fold_state import FoldState
-from vsalog.estimators.left_over import left_over_block, left_over_start, words_of
+from vsalog.estimators.left_over import left_over_block, left_over_start, residual_findings
 from vsalog.estimators.prior import alone, held_back, with_weaker_prior
 from vsalog.estimators.region import Region, lengths
 from vsalog.estimators.resting import resting_in
 from vsalog.estimators.tuning import usual_regressor
 from vsalog.filters.conditioning import Conditioned, Conditioner, ConditionerState
 from vsalog.filters.direction import direction_start, loading_block
+from vsalog.finding import Finding
 from vsalog.model import JointModel, TransmissionModel, basis_spec
 from vsalog.signals import JointSignals
 from vsalog.trace import Trace
@@ -41,7 +42,7 @@ LASTING = 25
 DELAY = 2
 # A deflection that comes back by this share of the deflection scale has turned.
 BAND = 0.01
-# Of a log; beyond it a person is told that what the rig knows is in doubt.
+# Of a log; beyond it that what the rig knows is in doubt is a finding.
 DOUBTED_SHARE = 0.5
 # Of deflections that span more of their encoders' steps these move too little for a trial.
 FINE = 300.0
@@ -168,7 +169,7 @@ class RegressionFold:
                 columns.update(part)
                 variance += spread
                 if rows.doubted is not None:
-                    names = ", ".join(t.name for t in equation.transmissions)
+                    names = " and ".join(t.name for t in equation.transmissions)
                     new.doubted[names] = new.doubted.get(names, 0) + int(np.count_nonzero(rows.doubted))
             # What steps do to one transmission they do to the other, too.
             moves = [self._moved(n, columns[n]["deflection"], columns[n]["stiffness"]) for n in self.coarse]
@@ -303,35 +304,35 @@ class RegressionFold:
         first = equation.leading + i * self.device.basis.size
         return {f"coefficient_{h}": unknowns[:, first + h] for h in range(self.device.basis.size)}
 
-    def warnings(self, state: FoldState) -> tuple[str, ...]:
-        """Say what the first look showed, where most of a log could not be learnt from, and what is left over follows."""
-        doubted = tuple(
-            f"joint '{self.device.joint}', transmission {names}: for {count / state.seen:.0%} of the time the torque of friction"
-            " or hysteresis that the rig has is not known, because the motor stands or is slower than its encoder can tell, or"
-            " the deflection has not yet moved through its loop; nothing is learnt there"
+    def findings(self, state: FoldState) -> tuple[Finding, ...]:
+        """Return what the first look showed, where most of a log could not be learnt from, and what the residual follows."""
+        doubted = (
+            Finding(
+                code="friction.unknown_direction",
+                joint=self.device.joint,
+                part=names,
+                value=count / state.seen,
+                limit=DOUBTED_SHARE,
+            )
             for names, count in state.doubted.items()
             if count > DOUBTED_SHARE * state.seen
         )
         held = held_back(self.device, self.equations, self.solver, state.solvers, self.derived["p0"])
-        return (*self.look.remarks, *doubted, *held, *self._following(state))
+        return (*self.look.findings, *doubted, *held, *self._of_residual(state))
 
-    def _following(self, state: FoldState) -> tuple[str, ...]:
-        """Say what the left-overs follow."""
-        said = []
+    def _of_residual(self, state: FoldState) -> list[Finding]:
+        """Return what the residual follows."""
+        found: list[Finding] = []
         for equation in self.equations:
             names = tuple(view.name for view in equation.transmissions)
             if names not in state.left_over:
                 continue
             claimed = max(state.claimed.get(name, np.inf) for name in names)
             step = self.look.step(equation.transmissions)
-            if words := words_of(self.device.joint, equation, state.left_over[names], claimed, step):
-                said.append(words)
-        if said and self.device.has_setpoint and all(region.one_setpoint() for region in state.regions.values()):
-            said.append(
-                f"joint '{self.device.joint}': the set-point never changes in this log; if the machine's did, that is what the"
-                " fit leaves over"
-            )
-        return tuple(said)
+            found += residual_findings(self.device.joint, equation, state.left_over[names], claimed, step)
+        if found and self.device.has_setpoint and all(region.one_setpoint() for region in state.regions.values()):
+            found.append(Finding(code="setpoint.constant", joint=self.device.joint))
+        return found
 
     def model(self, state: FoldState) -> JointModel:
         """Freeze what has been learnt into a model."""

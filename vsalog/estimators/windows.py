@@ -16,6 +16,7 @@ from vsalog.estimators.sensor_error import ENOUGH, sensor_error
 from vsalog.estimators.tuning import Tuning
 from vsalog.filters.derivative_weights import derivative_weights
 from vsalog.filters.savitzky_golay import savgol_filter, savgol_weights
+from vsalog.finding import Finding
 from vsalog.signals import JointSignals
 
 Array = NDArray[np.float64]
@@ -183,13 +184,11 @@ def _quiet_motor(view: TransmissionView, signals: JointSignals, weights: Array) 
     return not (speed := rms(savgol_filter(theta, weights[1:2])[0])) or bool(added.rms(weights[1]) <= QUIET * speed)
 
 
-def noisy_rates(device: Device, signals: JointSignals, weights: Array) -> list[str]:
-    """Say where a filter of such weights, of value and first derivative at least, leaves φ̇ noisy, and what that costs."""
+def noisy_rates(device: Device, signals: JointSignals, weights: Array) -> list[Finding]:
+    """Find where a filter of such weights, of value and first derivative at least, leaves φ̇ noisy."""
     rates, noises = rates_of(device, signals[:ENOUGH], weights[:2])
     return [
-        f"joint '{device.joint}', transmission {view.name}: {noise / rate:.0%} of the deflection's rate is the encoders' noise,"
-        " which bends the stiffness more than its standard deviation says; move the joint faster, or filter longer (--tune"
-        " window=SECONDS)"
+        Finding(code="filter.noisy_rate", joint=device.joint, part=view.name, value=float(noise / rate), limit=QUIET)
         for view, rate, noise in zip(device.transmissions, rates, noises, strict=True)
         if noise > QUIET * rate > 0.0
     ]
