@@ -42,7 +42,7 @@ LASTING = 25
 DELAY = 2
 # A deflection that comes back by this share of the deflection scale has turned.
 BAND = 0.01
-# Of a log; beyond it that what the rig knows is in doubt is a finding.
+# Where the rig's friction is in doubt for more than this part of a log, that is a finding.
 DOUBTED_SHARE = 0.5
 # Of deflections that span more of their encoders' steps these move too little for a trial.
 FINE = 300.0
