@@ -2,6 +2,7 @@
 
 import ast
 from pathlib import Path
+from string import Formatter
 
 import vsalog
 from vsalog.finding import Finding
@@ -9,15 +10,25 @@ from vsalog.finding_texts import TEXTS, sentence
 
 
 def codes_made():
-    """Return the codes that stand in the source, wherever a finding is made."""
-    trees = (ast.parse(path.read_text(encoding="utf-8")) for path in Path(vsalog.__file__).parent.rglob("*.py"))
-    keywords = (k for tree in trees for n in ast.walk(tree) if isinstance(n, ast.Call) for k in n.keywords)
-    words = (c.value for k in keywords if k.arg == "code" for c in ast.walk(k.value) if isinstance(c, ast.Constant))
-    return {word for word in words if isinstance(word, str)}
+    """Return the codes that stand in the source, wherever a finding is made, with all strings of that file."""
+    made = {}
+    for path in Path(vsalog.__file__).parent.rglob("*.py"):
+        nodes = list(ast.walk(ast.parse(path.read_text(encoding="utf-8"))))
+        strings = {n.value for n in nodes if isinstance(n, ast.Constant) and isinstance(n.value, str)}
+        keywords = (k for n in nodes if isinstance(n, ast.Call) for k in n.keywords if k.arg == "code")
+        words = (c.value for k in keywords for c in ast.walk(k.value) if isinstance(c, ast.Constant))
+        made |= {word: strings for word in words if isinstance(word, str)}
+    return made
 
 
 def test_every_code_has_its_text_and_every_text_is_used():
-    assert codes_made() == set(TEXTS)
+    assert set(codes_made()) == set(TEXTS)
+
+
+def test_every_field_of_a_text_is_evidence_where_its_code_stands():
+    for code, strings in codes_made().items():
+        fields = {field for _, field, _, _ in Formatter().parse(TEXTS[code].says + TEXTS[code].advice) if field}
+        assert fields <= strings | {"joint", "part", "value", "limit", "unit"}, code
 
 
 def test_a_sentence_names_the_joint_and_fills_in_the_numbers():

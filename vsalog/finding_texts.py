@@ -123,8 +123,8 @@ TEXTS: Mapping[str, Text] = {
         "Check the signs of the torque and of the positions in the rig (sign = -1), and whether motor and link are swapped.",
     ),
     "residual.follows_motion": Text(
-        "transmission {part}: the residual follows the motor's {signal} ({value:.0%} of its power), as it does where a"
-        " sensor is late or wrong, or the rig is. What would explain it: {explained_by}.",
+        "transmission {part}: the residual follows the motor's {signal} ({value:.0%} of the residual's power), as it does where"
+        " a sensor is late or wrong, or the rig is. What would explain it: {explained_by}.",
         "'vsalog diagnose' finds which it is.",
     ),
     "residual.not_noise": Text(
@@ -143,7 +143,7 @@ TEXTS: Mapping[str, Text] = {
     "filter.smooths_motion": Text(
         "transmission {part}: a window of {window:g} s smooths the motion away: {value:.0%} of the deflection's rate is"
         " left, and the stiffness is that of the smoothed motion.",
-        "Shorten it, or leave it out to have it chosen by the log.",
+        "Shorten the window, or leave it out to have it chosen by the log.",
     ),
     "filter.noisy_rate": Text(
         "transmission {part}: {value:.0%} of the deflection's rate is the encoders' noise, which biases the stiffness by"
