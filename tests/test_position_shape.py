@@ -1,4 +1,6 @@
-"""An encoder that reads unevenly round its turn: told where the stiffness is off by it, and even ones are left alone."""
+"""An encoder that reads unevenly round its turn: found where the stiffness is off by it, and even ones are left alone."""
+
+import json
 
 import numpy as np
 import pyarrow.parquet as pq
@@ -17,7 +19,7 @@ motor_position = "theta"
 motor_torque = "tau"
 torque_sensor = "sensor"
 """
-TOLD = "what the fit leaves over has a shape over"
+SHAPE, FOLLOWS = "residual.shape_over_position", "residual.follows_motion"
 
 
 def log(folder, seed=0, link=lambda q: q, cogging=lambda theta: 0.0 * theta):
@@ -43,36 +45,37 @@ def log(folder, seed=0, link=lambda q: q, cogging=lambda theta: 0.0 * theta):
 
 
 def estimated(folder, estimator):
-    """Return of how much of what is supported the stiffness is off by 5 % and three deviations, and what is said."""
+    """Return of how much of what is excited the stiffness is off by 5 % and three deviations, and the findings by code."""
     done = vsalog_run("estimate", "arm.csv", "-e", estimator, "-o", "arm.parquet", "--json", cwd=folder)
     assert done.returncode == 0, done.stderr
     trace = pq.read_table(folder / "arm.parquet").to_pandas()
     trace = trace[trace["excited"] & (trace["transmission"] == "1")]
     off = np.abs(trace["stiffness"] - STIFFNESS)
-    return np.mean((off > 0.05 * STIFFNESS) & (off > 3.0 * trace["stiffness_std"])), done.stdout
+    found = {finding["code"]: finding for finding in json.loads(done.stdout)["joints"][0]["findings"]}
+    return np.mean((off > 0.05 * STIFFNESS) & (off > 3.0 * trace["stiffness_std"])), found
 
 
 @pytest.mark.parametrize("estimator", ["residual-rls", "direct", "algebraic"])
 @pytest.mark.parametrize(("most", "times"), [(5e-3, 3), (5e-3, 7)])
-def test_a_link_encoder_that_errs_several_times_a_turn_is_told(tmp_path, estimator, most, times):
+def test_a_link_encoder_that_errs_several_times_a_turn_is_found(tmp_path, estimator, most, times):
     log(tmp_path, link=lambda q: q + most * np.sin(times * q))
-    wrong, said = estimated(tmp_path, estimator)
+    wrong, found = estimated(tmp_path, estimator)
     assert wrong > 0.02
     # Where the motion happens to be alike it is the motor's acceleration that it is taken for.
-    assert TOLD in said or "residual.follows_motion" in said
+    assert SHAPE in found or FOLLOWS in found
 
 
 def test_it_is_a_shape_over_a_position(tmp_path):
     log(tmp_path, link=lambda q: q + 5e-3 * np.sin(7.0 * q))
-    said = estimated(tmp_path, "direct")[1]
-    assert f"{TOLD} link_position, " in said or f"{TOLD} motor_position, " in said
-    assert "reads unevenly round its turn" in said
+    shape = estimated(tmp_path, "direct")[1][SHAPE]
+    assert shape["evidence"]["position"] in ("link_position", "motor_position")
+    assert shape["value"] > shape["limit"]
 
 
-def test_a_motor_that_cogs_is_told_of_the_method_that_reads_its_torque(tmp_path):
+def test_a_motor_that_cogs_is_found_by_the_method_that_reads_its_torque(tmp_path):
     log(tmp_path, cogging=lambda theta: 0.3 * np.sin(6.0 * theta))
-    assert TOLD in estimated(tmp_path, "residual-rls")[1]
-    assert TOLD not in estimated(tmp_path, "direct")[1]
+    assert SHAPE in estimated(tmp_path, "residual-rls")[1]
+    assert SHAPE not in estimated(tmp_path, "direct")[1]
 
 
 @pytest.mark.parametrize(
@@ -81,6 +84,6 @@ def test_a_motor_that_cogs_is_told_of_the_method_that_reads_its_torque(tmp_path)
 @pytest.mark.parametrize("seed", range(3))
 def test_an_even_encoder_is_left_alone(tmp_path, estimator, seed):
     log(tmp_path, seed)
-    wrong, said = estimated(tmp_path, estimator)
+    wrong, found = estimated(tmp_path, estimator)
     assert wrong < 0.01
-    assert TOLD not in said
+    assert not any("shape_over" in code for code in found)

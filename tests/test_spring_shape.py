@@ -1,6 +1,6 @@
-"""A spring that the rig's basis cannot follow: told where the stiffness is off by it, and sound springs are left alone."""
+"""A spring that the rig's basis cannot follow: found where the stiffness is off by it, and sound springs are left alone."""
 
-import re
+import json
 
 import numpy as np
 import pyarrow.parquet as pq
@@ -8,6 +8,7 @@ import pytest
 from command_line import vsalog_run
 
 PERIOD, COUNT = 2e-3, 10_000
+SHAPE, HIDES = "residual.shape_over_deflection", "deflection.hides_shape"
 RIG = """[joint.arm]
 kind = "elastic"
 [joint.arm.motor]
@@ -82,32 +83,33 @@ def log(folder, kind, seed=0, noise=1.0, pulses=36_000, motion=sines):
     return stiffness
 
 
-def estimated(folder, estimator):
-    done = vsalog_run("estimate", "arm.csv", "-e", estimator, "-o", "arm.parquet", cwd=folder)
+def found(folder, estimator):
+    """Return the findings, code → finding."""
+    done = vsalog_run("estimate", "arm.csv", "-e", estimator, "-o", "arm.parquet", "--json", cwd=folder)
     assert done.returncode == 0, done.stderr
-    return done.stderr
+    return {finding["code"]: finding for finding in json.loads(done.stdout)["joints"][0]["findings"]}
 
 
 @pytest.mark.parametrize("estimator", ["residual-rls", "direct", "grioli-parametric", "algebraic"])
 @pytest.mark.parametrize("kind", ["backlash 0.006", "backlash 0.02", "stop"])
-def test_what_the_basis_cannot_follow_is_told_with_its_size(tmp_path, estimator, kind):
+def test_what_the_basis_cannot_follow_is_found_with_its_size(tmp_path, estimator, kind):
     truth = log(tmp_path, kind)
-    said = estimated(tmp_path, estimator)
-    assert "has a shape over the deflection" in said
-    told = float(re.search(r"the stiffness is at least (\d+)% off on average", said)[1]) / 100.0
+    shape = found(tmp_path, estimator)[SHAPE]
+    assert shape["value"] >= shape["limit"]
+    assert abs(shape["evidence"]["stiffness_change"]) >= shape["value"]
     trace = pq.read_table(tmp_path / "arm.parquet").to_pandas()
     trace = trace[trace["excited"] & (trace["transmission"] == "1")]
     rows = np.round(trace["time"] / PERIOD).astype(int)
     off = (truth[rows] - trace["stiffness"]) / trace["stiffness"]
     # A jump of the stiffness is smeared over a bin or two, so that it is more rather than less.
-    assert 0.5 < told / np.sqrt(np.mean(off**2)) < 1.2
+    assert 0.5 < shape["value"] / np.sqrt(np.mean(off**2)) < 1.2
 
 
 @pytest.mark.parametrize("estimator", ["residual-rls", "direct"])
 @pytest.mark.parametrize(("kind", "pulses"), [("backlash 0.006", 36_000), ("backlash 0.02", 1000)])
 def test_so_it_is_from_rest_to_rest_and_with_coarse_encoders(tmp_path, estimator, kind, pulses):
     log(tmp_path, kind, pulses=pulses, motion=rests)
-    assert "has a shape over the deflection" in estimated(tmp_path, estimator)
+    assert SHAPE in found(tmp_path, estimator)
 
 
 @pytest.mark.parametrize("motion", [sines, rests])
@@ -117,17 +119,16 @@ def test_so_it_is_from_rest_to_rest_and_with_coarse_encoders(tmp_path, estimator
 @pytest.mark.parametrize(("seed", "noise", "pulses"), [(0, 1.0, 36_000), (1, 20.0, 36_000), (2, 1.0, 2000)])
 def test_a_spring_that_it_can_follow_is_left_alone(tmp_path, estimator, seed, noise, pulses, motion):
     log(tmp_path, "cubic", seed, noise, pulses, motion)
-    assert "has a shape" not in estimated(tmp_path, estimator)
+    assert not any("shape_over" in code for code in found(tmp_path, estimator))
 
 
 @pytest.mark.parametrize(
     ("pulses", "kind"), [(500, "backlash 0.02"), (700, "backlash 0.02"), (700, "cubic"), (1000, "cubic")]
 )
 @pytest.mark.parametrize("estimator", ["residual-rls", "direct"])
-def test_where_encoders_are_too_coarse_for_a_shape_that_is_said(tmp_path, estimator, pulses, kind):
+def test_where_encoders_are_too_coarse_for_a_shape_that_is_a_finding(tmp_path, estimator, pulses, kind):
     """A deflection of 0.16 rad spans 13, 18 and 25 steps; the gap of 0.02 rad is two of them, and half of the stiffness."""
     log(tmp_path, kind, pulses=pulses)
-    said = estimated(tmp_path, estimator)
-    told = re.search(r"the deflection spans only (\d+) of its encoders' steps: nothing tells whether", said)
-    assert (told is not None) == (pulses < 1000)
-    assert told is None or int(told[1]) == pytest.approx(0.16 * pulses / (2 * np.pi), rel=0.1)
+    hides = found(tmp_path, estimator).get(HIDES)
+    assert (hides is not None) == (pulses < 1000)
+    assert hides is None or hides["value"] == pytest.approx(0.16 * pulses / (2 * np.pi), rel=0.1)

@@ -270,7 +270,7 @@ def estimate_joint(
         learnt = fold.findings(state)
         # What follows the motor's motion has a shape over the deflection, too, where both go together; and that over positions.
         follows = any(finding.code == "residual.follows_motion" for finding in learnt)
-        bent = () if follows else shape.said(look) or uneven.said()
+        bent = [] if follows else shape.findings(look) or uneven.findings()
         summary = summarizer.result(signals)
         whole = whole_windows(look, fold.conditioner.window)
         return JointEstimate(
@@ -280,8 +280,8 @@ def estimate_joint(
             _settings(choice.tuning, fold),
             fold.model(state),
             summary,
-            (*found, *findings_of(summary, device, whole), *learnt, *sampling_findings(device, moved)),
-            (*signals.notes, *witness.said(choice.name), *bent),
+            (*found, *findings_of(summary, device, whole), *learnt, *sampling_findings(device, moved), *bent),
+            (*signals.notes, *witness.said(choice.name)),
             Trace.concatenate(kept) if kept else None,
         )
 

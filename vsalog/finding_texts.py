@@ -92,6 +92,12 @@ TEXTS: Mapping[str, Text] = {
         "transmission {part}: the deflection spans {value:.1f} steps of its encoders, too few for a stiffness.",
         "Move the joint more.",
     ),
+    "deflection.hides_shape": Text(
+        "transmission {part}: the deflection spans only {value:.0f} of its encoders' steps: nothing shows whether the spring"
+        " has backlash, a stop or a bend within two of them, and the stiffness would then be off by more than its standard"
+        " deviation says.",
+        "Move the joint more, or take encoders of finer resolution.",
+    ),
     "deflection.below_noise": Text(
         "the motor's encoder leaves a noise of {value:.2g} rad in the deflection, which the motor's torque never makes"
         " larger than {limit:.2g} rad.",
@@ -132,6 +138,19 @@ TEXTS: Mapping[str, Text] = {
         " is stuck, clipped or wrong for a while, the spring changes, or the basis cannot follow it ([joint.{joint}.basis]"
         " order).",
         "The stiffness may be further off than its standard deviation says.",
+    ),
+    "residual.shape_over_deflection": Text(
+        "transmission {part}: the residual has a shape over the deflection: the stiffness is at least {value:.0%} off on"
+        " average, at {deflection:.3g} rad the spring's differs by {stiffness_change:+.0%} from the estimate. The basis"
+        " cannot follow the spring, as where there is backlash, a stop or a term too few.",
+        "[joint.{joint}.basis] in the rig takes more terms, 'vsalog diagnose' finds which it is.",
+    ),
+    "residual.shape_over_position": Text(
+        "transmission {part}: the residual has a shape over {position}, {value:.1%} of the torque: an encoder that reads"
+        " unevenly round its turn (off its centre, or several times a turn), or a torque that goes with the position"
+        " (cogging, gravity, a cable). The stiffness may be off by several times as much, and by more than its standard"
+        " deviation says.",
+        "'vsalog diagnose' finds more.",
     ),
     "prior.holds_back": Text(
         "transmission {part}: in {value:.0%} of what the fit is sure of, the prior holds the stiffness back where the log"

@@ -1,8 +1,8 @@
-"""Whether what a fit leaves over has a shape over a position, as where an encoder reads unevenly round its turn.
+"""Whether a fit's residual has a shape over a position, as where an encoder reads unevenly round its turn.
 
 A disc that is off its centre, or an encoder with an error that returns several times a turn, makes of the deflection one that is
 off by a function of a position; so do cogging, a cable and gravity of a torque. A fit takes for the spring's what it can of that,
-and is off. What is left over goes with no speed or acceleration, and averages out where the joint turns quickly; but at the same
+and is off. The residual goes with no speed or acceleration, and averages out where the joint turns quickly; but at the same
 position it is the same again. It is averaged in bins of each position, twice, with every other stretch of the log, and what both
 have in common is no noise.
 """
@@ -15,17 +15,18 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vsalog.estimators.device import Device
+from vsalog.finding import Finding
 from vsalog.motor_side import motor_trace
 from vsalog.signals import JointSignals
 from vsalog.trace import Trace
 
 Array = NDArray[np.float64]
 
-# Bins of a position, and what is beyond these parts of it is too seldom to tell.
+# Bins of a position, and what is beyond these parts of it is too seldom to count.
 BINS, RANGE = 40, (0.005, 0.995)
-# So many stretches of the log; samples of a bin in either half, and bins that tell a shape.
+# So many stretches of the log; samples of a bin in either half, and bins that show a shape.
 STRETCHES, SAMPLES, FEWEST = 40, 20, 12
-# What both halves have in common is told: as a part of the torque, of what is left over, and of what either half has alone. Of
+# What both halves have in common is found: as a part of the torque, of the residual, and of what either half has alone. Of
 # sound logs it is 0.002, 0.06 and 0.3 at most; a link's encoder off by 5 mrad seven times a turn makes it 0.04, 0.6 and 0.8.
 PART, EXPLAINED, ALIKE = 0.006, 0.15, 0.45
 # What moves the deflection by less than this part of its encoders' steps is what rounding makes.
@@ -34,7 +35,7 @@ REACH = 0.3
 
 @dataclass(slots=True)
 class _Bins:
-    """Sums per half and bin: how many, of what is left over; over all of them, of its square and the torque's, of torque and
+    """Sums per half and bin: how many, of the residual; over all of them, of its square and the torque's, of torque and
     stiffness; and the step of the deflection's encoders [rad].
     """
 
@@ -45,13 +46,13 @@ class _Bins:
 
 
 class PositionShape:
-    """What is left over of the torques of a joint, over its positions.
+    """The residual of a joint's torques, over its positions.
 
     Parameters
     ----------
     device : of the joint
     look : as much of the signals as is in memory
-    fits_torque : whether the estimator fits torques; of others nothing is said
+    fits_torque : whether the estimator fits torques; of others nothing is found
     """
 
     def __init__(self, device: Device, look: JointSignals, fits_torque: bool) -> None:
@@ -84,29 +85,29 @@ class PositionShape:
             for k, values in enumerate((None, left[use])):
                 bins.sums[..., k] += np.bincount(cell, values, 2 * (BINS + 2)).reshape(2, BINS + 2)
             stiffness = np.asarray(columns["stiffness"], float)[use]
-            told = left[use] ** 2, torque[use] ** 2, torque[use], stiffness
-            bins.whole += [np.count_nonzero(use), *(values.sum() for values in told)]
+            summed = left[use] ** 2, torque[use] ** 2, torque[use], stiffness
+            bins.whole += [np.count_nonzero(use), *(values.sum() for values in summed)]
 
-    def said(self) -> tuple[str, ...]:
-        """Say over which positions of which transmissions something is left over in both halves of the log."""
+    def findings(self) -> list[Finding]:
+        """Return over which positions of which transmissions both halves of the log have a residual in common."""
         if self.bins and not self.knows_torque and (trace := motor_trace(self.device, self.look)) is not None:
             self.add(trace)
         found: dict[str, tuple[str, float]] = {}
         for (name, role), bins in self.bins.items():
-            part = _common(bins)
-            if part > found.get(name, ("", 0.0))[1]:
-                found[name] = role, part
-        return tuple(self._words(name, *told) for name, told in found.items())
-
-    def _words(self, name: str, role: str, part: float) -> str:
-        several = len(self.device.transmissions) > 1
-        where = f"joint '{self.device.joint}'" + (f", transmission {name}" if several else "")
-        return (
-            f"{where}: what the fit leaves over has a shape over {role}, {part:.1%} of the torque: an encoder that reads unevenly"
-            " round its turn (off its centre, or several times a turn), or a torque that goes with the position (cogging,"
-            " gravity, a cable). The stiffness may be off by several times as much, and by more than its standard deviation"
-            " says; 'vsalog diagnose' tells more"
-        )
+            share = _common(bins)
+            if share > found.get(name, ("", 0.0))[1]:
+                found[name] = role, share
+        return [
+            Finding(
+                code="residual.shape_over_position",
+                joint=self.device.joint,
+                part=name,
+                value=share,
+                limit=PART,
+                evidence={"position": role},
+            )
+            for name, (role, share) in found.items()
+        ]
 
 
 def _edges(position: Array | None) -> Array | None:

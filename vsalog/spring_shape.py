@@ -1,9 +1,9 @@
-"""Whether what a fit leaves over has a shape over the deflection, as where the spring is none that its basis can follow.
+"""Whether a fit's residual has a shape over the deflection, as where its basis cannot follow the spring.
 
-Backlash, a stop or a spring that stiffens suddenly are smoothed by a basis of a few terms: little of the torque is left over,
-and the stiffness, which is the torque's slope, is off by a lot. What is left over is averaged in bins of the deflection; from bin
-to bin it changes by what the stiffness lacks. That is done twice, with every other stretch of the log, and what both have in
-common is no noise.
+Backlash, a stop or a spring that stiffens suddenly are smoothed by a basis of a few terms: the residual is small, and the
+stiffness, which is the torque's slope, is off by a lot. The residual is averaged in bins of the deflection; from bin to bin it
+changes by what the stiffness lacks. That is done twice, with every other stretch of the log, and what both have in common is no
+noise.
 """
 
 from __future__ import annotations
@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vsalog.estimators.device import Device, TransmissionView, deflection_of, has_deflection
+from vsalog.finding import Finding
 from vsalog.motor_side import motor_trace
 from vsalog.signals import JointSignals
 from vsalog.trace import Trace
@@ -26,19 +27,19 @@ Flags = NDArray[np.bool_]
 BINS, STEPS, FEWEST = 40, 2.0, 8
 # A deflection that spans fewer of the encoders' steps may hide a gap of two of them from a stiffness.
 HIDES = 20.0
-# What is beyond these parts of the deflection is too seldom to tell.
+# What is beyond these parts of the deflection is too seldom to count.
 RANGE = (0.005, 0.995)
 # So many stretches of the log, and samples of a bin in either half; so many times more where they are spread evenly.
 STRETCHES, SAMPLES, SPREAD = 40, 20, 3
-# A stiffness that lacks so much of itself is told, or so many of its deviations where these are more: the fewer, the better both
-# halves agree, and none where they agree less. Of 1100 estimates of sound springs, 500 to 36 000 pulses a turn, none is told.
+# A stiffness that lacks so much of itself is found, or so many of its deviations where these are more: the fewer, the better both
+# halves agree, and none where they agree less. Of 1100 estimates of sound springs, 500 to 36 000 pulses a turn, none is found.
 LACKS = 0.05
 ALIKE, BEYOND = (0.6, 0.9), (3.0, 0.9)
 
 
 @dataclass(slots=True)
 class _Bins:
-    """Sums per half and bin: how many, of the deflection, of what is left over, of the stiffness, of its relative variance."""
+    """Sums per half and bin: how many, of the deflection, of the residual, of the stiffness, of its relative variance."""
 
     edges: Array
     sums: Array
@@ -51,7 +52,7 @@ class _Bins:
 
 
 class SpringShape:
-    """What is left over of the torques of a joint, over their deflections.
+    """The residual of a joint's torques, over their deflections.
 
     Parameters
     ----------
@@ -64,7 +65,7 @@ class SpringShape:
         self.stretch = float(np.ptp(look.time)) / STRETCHES
         self.bins: dict[str, _Bins] = {}
         self.spans: dict[str, float] = {}
-        self.supported: set[str] = set()
+        self.excited: set[str] = set()
         self.knows_torque = False
         for view in device.transmissions:
             if not has_deflection(look.roles, view):
@@ -75,7 +76,7 @@ class SpringShape:
 
     def add(self, trace: Trace) -> None:
         """Take a block of the estimates into account."""
-        self.supported |= {name for name, columns in trace.transmissions.items() if np.any(columns["excited"])}
+        self.excited |= {name for name, columns in trace.transmissions.items() if np.any(columns["excited"])}
         half = np.floor(trace.time / self.stretch).astype(np.int64) % 2 if self.stretch > 0.0 else None
         for name, bins in self.bins.items():
             columns = trace.transmissions.get(name)
@@ -96,43 +97,39 @@ class SpringShape:
             for k, values in enumerate((None, deflection[use], left[use], stiffness[use], variance)):
                 bins.sums[..., k] += np.bincount(cell, values, halves * places).reshape(halves, places)
 
-    def said(self, look: JointSignals) -> tuple[str, ...]:
-        """Say of which transmissions the stiffness lacks something that both halves of the log agree on.
+    def findings(self, look: JointSignals) -> list[Finding]:
+        """Return of which transmissions the stiffness lacks something that both halves of the log agree on.
 
         Parameters
         ----------
-        look : as much of the signals as is in memory; of a method that knows no torque beside what it fits, the motor's side
-            says in its place what the basis cannot follow
+        look : as much of the signals as is in memory; of a method that knows no torque beside what it fits, the residual of the
+            motor's side shows in its place what the basis cannot follow
         """
         if self.bins and not self.knows_torque and (trace := motor_trace(self.device, look)) is not None:
             self.add(trace)
-        shapes = {name: words for name, bins in self.bins.items() if (words := self._of(name, bins))}
+        shapes = {name: found for name, bins in self.bins.items() if (found := self._of(name, bins)) is not None}
         hidden = (
-            f"{self._where(name)}: the deflection spans only {span:.0f} of its encoders' steps: nothing tells whether the spring"
-            " has backlash, a stop or a bend within two of them, and the stiffness would then be off by more than its standard"
-            " deviation says; move the joint more, or take finer encoders"
+            Finding(code="deflection.hides_shape", joint=self.device.joint, part=name, value=span, limit=HIDES)
             for name, span in self.spans.items()
-            if span < HIDES and name in self.supported and name not in shapes
+            if span < HIDES and name in self.excited and name not in shapes
         )
-        return (*shapes.values(), *hidden)
+        return [*shapes.values(), *hidden]
 
-    def _where(self, name: str) -> str:
-        return f"joint '{self.device.joint}'" + (f", transmission {name}" if len(self.device.transmissions) > 1 else "")
-
-    def _of(self, name: str, bins: _Bins) -> str:
+    def _of(self, name: str, bins: _Bins) -> Finding | None:
         found = _lacking(bins)
         if found is None or found.alike < ALIKE[0]:
-            return ""
-        if found.part < max(LACKS, float(np.interp(found.alike, ALIKE, BEYOND)) * bins.claimed):
-            return ""
+            return None
+        limit = max(LACKS, float(np.interp(found.alike, ALIKE, BEYOND)) * bins.claimed)
+        if found.part < limit:
+            return None
         k = int(np.argmax(np.abs(found.lacks)))
-        change = "more" if found.lacks[k] > 0.0 else "less"
-        basis = f"[joint.{self.device.joint}.basis]"
-        return (
-            f"{self._where(name)}: what the fit leaves over has a shape over the deflection: the stiffness is at least"
-            f" {found.part:.0%} off on average, at {found.deflection[k]:.3g} rad it is {abs(found.lacks[k]):.0%} {change} than"
-            f" estimated. The basis cannot follow the spring, as where there is backlash, a stop or a term too few:"
-            f" {basis} in the rig takes more of them, 'vsalog diagnose' tells which it is"
+        return Finding(
+            code="residual.shape_over_deflection",
+            joint=self.device.joint,
+            part=name,
+            value=found.part,
+            limit=limit,
+            evidence={"deflection": float(found.deflection[k]), "stiffness_change": float(found.lacks[k])},
         )
 
 
