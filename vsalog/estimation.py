@@ -10,6 +10,7 @@ import numpy as np
 
 from vsalog.binding import bind, offered_roles
 from vsalog.checks import first_of_each, passing_findings, refuse_dead_sensors, signal_findings, whole_windows
+from vsalog.cross_check import CrossCheck
 from vsalog.errors import EstimatorError, VsalogError, did_you_mean
 from vsalog.estimators import Fold, Method, method
 from vsalog.estimators.acceleration_group import senses_acceleration
@@ -29,7 +30,6 @@ from vsalog.neighbours import Neighbours, own_and_others
 from vsalog.position_shape import PositionShape
 from vsalog.recording import Recording
 from vsalog.rig.schema import Joint, RigFile
-from vsalog.second_witness import SecondWitness
 from vsalog.signals import JointSignals
 from vsalog.spring_shape import SpringShape
 from vsalog.summary import JointSummary, Summarizer, findings_of
@@ -164,7 +164,7 @@ def _automatic(device: Device, offered: Collection[str]) -> tuple[str, str]:
     if sensor and motors:
         return "direct", (
             "there is a torque sensor, and the motor's inertia is not known; with it in the rig the motor's torque would be a"
-            " second witness (residual-rls)"
+            " cross-check (residual-rls)"
         )
     if sensor:
         lacking = dict.fromkeys(r for v in views for r in (v.motor_torque, v.motor_position) if r not in offered)
@@ -172,7 +172,7 @@ def _automatic(device: Device, offered: Collection[str]) -> tuple[str, str]:
         roles = " and ".join(lacking)
         return "direct", (
             f"there is a torque sensor, and no {roles.replace(' and ', ' or ')} is recorded; with {roles}{inertia} the motor's"
-            " torque would be a second witness (residual-rls)"
+            " torque would be a cross-check (residual-rls)"
         )
     why = "motor position and torque are recorded, but neither the motor's inertia nor a torque sensor is there"
     return "qr-rls", f"{why}; {SENSOR_ADDS}"
@@ -252,7 +252,7 @@ def estimate_joint(
     with np.errstate(over="ignore", invalid="ignore", divide="ignore"):
         fold = choice.method.build(device, look, choice.tuning)
         fold.conditioner.check_length(signals.longest_run)
-        witness = SecondWitness(recordings, device, joint, choice.roles, look.period, setpoints)
+        cross_check = CrossCheck(recordings, device, joint, choice.roles, look.period, setpoints)
         shape = SpringShape(device, look)
         uneven = PositionShape(device, look, isinstance(fold, RegressionFold) and fold.fits_torque)
         pass_on = kept.append if sink is None else sink
@@ -261,7 +261,7 @@ def estimate_joint(
         def give(trace: Trace) -> None:
             trace = widened(trace, moved)
             summarizer.add(trace)
-            witness.add(trace)
+            cross_check.add(trace)
             shape.add(trace)
             uneven.add(trace)
             pass_on(trace)
@@ -280,8 +280,15 @@ def estimate_joint(
             _settings(choice.tuning, fold),
             fold.model(state),
             summary,
-            (*found, *findings_of(summary, device, whole), *learnt, *sampling_findings(device, moved), *bent),
-            (*signals.notes, *witness.said(choice.name)),
+            (
+                *found,
+                *findings_of(summary, device, whole),
+                *learnt,
+                *sampling_findings(device, moved),
+                *cross_check.findings(choice.name),
+                *bent,
+            ),
+            signals.notes,
             Trace.concatenate(kept) if kept else None,
         )
 

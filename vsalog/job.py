@@ -13,6 +13,7 @@ import msgspec
 
 from vsalog._version import __version__
 from vsalog.binding import names_of, offered_roles, wanted_channels
+from vsalog.cross_check import reference_roles
 from vsalog.errors import BindingError, EstimatorError, ReadError, RigError, did_you_mean
 from vsalog.estimation import (
     Choice,
@@ -29,7 +30,6 @@ from vsalog.readers import open_reader, read_within
 from vsalog.recording import Recording
 from vsalog.rig import Rig
 from vsalog.rig.find import find_rig
-from vsalog.second_witness import second_witnesses
 from vsalog.trace import Trace
 
 Progress = Callable[[str], None]
@@ -203,7 +203,7 @@ def prepare(logs: Sequence[Path | Recording], options: Options, progress: Progre
 
 @dataclass(frozen=True, slots=True)
 class _Wanted:
-    """Channels of a log: those that the estimators need, and those that may bear them out where they were recorded."""
+    """Channels of a log: those that the estimators need, and those that are references for them where they were recorded."""
 
     needed: set[str]
     welcome: set[str]
@@ -216,7 +216,7 @@ class _Wanted:
             needed |= _channels(rig, name, log, choice.roles)
             joint = rig.joints[name]
             welcome |= _channels(
-                rig, name, log, second_witnesses(device_of(name, joint, rig=rig.file), joint, choice.roles)
+                rig, name, log, reference_roles(device_of(name, joint, rig=rig.file), joint, choice.roles)
             )
         return cls(needed, welcome)
 

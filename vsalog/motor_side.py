@@ -15,7 +15,7 @@ from vsalog.trace import Trace
 
 
 def motor_roles(device: Device, joint: Joint, read: Sequence[str]) -> tuple[str, ...]:
-    """Return the roles by which the motor's side is a witness of its own; none where its torque is read anyway, or not there."""
+    """Return the roles by which the motor's side is a reference; none where its torque is read anyway, or not there."""
     views, offered = device.transmissions, offered_roles(joint)
     if not views or any(
         v.motor_torque in read or v.motor_torque not in offered or v.motor.inertia is None for v in views

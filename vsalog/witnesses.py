@@ -10,12 +10,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vsalog.binding import bind, offered_roles, wanted_channels
+from vsalog.cross_check import Sensed
 from vsalog.errors import VsalogError
 from vsalog.job import Options
 from vsalog.readers import open_reader, read
 from vsalog.recording import Recording
 from vsalog.rig.schema import AntagonisticJoint, Joint
-from vsalog.second_witness import Sensed
 from vsalog.signals import JointSignals
 from vsalog.trace import Trace
 from vsalog.validation.references import Smoothed, true_stiffness, truth_channels

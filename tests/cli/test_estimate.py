@@ -30,7 +30,7 @@ def test_what_one_more_sensor_would_add_is_said(run, samples, tmp_path):
     for removed, chosen, added in (
         ("", "residual-rls", None),
         ("torque_sensor", "residual-rls", "a joint torque sensor"),
-        ("motor_torque", "direct", "second witness"),
+        ("motor_torque", "direct", "cross-check"),
     ):
         signals = "".join(f'{role} = "{role.replace("_", " ")}"\n' for role in roles if role != removed)
         rig = f'[joint.sea]\nkind = "elastic"\nmotor = {{ inertia = 0.05 }}\n[joint.sea.signals]\n{signals}'

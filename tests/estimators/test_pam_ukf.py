@@ -204,16 +204,19 @@ def test_a_pressure_that_stands_still_while_its_valve_moves_is_refused(folder):
 def test_a_pressure_at_the_end_of_its_sensors_range_is_told(folder):
     joint, recording = joint_and_recording(folder)
     clipped = changed(recording, channel_of(joint, "pressure_1"), lambda v: np.minimum(v, np.nanquantile(v, 0.6)))
-    assert any("pressure_1 rests at its highest value" in words for words in estimated(joint, clipped).warnings)
-    assert not any("rests at" in words for words in estimated(joint, recording).warnings)
+    saturated = [
+        (f.part, f.evidence["end"]) for f in estimated(joint, clipped).findings if f.code == "sensor.saturated"
+    ]
+    assert saturated == [("pressure_1", "highest")]
+    assert "sensor.saturated" not in {f.code for f in estimated(joint, recording).findings}
 
 
-def test_where_nothing_bears_the_pressures_out_that_is_said(folder):
+def test_pressures_without_any_reference_are_a_finding(folder):
     joint, recording = joint_and_recording(folder)
-    told = "neither the joint's angle nor its torque is in the log, so nothing bears out"
-    assert not any(told in words for words in estimated(joint, recording).warnings)
+    assert "cross_check.none" not in {f.code for f in estimated(joint, recording).findings}
     alone = replace(joint, signals=replace(joint.signals, link_position=None, torque_sensor=None))
-    assert any(told in words for words in estimated(alone, recording).warnings)
+    (none,) = (f for f in estimated(alone, recording).findings if f.code == "cross_check.none")
+    assert none.evidence == {"estimator": "pam-ukf"}
 
 
 def test_what_neither_pressure_nor_valve_tells_is_null(folder):

@@ -1,10 +1,10 @@
-"""What an estimator does not read, as a second witness: whether it bears out the estimator's torque and its angle.
+"""Cross-checks an estimate's torque and angle against references that the estimator does not read.
 
 A motor's torque whose scale is off makes a stiffness that is off by as much, and nothing in that motor's log shows it; a torque
-sensor on the joint does. The other way round, what `residual-rls` makes of the motor's side bears out what a sensor taught. Both
-torques are averaged over windows, and the witness' is fitted over the estimate's: the slope is by how much it changes where the
-estimate changes by one. Noise in either bends a slope, and the slope the other way round to the other side; what lies between the
-two bears the estimate out.
+sensor on the joint does. The other way round, what `residual-rls` makes of the motor's side is a reference for what a sensor
+taught. Both torques are averaged over windows, and the reference's is fitted over the estimate's: the slope is by how much it
+changes where the estimate changes by one. Noise in either bends a slope, and the slope the other way round to the other side;
+they agree where one lies between the two.
 """
 
 from __future__ import annotations
@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 from vsalog.binding import bind, offered_roles
 from vsalog.errors import VsalogError
 from vsalog.estimators.device import Device
+from vsalog.finding import Evidence, Finding
 from vsalog.long_recording import LongRecording
 from vsalog.motor_side import motor_roles, motor_trace
 from vsalog.recording import Recording
@@ -29,9 +30,9 @@ from vsalog.trace import Trace
 Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]
 
-# Samples that are averaged, and seconds, at least; averages without which nothing is said.
+# Samples that are averaged, and seconds, at least; averages without which nothing is compared.
 BOX, LASTING, AVERAGES = 25, 0.05, 20
-# A slope that is off by so much is told, or by so many of the stiffness' deviations where these are more; sensors that have less
+# A slope that is off by so much is found, or by so many of the stiffness' deviations where these are more; sensors that have less
 # of their power in common with the estimate than this follow something else.
 OFF, BEYOND, SHARED = 0.05, 2.0, 0.5
 # Of the averages so many are kept, those that agree best, and so often is asked which.
@@ -42,28 +43,30 @@ LONG, LASTS, SLOW, LARGE = 4, 0.6, 0.5, 10.0
 # Half the mean square change of averages is all of their variance where they are white noise, and less than this part of it where
 # they are a motion of up to 3 Hz.
 FREE = 0.7
-# A torque or an angle that the sensor hardly sees move, less than so many of what it resolves, bears nothing out.
+# A torque or an angle that the sensor hardly sees move, less than so many of what it resolves, is no reference.
 MOVES = 10.0
-# An angle that is off by so much of its range is told, or by so many of its own deviations where these are more.
+# An angle that is off by so much of its range is found, or by so many of its own deviations where these are more.
 ASTRAY = 0.05
 ANGLE = "link_position"
-# A link's inertia that differs from the rig's by so much, and by so many of its deviations, is told.
+# A link's inertia that differs from the rig's by so much, and by so many of its deviations, is found.
 ANOTHER, SURE = 0.1, 5.0
 # What is no sensor, but made of the motor's torque and motion.
-MOTOR = "the motor's side"
-# Between samples of a sensor further apart than so many of its periods it says nothing.
+MOTOR = "the motor's side by residual-rls"
+# What may be off instead of the stiffness where a sensor's torque differs, and where that of the motor's side does.
+SENSOR_CAUSE, MOTOR_CAUSE = "the sensor's scale", "the motor's torque, its inertia or friction in the rig"
+# Between samples of a sensor further apart than so many of its periods it has no value.
 APART = 3.0
 
 
-def second_witnesses(device: Device, joint: Joint, read: Sequence[str]) -> tuple[str, ...]:
-    """Return the roles that could bear an estimate out: offered by the rig, and not among those that are read."""
+def reference_roles(device: Device, joint: Joint, read: Sequence[str]) -> tuple[str, ...]:
+    """Return the roles that could be references for an estimate: offered by the rig, and not among those that are read."""
     unread = (r for r, s in offered_roles(joint).items() if r not in read and s.channel is not None)
     motor = motor_roles(device, joint, read)
     return tuple(role for role in unread if role.startswith("torque_sensor") or role == ANGLE or role in motor)
 
 
 class Sensed:
-    """What a sensor says over time.
+    """A sensor's values over time.
 
     Parameters
     ----------
@@ -89,8 +92,8 @@ class Sensed:
 
 
 @dataclass(slots=True)
-class _Heard:
-    """Averages of what was estimated and of what a sensor said, and the deviations that were claimed, each in squares."""
+class _Compared:
+    """Averages of what was estimated and of the reference, and the deviations that were claimed, each in squares."""
 
     estimated: list[Array] = field(default_factory=list)
     sensed: list[Array] = field(default_factory=list)
@@ -114,8 +117,8 @@ class _Heard:
         )
 
 
-class SecondWitness:
-    """What the sensors of a joint say that its estimator does not read.
+class CrossCheck:
+    """An estimate and the references that its estimator does not read.
 
     Parameters
     ----------
@@ -137,12 +140,12 @@ class SecondWitness:
     ) -> None:
         self.device = device
         self.box = max(BOX, round(LASTING / period))
-        self.heard: dict[tuple[str, str], _Heard] = {}
+        self.compared: dict[tuple[str, str], _Compared] = {}
         self.sensors: dict[str, dict[int, Sensed]] = {}
         self.moves: dict[str, float] = {}
         self.claimed: dict[str, float] = {}
         self.inertia: tuple[float, float] | None = None
-        for role in second_witnesses(device, joint, read):
+        for role in reference_roles(device, joint, read):
             found = _bound(recordings, device.joint, joint, [role], ()) if _is_sensor(role) else None
             if found is not None:
                 self.moves[role] = MOVES * found.resolution.get(role, 0.0)
@@ -150,10 +153,10 @@ class SecondWitness:
         if motor := motor_roles(device, joint, read):
             signals = _bound(recordings, device.joint, joint, motor, setpoints)
             if signals is not None:
-                self._hear_motor(signals)
+                self._take_motor(signals)
 
-    def _hear_motor(self, signals: JointSignals) -> None:
-        """Take what residual-rls learns for what a sensor says."""
+    def _take_motor(self, signals: JointSignals) -> None:
+        """Take what residual-rls learns for a sensor."""
         trace = motor_trace(self.device, signals)
         if trace is None:
             return
@@ -165,8 +168,8 @@ class SecondWitness:
             self.moves[role], self.claimed[role] = 0.0, float(np.median(std[sure])) if sure.any() else 0.0
 
     def add(self, trace: Trace) -> None:
-        """Hear them on a block of the estimates."""
-        self._hear_link(trace)
+        """Take a block of the estimates into account."""
+        self._take_link(trace)
         parts = {view.name: view.torque_sensor for view in self.device.transmissions}
         if len(parts) != 1:
             parts["total"] = "torque_sensor"
@@ -175,14 +178,14 @@ class SecondWitness:
             if columns is None:
                 continue
             torque, std, sure = _torque(columns)
-            for witness in (role, f"{MOTOR} {name}"):
-                if witness in self.sensors:
-                    self._hear(name, witness, np.where(sure, torque, np.nan), std, trace)
+            for reference in (role, f"{MOTOR} {name}"):
+                if reference in self.sensors:
+                    self._compare(name, reference, np.where(sure, torque, np.nan), std, trace)
             if ANGLE in self.sensors and f"{ANGLE}_std" in columns:
                 angle, std = (np.asarray(columns[n], float) for n in (ANGLE, f"{ANGLE}_std"))
-                self._hear(name, ANGLE, angle, std, trace)
+                self._compare(name, ANGLE, angle, std, trace)
 
-    def _hear_link(self, trace: Trace) -> None:
+    def _take_link(self, trace: Trace) -> None:
         """Take the link's inertia as it was found last, and its deviation."""
         columns = trace.transmissions["total"]
         if "link_inertia" in columns:
@@ -191,57 +194,54 @@ class SecondWitness:
             if known.size:
                 self.inertia = float(found[known[-1]]), float(np.asarray(columns["link_inertia_std"])[known[-1]])
 
-    def _hear(self, name: str, role: str, estimated: Array, claimed: Array, trace: Trace) -> None:
-        heard = self.heard.setdefault((name, role), _Heard())
+    def _compare(self, name: str, role: str, estimated: Array, claimed: Array, trace: Trace) -> None:
+        compared = self.compared.setdefault((name, role), _Compared())
         for run in np.unique(trace.run):
             rows, sensor = trace.run == run, self.sensors[role].get(int(run))
             if sensor is not None:
-                heard.add(estimated[rows], sensor.at(trace.stamps[rows]), claimed[rows], self.box)
+                compared.add(estimated[rows], sensor.at(trace.stamps[rows]), claimed[rows], self.box)
 
-    def said(self, estimator: str) -> tuple[str, ...]:
-        """Say which of them do not bear the estimate out, or of muscles that there is none."""
-        said = []
+    def findings(self, estimator: str) -> list[Finding]:
+        """Return which references differ from the estimate, or of muscles that there is none."""
+        joint, found = self.device.joint, list[Finding]()
         if self.device.pneumatic is not None and not self.sensors:
-            said.append(
-                f"joint '{self.device.joint}': neither the joint's angle nor its torque is in the log, so nothing bears out what"
-                f" {estimator} makes of the pressures: a pressure that is not absolute, a sensor's wrong gain, or muscles that"
-                " are not the rig's would make a stiffness as plausible, off by 5 to 20 % and more, of which its standard"
-                " deviation does not know. Record one of them once, link_position or torque_sensor"
-            )
-        for (name, role), heard in self.heard.items():
-            estimated, sensed, claimed = heard.all()
+            found.append(Finding(code="cross_check.none", joint=joint, evidence={"estimator": estimator}))
+        for (name, role), compared in self.compared.items():
+            estimated, sensed, claimed = compared.all()
             if estimated.size < AVERAGES or not np.ptp(sensed) > self.moves[role] or not np.isfinite(claimed):
                 continue
-            where = f"joint '{self.device.joint}'" + ("" if name == "total" else f", transmission {name}")
             claimed = float(np.hypot(claimed, self.claimed.get(role, 0.0)))
+            part = "" if name == "total" else name
+            evidence = {"estimator": estimator, "of": f"transmission {part}" if part else "the joint"}
             if role == ANGLE:
-                who, words = role, _of_angles(estimated, sensed, claimed)
+                found += _of_angles(joint, part, estimated, sensed, claimed, evidence | {"reference": role})
             elif _is_sensor(role):
-                who, words = role, _of_torques(estimated, sensed, claimed, "the sensor's scale")
-            else:
-                who = f"{MOTOR} (its torque and motion, by residual-rls)"
-                words = _of_torques(
-                    estimated, sensed, claimed, "the motor's torque, its inertia or friction in the rig"
-                )
-                words = "" if _too_noisy(estimated, sensed) else words
-            if words:
-                said.append(f"{where}: {who}, which {estimator} does not read, does not bear it out: {words}")
-        return (*said, *self._of_link())
+                evidence |= {"reference": role, "other_cause": SENSOR_CAUSE}
+                found += _of_torques(joint, part, estimated, sensed, claimed, evidence)
+            elif not _too_noisy(estimated, sensed):
+                evidence |= {"reference": MOTOR, "other_cause": MOTOR_CAUSE}
+                found += _of_torques(joint, part, estimated, sensed, claimed, evidence)
+        return [*found, *self._of_link()]
 
-    def _of_link(self) -> tuple[str, ...]:
-        """Say that the link comes out as another one: the scale of its torque goes into its inertia and into the stiffness."""
+    def _of_link(self) -> list[Finding]:
+        """Return that the link's inertia differs: the scale of its torque goes into its inertia and into the stiffness."""
         rig = None if self.device.link is None else self.device.link.inertia
-        if (
-            rig is None
-            or self.inertia is None
-            or abs(self.inertia[0] - rig) <= max(ANOTHER * rig, SURE * self.inertia[1])
-        ):
-            return ()
-        return (
-            f"joint '{self.device.joint}': the link's inertia comes out as {self.inertia[0]:.3g} kg·m²,"
-            f" {self.inertia[0] / rig:.3g} times the rig's {rig:.3g}. The torque sensor's scale or unit, or the angles' unit,"
-            " would make it so, and the stiffness would be as far off; or the rig has another link",
-        )
+        if rig is None or self.inertia is None:
+            return []
+        inertia, std = self.inertia
+        limit = max(ANOTHER * rig, SURE * std)
+        if abs(inertia - rig) <= limit:
+            return []
+        return [
+            Finding(
+                code="link.inertia_differs",
+                joint=self.device.joint,
+                value=inertia - rig,
+                limit=limit,
+                unit="kg*m^2",
+                evidence={"inertia": inertia, "rig": rig, "ratio": inertia / rig},
+            )
+        ]
 
 
 def _is_sensor(role: str) -> bool:
@@ -253,27 +253,41 @@ def _sensed(stamps: NDArray[np.int64], runs: NDArray[np.int32], values: Array, p
     return {int(run): Sensed(stamps[runs == run], values[runs == run], period) for run in np.unique(runs)}
 
 
-def _of_torques(estimated: Array, sensed: Array, claimed: float, what: str) -> str:
-    """Say by how much the changes of two torques differ, and what may be off beside; nothing where they agree."""
+def _of_torques(
+    joint: str, part: str, estimated: Array, sensed: Array, claimed: float, evidence: Evidence
+) -> list[Finding]:
+    """Return by how much the changes of two torques differ; nothing where they agree."""
     (xx, xy), (_, yy) = _without_transients(estimated, sensed)
     shared = max(float(xy), 0.0) ** 2 / (xx * yy) if xx * yy > 0.0 else 0.0
     if shared < SHARED:
         if _is_noise(sensed):
-            return ""
-        return (
-            f"of the power of its torque {shared:.0%} is in the estimated one too: a sign, a unit or a channel may be another"
-            " one than the rig says"
-        )
+            return []
+        return [
+            Finding(
+                code="cross_check.torque_unrelated",
+                joint=joint,
+                part=part,
+                value=float(shared),
+                limit=SHARED,
+                evidence=evidence,
+            )
+        ]
     least, most, margin = xy / xx, yy / xy, max(OFF, BEYOND * claimed)
     if 1.0 - margin <= most and least <= 1.0 + margin:
-        return ""
-    slope = (least * most) ** 0.5
+        return []
+    slope = float((least * most) ** 0.5)
     if not _lasts(estimated, sensed, slope):
-        return ""
-    return (
-        f"where the estimated torque changes by 1 N·m it changes by {slope:.3g} N·m. The stiffness may be off by as much, or"
-        f" {what}; 'vsalog compare' shows what other estimators make of the log"
-    )
+        return []
+    return [
+        Finding(
+            code="cross_check.torque_scale",
+            joint=joint,
+            part=part,
+            value=slope,
+            limit=1.0 + margin if slope > 1.0 else 1.0 - margin,
+            evidence=evidence,
+        )
+    ]
 
 
 def _lasts(estimated: Array, sensed: Array, slope: float) -> bool:
@@ -315,14 +329,25 @@ def _without_transients(estimated: Array, sensed: Array) -> Array:
     return cov
 
 
-def _of_angles(estimated: Array, sensed: Array, claimed: float) -> str:
-    """Say how far an angle is off; nothing where that is little."""
+def _of_angles(
+    joint: str, part: str, estimated: Array, sensed: Array, claimed: float, evidence: Evidence
+) -> list[Finding]:
+    """Return how far an angle is off; nothing where that is little."""
     off, span = float(np.sqrt(np.mean((estimated - sensed) ** 2))), float(np.ptp(sensed))
-    if off <= max(ASTRAY * span, BEYOND * claimed):
-        return ""
-    return (
-        f"the estimated angle is {off:.2g} rad off, {off / span:.0%} of its range, where {claimed:.1g} rad are claimed"
-    )
+    limit = max(ASTRAY * span, BEYOND * claimed)
+    if off <= limit:
+        return []
+    return [
+        Finding(
+            code="cross_check.angle",
+            joint=joint,
+            part=part,
+            value=off,
+            limit=limit,
+            unit="rad",
+            evidence={**evidence, "share_of_range": off / span, "claimed": claimed},
+        )
+    ]
 
 
 def _torque(columns: Mapping[str, Any]) -> tuple[Array, Array, Flags]:

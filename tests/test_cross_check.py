@@ -1,4 +1,4 @@
-"""What an estimator does not read, sensors or the motor: it bears an estimate out, or it is said that it does not."""
+"""References that an estimator does not read, sensors or the motor: where they differ from the estimate, that is a finding."""
 
 import json
 
@@ -8,9 +8,11 @@ from command_line import vsalog_run
 from hypothesis import given
 from hypothesis import strategies as st
 
-from vsalog.second_witness import _is_noise
+from vsalog.cross_check import _is_noise
 
 PERIOD, COUNT = 2e-3, 10_000
+SCALE, UNRELATED, INERTIA = "cross_check.torque_scale", "cross_check.torque_unrelated", "link.inertia_differs"
+MOTOR = "the motor's side by residual-rls"
 RIG = """[joint.arm]
 kind = "elastic"
 [joint.arm.motor]
@@ -47,79 +49,82 @@ def log(path, motor_scale=1.0, sensor_scale=1.0, seed=0, columns=("q", "theta", 
     path.with_suffix(".rig.toml").write_text(RIG)
 
 
-def estimated(folder, estimator, name="arm.csv"):
-    done = vsalog_run("estimate", name, "-e", estimator, "-o", "arm.parquet", cwd=folder)
+def found(folder, estimator, *names):
+    """Return the findings by code, the cross-check's and the link's."""
+    done = vsalog_run("estimate", *(names or ["arm.csv"]), "-e", estimator, "-o", "arm.parquet", "--json", cwd=folder)
     assert done.returncode == 0, done.stderr
-    return done.stderr
+    findings = json.loads(done.stdout)["joints"][0]["findings"]
+    return {f["code"]: f for f in findings if f["code"].startswith("cross_check.") or f["code"] == INERTIA}
 
 
 @pytest.mark.parametrize(
     "estimator", ["residual-rls", "qr-rls", "batch-ls", "algebraic", "direct", "grioli-parametric"]
 )
-def test_a_sound_log_is_borne_out(tmp_path, estimator):
+def test_a_sound_log_agrees(tmp_path, estimator):
     log(tmp_path / "arm.csv")
-    assert "bear it out" not in estimated(tmp_path, estimator)
+    assert not found(tmp_path, estimator)
 
 
 @pytest.mark.parametrize("estimator", ["residual-rls", "qr-rls", "batch-ls"])
 @pytest.mark.parametrize(("motor", "sensor"), [(1.2, 1.0), (1.0, 0.8)])
-def test_a_scale_that_is_off_is_told_with_its_size(tmp_path, estimator, motor, sensor):
+def test_a_scale_that_is_off_is_found_with_its_size(tmp_path, estimator, motor, sensor):
     log(tmp_path / "arm.csv", motor, sensor)
-    said = estimated(tmp_path, estimator)
-    assert f"torque_sensor, which {estimator} does not read, does not bear it out" in said
-    slope = float(said.split("it changes by ")[1].split(" ")[0])
+    scale = found(tmp_path, estimator)[SCALE]
+    assert (scale["part"], scale["evidence"]["reference"], scale["evidence"]["estimator"]) == (
+        "1",
+        "torque_sensor",
+        estimator,
+    )
     # A residual takes the rig's inertia, which goes with the right torque only: there a wrong torque bends it.
-    assert slope == pytest.approx(sensor / motor, rel=0.03 if estimator != "residual-rls" or motor == 1.0 else 0.1)
+    rel = 0.03 if estimator != "residual-rls" or motor == 1.0 else 0.1
+    assert scale["value"] == pytest.approx(sensor / motor, rel=rel)
+    assert scale["value"] < scale["limit"] < 1.0
 
 
 @pytest.mark.parametrize("estimator", ["direct", "grioli-parametric"])
 @pytest.mark.parametrize(("motor", "sensor"), [(1.0, 0.8), (1.0, 1000.0)])
-def test_a_sensor_s_scale_is_told_by_the_motor_s_side(tmp_path, estimator, motor, sensor):
+def test_a_sensor_s_scale_is_found_by_the_motor_s_side(tmp_path, estimator, motor, sensor):
     log(tmp_path / "arm.csv", motor, sensor)
-    said = estimated(tmp_path, estimator)
-    assert f"the motor's side (its torque and motion, by residual-rls), which {estimator} does not read" in said
-    assert float(said.split("it changes by ")[1].split(" ")[0]) == pytest.approx(1.0 / sensor, rel=0.03)
+    scale = found(tmp_path, estimator)[SCALE]
+    assert scale["evidence"]["reference"] == MOTOR
+    assert scale["value"] == pytest.approx(1.0 / sensor, rel=0.03)
 
 
 @pytest.mark.parametrize("estimator", ["direct", "grioli-parametric"])
-def test_encoders_in_degrees_are_told_by_the_motor_s_side(tmp_path, estimator):
+def test_encoders_in_degrees_are_found_by_the_motor_s_side(tmp_path, estimator):
     log(tmp_path / "arm.csv")
     table = np.loadtxt(tmp_path / "arm.csv", delimiter=",", skiprows=1)
     table[:, 1:3] = np.degrees(table[:, 1:3])
     np.savetxt(tmp_path / "arm.csv", table, delimiter=",", header="time,q,theta,tau,sensor", comments="")
-    assert f"which {estimator} does not read, does not bear it out" in estimated(tmp_path, estimator)
+    (finding,) = found(tmp_path, estimator).values()
+    assert finding["evidence"]["reference"] == MOTOR
 
 
 @pytest.mark.parametrize("lacking", ["tau", "inertia"])
-def test_without_the_motor_s_torque_or_inertia_its_side_says_nothing(tmp_path, lacking):
+def test_without_the_motor_s_torque_or_inertia_its_side_is_no_reference(tmp_path, lacking):
     log(tmp_path / "arm.csv", sensor_scale=0.8, columns=[c for c in ("q", "theta", "tau", "sensor") if c != lacking])
     rig = "\n".join(line for line in RIG.splitlines() if not line.startswith(lacking))
     (tmp_path / "arm.rig.toml").write_text(rig)
-    assert "bear it out" not in estimated(tmp_path, "direct")
+    assert not found(tmp_path, "direct")
 
 
-def test_logs_with_the_same_clock_are_borne_out_each_by_its_own_sensor(tmp_path):
+def test_logs_with_the_same_clock_are_compared_each_with_its_own_sensor(tmp_path):
     log(tmp_path / "arm.csv")
     log(tmp_path / "other.csv", seed=2)
-    done = vsalog_run("estimate", "arm.csv", "other.csv", "-e", "qr-rls", "-o", "both.parquet", cwd=tmp_path)
-    assert done.returncode == 0, done.stderr
-    assert "bear it out" not in done.stderr
+    assert not found(tmp_path, "qr-rls", "arm.csv", "other.csv")
     log(tmp_path / "other.csv", seed=2, sensor_scale=0.4)
-    done = vsalog_run("estimate", "arm.csv", "other.csv", "-e", "qr-rls", "-o", "both.parquet", cwd=tmp_path)
-    assert "bear it out" in done.stderr
+    assert found(tmp_path, "qr-rls", "arm.csv", "other.csv")
 
 
 @pytest.mark.parametrize("estimator", ["algebraic", "direct"])
 @pytest.mark.parametrize("seed", range(3))
-def test_a_witness_in_which_nothing_moves_accuses_nobody(tmp_path, seed, estimator):
+def test_a_reference_in_which_nothing_moves_differs_from_nothing(tmp_path, seed, estimator):
     """A constant torque: what was compared was the noise of both."""
     still = '[[joint.sea.motor_torque]]\ntype = "constant"\nvalue = 2\n'
     (tmp_path / "still.toml").write_text(f'name = "still"\nduration = "20 s"\nperiod = "2 ms"\n{still}')
     log = ("simulate", "sea", "--scenario", "still.toml", "--seed", str(seed), "-o", "still.parquet")
     assert vsalog_run(*log, cwd=tmp_path).returncode == 0
-    done = vsalog_run("estimate", "still.parquet", "-e", estimator, "-o", "trace.parquet", cwd=tmp_path)
-    assert done.returncode == 0
-    assert "bear it out" not in done.stderr
+    assert not found(tmp_path, estimator, "still.parquet")
 
 
 @given(seed=st.integers(0, 2**32), hertz=st.floats(0.1, 3.0), phase=st.floats(0, 6))
@@ -130,25 +135,25 @@ def test_noise_and_motion_are_told_apart(seed, hertz, phase):
     assert not _is_noise(5.0 * np.sin(2 * np.pi * hertz * 0.05 * np.arange(400) + phase) + noise)
 
 
-def test_a_sensor_of_another_sign_is_told(tmp_path):
+def test_a_sensor_of_another_sign_is_found(tmp_path):
     log(tmp_path / "arm.csv", sensor_scale=-1.0)
-    assert "of the power of its torque 0% is in the estimated one too" in estimated(tmp_path, "qr-rls")
+    assert found(tmp_path, "qr-rls")[UNRELATED]["value"] == 0.0
 
 
 @pytest.mark.parametrize("estimator", ["qr-rls", "batch-ls"])
-@pytest.mark.parametrize(("motor", "told"), [(1.0, False), (0.97, False), (0.93, True), (0.8, True), (1000.0, True)])
-def test_a_motor_that_comes_out_as_another_one_is_told(tmp_path, estimator, motor, told):
+@pytest.mark.parametrize(("motor", "differs"), [(1.0, False), (0.97, False), (0.93, True), (0.8, True), (1000.0, True)])
+def test_a_motor_with_another_inertia_is_found(tmp_path, estimator, motor, differs):
     """Without any sensor of the joint's torque: the inertia in the rig is what there is."""
     log(tmp_path / "arm.csv", motor, columns=("q", "theta", "tau"))
     done = vsalog_run("estimate", "arm.csv", "-e", estimator, "-o", "arm.parquet", "--json", cwd=tmp_path)
     assert done.returncode == 0, done.stderr
     findings = json.loads(done.stdout)["joints"][0]["findings"]
     inertias = [f["evidence"]["inertia"] for f in findings if f["code"] == "motor.inertia_differs"]
-    assert inertias == ([pytest.approx(0.05 * motor, rel=0.05)] if told else [])
+    assert inertias == ([pytest.approx(0.05 * motor, rel=0.05)] if differs else [])
 
 
-@pytest.mark.parametrize(("sensor", "told"), [(1.0, False), (1.3, True), (1000.0, True)])
-def test_a_link_that_comes_out_as_another_one_is_told(tmp_path, sensor, told):
+@pytest.mark.parametrize(("sensor", "differs"), [(1.0, False), (1.3, True), (1000.0, True)])
+def test_a_link_with_another_inertia_is_found(tmp_path, sensor, differs):
     """Without any motor: the link's inertia in the rig is what there is."""
     t, rng = np.arange(COUNT) * PERIOD, np.random.default_rng(0)
     waves = ((0.4, 1.3), (0.2, 3.7), (0.05, 9.1))
@@ -165,26 +170,24 @@ def test_a_link_that_comes_out_as_another_one_is_told(tmp_path, sensor, told):
     (tmp_path / "arm.rig.toml").write_text(
         RIG.replace("[joint.arm.signals]", link).replace('motor_torque = "tau"\n', "")
     )
-    said = estimated(tmp_path, "impedance")
-    assert ("the link's inertia comes out as" in said) == told
-    if told:
-        assert float(said.split("comes out as ")[1].split(" ")[0]) == pytest.approx(0.12 * sensor, rel=0.05)
+    inertias = [f["evidence"]["inertia"] for f in found(tmp_path, "impedance").values() if f["code"] == INERTIA]
+    assert inertias == ([pytest.approx(0.12 * sensor, rel=0.05)] if differs else [])
 
 
-def test_a_sensor_that_is_read_is_no_second_witness(tmp_path):
+def test_a_sensor_that_is_read_is_no_reference(tmp_path):
     log(tmp_path / "arm.csv", sensor_scale=0.8)
-    assert "torque_sensor, which" not in estimated(tmp_path, "direct")
+    assert {f["evidence"]["reference"] for f in found(tmp_path, "direct").values()} == {MOTOR}
 
 
 def test_a_sensor_that_is_not_in_the_log_is_not_missed(tmp_path):
     log(tmp_path / "arm.csv", columns=("q", "theta", "tau"))
-    assert "sensor" not in estimated(tmp_path, "qr-rls")
+    assert not found(tmp_path, "qr-rls")
     log(tmp_path / "arm.csv", sensor_scale=0.0)
-    assert "bear it out" not in estimated(tmp_path, "qr-rls")
+    assert not found(tmp_path, "qr-rls")
 
 
-@pytest.mark.parametrize(("strength", "told"), [(1.0, False), (1.15, True)])
-def test_muscles_that_are_stronger_than_the_rig_says_are_told_by_the_joint_s_sensors(tmp_path, strength, told):
+@pytest.mark.parametrize(("strength", "differs"), [(1.0, False), (1.15, True)])
+def test_muscles_that_are_stronger_than_the_rig_says_are_found_by_the_joint_s_sensors(tmp_path, strength, differs):
     """All four constants of both muscles, of which the rig in the log knows nothing."""
     force = {
         "1": {"area_slope": 7.045e-3, "area": -1.017e-3, "passive_slope": -556.8, "passive": 72.86},
@@ -198,5 +201,5 @@ def test_muscles_that_are_stronger_than_the_rig_says_are_told_by_the_joint_s_sen
     ]
     made = vsalog_run("simulate", "pam", "--duration", "8 s", *stronger, "-o", "pam.parquet", cwd=tmp_path)
     assert made.returncode == 0, made.stderr
-    said = estimated(tmp_path, "pam-ukf", "pam.parquet")
-    assert ("torque_sensor, which pam-ukf does not read, does not bear it out" in said) == told
+    findings = found(tmp_path, "pam-ukf", "pam.parquet")
+    assert any(f["evidence"]["reference"] == "torque_sensor" for f in findings.values()) == differs
