@@ -63,7 +63,9 @@ def test_effects_of_the_rig_are_taken_off():
     outside = np.maximum(np.abs(phi[0]) - 0.02, 0.0) * np.sign(phi[0])
     spring = 12.0 * outside + 150.0 * outside**3 + np.where(outside != 0.0, 0.3 * phi[1], 0.0)
     level = 0.05 + 0.04 * np.exp(-((theta[1] / 0.5) ** 2)) + 0.1 * np.abs(spring)
-    motor = 0.02 * theta[2] + 0.05 * theta[1] + level * np.sign(theta[1]) - 0.07 * np.sin(6 * 5 * theta[0] + 0.3) - spring
+    motor = (
+        0.02 * theta[2] + 0.05 * theta[1] + level * np.sign(theta[1]) - 0.07 * np.sin(6 * 5 * theta[0] + 0.3) - spring
+    )
     u = np.clip((TIME - 1.0) / 0.4, 0.0, 1.0)
     link = (0.03 + 0.5 * 0.2**2) * q[2] + 0.02 * q[1] + (1.5 + 0.5 * 9.81 * 0.2) * np.sin(q[0])
     external = link + 0.03 * np.sign(q[1]) + spring - 0.8 * np.sin(np.pi * u) ** 2
