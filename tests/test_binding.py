@@ -248,7 +248,7 @@ def test_a_gap_splits_the_run_and_nothing_is_bridged():
     starts = np.flatnonzero(signals.starts)
     assert starts.size == 2
     assert not ((signals.time > 0.4) & (signals.time < 0.45)).any()
-    assert any("gap" in note for note in signals.notes)
+    assert [(f.code, f.value) for f in signals.findings] == [("recording.gaps", 1.0)]
 
 
 def test_one_lost_sample_is_no_gap():
@@ -267,7 +267,7 @@ def test_an_empty_cell_is_what_a_missing_row_is(slower):
     for role, values in lacking.roles.items():
         np.testing.assert_allclose(signals.roles[role], values, rtol=0.0, atol=1e-15)
     assert np.count_nonzero(signals.starts) == 1
-    assert any("1 of" in note and "no finite number" in note for note in signals.notes)
+    assert ("recording.not_finite", 1.0) in [(f.code, f.value) for f in signals.findings]
 
 
 @pytest.mark.parametrize("empty", [[0], [999], [100, 101], range(100, 130)])
@@ -276,7 +276,7 @@ def test_nothing_is_put_where_nothing_is_known(empty):
     x[list(empty)] = np.nan
     signals = bound(TWO, recording(x=(T, x), y=(T, T)))
     assert np.flatnonzero(np.isnan(signals.roles["motor_position"])).tolist() == list(empty)
-    assert any("no finite number" in note for note in signals.notes)
+    assert ("recording.not_finite", len(empty)) in [(f.code, f.value) for f in signals.findings]
 
 
 def on_a_circle(angle):

@@ -45,17 +45,15 @@ def test_the_torque_that_acts():
     np.testing.assert_allclose(signals.roles["motor_torque"], expected[: len(signals)], rtol=1e-12)
     np.testing.assert_allclose(signals.roles["motor_position"], np.sin(signals.time), rtol=1e-9)
     assert signals.resolution["motor_torque"] == pytest.approx(0.011)
-    (note,) = signals.notes
-    assert note == (
-        "joint 'j': motor_torque is what acts, by the rig's motor: what was recorded, rounded to 0.01 N·m, times 1.1,"
-        " +0.15 N·m, 12 ms later"
-    )
+    (acting,) = signals.findings
+    assert (acting.code, acting.part) == ("torque.acting", "motor_torque")
+    assert acting.evidence["made"] == "rounded to 0.01 N·m, times 1.1, +0.15 N·m, 12 ms later"
 
 
 def test_as_recorded_when_asked_for():
     signals = bound(MOTOR, acting=False)
     np.testing.assert_array_equal(signals.roles["motor_torque"], TORQUE)
-    assert signals.notes == ()
+    assert signals.findings == ()
 
 
 def test_a_rotor_s_values_go_through_its_gear():
@@ -72,7 +70,7 @@ def test_a_torque_that_does_not_change_is_one_too():
 
 def test_without_an_effect_the_samples_are_those_of_the_log():
     signals = bound("inertia = 0.1")
-    assert signals.notes == ()
+    assert signals.findings == ()
     np.testing.assert_array_equal(signals.roles["motor_torque"], TORQUE)
 
 

@@ -120,10 +120,11 @@ def test_what_hung_is_left_out_and_said(role):
     first = next(k for k in range(1000, N) if moves(logs[name], k, 40))
     spoilt = bound(SENSORS, recording(**{n: (T, hung(x, first, 40) if n == name else x) for n, x in logs.items()}))
     assert np.flatnonzero(np.isnan(spoilt.roles[role])).tolist() == list(range(first + 1, first + 41))
-    (note,) = [n for n in spoilt.notes if role in n]
-    assert note.startswith(f"joint 'j': {role} hung at 40 of {N} samples (first at {(first + 1) * 1e-3:.6g} s)")
+    (hangs,) = [f for f in spoilt.findings if f.part == role]
+    assert (hangs.code, hangs.value, hangs.evidence["samples"]) == ("sensor.hung", 40.0, N)
+    assert hangs.evidence["first"] == pytest.approx((first + 1) * 1e-3)
     # A motor's torque is a command, which may stand still and jump as it likes.
     command = bound(
         SENSORS, recording(q=(T, motion(1)), theta=(T, motion(2)), drive=(T, hung(logs["drive"], 1000, 40)))
     )
-    assert not command.notes
+    assert not command.findings

@@ -223,7 +223,7 @@ def assert_same_signals(whole, long, rows=None):
     for role, values in whole.roles.items():
         np.testing.assert_array_equal(found.roles[role], values, err_msg=role)
     assert found.resolution == whole.resolution
-    assert long.notes == whole.notes
+    assert long.findings == whole.findings
     assert long.run_names == whole.run_names
 
 
@@ -242,8 +242,8 @@ def test_bound_rows_are_those_in_memory_bit_for_bit(small, blocks):
     # What makes this log a hard one is there.
     assert np.ptp(expected.roles["link_position"]) > 4.0 * np.pi
     assert np.count_nonzero(expected.starts) >= 6
-    said = " ".join(expected.notes)
-    assert all(words in said for words in ("gaps", "stand alone", "no finite number", "turned to it")), said
+    codes = {finding.code for finding in expected.findings}
+    assert codes >= {"recording.gaps", "recording.outliers", "recording.not_finite", "encoder.other_turn"}
     pieces = list(bound.blocks(83))
     np.testing.assert_array_equal(
         np.concatenate([p.roles["link_position"] for p in pieces]), bound[:].roles["link_position"]

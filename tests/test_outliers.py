@@ -59,10 +59,10 @@ def test_samples_that_stand_alone_are_missing_and_named(role, name, at, value):
         assert signals.roles[role][k] == pytest.approx(around.mean(), rel=1e-9)
     kept = np.setdiff1d(np.arange(N), at)
     np.testing.assert_array_equal(signals.roles[role][kept], clean.roles[role][kept])
-    (note,) = [n for n in signals.notes if role in n]
-    assert note.startswith(f"joint 'j': {len(at)} of {N} samples of {role} stand")
-    assert f"at {at[0] * 1e-3:.6g} s" in note
-    assert not clean.notes
+    (outliers,) = [f for f in signals.findings if f.part == role]
+    assert (outliers.code, outliers.value, outliers.evidence["samples"]) == ("recording.outliers", len(at), N)
+    assert outliers.evidence["first"] == pytest.approx(at[0] * 1e-3)
+    assert not clean.findings
 
 
 @pytest.mark.parametrize("wild", [9e9, -1e30, 1e300])
@@ -85,7 +85,7 @@ def test_what_a_command_or_a_blow_makes_is_left_alone():
     signals = bound(SENSORS, log(drive=([100], 50.0), acc=([100], 50.0)))
     assert np.isfinite(signals.roles["motor_torque"]).all()
     assert np.isfinite(signals.roles["link_acceleration"]).all()
-    assert not signals.notes
+    assert not signals.findings
 
 
 @pytest.mark.parametrize("at", [2000, 3000, 3142, 3500, 6200])

@@ -8,6 +8,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
+from vsalog.finding import Finding
 from vsalog.grid import Bound
 from vsalog.resolution import resolution_of
 from vsalog.rig.schema import Motor
@@ -50,15 +51,15 @@ def made_of(recorded: Array, motor: Motor) -> Array:
     return made + motor.torque_offset if motor.torque_offset else made
 
 
-def acting_notes(joint: str, motors: Mapping[str, Motor]) -> Iterator[str]:
-    """Say what the rig makes of each motor torque, role → motor; nothing where it acts as it was recorded."""
+def acting_findings(joint: str, motors: Mapping[str, Motor]) -> Iterator[Finding]:
+    """Yield what the rig makes of each motor torque, role → motor; nothing where it acts as it was recorded."""
     for role, given in motors.items():
         motor = given.reflected
-        said = [
+        made = [
             *([f"rounded to {motor.torque_step:.4g} N·m"] if motor.torque_step else []),
             *([f"times {motor.torque_gain:.6g}"] if motor.torque_gain != 1.0 else []),
             *([f"{motor.torque_offset:+.4g} N·m"] if motor.torque_offset else []),
             *([f"{1e3 * motor.torque_delay:.4g} ms later"] if motor.torque_delay else []),
         ]
-        if said:
-            yield f"joint '{joint}': {role} is what acts, by the rig's motor: what was recorded, {', '.join(said)}"
+        if made:
+            yield Finding(code="torque.acting", joint=joint, part=role, evidence={"made": ", ".join(made)})

@@ -16,11 +16,12 @@ from typing import Protocol, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from vsalog.acting import acting_notes, acting_torque, is_motor_torque
-from vsalog.binding_notes import binding_notes, tally_of
-from vsalog.clocks_apart import clock_notes
+from vsalog.acting import acting_findings, acting_torque, is_motor_torque
+from vsalog.binding_findings import binding_findings, tally_of
+from vsalog.clocks_apart import clock_findings
 from vsalog.encoders import on_the_same_turn, unwrapped
 from vsalog.errors import BindingError
+from vsalog.finding import Finding
 from vsalog.grid import (
     EVEN,
     Bound,
@@ -160,11 +161,13 @@ def bind(
             for named, role, its, constant in roles_of_all(joint, roles, neighbours, fixed)
         }
         channels = channels_of(recording, run, roles_of_all(joint, roles, neighbours, fixed))
-        clocks = clock_notes(recording, name, channels)
+        clocks = clock_findings(recording, name, channels)
         signals = _on_one_grid(recording, name, bound, len(names), noise)
         kept = less_series(recording.path.name, signals.roles, offered, wanted)
         motors = {role: motor_of(joint, role) for role in bound if acting and is_motor_torque(role)}
-        pieces.append(replace(signals, roles=kept, notes=(*clocks, *signals.notes, *acting_notes(name, motors))))
+        pieces.append(
+            replace(signals, roles=kept, findings=(*clocks, *signals.findings, *acting_findings(name, motors)))
+        )
         names.append(run_name)
     return _concatenate(name, pieces, tuple(names))
 
@@ -261,9 +264,9 @@ def _on_one_grid(recording: Recording, joint: str, bound: Mapping[str, Bound], r
             role: resolution_of(b.values) if b.resolution is None else coarser(b.resolution, b.values)
             for role, b in moving.items()
         },
-        notes=(
-            *binding_notes(joint, segments, {role: tally_of(b) for role, b in moving.items()}, origin),
-            *turned_notes(joint, turned),
+        findings=(
+            *binding_findings(joint, segments, {role: tally_of(b) for role, b in moving.items()}, origin),
+            *turned_findings(joint, turned),
         ),
         interpolated={
             role: own
@@ -273,10 +276,10 @@ def _on_one_grid(recording: Recording, joint: str, bound: Mapping[str, Bound], r
     )
 
 
-def turned_notes(joint: str, turned: Collection[str]) -> Iterator[str]:
-    """Say of roles that they were turned by whole turns."""
+def turned_findings(joint: str, turned: Collection[str]) -> Iterator[Finding]:
+    """Yield of roles that they were turned by whole turns."""
     for role in turned:
-        yield f"joint '{joint}': {role} was on another turn than link_position and is turned to it"
+        yield Finding(code="encoder.other_turn", joint=joint, part=role)
 
 
 def less_series(
@@ -340,7 +343,7 @@ def _concatenate(name: str, pieces: Sequence[JointSignals], run_names: tuple[str
         np.concatenate([p.run for p in pieces]),
         run_names,
         least_steps([p.resolution for p in pieces], first.roles),
-        tuple(note for p in pieces for note in p.notes),
+        tuple(finding for p in pieces for finding in p.findings),
         noisiest([p.interpolated for p in pieces]),
     )
 

@@ -5,18 +5,19 @@ from __future__ import annotations
 from collections.abc import Iterable
 
 from vsalog.errors import BindingError
+from vsalog.finding import Finding
 from vsalog.printable import printable
 from vsalog.recording import Recording
 
 FAR, TOLD = 0.1, 1e-3
-"""A log's time that is so much later than the stamps [s] is no matter of the way from one to the other; so much less is told."""
+"""A log's time that is so much later than the stamps [s] is no matter of the way between them; so much less is no finding."""
 
 _ASKED_FOR = "it has no header"
 """How the reason begins of a stream that was to be on header stamps."""
 
 
-def clock_notes(recording: Recording, name: str, channels: Iterable[str]) -> tuple[str, ...]:
-    """Say that roles of a joint are on different clocks, where that is more than a moment.
+def clock_findings(recording: Recording, name: str, channels: Iterable[str]) -> tuple[Finding, ...]:
+    """Return that roles of a joint are on different clocks, where that is more than a moment.
 
     Parameters
     ----------
@@ -36,11 +37,24 @@ def clock_notes(recording: Recording, name: str, channels: Iterable[str]) -> tup
     if not stamped or not others:
         return ()
     far = max(stamped, key=lambda one: abs(one.delay_median))
-    what = (
-        f"joint '{name}': {printable(far.name)} is on header stamps and {printable(others[0].name)} on {others[0].time_source}"
-        f" time, and in {printable(far.name)} the two are {abs(far.delay_median):.3g} s apart"
-    )
     if abs(far.delay_median) > FAR and not all(one.time_reason.startswith(_ASKED_FOR) for one in others):
         header = "" if any(one.time_reason for one in others) else ", --time header takes them as they are"
-        raise BindingError(f"{recording.path.name}: {what}; --time log puts all on one clock{header}")
-    return (f"{what}: they may be shifted by as much; --time log puts all on one clock",)
+        raise BindingError(
+            f"{recording.path.name}: joint '{name}': {printable(far.name)} is on header stamps and"
+            f" {printable(others[0].name)} on {others[0].time_source} time, and in {printable(far.name)} the two are"
+            f" {abs(far.delay_median):.3g} s apart; --time log puts all on one clock{header}"
+        )
+    return (
+        Finding(
+            code="recording.clocks_apart",
+            joint=name,
+            value=abs(far.delay_median),
+            limit=TOLD,
+            unit="s",
+            evidence={
+                "stamped": printable(far.name),
+                "other": printable(others[0].name),
+                "clock": others[0].time_source,
+            },
+        ),
+    )

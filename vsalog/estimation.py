@@ -68,7 +68,6 @@ class JointEstimate:
     model : the fitted model, frozen at the end of the log
     summary : key figures per transmission
     findings : what a person should know
-    notes : the same in words, of what has no code yet
     trace : the estimates over time; None where they went to a sink instead
     """
 
@@ -79,13 +78,12 @@ class JointEstimate:
     model: JointModel
     summary: JointSummary
     findings: tuple[Finding, ...]
-    notes: tuple[str, ...]
     trace: Trace | None
 
     @property
     def warnings(self) -> tuple[str, ...]:
         """What a person should know, in sentences."""
-        return (*(sentence(finding) for finding in self.findings), *self.notes)
+        return tuple(sentence(finding) for finding in self.findings)
 
 
 def choose(name: str, joint: Joint, estimator: str, tuning: Mapping[str, str], rig: RigFile | None = None) -> Choice:
@@ -281,6 +279,7 @@ def estimate_joint(
             fold.model(state),
             summary,
             (
+                *signals.findings,
                 *found,
                 *findings_of(summary, device, whole),
                 *learnt,
@@ -288,7 +287,6 @@ def estimate_joint(
                 *cross_check.findings(choice.name),
                 *bent,
             ),
-            signals.notes,
             Trace.concatenate(kept) if kept else None,
         )
 

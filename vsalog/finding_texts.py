@@ -23,6 +23,23 @@ class Text:
 
 
 TEXTS: Mapping[str, Text] = {
+    "recording.gaps": Text("{value:.0f} gaps, {seconds:.3g} s in all.", "Nothing is estimated across them."),
+    "recording.samples_lost": Text(
+        "{part} lacks a sample or two at {value:.0f} places.", "They are bridged between the neighbours."
+    ),
+    "recording.outliers": Text(
+        "{value:.0f} of {samples} samples of {part} stand alone, as no motion does (first at {first:.6g} s).",
+        "They are left out.",
+    ),
+    "recording.not_finite": Text(
+        "{value:.0f} of {samples} samples of {part} are no finite number.",
+        "They are left out, and bridged between the neighbours where one is alone.",
+    ),
+    "recording.clocks_apart": Text(
+        "{stamped} is on header stamps and {other} on {clock} time, and in {stamped} the two are {value:.3g} s apart: they"
+        " may be shifted by as much.",
+        "--time log puts all on one clock.",
+    ),
     "encoder.zero": Text(
         "the deflection ({part}) lies around {value:.4g} rad and moves by ±{half_range:.3g} rad only: is an encoder's zero off?",
         "Give it as 'offset' of one of these roles in the rig; the stiffness over the deflection is wrong if so.",
@@ -41,6 +58,7 @@ TEXTS: Mapping[str, Text] = {
         "{part} spans {value:.4g} rad, {turns:.0f} turns of the joint: is it in degrees, or on the motor's side of the gear?",
         "Say 'unit = \"deg\"' of it in the rig, or of a motor's position 'side = \"rotor\"' with the motor's gear_ratio.",
     ),
+    "encoder.other_turn": Text("{part} was on another turn than link_position.", "It is turned to it."),
     "encoder.stuck": Text(
         "{part} does not change by a single step from {begin:.4g} s to {end:.4g} s, while {other} moves by {value:.3g} rad;"
         " elsewhere they move together: its encoder was stuck.",
@@ -55,6 +73,10 @@ TEXTS: Mapping[str, Text] = {
         "{part} does not change by a single step from {begin:.4g} s to {end:.4g} s, while the deflection changes by {value:.3g}"
         " rad; elsewhere they change together: the sensor was stuck.",
         "Leave that stretch out (--start, --end).",
+    ),
+    "torque.acting": Text(
+        "{part} is what acts, by the rig's motor: what was recorded, {made}.",
+        "Change the motor in the rig if it does not.",
     ),
     "torque.coarse": Text(
         "{part} takes {value:.0f} values only, {step:.3g} N·m apart and more: too coarse for a stiffness.",
@@ -79,6 +101,12 @@ TEXTS: Mapping[str, Text] = {
         " elsewhere: it is saturated.",
         "The stiffness is wrong wherever it is; choose a larger range, or leave these stretches out (--start, --end).",
     ),
+    "sensor.hung": Text(
+        "{part} hung at {value:.0f} of {samples} samples (first at {first:.6g} s): it stood still amid a motion and then"
+        " jumped to catch up.",
+        "They are left out.",
+    ),
+    "sensor.constant": Text("{part} never changes.", "Check the channel in the rig if it should."),
     "sensor.repeated": Text(
         "{part} changes at every {value:.0f}th sample only, {rate:.4g} times a second: where it is a slower sensor's, repeated,"
         " and no command that a drive holds so long, it is late by half of that on average, which bends the stiffness.",

@@ -14,7 +14,7 @@ from types import MappingProxyType
 import numpy as np
 from numpy.typing import NDArray
 
-from vsalog.acting import acting_notes, acting_torque, is_motor_torque, made_of
+from vsalog.acting import acting_findings, acting_torque, is_motor_torque, made_of
 from vsalog.binding import (
     channels_of,
     each_run,
@@ -23,12 +23,13 @@ from vsalog.binding import (
     offered_roles,
     refuse_other_rates,
     roles_of_all,
-    turned_notes,
+    turned_findings,
 )
-from vsalog.binding_notes import Tally, binding_notes
-from vsalog.clocks_apart import clock_notes
+from vsalog.binding_findings import Tally, binding_findings
+from vsalog.clocks_apart import clock_findings
 from vsalog.encoders import JUMP, SameTurn, Unwrapping, begins_anew, turnable, turned_on, unwrapped_on
 from vsalog.errors import BindingError
+from vsalog.finding import Finding
 from vsalog.grid import GAP, Bound, after_long_silence, common_segments, is_even, less, on_grid, stamps_where
 from vsalog.held import MARGIN as AROUND
 from vsalog.held import held
@@ -233,7 +234,7 @@ class _LongRun:
         self.turns: dict[str, SameTurn] = {}
 
     def blocks(self) -> Iterator[tuple[Stamps, dict[str, Array], Flags]]:
-        """Yield stamps, roles and where runs begin, in order; notes are complete at the end."""
+        """Yield stamps, roles and where runs begin, in order; findings are complete at the end."""
         ahead = {name: _Ahead(role) for name, role in self.moving.items()}
         wrapped = [name for name, role in self.moving.items() if role.wrapped]
         self.turns = {name: SameTurn() for name in turnable(self.roles, wrapped)}
@@ -254,11 +255,14 @@ class _LongRun:
         for one in ahead.values():
             one.finish()
 
-    def notes(self) -> tuple[str, ...]:
+    def findings(self) -> tuple[Finding, ...]:
         """Return what a person should know of how the signals came about."""
         tallies = {name: role.tally for name, role in self.moving.items()}
         turned = [name for name, state in self.turns.items() if state.ever]
-        return (*binding_notes(self.joint, self.segments, tallies, self.origin), *turned_notes(self.joint, turned))
+        return (
+            *binding_findings(self.joint, self.segments, tallies, self.origin),
+            *turned_findings(self.joint, turned),
+        )
 
     def _grid(self) -> Iterator[tuple[Stamps, bool]]:
         """Yield the grid's stamps, as `grid_of` makes them, piece by piece, and whether a segment begins with them."""
@@ -288,7 +292,7 @@ def bind_long(
     offered = offered_roles(joint)
     wanted = [*roles, *(f"{other}/{role}" for other, (_, its) in neighbours.items() for role in its)]
     out = LongSignals(name, wanted)
-    notes: list[str] = []
+    findings: list[Finding] = []
     names: list[str] = []
     runs: list[_LongRun] = []
     for recording, run, fixed, run_name in each_run(recordings, joint, setpoints):
@@ -297,18 +301,18 @@ def bind_long(
             for named, role, its, constant in roles_of_all(joint, roles, neighbours, fixed)
         }
         channels = channels_of(recording.look, run, roles_of_all(joint, roles, neighbours, fixed))
-        notes += clock_notes(recording.look, name, channels)
+        findings += clock_findings(recording.look, name, channels)
         one = _LongRun(recording.path.name, name, found, origin_of(recording.look))
         out.begin_run(one.origin)
         for stamps, values, starts in one.blocks():
             out.append(stamps, less_series(recording.path.name, values, offered, wanted), starts)
         motors = {role: motor_of(joint, role) for role in found if is_motor_torque(role)}
-        notes += [*one.notes(), *acting_notes(name, motors)]
+        findings += [*one.findings(), *acting_findings(name, motors)]
         names.append(run_name)
         runs.append(one)
     periods = [run.period * 1e-9 for run in runs]
     refuse_other_rates(name, periods)
-    out.period, out.run_names, out.notes = periods[0], tuple(names), tuple(notes)
+    out.period, out.run_names, out.findings = periods[0], tuple(names), tuple(findings)
     out.resolution = least_steps([{n: role.resolution for n, role in run.moving.items()} for run in runs], wanted)
     return out
 

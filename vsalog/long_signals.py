@@ -8,6 +8,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
+from vsalog.finding import Finding
 from vsalog.readers.spool import PART, Spool, SpooledColumn
 from vsalog.signals import JointSignals
 
@@ -29,7 +30,7 @@ class LongSignals:
     period : T [s], of the grid
     run_names : names of the runs
     resolution : role → least step of the sensor [SI], 0 where none could be told
-    notes : what a person should know about how the signals came about
+    findings : what a person should know about how the signals came about
     """
 
     def __init__(self, joint: str, roles: Collection[str]) -> None:
@@ -37,7 +38,7 @@ class LongSignals:
         self.period = 0.0
         self.run_names: tuple[str, ...] = ("",)
         self.resolution: dict[str, float] = {}
-        self.notes: tuple[str, ...] = ()
+        self.findings: tuple[Finding, ...] = ()
         spool = Spool()
         self._stamps = SpooledColumn(spool, np.int64)
         self._roles = {role: SpooledColumn(spool, np.float64) for role in roles}
@@ -91,7 +92,7 @@ class LongSignals:
             run.astype(np.int32),
             self.run_names,
             self.resolution,
-            self.notes,
+            self.findings,
         )
 
     def blocks(self, size: int) -> Iterator[JointSignals]:

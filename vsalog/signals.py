@@ -9,6 +9,8 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
+from vsalog.finding import Finding
+
 Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]
 
@@ -46,7 +48,7 @@ class JointSignals:
     run : shape (N,), index into `run_names`
     run_names : names of the runs (groups of a file, or files); ("",) when there is just one
     resolution : role → least step of the sensor [SI], 0 where none could be told
-    notes : what a person should know about how the signals came about
+    findings : what a person should know about how the signals came about
     interpolated : role → noise of those whose samples were taken between the grid's; empty where it was not asked for
     """
 
@@ -59,7 +61,7 @@ class JointSignals:
     run: NDArray[np.int32]
     run_names: tuple[str, ...] = ("",)
     resolution: Mapping[str, float] = field(default_factory=dict)
-    notes: tuple[str, ...] = ()
+    findings: tuple[Finding, ...] = ()
     interpolated: Mapping[str, Interpolated] = field(default_factory=dict)
 
     def __len__(self) -> int:

@@ -328,7 +328,7 @@ def test_after_a_gap_it_begins_anew_and_says_how_little_it_knows(played, rig):
     cut = with_fields(channel, stamps=channel.stamps[kept], values=channel.values[kept])
     lossy = with_fields(recording, channels={**recording.channels, name: cut})
     found = estimated(played, rig, "axis1", lossy)
-    assert any("1 gaps" in w for w in found.warnings)
+    assert ("recording.gaps", 1.0) in [(f.code, f.value) for f in found.findings]
     columns, at = found.trace["total"], np.round(found.trace.time * 1000).astype(int)
     assert len(at) == kept.size
     for state in STATES[:4]:

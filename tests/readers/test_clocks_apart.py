@@ -33,33 +33,33 @@ def log_of(path, late):
     return log.save(path)
 
 
-def notes_of(path, time="auto", roles=ROLES):
+def apart_of(path, time="auto", roles=ROLES):
     ((name, joint),) = Rig.from_toml(RIG).joints.items()
-    notes = bind([read(path, time=time)], name, joint, roles).notes
-    assert bind_long([read_within(0, path, time=time)], name, joint, roles).notes == notes
-    return [note for note in notes if "apart" in note]
+    findings = bind([read(path, time=time)], name, joint, roles).findings
+    assert bind_long([read_within(0, path, time=time)], name, joint, roles).findings == findings
+    return [finding for finding in findings if finding.code == "recording.clocks_apart"]
 
 
 @pytest.mark.parametrize("late", [0, 0.0004, -0.0004])
 def test_clocks_that_agree_are_no_matter(tmp_path, late):
-    assert notes_of(log_of(tmp_path / "log", late)) == []
+    assert apart_of(log_of(tmp_path / "log", late)) == []
 
 
 @pytest.mark.parametrize("late", [0.004, -0.09])
-def test_clocks_that_are_a_little_apart_are_told(tmp_path, late):
+def test_clocks_that_are_a_little_apart_are_found(tmp_path, late):
     path = log_of(tmp_path / "log", late)
-    (note,) = notes_of(path)
-    assert "/joint_states is on header stamps and /torque on log time" in note
-    assert f"{abs(late):.3g} s apart" in note
-    assert notes_of(path, "log") == notes_of(path, roles=ROLES[:2]) == []
+    (apart,) = apart_of(path)
+    assert apart.evidence == {"stamped": "/joint_states", "other": "/torque", "clock": "log"}
+    assert apart.value == pytest.approx(abs(late))
+    assert apart_of(path, "log") == apart_of(path, roles=ROLES[:2]) == []
 
 
 def test_clocks_that_are_far_apart_are_refused_unless_asked_for(tmp_path):
     path = log_of(tmp_path / "log", 0.15)
     with pytest.raises(BindingError, match=r"0\.15 s apart; --time log puts all on one clock, --time header takes"):
-        notes_of(path)
+        apart_of(path)
     ((name, joint),) = Rig.from_toml(RIG).joints.items()
     with pytest.raises(BindingError, match="apart"):
         bind_long([read_within(0, path)], name, joint, ROLES)
-    assert len(notes_of(path, "header")) == 1
-    assert notes_of(path, "log") == []
+    assert len(apart_of(path, "header")) == 1
+    assert apart_of(path, "log") == []

@@ -24,6 +24,7 @@ from vsalog.diagnosis.suggest import Suggestion, suggest
 from vsalog.diagnosis.words import gathered, sentences
 from vsalog.errors import BindingError, DiagnosisError, RigError, VsalogError, did_you_mean
 from vsalog.estimation import pick_joints
+from vsalog.finding_texts import sentence
 from vsalog.job import sha256
 from vsalog.modalities import Traces, stiffness_change, stiffness_traces
 from vsalog.readers import open_reader, read
@@ -125,7 +126,7 @@ def diagnose(log: Path, holdout: Path | None, options: Options, progress: Progre
                     f"joint '{name}': is one with a link that the others of the chain move, and no torque sensor says how"
                 )
             other = None if second is None else _bound(second, name, joint, set(signals.roles))
-            warnings += signals.notes
+            warnings += map(sentence, signals.findings)
             stated = felt(joint, rig.tolerances[name])
             found += [
                 diagnose_joint(label, joint, part, other, progress, stated) for label, part in _runs(name, signals)

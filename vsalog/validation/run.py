@@ -163,7 +163,7 @@ def _judge_log(
         if not short:
             recording = replace(recording, channels=truth)
         judged = judge(file.joint[name], joint, device, prepared, truth, draw)
-        warnings = [*(f"{log.name}: {note}" for note in recording.notes), *signals.notes, *doubts]
+        warnings = [*(f"{log.name}: {note}" for note in recording.notes), *map(sentence, signals.findings), *doubts]
         learnt_from = digest.result() in file.log.values() and not _other_runs(file, name, joint)
         if learnt_from:
             warnings.insert(0, f"{log.name} is what the model was learnt from: this is no second experiment")

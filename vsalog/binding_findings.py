@@ -4,9 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 
+from vsalog.finding import Finding
 from vsalog.grid import Bound
 
 # A step of so many periods lacks a sample.
@@ -64,41 +66,30 @@ def tally_of(b: Bound) -> Tally:
     return tally
 
 
-def binding_notes(
+def binding_findings(
     joint: str, segments: list[tuple[int, int]], tallies: Mapping[str, Tally], origin: int
-) -> tuple[str, ...]:
-    """Return the notes on a joint's roles; `origin` is the log's first stamp."""
-    notes = []
-    if len(segments) > 1:
+) -> list[Finding]:
+    """Return what was found of a joint's roles; `origin` is the log's first stamp [ns]."""
+    found = []
+    gaps = len(segments) - 1
+    if gaps > 0:
         lost = (segments[-1][1] - segments[0][0] - sum(b - a for a, b in segments)) * 1e-9
-        notes.append(
-            f"joint '{joint}': {len(segments) - 1} gaps, {lost:.3g} s in all; nothing is estimated across them"
-        )
+        found.append(Finding(code="recording.gaps", joint=joint, value=float(gaps), evidence={"seconds": lost}))
     for role, t in tallies.items():
-        places = t.lost - (len(segments) - 1)
-        if places > 0:
-            notes.append(
-                f"joint '{joint}': {role} lacks a sample or two at {places} places; bridged between the neighbours"
-            )
+        of_role = partial(Finding, joint=joint, part=role)
+        if (places := t.lost - gaps) > 0:
+            found.append(of_role(code="recording.samples_lost", value=float(places)))
         if t.alone:
-            notes.append(_alone_note(joint, role, t.alone, t.samples, (t.first_alone - origin) * 1e-9))
+            first = (t.first_alone - origin) * 1e-9
+            evidence = {"samples": t.samples, "first": first}
+            found.append(of_role(code="recording.outliers", value=float(t.alone), evidence=evidence))
         if t.held:
             first = (t.first_held - origin) * 1e-9
-            notes.append(
-                f"joint '{joint}': {role} hung at {t.held} of {t.samples} samples (first at {first:.6g} s): it stood still amid a"
-                " motion and then jumped to catch up; left out"
-            )
+            evidence = {"samples": t.samples, "first": first}
+            found.append(of_role(code="sensor.hung", value=float(t.held), evidence=evidence))
         if (lacking := t.bad - t.alone - t.held) > 0:
-            notes.append(
-                f"joint '{joint}': {lacking} of {t.samples} samples of {role} are no finite number; left out, and bridged between"
-                " the neighbours where one is alone"
-            )
+            evidence = {"samples": t.samples}
+            found.append(of_role(code="recording.not_finite", value=float(lacking), evidence=evidence))
         if t.low == t.high and role != "setpoint":
-            notes.append(f"joint '{joint}': {role} never changes")
-    return tuple(notes)
-
-
-def _alone_note(joint: str, role: str, alone: int, of: int, first: float) -> str:
-    """Say that samples stood alone, the first of them at `first` [s]."""
-    stand, when = ("stand", f"the first at {first:.6g} s") if alone > 1 else ("stands", f"at {first:.6g} s")
-    return f"joint '{joint}': {alone} of {of} samples of {role} {stand} alone, as no motion does ({when}); left out"
+            found.append(of_role(code="sensor.constant", value=t.low))
+    return found
