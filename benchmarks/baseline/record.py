@@ -180,10 +180,9 @@ def _batch(
 
 
 def _findings(told: Any) -> list[Any]:
-    """Return codes where a version has them, and texts where it does not."""
-    joints = told["joints"]
-    own = told.get("findings")
-    return own if own is not None else [*told["warnings"], *(w for j in joints for w in j["warnings"])]
+    """Return what is found of a log and of its joints: codes and parts where a version has them, and texts where it does not."""
+    own = [f for j in told["joints"] for f in j.get("findings", j["warnings"])]
+    return [*told["warnings"], *(f if isinstance(f, str) else f"{f['code']} {f['part']}".strip() for f in own)]
 
 
 def _transmissions(trace: Path) -> Iterator[tuple[str, str, Any]]:
