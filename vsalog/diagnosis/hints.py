@@ -76,8 +76,7 @@ def _changed(joint: Any, system: System) -> Iterator[tuple[str, Any, System]]:
                 # What acts is the recorded torque times the gain: one that is recorded too large acts with less.
                 gain = getattr(joint, motor).torque_gain / factor
                 yield f"{words} of {role} put right", with_part(joint, motor, torque_gain=gain), system
-    torques = [r for r in roles if "torque" in r]
-    for a, b in (*combinations(sorted(positions), 2), *combinations(sorted(torques), 2)):
+    for a, b in (*combinations(sorted(positions), 2), *combinations(sorted(r for r in roles if "torque" in r), 2)):
         yield f"{a} and {b} exchanged", joint, _exchanged(system, a, b)
 
 
