@@ -273,3 +273,12 @@ def test_no_sample_log_gives_a_false_alarm(log, samples):
         signals = bind([recording_of], name, joint, roles)
         assert signal_findings(device_of(name, joint, signals.roles, rig.file), signals) == ()
         assert "recording.outliers" not in {finding.code for finding in signals.findings}
+
+
+def test_a_sensor_that_is_saturated_at_both_ends_is_found_at_both():
+    made = channels()
+    made["tau"] = np.clip(made["tau"], -2.0, 2.0)
+    assert {(f.code, f.evidence["end"]) for f in found(made)} == {
+        ("sensor.saturated", "highest"),
+        ("sensor.saturated", "lowest"),
+    }

@@ -52,7 +52,7 @@ def made_of(recorded: Array, motor: Motor) -> Array:
 
 
 def acting_findings(joint: str, motors: Mapping[str, Motor]) -> Iterator[Finding]:
-    """Yield what the rig makes of each motor torque, role → motor; nothing where it acts as it was recorded."""
+    """Yield how the rig's drive model changes each recorded motor torque, role → motor; nothing where it changes nothing."""
     for role, given in motors.items():
         motor = given.reflected
         made = [

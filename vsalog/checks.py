@@ -84,10 +84,11 @@ def passing_findings(device: Device, signals: LongSignals) -> Iterator[Finding]:
 
 
 def first_of_each(findings: Iterable[Finding]) -> tuple[Finding, ...]:
-    """Return the first finding of each code about each part."""
-    first: dict[tuple[str, str], Finding] = {}
+    """Return the first of the findings that differ in their numbers only."""
+    first: dict[tuple[str, ...], Finding] = {}
     for finding in findings:
-        first.setdefault((finding.code, finding.part), finding)
+        texts = (text for text in finding.evidence.values() if isinstance(text, str))
+        first.setdefault((finding.code, finding.part, *texts), finding)
     return tuple(first.values())
 
 

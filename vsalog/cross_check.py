@@ -32,8 +32,8 @@ Flags = NDArray[np.bool_]
 
 # Samples that are averaged, and seconds, at least; averages without which nothing is compared.
 BOX, LASTING, AVERAGES = 25, 0.05, 20
-# A slope that is off by so much is found, or by so many of the stiffness' deviations where these are more; sensors that have less
-# of their power in common with the estimate than this follow something else.
+# Least relative error of a slope that is reported, and the same in standard deviations of the stiffness, whichever is more; least
+# share of power that a reference has in common with an estimate of the same torque.
 OFF, BEYOND, SHARED = 0.05, 2.0, 0.5
 # Of the averages so many are kept, those that agree best, and so often is asked which.
 KEPT, TRIALS = 0.9, 5
@@ -43,12 +43,12 @@ LONG, LASTS, SLOW, LARGE = 4, 0.6, 0.5, 10.0
 # Half the mean square change of averages is all of their variance where they are white noise, and less than this part of it where
 # they are a motion of up to 3 Hz.
 FREE = 0.7
-# A torque or an angle that the sensor hardly sees move, less than so many of what it resolves, is no reference.
+# A reference has to span at least this many steps of its sensor.
 MOVES = 10.0
-# An angle that is off by so much of its range is found, or by so many of its own deviations where these are more.
+# Least error of an angle that is reported, as a share of its range.
 ASTRAY = 0.05
 ANGLE = "link_position"
-# A link's inertia that differs from the rig's by so much, and by so many of its deviations, is found.
+# Least relative difference of a link's inertia from the rig's that is reported, and the same in its standard deviations.
 ANOTHER, SURE = 0.1, 5.0
 # What is no sensor, but made of the motor's torque and motion.
 MOTOR = "the motor's side by residual-rls"

@@ -113,7 +113,7 @@ TEXTS: Mapping[str, Text] = {
         "Record the others as slowly, or leave the repeats empty.",
     ),
     "deflection.still": Text(
-        "the deflection of transmission {part} never changes; its stiffness cannot be told.",
+        "the deflection of transmission {part} never changes; its stiffness cannot be estimated.",
         "Move the joint under load.",
     ),
     "deflection.too_small": Text(
@@ -133,7 +133,7 @@ TEXTS: Mapping[str, Text] = {
     ),
     "estimate.torn": Text(
         "transmission {part}: samples are missing so often that the filters' windows are whole for {value:.0%} of the time only.",
-        "Shorten them (--tune window=SECONDS), or mend the log.",
+        "Shorten the windows (--tune window=SECONDS), or repair the log.",
     ),
     "estimate.never_excited": Text(
         "transmission {part}: the data never support an estimate (standard deviation above a fifth of the stiffness everywhere).",
@@ -144,11 +144,11 @@ TEXTS: Mapping[str, Text] = {
         "Move the joint more, or fit fewer terms (order under [joint.{joint}.basis] in the rig).",
     ),
     "estimate.partly_excited": Text(
-        "transmission {part}: the estimate is supported by the data for {value:.0%} of the time only.",
+        "transmission {part}: the estimate is excited for {value:.0%} of the time only.",
         "Column excited says when.",
     ),
     "fit.offset": Text(
-        "transmission {part}: the torque lies {value:+.3g} N·m beside the fit on average, an offset that odd powers of the"
+        "transmission {part}: the torque differs by {value:+.3g} N·m from the fit on average, an offset that odd powers of the"
         " deflection cannot follow.",
         "Set odd = false under [joint.{joint}.basis], or the offset of the torque's signal.",
     ),
@@ -284,7 +284,7 @@ TEXTS: Mapping[str, Text] = {
     "cross_check.torque_scale": Text(
         "{reference}, which {estimator} does not read, differs: where the estimated torque of {of} changes by 1 N·m, that"
         " changes by {value:.3g} N·m. The stiffness may be off by as much, or {other_cause}.",
-        "'vsalog compare' shows what other estimators make of the log.",
+        "'vsalog compare' runs the other estimators on this log.",
     ),
     "cross_check.torque_unrelated": Text(
         "{reference}, which {estimator} does not read, differs: of the power of its torque {value:.0%} is in the estimated"

@@ -24,8 +24,8 @@ Array = NDArray[np.float64]
 
 # Supported rows kept for the quantiles.
 QUANTILE_SAMPLES = 20_000
-# Where the filters' windows are whole for a smaller part of the rows, that is why a log supports little; support for a smaller
-# part of the time is told.
+# Below the first share of rows with whole filter windows, missing samples are why a log is not excited; below the second share of
+# excited rows, that is reported.
 TORN, PARTLY = 0.5, 0.5
 # A stiffness that is surely negative for this part of the time comes of a sign; an offset this part of the torque matters.
 NEGATIVE, OFFSET = 0.01, 0.01
