@@ -14,7 +14,7 @@ from vsalog.diagnosis.causes.base import Parameter, Site
 from vsalog.diagnosis.found import loss_of
 from vsalog.diagnosis.joint import JointDiagnosis
 from vsalog.diagnosis.linear import Placed, clash, placed
-from vsalog.diagnosis.setting import setting_of
+from vsalog.diagnosis.unknown import TAKEN_UP
 from vsalog.residuals.system import System
 
 Array = NDArray[np.float64]
@@ -128,8 +128,9 @@ def _hidden(found: JointDiagnosis) -> tuple[Question, ...]:
 def ordinary_causes(found: JointDiagnosis, beside: Hypothesis) -> list[tuple[Hypothesis, tuple[float, str]]]:
     """Return the causes of one number, each of an ordinary size, beside what is there, with that size and its unit."""
     out = []
-    setting = setting_of(found.joint, found.system)
-    for cause in catalogue().values():
+    setting = found.selection.problem.setting
+    # What a spring that is fitted again takes up shows in no experiment.
+    for cause in (c for c in catalogue().values() if not (setting.fitted and c.name in TAKEN_UP)):
         for site in cause.sites(setting):
             if len(site.parameters) > 1 or site.transient or any(clash(site, s) for s, _ in beside.fit):
                 continue

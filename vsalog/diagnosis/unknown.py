@@ -87,7 +87,6 @@ def spring_sites(setting: Setting) -> Iterator[Site]:
         spring, suffix = getattr(setting.joint, name), name.removeprefix("transmission")
         torque = setting.torque_size()
         off = setting.deflection_size(suffix) if "position" in role else torque
-
         terms = tuple(Parameter(f"term_{k + 1}", "1", 0.0, 1e-3) for k in range(len(spring.coefficients) + 1))
         yield Site("transmission.spring", name, terms, partial(_refitted, name, role, torque, off), given=True)
 
