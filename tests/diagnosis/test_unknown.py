@@ -6,7 +6,7 @@ from restated import changes, recorded
 from written_out import ELASTIC, Truth, log
 
 from vsalog.diagnosis.run import Options, diagnose
-from vsalog.diagnosis.unknown import with_springs
+from vsalog.diagnosis.unknown import TAKEN_UP, with_springs
 from vsalog.mechanics import flexibility_torque
 from vsalog.residuals.sensing import at_joint
 from vsalog.rig import Rig
@@ -131,3 +131,13 @@ def test_beside_an_unknown_spring_a_late_encoder_is_told_exactly(tmp_path):
     (tmp_path / "extended.rig.toml").write_text(outcome.extended.to_toml(), encoding="utf-8")
     again = diagnose(tmp_path / "log.csv", None, Options(rig=tmp_path / "extended.rig.toml"))
     assert again.diagnosis.verdict == "consistent"
+
+
+def test_no_experiment_is_asked_for_what_the_spring_takes_up(tmp_path):
+    """A spring that is fitted again takes up its own shape whatever the motion: no amplitude would show it."""
+    time, roles = log(
+        Truth(), duration=10.0, roles=("motor_position", "link_position", "motor_torque", "torque_sensor")
+    )
+    recorded(tmp_path, time, roles, UNKNOWN.replace("\ngear_ratio = 10.0", ""))
+    words = diagnose(tmp_path / "log.csv", None, Options(suggest=True)).diagnosis.next_experiment
+    assert not [cause for cause in TAKEN_UP if cause in words]
