@@ -92,10 +92,19 @@ def calibration(before: Any, after: Any) -> Part:
         if _lower(known[:, 1] - known[:, 0], LEVEL / len(cells)):
             bad.append(f"{cell}: {old:.1%} → {new:.1%}")
         low = sum(_silent(row) for row in after[cell].values())
-        rows.append((cell, f"{len(known)}", f"{old:.1%}", f"{new:.1%}", f"{low}"))
+        widths = [_median(record[cell], both, "width") for record in (before, after)]
+        shares = [_median(record[cell], both, "excited") for record in (before, after)]
+        rows.append((cell, f"{len(known)}", f"{old:.1%}", f"{new:.1%}", f"{low}", *(f"{x:.2%}" for x in (*widths, *shares))))
     averages = [np.nanmean([float(r[i].rstrip("%")) for r in rows]) for i in (2, 3)] if rows else []
-    rows += [("all cells", "", *(f"{a:.1f}%" for a in averages), "")] if averages else []
-    return _table(("rig, estimator", "logs", "in the 95 % band before", "after", "below 80 %, silent"), rows), bad
+    rows += [("all cells", "", *(f"{a:.1f}%" for a in averages), *[""] * 5)] if averages else []
+    head = ("rig, estimator", "logs", "in the 95 % band before", "after", "below 80 %, silent")
+    return _table((*head, "half band before", "after", "excited before", "after"), rows), bad
+
+
+def _median(cell: Any, logs: Sequence[str], what: str) -> float:
+    """Return the median of a number over logs; NaN where none has it."""
+    known = [value for log in logs if (value := cell[log].get(what)) is not None]
+    return float(np.median(known)) if known else np.nan
 
 
 def _lower(differences: Any, level: float) -> bool:

@@ -31,6 +31,7 @@ CALIBRATED = ("direct", "residual-rls", "qr-rls", "batch-ls", "algebraic", "impe
 SAMPLES = ("sea_exp1.csv", "vsa2_exp1.mcap", "awas_exp1.mcap")
 # Two-sided 95 % of a normal distribution.
 BAND = 1.96
+NOTHING_EXCITED: dict[str, float | None] = {"inside": None, "width": None, "excited": 0.0}
 # Rows of a trace that are kept.
 KEPT = 101
 FAMILIES = ("messy", "model-error", "bench", "rigid", "closed-loop", "low-rate", "coarse", "short", "current", "gaps")
@@ -74,14 +75,14 @@ def estimates(product: Product, asked: Asked) -> Any:
 
 
 def calibration(product: Product, asked: Asked) -> Any:
-    """How often the truth lies in the 95 % band where a row is excited, in the second half of a log: log by log."""
+    """How often the truth lies in the 95 % band where a row is excited, in the second half of a log, and how wide that is."""
     out: dict[str, Any] = {}
     for rig, logs in calibrated(asked.seeds).items():
         made, _ = _made(product, asked, f"calibration-{rig}", logs)
         for estimator in CALIBRATED:
             rows = _batch(product, asked, made, estimator, _coverage)
             out[f"{rig}, {estimator}"] = {
-                log: {"inside": row["trace"], "findings": row["findings"]}
+                log: {**(row["trace"] or NOTHING_EXCITED), "findings": row["findings"]}
                 for log, row in rows.items()
                 if row["status"] == "done"
             }
@@ -214,17 +215,26 @@ def _trace(trace: Path, log: Path | None) -> Any:
     return out
 
 
-def _coverage(trace: Path, log: Path) -> float | None:
-    """Return the share of excited rows of the second half whose 95 % band holds the truth; of all transmissions but the total."""
-    inside = []
+def _coverage(trace: Path, log: Path) -> dict[str, float] | None:
+    """Return the share of excited rows of the second half whose 95 % band holds the truth; of all transmissions but the total.
+
+    Along with it the median of half the band, as a part of the truth, and how many rows are excited.
+    """
+    scores, widths, all_rows = [], [], 0
     for joint, name, columns in _transmissions(trace):
         truth = None if name == "total" else _truth(log, joint, name, columns["stamp"])
         if truth is not None:
-            counts = (columns["excited"] > 0.5) & (np.arange(truth.size) >= truth.size // 2)
+            half = np.arange(truth.size) >= truth.size // 2
+            counts = (columns["excited"] > 0.5) & half
             z = (columns["stiffness"] - truth) / columns["stiffness_std"]
-            inside.append(np.abs(z[counts]) < BAND)
-    rows = np.concatenate(inside) if inside else np.array([])
-    return float(np.mean(rows)) if rows.size else None
+            scores.append(np.abs(z[counts]))
+            widths.append(BAND * columns["stiffness_std"][counts] / truth[counts])
+            all_rows += np.count_nonzero(half)
+    z = np.concatenate(scores) if scores else np.array([])
+    if not z.size:
+        return None
+    width = float(np.median(np.concatenate(widths)))
+    return {"inside": float(np.mean(z < BAND)), "width": width, "excited": z.size / all_rows}
 
 
 def _truth(log: Path, joint: str, name: str, stamps: Any) -> Any:
