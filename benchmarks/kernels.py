@@ -10,7 +10,7 @@ import sys
 import numpy as np
 
 from benchmarks.measure import machine, side_by_side
-from vsalog.basis import PolynomialBasis
+from vsalog.core.basis import PolynomialBasis
 from vsalog.estimators.torque import integral_block, lag_block, residual_block
 from vsalog.filters.kinematic import KinematicSettings, kinematic_filter
 from vsalog.filters.savitzky_golay import savgol_filter, savgol_weights

@@ -5,7 +5,7 @@ from pathlib import Path
 
 import numpy as np
 
-from vsalog.binding import offered_roles
+from vsalog.binding.joint import offered_roles
 from vsalog.diagnosis.causes import catalogue
 from vsalog.diagnosis.causes.base import Cause, Setting, Site
 from vsalog.residuals.sensing import at_joint

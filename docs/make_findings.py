@@ -4,7 +4,7 @@ import re
 from itertools import groupby
 from pathlib import Path
 
-from vsalog.finding_texts import TEXTS
+from vsalog.core.finding_texts import TEXTS
 
 FIELD = re.compile(r"{(\w+)(?::[^}]*)?}")
 
@@ -19,7 +19,7 @@ def reference() -> str:
     parts = [
         "# Findings",
         "",
-        "Written by `python docs/make_findings.py` from the catalogue in `vsalog/finding_texts.py`.",
+        "Written by `python docs/make_findings.py` from the catalogue in `vsalog/core/finding_texts.py`.",
     ]
     parts += [
         "",

@@ -2,8 +2,8 @@
 
 from pathlib import Path
 
+from vsalog.core.document_schema import schema_text
 from vsalog.diagnosis import document as diagnosis
-from vsalog.document_schema import schema_text
 from vsalog.validation import document as report
 
 HERE = Path(__file__).parent

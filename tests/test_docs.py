@@ -5,9 +5,9 @@ import runpy
 from pathlib import Path
 
 from vsalog.cli import cli
+from vsalog.core.trace import EXTRA_UNITS, UNITS
 from vsalog.rig import Rig
 from vsalog.rig.load import presets
-from vsalog.trace import EXTRA_UNITS, UNITS
 
 ROOT = Path(__file__).parent.parent
 

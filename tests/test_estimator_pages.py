@@ -7,10 +7,10 @@ from pathlib import Path
 
 import pytest
 
+from vsalog.core.trace import EXTRA_UNITS, UNITS
 from vsalog.estimators import BUILT_IN, method
 from vsalog.estimators.device import device_of
 from vsalog.rig.load import Rig
-from vsalog.trace import EXTRA_UNITS, UNITS
 
 ROOT = Path(__file__).parent.parent
 DOCS = ROOT / "docs"

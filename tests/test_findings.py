@@ -5,8 +5,8 @@ from pathlib import Path
 from string import Formatter
 
 import vsalog
-from vsalog.finding import Finding
-from vsalog.finding_texts import TEXTS, sentence
+from vsalog.core.finding import Finding
+from vsalog.core.finding_texts import TEXTS, sentence
 
 
 def codes_made():

@@ -14,21 +14,24 @@ import pytest
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
-from vsalog import checks, job, long_binding, long_signals
-from vsalog.binding import bind
-from vsalog.errors import ReadError, WriteError
+from vsalog.binding import long_joint
+from vsalog.binding.grid import after_long_silence
+from vsalog.binding.joint import bind
+from vsalog.binding.long_joint import bind_long
+from vsalog.checks import signals as signal_checks
+from vsalog.core import long_signals, spool
+from vsalog.core.errors import ReadError, WriteError
+from vsalog.core.long_signals import LongSignals
+from vsalog.estimation import job
+from vsalog.estimation.job import Options, prepare
 from vsalog.estimators.device import device_of
-from vsalog.grid import after_long_silence
-from vsalog.job import Options, prepare
-from vsalog.long_binding import bind_long
-from vsalog.long_recording import LongRecording
-from vsalog.long_signals import LongSignals
-from vsalog.readers import long_log, read, read_within, spool
+from vsalog.readers import long_log, read, read_within
 from vsalog.readers.base import Block
 from vsalog.readers.collect import collect
 from vsalog.readers.long_log import collect_within
+from vsalog.readers.long_recording import LongRecording
+from vsalog.report.estimate_files import Outputs, write_results
 from vsalog.rig import Rig
-from vsalog.writers.results import Outputs, write_results
 
 START, MS = 1_700_000_000_000_000_000, 1_000_000
 RIG = """
@@ -51,7 +54,7 @@ def small(monkeypatch):
     """Small pieces, so that short logs have many edges."""
     monkeypatch.setattr(spool, "PART", 97)
     monkeypatch.setattr(spool, "EXTENT", 50)
-    monkeypatch.setattr(long_binding, "PART", 101)
+    monkeypatch.setattr(long_joint, "PART", 101)
     monkeypatch.setattr(job, "ROOM", 0)
 
 
@@ -261,7 +264,7 @@ def test_bound_rows_are_those_in_memory_bit_for_bit(small, blocks):
 def test_estimates_are_those_in_memory(monkeypatch, samples, names, options):
     logs = [samples / name for name in names]
     (expected,) = prepare(logs, Options(**options)).run()
-    for module, name, value in ((spool, "PART", 997), (spool, "EXTENT", 500), (long_binding, "PART", 1013)):
+    for module, name, value in ((spool, "PART", 997), (spool, "EXTENT", 500), (long_joint, "PART", 1013)):
         monkeypatch.setattr(module, name, value)
     monkeypatch.setattr(job, "ROOM", 0)
     prepared = prepare(logs, Options(**options))
@@ -313,7 +316,7 @@ def test_a_look_has_the_whole_range_and_is_bounded(monkeypatch):
 
 
 def test_an_encoder_that_was_stuck_once_is_told_wherever_that_was(monkeypatch):
-    monkeypatch.setattr(checks, "WHILE", 10_000)
+    monkeypatch.setattr(signal_checks, "WHILE", 10_000)
     t = np.arange(100_000) * 1e-3
     q = np.round((np.sin(3.0 * t) + 0.05 * np.sin(7.0 * t)) / 1e-4) * 1e-4
     theta = np.round(np.sin(3.0 * t) / 1e-4) * 1e-4
@@ -324,7 +327,7 @@ def test_an_encoder_that_was_stuck_once_is_told_wherever_that_was(monkeypatch):
     signals.period, signals.resolution = 1e-3, {"link_position": 1e-4, "motor_position": 1e-4}
     signals.append(np.arange(t.size) * MS, {"link_position": q, "motor_position": theta}, t == 0.0)
     device = device_of("j", Rig.from_toml(RIG).joints["j"])
-    (found,) = checks.first_of_each(checks.passing_findings(device, signals))
+    (found,) = signal_checks.first_of_each(signal_checks.passing_findings(device, signals))
     assert (found.code, found.part) == ("encoder.stuck", "link_position")
     assert (found.evidence["begin"], found.evidence["end"]) == pytest.approx((62.0, 62.9), abs=2e-3)
 
@@ -357,7 +360,7 @@ def test_a_full_disk_is_told_with_what_to_do(monkeypatch, samples):
 
 
 def test_figures_of_a_long_trace_are_drawn_of_a_part_of_its_rows(monkeypatch, samples, tmp_path):
-    from vsalog.reports import page_estimate
+    from vsalog.report import page_estimate
 
     outputs = Outputs(tmp_path / "a.parquet", tmp_path / "a.toml", page=tmp_path / "a.html")
     prepared = prepare([samples / "vsa2_exp1.mcap"], Options())
@@ -376,8 +379,10 @@ MEMORY = """
 import json, resource, sys
 from pathlib import Path
 import numpy as np, pyarrow as pa, pyarrow.parquet as pq
-from vsalog import job, long_recording, long_signals
-from vsalog.writers.results import Outputs, write_results
+from vsalog.core import long_signals
+from vsalog.estimation import job
+from vsalog.readers import long_recording
+from vsalog.report.estimate_files import Outputs, write_results
 
 job.ROOM = int(sys.argv[1])
 # In proportion to logs of minutes instead of hours.

@@ -10,8 +10,8 @@ import pytest
 from test_binding import joint_of
 
 import vsalog
-from vsalog.errors import EstimatorError
-from vsalog.estimation import choose, estimate_joint
+from vsalog.core.errors import EstimatorError
+from vsalog.estimation.joint import choose, estimate_joint
 from vsalog.readers import read
 from vsalog.rig import Rig
 

@@ -15,20 +15,20 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from vsalog._version import __version__
-from vsalog.errors import VsalogError
+from vsalog.core.errors import VsalogError
 
 if TYPE_CHECKING:
-    from vsalog.estimation import JointEstimate
-    from vsalog.model import ModelFile
+    from vsalog.core.model import ModelFile
+    from vsalog.core.recording import Recording
+    from vsalog.estimation.joint import JointEstimate
     from vsalog.readers import read
-    from vsalog.recording import Recording
     from vsalog.rig import Rig
 
 __all__ = ["ModelFile", "Recording", "Rig", "VsalogError", "__version__", "estimate", "read"]
 
 _LAZY = {
-    "ModelFile": "vsalog.model",
-    "Recording": "vsalog.recording",
+    "ModelFile": "vsalog.core.model",
+    "Recording": "vsalog.core.recording",
     "Rig": "vsalog.rig",
     "read": "vsalog.readers",
 }
@@ -82,8 +82,8 @@ def estimate(
     VsalogError
         What the input is to blame for; the message says what, where and what to do.
     """
-    from vsalog.job import Options, prepare
-    from vsalog.recording import Recording
+    from vsalog.core.recording import Recording
+    from vsalog.estimation.job import Options, prepare
 
     if isinstance(logs, str | Path | Recording):
         logs = [logs]

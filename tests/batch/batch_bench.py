@@ -17,7 +17,7 @@ from vsalog.batch.records import Answer, Record, Settings, Task
 from vsalog.batch.run import Asked, run_batch
 from vsalog.batch.work import check_json, do_json
 from vsalog.batch.worker import ANSWER, BEGUN, TASK
-from vsalog.errors import BatchError
+from vsalog.core.errors import BatchError
 
 RIG = """
 name = "{name}"

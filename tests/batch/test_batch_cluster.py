@@ -12,7 +12,7 @@ from contextlib import contextmanager
 import pytest
 from batch_bench import batch, contents, do_batch, make_logs, same, start, summary
 
-from vsalog.errors import BatchError
+from vsalog.core.errors import BatchError
 
 pytest.importorskip("distributed")
 pytest.importorskip("s3fs")

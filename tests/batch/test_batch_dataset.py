@@ -15,10 +15,10 @@ from batch_bench import Here, do_batch
 from vsalog.batch import run as whole_run
 from vsalog.batch.dataset import DatasetWriter
 from vsalog.batch.records import Settings
-from vsalog.job import Options, prepare
-from vsalog.model import ModelFile
-from vsalog.trace import Trace
-from vsalog.writers.results import Outputs, write_results
+from vsalog.core.model import ModelFile
+from vsalog.core.trace import Trace
+from vsalog.estimation.job import Options, prepare
+from vsalog.report.estimate_files import Outputs, write_results
 
 PAGE = Path(__file__).parent.parent.parent / "docs" / "batch.md"
 

@@ -8,7 +8,7 @@ import pytest
 from batch_bench import make_log
 
 from vsalog.batch.plan import make_plan
-from vsalog.errors import BatchError
+from vsalog.core.errors import BatchError
 
 
 @pytest.fixture

@@ -13,7 +13,7 @@ from batch_bench import serve_by_name
 from vsalog.batch import memory, pool
 from vsalog.batch.memory import BASE, expected, parse_size
 from vsalog.batch.records import Log, Settings, Task
-from vsalog.errors import BatchError
+from vsalog.core.errors import BatchError
 
 
 @pytest.fixture

@@ -10,7 +10,7 @@ from batch_bench import RIG, batch, contents, do_batch, make_log, make_logs, sam
 
 from vsalog.batch import run as whole_run
 from vsalog.batch.records import Settings
-from vsalog.errors import BatchError
+from vsalog.core.errors import BatchError
 
 
 def test_killed_again_and_again_it_ends_as_if_it_never_was(tmp_path, here):

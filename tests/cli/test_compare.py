@@ -50,7 +50,7 @@ def test_a_fault_of_one_estimator_does_not_hide_the_others(log, monkeypatch):
     from click.testing import CliRunner
 
     from vsalog.cli import cli
-    from vsalog.job import Job
+    from vsalog.estimation.job import Job
 
     sound = Job.run
 

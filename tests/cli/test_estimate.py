@@ -8,7 +8,7 @@ import pyarrow.parquet as pq
 import pytest
 from mcap.reader import make_reader
 
-from vsalog.model import ModelFile
+from vsalog.core.model import ModelFile
 from vsalog.simulation.experiments import awas_experiment, elastic_experiment, vsa2_experiment
 
 

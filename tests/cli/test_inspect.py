@@ -14,7 +14,7 @@ from click.testing import CliRunner
 from vsalog.cli import cli
 from vsalog.readers import sampling
 from vsalog.readers.table import TableReader
-from vsalog.reports.inspect_text import seconds
+from vsalog.report.inspect_text import seconds
 
 ROWS = 12_000
 
@@ -80,8 +80,8 @@ def test_first_samples_on_a_narrow_terminal_and_without_a_time(tmp_path, monkeyp
     from rich.console import Console
 
     from vsalog.readers import read
-    from vsalog.reports.inspect import print_report
-    from vsalog.reports.inspect_data import inspect_recording
+    from vsalog.report.inspect import print_report
+    from vsalog.report.inspect_data import inspect_recording
     from vsalog.rig.guess import guess_roles
 
     recording = read(path)

@@ -17,7 +17,7 @@ import pytest
 from command_line import vsalog_run
 from knee import lay
 
-from vsalog.model import ModelFile
+from vsalog.core.model import ModelFile
 
 MOMENTS = int(os.environ.get("VSALOG_MOMENTS", "4"))
 COMMAND = [sys.executable, "-c", "from vsalog.cli import main; main()"]

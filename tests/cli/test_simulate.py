@@ -5,7 +5,7 @@ import re
 import numpy as np
 import pytest
 
-from vsalog.binding import bind
+from vsalog.binding.joint import bind
 from vsalog.readers import open_reader, read
 from vsalog.rig import Rig, presets
 from vsalog.rig.find import find_rig

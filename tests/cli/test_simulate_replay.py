@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from vsalog.binding import bind
+from vsalog.binding.joint import bind
 from vsalog.readers import open_reader, read
 from vsalog.rig import Rig
 from vsalog.rig.find import find_rig

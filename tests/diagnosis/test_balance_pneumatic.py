@@ -11,20 +11,20 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from pam_machine import LEVEL, PAPER, Array, Bench, joint_of, played, rates, torque_of
 
+from vsalog.core.errors import DiagnosisError
+from vsalog.core.signals import JointSignals
 from vsalog.diagnosis.causes import catalogue
 from vsalog.diagnosis.found import MATERIAL, loss_of
 from vsalog.diagnosis.joint import diagnose_joint
 from vsalog.diagnosis.linear import placed
 from vsalog.diagnosis.selection import Choice, Selection, select
 from vsalog.diagnosis.setting import setting_of
-from vsalog.errors import DiagnosisError
 from vsalog.residuals.balance_pneumatic import balance_pneumatic, pneumatic_motion
 from vsalog.residuals.channels import channels_of
 from vsalog.residuals.kinds import balance_for
 from vsalog.residuals.sensing import at_joint
 from vsalog.residuals.system import build_system
 from vsalog.rig.schema import PneumaticJoint, SimpleFriction, TonduFriction
-from vsalog.signals import JointSignals
 
 CHANNELS = {
     "link_position": "angle", "torque_sensor": "torque", "pressure_1": "p1", "pressure_2": "p2", "valve_1": "u1", "valve_2": "u2",

@@ -10,11 +10,11 @@ import pytest
 from written_out import ELASTIC, ROLES, Truth, log, write_csv
 
 from vsalog.cli import _run
+from vsalog.core.document_schema import document_schema
 from vsalog.diagnosis import document as document_module
 from vsalog.diagnosis.causes import catalogue
 from vsalog.diagnosis.document import Diagnosis
 from vsalog.diagnosis.joint import HELD_OUT
-from vsalog.document_schema import document_schema
 from vsalog.rig import Rig
 
 FILES = ["diagnosis.html", "diagnosis.json", "extended.rig.toml"]

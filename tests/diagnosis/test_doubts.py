@@ -5,8 +5,8 @@ import pytest
 from written_out import ELASTIC, ROLES, Truth, joint_of, log, write_csv
 
 from vsalog.cli import _run
+from vsalog.core.errors import DiagnosisError
 from vsalog.diagnosis.run import Options, diagnose
-from vsalog.errors import DiagnosisError
 
 CHAIN = """
 [chain]

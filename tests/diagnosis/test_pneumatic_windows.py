@@ -14,8 +14,8 @@ from pam_machine import Bench, joint_of, moved, write
 from test_balance_pneumatic import as_rig, signals_of
 
 from vsalog.cli import cli
+from vsalog.core.errors import SimulationError
 from vsalog.diagnosis.gain import compared
-from vsalog.errors import SimulationError
 from vsalog.residuals.channels import channels_of
 from vsalog.residuals.windows import begun, by_states, in_windows, shoot, windows_of
 from vsalog.rig import Rig

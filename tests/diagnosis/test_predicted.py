@@ -8,8 +8,8 @@ from msgspec.structs import replace
 from restated import recorded
 from written_out import ELASTIC, Truth, log, motion, signals
 
+from vsalog.core.errors import SimulationError
 from vsalog.diagnosis.run import Options, diagnose
-from vsalog.errors import SimulationError
 from vsalog.residuals.channels import channels_of
 from vsalog.residuals.windows import begun, player_of, shoot, windows_of
 from vsalog.rig import Rig

@@ -8,9 +8,9 @@ from rigid_machine import RIGID, Truth, drive, log, moved
 from scipy.integrate import solve_ivp
 from written_out import derived, signals
 
+from vsalog.core.errors import DiagnosisError, SimulationError
 from vsalog.diagnosis.causes.base import with_part
 from vsalog.diagnosis.run import Options, diagnose
-from vsalog.errors import DiagnosisError, SimulationError
 from vsalog.mechanics.rigid_joint import as_one
 from vsalog.residuals.balance_rigid import balance_rigid
 from vsalog.residuals.channels import channels_of

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 from written_out import Truth, channels, drive, joint_of, log, motion, signals
 
+from vsalog.core.errors import SimulationError
 from vsalog.diagnosis.causes.base import with_part, with_signal
 from vsalog.diagnosis.gain import Compared, compared
-from vsalog.errors import SimulationError
 from vsalog.residuals import windows_mechanical
 from vsalog.residuals.channels import channels_of
 from vsalog.residuals.windows import Shot, Windows, begun, by_states, in_windows, player_of, shoot, windows_of

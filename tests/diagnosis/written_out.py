@@ -11,9 +11,9 @@ from functools import cache
 import numpy as np
 from scipy.integrate import solve_ivp
 
+from vsalog.core.signals import JointSignals
 from vsalog.residuals.channels import channels_of
 from vsalog.rig import Rig
-from vsalog.signals import JointSignals
 
 ELASTIC = """
 [joint.arm]

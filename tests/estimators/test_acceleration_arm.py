@@ -11,8 +11,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from msgspec.structs import replace
 
-from vsalog.errors import EstimatorError
-from vsalog.estimation import choose, estimate_joint
+from vsalog.core.errors import EstimatorError
+from vsalog.estimation.joint import choose, estimate_joint
 from vsalog.estimators.acceleration_group import group_of
 from vsalog.estimators.device import device_of
 from vsalog.filters.acceleration_arm import Arm, arm_start, axis_rows, observe_arm

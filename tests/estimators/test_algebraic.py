@@ -8,15 +8,15 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.integrate import quad, solve_ivp
 
-from vsalog.binding import bind
-from vsalog.errors import EstimatorError, FilterError
+from vsalog.binding.joint import bind
+from vsalog.core.errors import EstimatorError, FilterError
+from vsalog.core.recording import Channel, Recording
+from vsalog.core.trace import Trace
 from vsalog.estimators import method
 from vsalog.estimators.algebraic import fir_weights
 from vsalog.estimators.device import device_of
 from vsalog.estimators.tuning import read_tuning
-from vsalog.recording import Channel, Recording
 from vsalog.rig import Rig
-from vsalog.trace import Trace
 
 T = 1e-3
 RIG = """

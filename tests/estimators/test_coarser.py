@@ -5,11 +5,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from vsalog.core.signals import JointSignals
 from vsalog.estimators import direct
 from vsalog.estimators.by_deflection import ByDeflection
 from vsalog.estimators.device import device_of
 from vsalog.rig import Rig
-from vsalog.signals import JointSignals
 
 PERIOD, STEP, COUNT = 5e-3, 2 * np.pi / 500, 4000
 LINEAR, CUBIC = 30.0, 1000.0

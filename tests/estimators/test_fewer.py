@@ -8,13 +8,13 @@ from command_line import vsalog_run
 from hypothesis import given
 from hypothesis import strategies as st
 
+from vsalog.core.signals import JointSignals
 from vsalog.estimators import algebraic, residual_rls
 from vsalog.estimators.by_deflection import ByDeflection
 from vsalog.estimators.device import device_of
 from vsalog.estimators.fewer import Moved, every_second, moved_by_samples, sampling_findings, widened
 from vsalog.estimators.folding import estimated
 from vsalog.rig import Rig
-from vsalog.signals import JointSignals
 
 INERTIA, DAMPING, STIFFNESS, JERK = 0.08, 0.4, 150.0, 40.0
 

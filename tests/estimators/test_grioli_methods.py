@@ -11,8 +11,9 @@ from scipy.integrate import solve_ivp
 from scipy.signal import savgol_filter
 
 import vsalog
-from vsalog.binding import bind, offered_roles
+from vsalog.binding.joint import bind, offered_roles
 from vsalog.cli import cli
+from vsalog.core.trace import Trace
 from vsalog.estimators import method
 from vsalog.estimators.borne_torque import BorneTorque, LoadFriction, Weight
 from vsalog.estimators.device import device_of
@@ -23,7 +24,6 @@ from vsalog.filters.derivative_weights import derivative_weights
 from vsalog.filters.derivatives import Derivatives
 from vsalog.filters.savitzky_golay import savgol_weights
 from vsalog.simulation.experiments import awas_experiment, vsa2_experiment
-from vsalog.trace import Trace
 
 T, COUNT = 1e-3, 8_000
 INERTIA, DAMPING, WEIGHT = 0.03, 0.05, 0.4  # of the link

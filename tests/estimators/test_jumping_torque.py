@@ -4,12 +4,12 @@ import numpy as np
 import pytest
 from scipy.linalg import expm
 
+from vsalog.core.signals import JointSignals
 from vsalog.estimators import algebraic, qr_rls, residual_rls
 from vsalog.estimators.device import device_of
 from vsalog.estimators.folding import estimated
 from vsalog.estimators.jumps import jumped_block, jumps, jumps_start
 from vsalog.rig import Rig
-from vsalog.signals import JointSignals
 
 STIFFNESS, LINK, LINK_DAMPING = 150.0, 0.1, 0.15
 T, COUNT, HALF_PERIOD, LEVEL = 0.01, 1200, 1.7, 3.0

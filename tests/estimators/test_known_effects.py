@@ -9,10 +9,11 @@ import pytest
 from click.testing import CliRunner
 from msgspec.structs import replace
 
-from vsalog.binding import bind, offered_roles
+from vsalog.binding.joint import bind, offered_roles
 from vsalog.cli import cli
-from vsalog.errors import EstimatorError
-from vsalog.estimation import choose, estimate_joint
+from vsalog.core.errors import EstimatorError
+from vsalog.core.trace import Trace
+from vsalog.estimation.joint import choose, estimate_joint
 from vsalog.estimators import method
 from vsalog.estimators.device import device_of
 from vsalog.estimators.torque import loaded_residual_block, residual_block
@@ -20,7 +21,6 @@ from vsalog.estimators.tuning import read_tuning
 from vsalog.rig import Rig
 from vsalog.rig.schema import BoucWen, Cogging, Friction, SlipElement
 from vsalog.simulation import simulate, sine, sum_of
-from vsalog.trace import Trace
 
 SEA = Rig.preset("sea").file
 PLAIN = SEA.joint["sea"]

@@ -8,8 +8,8 @@ import pytest
 from scipy.linalg import expm
 from scipy.optimize import brentq, least_squares
 
-from vsalog.errors import EstimatorError
-from vsalog.estimation import choose, estimate_joint
+from vsalog.core.errors import EstimatorError
+from vsalog.estimation.joint import choose, estimate_joint
 from vsalog.estimators.pam_linear import LinearPamFold
 from vsalog.estimators.pam_models import FORCE_MODELS, FRICTION_MODELS, as_if, fitted_force
 from vsalog.estimators.pam_noise import pam_noise

@@ -6,7 +6,7 @@ import msgspec
 import numpy as np
 import pytest
 
-from vsalog.errors import EstimatorError
+from vsalog.core.errors import EstimatorError
 from vsalog.estimators.pam_noise import pam_noise
 from vsalog.estimators.pam_states import ANGLE, PRESSURE_1, VELOCITY, PamFold, pam_transition
 from vsalog.filters.square_root_ukf import UnscentedTrace

@@ -9,8 +9,8 @@ import pytest
 from command_line import vsalog_run
 from msgspec.structs import replace
 
-from vsalog.errors import EstimatorError
-from vsalog.estimation import choose, estimate_joint
+from vsalog.core.errors import EstimatorError
+from vsalog.estimation.joint import choose, estimate_joint
 from vsalog.readers import read
 from vsalog.rig import Rig
 

@@ -10,13 +10,13 @@ from command_line import vsalog_run
 from hypothesis import given
 from hypothesis import strategies as st
 
+from vsalog.core.signals import JointSignals
 from vsalog.estimators.device import device_of
 from vsalog.estimators.equation import EquationRows
 from vsalog.estimators.prior import SURELY, WEAKER, WEAKEST, beyond, beyond_together, with_weaker_prior
 from vsalog.estimators.solvers import QrSolver, RlsSolver
 from vsalog.estimators.tuning import LEAST_USUAL, usual_regressor
 from vsalog.rig import Rig
-from vsalog.signals import JointSignals
 
 ROLES = ("motor_position", "link_position", "setpoint", "motor_torque")
 

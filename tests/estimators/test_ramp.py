@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from vsalog.estimation import choose, estimate_joint
+from vsalog.estimation.joint import choose, estimate_joint
 from vsalog.reproduce.measure import with_noise
 from vsalog.rig import Rig
 from vsalog.simulation.scenario import Scenario

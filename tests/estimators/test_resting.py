@@ -7,11 +7,11 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
+from vsalog.core.signals import JointSignals
 from vsalog.estimators import residual_rls
 from vsalog.estimators.device import device_of
 from vsalog.estimators.resting import Resting, rest_block, rest_covariance
 from vsalog.rig import Rig
-from vsalog.signals import JointSignals
 
 
 def stays_of(cells: np.ndarray) -> list[tuple[slice, bool]]:

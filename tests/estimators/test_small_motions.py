@@ -5,8 +5,8 @@ import pytest
 from msgspec.structs import replace
 from scipy.signal import savgol_filter as scipys
 
-from vsalog.binding import offered_roles
-from vsalog.errors import EstimatorError
+from vsalog.binding.joint import offered_roles
+from vsalog.core.errors import EstimatorError
 from vsalog.estimators.bend import Bend, bent_block, bent_start
 from vsalog.estimators.sensor_error import sensor_error
 from vsalog.filters.savitzky_golay import savgol_weights

@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 from scipy.integrate import cumulative_trapezoid
 from scipy.signal import bilinear, lfilter
 
-from vsalog.basis import PolynomialBasis
+from vsalog.core.basis import PolynomialBasis
 from vsalog.estimators.torque import integral_block, lag_block, residual_block
 
 

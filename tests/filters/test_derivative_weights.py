@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from vsalog.errors import FilterError
+from vsalog.core.errors import FilterError
 from vsalog.filters.derivative_weights import derivative_weights
 from vsalog.filters.savitzky_golay import savgol_weights
 

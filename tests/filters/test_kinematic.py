@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from vsalog.errors import FilterError
+from vsalog.core.errors import FilterError
 from vsalog.filters.kinematic import KinematicSettings, kinematic_filter
 
 SETTINGS = KinematicSettings(

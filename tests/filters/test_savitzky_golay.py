@@ -8,7 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.signal import savgol_coeffs
 
-from vsalog.errors import FilterError
+from vsalog.core.errors import FilterError
 from vsalog.filters.savitzky_golay import savgol_filter, savgol_lag, savgol_weights
 
 

@@ -6,7 +6,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numba import njit
 
-from vsalog.errors import FilterError
+from vsalog.core.errors import FilterError
 from vsalog.filters.square_root_ukf import (
     UnscentedWeights,
     covariance_factor,

@@ -12,9 +12,9 @@ from pathlib import Path
 import msgspec
 import numpy as np
 
-from vsalog.errors import ReadError, VsalogError
+from vsalog.core.errors import ReadError, VsalogError
 from vsalog.readers import read
-from vsalog.reports.inspect_data import Inspection, inspect_recording
+from vsalog.report.inspect_data import Inspection, inspect_recording
 from vsalog.rig.guess import guess_roles
 from vsalog.rig.load import Rig
 from vsalog.rig.template import rig_template

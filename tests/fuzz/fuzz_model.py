@@ -7,7 +7,7 @@ import warnings
 import numpy as np
 from fuzz_contract import put, told
 
-from vsalog.errors import ReadError
+from vsalog.core.errors import ReadError
 from vsalog.validation.frozen import frozen
 from vsalog.validation.region import inside_region
 

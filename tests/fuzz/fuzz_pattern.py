@@ -10,10 +10,10 @@ from fuzz_contract import empty, told
 
 from vsalog.batch.names import decoded, device_name, encoded, readable
 from vsalog.batch.plan import make_plan
-from vsalog.errors import VsalogError
+from vsalog.core.errors import VsalogError
+from vsalog.core.units import parse_quantity, parse_unit, split_header
 from vsalog.readers.window import Moment
 from vsalog.rig.template import toml_string
-from vsalog.units import parse_quantity, parse_unit, split_header
 
 PATTERN, NAMES, MOMENT, UNIT, HEADER = range(5)
 

@@ -8,7 +8,7 @@ from pathlib import Path
 
 from fuzz_contract import told
 
-from vsalog.errors import VsalogError
+from vsalog.core.errors import VsalogError
 from vsalog.rig.load import Rig, preset_text, presets
 
 SCHEMA = Path(__file__).parents[2] / "docs" / "rig.schema.json"

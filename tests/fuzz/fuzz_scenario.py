@@ -8,7 +8,7 @@ from functools import cache
 import numpy as np
 from fuzz_contract import empty, told
 
-from vsalog.errors import VsalogError
+from vsalog.core.errors import VsalogError
 from vsalog.rig.load import Rig, presets
 from vsalog.simulation.scenario import Scenario, _built_in_text, built_in
 

@@ -12,7 +12,7 @@ from fuzz_contract import exercise, inspected
 from fuzz_frames import sized
 from fuzz_mcap import assemble, text
 
-from vsalog.errors import ReadError
+from vsalog.core.errors import ReadError
 from vsalog.readers import read
 from vsalog.readers.window import Moment
 

@@ -6,7 +6,7 @@ import msgspec
 import numpy as np
 import pytest
 
-from vsalog.errors import RigError, SimulationError
+from vsalog.core.errors import RigError, SimulationError
 from vsalog.mechanics.muscle_forces import contraction_force, force_slopes
 from vsalog.mechanics.pneumatic_friction import LEAST_GAUGE, friction_level, kikuuwe_friction
 from vsalog.mechanics.pneumatics import (

@@ -10,7 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
-from vsalog.errors import RigError, VsalogError
+from vsalog.core.errors import RigError, VsalogError
 from vsalog.mechanics import elastic_energy, flexibility_torque, reaction_torque, stiffness
 from vsalog.rig.schema import (
     AwasTransmission,

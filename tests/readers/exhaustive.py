@@ -15,7 +15,7 @@ from random_messages import STORES, numbers, same_number, stamp_of
 from rosbags.serde import SerdeError
 from rosbags.typesys import Stores, get_types_from_idl, get_types_from_msg, get_typestore
 
-from vsalog.errors import ReadError
+from vsalog.core.errors import ReadError
 from vsalog.readers import open_container
 from vsalog.readers.definitions import DefinitionError, normal_type, parse_definition
 from vsalog.readers.messages import RosDecoder

@@ -11,7 +11,7 @@ from random_messages import STORES
 from rosbags import rosbag1, rosbag2
 from write_logs import JOINT_STATE, MS, START, joint_state, joints_mcap, serialised
 
-from vsalog.errors import ReadError
+from vsalog.core.errors import ReadError
 from vsalog.readers import open_reader, read, sampling
 from vsalog.writers.repair import repair
 

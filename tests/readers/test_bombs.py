@@ -26,7 +26,7 @@ GIB = 2**30
 READ = """
 import json, sys, time
 from pathlib import Path
-from vsalog.errors import ReadError
+from vsalog.core.errors import ReadError
 from vsalog.readers import read
 for path in sorted(Path(sys.argv[1]).iterdir()):
     begin = time.perf_counter()

@@ -6,9 +6,9 @@ import pytest
 from random_messages import STORES
 from write_logs import MS, START, McapLog, joint_state
 
-from vsalog.binding import bind
-from vsalog.errors import BindingError
-from vsalog.long_binding import bind_long
+from vsalog.binding.joint import bind
+from vsalog.binding.long_joint import bind_long
+from vsalog.core.errors import BindingError
 from vsalog.readers import read, read_within
 from vsalog.rig import Rig
 

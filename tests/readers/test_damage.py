@@ -16,7 +16,7 @@ from random_messages import STORES
 from rosbags import rosbag1, rosbag2
 from write_logs import MS, START, McapLog, joint_state, serialised
 
-from vsalog.errors import ReadError
+from vsalog.core.errors import ReadError
 from vsalog.readers import read
 
 PLACES = int(os.environ.get("VSALOG_DAMAGE_PLACES", "12"))

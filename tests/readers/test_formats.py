@@ -13,7 +13,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from write_logs import START, McapLog, joints_mcap
 
-from vsalog.errors import ReadError
+from vsalog.core.errors import ReadError
 from vsalog.readers import read
 from vsalog.readers.gathered import _Column
 

@@ -10,7 +10,7 @@ import pytest
 from scipy.io import savemat
 from scipy.sparse import csc_matrix
 
-from vsalog.errors import ReadError
+from vsalog.core.errors import ReadError
 from vsalog.readers import read
 
 HEADER = b"MATLAB 5.0 MAT-file".ljust(124) + b"\0\1IM"

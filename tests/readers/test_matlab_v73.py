@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from scipy.io import savemat
 
-from vsalog.errors import ReadError
+from vsalog.core.errors import ReadError
 from vsalog.readers import open_reader, read
 
 T = np.arange(50) / 1000

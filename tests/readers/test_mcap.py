@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from random_messages import STORES
 from write_logs import MS, START, McapLog, at, joint_state, joints_mcap, serialised
 
-from vsalog.errors import ReadError
+from vsalog.core.errors import ReadError
 from vsalog.readers import open_reader, read
 from vsalog.readers.reach import FARTHEST
 

@@ -14,7 +14,7 @@ import pyarrow.parquet as pq
 import pytest
 from scipy.io import savemat
 
-from vsalog.errors import ReadError
+from vsalog.core.errors import ReadError
 from vsalog.readers import open_reader, read
 from vsalog.readers.parquet_footer import row_groups
 from vsalog.readers.parquet_pages import pages, trouble_with_pages
@@ -484,7 +484,7 @@ def test_a_page_that_is_passed_by_moves_no_row(tmp_path):
 
 READS_ALL = """
 import sys, pathlib
-from vsalog.errors import ReadError
+from vsalog.core.errors import ReadError
 from vsalog.readers import read
 path = pathlib.Path(sys.argv[1])
 raw = path.read_bytes()

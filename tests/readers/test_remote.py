@@ -17,7 +17,7 @@ from click.testing import CliRunner
 from write_logs import joints_mcap
 
 from vsalog.cli import cli
-from vsalog.errors import ReadError
+from vsalog.core.errors import ReadError
 from vsalog.readers import open_reader, read, remote
 
 ELBOW = "/joint_states.position[elbow]"

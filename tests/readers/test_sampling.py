@@ -16,7 +16,7 @@ from rosbags.rosbag2 import StoragePlugin
 from rosbags.rosbag2 import Writer as Rosbag2Writer
 from write_logs import JOINT_STATE, MS, START, STORES, McapLog, joint_state, joints_mcap, serialised
 
-from vsalog.errors import ReadError
+from vsalog.core.errors import ReadError
 from vsalog.readers import read, sampling, sampling_tables
 from vsalog.readers.sniff import sniff
 

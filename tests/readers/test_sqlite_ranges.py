@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 
 import vsalog.readers.rosbag2_sqlite as rosbag2_sqlite
 import vsalog.readers.sqlite_ranges as sqlite_ranges
-from vsalog.errors import ReadError
+from vsalog.core.errors import ReadError
 from vsalog.readers import read
 from vsalog.readers.chunk_index import Part
 from vsalog.readers.rosbag2_sqlite import SqliteContainer

@@ -9,10 +9,10 @@ from hypothesis import strategies as st
 from random_messages import STORES
 from write_logs import MS, START, McapLog, joint_state, serialised
 
-from vsalog.errors import ReadError
-from vsalog.long_recording import LongRecording
+from vsalog.core.errors import ReadError
 from vsalog.readers import read, read_within
 from vsalog.readers.bad_stamps import ONE_DAY
+from vsalog.readers.long_recording import LongRecording
 from vsalog.readers.timing import choose_clock, implausible, put_in_order
 
 
@@ -181,7 +181,7 @@ def ahead_for_a_while(stamps):
     ],
 )
 def test_a_clock_that_is_set_gives_way_to_log_time_in_memory_and_on_disk(tmp_path, monkeypatch, change, words):
-    monkeypatch.setattr("vsalog.readers.spool.PART", 301)
+    monkeypatch.setattr("vsalog.core.spool.PART", 301)
     monkeypatch.setattr("vsalog.readers.clock_steps._PIECE", 1000)
     path = log_of(tmp_path, stamps_that(change))
     short, long = read(path), read_within(0, path)
@@ -227,7 +227,7 @@ def years_ahead(stamps):
 )
 @pytest.mark.parametrize("time", ["auto", "header"])
 def test_a_few_stamps_that_are_none_cost_their_samples(tmp_path, monkeypatch, change, count, time):
-    monkeypatch.setattr("vsalog.readers.spool.PART", 301)
+    monkeypatch.setattr("vsalog.core.spool.PART", 301)
     right, changed = np.array(stamps_that(lambda stamps: None)), np.array(stamps_that(change))
     path = log_of(tmp_path, changed.tolist())
     short, long = read(path, time=time), read_within(0, path, time=time)
@@ -298,7 +298,7 @@ def slower_network(stamps):
 
 @pytest.mark.parametrize("change", [swapped, late, blocks_swapped, two_clocks, slower_network])
 def test_samples_that_come_late_are_no_step_of_the_clock(tmp_path, monkeypatch, change):
-    monkeypatch.setattr("vsalog.readers.spool.PART", 301)
+    monkeypatch.setattr("vsalog.core.spool.PART", 301)
     monkeypatch.setattr("vsalog.readers.clock_steps._PIECE", 1000)
     path = log_of(tmp_path, stamps_that(change))
     assert read(path).streams["/j"].time_source == "header"

@@ -14,7 +14,7 @@ from rosbags import rosbag2
 from write_logs import MS, START, McapLog, joint_state, serialised
 
 from vsalog.cli import cli
-from vsalog.errors import ReadError
+from vsalog.core.errors import ReadError
 from vsalog.readers import mcap_file, read
 from vsalog.readers.window import Moment
 

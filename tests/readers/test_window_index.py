@@ -10,7 +10,7 @@ from random_messages import STORES
 from rosbags import rosbag1, rosbag2
 from write_logs import START, McapLog, joint_state, serialised
 
-from vsalog.errors import ReadError
+from vsalog.core.errors import ReadError
 from vsalog.readers import delays, mcap_file, read, rosbag1_walk
 from vsalog.readers.messages import RosDecoder
 from vsalog.readers.window import cut

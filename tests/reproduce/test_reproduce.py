@@ -11,7 +11,7 @@ import pytest
 from click.testing import CliRunner
 
 from vsalog.cli import cli
-from vsalog.errors import VsalogError
+from vsalog.core.errors import VsalogError
 from vsalog.estimators import BUILT_IN
 from vsalog.reproduce import flacco2012, flacco2014, serio2011, shin
 from vsalog.reproduce.catalogue import ITEMS, select

@@ -4,7 +4,7 @@ from pathlib import Path
 
 import numpy as np
 
-from vsalog.recording import Channel, Recording, Stream
+from vsalog.core.recording import Channel, Recording, Stream
 
 JOINT_STATE = "sensor_msgs/msg/JointState"
 RATE = 500.0

@@ -12,10 +12,10 @@ from rich.console import Console
 from rig_logs import DEFLECTION, LINK, MOTOR, MOTOR_TORQUE, TIME, TORQUE, recording, table, write_csv
 
 from vsalog.cli import cli
-from vsalog.reports.inspect import console_for_stdout, print_report
-from vsalog.reports.inspect_data import Inspection, LogReport, inspect_recording
-from vsalog.reports.inspect_stats import clock_of
-from vsalog.resolution import noise_of, step_of
+from vsalog.core.resolution import noise_of, step_of
+from vsalog.report.inspect import console_for_stdout, print_report
+from vsalog.report.inspect_data import Inspection, LogReport, inspect_recording
+from vsalog.report.inspect_stats import clock_of
 from vsalog.rig import Rig
 from vsalog.rig.guess import guess_roles
 from vsalog.rig.schema import AntagonisticJoint, ElasticJoint, SerialJoint

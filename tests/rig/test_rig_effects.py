@@ -4,7 +4,7 @@ import math
 
 import pytest
 
-from vsalog.errors import RigError
+from vsalog.core.errors import RigError
 from vsalog.rig import Rig
 from vsalog.rig.schema import (
     BoucWen,

@@ -2,7 +2,7 @@
 
 import pytest
 
-from vsalog.errors import RigError
+from vsalog.core.errors import RigError
 from vsalog.rig import Rig
 
 ELASTIC = '[joint.elbow]\nkind = "elastic"\n'

@@ -15,7 +15,7 @@ from rig_logs import (
     table,
 )
 
-from vsalog.binding import offered_roles
+from vsalog.binding.joint import offered_roles
 from vsalog.rig.guess import guess_roles
 from vsalog.rig.guess_names import words_of
 from vsalog.simulation import awas_experiment, elastic_experiment, vsa2_experiment

@@ -8,9 +8,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from vsalog.errors import UnitError
-from vsalog.unit_tables import ATOMS, KINDS, QUANTITIES
-from vsalog.units import (
+from vsalog.core.errors import UnitError
+from vsalog.core.unit_tables import ATOMS, KINDS, QUANTITIES
+from vsalog.core.units import (
     MAX_UNIT_LENGTH,
     matching,
     parse_quantity,
@@ -143,7 +143,7 @@ def test_pint_is_not_imported_for_what_is_known_by_heart():
     import subprocess
     import sys
 
-    code = "import sys, vsalog.units as u; u.si_factor('N·mm/deg', 'N*m/rad'); assert 'pint' not in sys.modules"
+    code = "import sys, vsalog.core.units as u; u.si_factor('N·mm/deg', 'N*m/rad'); assert 'pint' not in sys.modules"
     subprocess.run([sys.executable, "-c", code], check=True)
 
 

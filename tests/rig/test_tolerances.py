@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from vsalog.errors import RigError, SimulationError, UnitError
+from vsalog.core.errors import RigError, SimulationError, UnitError
 from vsalog.rig import Rig
 from vsalog.rig.schema_file import structures
 from vsalog.rig.tolerance import DEFAULTS, default_deviation, table_text

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from vsalog.errors import SimulationError
+from vsalog.core.errors import SimulationError
 from vsalog.rig import Rig
 from vsalog.simulation.scenario import Scenario
 from vsalog.simulation.simulate import simulate

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
-from vsalog.errors import SimulationError
+from vsalog.core.errors import SimulationError
 from vsalog.rig import Rig
 from vsalog.simulation.control_state import gains, planned
 from vsalog.simulation.inputs import rest_to_rest

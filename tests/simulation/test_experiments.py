@@ -8,7 +8,7 @@ import msgspec
 import numpy as np
 import pytest
 
-from vsalog.errors import SimulationError
+from vsalog.core.errors import SimulationError
 from vsalog.mechanics import stiffness
 from vsalog.rig.schema import (
     AntagonisticJoint,

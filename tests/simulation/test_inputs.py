@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
-from vsalog.errors import SimulationError
+from vsalog.core.errors import SimulationError
 from vsalog.simulation.inputs import (
     at_samples,
     at_steps,

@@ -10,7 +10,7 @@ import pytest
 from numpy.typing import NDArray
 from scipy.integrate import solve_ivp
 
-from vsalog.errors import SimulationError
+from vsalog.core.errors import SimulationError
 from vsalog.mechanics import elastic_energy
 from vsalog.mechanics.rigid_body import inverse_dynamics
 from vsalog.rig import Rig

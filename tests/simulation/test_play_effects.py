@@ -5,7 +5,7 @@ import pytest
 from msgspec.structs import replace
 from scipy.integrate import solve_ivp
 
-from vsalog.errors import SimulationError
+from vsalog.core.errors import SimulationError
 from vsalog.rig.schema import (
     BoucWen,
     Cogging,

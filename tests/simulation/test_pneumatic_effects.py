@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 from pam_reference import EQUAL, PAM, SMOOTH, Array, opening, replace, seconds, stretches
 
-from vsalog.binding import bind
-from vsalog.errors import EstimatorError, SimulationError
-from vsalog.estimation import choose
+from vsalog.binding.joint import bind
+from vsalog.core.errors import EstimatorError, SimulationError
+from vsalog.estimation.joint import choose
 from vsalog.mechanics.pneumatics import joint_torque, muscle_lengths, pressure_rate, valve_flow
 from vsalog.readers import read
 from vsalog.rig import Rig

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from msgspec.structs import replace as changed
 
-from vsalog.binding import bind
-from vsalog.errors import SimulationError
+from vsalog.binding.joint import bind
+from vsalog.core.errors import SimulationError
 from vsalog.rig import Rig
 from vsalog.rig.schema import Friction
 from vsalog.simulation import awas_experiment, elastic_experiment, simulate, sine, sum_of, vsa2_experiment

@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 from scipy.io import savemat
 
-from vsalog.errors import ReadError
+from vsalog.core.errors import ReadError
+from vsalog.core.recording import Recording
 from vsalog.readers import read
-from vsalog.recording import Recording
 from vsalog.rig import Rig
 from vsalog.rig.schema import SerialJoint, Signal
 from vsalog.simulation import samples

@@ -10,9 +10,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
-from vsalog.binding import bind, offered_roles
-from vsalog.errors import SimulationError
-from vsalog.estimation import choose
+from vsalog.binding.joint import bind, offered_roles
+from vsalog.core.errors import SimulationError
+from vsalog.estimation.joint import choose
 from vsalog.mechanics.kinematics import chain_motion, specific_force
 from vsalog.rig import Rig
 from vsalog.rig.schema import (

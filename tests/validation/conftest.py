@@ -7,7 +7,7 @@ import pytest
 from click.testing import CliRunner
 
 from vsalog.cli import cli
-from vsalog.errors import VsalogError
+from vsalog.core.errors import VsalogError
 
 SAMPLES = Path(__file__).parents[2] / "sample_logs"
 

@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 from msgspec.structs import replace
 
-from vsalog.binding import bind
+from vsalog.binding.joint import bind
+from vsalog.core.model import ModelFile
 from vsalog.estimators.device import device_of
-from vsalog.model import ModelFile
 from vsalog.rig import Rig
 from vsalog.rig.schema import CubicTransmission
 from vsalog.simulation import simulate

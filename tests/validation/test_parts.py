@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy.signal import lfilter, savgol_filter
 
-from vsalog.model import TransmissionModel
+from vsalog.core.model import TransmissionModel
 from vsalog.validation.dependence import dependences
 from vsalog.validation.independence import computed_from
 from vsalog.validation.region import inside_region

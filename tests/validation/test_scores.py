@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 from scipy import stats
 from scipy.signal import lfilter
 
-from vsalog.correlation import effective_samples
+from vsalog.core.correlation import effective_samples
 from vsalog.validation.scores import bins_of, score
 
 

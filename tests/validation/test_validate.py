@@ -11,7 +11,7 @@ import pytest
 import tomli_w
 
 from tests.validation.conftest import SAMPLES, call
-from vsalog.document_schema import document_schema, schema_text
+from vsalog.core.document_schema import document_schema, schema_text
 from vsalog.rig.load import preset_text
 from vsalog.validation import document
 

@@ -11,9 +11,9 @@ import pytest
 from numpy.typing import NDArray
 from rosbags.highlevel import AnyReader
 
-from vsalog.errors import WriteError
+from vsalog.core.errors import WriteError
+from vsalog.core.recording import Channel, Recording, Stamps
 from vsalog.readers import open_reader, read
-from vsalog.recording import Channel, Recording, Stamps
 from vsalog.rig.find import find_rig
 from vsalog.writers.recording_files import MARK, LogFiles, write_log
 from vsalog.writers.recording_parquet import write_parquet

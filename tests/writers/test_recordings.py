@@ -15,8 +15,8 @@ from numpy.typing import NDArray
 from rosbags.rosbag1 import Reader as Bag
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
-from vsalog.errors import WriteError
-from vsalog.recording import Channel, Recording, Stamps
+from vsalog.core.errors import WriteError
+from vsalog.core.recording import Channel, Recording, Stamps
 from vsalog.simulation import awas_experiment, vsa2_experiment
 from vsalog.writers.recording_csv import write_csv
 from vsalog.writers.recording_mcap import write_mcap, write_topics_mcap

@@ -8,8 +8,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from vsalog.core.recording import Recording
 from vsalog.readers import read
-from vsalog.recording import Recording
 from vsalog.simulation import Experiment, awas_experiment, elastic_experiment, vsa2_experiment
 from vsalog.writers.recording_csv import write_csv
 from vsalog.writers.recording_mcap import write_mcap

@@ -12,7 +12,7 @@ from mcap.writer import CompressionType, Writer
 from scipy.io import savemat
 
 from vsalog.cli import cli
-from vsalog.errors import ReadError, WriteError
+from vsalog.core.errors import ReadError, WriteError
 from vsalog.readers import read
 from vsalog.writers.repair import repair
 

@@ -4,8 +4,8 @@ import numpy as np
 import pyarrow.parquet as pq
 import pytest
 
-from vsalog.errors import WriteError
-from vsalog.trace import UNITS, Trace
+from vsalog.core.errors import WriteError
+from vsalog.core.trace import UNITS, Trace
 from vsalog.writers.trace import TraceWriter
 
 

@@ -13,7 +13,7 @@ import msgspec
 from vsalog._version import __version__
 from vsalog.batch.records import Answer, Settings, Task, failed
 from vsalog.batch.work import check_json, do_json
-from vsalog.errors import BatchError
+from vsalog.core.errors import BatchError
 
 # Seconds in which a scheduler has to answer.
 PATIENCE = 15

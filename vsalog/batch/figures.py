@@ -12,9 +12,9 @@ from vsalog.validation.verdict import overview
 
 if TYPE_CHECKING:
     from vsalog.diagnosis.document import Diagnosis
-    from vsalog.estimation import JointEstimate
-    from vsalog.job import Job
-    from vsalog.summary import TransmissionSummary
+    from vsalog.estimation.job import Job
+    from vsalog.estimation.joint import JointEstimate
+    from vsalog.estimation.summary import TransmissionSummary
     from vsalog.validation.document import Report
 
 

@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import IO
 
 from vsalog.batch.storage import LocalStore, RemoteStore, Store, StoreError
-from vsalog.errors import BatchError
+from vsalog.core.errors import BatchError
 
 NAME = ".lock"
 # A lock in an object store is a sign of life, given every BEAT seconds; after STALE seconds without, its owner is taken for dead.

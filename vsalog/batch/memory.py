@@ -8,7 +8,7 @@ from contextlib import suppress
 from pathlib import Path
 
 from vsalog.batch.records import Log, Settings
-from vsalog.errors import BatchError
+from vsalog.core.errors import BatchError
 
 MIB = 2**20
 # A worker that waits, with everything loaded.

@@ -14,7 +14,7 @@ import msgspec
 
 from vsalog.batch.names import device_name, encoded
 from vsalog.batch.records import Joint, Log, Settings
-from vsalog.errors import ReadError
+from vsalog.core.errors import ReadError
 from vsalog.rig import Rig
 
 
@@ -60,16 +60,16 @@ def check(settings: Settings) -> None:
             frozen(file)
     rig = None if settings.rig is None else Rig.from_toml(settings.rig, settings.rig_name)
     if rig is not None:
-        from vsalog.estimation import pick_joints
+        from vsalog.estimation.joint import pick_joints
 
         rig = rig.with_settings({k: v for k, v in settings.set.items() if k != "setpoint"})
         joints = pick_joints(rig.joints, settings.joints)
         if settings.do == "estimate":
-            from vsalog.estimation import choose_all
+            from vsalog.estimation.joint import choose_all
 
             choose_all(joints, settings.estimator, settings.tune, rig.file)
     elif settings.do == "estimate" and settings.estimator != "auto":
-        from vsalog.estimation import PRESET
+        from vsalog.estimation.joint import PRESET
         from vsalog.estimators import method
         from vsalog.estimators.tuning import read_tuning
 
@@ -87,8 +87,8 @@ def estimate(log: Log, path: Path, settings: Settings, scratch: Path) -> Result:
     """
     from vsalog.batch.dataset import DatasetWriter, trace_name
     from vsalog.batch.figures import of_estimate
-    from vsalog.job import Options, prepare
-    from vsalog.trace import Trace
+    from vsalog.core.trace import Trace
+    from vsalog.estimation.job import Options, prepare
     from vsalog.writers.atomic import write_text
     from vsalog.writers.trace import TraceWriter
 
@@ -120,7 +120,7 @@ def estimate(log: Log, path: Path, settings: Settings, scratch: Path) -> Result:
 
         estimates = job.run(sink)
     if settings.report:
-        from vsalog.reports.page_estimate import write_estimate_page
+        from vsalog.report.page_estimate import write_estimate_page
 
         write_estimate_page(page, job, plain, estimates, provenance)
         result.files["report"] = (page, f"reports/{name}/estimate.html")
@@ -144,11 +144,11 @@ def validate(log: Log, path: Path, settings: Settings, scratch: Path) -> Result:
         The log or the model is at fault, or a file cannot be written.
     """
     from vsalog.batch.figures import of_validation
-    from vsalog.reports.drawings import Drawings
+    from vsalog.report.drawings import Drawings
+    from vsalog.report.validate_files import Outputs, write_report
     from vsalog.validation.frozen import frozen
     from vsalog.validation.run import Options
     from vsalog.validation.run import validate as run
-    from vsalog.writers.reports import Outputs, write_report
 
     assert settings.model is not None
     folder = scratch / "model"
@@ -195,7 +195,7 @@ def diagnose(log: Log, path: Path, settings: Settings, scratch: Path) -> Result:
     from vsalog.batch.figures import of_diagnosis
     from vsalog.diagnosis.run import Options
     from vsalog.diagnosis.run import diagnose as run
-    from vsalog.writers.diagnosis import Outputs, write_diagnosis
+    from vsalog.report.diagnose_files import Outputs, write_diagnosis
 
     options = Options(
         rig=_text(settings),

@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import Any
 
 from vsalog.batch.records import Settings
-from vsalog.errors import ReadError
+from vsalog.core.errors import ReadError
 from vsalog.rig import Rig
 
 MOST_BYTES = 50_000_000

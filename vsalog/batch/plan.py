@@ -12,7 +12,7 @@ from pathlib import Path
 from vsalog.batch.names import readable, shown, told_apart
 from vsalog.batch.records import Log
 from vsalog.batch.storage import is_address
-from vsalog.errors import BatchError
+from vsalog.core.errors import BatchError
 
 BAG = "metadata.yaml"
 # What a folder is searched for; a pattern may match anything.

@@ -22,7 +22,7 @@ from vsalog._version import __version__
 from vsalog.batch.memory import BASE, LARGE, expected, told
 from vsalog.batch.records import Answer, Kind, Settings, Task, failed
 from vsalog.batch.worker import BEGUN, CHECK, COMPILING, PREPARE, TASK, THREADS, serve
-from vsalog.errors import BatchError
+from vsalog.core.errors import BatchError
 
 # A worker begins anew after so many logs: whatever leaks, leaks for a while only.
 MOST_LOGS = 500

@@ -13,9 +13,9 @@ from rich.progress import BarColumn, Progress, TaskID, TextColumn, TimeElapsedCo
 
 from vsalog.batch.records import Answer, Do, Log, Record
 from vsalog.batch.run import Outcome
-from vsalog.documents import document_text
+from vsalog.core.documents import document_text
 from vsalog.readers.base import plural
-from vsalog.reports.page_text import plain
+from vsalog.report.page_text import plain
 
 # Seconds between lines where there is no terminal, and failures that are told one by one.
 EVERY, MOST_TOLD = 30.0, 10

@@ -14,7 +14,7 @@ from vsalog.batch.names import encoded, readable, told_apart
 from vsalog.batch.plan import BAG, BESIDE, ENDINGS, Plan, fixed_part
 from vsalog.batch.records import Log
 from vsalog.batch.storage import file_system
-from vsalog.errors import BatchError, ReadError
+from vsalog.core.errors import BatchError, ReadError
 
 
 def remote_plan(words: Sequence[str], out: str) -> Plan:

@@ -19,7 +19,7 @@ from vsalog.batch.plan import Plan, make_plan
 from vsalog.batch.records import VERSION, Answer, Do, Log, Record, Settings, Task
 from vsalog.batch.storage import LocalStore, Store, StoreError, is_address, open_store
 from vsalog.batch.work import MANIFEST, RECORDS, parsed, record_name, write_record
-from vsalog.errors import BatchError
+from vsalog.core.errors import BatchError
 from vsalog.readers.base import plural
 
 if TYPE_CHECKING:

@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import Any, Protocol
 
 from vsalog.batch.names import shown
-from vsalog.errors import BatchError
+from vsalog.core.errors import BatchError
 
 # Files that are being written: beside the data set and not in it, since readers take all files of a data set for data.
 SCRATCH = ".scratch"

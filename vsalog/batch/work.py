@@ -18,7 +18,7 @@ from vsalog.batch.one_log import Result, check, run_one
 from vsalog.batch.records import Answer, Joint, Kind, Log, Output, Record, Settings, Task, failed
 from vsalog.batch.remote_plan import fetched
 from vsalog.batch.storage import Store, StoreError, open_store
-from vsalog.errors import VsalogError, WriteError
+from vsalog.core.errors import VsalogError, WriteError
 from vsalog.rig.find import rig_beside
 
 # What a batch is, in its folder; it is there before the first log is begun.
@@ -149,7 +149,7 @@ def whole(record: Record, store: Store) -> bool:
 
 def _hash(path: Path) -> str:
     # With it comes all that estimates, which the process that only hands out tasks can do without.
-    from vsalog.job import sha256
+    from vsalog.estimation.job import sha256
 
     return sha256(path)
 

@@ -53,7 +53,7 @@ def _load(pipe: Connection) -> bool:
     """Import what logs are done with, and say when loops are compiled."""
     import pyarrow
 
-    import vsalog.job
+    import vsalog.estimation.job
     import vsalog.writers.trace  # noqa: F401
 
     event: Any = import_module("numba.core.event")

@@ -23,8 +23,8 @@ from vsalog.cli.inspect import inspect
 from vsalog.cli.reproduce import reproduce
 from vsalog.cli.simulate import simulate
 from vsalog.cli.validate import validate
-from vsalog.errors import VsalogError, words_of
-from vsalog.printable import printable
+from vsalog.core.errors import VsalogError, words_of
+from vsalog.core.printable import printable
 
 
 @click.group(context_settings={"help_option_names": ["-h", "--help"]})

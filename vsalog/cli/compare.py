@@ -43,11 +43,11 @@ def compare(
     how far it agrees with the first; where the log holds a simulator's truth, how far from that.
     """
     from vsalog.cli.faults import bug, debugging
-    from vsalog.comparison import compare as run
-    from vsalog.job import Options
-    from vsalog.reports.compare import print_comparison, print_json, write_comparison_page
-    from vsalog.reports.estimate import Progress
-    from vsalog.writers.reports import inputs_of, keep_inputs
+    from vsalog.comparison.run import compare as run
+    from vsalog.estimation.job import Options
+    from vsalog.report.compare import print_comparison, print_json, write_comparison_page
+    from vsalog.report.estimate import Progress
+    from vsalog.report.validate_files import inputs_of, keep_inputs
 
     asked = [name for text in estimators for name in text.split(",") if name.strip()]
     if estimators and not asked:

@@ -67,10 +67,10 @@ def diagnose(
     """
     from vsalog.diagnosis.run import Options
     from vsalog.diagnosis.run import diagnose as run
-    from vsalog.reports.diagnose import print_json, print_report
-    from vsalog.reports.estimate import Progress
-    from vsalog.writers.diagnosis import Outputs, write_diagnosis
-    from vsalog.writers.reports import inputs_of, keep_inputs
+    from vsalog.report.diagnose import print_json, print_report
+    from vsalog.report.diagnose_files import Outputs, write_diagnosis
+    from vsalog.report.estimate import Progress
+    from vsalog.report.validate_files import inputs_of, keep_inputs
 
     options = Options(rig, joints, settings, rate, time, suggest, start, end)
     outputs = Outputs.within(output, suggest)

@@ -92,15 +92,15 @@ def estimate(
     Writes LOG.stiffness.parquet (one row per sample and transmission) and LOG.model.toml (the fitted model) to the current
     folder. Several logs make one model and one trace, whose column `run` says which log a row is from.
     """
-    from vsalog.job import Options, prepare
-    from vsalog.reports.estimate import Progress, print_json, print_summary
-    from vsalog.writers.reports import inputs_of, keep_inputs
-    from vsalog.writers.results import Outputs, write_results
+    from vsalog.estimation.job import Options, prepare
+    from vsalog.report.estimate import Progress, print_json, print_summary
+    from vsalog.report.estimate_files import Outputs, write_results
+    from vsalog.report.validate_files import inputs_of, keep_inputs
 
     preset = {} if preset_tuning is None else {"preset": preset_tuning}
     options = Options(rig, joints, estimator, preset | tune, settings, rate, time, start, end)
     if source is not None:
-        from vsalog.repeat import repeated
+        from vsalog.estimation.repeat import repeated
 
         if options != Options():
             raise click.UsageError(
@@ -113,7 +113,7 @@ def estimate(
     inputs = [*inputs_of(logs, rig), *([source] if source is not None else [])]
     keep_inputs([path for path in (outputs.trace, outputs.model, mcap, report) if path is not None], inputs)
     if figures is not None:
-        from vsalog.reports.paper_figures import check_matplotlib
+        from vsalog.report.paper_figures import check_matplotlib
 
         check_matplotlib()
     with Progress() as progress:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import sys
 
-from vsalog.printable import printable
+from vsalog.core.printable import printable
 
 
 def debugging() -> bool:

@@ -32,14 +32,14 @@ def init(
     Each guess stands with how sure it is and why; what the log does not tell stands as a comment to fill in. The result
     loads as it is: `vsalog init exp1.mcap > rig.toml`, look it over, then `vsalog estimate exp1.mcap`.
     """
-    from vsalog.errors import RigError, WriteError
+    from vsalog.core.errors import RigError, WriteError
+    from vsalog.core.units import shown
     from vsalog.readers import read
+    from vsalog.report.validate_files import keep_inputs
     from vsalog.rig.guess import guess_roles
     from vsalog.rig.load import Rig, preset_text
     from vsalog.rig.template import preset_template, rig_template
-    from vsalog.units import shown
     from vsalog.writers.atomic import write_text
-    from vsalog.writers.reports import keep_inputs
 
     if output is not None and output.exists() and not force:
         raise WriteError(f"{output.name} is there already; --force overwrites it")

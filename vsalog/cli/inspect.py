@@ -52,14 +52,14 @@ def inspect(
     Of several logs, one that cannot be read is told on stderr, in JSON under "unreadable"; the others are shown, and
     the exit code is 2.
     """
-    from vsalog.documents import document_text
-    from vsalog.errors import VsalogError, words_of
-    from vsalog.printable import printable
+    from vsalog.core.documents import document_text
+    from vsalog.core.errors import VsalogError, words_of
+    from vsalog.core.printable import printable
     from vsalog.readers import read
     from vsalog.readers.sampling import read_sample
-    from vsalog.reports.inspect import console_for_stdout, print_reports
-    from vsalog.reports.inspect_data import Inspection, LogReport, Unreadable, inspect_recording
-    from vsalog.reports.inspect_repair import told
+    from vsalog.report.inspect import console_for_stdout, print_reports
+    from vsalog.report.inspect_data import Inspection, LogReport, Unreadable, inspect_recording
+    from vsalog.report.inspect_repair import told
     from vsalog.rig.guess import guess_roles
 
     if repaired is not None and len(logs) > 1:

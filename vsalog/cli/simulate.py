@@ -12,8 +12,8 @@ from vsalog.cli.pairs import pairs
 
 
 def _seconds(context: click.Context, parameter: click.Parameter, value: str | None) -> float | None:
-    from vsalog.errors import UnitError
-    from vsalog.units import parse_quantity
+    from vsalog.core.errors import UnitError
+    from vsalog.core.units import parse_quantity
 
     if value is None:
         return None
@@ -112,7 +112,7 @@ def simulate(
     The log carries its rig: MCAP and Parquet inside, the other formats as LOG.rig.toml beside it, where 'vsalog estimate
     LOG' finds it. With --replay it has topics /measured/ROLE and /simulated/ROLE, in SI.
     """
-    from vsalog.reports.simulate import as_document, print_scenarios, say_written
+    from vsalog.report.simulate import as_document, print_scenarios, say_written
     from vsalog.simulation.run import Options, prepare
 
     if listing:
@@ -125,7 +125,7 @@ def simulate(
     _refuse_what_does_nothing(("window",), "without --replay")
     if rig is None:
         raise click.UsageError("name a rig file or a preset; 'vsalog simulate --list' lists the presets")
-    from vsalog.reports.estimate import Progress
+    from vsalog.report.estimate import Progress
 
     options = Options(scenario, duration, rate, seed, ideal, settings, actual, truth, output)
     with Progress() as progress:
@@ -157,8 +157,8 @@ def _replay(
     output: str | None,
     as_json: bool,
 ) -> None:
-    from vsalog.reports.estimate import Progress
-    from vsalog.reports.replay import as_document, say_replayed
+    from vsalog.report.estimate import Progress
+    from vsalog.report.replay import as_document, say_replayed
     from vsalog.simulation.replay_job import ReplayOptions, prepare_replay
 
     with Progress() as progress:

@@ -81,13 +81,13 @@ def validate(
     The model is frozen. Its flexibility torque is held against the torque sensor; where there is none, against the residual of
     the motor equation. What lies outside the region the model was fitted in is judged apart. Writes report.json and report.html.
     """
-    from vsalog.reports.drawings import Drawings
-    from vsalog.reports.estimate import Progress
-    from vsalog.reports.validate import print_json, print_report
+    from vsalog.report.drawings import Drawings
+    from vsalog.report.estimate import Progress
+    from vsalog.report.validate import print_json, print_report
+    from vsalog.report.validate_files import Outputs, inputs_of, keep_inputs, write_report
     from vsalog.validation.frozen import frozen
     from vsalog.validation.run import Options
     from vsalog.validation.run import validate as run
-    from vsalog.writers.reports import Outputs, inputs_of, keep_inputs, write_report
 
     options = Options(rig, joints, settings, rate, time, modalities, max_nrmse, max_msrep, start, end)
     outputs = Outputs.within(output, figures)

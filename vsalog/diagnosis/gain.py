@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from vsalog.errors import SimulationError
+from vsalog.core.errors import SimulationError
 from vsalog.residuals.channels import Channels
 from vsalog.residuals.windows import (
     WITHIN,

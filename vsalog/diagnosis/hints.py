@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from vsalog.binding import offered_roles
+from vsalog.binding.joint import offered_roles
 from vsalog.diagnosis.causes.base import with_part, with_signal
 from vsalog.residuals.channels import Channels
 from vsalog.residuals.sensing import motors_of, torque_role

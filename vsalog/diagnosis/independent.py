@@ -6,10 +6,10 @@ from typing import Any
 
 import numpy as np
 
+from vsalog.core.signals import JointSignals
 from vsalog.diagnosis.causes.sensor import TORQUES
 from vsalog.residuals.sensing import at_joint, each_sensor
 from vsalog.rig.schema import AwasTransmission
-from vsalog.signals import JointSignals
 from vsalog.validation.independence import computed_from
 
 

@@ -10,6 +10,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from vsalog.core.errors import DiagnosisError, SimulationError
+from vsalog.core.signals import JointSignals
 from vsalog.diagnosis.document import Verdict
 from vsalog.diagnosis.found import Found, found_by, loss_of
 from vsalog.diagnosis.gain import Compared, Standing, compared, standing, weighed
@@ -24,14 +26,12 @@ from vsalog.diagnosis.smooth import SmoothSite
 from vsalog.diagnosis.trajectory import refined
 from vsalog.diagnosis.unknown import ENCODERS, TAKEN_UP, with_springs, words_of
 from vsalog.diagnosis.words import ALL_OF_IT
-from vsalog.errors import DiagnosisError, SimulationError
 from vsalog.residuals.balance import Motion
 from vsalog.residuals.channels import Channels, channels_of, span_of
 from vsalog.residuals.kinds import balance_for, equations_of, motion_for
 from vsalog.residuals.sensing import at_joint, true_roles
 from vsalog.residuals.system import BELL, System, build_system
 from vsalog.residuals.windows import WITHIN, Windows, windows_of
-from vsalog.signals import JointSignals
 
 Array = NDArray[np.float64]
 Progress = Callable[[str], None]

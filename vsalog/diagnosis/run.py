@@ -13,7 +13,11 @@ import numpy as np
 from msgspec.structs import replace
 
 from vsalog._version import __version__
-from vsalog.binding import bind, offered_roles, wanted_channels
+from vsalog.binding.joint import bind, offered_roles, wanted_channels
+from vsalog.core.errors import BindingError, DiagnosisError, RigError, VsalogError, did_you_mean
+from vsalog.core.finding_texts import sentence
+from vsalog.core.recording import Recording
+from vsalog.core.signals import JointSignals
 from vsalog.diagnosis.describe import causes_of, equation_errors, evidence_of, gains_of, signal_errors, unexplained_of
 from vsalog.diagnosis.document import VERSION, Diagnosis, FoundCause, Gain, Gains, Unexplained, Verdict
 from vsalog.diagnosis.evidence import JointEvidence
@@ -22,18 +26,14 @@ from vsalog.diagnosis.priors import felt
 from vsalog.diagnosis.stiffness_gain import stiffness_gains
 from vsalog.diagnosis.suggest import Suggestion, suggest
 from vsalog.diagnosis.words import gathered, sentences
-from vsalog.errors import BindingError, DiagnosisError, RigError, VsalogError, did_you_mean
-from vsalog.estimation import pick_joints
-from vsalog.finding_texts import sentence
-from vsalog.job import sha256
-from vsalog.modalities import Traces, stiffness_change, stiffness_traces
+from vsalog.estimation.job import sha256
+from vsalog.estimation.joint import pick_joints
+from vsalog.estimation.modalities import Traces, stiffness_change, stiffness_traces
 from vsalog.readers import open_reader, read
-from vsalog.recording import Recording
 from vsalog.residuals.sensing import as_written, at_joint, bare, motors_of, sensors_as_written
 from vsalog.rig import Rig
 from vsalog.rig.find import find_rig
 from vsalog.rig.schema import PneumaticJoint, RigidJoint
-from vsalog.signals import JointSignals
 
 # Of several joints, or runs, the log's verdict is the first of these that one of them has.
 WORST_FIRST: tuple[Verdict, ...] = (

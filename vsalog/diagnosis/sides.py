@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from vsalog.binding import offered_roles
+from vsalog.binding.joint import offered_roles
 from vsalog.residuals.system import System
 
 Array = NDArray[np.float64]

@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from vsalog.diagnosis.document import Gain
 from vsalog.diagnosis.gain import reduction_of
-from vsalog.modalities import MODALITIES, Traces, differences
+from vsalog.estimation.modalities import MODALITIES, Traces, differences
 
 Array = NDArray[np.float64]
 

@@ -21,14 +21,14 @@ from msgspec.structs import replace as with_fields
 from numpy.typing import NDArray
 from scipy.optimize import least_squares
 
-from vsalog.binding import bind
+from vsalog.binding.joint import bind
+from vsalog.core.errors import DiagnosisError, VsalogError
 from vsalog.diagnosis.joint import JointDiagnosis, Progress
 from vsalog.diagnosis.linear import placed
 from vsalog.diagnosis.suggest_candidates import Candidate, Played, candidates
 from vsalog.diagnosis.suggest_questions import Hypothesis, Questions, ordinary_causes, questions_of, shown
 from vsalog.diagnosis.suggest_range import Seen, seen_in
 from vsalog.diagnosis.suggest_words import TELLS, scenario_text, words_of
-from vsalog.errors import DiagnosisError, VsalogError
 from vsalog.mechanics.links import GRAVITY
 from vsalog.residuals.channels import channels_of
 from vsalog.residuals.kinds import balance_for

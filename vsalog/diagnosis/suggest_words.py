@@ -7,15 +7,15 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from vsalog.core.documents import toml_tables
+from vsalog.core.units import shown
 from vsalog.diagnosis.causes import catalogue
 from vsalog.diagnosis.suggest_candidates import Played
 from vsalog.diagnosis.suggest_questions import Question, Questions
 from vsalog.diagnosis.words import part_in_words, unfilled, unit_in_words
-from vsalog.documents import toml_tables
 from vsalog.simulation.scenario import unit_of
 from vsalog.simulation.scenario_parts import sum_of_parts
 from vsalog.simulation.scenario_schema import ScenarioFile, ServoDrive
-from vsalog.units import shown
 
 Array = NDArray[np.float64]
 

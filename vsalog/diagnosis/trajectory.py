@@ -18,6 +18,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from vsalog.core.errors import SimulationError
 from vsalog.diagnosis.causes import catalogue
 from vsalog.diagnosis.discrepancy import correlation_time
 from vsalog.diagnosis.linear import Placed, Variant, columns_of, placed, with_unknowns
@@ -34,7 +35,6 @@ from vsalog.diagnosis.selection import (
     stage_about,
 )
 from vsalog.diagnosis.subsets import Ranked, best_sets, precisions
-from vsalog.errors import SimulationError
 from vsalog.residuals.windows import WITHIN, Shot, Windows, begun, by_states, in_runs, in_windows, player_of, shoot
 
 Array = NDArray[np.float64]

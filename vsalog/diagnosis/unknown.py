@@ -10,12 +10,12 @@ import numpy as np
 from msgspec.structs import replace
 from numpy.typing import NDArray
 
-from vsalog.binding import offered_roles
+from vsalog.binding.joint import offered_roles
+from vsalog.core.signals import JointSignals
 from vsalog.diagnosis.causes.base import Parameter, Setting, Site, with_signal
 from vsalog.residuals.channels import channels_of
 from vsalog.residuals.sensing import true_roles
 from vsalog.rig.schema import PolynomialTransmission, UnknownTransmission
-from vsalog.signals import JointSignals
 
 Array = NDArray[np.float64]
 

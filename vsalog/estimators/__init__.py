@@ -11,13 +11,13 @@ from importlib import import_module
 from importlib.metadata import entry_points
 from typing import Any, Protocol
 
-from vsalog.errors import EstimatorError, did_you_mean
+from vsalog.core.errors import EstimatorError, did_you_mean
+from vsalog.core.finding import Finding
+from vsalog.core.model import JointModel
+from vsalog.core.signals import JointSignals
+from vsalog.core.trace import Trace
 from vsalog.estimators.device import Device
 from vsalog.estimators.tuning import Tuning
-from vsalog.finding import Finding
-from vsalog.model import JointModel
-from vsalog.signals import JointSignals
-from vsalog.trace import Trace
 
 BUILT_IN = {
     "residual-rls": "vsalog.estimators.residual_rls",

@@ -8,13 +8,13 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from vsalog.binding import offered_roles
-from vsalog.errors import EstimatorError
+from vsalog.binding.joint import offered_roles
+from vsalog.binding.neighbours import role_of
+from vsalog.core.errors import EstimatorError
 from vsalog.estimators.device import Device, TransmissionView, device_of
 from vsalog.estimators.needs import require
 from vsalog.filters.acceleration_observer import ElasticMotor
 from vsalog.mechanics.kinematics import rotation_of
-from vsalog.neighbours import role_of
 from vsalog.rig.schema import Chain, ChainLink, LinearTransmission
 
 Array = NDArray[np.float64]

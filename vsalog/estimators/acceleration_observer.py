@@ -14,7 +14,12 @@ import numpy as np
 from msgspec import Meta
 from numpy.typing import NDArray
 
-from vsalog.errors import EstimatorError
+from vsalog.core.errors import EstimatorError
+from vsalog.core.finding import Finding
+from vsalog.core.model import JointModel, basis_spec
+from vsalog.core.resolution import sensor_noise
+from vsalog.core.signals import JointSignals
+from vsalog.core.trace import Trace
 from vsalog.estimators.acceleration_group import NAME, Group, group_of
 from vsalog.estimators.accelerometer_check import accelerometer_findings
 from vsalog.estimators.device import Device, largest
@@ -38,11 +43,6 @@ from vsalog.filters.acceleration_observer import (
     observer_gains,
     sampled_observer,
 )
-from vsalog.finding import Finding
-from vsalog.model import JointModel, basis_spec
-from vsalog.resolution import sensor_noise
-from vsalog.signals import JointSignals
-from vsalog.trace import Trace
 
 Array = NDArray[np.float64]
 Integers = NDArray[np.int64]

@@ -20,8 +20,9 @@ from msgspec import Meta
 from numba import njit
 from numpy.typing import NDArray
 
-from vsalog.basis import PolynomialBasis
-from vsalog.errors import EstimatorError, FilterError
+from vsalog.core.basis import PolynomialBasis
+from vsalog.core.errors import EstimatorError, FilterError
+from vsalog.core.signals import LONGER, JointSignals
 from vsalog.estimators.bend import Bend, bend_of_filters
 from vsalog.estimators.device import Device, TransmissionView, deflection_of
 from vsalog.estimators.equation import EquationRows
@@ -35,7 +36,6 @@ from vsalog.estimators.regression import RegressionFold
 from vsalog.estimators.solvers import RlsSolver, least_samples
 from vsalog.estimators.tuning import RlsTuning, Seconds
 from vsalog.filters.conditioning import Conditioned, Conditioner
-from vsalog.signals import LONGER, JointSignals
 
 Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.polynomial.legendre import legval, legvander
 from numpy.typing import NDArray
 
-from vsalog.correlation import effective_samples
+from vsalog.core.correlation import effective_samples
 from vsalog.estimators.rates import Rates
 
 Array = NDArray[np.float64]

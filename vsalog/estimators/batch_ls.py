@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Collection
 
+from vsalog.core.signals import JointSignals
 from vsalog.estimators import qr_rls
 from vsalog.estimators.device import Device
 from vsalog.estimators.equations import IntegratedMotorEquation
@@ -17,7 +18,6 @@ from vsalog.estimators.ramp import look_for_ramps
 from vsalog.estimators.solvers import QrSolver, least_samples
 from vsalog.estimators.tuning import Tuning
 from vsalog.estimators.windows import motor_window
-from vsalog.signals import JointSignals
 
 NAME = "batch-ls"
 SUMMARY = "integrated motor equation, least squares over the whole log (Flacco 2014 eq. 16)"

@@ -22,11 +22,11 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
+from vsalog.core.signals import JointSignals
 from vsalog.estimators.device import TransmissionView
 from vsalog.estimators.sensor_error import ENOUGH, sensor_error
 from vsalog.estimators.torque import lag_block
 from vsalog.filters.conditioning import Conditioner
-from vsalog.signals import JointSignals
 
 Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]

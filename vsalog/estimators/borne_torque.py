@@ -12,14 +12,14 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from vsalog.core.finding import Finding
+from vsalog.core.signals import JointSignals
 from vsalog.estimators.device import Device, TransmissionView, deflection_of
 from vsalog.estimators.rates import RateNoise
 from vsalog.estimators.sensor_error import ENOUGH, sensor_error
 from vsalog.filters.derivatives import Differentiated
-from vsalog.finding import Finding
 from vsalog.mechanics.links import link_inertia, link_weight
 from vsalog.rig.schema import Link, UnknownTransmission
-from vsalog.signals import JointSignals
 
 Array = NDArray[np.float64]
 

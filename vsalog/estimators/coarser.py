@@ -16,10 +16,10 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
+from vsalog.core.signals import JointSignals
 from vsalog.estimators.by_deflection import ByDeflection, part_moved
 from vsalog.estimators.folding import estimated
 from vsalog.estimators.resting import Steps
-from vsalog.signals import JointSignals
 
 if TYPE_CHECKING:
     from vsalog.estimators.regression import RegressionFold

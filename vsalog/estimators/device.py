@@ -8,8 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from vsalog.basis import PolynomialBasis
-from vsalog.errors import EstimatorError
+from vsalog.core.basis import PolynomialBasis
+from vsalog.core.errors import EstimatorError
 from vsalog.rig.parts import Link
 from vsalog.rig.schema import (
     AntagonisticJoint,

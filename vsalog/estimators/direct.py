@@ -11,6 +11,7 @@ from typing import Annotated, ClassVar, Literal
 
 from msgspec import Meta
 
+from vsalog.core.signals import JointSignals
 from vsalog.estimators.device import Device
 from vsalog.estimators.first_look import first_look
 from vsalog.estimators.known import conditioner_of
@@ -20,7 +21,6 @@ from vsalog.estimators.residual_rls import sensor_equations, sensor_role
 from vsalog.estimators.solvers import QrSolver, RlsSolver, least_samples
 from vsalog.estimators.tuning import RlsTuning
 from vsalog.estimators.windows import keeping_window
-from vsalog.signals import JointSignals
 
 # Of a prior covariance; the product of two small numbers must not become zero.
 LEAST = 1e-200

@@ -9,7 +9,7 @@ from typing import Any, ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
-from vsalog.basis import PolynomialBasis
+from vsalog.core.basis import PolynomialBasis
 from vsalog.estimators.bend import Bend
 from vsalog.estimators.device import TransmissionView, deflection_of
 from vsalog.estimators.equation import EquationRows

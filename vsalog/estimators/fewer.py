@@ -16,16 +16,16 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from vsalog.errors import VsalogError
+from vsalog.core.errors import VsalogError
+from vsalog.core.finding import Finding
+from vsalog.core.signals import JointSignals
+from vsalog.core.trace import Trace
 from vsalog.estimators.by_deflection import ByDeflection, part_moved
 from vsalog.estimators.device import Device
 from vsalog.estimators.equation import SUPPORTED_SHARE
 from vsalog.estimators.folding import estimated
 from vsalog.estimators.regression import RegressionFold
 from vsalog.estimators.tuning import Tuning
-from vsalog.finding import Finding
-from vsalog.signals import JointSignals
-from vsalog.trace import Trace
 
 if TYPE_CHECKING:
     from vsalog.estimators import Fold, Method

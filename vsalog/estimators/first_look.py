@@ -8,14 +8,14 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
+from vsalog.core.finding import Finding
+from vsalog.core.resolution import step_of
+from vsalog.core.signals import JointSignals
 from vsalog.estimators.device import Device, TransmissionView, deflection_of
 from vsalog.estimators.resting import Steps, steps_of
 from vsalog.estimators.tuning import Tuning
 from vsalog.estimators.windows import LOUD, WINDOWS, most_moved, rates_of
 from vsalog.filters.savitzky_golay import savgol_weights
-from vsalog.finding import Finding
-from vsalog.resolution import step_of
-from vsalog.signals import JointSignals
 
 Array = NDArray[np.float64]
 

@@ -7,9 +7,9 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from vsalog.long_signals import LongSignals
-from vsalog.signals import JointSignals
-from vsalog.trace import Trace
+from vsalog.core.long_signals import LongSignals
+from vsalog.core.signals import JointSignals
+from vsalog.core.trace import Trace
 
 if TYPE_CHECKING:  # the package imports the estimators, which import this
     from vsalog.estimators import Fold

@@ -13,6 +13,10 @@ from typing import Any, Literal, NamedTuple, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
+from vsalog.core.finding import Finding
+from vsalog.core.model import JointModel, basis_spec
+from vsalog.core.signals import JointSignals
+from vsalog.core.trace import Trace
 from vsalog.estimators.averaged import Averaged, averaged
 from vsalog.estimators.borne_torque import BorneTorque
 from vsalog.estimators.device import Device, spread
@@ -22,10 +26,6 @@ from vsalog.estimators.rates import Rates, prediction_error, typical_speed
 from vsalog.estimators.tuning import Positive, Tuning
 from vsalog.filters.derivatives import Derivatives, DerivativesState, Differentiated
 from vsalog.filters.stiffness_observer import observe_stiffness, observer_start
-from vsalog.finding import Finding
-from vsalog.model import JointModel, basis_spec
-from vsalog.signals import JointSignals
-from vsalog.trace import Trace
 
 Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]

@@ -13,7 +13,9 @@ from typing import Annotated, ClassVar, Literal
 import numpy as np
 from msgspec import Meta
 
-from vsalog.errors import EstimatorError
+from vsalog.core.errors import EstimatorError
+from vsalog.core.finding import Finding
+from vsalog.core.signals import JointSignals
 from vsalog.estimators.borne_torque import BorneTorque, LoadFriction, carried_by, effects_left_in
 from vsalog.estimators.device import Device, TransmissionView
 from vsalog.estimators.fewer import change
@@ -26,9 +28,7 @@ from vsalog.estimators.net_torque import NetTorque, doubt_role, extended, way_ro
 from vsalog.estimators.sensor_error import ENOUGH
 from vsalog.estimators.windows import noisy_rates, suitable_windows, with_window
 from vsalog.filters.derivatives import Derivatives
-from vsalog.finding import Finding
 from vsalog.mechanics.friction import rubs
-from vsalog.signals import JointSignals
 
 NAME = "grioli-bicchi"
 SUMMARY = "stiffness observer without torque sensor or basis (Grioli and Bicchi 2010); needs the motor's inertia, or the link's"

@@ -13,8 +13,10 @@ from typing import Annotated, ClassVar
 import numpy as np
 from msgspec import Meta
 
-from vsalog.basis import PolynomialBasis
-from vsalog.errors import EstimatorError
+from vsalog.core.basis import PolynomialBasis
+from vsalog.core.errors import EstimatorError
+from vsalog.core.finding import Finding
+from vsalog.core.signals import JointSignals
 from vsalog.estimators.bend import Bend, bend_of_filters
 from vsalog.estimators.borne_torque import effects_left_in
 from vsalog.estimators.device import Device, TransmissionView, deflection_of
@@ -28,8 +30,6 @@ from vsalog.estimators.solvers import QrSolver, least_samples
 from vsalog.estimators.tuning import Positive, Tuning, usual_regressor
 from vsalog.estimators.windows import noisy_rates, suitable_windows, with_window
 from vsalog.filters.conditioning import Conditioned, Conditioner
-from vsalog.finding import Finding
-from vsalog.signals import JointSignals
 
 NAME = "grioli-parametric"
 SUMMARY = "rate of a torque sensor and recursive least squares (Grioli and Bicchi 2011); blind to the sensor's offset"

@@ -11,6 +11,8 @@ from typing import Annotated, ClassVar
 
 from msgspec import Meta
 
+from vsalog.core.finding import Finding
+from vsalog.core.signals import JointSignals
 from vsalog.estimators.borne_torque import BorneTorque
 from vsalog.estimators.device import Device
 from vsalog.estimators.first_look import FirstLook, first_look
@@ -21,8 +23,6 @@ from vsalog.estimators.windows import keeping_window
 from vsalog.filters.derivatives import Derivatives
 from vsalog.filters.link_ekf import LinkState
 from vsalog.filters.savitzky_golay import savgol_weights
-from vsalog.finding import Finding
-from vsalog.signals import JointSignals
 
 NAME = "impedance"
 SUMMARY = "stiffness, link inertia and damping from positions and a torque sensor (Serio 2011)"

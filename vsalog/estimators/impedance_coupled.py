@@ -14,7 +14,11 @@ import numpy as np
 from msgspec import Meta
 from numpy.typing import NDArray
 
-from vsalog.errors import EstimatorError
+from vsalog.core.errors import EstimatorError
+from vsalog.core.finding import Finding
+from vsalog.core.model import JointModel, basis_spec
+from vsalog.core.signals import JointSignals
+from vsalog.core.trace import Trace
 from vsalog.estimators.averaged import Averaged, averaged
 from vsalog.estimators.borne_torque import Weight, carried_by, effects_left_in
 from vsalog.estimators.device import Device, deflection_of
@@ -34,10 +38,6 @@ from vsalog.filters.coupled_observer import CoupledNoise, CoupledState, coupled_
 from vsalog.filters.derivative_weights import derivative_weights
 from vsalog.filters.derivatives import Derivatives, DerivativesState, Differentiated
 from vsalog.filters.savitzky_golay import savgol_filter
-from vsalog.finding import Finding
-from vsalog.model import JointModel, basis_spec
-from vsalog.signals import JointSignals
-from vsalog.trace import Trace
 
 Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]

@@ -14,10 +14,10 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
+from vsalog.core.resolution import sensor_noise
+from vsalog.core.signals import JointSignals
 from vsalog.estimators.device import TransmissionView
 from vsalog.estimators.sensor_error import LEAST_NOISE
-from vsalog.resolution import sensor_noise
-from vsalog.signals import JointSignals
 
 Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]

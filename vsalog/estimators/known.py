@@ -8,7 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from vsalog.errors import EstimatorError
+from vsalog.core.errors import EstimatorError
+from vsalog.core.signals import JointSignals
 from vsalog.estimators.device import Device, TransmissionView, deflection_of, spread
 from vsalog.estimators.net_torque import NetTorque, doubt_role, extended, way_role
 from vsalog.estimators.tuning import Tuning
@@ -16,7 +17,6 @@ from vsalog.filters.conditioning import Conditioned, Conditioner
 from vsalog.mechanics.friction import rubs
 from vsalog.mechanics.hysteresis import loop_block, loop_level, loop_start
 from vsalog.rig.schema import UnknownTransmission
-from vsalog.signals import JointSignals
 
 Array = NDArray[np.float64]
 

@@ -21,7 +21,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from vsalog.finding import Finding
+from vsalog.core.finding import Finding
 
 if TYPE_CHECKING:
     from vsalog.estimators.equation import Equation

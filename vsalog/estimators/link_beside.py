@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from vsalog.finding import Finding
+from vsalog.core.finding import Finding
 
 Array = NDArray[np.float64]
 

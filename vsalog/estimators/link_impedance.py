@@ -10,6 +10,9 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
+from vsalog.core.finding import Finding
+from vsalog.core.resolution import sensor_noise
+from vsalog.core.signals import JointSignals
 from vsalog.estimators.device import Device, spread
 from vsalog.estimators.equation import SUPPORTED_SHARE
 from vsalog.estimators.following import Columns
@@ -28,10 +31,7 @@ from vsalog.filters.link_ekf import (
     link_start,
 )
 from vsalog.filters.savitzky_golay import savgol_filter
-from vsalog.finding import Finding
 from vsalog.mechanics.links import link_weight
-from vsalog.resolution import sensor_noise
-from vsalog.signals import JointSignals
 
 Array = NDArray[np.float64]
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Collection
 
-from vsalog.errors import EstimatorError, OtherKindError
+from vsalog.core.errors import EstimatorError, OtherKindError
 from vsalog.estimators.device import Device, TransmissionView
 
 # What a role is, in the words of someone who looks for it in a log.

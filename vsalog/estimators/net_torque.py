@@ -11,13 +11,13 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from vsalog.core.signals import JointSignals
 from vsalog.estimators.device import TransmissionView
 from vsalog.filters.conditioning import FINEST, FilterName
 from vsalog.filters.kinematic import PAPER_TRACKING_INDEX, KinematicSettings, kinematic_filter
 from vsalog.filters.savitzky_golay import savgol_filter, savgol_lag, savgol_weights
 from vsalog.mechanics.friction import cogging_torque, friction_block, friction_start, rubs
 from vsalog.rig.schema import Motor
-from vsalog.signals import JointSignals
 
 Array = NDArray[np.float64]
 

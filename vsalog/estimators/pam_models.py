@@ -15,7 +15,7 @@ from msgspec.structs import replace
 from numpy.typing import NDArray
 from scipy.optimize import minimize_scalar
 
-from vsalog.errors import EstimatorError
+from vsalog.core.errors import EstimatorError
 from vsalog.mechanics.muscle_forces import contraction_force
 from vsalog.mechanics.pneumatic_friction import friction_level
 from vsalog.mechanics.pneumatics import muscle_pulls

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from vsalog.errors import EstimatorError
+from vsalog.core.errors import EstimatorError
 from vsalog.mechanics import pneumatics as pneu
 from vsalog.mechanics.pneumatic_friction import friction_level
 from vsalog.rig.schema import PneumaticJoint

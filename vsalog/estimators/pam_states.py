@@ -22,7 +22,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from vsalog.errors import EstimatorError, SimulationError
+from vsalog.core.errors import EstimatorError, SimulationError
 from vsalog.estimators.pam_noise import PamNoise, filling_rates
 from vsalog.filters import square_root_ukf as ukf
 from vsalog.mechanics import pneumatics as pneu

@@ -14,7 +14,13 @@ import numpy as np
 from msgspec import Meta
 from numpy.typing import NDArray
 
-from vsalog.errors import EstimatorError, OtherKindError
+from vsalog.binding.grid import GAP
+from vsalog.core.errors import EstimatorError, OtherKindError
+from vsalog.core.finding import Finding
+from vsalog.core.model import JointModel, basis_spec
+from vsalog.core.resolution import sensor_noise
+from vsalog.core.signals import JointSignals
+from vsalog.core.trace import Trace
 from vsalog.estimators.device import Device
 from vsalog.estimators.equation import SUPPORTED_SHARE
 from vsalog.estimators.needs import require
@@ -26,12 +32,6 @@ from vsalog.estimators.region import lengths
 from vsalog.estimators.tuning import Tuning
 from vsalog.estimators.unfiltered import Unfiltered
 from vsalog.filters.square_root_ukf import UnscentedTrace
-from vsalog.finding import Finding
-from vsalog.grid import GAP
-from vsalog.model import JointModel, basis_spec
-from vsalog.resolution import sensor_noise
-from vsalog.signals import JointSignals
-from vsalog.trace import Trace
 
 Array = NDArray[np.float64]
 

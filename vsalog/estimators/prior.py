@@ -16,10 +16,10 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from vsalog.core.finding import Finding
 from vsalog.estimators.device import Device
 from vsalog.estimators.equation import SUPPORTED_SHARE, Equation, EquationRows, Solver
 from vsalog.estimators.solvers import QrSolver, RlsSolver
-from vsalog.finding import Finding
 
 Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]

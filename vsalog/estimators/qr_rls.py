@@ -11,6 +11,8 @@ from typing import Annotated, ClassVar
 
 from msgspec import Meta
 
+from vsalog.core.finding import Finding
+from vsalog.core.signals import JointSignals
 from vsalog.estimators.bend import bend_of_integral
 from vsalog.estimators.device import Device
 from vsalog.estimators.equations import IntegratedMotorEquation
@@ -26,8 +28,6 @@ from vsalog.estimators.solvers import QrSolver, least_samples
 from vsalog.estimators.tuning import Positive, Tuning, usual_regressor
 from vsalog.estimators.windows import motor_window
 from vsalog.filters.conditioning import Conditioner
-from vsalog.finding import Finding
-from vsalog.signals import JointSignals
 
 NAME = "qr-rls"
 SUMMARY = "integrated motor equation and QR-RLS (Flacco 2014); estimates motor inertia and damping too"

@@ -8,13 +8,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from vsalog.core.finding import Finding
+from vsalog.core.signals import JointSignals
 from vsalog.estimators.device import Device, deflection_of
 from vsalog.estimators.equations import IntegratedMotorEquation
 from vsalog.estimators.first_look import FirstLook
 from vsalog.estimators.sensor_error import ENOUGH
 from vsalog.filters.conditioning import Conditioned, Conditioner
-from vsalog.finding import Finding
-from vsalog.signals import JointSignals
 
 Array = NDArray[np.float64]
 

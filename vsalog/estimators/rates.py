@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from vsalog.errors import EstimatorError
+from vsalog.core.errors import EstimatorError
 from vsalog.estimators.device import Device
 
 Array = NDArray[np.float64]

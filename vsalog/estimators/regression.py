@@ -14,6 +14,10 @@ from typing import Any, ClassVar, Self
 import numpy as np
 from numpy.typing import NDArray
 
+from vsalog.core.finding import Finding
+from vsalog.core.model import JointModel, TransmissionModel, basis_spec
+from vsalog.core.signals import JointSignals
+from vsalog.core.trace import Trace
 from vsalog.estimators.by_deflection import ByDeflection
 from vsalog.estimators.coarser import moved_by_steps
 from vsalog.estimators.device import Device, deflection_of
@@ -27,10 +31,6 @@ from vsalog.estimators.resting import resting_in
 from vsalog.estimators.tuning import usual_regressor
 from vsalog.filters.conditioning import Conditioned, Conditioner, ConditionerState
 from vsalog.filters.direction import direction_start, loading_block
-from vsalog.finding import Finding
-from vsalog.model import JointModel, TransmissionModel, basis_spec
-from vsalog.signals import JointSignals
-from vsalog.trace import Trace
 
 Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]

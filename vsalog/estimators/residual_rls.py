@@ -12,7 +12,8 @@ import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
-from vsalog.errors import EstimatorError
+from vsalog.core.errors import EstimatorError
+from vsalog.core.signals import JointSignals
 from vsalog.estimators.bend import bend_of_residual, bend_of_torque
 from vsalog.estimators.device import Device, TransmissionView, deflection_of
 from vsalog.estimators.equation import Equation
@@ -29,7 +30,6 @@ from vsalog.filters.conditioning import Conditioned, Conditioner
 from vsalog.filters.savitzky_golay import savgol_cutoff
 from vsalog.mechanics.transmissions import flexibility_torque
 from vsalog.rig.schema import UnknownTransmission
-from vsalog.signals import JointSignals
 
 # No motor's inertia, damping or gear ratio is larger, in SI.
 HUGEST = 1e30

@@ -18,10 +18,10 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
+from vsalog.core.resolution import step_of
+from vsalog.core.signals import JointSignals
 from vsalog.estimators.device import TransmissionView
 from vsalog.estimators.region import lengths
-from vsalog.resolution import step_of
-from vsalog.signals import JointSignals
 
 Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]

@@ -13,8 +13,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from vsalog.core.resolution import noise_of, step_of
 from vsalog.filters.savitzky_golay import savgol_filter, savgol_weights
-from vsalog.resolution import noise_of, step_of
 
 Array = NDArray[np.float64]
 

@@ -9,10 +9,10 @@ import msgspec
 import numpy as np
 from msgspec import Meta, inspect
 
-from vsalog.errors import EstimatorError, did_you_mean
+from vsalog.core.errors import EstimatorError, did_you_mean
+from vsalog.core.signals import JointSignals
 from vsalog.estimators.device import Device, deflection_of, largest
 from vsalog.filters.conditioning import Conditioner, FilterName, Preparation
-from vsalog.signals import JointSignals
 
 # Functions of the basis beyond this, or below its reciprocal, cannot be squared and summed up safely.
 LARGEST = 1e50

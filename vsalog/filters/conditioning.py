@@ -18,10 +18,10 @@ from typing import Any, Literal, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from vsalog.errors import FilterError
+from vsalog.core.errors import FilterError
+from vsalog.core.signals import LONGER, JointSignals
 from vsalog.filters.kinematic import KinematicSettings, kinematic_filter
 from vsalog.filters.savitzky_golay import savgol_filter, savgol_lag, savgol_weights
-from vsalog.signals import LONGER, JointSignals
 
 Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]

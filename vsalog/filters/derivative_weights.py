@@ -14,7 +14,7 @@ import numpy as np
 from numpy.polynomial import legendre
 from numpy.typing import NDArray
 
-from vsalog.errors import FilterError
+from vsalog.core.errors import FilterError
 
 Array = NDArray[np.float64]
 

@@ -14,11 +14,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from vsalog.errors import FilterError
+from vsalog.core.errors import FilterError
+from vsalog.core.signals import LONGER, JointSignals
 from vsalog.filters.conditioning import LONGEST, Preparation
 from vsalog.filters.derivative_weights import derivative_weights
 from vsalog.filters.savitzky_golay import savgol_filter, savgol_lag, savgol_weights
-from vsalog.signals import LONGER, JointSignals
 
 Array = NDArray[np.float64]
 

@@ -12,7 +12,7 @@ from numba import njit
 from numpy.polynomial import legendre
 from numpy.typing import NDArray
 
-from vsalog.errors import FilterError
+from vsalog.core.errors import FilterError
 
 Array = NDArray[np.float64]
 # So many outputs are worked on side by side.

@@ -28,7 +28,7 @@ from numba import njit
 from numpy.typing import NDArray
 from scipy.stats import chi2
 
-from vsalog.errors import FilterError
+from vsalog.core.errors import FilterError
 
 Array = NDArray[np.float64]
 

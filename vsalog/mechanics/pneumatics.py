@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.optimize import brentq
 
-from vsalog.errors import SimulationError
+from vsalog.core.errors import SimulationError
 from vsalog.mechanics.muscle_forces import contraction_force, force_slopes
 from vsalog.rig.schema import Air, Muscle, PneumaticJoint, Valve
 

@@ -11,7 +11,7 @@ import numpy as np
 from msgspec.structs import replace
 from numpy.typing import ArrayLike, NDArray
 
-from vsalog.errors import RigError
+from vsalog.core.errors import RigError
 from vsalog.mechanics import _atoms
 from vsalog.rig.schema import (
     AwasTransmission,

@@ -9,13 +9,13 @@ from os import PathLike
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from vsalog.errors import ReadError
+from vsalog.core.errors import ReadError
+from vsalog.core.recording import Recording
 from vsalog.readers.base import Block, Catalogue, ChannelInfo, Reader
-from vsalog.recording import Recording
 
 if TYPE_CHECKING:
-    from vsalog.long_recording import LongRecording
     from vsalog.readers.container import Container
+    from vsalog.readers.long_recording import LongRecording
 
     Collect = Callable[[Path, Reader, Collection[str] | None, str], Recording | LongRecording]
 

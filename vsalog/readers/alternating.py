@@ -11,8 +11,8 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from vsalog.readers.spool import Column
-from vsalog.recording import Values
+from vsalog.core.recording import Values
+from vsalog.core.spool import Column
 
 STRETCHES, LENGTH = 8, 512
 """So many stretches of a channel are looked at, and how many samples each has."""

@@ -13,9 +13,9 @@ from collections.abc import Collection
 import numpy as np
 from numpy.typing import NDArray
 
+from vsalog.core.recording import Stamps
 from vsalog.readers.clock_steps import AHEAD, NEAR
 from vsalog.readers.reach import NEVER
-from vsalog.recording import Stamps
 
 _FAR = 4  # times farther from where it belongs than those around it
 _TOGETHER = 2**16  # rows that are looked at at once

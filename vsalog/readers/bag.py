@@ -8,8 +8,9 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from vsalog.errors import ReadError
-from vsalog.printable import printable
+from vsalog.core.errors import ReadError
+from vsalog.core.printable import printable
+from vsalog.core.recording import Stamps, Values
 from vsalog.readers.base import BLOCK_ROWS, Block, Catalogue, ChannelInfo, plural
 from vsalog.readers.chunk_index import IndexContradictsError, Part
 from vsalog.readers.container import CATALOGUE_MESSAGES, Connection, Container
@@ -22,7 +23,6 @@ from vsalog.readers.packets import Integers, Messages, Packet
 from vsalog.readers.plain_messages import plain, plain_packets
 from vsalog.readers.publishers import FrameWatch, mixed_up_note, publisher_stream
 from vsalog.readers.streams import Named, Streams
-from vsalog.recording import Stamps, Values
 
 BLOCK_BYTES = 16 * 2**20
 # Of wide streams, fewer messages make a block; how wide a stream is, its first block tells.

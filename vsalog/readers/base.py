@@ -6,7 +6,7 @@ from collections.abc import Collection, Iterator, Mapping
 from dataclasses import dataclass, field
 from typing import Protocol
 
-from vsalog.recording import Stamps, Values
+from vsalog.core.recording import Stamps, Values
 
 BLOCK_ROWS = 8192
 """Samples a block has at most: large enough for NumPy, small enough that a log never sits in memory."""

@@ -13,11 +13,11 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
+from vsalog.core.recording import Values
 from vsalog.readers.base import plural
-from vsalog.recording import Values
 
 if TYPE_CHECKING:
-    from vsalog.readers.spool import Column
+    from vsalog.core.spool import Column
 
 _BITS = 0x7FFA_5C31_9E07_D24B
 ABSENT = np.int64(_BITS).view(np.float64)

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
-from vsalog.errors import ReadError
+from vsalog.core.errors import ReadError
 
 Needed = Callable[[int], bool]
 """Tells of a connection whether messages of it are still asked for."""

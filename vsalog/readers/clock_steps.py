@@ -11,7 +11,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from vsalog.recording import Stamps
+from vsalog.core.recording import Stamps
 
 AHEAD = 60_000_000_000
 """A clock that leaps farther ahead of the log's time [ns] was set; less may be messages that were lost on the way."""

@@ -9,15 +9,15 @@ from pathlib import Path
 
 import numpy as np
 
-from vsalog.errors import ReadError
+from vsalog.core.errors import ReadError
+from vsalog.core.recording import Channel, Recording, Stream
+from vsalog.core.spool import Column, Spool, in_memory
 from vsalog.readers.alternating import alternating_note
 from vsalog.readers.base import NO_TIME, Reader, plural
 from vsalog.readers.carried import part_stream, stray_note
 from vsalog.readers.gathered import Gathered
 from vsalog.readers.reach import BEYOND, within_reach
-from vsalog.readers.spool import Column, Spool, in_memory
 from vsalog.readers.timing import ASKED_FOR, STANDING, YEAR_2000, Clock, Order, choose_clock, put_in_order
-from vsalog.recording import Channel, Recording, Stream
 
 # Beyond so many bytes of samples, a log that grows so many times is a bomb.
 FREE_BYTES, MOST_TIMES = 512 * 2**20, 60

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from vsalog.printable import printable
+from vsalog.core.printable import printable
 from vsalog.readers.definitions import DefinitionError, parse_definition
 from vsalog.readers.json_messages import JsonDecoder
 from vsalog.readers.messages import Decoder, RosDecoder

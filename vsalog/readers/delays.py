@@ -13,9 +13,9 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from vsalog.errors import ReadError
+from vsalog.core.errors import ReadError
+from vsalog.core.recording import Stamps
 from vsalog.readers.bad_stamps import ONE_DAY
-from vsalog.recording import Stamps
 
 LEAST_BYTES = 64 * 2**20
 """Of less than this all is read: that is done at once, and needs no promise."""

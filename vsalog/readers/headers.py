@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from vsalog.printable import printable
+from vsalog.core.printable import printable
 
 
 def unique_names(names: list[str]) -> list[str]:

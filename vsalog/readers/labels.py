@@ -6,7 +6,7 @@ from collections import Counter
 from collections.abc import Collection, Iterable
 from itertools import islice
 
-from vsalog.printable import printable
+from vsalog.core.printable import printable
 from vsalog.readers.definitions import Node, Struct, Text
 from vsalog.readers.fields import MAX_NAME
 

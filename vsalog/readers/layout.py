@@ -15,7 +15,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from vsalog.printable import printable
+from vsalog.core.printable import printable
 from vsalog.readers import labels as naming
 from vsalog.readers.base import MAX_ARRAY
 from vsalog.readers.definitions import Array, Node, Scalar, Struct, Text, Time, is_placeholder

@@ -8,12 +8,13 @@ from pathlib import Path
 
 import numpy as np
 
-from vsalog.long_recording import LongChannel, LongRecording
+from vsalog.core.recording import Recording
+from vsalog.core.spool import Column, Spool, SpooledColumn, Values, parts
 from vsalog.readers.bad_stamps import FEW, REACH, are_few, bad_stamps, looked_at
 from vsalog.readers.base import Reader
 from vsalog.readers.collect import Placed, assembled, gather, recording_of, summary
 from vsalog.readers.gathered import Gathered
-from vsalog.readers.spool import Column, Spool, SpooledColumn, Values, parts
+from vsalog.readers.long_recording import LongChannel, LongRecording
 from vsalog.readers.table_stamps import stamps_that_are_none
 from vsalog.readers.timing import (
     MANY_BAD,
@@ -26,7 +27,6 @@ from vsalog.readers.timing import (
     put_in_order,
     running_clocks,
 )
-from vsalog.recording import Recording
 
 # So many samples of a stream may wait for others that are late before the log is sorted in memory.
 MOST_WAITING = 2**22

@@ -9,14 +9,14 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from vsalog.printable import printable
+from vsalog.core.printable import printable
+from vsalog.core.recording import Stamps, Values
 from vsalog.readers.base import MAX_ARRAY, NO_TIME, Block, Catalogue, ChannelInfo, first_of_each, plural
 from vsalog.readers.collect import FREE_BYTES, MOST_TIMES
 from vsalog.readers.matlab_clock import find_clock, is_called_time, stamps_of
 from vsalog.readers.matlab_v4 import is_v4
 from vsalog.readers.row_clock import ROW_NOTE, row_clock
 from vsalog.readers.sniff import HEAD_BYTES
-from vsalog.recording import Stamps, Values
 
 MAX_DEPTH = 16
 V73 = b"MATLAB 7.3 MAT-file"

@@ -7,8 +7,8 @@ from collections.abc import Mapping
 
 import numpy as np
 
+from vsalog.core.recording import Stamps, Values
 from vsalog.readers.time_sizes import SERIAL, guessed_unit
-from vsalog.recording import Stamps, Values
 
 _NANOSECONDS = {"s": 1e9, "ms": 1e6, "us": 1e3, "ns": 1.0}
 _STATED = re.compile(r"_(s|ms|us|ns)$", re.IGNORECASE)

@@ -10,7 +10,7 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
-from vsalog.errors import ReadError
+from vsalog.core.errors import ReadError
 from vsalog.readers.base import plural
 from vsalog.readers.compression import MAX_BYTES
 from vsalog.readers.matlab_v5_parts import MATRIX, variable

@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from vsalog.errors import ReadError
+from vsalog.core.errors import ReadError
 from vsalog.readers.base import MAX_ARRAY, plural
 from vsalog.readers.compression import MAX_BYTES
 

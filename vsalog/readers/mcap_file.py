@@ -19,7 +19,7 @@ from mcap.exceptions import McapError
 from mcap.records import Channel, Metadata, MetadataIndex, Schema, Statistics
 from numpy.typing import NDArray
 
-from vsalog.errors import ReadError
+from vsalog.core.errors import ReadError
 from vsalog.readers.base import plural
 from vsalog.readers.chunk_index import Chunk, Needed, Part, some_of
 from vsalog.readers.compression import DamagedDataError, beginning, decompress

@@ -9,6 +9,7 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
+from vsalog.core.recording import Stamps, Values
 from vsalog.readers.carried import ABSENT
 from vsalog.readers.definitions import Struct, Time
 from vsalog.readers.fields import Fields
@@ -26,7 +27,6 @@ from vsalog.readers.layout import (
 )
 from vsalog.readers.layout_values import column, doubles, stamps
 from vsalog.readers.packets import Messages
-from vsalog.recording import Stamps, Values
 
 MAX_LAYOUTS, MAX_NUMBERS = 64, 2**17
 """Shapes of one length, and numbers in all shapes, that are remembered per message type; beyond, messages of a new shape are

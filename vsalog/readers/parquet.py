@@ -11,8 +11,10 @@ import numpy as np
 import pyarrow as pa
 from numpy.typing import NDArray
 
-from vsalog.errors import ReadError
-from vsalog.printable import printable
+from vsalog.core.errors import ReadError
+from vsalog.core.printable import printable
+from vsalog.core.recording import Stamps, Values
+from vsalog.core.units import split_header
 from vsalog.readers.base import NO_TIME, Block, Catalogue, ChannelInfo, first_of_each, plural
 from vsalog.readers.headers import printable_cell, unique_names
 from vsalog.readers.parquet_cells import as_numbers, is_moment, is_number, rising
@@ -28,8 +30,6 @@ from vsalog.readers.table_slots import Slots
 from vsalog.readers.table_speakers import Speakers, find_speakers
 from vsalog.readers.time_columns import ClockPlan, find_clocks, looks_like_clock
 from vsalog.readers.time_steps import row_marks
-from vsalog.recording import Stamps, Values
-from vsalog.units import split_header
 
 KEYS = ("joint", "transmission")
 """Text columns of vsalog's own traces: their values name the part of the device a row belongs to."""

@@ -7,8 +7,8 @@ import pyarrow as pa
 import pyarrow.compute as pc
 from numpy.typing import NDArray
 
+from vsalog.core.recording import Values
 from vsalog.readers.time_dates import in_nanoseconds
-from vsalog.recording import Values
 
 
 def plain_type(kind: pa.DataType) -> pa.DataType:

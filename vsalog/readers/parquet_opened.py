@@ -9,7 +9,7 @@ from typing import Any
 import pyarrow as pa
 import pyarrow.parquet as pq
 
-from vsalog.printable import printable
+from vsalog.core.printable import printable
 from vsalog.readers.opened import for_arrow
 
 _KEY = b"ARROW:schema"

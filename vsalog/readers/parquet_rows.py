@@ -7,8 +7,8 @@ from pathlib import Path
 
 import pyarrow as pa
 
-from vsalog.errors import ReadError
-from vsalog.printable import printable
+from vsalog.core.errors import ReadError
+from vsalog.core.printable import printable
 from vsalog.readers.base import BLOCK_ROWS, plural
 from vsalog.readers.compression import MAX_BYTES, MAX_RATIO
 from vsalog.readers.headers import printable_cell

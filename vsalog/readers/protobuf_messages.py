@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from vsalog.printable import printable
+from vsalog.core.printable import printable
 from vsalog.readers.base import MAX_ARRAY
 from vsalog.readers.fields import LARGE_MESSAGES, LONG_NAMES, MAX_BYTES, MAX_FIELDS, MAX_NAME, Fields
 from vsalog.readers.frames import stated_frames

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from typing import Any
 
-from vsalog.printable import printable
+from vsalog.core.printable import printable
 from vsalog.readers.definitions import DefinitionError
 
 MOST_BYTES = 2**20

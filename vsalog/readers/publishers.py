@@ -12,14 +12,14 @@ from itertools import combinations
 
 import numpy as np
 
-from vsalog.printable import printable
+from vsalog.core.printable import printable
+from vsalog.core.recording import Stamps
 from vsalog.readers.container import Connection
 from vsalog.readers.decoders import decoder_of
 from vsalog.readers.definitions import DefinitionError
 from vsalog.readers.frames import Frames
 from vsalog.readers.messages import Decoder
 from vsalog.readers.packets import Integers, Messages, Packet
-from vsalog.recording import Stamps
 
 _DECODED = 20  # messages of a packet that tell which values a connection gives
 # What comes by turns is of two publishers. A publisher that is set up anew changes its frame fewer times, and a frame that is so

@@ -6,8 +6,8 @@ from dataclasses import replace
 
 import numpy as np
 
+from vsalog.core.recording import Stamps
 from vsalog.readers.base import Block
-from vsalog.recording import Stamps
 
 FARTHEST = 2**62 - 1
 """Nanoseconds before and after 1970 that a sample may lie: any two such stamps have a difference."""

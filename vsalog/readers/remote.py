@@ -9,7 +9,7 @@ from functools import cache
 from pathlib import Path
 from typing import Any
 
-from vsalog.errors import ReadError
+from vsalog.core.errors import ReadError
 
 _ADDRESS = re.compile(r"([a-z][a-z0-9+.-]+):(/+)(.+)", re.IGNORECASE)
 """As people write them, or with one slash, which is what is left of two in a path."""

@@ -11,8 +11,8 @@ from typing import IO
 
 import numpy as np
 
-from vsalog.errors import ReadError
-from vsalog.printable import printable
+from vsalog.core.errors import ReadError
+from vsalog.core.printable import printable
 from vsalog.readers.chunk_index import Chunk, Needed, Part, some_of
 from vsalog.readers.compression import beginning
 from vsalog.readers.container import CATALOGUE_MESSAGES, Connection

@@ -7,7 +7,7 @@ import tempfile
 from collections.abc import Collection, Iterator, Mapping
 from pathlib import Path
 
-from vsalog.errors import ReadError
+from vsalog.core.errors import ReadError
 from vsalog.readers.base import plural
 from vsalog.readers.chunk_index import Needed, Part
 from vsalog.readers.compression import FREE_BYTES, MAX_RATIO

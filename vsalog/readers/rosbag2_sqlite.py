@@ -12,8 +12,8 @@ from typing import Any
 
 import numpy as np
 
-from vsalog.errors import ReadError
-from vsalog.printable import printable
+from vsalog.core.errors import ReadError
+from vsalog.core.printable import printable
 from vsalog.readers.base import plural
 from vsalog.readers.chunk_index import GLIMPSES, Needed, Part
 from vsalog.readers.compression import MAX_BYTES

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from vsalog.errors import ReadError
-from vsalog.recording import Stamps
+from vsalog.core.errors import ReadError
+from vsalog.core.recording import Stamps
 
 _LONGEST = 100 * 365.25 * 86400e9
 ROW_NOTE = "there is no time column: give the sample rate with --rate, in Hz"

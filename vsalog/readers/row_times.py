@@ -10,11 +10,11 @@ import numpy as np
 import pyarrow as pa
 from numpy.typing import NDArray
 
+from vsalog.core.recording import Stamps
 from vsalog.readers.sparse import Layers
 from vsalog.readers.time_columns import ClockColumn, folds_of, nanoseconds
 from vsalog.readers.time_fractions import Fractions
 from vsalog.readers.time_steps import Marks, StepsBack
-from vsalog.recording import Stamps
 
 
 class RowTimes:

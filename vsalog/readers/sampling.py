@@ -15,11 +15,11 @@ from typing import IO, NamedTuple
 
 import numpy as np
 
-from vsalog.errors import ReadError
+from vsalog.core.errors import ReadError
+from vsalog.core.recording import Recording
 from vsalog.readers import read
 from vsalog.readers.remote import download_note, local
 from vsalog.readers.sniff import sniff
-from vsalog.recording import Recording
 
 SAMPLE_BYTES = 32 * 2**20
 """What is read of a large log."""

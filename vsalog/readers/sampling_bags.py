@@ -14,7 +14,7 @@ from typing import BinaryIO
 import numpy as np
 from rosbags.rosbag1.reader import Header, ReaderError, RecordType
 
-from vsalog.printable import printable
+from vsalog.core.printable import printable
 from vsalog.readers.joined import opened_rosbag1
 from vsalog.readers.opened import for_sqlite
 from vsalog.readers.rosbag2 import METADATA

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import IO, Any
 
-from vsalog.printable import printable
+from vsalog.core.printable import printable
 from vsalog.readers.joined import opened_mcap
 from vsalog.readers.sampling import Cut, Piece, chosen_pieces, copy_pieces
 from vsalog.readers.several import SeveralContainer

@@ -11,7 +11,7 @@ from types import MappingProxyType
 
 import numpy as np
 
-from vsalog.printable import printable
+from vsalog.core.printable import printable
 from vsalog.readers.chunk_index import Needed, Part
 from vsalog.readers.container import Connection, Container
 from vsalog.readers.packets import Packet

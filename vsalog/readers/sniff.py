@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 from pathlib import Path
 
-from vsalog.errors import ReadError
+from vsalog.core.errors import ReadError
 from vsalog.readers.matlab_v4 import is_v4
 
 HEAD_BYTES = 4096

@@ -8,8 +8,8 @@ from itertools import chain, islice
 
 import numpy as np
 
-from vsalog.errors import ReadError
-from vsalog.printable import printable
+from vsalog.core.errors import ReadError
+from vsalog.core.printable import printable
 from vsalog.readers.container import Connection, Container
 from vsalog.readers.decoders import decoder_of
 from vsalog.readers.definitions import DefinitionError, normal_type

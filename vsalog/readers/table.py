@@ -11,7 +11,8 @@ import numpy as np
 import pyarrow as pa
 from numpy.typing import NDArray
 
-from vsalog.errors import ReadError
+from vsalog.core.errors import ReadError
+from vsalog.core.recording import Stamps, Values
 from vsalog.readers.base import NO_TIME, Block, Catalogue, ChannelInfo, first_of_each, plural
 from vsalog.readers.headers import printable_cell
 from vsalog.readers.row_clock import ROW_NOTE, row_clock
@@ -29,7 +30,6 @@ from vsalog.readers.text_source import BoundedGzip, open_text, read_beginning
 from vsalog.readers.time_columns import ClockColumn, ClockPlan, find_clocks, looks_like_clock
 from vsalog.readers.time_names import UNITS
 from vsalog.readers.time_steps import row_marks
-from vsalog.recording import Stamps, Values
 
 HEAD_BYTES = 256 * 1024
 FEW_LINES = 50

@@ -9,14 +9,14 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import pyarrow as pa
 
-from vsalog.errors import UnitError
-from vsalog.printable import printable
+from vsalog.core.errors import UnitError
+from vsalog.core.printable import printable
+from vsalog.core.units import parse_unit, split_header
 from vsalog.readers.headers import printable_cell, unique_names
 from vsalog.readers.table_header import LABVIEW_CLOCK, NO_UNIT, is_clock, named, split_names
 from vsalog.readers.table_notation import Notation
 from vsalog.readers.table_text import NUMBER, SEPARATORS, WHITESPACE, is_comment, is_value, split
 from vsalog.readers.time_names import UNITS, stated_unit
-from vsalog.units import parse_unit, split_header
 
 if TYPE_CHECKING:
     from vsalog.readers.table_dialect import Dialect

@@ -8,8 +8,8 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.compute as pc
 
+from vsalog.core.recording import Values
 from vsalog.readers.table_text import LIKE_NUMBERS, NUMBER
-from vsalog.recording import Values
 
 _CELL = NUMBER.replace("^", "^(", 1)[:-1] + r"|[+-]?(?i:inf|infinity)|[+-]?(?i:nan))$"
 

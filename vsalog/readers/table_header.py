@@ -6,11 +6,11 @@ import re
 from collections.abc import Sequence
 from dataclasses import dataclass
 
+from vsalog.core.units import is_known_by_heart, split_header
 from vsalog.readers.base import plural
 from vsalog.readers.headers import printable_cell
 from vsalog.readers.table_text import SEPARATORS, is_value, split
 from vsalog.readers.time_names import DATED, rank_of
-from vsalog.units import is_known_by_heart, split_header
 
 NO_UNIT = ("-", "–", "1")
 _UNIT_LABEL = re.compile(r"^units?:\s*", re.IGNORECASE)

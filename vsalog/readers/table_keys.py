@@ -12,13 +12,13 @@ import pyarrow as pa
 import pyarrow.compute as pc
 from numpy.typing import NDArray
 
+from vsalog.core.recording import Stamps, Values
 from vsalog.readers.bad_stamps import COUNTED
 from vsalog.readers.table_cells import numbers_and_words
 from vsalog.readers.time_columns import ClockColumn, ClockPlan, nanoseconds
 from vsalog.readers.time_dates import trimmed
 from vsalog.readers.time_names import plain
 from vsalog.readers.time_numbers import floats
-from vsalog.recording import Stamps, Values
 
 MOST = 64
 """A column with more values than this in its first rows does not name parts of a machine."""

@@ -11,7 +11,7 @@ import pyarrow as pa
 import pyarrow.compute as pc
 import pyarrow.csv as pacsv
 
-from vsalog.errors import ReadError
+from vsalog.core.errors import ReadError
 from vsalog.readers.base import plural
 from vsalog.readers.headers import printable_cell
 from vsalog.readers.opened import is_text

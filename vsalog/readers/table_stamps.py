@@ -7,10 +7,10 @@ from __future__ import annotations
 
 import numpy as np
 
+from vsalog.core.recording import Stamps
+from vsalog.core.spool import Column, parts
 from vsalog.readers.bad_stamps import COUNTED, REACH, are_few
 from vsalog.readers.clock_steps import AHEAD
-from vsalog.readers.spool import Column, parts
-from vsalog.recording import Stamps
 
 
 def stamps_that_are_none(stamps: Column) -> Stamps:

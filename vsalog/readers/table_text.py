@@ -8,8 +8,8 @@ from collections import Counter
 from collections.abc import Sequence
 from functools import lru_cache
 
-from vsalog.unit_tables import OFFSET_UNITS
-from vsalog.units import is_known_by_heart
+from vsalog.core.unit_tables import OFFSET_UNITS
+from vsalog.core.units import is_known_by_heart
 
 WHITESPACE = " "
 SEPARATORS = (",", ";", "\t", "|", WHITESPACE)

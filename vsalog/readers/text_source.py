@@ -9,7 +9,7 @@ import zlib
 from pathlib import Path
 from typing import IO, cast
 
-from vsalog.errors import ReadError
+from vsalog.core.errors import ReadError
 from vsalog.readers.base import DOUBTFUL
 from vsalog.readers.compression import FREE_BYTES
 from vsalog.readers.table_tail import TAIL, may_be_cut

@@ -12,6 +12,7 @@ import pyarrow as pa
 import pyarrow.compute as pc
 from numpy.typing import NDArray
 
+from vsalog.core.recording import Stamps
 from vsalog.readers.date_order import order_of, possible_orders
 from vsalog.readers.headers import printable_cell
 from vsalog.readers.time_dates import dates, of_day, trimmed
@@ -20,7 +21,6 @@ from vsalog.readers.time_names import DATED, STEMS, UNITS, plain, rank_of, state
 from vsalog.readers.time_numbers import floats, is_numeric, multiplied, scaled_up
 from vsalog.readers.time_sizes import EPOCH, SERIAL, guessed_unit
 from vsalog.readers.time_written import DAY, HOUR, dates_of, without_midnight
-from vsalog.recording import Stamps
 
 # Decimal digits from the unit to the nanosecond.
 _DIGITS = {"s": 9, "ms": 6, "us": 3, "ns": 0}

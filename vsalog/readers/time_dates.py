@@ -9,8 +9,8 @@ import pyarrow as pa
 import pyarrow.compute as pc
 from numpy.typing import NDArray
 
+from vsalog.core.recording import Stamps
 from vsalog.readers.time_written import moments, times_of_day
-from vsalog.recording import Stamps
 
 _SHAPE = r"^\d{4}-\d\d-\d\d([T ]\d\d(:?\d\d(:?\d\d([.]\d{1,9})?)?)?)?([+-]\d\d:?\d\d)?$"
 _ZONED = r":?\d\d(\.\d+)?[+-]\d\d:?\d\d$"

@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from vsalog.core.recording import Stamps
 from vsalog.readers.bad_stamps import COUNTED
 from vsalog.readers.time_written import DAY, HOUR
-from vsalog.recording import Stamps
 
 _FEW = 10
 """A clock that is set back goes on within so many of its steps."""

@@ -12,8 +12,8 @@ import pyarrow as pa
 import pyarrow.compute as pc
 from numpy.typing import NDArray
 
+from vsalog.core.recording import Stamps
 from vsalog.readers.time_dates import trimmed
-from vsalog.recording import Stamps
 
 Read = Callable[[Sequence[pa.Array]], tuple[Stamps, NDArray[np.bool_]]]
 """Reads a clock's columns."""

@@ -9,8 +9,8 @@ import pyarrow as pa
 import pyarrow.compute as pc
 from numpy.typing import NDArray
 
+from vsalog.core.recording import Stamps
 from vsalog.readers.time_dates import in_nanoseconds, integers, scaled, trimmed
-from vsalog.recording import Stamps
 
 _SMALL, _NEAR = 1e14, 0.25
 """Numbers below the first are off by less than 0.03 after they were read and multiplied as floating point."""

@@ -11,8 +11,8 @@ from collections.abc import Callable, Mapping
 import numpy as np
 from numpy.typing import NDArray
 
+from vsalog.core.recording import Stamps, Values
 from vsalog.readers.bad_stamps import COUNTED
-from vsalog.recording import Stamps, Values
 
 _FEW = 10
 """A clock that is set back goes back by more than so many of its steps; rows that are less late are sorted."""

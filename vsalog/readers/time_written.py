@@ -15,7 +15,7 @@ import pyarrow as pa
 import pyarrow.compute as pc
 from numpy.typing import NDArray
 
-from vsalog.recording import Stamps
+from vsalog.core.recording import Stamps
 
 HOUR = 3600 * 10**9
 DAY = 24 * HOUR

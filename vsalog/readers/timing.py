@@ -9,12 +9,12 @@ from typing import TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
+from vsalog.core.recording import Stamps
+from vsalog.core.spool import Column, parts
 from vsalog.readers.bad_stamps import FEW, ONE_DAY, are_few, bad_stamps, looked_at
 from vsalog.readers.base import CLOCKS, plural
 from vsalog.readers.clock_steps import ClockSteps
-from vsalog.readers.spool import Column, parts
 from vsalog.readers.table_stamps import stamps_that_are_none
-from vsalog.recording import Stamps
 
 YEAR_2000 = 946_684_800_000_000_000
 """Nanoseconds since the epoch; stamps before it are not dates."""

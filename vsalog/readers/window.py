@@ -10,14 +10,14 @@ from decimal import Decimal, InvalidOperation
 import numpy as np
 import pyarrow as pa
 
-from vsalog.errors import ReadError, UnitError
+from vsalog.core.errors import ReadError, UnitError
+from vsalog.core.recording import Channel, Recording, Stamps
+from vsalog.core.units import parse_quantity, shown
 from vsalog.readers.base import Reader
 from vsalog.readers.reach import within_reach
 from vsalog.readers.time_columns import nanoseconds
 from vsalog.readers.time_sizes import epoch_unit
 from vsalog.readers.timing import YEAR_2000, choose_clock
-from vsalog.recording import Channel, Recording, Stamps
-from vsalog.units import parse_quantity, shown
 
 HOW = (
     "give seconds from the log's beginning, a number with a unit such as '2 min', a date such as 2026-01-31T12:00:05.5Z,"

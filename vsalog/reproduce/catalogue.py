@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from importlib import import_module
 from typing import cast
 
-from vsalog.errors import VsalogError, did_you_mean
+from vsalog.core.errors import VsalogError, did_you_mean
 from vsalog.reproduce.measure import Study
 from vsalog.reproduce.rows import Result
 

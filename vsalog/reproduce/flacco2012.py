@@ -7,11 +7,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from vsalog.core.trace import Trace
 from vsalog.reproduce.measure import Setting, Study, estimate, stiffness_errors, with_noise
 from vsalog.reproduce.rows import Curve, Figure, Panel, Result, Row, Spread
 from vsalog.simulation.experiment import Experiment
 from vsalog.simulation.experiments import awas_experiment, vsa2_experiment
-from vsalog.trace import Trace
 
 PAPER = "Flacco 2012"
 MODALITIES = ("MODEL", "SENSOR", "RESIDUAL")

@@ -7,6 +7,7 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 from msgspec.structs import replace
 
+from vsalog.core.trace import Trace
 from vsalog.reproduce.flacco2012 import VSA2_CHOSEN, VSA2_CONDITIONS, VSA2_PAPER, VSA2_TABLE
 from vsalog.reproduce.measure import Errors, Setting, Study, estimate, stiffness_errors, with_noise
 from vsalog.reproduce.rows import Curve, Figure, Panel, Result, Row, Spread
@@ -16,7 +17,6 @@ from vsalog.simulation.experiment import Experiment
 from vsalog.simulation.experiments import vsa2_experiment
 from vsalog.simulation.scenario import Scenario
 from vsalog.simulation.simulate import simulate
-from vsalog.trace import Trace
 
 PAPER = "Flacco 2014"
 

@@ -8,19 +8,19 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from vsalog.binding import bind, offered_roles
+from vsalog.binding.joint import bind, offered_roles
+from vsalog.binding.neighbours import own_and_others
+from vsalog.core.signals import JointSignals
+from vsalog.core.trace import Trace
 from vsalog.estimators import Fold, method
 from vsalog.estimators.device import device_of
 from vsalog.estimators.folding import estimated
 from vsalog.estimators.regression import RegressionFold
 from vsalog.estimators.tuning import read_tuning
 from vsalog.filters.kinematic import KinematicSettings
-from vsalog.neighbours import own_and_others
 from vsalog.reproduce.rows import Spread
-from vsalog.signals import JointSignals
 from vsalog.simulation.experiment import Experiment
 from vsalog.simulation.sensors import sense
-from vsalog.trace import Trace
 
 Array = NDArray[np.float64]
 

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from vsalog.errors import VsalogError
+from vsalog.core.errors import VsalogError
 from vsalog.estimators import methods
 from vsalog.reproduce.measure import Setting, Study, estimate
 from vsalog.reproduce.rows import Row, Spread

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from vsalog.errors import VsalogError, WriteError
+from vsalog.core.errors import VsalogError, WriteError
 from vsalog.reproduce.rows import Figure, Panel
 from vsalog.writers.atomic import atomic_path
 

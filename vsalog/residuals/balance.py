@@ -19,7 +19,7 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from vsalog.binding import offered_roles
+from vsalog.binding.joint import offered_roles
 from vsalog.mechanics import flexibility_torque, reaction_torque
 from vsalog.mechanics.links import link_inertia, link_weight
 from vsalog.mechanics.transmissions import coded

@@ -13,9 +13,9 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
+from vsalog.core.resolution import noise_of, step_of
+from vsalog.core.signals import JointSignals
 from vsalog.filters.savitzky_golay import savgol_filter, savgol_weights
-from vsalog.resolution import noise_of, step_of
-from vsalog.signals import JointSignals
 
 Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from vsalog.binding import offered_roles
+from vsalog.binding.joint import offered_roles
 from vsalog.residuals.balance import Motion, balance, motion_of
 from vsalog.residuals.balance_pneumatic import balance_pneumatic, pneumatic_motion
 from vsalog.residuals.balance_rigid import balance_rigid, rigid_motion

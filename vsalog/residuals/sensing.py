@@ -9,12 +9,12 @@ import numpy as np
 from msgspec.structs import replace
 from numpy.typing import NDArray
 
-from vsalog.binding import offered_roles
+from vsalog.binding.joint import offered_roles
+from vsalog.binding.sensor_model import seen_by
+from vsalog.core.signals import JointSignals
 from vsalog.residuals.channels import Channels
 from vsalog.residuals.memory import remembered
 from vsalog.rig.schema import AntagonisticJoint, Joint, Motor, PneumaticJoint, SerialJoint, Signal
-from vsalog.sensors import seen_by
-from vsalog.signals import JointSignals
 
 Array = NDArray[np.float64]
 

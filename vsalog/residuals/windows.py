@@ -17,7 +17,7 @@ from typing import Any, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from vsalog.errors import SimulationError
+from vsalog.core.errors import SimulationError
 from vsalog.residuals.channels import Channels, span_of
 from vsalog.residuals.sensing import known, said, true_roles
 from vsalog.residuals.system import LATEST

@@ -10,7 +10,7 @@ import numpy as np
 from msgspec.structs import replace
 from numpy.typing import NDArray
 
-from vsalog.errors import SimulationError
+from vsalog.core.errors import SimulationError
 from vsalog.residuals.balance import motion_of
 from vsalog.residuals.channels import Channels
 from vsalog.residuals.sensing import motors_of, position_role, torque_role, true_roles

@@ -7,7 +7,7 @@ from collections.abc import Iterator, Mapping
 import numpy as np
 from numpy.typing import NDArray
 
-from vsalog.errors import SimulationError
+from vsalog.core.errors import SimulationError
 from vsalog.filters.savitzky_golay import savgol_weights
 from vsalog.residuals.balance_pneumatic import ANGLE, PRESSURES, pneumatic_motion
 from vsalog.residuals.channels import DEGREE, Channels

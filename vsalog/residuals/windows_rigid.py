@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from vsalog.errors import SimulationError
+from vsalog.core.errors import SimulationError
 from vsalog.residuals.balance_rigid import rigid_motion
 from vsalog.residuals.channels import Channels
 from vsalog.residuals.sensing import true_roles

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
-from vsalog.errors import did_you_mean
+from vsalog.core.errors import did_you_mean
+from vsalog.core.units import matching, shown
 from vsalog.rig.decode import Path, refuse
 from vsalog.rig.pneumatic import pneumatic_problem
 from vsalog.rig.schema import (
@@ -25,7 +26,6 @@ from vsalog.rig.schema import (
     Transmission,
     role_units,
 )
-from vsalog.units import matching, shown
 
 RUN = "{run}"
 # No log is longer [s]; its stamps are counted in 64 bits.

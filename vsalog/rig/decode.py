@@ -17,7 +17,8 @@ from typing import Any, NoReturn, TypeVar
 import msgspec
 from msgspec import inspect
 
-from vsalog.errors import RigError, UnitError, did_you_mean
+from vsalog.core.errors import RigError, UnitError, did_you_mean
+from vsalog.core.units import matching, shown, si_factor
 from vsalog.rig.roles import role_units
 from vsalog.rig.schema import RigFile
 from vsalog.rig.uncertain import Path as Path  # for who refuses a key
@@ -30,7 +31,6 @@ from vsalog.rig.uncertain import (
     states_tolerance,
     uncertain,
 )
-from vsalog.units import matching, shown, si_factor
 
 Table = dict[str, Any]
 Structure = TypeVar("Structure", bound=msgspec.Struct)

@@ -12,7 +12,7 @@ from collections.abc import Sequence
 import msgspec
 import numpy as np
 
-from vsalog.recording import Recording
+from vsalog.core.recording import Recording
 from vsalog.rig.guess_joint import guess_joint
 from vsalog.rig.guess_names import meaning_of
 from vsalog.rig.guess_runs import RunGroup, find_runs

@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 
 import msgspec
 
-from vsalog.recording import Channel
+from vsalog.core.recording import Channel
 from vsalog.rig import guess_data
 from vsalog.rig.guess_data import Line
 from vsalog.rig.guess_types import Kind, RoleGuess

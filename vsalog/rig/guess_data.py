@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from vsalog.recording import Channel
+from vsalog.core.recording import Channel
 
 Array = NDArray[np.float64]
 

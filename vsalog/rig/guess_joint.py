@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import dataclass
 
-from vsalog.recording import Channel
+from vsalog.core.recording import Channel
 from vsalog.rig import guess_data
 from vsalog.rig.guess_checks import confirm
 from vsalog.rig.guess_types import Candidate, JointGuess, Kind, RoleGuess

@@ -5,9 +5,9 @@ from __future__ import annotations
 import re
 from dataclasses import dataclass
 
-from vsalog.errors import UnitError
-from vsalog.recording import Channel
-from vsalog.units import kind_of, parse_unit, si_factor
+from vsalog.core.errors import UnitError
+from vsalog.core.recording import Channel
+from vsalog.core.units import kind_of, parse_unit, si_factor
 
 _WORD = re.compile(r"[A-Z]+(?![a-z])|[A-Z]?[a-z]+|\d+|[θφτδ]")
 _GREEK = {"θ": "theta", "φ": "phi", "τ": "tau", "δ": "delta"}

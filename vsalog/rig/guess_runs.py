@@ -8,7 +8,7 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 from itertools import pairwise
 
-from vsalog.recording import Recording
+from vsalog.core.recording import Recording
 from vsalog.rig.guess_names import LINK, MOTOR, SECONDARY, SENSOR, words_of
 
 _COUNTERS = frozenset(

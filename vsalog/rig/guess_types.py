@@ -8,7 +8,7 @@ from typing import Literal
 
 from msgspec import Struct
 
-from vsalog.recording import Channel
+from vsalog.core.recording import Channel
 from vsalog.rig.guess_names import Meaning
 
 Kind = Literal["rigid", "elastic", "serial", "antagonistic"]

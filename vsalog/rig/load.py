@@ -12,15 +12,15 @@ from typing import Any
 
 import msgspec
 
-from vsalog.documents import toml_tables
-from vsalog.errors import RigError, did_you_mean
+from vsalog.core.documents import toml_tables
+from vsalog.core.errors import RigError, did_you_mean
+from vsalog.core.units import shown
 from vsalog.rig.checks import check_rig
 from vsalog.rig.decode import decode_rig, key_path
 from vsalog.rig.merge import Table, merged
 from vsalog.rig.schema import Joint, RigFile
 from vsalog.rig.uncertain import Path as KeyPath
 from vsalog.rig.uncertain import Tolerance, put_stated, value_at
-from vsalog.units import shown
 
 MAX_BYTES = 1_000_000
 

@@ -9,13 +9,13 @@ import re
 import textwrap
 from collections.abc import Iterator
 
-from vsalog.printable import printable
-from vsalog.recording import Recording
+from vsalog.core.printable import printable
+from vsalog.core.recording import Recording
+from vsalog.core.units import shown
 from vsalog.rig.checks import RUN
 from vsalog.rig.guess_types import Guess, JointGuess, RoleGuess
 from vsalog.rig.load import Rig
 from vsalog.rig.schema import Joint, Signal
-from vsalog.units import shown
 
 # Where the comments begin, if the line leaves room.
 COLUMN = 48

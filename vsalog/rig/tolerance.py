@@ -8,8 +8,8 @@ from __future__ import annotations
 import re
 from typing import NamedTuple
 
+from vsalog.core.units import parse_unit, split_number
 from vsalog.rig.uncertain import HALF_WIDTH_IN_DEVIATIONS
-from vsalog.units import parse_unit, split_number
 
 
 class Default(NamedTuple):

@@ -12,8 +12,8 @@ import re
 from collections.abc import Mapping
 from typing import Any, NamedTuple
 
-from vsalog.errors import UnitError
-from vsalog.units import shown, si_factor, split_number, split_quantity
+from vsalog.core.errors import UnitError
+from vsalog.core.units import shown, si_factor, split_number, split_quantity
 
 Path = tuple[str, ...]
 

@@ -11,7 +11,8 @@ import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
-from vsalog.errors import SimulationError
+from vsalog.core.errors import SimulationError
+from vsalog.core.units import matching, si_factor
 from vsalog.rig.schema import (
     AntagonisticJoint,
     Joint,
@@ -22,7 +23,6 @@ from vsalog.rig.schema import (
     SignalSpec,
     role_units,
 )
-from vsalog.units import matching, si_factor
 
 Array = NDArray[np.float64]
 

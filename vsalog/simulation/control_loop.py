@@ -12,15 +12,15 @@ from typing import Any, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from vsalog.acting import made_of
-from vsalog.binding import bind, offered_roles
-from vsalog.errors import SimulationError
-from vsalog.estimation import choose
+from vsalog.binding.drive_model import made_of
+from vsalog.binding.joint import bind, offered_roles
+from vsalog.binding.neighbours import own_and_others
+from vsalog.core.errors import SimulationError
+from vsalog.core.recording import Recording
+from vsalog.core.signals import JointSignals
+from vsalog.estimation.joint import choose
 from vsalog.estimators.device import device_of
-from vsalog.neighbours import own_and_others
-from vsalog.recording import Recording
 from vsalog.rig.schema import RigFile
-from vsalog.signals import JointSignals
 from vsalog.simulation.sensors import LiveSensors
 
 Array = NDArray[np.float64]

@@ -7,7 +7,7 @@ from collections.abc import Collection, Mapping
 import numpy as np
 from numpy.typing import NDArray
 
-from vsalog.recording import Recording
+from vsalog.core.recording import Recording
 from vsalog.rig.schema import RigFile
 from vsalog.simulation.control import PiControl
 from vsalog.simulation.control_loop import Said, Truth, Watcher

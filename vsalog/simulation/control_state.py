@@ -15,10 +15,10 @@ from numpy.typing import NDArray
 from scipy.interpolate import make_interp_spline
 from scipy.signal import lfilter, place_poles
 
-from vsalog.errors import SimulationError
+from vsalog.core.errors import SimulationError
+from vsalog.core.recording import Recording
 from vsalog.mechanics.links import link_inertia, link_weight
 from vsalog.mechanics.rigid_body import inverse_dynamics, mass_matrix
-from vsalog.recording import Recording
 from vsalog.rig.schema import ElasticJoint, LinearTransmission, RigFile
 from vsalog.simulation.control import StateFeedback
 from vsalog.simulation.control_loop import Said, Truth, Watcher

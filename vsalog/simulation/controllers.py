@@ -7,7 +7,7 @@ from collections.abc import Mapping
 import numpy as np
 from numpy.typing import NDArray
 
-from vsalog.errors import SimulationError
+from vsalog.core.errors import SimulationError
 from vsalog.rig.schema import PneumaticJoint, RigFile
 from vsalog.simulation.control import Controller, StateFeedback
 from vsalog.simulation.control_loop import Loop

@@ -9,8 +9,8 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from vsalog.errors import SimulationError
-from vsalog.recording import Channel, Recording, Stream
+from vsalog.core.errors import SimulationError
+from vsalog.core.recording import Channel, Recording, Stream
 from vsalog.rig.schema import RigFile
 from vsalog.simulation.channels import JOINT_STATE, recorded_columns, topic_parts
 

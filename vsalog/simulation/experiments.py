@@ -12,7 +12,7 @@ import numpy as np
 from msgspec.structs import replace as changed
 from numpy.typing import NDArray
 
-from vsalog.errors import SimulationError
+from vsalog.core.errors import SimulationError
 from vsalog.rig import Rig
 from vsalog.rig.schema import (
     AntagonisticJoint,

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from vsalog.errors import SimulationError
+from vsalog.core.errors import SimulationError
 
 Array = NDArray[np.float64]
 

@@ -9,7 +9,7 @@ from itertools import count
 import numpy as np
 from numpy.typing import NDArray
 
-from vsalog.errors import SimulationError
+from vsalog.core.errors import SimulationError
 from vsalog.mechanics.links import link_inertia, link_weight
 from vsalog.mechanics.rigid_body import bodies, mass_matrix
 from vsalog.mechanics.rigid_joint import as_one

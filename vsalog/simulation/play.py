@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline
 
-from vsalog.errors import SimulationError
+from vsalog.core.errors import SimulationError
 from vsalog.mechanics import flexibility_torque, reaction_torque, stiffness
 from vsalog.rig.schema import AntagonisticJoint, AwasTransmission, Contact, SerialJoint
 from vsalog.simulation._integrate import integrate

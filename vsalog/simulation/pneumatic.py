@@ -7,7 +7,7 @@ from collections.abc import Callable, Mapping
 import numpy as np
 from numpy.typing import NDArray
 
-from vsalog.errors import SimulationError, did_you_mean
+from vsalog.core.errors import SimulationError, did_you_mean
 from vsalog.mechanics.muscle_forces import braid_numbers
 from vsalog.mechanics.pneumatic_friction import LEAST_GAUGE, friction_level, viscous_coefficient
 from vsalog.mechanics.pneumatics import (

@@ -9,10 +9,10 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
-from vsalog.errors import SimulationError
+from vsalog.core.errors import SimulationError
+from vsalog.core.signals import JointSignals
 from vsalog.filters.savitzky_golay import savgol_weights
 from vsalog.rig.schema import Chain, SerialJoint
-from vsalog.signals import JointSignals
 from vsalog.simulation.inputs import Input, Motion, table
 from vsalog.simulation.machine import Machine, MotorSlot, Movable, build
 from vsalog.simulation.play import play

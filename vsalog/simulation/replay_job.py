@@ -10,22 +10,22 @@ import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
-from vsalog.binding import bind, offered_roles, wanted_channels
-from vsalog.errors import BindingError, SimulationError, did_you_mean
+from vsalog.binding.joint import bind, offered_roles, wanted_channels
+from vsalog.core.errors import BindingError, SimulationError, did_you_mean
+from vsalog.core.recording import Channel, Recording, Stream
+from vsalog.core.signals import JointSignals
+from vsalog.core.units import shown
 from vsalog.readers import open_reader, read
-from vsalog.recording import Channel, Recording, Stream
 from vsalog.rig import Rig
 from vsalog.rig.find import find_rig
 from vsalog.rig.roles import ROLE_UNITS
 from vsalog.rig.schema import AntagonisticJoint, ElasticJoint, Joint, PneumaticJoint, SerialJoint, Signal
-from vsalog.signals import JointSignals
 from vsalog.simulation.channels import topic_parts
 from vsalog.simulation.experiment import FLOAT64
 from vsalog.simulation.machine import Movable
 from vsalog.simulation.replay import Replayed, replay
 from vsalog.simulation.run import check_inputs, file_name
 from vsalog.simulation.sensors import SENSED
-from vsalog.units import shown
 from vsalog.writers.recording_files import LogFiles, write_log
 
 Array = NDArray[np.float64]

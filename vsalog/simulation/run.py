@@ -11,9 +11,9 @@ from pathlib import Path
 
 import msgspec
 
-from vsalog.binding import offered_roles
-from vsalog.errors import SimulationError, WriteError
-from vsalog.recording import Recording
+from vsalog.binding.joint import offered_roles
+from vsalog.core.errors import SimulationError, WriteError
+from vsalog.core.recording import Recording
 from vsalog.rig import Rig
 from vsalog.rig.load import preset_text, presets
 from vsalog.rig.schema import Joint, RigFile, Signal

@@ -15,8 +15,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.io import loadmat, savemat
 
-from vsalog.errors import ReadError
-from vsalog.recording import Recording
+from vsalog.core.errors import ReadError
+from vsalog.core.recording import Recording
 from vsalog.rig.load import preset_text
 from vsalog.rig.schema import ElasticJoint, RigFile, Signal, SingleSignals
 from vsalog.simulation.experiment import Experiment

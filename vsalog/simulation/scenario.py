@@ -11,7 +11,8 @@ from typing import Any
 
 import msgspec
 
-from vsalog.errors import RigError, SimulationError, UnitError, VsalogError, did_you_mean
+from vsalog.core.errors import RigError, SimulationError, UnitError, VsalogError, did_you_mean
+from vsalog.core.units import parse_quantity, parse_unit, shown, split_quantity
 from vsalog.rig.decode import Path as KeyPath
 from vsalog.rig.decode import decode, key_path, refuse
 from vsalog.rig.load import Rig, presets
@@ -33,7 +34,6 @@ from vsalog.simulation.scenario_schema import (
     Steps,
     Trapezoid,
 )
-from vsalog.units import parse_quantity, parse_unit, shown, split_quantity
 
 MAX_BYTES = 1_000_000
 MOST_LINES = 2000

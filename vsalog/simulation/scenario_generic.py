@@ -13,7 +13,7 @@ from math import asin, pi, sqrt
 
 import numpy as np
 
-from vsalog.errors import SimulationError, did_you_mean
+from vsalog.core.errors import SimulationError, did_you_mean
 from vsalog.mechanics import flexibility_torque, stiffness
 from vsalog.mechanics.links import link_inertia, link_weight
 from vsalog.rig.schema import (

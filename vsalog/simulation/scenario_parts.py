@@ -7,7 +7,8 @@ from pathlib import Path
 
 import numpy as np
 
-from vsalog.errors import ReadError, RigError, UnitError, did_you_mean
+from vsalog.core.errors import ReadError, RigError, UnitError, did_you_mean
+from vsalog.core.units import shown, si_factor
 from vsalog.rig.decode import Path as KeyPath
 from vsalog.rig.decode import key_path, refuse
 from vsalog.simulation import inputs
@@ -27,7 +28,6 @@ from vsalog.simulation.scenario_schema import (
     Steps,
     Trapezoid,
 )
-from vsalog.units import shown, si_factor
 
 
 def sum_of_parts(parts: Parts, unit: str, duration: float, folder: Path, path: KeyPath) -> Signal:

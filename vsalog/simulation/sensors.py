@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline
 
-from vsalog.errors import SimulationError
+from vsalog.core.errors import SimulationError
 from vsalog.mechanics.kinematics import LinkMotion, chain_motion, specific_force
 from vsalog.rig.schema import Chain, Joint, RigFile, Signal
 from vsalog.simulation.channels import is_lever_arm, named_signals

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from vsalog.errors import SimulationError
+from vsalog.core.errors import SimulationError
 from vsalog.rig.schema import PneumaticJoint, RigFile, RigidJoint
 from vsalog.simulation.control import Controller
 from vsalog.simulation.experiment import Experiment, sample_stamps

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import special
 
-from vsalog.correlation import effective_samples
+from vsalog.core.correlation import effective_samples
 from vsalog.validation.document import Dependence
 from vsalog.validation.scores import bins_of
 from vsalog.validation.signatures import SHORT, WORDS, Signature, signatures

@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from vsalog.model import JointModel
+from vsalog.core.model import JointModel
 from vsalog.rig.schema import Joint
 
 Array = NDArray[np.float64]

@@ -9,8 +9,8 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from vsalog.errors import ReadError, RigError
-from vsalog.model import JointModel, ModelFile, TransmissionModel
+from vsalog.core.errors import ReadError, RigError
+from vsalog.core.model import JointModel, ModelFile, TransmissionModel
 from vsalog.rig import Rig
 
 Array = NDArray[np.float64]

@@ -10,12 +10,12 @@ import numpy as np
 from msgspec import structs
 from numpy.typing import NDArray
 
+from vsalog.core.model import JointModel
+from vsalog.core.recording import Channel
+from vsalog.core.resolution import step_of
+from vsalog.core.signals import JointSignals
 from vsalog.estimators.device import Device, TransmissionView, deflection_of
-from vsalog.model import JointModel
-from vsalog.recording import Channel
-from vsalog.resolution import step_of
 from vsalog.rig.schema import AntagonisticJoint, Joint
-from vsalog.signals import JointSignals
 from vsalog.validation import references as ref
 from vsalog.validation.dependence import LEAST_SHARE, dependences, gain_of, thinned
 from vsalog.validation.document import Comparison, Dependence, ErrorOver, Reference, Score, TransmissionReport

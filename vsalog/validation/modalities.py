@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import numpy as np
 
-from vsalog.errors import VsalogError
-from vsalog.estimation import choose, estimate_joint
-from vsalog.recording import Recording
+from vsalog.core.errors import VsalogError
+from vsalog.core.recording import Recording
+from vsalog.core.trace import Trace
+from vsalog.estimation.joint import choose, estimate_joint
 from vsalog.rig.schema import AntagonisticJoint, Joint
-from vsalog.trace import Trace
 from vsalog.validation.document import ModalityScore
 from vsalog.validation.references import Smoothed, true_stiffness
 from vsalog.validation.scores import LEAST_TORQUE, score

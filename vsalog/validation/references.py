@@ -9,7 +9,10 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
-from vsalog.errors import FilterError
+from vsalog.core.errors import FilterError
+from vsalog.core.model import JointModel
+from vsalog.core.recording import Channel
+from vsalog.core.signals import LONGER, JointSignals
 from vsalog.estimators.device import Device, TransmissionView, deflection_of
 from vsalog.estimators.known import conditioner_of
 from vsalog.estimators.regression import BAND
@@ -19,10 +22,7 @@ from vsalog.filters.conditioning import Conditioned
 from vsalog.filters.direction import direction_start, loading_block
 from vsalog.filters.savitzky_golay import savgol_weights
 from vsalog.mechanics.transmissions import torque_and_stiffness
-from vsalog.model import JointModel
-from vsalog.recording import Channel
 from vsalog.rig.schema import UnknownTransmission
-from vsalog.signals import LONGER, JointSignals
 
 Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from vsalog.model import TransmissionModel
+from vsalog.core.model import TransmissionModel
 
 Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]

@@ -11,17 +11,17 @@ from pathlib import Path
 import msgspec
 
 from vsalog._version import __version__
-from vsalog.binding import bind, names_of, offered_roles, wanted_channels
-from vsalog.errors import BindingError, EstimatorError, RigError, did_you_mean
-from vsalog.estimation import pick_joints
+from vsalog.binding.joint import bind, names_of, offered_roles, wanted_channels
+from vsalog.checks.plausibility import implausible
+from vsalog.core.errors import BindingError, EstimatorError, RigError, did_you_mean
+from vsalog.core.finding_texts import sentence
+from vsalog.core.model import JointModel, ModelFile
+from vsalog.core.recording import Recording
+from vsalog.estimation.job import sha256
+from vsalog.estimation.joint import pick_joints
 from vsalog.estimators.device import Device, device_of
 from vsalog.estimators.needs import require
-from vsalog.finding_texts import sentence
-from vsalog.job import sha256
-from vsalog.model import JointModel, ModelFile
-from vsalog.plausible import implausible
 from vsalog.readers import open_reader, read
-from vsalog.recording import Recording
 from vsalog.rig import Rig
 from vsalog.rig.find import find_rig
 from vsalog.rig.schema import Joint

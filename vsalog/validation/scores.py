@@ -10,7 +10,7 @@ from numba import njit
 from numpy.typing import NDArray
 from scipy import special
 
-from vsalog.correlation import LONGEST, effective_samples
+from vsalog.core.correlation import LONGEST, effective_samples
 from vsalog.validation.document import Bin, Figure, Score
 
 Array = NDArray[np.float64]

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 from msgspec.structs import replace
 
-from vsalog.signals import JointSignals
+from vsalog.core.signals import JointSignals
 from vsalog.validation.document import (
     Comparison,
     Dependence,

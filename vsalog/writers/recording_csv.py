@@ -9,7 +9,7 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.csv as pa_csv
 
-from vsalog.recording import Channel, Recording, Stamps
+from vsalog.core.recording import Channel, Recording, Stamps
 from vsalog.writers.atomic import atomic_path
 
 

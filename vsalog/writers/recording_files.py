@@ -7,9 +7,9 @@ from contextlib import ExitStack
 from dataclasses import dataclass
 from pathlib import Path
 
-from vsalog.errors import WriteError
-from vsalog.recording import Recording
-from vsalog.units import shown
+from vsalog.core.errors import WriteError
+from vsalog.core.recording import Recording
+from vsalog.core.units import shown
 from vsalog.writers.atomic import atomic_path, check_path
 
 MCAP, ROSBAG1, CSV, PARQUET, ROSBAG2 = "mcap", "rosbag1", "csv", "parquet", "rosbag2"

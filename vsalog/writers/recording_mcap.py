@@ -7,7 +7,7 @@ from pathlib import Path
 
 from mcap.writer import CompressionType, Writer
 
-from vsalog.recording import Recording
+from vsalog.core.recording import Recording
 from vsalog.writers.atomic import atomic_path
 from vsalog.writers.recording_messages import ROS2_DEFINITIONS, merged_messages
 from vsalog.writers.recording_topics import Topic, read_back_name, topics_of

@@ -9,7 +9,7 @@ from collections.abc import Iterator, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from vsalog.recording import Stamps, Values
+from vsalog.core.recording import Stamps, Values
 from vsalog.writers.recording_topics import FLOAT64, JOINT_FIELDS, JOINT_STATE, Topic
 
 Bytes = NDArray[np.uint8]

@@ -9,9 +9,9 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
 
-from vsalog.errors import WriteError
-from vsalog.recording import Channel, Recording, Stamps
-from vsalog.units import split_header
+from vsalog.core.errors import WriteError
+from vsalog.core.recording import Channel, Recording, Stamps
+from vsalog.core.units import split_header
 from vsalog.writers.atomic import atomic_path
 from vsalog.writers.recording_csv import all_stamps
 

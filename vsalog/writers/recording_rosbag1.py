@@ -7,7 +7,7 @@ from pathlib import Path
 from rosbags.rosbag1 import Writer
 from rosbags.typesys import Stores, get_typestore
 
-from vsalog.recording import Recording
+from vsalog.core.recording import Recording
 from vsalog.writers.atomic import atomic_path
 from vsalog.writers.recording_messages import merged_messages
 from vsalog.writers.recording_topics import topics_of

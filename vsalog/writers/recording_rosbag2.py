@@ -13,8 +13,8 @@ from rosbags.rosbag2 import StoragePlugin, Writer
 from rosbags.rosbag2.errors import WriterError
 from rosbags.typesys import Stores, get_typestore
 
-from vsalog.errors import WriteError
-from vsalog.recording import Recording
+from vsalog.core.errors import WriteError
+from vsalog.core.recording import Recording
 from vsalog.writers.recording_messages import merged_messages
 from vsalog.writers.recording_topics import topics_of
 

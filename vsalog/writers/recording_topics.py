@@ -8,8 +8,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from vsalog.errors import WriteError
-from vsalog.recording import Channel, Recording, Stamps, Values
+from vsalog.core.errors import WriteError
+from vsalog.core.recording import Channel, Recording, Stamps, Values
 
 JOINT_STATE = "sensor_msgs/msg/JointState"
 FLOAT64 = "std_msgs/msg/Float64"

@@ -17,7 +17,7 @@ from mcap.exceptions import McapError
 from mcap.records import Attachment, Header, Metadata
 from mcap.writer import CompressionType, Writer
 
-from vsalog.errors import ReadError, WriteError
+from vsalog.core.errors import ReadError, WriteError
 from vsalog.readers import open_container, read
 from vsalog.readers.bag import BagReader
 from vsalog.readers.base import plural
@@ -33,7 +33,7 @@ from vsalog.readers.rosbag2 import CompressedContainer
 from vsalog.readers.sampling_mcap import record_heads
 from vsalog.readers.several import SeveralContainer
 from vsalog.readers.sniff import sniff
-from vsalog.reports.inspect_repair import Repaired
+from vsalog.report.inspect_repair import Repaired
 from vsalog.writers.atomic import atomic_path
 from vsalog.writers.recording_mcap import write_mcap
 from vsalog.writers.recording_topics import topics_of

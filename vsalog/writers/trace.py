@@ -14,7 +14,7 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
 
-from vsalog.trace import EXTRA_UNITS, UNITS, Trace
+from vsalog.core.trace import EXTRA_UNITS, UNITS, Trace
 from vsalog.writers.arrow import arrow_column, arrow_texts
 from vsalog.writers.atomic import atomic_path
 

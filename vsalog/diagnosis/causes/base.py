@@ -236,7 +236,7 @@ def one_field(cause: str, part: str, parameter: Parameter, field: str, **more: A
 
 def with_signal(joint: Any, role: str, **changes: Any) -> Any:
     """Return a joint with fields of one of its signals changed."""
-    from vsalog.binding import signal_of
+    from vsalog.binding.joint import signal_of
 
     signal = replace(signal_of(getattr(joint.signals, role)), **changes)
     return replace(joint, signals=replace(joint.signals, **{role: signal}))

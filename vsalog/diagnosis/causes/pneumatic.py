@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from msgspec.structs import replace
 
-from vsalog.binding import signal_of
+from vsalog.binding.joint import signal_of
 from vsalog.diagnosis.causes.base import CORNERED, Cause, Parameter, Setting, Site, one_field, with_part, with_signal
 from vsalog.rig.schema import PneumaticJoint, PressureFriction, SimpleFriction, TonduFriction
 

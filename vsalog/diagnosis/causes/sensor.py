@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from vsalog.binding import signal_of
+from vsalog.binding.joint import signal_of
 from vsalog.diagnosis.causes.base import (
     WAVY,
     Apply,

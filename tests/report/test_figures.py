@@ -1,0 +1,128 @@
+"""What the figures show: right numbers in their words, nothing of a log's names where they could act."""
+
+import json
+import re
+from dataclasses import fields, replace
+from html.parser import HTMLParser
+
+import numpy as np
+import pytest
+from reports_evidence import HOSTILE, drawn, evidence, lever_arm_joint, report
+
+from vsalog.report.page import charts_of, write_page
+from vsalog.report.page_charts import NAMES
+from vsalog.report.page_data import chart_data
+from vsalog.report.page_text import label, plain, script_json
+from vsalog.report.paper_figures import write_figures
+from vsalog.validation.evidence import JointEvidence, TransmissionEvidence
+
+
+def test_every_figure_that_the_data_allow_is_there():
+    assert {c.name for c in charts_of(lever_arm_joint(), "1", 500)} == set(NAMES) - {"convergence"}
+    curve = {c.name for c in charts_of(evidence(20_000), "1", 500)}
+    assert curve == set(NAMES) - {"convergence", "surface", "slices"}
+
+
+def test_words_say_the_figures_numbers():
+    charts = {c.name: c for c in charts_of(lever_arm_joint(), "1", 500)}
+    assert "0.25 N·m (root mean square), at most by 0.25 N·m" in charts["torque"].words
+    assert "160 to 240 N·m/rad" in charts["stiffness"].words
+    assert "difference is 0.5 N·m/rad" in charts["stiffness"].words
+    assert "holds the truth for 100 % of the time" in charts["stiffness"].words
+    assert "10 % of the time" in charts["torque"].words
+    assert "mean −0.25 N·m" in charts["error_distribution"].words
+    assert all(c.words.endswith(".") and len(c.words) > 40 for c in charts.values())
+
+
+def test_the_surface_is_the_models_and_ends_where_it_was_fitted():
+    (chart,) = (c for c in charts_of(lever_arm_joint(), "1", 500) if c.name == "surface")
+    s = chart.surface
+    c = np.repeat(s.y[:, None], s.x.shape[1], axis=1)
+    np.testing.assert_allclose(s.z, (100.0 + 2000.0 * c) * s.x, rtol=1e-9, atol=1e-12)
+    assert (np.hypot(s.x / 0.1, (c - 0.05) / 0.02) <= 1.0 + 1e-9).all()
+
+
+def test_several_runs_are_drawn_one_after_the_other():
+    """Each begins at zero: drawn over one another the second's samples would be taken for the first's."""
+    one = evidence(4000)
+    part = one.transmissions["1"]
+    twice = {
+        f.name: np.concatenate([v, v]) if isinstance(v := getattr(part, f.name), np.ndarray) else v
+        for f in fields(part)
+    }
+    both = replace(one, time=np.tile(one.time, 2), transmissions={"1": TransmissionEvidence(**twice)})
+    charts = {c.name: c for c in charts_of(both, "1", 10_000)}
+    for curve in (c for a in charts["torque"].axes for c in a.curves if c.kind == "line"):
+        assert np.all(np.diff(curve.x) > 0.0)
+        assert curve.x[-1] > 2.0 * one.time[-1]
+    assert charts["torque"].axes[0].spans[-1][0] > one.time[-1]
+
+
+def test_nothing_known_is_no_crash():
+    nothing, never = np.full(100, np.nan), np.zeros(100, dtype=bool)
+    part = TransmissionEvidence(nothing, nothing, nothing, nothing, "", nothing, nothing, None, never)
+    for chart in charts_of(JointEvidence("a", np.arange(100.0), None, "", {"1": part}, None), "1", 100):
+        json.dumps(chart_data(chart), allow_nan=False)
+
+
+class Tags(HTMLParser):
+    """Collect every element with its attributes."""
+
+    def __init__(self):
+        super().__init__()
+        self.found = []
+
+    def handle_starttag(self, tag, attrs):
+        self.found.append((tag, dict(attrs)))
+
+
+def test_a_keyboard_and_a_screen_reader_find_every_figure(tmp_path):
+    path = tmp_path / "page.html"
+    write_page(path, "title", None, drawn([[lever_arm_joint(), evidence(20_000)]]))
+    page = Tags()
+    page.feed(path.read_text(encoding="utf-8"))
+    plots = [attrs for _, attrs in page.found if attrs.get("class") == "plot"]
+    assert len(plots) > 12
+    for plot in plots:
+        assert (plot["role"], plot["tabindex"]) == ("img", "0")
+        assert len(plot["aria-label"]) > 40
+    assert next(tag for tag, _ in page.found if re.fullmatch("h[1-6]", tag)) == "h1"
+    assert sum(tag == "h1" for tag, _ in page.found) == 1
+    assert next(attrs for _, attrs in page.found if attrs.get("class") == "skip")["href"] == "#main"
+    for tag, attrs in page.found:
+        assert "src" not in attrs
+        assert tag != "link"
+
+
+@pytest.mark.parametrize("hostile", [HOSTILE, "</SCRIPT>", "<!--<script>", "a\u2029b", "\udcff", "\u202egnp.exe"])
+def test_texts_cannot_leave_a_script(hostile):
+    text = script_json({"x": hostile})
+    assert not re.search(r"[<>&\u2028\u2029]", text)
+    assert json.loads(text) == {"x": hostile}
+
+
+def test_labels_hold_no_tags_and_texts_no_controls():
+    assert label('<a href="javascript:alert(1)">x</a>') == '&lt;a href="javascript:alert(1)"&gt;x&lt;/a&gt;'
+    assert plain("a\u202eb\x1b[31m\udcff\u2028") == "a�b�[31m��"
+
+
+def test_figures_for_papers_are_named_after_nothing_in_a_log(tmp_path):
+    pytest.importorskip("matplotlib")
+    folder = tmp_path / "figures"
+    hostile = evidence(3000, "../../" + HOSTILE + "$x$")
+    files = write_figures(folder, drawn([[hostile, lever_arm_joint()]]), report(HOSTILE), ("svg", "png"))
+    assert {p.name for p in files} | {"figures.txt"} == {p.name for p in folder.iterdir()}
+    assert all(re.fullmatch(r"log1_joint[12]_part1_[a-z_]+\.(svg|png)", p.name) for p in files)
+    assert {p.name.split("part1_")[1].split(".")[0] for p in files} == set(NAMES) - {"convergence"}
+    for path in files:
+        head = path.read_bytes()[:1000]
+        assert b"<svg" in head if path.suffix == ".svg" else head.startswith(b"\x89PNG")
+        assert b"<script" not in path.read_bytes()
+
+
+def test_equal_results_make_equal_figures(tmp_path):
+    pytest.importorskip("matplotlib")
+    for name in "ab":
+        write_figures(tmp_path / name, drawn([[evidence(3000)]]), None, ("svg",))
+    for path in (tmp_path / "a").iterdir():
+        assert path.read_bytes() == (tmp_path / "b" / path.name).read_bytes(), path.name

@@ -1,0 +1,60 @@
+"""Roles of a joint that are on different clocks: header stamps of one topic, the log's time of another that has none."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+
+from vsalog.core.errors import BindingError
+from vsalog.core.finding import Finding
+from vsalog.core.printable import printable
+from vsalog.core.recording import Recording
+
+FAR, TOLD = 0.1, 1e-3
+"""A log's time that is so much later than the stamps [s] is no matter of the way between them; so much less is no finding."""
+
+_ASKED_FOR = "it has no header"
+"""How the reason begins of a stream that was to be on header stamps."""
+
+
+def clock_findings(recording: Recording, name: str, channels: Iterable[str]) -> tuple[Finding, ...]:
+    """Return that roles of a joint are on different clocks, where that is more than a moment.
+
+    Parameters
+    ----------
+    recording : the log
+    name : of the joint
+    channels : of the joint's roles
+
+    Raises
+    ------
+    BindingError
+        The clocks are far apart, and nobody asked for header stamps where there are some.
+    """
+    streams = dict.fromkeys(recording.channels[channel].stream for channel in channels)
+    used = [recording.streams[stream] for stream in streams if stream in recording.streams]
+    stamped = [one for one in used if one.time_source == "header" and abs(one.delay_median) >= TOLD]
+    others = [one for one in used if one.time_source in ("log", "publish")]
+    if not stamped or not others:
+        return ()
+    far = max(stamped, key=lambda one: abs(one.delay_median))
+    if abs(far.delay_median) > FAR and not all(one.time_reason.startswith(_ASKED_FOR) for one in others):
+        header = "" if any(one.time_reason for one in others) else ", --time header takes them as they are"
+        raise BindingError(
+            f"{recording.path.name}: joint '{name}': {printable(far.name)} is on header stamps and"
+            f" {printable(others[0].name)} on {others[0].time_source} time, and in {printable(far.name)} the two are"
+            f" {abs(far.delay_median):.3g} s apart; --time log puts all on one clock{header}"
+        )
+    return (
+        Finding(
+            code="recording.clocks_apart",
+            joint=name,
+            value=abs(far.delay_median),
+            limit=TOLD,
+            unit="s",
+            evidence={
+                "stamped": printable(far.name),
+                "other": printable(others[0].name),
+                "clock": others[0].time_source,
+            },
+        ),
+    )

@@ -1,0 +1,65 @@
+"""What acts on a motor's rotor, of the torque that was recorded: gain, offset, delay and step of the motor in the rig."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vsalog.binding.grid import Bound
+from vsalog.core.finding import Finding
+from vsalog.core.resolution import resolution_of
+from vsalog.rig.schema import Motor
+
+Array = NDArray[np.float64]
+
+
+def is_motor_torque(role: str) -> bool:
+    """Tell whether a role is the torque of a motor."""
+    return role.startswith("motor_torque") or role == "secondary_torque"
+
+
+def acting_torque(bound: Bound, motor: Motor) -> Bound:
+    """Return torque_gain · τ(t − torque_delay) + torque_offset, the recorded τ rounded to torque_step."""
+    motor = motor.reflected
+    plain = motor.torque_gain == 1.0 and motor.torque_offset == 0.0 and motor.torque_step == 0.0
+    if bound.constant is not None:
+        return replace(bound, constant=float(made_of(np.array([bound.constant]), motor)[0]))
+    delay = round(motor.torque_delay * 1e9)
+    stamps = bound.stamps + delay if delay else bound.stamps
+    if plain:
+        return replace(bound, stamps=stamps) if delay else bound
+    # What is added here hides the steps of what was recorded.
+    step = resolution_of(bound.values) if bound.resolution is None else bound.resolution
+    return replace(
+        bound,
+        stamps=stamps,
+        values=made_of(bound.values, motor),
+        resolution=max(step, motor.torque_step) * motor.torque_gain,
+    )
+
+
+def made_of(recorded: Array, motor: Motor) -> Array:
+    """Return what a drive makes of recorded torques, on the same side of the gear as `motor`; its delay aside."""
+    step, made = motor.torque_step, recorded
+    if step > 0.0:
+        made = np.asarray(np.round(made / step) * step)
+    if motor.torque_gain != 1.0:
+        made = motor.torque_gain * made
+    return made + motor.torque_offset if motor.torque_offset else made
+
+
+def acting_findings(joint: str, motors: Mapping[str, Motor]) -> Iterator[Finding]:
+    """Yield how the rig's drive model changes each recorded motor torque, role → motor; nothing where it changes nothing."""
+    for role, given in motors.items():
+        motor = given.reflected
+        made = [
+            *([f"rounded to {motor.torque_step:.4g} N·m"] if motor.torque_step else []),
+            *([f"times {motor.torque_gain:.6g}"] if motor.torque_gain != 1.0 else []),
+            *([f"{motor.torque_offset:+.4g} N·m"] if motor.torque_offset else []),
+            *([f"{1e3 * motor.torque_delay:.4g} ms later"] if motor.torque_delay else []),
+        ]
+        if made:
+            yield Finding(code="torque.acting", joint=joint, part=role, evidence={"made": ", ".join(made)})

@@ -1,0 +1,197 @@
+"""Channels on clocks of their own, brought onto one uniform grid; nothing is interpolated across a gap."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, replace
+from itertools import pairwise
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vsalog.core.errors import BindingError
+from vsalog.core.resolution import noise_of, step_of
+from vsalog.core.signals import Interpolated
+
+Array = NDArray[np.float64]
+Flags = NDArray[np.bool_]
+Stamps = NDArray[np.int64]
+
+# A gap longer than this many sample times of a channel ends the run.
+GAP = 2.5
+# Stamps that stray less than this share of the period from an even spacing are on the grid as they are.
+EVEN = 0.02
+
+
+@dataclass(frozen=True, slots=True)
+class Bound:
+    """One role of one run: its stamps and SI values, or a constant; whether it is a position that began anew after a turn, and
+    the stamps of the samples that are left out because they stood alone or were held.
+    """
+
+    stamps: Stamps
+    values: Array
+    period: int
+    resolution: float | None = None
+    constant: float | None = None
+    wrapped: bool = False
+    alone: Stamps | None = None
+    held: Stamps | None = None
+
+
+def less(values: Array, out: Flags | None) -> Array:
+    """Return values, NaN where they are left out; None leaves out nothing."""
+    return values if out is None else np.where(out, np.nan, values)
+
+
+def stamps_where(b: Bound, flags: Flags | None) -> Stamps | None:
+    """Return the stamps of a role's samples that are so; None where none is."""
+    return None if flags is None else b.stamps[flags]
+
+
+def own_stretches(b: Bound) -> list[tuple[int, int]]:
+    """Return the stretches of time, first and last stamp, in which a role has samples without a gap."""
+    gaps = np.flatnonzero(np.diff(b.stamps) > GAP * b.period)
+    edges = [0, *(gaps + 1), b.stamps.size]
+    return [(int(b.stamps[i]), int(b.stamps[j - 1])) for i, j in pairwise(edges) if j - i > 1]
+
+
+def common_segments(log: str, joint: str, stretches: Iterable[list[tuple[int, int]]]) -> list[tuple[int, int]]:
+    """Return the stretches of time, first and last stamp, in which every role has samples without a gap.
+
+    Parameters
+    ----------
+    log, joint : their names
+    stretches : those of each role, in order
+
+    Raises
+    ------
+    BindingError
+        There is none.
+    """
+    segments: list[tuple[int, int]] | None = None
+    for own in stretches:
+        segments = own if segments is None else _overlap(segments, own)
+    if not segments:
+        raise BindingError(
+            f"{log}: the channels of joint '{joint}' have no time in common; are they on different"
+            " clocks? 'vsalog inspect' shows when each begins and ends"
+        )
+    return segments
+
+
+def after_long_silence(roles: Mapping[str, Array], before: int = 0) -> tuple[Flags, int]:
+    """Return where a run begins anew because a role had no number for longer than a gap may be, and how long that is by now.
+
+    Parameters
+    ----------
+    roles : shape (n,) each, NaN where a role has no number
+    before : so many samples without a number came right before these
+    """
+    missing = np.zeros(next(iter(roles.values())).size, dtype=np.bool_)
+    for values in roles.values():
+        missing |= np.isnan(values)
+    starts = np.zeros(missing.size, dtype=np.bool_)
+    if not missing.any():
+        starts[:1] = before >= GAP
+        return starts, 0
+    edges = np.flatnonzero(np.diff(np.concatenate(([before > 0], missing, [False])).astype(np.int8)))
+    if before > 0:
+        edges = np.concatenate(([-before], edges))
+    for first, after in zip(edges[::2], edges[1::2], strict=True):
+        if after - first >= GAP and after < missing.size:
+            starts[after] = True
+    return starts, int(edges[-1] - edges[-2]) if missing[-1] else 0
+
+
+def _overlap(a: list[tuple[int, int]], b: list[tuple[int, int]]) -> list[tuple[int, int]]:
+    out, i, j = [], 0, 0
+    while i < len(a) and j < len(b):
+        first, last = max(a[i][0], b[j][0]), min(a[i][1], b[j][1])
+        if last > first:
+            out.append((first, last))
+        if a[i][1] < b[j][1]:
+            i += 1
+        else:
+            j += 1
+    return out
+
+
+def grid_of(segment: tuple[int, int], moving: Mapping[str, Bound], period: int) -> Stamps:
+    """Stamps of the fastest channel where these are even, evenly spaced ones otherwise."""
+    first, last = segment
+    fastest = min(moving.values(), key=lambda b: b.period)
+    own = fastest.stamps[np.searchsorted(fastest.stamps, first) : np.searchsorted(fastest.stamps, last, "right")]
+    steps = np.diff(own)
+    if own.size > 1 and is_even(int(steps.min()), int(steps.max()), period):
+        return own
+    return first + period * np.arange((last - first) // period + 1, dtype=np.int64)
+
+
+def is_even(least: int, greatest: int, period: int) -> bool:
+    """Tell whether stamps are even, by the least and the greatest of their steps [ns]."""
+    return max(greatest - period, period - least) <= EVEN * period
+
+
+def on_grid(b: Bound, stamps: Stamps) -> Array:
+    """Values at the grid's stamps: as they are where they lie on it, linearly between neighbours otherwise."""
+    b = bridged(b)
+    if _lies_on(b, stamps):
+        return b.values
+    v0, v1, share, _ = _between(b, stamps)
+    return np.asarray(np.where(share == 0.0, v0, np.where(share == 1.0, v1, v0 + share * (v1 - v0))), dtype=np.float64)
+
+
+def interpolated_noise(b: Bound, stamps: Stamps, period: int) -> Interpolated | None:
+    """Return the noise of a role whose samples lie between the grid's stamps; None where they lie on it.
+
+    White noise of deviation σ at samples that are Δt apart has the density σ² Δt; on the grid, σ √(Δt/T) has that.
+
+    Parameters
+    ----------
+    b : a role that moves
+    stamps : of the grid
+    period : T of the grid [ns]
+    """
+    b = bridged(b)
+    if _lies_on(b, stamps):
+        return None
+    time = (b.stamps - b.stamps[0]).astype(np.float64)
+    step = step_of(b.values) or 0.0
+    noise = max(noise_of(b.values, time=time) or 0.0, step / 12.0**0.5)
+    _, _, share, apart = _between(b, stamps)
+    density = noise * float(np.mean(apart) / period) ** 0.5
+    shown = noise * float(np.mean((1.0 - share) ** 2 + share**2)) ** 0.5
+    return Interpolated(density, shown / density if density else 1.0)
+
+
+def _lies_on(b: Bound, stamps: Stamps) -> bool:
+    return b.stamps.size == stamps.size and np.array_equal(b.stamps, stamps)
+
+
+def _between(b: Bound, stamps: Stamps) -> tuple[Array, Array, Array, Array]:
+    """Return for each of the grid's stamps the values before and after it, where it lies between them, 0 to 1, and their distance
+    in time [ns].
+    """
+    # Relative to the first stamp: nanoseconds since the epoch do not fit into the digits of a float.
+    origin = stamps[0]
+    after = np.clip(np.searchsorted(b.stamps, stamps), 1, b.stamps.size - 1)
+    t0, t1 = b.stamps[after - 1], b.stamps[after]
+    share = ((stamps - origin) - (t0 - origin)) / (t1 - t0)
+    return b.values[after - 1], b.values[after], share, (t1 - t0).astype(np.float64)
+
+
+def bridged(b: Bound) -> Bound:
+    """Return a role in which numbers that are missing lie between their neighbours, where these are no gap apart, as rows do."""
+    known = np.isfinite(b.values)
+    if known.all() or known.sum() < 2:
+        return b
+    stamps = b.stamps[known]
+    missing = np.flatnonzero(~known)
+    after = np.searchsorted(stamps, b.stamps[missing])
+    inside = (after > 0) & (after < stamps.size)
+    missing, after = missing[inside], after[inside]
+    near = missing[stamps[after] - stamps[after - 1] <= GAP * b.period]
+    values = b.values.copy()
+    values[near] = np.interp(b.stamps[near] - stamps[0], stamps - stamps[0], b.values[known])
+    return replace(b, values=values)

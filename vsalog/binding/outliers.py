@@ -1,0 +1,225 @@
+"""Samples that stand alone, as no motion makes them: a bit that flipped, a packet that was lost and read as zero.
+
+One of them spoils a whole fit, and nothing in the fit shows it. What could have happened is left alone: a step, a square wave,
+a push of four samples or more, noise of whatever shape.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.ndimage import median_filter
+
+from vsalog.core.resolution import step_of
+
+Array = NDArray[np.float64]
+Flags = NDArray[np.bool_]
+
+# Roles that no command makes jump; a push or a blow seen by an accelerometer may be as short as it likes.
+ROLES = ("motor_position", "link_position", "deflection", "torque_sensor", "pressure")
+# So many samples in a row may stand alone: a running median of this width passes over them, and keeps steps as they are.
+LONGEST, WIDTH = 3, 7
+# How far they are from that median: in robust standard deviations of what it leaves, in steps of the sensor, in parts of the
+# range that the signal is usually in.
+DEVIATIONS, STEPS, SHARE = 100.0, 20.0, 0.05
+# And as a multiple of what all but this part of the samples (or these few, where that is less) keep to: a signal of short
+# pulses, or noise with heavy tails, is far from its median often.
+FEW, FEWEST, BEYOND = 0.02, 4, 20.0
+# The samples on either side go on where they were, but for this part of how far the ones between are away.
+CALM = 0.2
+# A shorter log does not show what is usual.
+SHORTEST = 100
+# What is usual in a long log, some stretches of it show as well: their number and length.
+STRETCHES, STRETCH = 8, 4_096
+# A turn that is counted anew is a jump of more than this part of it.
+WRAPS, WITHIN = 0.9, 1.01
+
+
+@dataclass(frozen=True, slots=True)
+class Usual:
+    """What is usual of a signal, which tells what stands alone.
+
+    Attributes
+    ----------
+    jump : no sample stands alone where none is jumped to by more than this
+    anew : the encoder counts anew after a turn
+    least : how far from the running median a sample is at least that stands alone
+    low, high : the least and the greatest of the running median
+    """
+
+    jump: float
+    anew: bool
+    least: float
+    low: float
+    high: float
+
+
+def stand_alone(values: Array, turn: float | None = None) -> Flags | None:
+    """Return where samples stand alone, None where none does.
+
+    Parameters
+    ----------
+    values : shape (N,), as recorded, NaN where missing
+    turn : after which an encoder may begin anew, in the unit of the values; None for what is no angle
+
+    Returns
+    -------
+    shape (N,)
+    """
+    kept, known, steps = _known(values)
+    if known.size < SHORTEST:
+        return None
+    anew = _anew(known, steps, turn)
+    # Cheap, and most logs end here: whoever stands alone was jumped to.
+    if not _greatest(steps, turn, anew) > _jump(known, turn):
+        return None
+    middle = _middle(known)
+    usual = _usual(known, middle, turn)
+    return _everywhere(values, kept, _alone(known, _left(known, middle, turn), usual, turn))
+
+
+def usual_of(values: Array, turn: float | None = None) -> Usual | None:
+    """Return what is usual of a signal; None where it is too short to tell. Parameters as for `stand_alone`."""
+    _, known, _ = _known(values)
+    return None if known.size < SHORTEST else _usual(known, _middle(known), turn)
+
+
+def stand_alone_among(values: Array, usual: Usual, turn: float | None = None) -> Flags | None:
+    """Return where samples of a part of a signal stand alone, None where none does.
+
+    Parameters
+    ----------
+    values, turn : as for `stand_alone`
+    usual : of the whole signal, or of as much of it as is known
+    """
+    kept, known, steps = _known(values)
+    if known.size < WIDTH or not _greatest(steps, turn, usual.anew) > usual.jump:
+        return None
+    left = _left(known, _middle(known), turn, usual)
+    return _everywhere(values, kept, _alone(known, left, usual, turn))
+
+
+def _known(values: Array) -> tuple[Flags | None, Array, Array]:
+    """Return which values are numbers (None: all), these, and the steps between them."""
+    steps = np.diff(values)
+    if np.isfinite(steps.sum()):
+        return None, values, steps
+    kept = np.isfinite(values)
+    return kept, values[kept], np.diff(values[kept])
+
+
+def _everywhere(values: Array, kept: Flags | None, alone: Flags) -> Flags | None:
+    """Return what is known of the numbers for all values; None where none stands alone."""
+    if not alone.any():
+        return None
+    if kept is None:
+        return alone
+    out = np.zeros(values.shape, dtype=np.bool_)
+    out[kept] = alone
+    return out
+
+
+def _anew(known: Array, steps: Array, turn: float | None) -> bool:
+    return turn is not None and _greatest(steps, None, False) > WRAPS * turn and _begins_anew(known, turn)
+
+
+def _greatest(steps: Array, turn: float | None, anew: bool) -> float:
+    """Return the greatest step, the shorter way round where the encoder counts anew."""
+    greatest = max(float(steps.max()), -float(steps.min()))
+    if turn is not None and anew and greatest > WRAPS * turn:
+        steps = steps - turn * np.round(steps / turn)
+        greatest = max(float(steps.max()), -float(steps.min()))
+    return greatest
+
+
+def _jump(known: Array, turn: float | None) -> float:
+    return (1.0 - CALM) * max(SHARE * _usual_range(known), 0.5 * DEVIATIONS * _usual_deviation(known, turn))
+
+
+def _begins_anew(known: Array, turn: float) -> bool:
+    """Tell whether an encoder counts anew after a turn: it stays within one, but for the few samples that may be wrong."""
+    return _usual_range(known) <= WITHIN * turn
+
+
+def _middle(known: Array) -> Array:
+    """Return the running median."""
+    # The mirror does not repeat the first sample: alone, it would be three of seven.
+    return np.asarray(median_filter(known, WIDTH, mode="mirror"))
+
+
+def _left(known: Array, middle: Array, turn: float | None, usual: Usual | None = None) -> Array:
+    """Return how far each sample is from the running median, the shorter way round where the encoder counts anew."""
+    left = known - middle
+    if turn is not None and bool((np.abs(left) > WRAPS * turn).any()):
+        if not (usual.anew if usual is not None else _begins_anew(known, turn)):
+            return left
+        low, high = (usual.low, usual.high) if usual is not None else (middle.min(), middle.max())
+        # What is out of the turn altogether was counted by nobody.
+        within = np.maximum(known, high) - np.minimum(known, low) <= WITHIN * turn
+        left = np.where(within, left - turn * np.round(left / turn), left)
+    return left
+
+
+def _usual_range(known: Array) -> float:
+    low, high = np.quantile(known[:: max(1, known.size // 20_000)], (0.01, 0.99))
+    return float(high - low)
+
+
+def _usual_deviation(known: Array, turn: float | None) -> float:
+    if known.size <= STRETCHES * STRETCH:
+        return _deviation(_left(known, _middle(known), turn))
+    starts = np.linspace(0, known.size - STRETCH, STRETCHES).astype(int)
+    pieces = [known[i : i + STRETCH] for i in starts]
+    return float(np.median([_deviation(_left(piece, _middle(piece), turn)) for piece in pieces]))
+
+
+def _deviation(left: Array) -> float:
+    return 1.4826 * float(np.median(np.abs(left)))
+
+
+def _usual(known: Array, middle: Array, turn: float | None) -> Usual:
+    """Return what is usual of numbers that have this running median."""
+    left = _left(known, middle, turn)
+    size = np.abs(left)
+    few = min(known.size - 1, max(FEWEST, int(FEW * known.size)))
+    usual = float(np.partition(size, known.size - 1 - few)[known.size - 1 - few])
+    least = max(
+        DEVIATIONS * _deviation(left),
+        BEYOND * usual,
+        SHARE * _usual_range(known),
+    )
+    far = size > least
+    # Of few samples a sensor's steps make a large part.
+    least = max(least, STEPS * _step(known, far)) if far.any() else least
+    anew = _anew(known, np.diff(known), turn)
+    return Usual(_jump(known, turn), anew, least, float(middle.min()), float(middle.max()))
+
+
+def _alone(known: Array, left: Array, usual: Usual, turn: float | None) -> Flags:
+    size = np.abs(left)
+    far = size > usual.least
+    good = np.flatnonzero(~far)
+    for first in np.flatnonzero(far & ~np.concatenate(([False], far[:-1]))):
+        after = int(np.searchsorted(good, first))
+        last = int(good[after]) if after < good.size else known.size
+        if last - first > LONGEST or not _calm(known, good, after, float(size[first:last].max()), turn):
+            far[first:last] = False
+    return far
+
+
+def _step(known: Array, far: Flags) -> float:
+    """Return the sensor's step, 0 where it has none: beside a number as large as a wild one all of its levels would be one."""
+    usual = known[~far]
+    return step_of(known if usual.min() == usual.max() else usual) or 0.0
+
+
+def _calm(known: Array, good: NDArray[np.intp], after: int, size: float, turn: float | None) -> bool:
+    """Tell whether the good samples around `good[after]`, before which others stand alone, go on as if nothing were between."""
+    around = known[good[max(0, after - 2) : after + 2]]
+    steps = np.diff(around)
+    if turn is not None:
+        anew = np.abs(steps) > WRAPS * turn
+        steps = np.where(anew, steps - turn * np.round(steps / turn), steps)
+    return bool((np.abs(steps) <= CALM * size).all())

@@ -1,0 +1,1 @@
+"""What is suspicious about a joint's signals, or about a fit."""

@@ -1,0 +1,384 @@
+"""Cross-checks an estimate's torque and angle against references that the estimator does not read.
+
+A motor's torque whose scale is off makes a stiffness that is off by as much, and nothing in that motor's log shows it; a torque
+sensor on the joint does. The other way round, what `residual-rls` makes of the motor's side is a reference for what a sensor
+taught. Both torques are averaged over windows, and the reference's is fitted over the estimate's: the slope is by how much it
+changes where the estimate changes by one. Noise in either bends a slope, and the slope the other way round to the other side;
+they agree where one lies between the two.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vsalog.binding.joint import bind, offered_roles
+from vsalog.checks.motor_reference import motor_roles, motor_trace
+from vsalog.core.errors import VsalogError
+from vsalog.core.finding import Evidence, Finding
+from vsalog.core.recording import Recording
+from vsalog.core.signals import JointSignals
+from vsalog.core.trace import Trace
+from vsalog.estimators.device import Device
+from vsalog.readers.long_recording import LongRecording
+from vsalog.rig.schema import Joint
+
+Array = NDArray[np.float64]
+Flags = NDArray[np.bool_]
+
+# Samples that are averaged, and seconds, at least; averages without which nothing is compared.
+BOX, LASTING, AVERAGES = 25, 0.05, 20
+# Least relative error of a slope that is reported, and the same in standard deviations of the stiffness, whichever is more; least
+# share of power that a reference has in common with an estimate of the same torque.
+OFF, BEYOND, SHARED = 0.05, 2.0, 0.5
+# Of the averages so many are kept, those that agree best, and so often is asked which.
+KEPT, TRIALS = 0.9, 5
+# Averages in a long one; the part of a slope (of its logarithm) that has to be left there, and of the power of what is no noise;
+# how many times more power that has which noise cannot make.
+LONG, LASTS, SLOW, LARGE = 4, 0.6, 0.5, 10.0
+# Half the mean square change of averages is all of their variance where they are white noise, and less than this part of it where
+# they are a motion of up to 3 Hz.
+FREE = 0.7
+# A reference has to span at least this many steps of its sensor.
+MOVES = 10.0
+# Least error of an angle that is reported, as a share of its range.
+ASTRAY = 0.05
+ANGLE = "link_position"
+# Least relative difference of a link's inertia from the rig's that is reported, and the same in its standard deviations.
+ANOTHER, SURE = 0.1, 5.0
+# What is no sensor, but made of the motor's torque and motion.
+MOTOR = "the motor's side by residual-rls"
+# What may be off instead of the stiffness where a sensor's torque differs, and where that of the motor's side does.
+SENSOR_CAUSE, MOTOR_CAUSE = "the sensor's scale", "the motor's torque, its inertia or friction in the rig"
+# Between samples of a sensor further apart than so many of its periods it has no value.
+APART = 3.0
+
+
+def reference_roles(device: Device, joint: Joint, read: Sequence[str]) -> tuple[str, ...]:
+    """Return the roles that could be references for an estimate: offered by the rig, and not among those that are read."""
+    unread = (r for r, s in offered_roles(joint).items() if r not in read and s.channel is not None)
+    motor = motor_roles(device, joint, read)
+    return tuple(role for role in unread if role.startswith("torque_sensor") or role == ANGLE or role in motor)
+
+
+class Sensed:
+    """A sensor's values over time.
+
+    Parameters
+    ----------
+    stamps : shape (N,) [ns], which only ever increase
+    values : shape (N,), NaN where there is none
+    period : of its samples [s]
+    """
+
+    def __init__(self, stamps: NDArray[np.int64], values: Array, period: float) -> None:
+        known = np.isfinite(values)
+        self.first = int(stamps[0]) if stamps.size else 0
+        self.time, self.values, self.apart = (stamps[known] - self.first) * 1e-9, values[known], APART * period
+
+    def at(self, stamps: NDArray[np.int64]) -> Array:
+        """Return it at other stamps, in order, shape (n,), NaN where it has no sample near."""
+        if self.time.size < 2:
+            return np.full(stamps.shape, np.nan)
+        ours = (stamps - self.first) * 1e-9
+        after = np.clip(np.searchsorted(self.time, ours), 1, self.time.size - 1)
+        near = self.time[after] - self.time[after - 1] <= self.apart
+        found = np.interp(ours, self.time, self.values, left=np.nan, right=np.nan)
+        return np.where(near, found, np.nan)
+
+
+@dataclass(slots=True)
+class _Compared:
+    """Averages of what was estimated and of the reference, and the deviations that were claimed, each in squares."""
+
+    estimated: list[Array] = field(default_factory=list)
+    sensed: list[Array] = field(default_factory=list)
+    claimed: list[Array] = field(default_factory=list)
+
+    def add(self, estimated: Array, sensed: Array, claimed: Array, box: int) -> None:
+        """Average what belongs together, so many samples at a time."""
+        columns = np.column_stack((estimated, sensed, claimed**2))
+        whole = columns[: len(columns) // box * box].reshape(-1, box, 3)
+        known = whole[np.isfinite(whole).all(axis=(1, 2))].mean(axis=1)
+        for kept, values in zip((self.estimated, self.sensed, self.claimed), known.T, strict=True):
+            kept.append(values)
+
+    def all(self) -> tuple[Array, Array, float]:
+        """Return both, and the deviation that was claimed."""
+        claimed = np.concatenate(self.claimed)
+        return (
+            np.concatenate(self.estimated),
+            np.concatenate(self.sensed),
+            float(np.sqrt(np.median(claimed))) if claimed.size else np.inf,
+        )
+
+
+class CrossCheck:
+    """An estimate and the references that its estimator does not read.
+
+    Parameters
+    ----------
+    recordings, joint : as they are bound for the estimator
+    device : of the joint
+    read : the roles that the estimator reads
+    period : of the estimate's rows [s]
+    setpoints : as they are bound for the estimator
+    """
+
+    def __init__(
+        self,
+        recordings: Sequence[Recording | LongRecording],
+        device: Device,
+        joint: Joint,
+        read: Sequence[str],
+        period: float,
+        setpoints: Sequence[float | None] = (),
+    ) -> None:
+        self.device = device
+        self.box = max(BOX, round(LASTING / period))
+        self.compared: dict[tuple[str, str], _Compared] = {}
+        self.sensors: dict[str, dict[int, Sensed]] = {}
+        self.moves: dict[str, float] = {}
+        self.claimed: dict[str, float] = {}
+        self.inertia: tuple[float, float] | None = None
+        for role in reference_roles(device, joint, read):
+            found = _bound(recordings, device.joint, joint, [role], ()) if _is_sensor(role) else None
+            if found is not None:
+                self.moves[role] = MOVES * found.resolution.get(role, 0.0)
+                self.sensors[role] = _sensed(found.stamps, found.run, found.roles[role], found.period)
+        if motor := motor_roles(device, joint, read):
+            signals = _bound(recordings, device.joint, joint, motor, setpoints)
+            if signals is not None:
+                self._take_motor(signals)
+
+    def _take_motor(self, signals: JointSignals) -> None:
+        """Take what residual-rls learns for a sensor."""
+        trace = motor_trace(self.device, signals)
+        if trace is None:
+            return
+        for name, columns in trace.transmissions.items():
+            role, (_, std, sure) = f"{MOTOR} {name}", _torque(columns)
+            # Not what it fits, which would show where its basis ends; noise is averaged out anyway.
+            torque = np.asarray(columns["flexibility_torque"], float)
+            self.sensors[role] = _sensed(trace.stamps, trace.run, torque, signals.period)
+            self.moves[role], self.claimed[role] = 0.0, float(np.median(std[sure])) if sure.any() else 0.0
+
+    def add(self, trace: Trace) -> None:
+        """Take a block of the estimates into account."""
+        self._take_link(trace)
+        parts = {view.name: view.torque_sensor for view in self.device.transmissions}
+        if len(parts) != 1:
+            parts["total"] = "torque_sensor"
+        for name, role in parts.items():
+            columns = trace.transmissions.get(name)
+            if columns is None:
+                continue
+            torque, std, sure = _torque(columns)
+            for reference in (role, f"{MOTOR} {name}"):
+                if reference in self.sensors:
+                    self._compare(name, reference, np.where(sure, torque, np.nan), std, trace)
+            if ANGLE in self.sensors and f"{ANGLE}_std" in columns:
+                angle, std = (np.asarray(columns[n], float) for n in (ANGLE, f"{ANGLE}_std"))
+                self._compare(name, ANGLE, angle, std, trace)
+
+    def _take_link(self, trace: Trace) -> None:
+        """Take the link's inertia as it was found last, and its deviation."""
+        columns = trace.transmissions["total"]
+        if "link_inertia" in columns:
+            found = np.asarray(columns["link_inertia"], float)
+            known = np.flatnonzero(np.isfinite(found))
+            if known.size:
+                self.inertia = float(found[known[-1]]), float(np.asarray(columns["link_inertia_std"])[known[-1]])
+
+    def _compare(self, name: str, role: str, estimated: Array, claimed: Array, trace: Trace) -> None:
+        compared = self.compared.setdefault((name, role), _Compared())
+        for run in np.unique(trace.run):
+            rows, sensor = trace.run == run, self.sensors[role].get(int(run))
+            if sensor is not None:
+                compared.add(estimated[rows], sensor.at(trace.stamps[rows]), claimed[rows], self.box)
+
+    def findings(self, estimator: str) -> list[Finding]:
+        """Return which references differ from the estimate, or of muscles that there is none."""
+        joint, found = self.device.joint, list[Finding]()
+        if self.device.pneumatic is not None and not self.sensors:
+            found.append(Finding(code="cross_check.none", joint=joint, evidence={"estimator": estimator}))
+        for (name, role), compared in self.compared.items():
+            estimated, sensed, claimed = compared.all()
+            if estimated.size < AVERAGES or not np.ptp(sensed) > self.moves[role] or not np.isfinite(claimed):
+                continue
+            claimed = float(np.hypot(claimed, self.claimed.get(role, 0.0)))
+            part = "" if name == "total" else name
+            evidence = {"estimator": estimator, "of": f"transmission {part}" if part else "the joint"}
+            if role == ANGLE:
+                found += _of_angles(joint, part, estimated, sensed, claimed, evidence | {"reference": role})
+            elif _is_sensor(role):
+                evidence |= {"reference": role, "other_cause": SENSOR_CAUSE}
+                found += _of_torques(joint, part, estimated, sensed, claimed, evidence)
+            elif not _too_noisy(estimated, sensed):
+                evidence |= {"reference": MOTOR, "other_cause": MOTOR_CAUSE}
+                found += _of_torques(joint, part, estimated, sensed, claimed, evidence)
+        return [*found, *self._of_link()]
+
+    def _of_link(self) -> list[Finding]:
+        """Return that the link's inertia differs: the scale of its torque goes into its inertia and into the stiffness."""
+        rig = None if self.device.link is None else self.device.link.inertia
+        if rig is None or self.inertia is None:
+            return []
+        inertia, std = self.inertia
+        limit = max(ANOTHER * rig, SURE * std)
+        if abs(inertia - rig) <= limit:
+            return []
+        return [
+            Finding(
+                code="link.inertia_differs",
+                joint=self.device.joint,
+                value=inertia - rig,
+                limit=limit,
+                unit="kg*m^2",
+                evidence={"inertia": inertia, "rig": rig, "ratio": inertia / rig},
+            )
+        ]
+
+
+def _is_sensor(role: str) -> bool:
+    return role.startswith("torque_sensor") or role == ANGLE
+
+
+def _sensed(stamps: NDArray[np.int64], runs: NDArray[np.int32], values: Array, period: float) -> dict[int, Sensed]:
+    """Tell the runs apart: each log has a clock of its own."""
+    return {int(run): Sensed(stamps[runs == run], values[runs == run], period) for run in np.unique(runs)}
+
+
+def _of_torques(
+    joint: str, part: str, estimated: Array, sensed: Array, claimed: float, evidence: Evidence
+) -> list[Finding]:
+    """Return by how much the changes of two torques differ; nothing where they agree."""
+    (xx, xy), (_, yy) = _without_transients(estimated, sensed)
+    shared = max(float(xy), 0.0) ** 2 / (xx * yy) if xx * yy > 0.0 else 0.0
+    if shared < SHARED:
+        if _is_noise(sensed):
+            return []
+        return [
+            Finding(
+                code="cross_check.torque_unrelated",
+                joint=joint,
+                part=part,
+                value=float(shared),
+                limit=SHARED,
+                evidence=evidence,
+            )
+        ]
+    least, most, margin = xy / xx, yy / xy, max(OFF, BEYOND * claimed)
+    if 1.0 - margin <= most and least <= 1.0 + margin:
+        return []
+    slope = float((least * most) ** 0.5)
+    if not _lasts(estimated, sensed, slope):
+        return []
+    return [
+        Finding(
+            code="cross_check.torque_scale",
+            joint=joint,
+            part=part,
+            value=slope,
+            limit=1.0 + margin if slope > 1.0 else 1.0 - margin,
+            evidence=evidence,
+        )
+    ]
+
+
+def _lasts(estimated: Array, sensed: Array, slope: float) -> bool:
+    """Tell whether a slope is there in longer averages too: what a filter makes of quick changes is not."""
+    (xx, xy), (_, yy) = np.cov(_long(estimated), _long(sensed))
+    if not min(xx, xy, yy) > 0.0:
+        return True
+    return bool(np.log(yy / xx) / 2.0 * np.sign(np.log(slope)) > LASTS * abs(np.log(slope)))
+
+
+def _too_noisy(estimated: Array, sensed: Array) -> bool:
+    """Tell whether what an encoder makes, differentiated twice, is a torque of its own: not much larger, and averaging out."""
+    (xx, xy), (_, yy) = np.cov(estimated, sensed)
+    own = sensed - xy / xx * estimated if xx > 0.0 else sensed
+    return bool(own.var() > SHARED * yy and yy < LARGE * xx and _long(own).var() < SLOW * own.var())
+
+
+def _is_noise(averages: Array) -> bool:
+    """Tell whether averages differ from the next one as from any, and go out when averaged again: nothing moves there."""
+    variance, changes = averages.var(), np.diff(averages).var() / 2.0
+    return bool(changes > FREE * variance and _long(averages).var() < SLOW * variance)
+
+
+def _long(averages: Array) -> Array:
+    """Average some averages in a row."""
+    return np.asarray(averages[: averages.size // LONG * LONG].reshape(-1, LONG).mean(axis=1))
+
+
+def _without_transients(estimated: Array, sensed: Array) -> Array:
+    """Return the covariance of two torques, without those averages in which one of them lags the other in a quick change."""
+    kept = np.ones(estimated.size, dtype=np.bool_)
+    for _ in range(TRIALS):
+        (xx, xy), (_, yy) = cov = np.cov(estimated[kept], sensed[kept])
+        if not xx > 0.0:
+            break
+        off = sensed - np.sign(xy) * (yy / xx) ** 0.5 * estimated
+        off = np.abs(off - np.median(off[kept]))
+        kept = off <= np.quantile(off, KEPT)
+    return cov
+
+
+def _of_angles(
+    joint: str, part: str, estimated: Array, sensed: Array, claimed: float, evidence: Evidence
+) -> list[Finding]:
+    """Return how far an angle is off; nothing where that is little."""
+    off, span = float(np.sqrt(np.mean((estimated - sensed) ** 2))), float(np.ptp(sensed))
+    limit = max(ASTRAY * span, BEYOND * claimed)
+    if off <= limit:
+        return []
+    return [
+        Finding(
+            code="cross_check.angle",
+            joint=joint,
+            part=part,
+            value=off,
+            limit=limit,
+            unit="rad",
+            evidence={**evidence, "share_of_range": off / span, "claimed": claimed},
+        )
+    ]
+
+
+def _torque(columns: Mapping[str, Any]) -> tuple[Array, Array, Flags]:
+    """Return an estimate's torque, the deviation of its changes as a part of them, and where it is sure of it.
+
+    A fit has learnt it; where none was made the torque is known beside the stiffness, or observed as a whole.
+    """
+    excited = np.asarray(columns["excited"], dtype=bool)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        std = np.asarray(columns["stiffness_std"], float) / np.asarray(columns["stiffness"], float)
+    fit = np.asarray(columns["flexibility_torque_fit"], float)
+    if np.isfinite(fit).any():
+        return fit, std, excited
+    return np.asarray(columns["flexibility_torque"], float), np.where(excited, std, 0.0), np.ones_like(excited)
+
+
+def _bound(
+    recordings: Sequence[Recording | LongRecording],
+    name: str,
+    joint: Joint,
+    roles: Sequence[str],
+    setpoints: Sequence[float | None],
+) -> JointSignals | None:
+    """Bind roles, what is looked at of them where a log is too long for memory; None where that is not possible."""
+    short = [recording for recording in recordings if isinstance(recording, Recording)]
+    try:
+        if len(short) == len(recordings):
+            return bind(short, name, joint, roles, setpoints)
+        from vsalog.binding.long_joint import bind_long
+
+        long = [LongRecording.of_short(r) if isinstance(r, Recording) else r for r in recordings]
+        return bind_long(long, name, joint, roles, setpoints).look()
+    except VsalogError:
+        return None

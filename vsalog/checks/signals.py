@@ -1,0 +1,116 @@
+"""What is suspicious about a joint's signals."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vsalog.checks.plausibility import implausible, passing
+from vsalog.core.errors import EstimatorError
+from vsalog.core.finding import Evidence, Finding
+from vsalog.core.long_signals import LongSignals
+from vsalog.core.signals import JointSignals
+from vsalog.estimators.device import Device, deflection_of, has_deflection
+
+Array = NDArray[np.float64]
+
+# A measured torque that follows the deflection this closely was not measured: float32 rounding is all that is left.
+COMPUTED = 1e-5
+# So many samples of a long log are looked at together for what befell a sensor for a while.
+WHILE = 2**18
+
+
+def refuse_dead_sensors(estimator: str, signals: JointSignals) -> None:
+    """Refuse a torque or a pressure that never changes: a dead sensor, of which every method would make a stiffness of nothing.
+
+    Parameters
+    ----------
+    estimator : name of the method that reads every sensor among the signals
+    signals : of a joint, those that the method reads
+
+    Raises
+    ------
+    EstimatorError
+        A torque sensor never changes, or a muscle's pressure while its valve moves.
+    """
+    for role, values in signals.roles.items():
+        if role.startswith("torque_sensor") and _still(values):
+            raise EstimatorError(
+                f"joint '{signals.joint}': {role} is {_first(values):.6g} N·m from beginning to end, as a sensor says that is off"
+                f" or not connected, and {estimator} takes the torque from it. Take an estimator that needs no torque sensor"
+                " (residual-rls, qr-rls), or put the right channel into the rig ('vsalog inspect' shows what each says)"
+            )
+        valve = signals.roles.get(role.replace("pressure", "valve"))
+        if role.startswith("pressure") and _still(values) and valve is not None and not _still(valve):
+            raise EstimatorError(
+                f"joint '{signals.joint}': {role} is {_first(values):.6g} Pa from beginning to end while its valve moves, as a"
+                f" sensor says that is off or not connected, and {estimator} takes the joint's state from it. Put the right"
+                " channel into the rig ('vsalog inspect' shows what each says)"
+            )
+
+
+def _still(values: Array) -> bool:
+    finite = values[np.isfinite(values)]
+    return bool(finite.size and np.ptp(finite) == 0.0)
+
+
+def _first(values: Array) -> float:
+    return float(values[np.isfinite(values)][0])
+
+
+def signal_findings(device: Device, signals: JointSignals) -> tuple[Finding, ...]:
+    """Return what is suspicious about a joint's bound signals, loudest first."""
+    found: list[Finding] = []
+    for view in device.transmissions:
+        sensor = view.torque_sensor if view.torque_sensor in signals.roles else "torque_sensor"
+        if sensor not in signals.roles:
+            continue
+        for role in (view.deflection, view.motor_torque):
+            if role in signals.roles:
+                found += _computed(signals, sensor, role, signals.roles[role])
+        if view.deflection not in signals.roles and has_deflection(signals.roles, view):
+            found += _computed(signals, sensor, "deflection q − θ", deflection_of(signals.roles, view))
+    for view in device.transmissions:
+        if has_deflection(signals.roles, view) and _still(deflection_of(signals.roles, view)):
+            found.append(Finding(code="deflection.still", joint=signals.joint, part=view.name))
+    return first_of_each((*found, *implausible(device, signals)))
+
+
+def passing_findings(device: Device, signals: LongSignals) -> Iterator[Finding]:
+    """Yield what befell a sensor at any time of a log of which only stretches were looked at."""
+    return (finding for block in signals.blocks(WHILE) for finding in passing(device, block))
+
+
+def first_of_each(findings: Iterable[Finding]) -> tuple[Finding, ...]:
+    """Return the first of the findings that differ in their numbers only."""
+    first: dict[tuple[str, ...], Finding] = {}
+    for finding in findings:
+        texts = (text for text in finding.evidence.values() if isinstance(text, str))
+        first.setdefault((finding.code, finding.part, *texts), finding)
+    return tuple(first.values())
+
+
+def _computed(signals: JointSignals, sensor: str, name: str, x: Array) -> Iterator[Finding]:
+    tau = signals.roles[sensor]
+    both = np.isfinite(x) & np.isfinite(tau)
+    if np.count_nonzero(both) < 3 or np.ptp(x[both]) == 0.0 or np.ptp(tau[both]) == 0.0:
+        return
+    a, b = x[both] - x[both].mean(), tau[both] - tau[both].mean()
+    factor = float(a @ b / (a @ a))
+    left = float(np.sqrt(np.mean((b - factor * a) ** 2) / np.mean(b**2)))
+    if left <= COMPUTED:
+        evidence: Evidence = {"factor": factor, "source": name}
+        yield Finding(
+            code="torque.computed", joint=signals.joint, part=sensor, value=left, limit=COMPUTED, evidence=evidence
+        )
+
+
+def whole_windows(signals: JointSignals, window: int) -> float:
+    """Return in which share of the windows of so many samples none is missing."""
+    missing = np.logical_or.reduce([~np.isfinite(values) for values in signals.roles.values()])
+    if not missing.any() or window > missing.size:
+        return 1.0
+    before = np.append(0, np.cumsum(missing))
+    return float(np.mean(before[window:] == before[:-window]))

@@ -1,0 +1,353 @@
+"""The catalogue of findings: what each code says, and what to do about it. docs/findings.md is made of it."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+from vsalog.core.finding import Finding
+
+
+@dataclass(frozen=True, slots=True)
+class Text:
+    """The words of a code.
+
+    Attributes
+    ----------
+    says : what was found, sentences with the fields of the finding and of its evidence in braces
+    advice : what to do, or what follows from it, sentences too
+    """
+
+    says: str
+    advice: str
+
+
+TEXTS: Mapping[str, Text] = {
+    "recording.gaps": Text("{value:.0f} gaps, {seconds:.3g} s in all.", "Nothing is estimated across them."),
+    "recording.samples_lost": Text(
+        "{part} lacks a sample or two at {value:.0f} places.", "They are bridged between the neighbours."
+    ),
+    "recording.outliers": Text(
+        "{value:.0f} of {samples} samples of {part} stand alone, as no motion does (first at {first:.6g} s).",
+        "They are left out.",
+    ),
+    "recording.not_finite": Text(
+        "{value:.0f} of {samples} samples of {part} are no finite number.",
+        "They are left out, and bridged between the neighbours where one is alone.",
+    ),
+    "recording.clocks_apart": Text(
+        "{stamped} is on header stamps and {other} on {clock} time, and in {stamped} the two are {value:.3g} s apart: they"
+        " may be shifted by as much.",
+        "--time log puts all on one clock.",
+    ),
+    "encoder.zero": Text(
+        "the deflection ({part}) lies around {value:.4g} rad and moves by ±{half_range:.3g} rad only: is an encoder's zero off?",
+        "Give it as 'offset' of one of these roles in the rig; the stiffness over the deflection is wrong if so.",
+    ),
+    "encoder.sign": Text(
+        "{part} move against one another (correlation {value:.2f}, by {first_span:.3g} and {second_span:.3g} rad): does one of"
+        " them count the other way round?",
+        "Say 'sign = -1' of it in the rig; the deflection is their sum instead of their difference if so.",
+    ),
+    "encoder.deflection_unit": Text(
+        "the deflection ({part}) spans {value:.4g} rad, more than a turn: is one of these roles in degrees, or on the motor's"
+        " side of the gear?",
+        "Say 'unit = \"deg\"' of it in the rig, or 'side = \"rotor\"' with the motor's gear_ratio.",
+    ),
+    "encoder.unit": Text(
+        "{part} spans {value:.4g} rad, {turns:.0f} turns of the joint: is it in degrees, or on the motor's side of the gear?",
+        "Say 'unit = \"deg\"' of it in the rig, or of a motor's position 'side = \"rotor\"' with the motor's gear_ratio.",
+    ),
+    "encoder.other_turn": Text("{part} was on another turn than link_position.", "It is turned to it."),
+    "encoder.stuck": Text(
+        "{part} does not change by a single step from {begin:.4g} s to {end:.4g} s, while {other} moves by {value:.3g} rad;"
+        " elsewhere they move together: its encoder was stuck.",
+        "Leave that stretch out (--start, --end).",
+    ),
+    "torque.stuck": Text(
+        "{part} does not change by a single step from {begin:.4g} s to {end:.4g} s and is noisy elsewhere: its sensor or its"
+        " driver was stuck.",
+        "Leave that stretch out (--start, --end).",
+    ),
+    "torque.stuck_while_moving": Text(
+        "{part} does not change by a single step from {begin:.4g} s to {end:.4g} s, while the deflection changes by {value:.3g}"
+        " rad; elsewhere they change together: the sensor was stuck.",
+        "Leave that stretch out (--start, --end).",
+    ),
+    "torque.acting": Text(
+        "{part} is what acts, by the rig's motor: what was recorded, {made}.",
+        "Change the motor in the rig if it does not.",
+    ),
+    "torque.coarse": Text(
+        "{part} takes {value:.0f} values only, {step:.3g} N·m apart and more: too coarse for a stiffness.",
+        "Choose a smaller range, or record it before it is rounded.",
+    ),
+    "torque.dropouts": Text(
+        "{part} reads exactly 0 at {value:.0f} samples here and there (first at {begin:.4g} s) amid values that go on"
+        " undisturbed: lost packets, or a driver that left out a value.",
+        "They bend the fit; have them left empty in the log.",
+    ),
+    "torque.computed": Text(
+        "{part} is exactly {factor:.6g} times {source}: it was computed from it, not measured.",
+        "The stiffness is the constant someone put into that computation; it validates nothing.",
+    ),
+    "torque.offset_as_ramp": Text(
+        "transmission {part}: the motor's torque seems to be off by {value:+.3g} N·m all along, which an integrated"
+        " equation takes for the spring's: nothing counts as excited.",
+        "Set torque_offset of the motor in the rig, or offset of its signal, or use --estimator residual-rls.",
+    ),
+    "sensor.saturated": Text(
+        "{part} rests at its {end} value {at:.6g} for {value:.1%} of the samples (first at {begin:.4g} s) and moves noisily"
+        " elsewhere: it is saturated.",
+        "The stiffness is wrong wherever it is; choose a larger range, or leave these stretches out (--start, --end).",
+    ),
+    "sensor.hung": Text(
+        "{part} hung at {value:.0f} of {samples} samples (first at {first:.6g} s): it stood still amid a motion and then"
+        " jumped to catch up.",
+        "They are left out.",
+    ),
+    "sensor.constant": Text("{part} never changes.", "Check the channel in the rig if it should."),
+    "sensor.repeated": Text(
+        "{part} changes at every {value:.0f}th sample only, {rate:.4g} times a second: where it is a slower sensor's, repeated,"
+        " and no command that a drive holds so long, it is late by half of that on average, which bends the stiffness.",
+        "Record the others as slowly, or leave the repeats empty.",
+    ),
+    "deflection.still": Text(
+        "the deflection of transmission {part} never changes; its stiffness cannot be estimated.",
+        "Move the joint under load.",
+    ),
+    "deflection.too_small": Text(
+        "transmission {part}: the deflection spans {value:.1f} steps of its encoders, too few for a stiffness.",
+        "Move the joint more.",
+    ),
+    "deflection.hides_shape": Text(
+        "transmission {part}: the deflection spans only {value:.0f} of its encoders' steps: nothing shows whether the spring"
+        " has backlash, a stop or a bend within two of them, and the stiffness would then be off by more than its standard"
+        " deviation says.",
+        "Move the joint more, or take encoders of finer resolution.",
+    ),
+    "deflection.below_noise": Text(
+        "the motor's encoder leaves a noise of {value:.2g} rad in the deflection, which the motor's torque never makes"
+        " larger than {limit:.2g} rad.",
+        "The estimated torque is noise.",
+    ),
+    "estimate.torn": Text(
+        "transmission {part}: samples are missing so often that the filters' windows are whole for {value:.0%} of the time only.",
+        "Shorten the windows (--tune window=SECONDS), or repair the log.",
+    ),
+    "estimate.never_excited": Text(
+        "transmission {part}: the data never support an estimate (standard deviation above a fifth of the stiffness everywhere).",
+        "Move the joint more.",
+    ),
+    "estimate.fit_never_excited": Text(
+        "transmission {part}: the data never support an estimate (standard deviation above a fifth of the stiffness everywhere).",
+        "Move the joint more, or fit fewer terms (order under [joint.{joint}.basis] in the rig).",
+    ),
+    "estimate.partly_excited": Text(
+        "transmission {part}: the estimate is excited for {value:.0%} of the time only.",
+        "Column excited says when.",
+    ),
+    "fit.offset": Text(
+        "transmission {part}: the torque differs by {value:+.3g} N·m from the fit on average, an offset that odd powers of the"
+        " deflection cannot follow.",
+        "Set odd = false under [joint.{joint}.basis], or the offset of the torque's signal.",
+    ),
+    "stiffness.negative": Text(
+        "transmission {part}: a negative stiffness was estimated for {value:.0%} of the time.",
+        "Check the signs of the torque and of the positions in the rig (sign = -1), and whether motor and link are swapped.",
+    ),
+    "residual.follows_motion": Text(
+        "transmission {part}: the residual follows the motor's {signal} ({value:.0%} of the residual's power), as it does where"
+        " a sensor is late or wrong, or the rig is. What would explain it: {explained_by}.",
+        "'vsalog diagnose' finds which it is.",
+    ),
+    "residual.not_noise": Text(
+        "transmission {part}: the residual is {value:.0%} of the torque and no noise, for it does not average out: a sensor"
+        " is stuck, clipped or wrong for a while, the spring changes, or the basis cannot follow it ([joint.{joint}.basis]"
+        " order).",
+        "The stiffness may be further off than its standard deviation says.",
+    ),
+    "residual.shape_over_deflection": Text(
+        "transmission {part}: the residual has a shape over the deflection: the stiffness is at least {value:.0%} off on"
+        " average, at {deflection:.3g} rad the spring's differs by {stiffness_change:+.0%} from the estimate. The basis"
+        " cannot follow the spring, as where there is backlash, a stop or a term too few.",
+        "[joint.{joint}.basis] in the rig takes more terms, 'vsalog diagnose' finds which it is.",
+    ),
+    "residual.shape_over_position": Text(
+        "transmission {part}: the residual has a shape over {position}, {value:.1%} of the torque: an encoder that reads"
+        " unevenly round its turn (off its centre, or several times a turn), or a torque that goes with the position"
+        " (cogging, gravity, a cable). The stiffness may be off by several times as much, and by more than its standard"
+        " deviation says.",
+        "'vsalog diagnose' finds more.",
+    ),
+    "prior.holds_back": Text(
+        "transmission {part}: in {value:.0%} of what the fit is sure of, the prior holds the stiffness back where the log"
+        " would determine it: with a weaker prior it differs by {stiffness_change:.0%} (rms), which its standard deviation"
+        " includes.",
+        "Springs are seldom so: check that the signs, units and zeros of the positions, and of the set-point where there is"
+        " one, are what the rig says; if they are, --tune p0={p0:.2g} lets the log decide.",
+    ),
+    "filter.smooths_motion": Text(
+        "transmission {part}: a window of {window:g} s smooths the motion away: {value:.0%} of the deflection's rate is"
+        " left, and the stiffness is that of the smoothed motion.",
+        "Shorten the window, or leave it out to have it chosen by the log.",
+    ),
+    "filter.noisy_rate": Text(
+        "transmission {part}: {value:.0%} of the deflection's rate is the encoders' noise, which biases the stiffness by"
+        " more than its standard deviation says (errors-in-variables bias).",
+        "Move the joint faster, or filter longer (--tune window=SECONDS).",
+    ),
+    "filter.window_too_long": Text(
+        "the filter's window of {value:.2g} s is longer than the deflection takes from one end to the other ({limit:.2g}"
+        " s): it smooths away what the stiffness changes by on the way, and the standard deviation does not know by how"
+        " much.",
+        "Record at a higher rate, or move more slowly.",
+    ),
+    "sampling.too_slow": Text(
+        "transmission {part}: from every second sample only, the stiffness differs by up to {stiffness_change:.0%}, which"
+        " its standard deviation includes: the samples are too few for so fast a motion, or for a spring that changes so"
+        " suddenly.",
+        "Record at a higher rate, or move more smoothly.",
+    ),
+    "sampling.too_slow_for_total": Text(
+        "from every second sample only, the stiffness of the whole joint differs by up to {stiffness_change:.0%}, which its"
+        " standard deviation includes: the samples are too few for so fast a motion, or for a spring that changes so"
+        " suddenly.",
+        "Record at a higher rate, or move more smoothly.",
+    ),
+    "sampling.untried": Text(
+        "half of the samples are too few for this estimator, so nothing shows whether all of them are enough for the"
+        " motion; the stiffness may be off by more than its standard deviation says.",
+        "Record at a higher rate, or longer.",
+    ),
+    "setpoint.constant": Text(
+        "the set-point never changes in this log.",
+        "If the machine's did, that is what the residual shows.",
+    ),
+    "friction.unknown_direction": Text(
+        "transmission {part}: for {value:.0%} of the time the torque of friction or hysteresis that the rig has is not"
+        " known, because the motor stands or is slower than its encoder resolves, or the deflection has not yet moved"
+        " through its loop.",
+        "Nothing is learnt there.",
+    ),
+    "transmission.effects_left_in": Text(
+        "transmission {part}: {estimator} does not take off the damping and the hysteresis that the rig has.",
+        "They go into the stiffness.",
+    ),
+    "motor.inertia_differs": Text(
+        "transmission {part}: the motor's inertia is estimated as {inertia:.3g} kg·m², {ratio:.3g} times the rig's {rig:.3g}.",
+        "A torque's scale or unit, the angles' unit, an uneven encoder or a gear ratio would explain it, and the stiffness"
+        " would be as far off; or the rig has another motor's inertia.",
+    ),
+    "link.inertia_not_estimated": Text(
+        "there is no link_position, so the link's inertia and damping are not estimated.",
+        "Name its channel under [joint.{joint}.signals] in the rig to have them.",
+    ),
+    "link.estimate_biased": Text(
+        "noise or steps of the sensors, or samples that are too few for the motion, bias the link's {part} by more than"
+        " {limit:.0%}, which is left out.",
+        "Move the link harder, or record faster.",
+    ),
+    "link.other_torque": Text(
+        "the link moves as if dry friction of {friction:.2g} N·m and a constant torque of {torque:.2g} N·m acted on it too,"
+        " of which neither rig nor torque sensor says anything; with these its inertia would change by"
+        " {inertia_change:.0%}, its damping by {damping_change:.0%}.",
+        "So much is added to their standard deviations, and what changes by a fifth is left out.",
+    ),
+    "link.not_explained": Text(
+        "the link does not move as an inertia and a damping under the measured torque would: innovations are {value:.2g}"
+        " times as large as noise makes them.",
+        "Weight, friction or a push may be missing in the rig, encoder and torque sensor may disagree in sign, or samples"
+        " may be too few for the motion; inertia and damping are left out where that is so.",
+    ),
+    "link.filter_restarted": Text(
+        "the link does not move as an inertia and a damping under the measured torque would: the filter began again"
+        " {value:.0f} times, because inertia and damping had become negative.",
+        "Weight, friction or a push may be missing in the rig, encoder and torque sensor may disagree in sign, or samples"
+        " may be too few for the motion; inertia and damping are left out where that is so.",
+    ),
+    "link.guess_matters": Text(
+        "stiffness and link did not settle: from an initial guess of {guess:.3g} kg·m² the inertia came to {inertia:.3g},"
+        " from {factor:g} times that to {other_inertia:.3g} kg·m². Stiffness, inertia and damping depend on the guess"
+        " (Serio 2011 §III-A).",
+        "Push the link harder and at more frequencies, or measure the joint's torque (--estimator impedance).",
+    ),
+    "link.friction_left_in": Text(
+        "the link's dry friction is not taken off.",
+        "It goes into the stiffness.",
+    ),
+    "link.inertia_differs": Text(
+        "the link's inertia is estimated as {inertia:.3g} kg·m², {ratio:.3g} times the rig's {rig:.3g}.",
+        "The torque sensor's scale or unit, or the angles' unit, would explain it, and the stiffness would be as far off; or"
+        " the rig has another link's inertia.",
+    ),
+    "cross_check.torque_scale": Text(
+        "{reference}, which {estimator} does not read, differs: where the estimated torque of {of} changes by 1 N·m, that"
+        " changes by {value:.3g} N·m. The stiffness may be off by as much, or {other_cause}.",
+        "'vsalog compare' runs the other estimators on this log.",
+    ),
+    "cross_check.torque_unrelated": Text(
+        "{reference}, which {estimator} does not read, differs: of the power of its torque {value:.0%} is in the estimated"
+        " torque of {of} too.",
+        "Check the signs, the units and the channels of both in the rig: one of them may be another one than the rig says.",
+    ),
+    "cross_check.angle": Text(
+        "{reference}, which {estimator} does not read, differs: the estimated angle of {of} is {value:.2g} {unit} off,"
+        " {share_of_range:.0%} of its range, where {claimed:.1g} {unit} are claimed.",
+        "The stiffness may be off too.",
+    ),
+    "cross_check.none": Text(
+        "neither the joint's angle nor its torque is in the log, so there is no reference for what {estimator} makes of the"
+        " pressures: a pressure that is not absolute, a sensor's wrong gain, or muscles that are not the rig's would make a"
+        " stiffness as plausible, off by 5 to 20 % and more, which its standard deviation does not include.",
+        "Record one of them once, link_position or torque_sensor.",
+    ),
+    "external_torque.missing": Text(
+        "there is no external_torque, and the link is taken to be driven by its transmission alone.",
+        "Whoever pushes it biases the stiffness.",
+    ),
+    "accelerometer.off": Text(
+        "{part} is {value:.3g} {unit} (rms) away from what the motors' motion and gravity make there, where the link has"
+        " {expected:.3g} {unit}.",
+        "The sensor may be upside down, turned, in another unit (g instead of m/s²), or mounted elsewhere than the rig"
+        " says; the estimate is as wrong.",
+    ),
+    "accelerometer.scale": Text(
+        "{part} is {value:.3g} {unit} (rms) away from what the motors' motion and gravity make there, where the link has"
+        " {expected:.3g} {unit}: it is {factor:.3g} times what it should be.",
+        "The sensor may be upside down, turned, in another unit (g instead of m/s²), or mounted elsewhere than the rig"
+        " says; the estimate is as wrong.",
+    ),
+    "acceleration.masked": Text(
+        "for {value:.1%} of the time nothing is estimated: samples are missing, or the accelerometers lie within {reach:g}"
+        " m of the joint's axis, or in line with those of others, and see next to nothing of its acceleration.",
+        "Set that distance with --tune reach=METRES.",
+    ),
+    "observer.diverged": Text(
+        "the observers diverged {value:.0f} times, to deflections that no torque of the motors makes, and began again:"
+        " positions that the accelerometers do not determine for long make all accelerations wrong.",
+        "Mount an accelerometer on every link.",
+    ),
+    "pressure.below_outside": Text(
+        "{part} falls to {value:.4g} kPa, below the {outside:.4g} kPa outside, which no valve brings about.",
+        "Check that it is absolute, and that the rig's outside_pressure is that of the day.",
+    ),
+    "pressure.angle_unknown": Text(
+        "for {value:.1%} of the time the pressures do not determine the angle, not even to a quarter turn, and nothing is"
+        " estimated there: muscles that are nearly vented hardly hold the joint, and their pressures do not change with it.",
+        "Fill both.",
+    ),
+    "pressure.not_explained": Text(
+        "for {value:.1%} of the time the pressures are not those that the rig's valves and muscles would make, and nothing"
+        " is estimated there.",
+        "The valves may be swapped, a pressure may not be absolute, or the rig is another machine's.",
+    ),
+}
+
+
+def sentence(finding: Finding) -> str:
+    """Return what a finding says, and what to do about it."""
+    text = TEXTS[finding.code]
+    fields = {name: getattr(finding, name) for name in ("joint", "part", "value", "limit", "unit")}
+    words = f"{text.says} {text.advice}".format_map(fields | dict(finding.evidence))
+    return f"joint '{finding.joint}': {words}" if finding.joint else words

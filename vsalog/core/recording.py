@@ -1,0 +1,129 @@
+"""What a reader makes of a log: named channels, each with its own time stamps and unit."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vsalog.core.errors import BindingError, did_you_mean
+
+Stamps = NDArray[np.int64]
+Values = NDArray[np.float64]
+
+
+@dataclass(frozen=True, slots=True)
+class Channel:
+    """One numeric column of a recording on the clock of its stream.
+
+    Attributes
+    ----------
+    name : str
+        Full name, ``topic.field`` or a table's column, e.g. ``/joint_states.position[elbow_motor]``.
+    stamps : int64 array, shape (n,)
+        Strictly increasing nanoseconds; channels of one stream share one array. Since the epoch, or since the start
+        where the log has only relative time (`Recording.absolute_time` tells).
+    values : float64 array, shape (n,)
+        In `unit`, as recorded; NaN where the log has none.
+    unit : str or None
+        As the log states it; None where it is silent.
+    stream : str
+        The topic, table or struct the channel belongs to.
+    type : str
+        Message type, or the column's type.
+    """
+
+    name: str
+    stamps: Stamps
+    values: Values
+    unit: str | None
+    stream: str
+    type: str
+
+
+@dataclass(frozen=True, slots=True)
+class Stream:
+    """What is known of one topic, table or struct: how often, on which clock, and what was wrong with it.
+
+    Attributes
+    ----------
+    name, type : str
+        Topic and message type, or the table's name and format.
+    count : int
+        Samples kept.
+    time_source : str
+        ``header``, ``log``, ``publish``, ``column`` or ``rate``: where the stamps come from.
+    time_reason : str
+        Why that source, when it was not the first choice ("" otherwise).
+    inversions, duplicates, conflicts : int
+        Samples that came out of order, exact duplicates dropped, equal stamps with different values dropped.
+    delay_median, delay_spread : float
+        Log time minus stamp [s], median and 5–95 % spread; NaN where the log has one clock only.
+    """
+
+    name: str
+    type: str
+    count: int
+    time_source: str
+    time_reason: str = ""
+    inversions: int = 0
+    duplicates: int = 0
+    conflicts: int = 0
+    delay_median: float = float("nan")
+    delay_spread: float = float("nan")
+
+
+@dataclass(frozen=True, slots=True)
+class Recording:
+    """A log in memory: the channels asked for, and what was found on the way.
+
+    Attributes
+    ----------
+    path : Path
+        The file or folder it came from.
+    format : str
+        ``mcap``, ``rosbag1``, ``rosbag2-sqlite3``, ``rosbag2-mcap``, ``csv``, ``parquet`` or ``matlab``.
+    channels : mapping of str to Channel
+        By full name, in the log's order.
+    streams : mapping of str to Stream
+        By name.
+    unread : mapping of str to str
+        Fields that are no signal, with the reason: ``text``, ``array of 921600 values``, an undecodable type …
+    rig_text : str or None
+        The rig the log carries (MCAP metadata record ``vsalog.rig``), as TOML.
+    notes : tuple of str
+        What a person should know: salvage counts, clocks, skipped lines.
+    absolute_time : bool
+        Whether stamps count from the epoch.
+    """
+
+    path: Path
+    format: str
+    channels: Mapping[str, Channel]
+    streams: Mapping[str, Stream]
+    unread: Mapping[str, str] = field(default_factory=dict)
+    rig_text: str | None = None
+    notes: tuple[str, ...] = ()
+    absolute_time: bool = True
+
+    def channel(self, name: str) -> Channel:
+        """Return the channel of that name.
+
+        Raises
+        ------
+        BindingError
+            The log has no such channel, or it is no signal; the nearest names are suggested.
+        """
+        found = self.channels.get(name)
+        if found is not None:
+            return found
+        if name in self.unread:
+            raise BindingError(f"{self.path.name}: channel '{name}' is no signal: {self.unread[name]}")
+        hint = did_you_mean(name, self.channels)
+        raise BindingError(
+            f"{self.path.name}: there is no channel '{name}'{hint or '.'}"
+            f" ('vsalog inspect {self.path.name}' lists all {len(self.channels)})"
+        )

@@ -1,0 +1,121 @@
+"""An estimator's output over time."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vsalog.core.signals import JointSignals
+
+if TYPE_CHECKING:
+    import pandas
+    import pyarrow
+
+Array = NDArray[np.float64]
+
+# Columns every estimator gives, with their units, in the order they are written.
+UNITS = {
+    "deflection": "rad",
+    "flexibility_torque": "N*m",
+    "flexibility_torque_fit": "N*m",
+    "stiffness": "N*m/rad",
+    "stiffness_std": "N*m/rad",
+    "excited": "",
+    "stiffness_derivative": "N*m/rad^2",
+    "stiffness_second_derivative": "N*m/rad^3",
+}
+EXTRA_UNITS = {
+    "residual": "N*m",
+    "residual_fit": "N*m",
+    "stability_factor": "",
+    "setpoint": "rad or m",
+    "link_position": "rad",
+    "link_position_std": "rad",
+    "link_velocity": "rad/s",
+    "link_velocity_std": "rad/s",
+    "link_acceleration": "rad/s^2",
+    "link_acceleration_std": "rad/s^2",
+    "motor_position": "rad",
+    "motor_position_std": "rad",
+    "motor_velocity": "rad/s",
+    "motor_velocity_std": "rad/s",
+    "deflection_std": "rad",
+    "pressure_1": "Pa",
+    "pressure_1_std": "Pa",
+    "pressure_2": "Pa",
+    "pressure_2_std": "Pa",
+    "flexibility_torque_std": "N*m",
+    "link_inertia": "kg*m^2",
+    "link_inertia_std": "kg*m^2",
+    "link_damping": "N*m*s/rad",
+    "link_damping_std": "N*m*s/rad",
+    "motor_inertia": "kg*m^2",
+    "motor_inertia_std": "kg*m^2",
+    "motor_damping": "N*m*s/rad",
+    "motor_damping_std": "N*m*s/rad",
+}
+
+
+@dataclass(frozen=True, slots=True)
+class Trace:
+    """Estimates of one joint, or a block of them.
+
+    Attributes
+    ----------
+    joint : the joint's name
+    stamps : shape (N,), int64 ns as in the log
+    time : shape (N,), seconds from the start of the log
+    run : shape (N,), index into `run_names`
+    run_names : names of the runs
+    transmissions : per transmission ("1", "2", and "total" for the device) the columns, each of shape (N,)
+    """
+
+    joint: str
+    stamps: NDArray[np.int64]
+    time: Array
+    run: NDArray[np.int32]
+    run_names: tuple[str, ...]
+    transmissions: Mapping[str, Mapping[str, NDArray[np.generic]]]
+
+    def __len__(self) -> int:
+        return int(self.time.shape[0])
+
+    def __getitem__(self, transmission: str) -> Mapping[str, NDArray[np.generic]]:
+        return self.transmissions[transmission]
+
+    @classmethod
+    def of_rows(cls, rows: JointSignals, transmissions: Mapping[str, Mapping[str, NDArray[np.generic]]]) -> Trace:
+        """Give the rows of a conditioned block their estimates."""
+        return cls(rows.joint, rows.stamps, rows.time, rows.run, rows.run_names, transmissions)
+
+    @classmethod
+    def concatenate(cls, blocks: Sequence[Trace]) -> Trace:
+        """Join blocks of one joint in the order given."""
+        first = blocks[0]
+        return cls(
+            first.joint,
+            np.concatenate([b.stamps for b in blocks]),
+            np.concatenate([b.time for b in blocks]),
+            np.concatenate([b.run for b in blocks]),
+            first.run_names,
+            {
+                name: {column: np.concatenate([b[name][column] for b in blocks]) for column in columns}
+                for name, columns in first.transmissions.items()
+            },
+        )
+
+    def to_table(self) -> pyarrow.Table:
+        """Return the trace as an Arrow table in the layout of the Parquet file."""
+        import pyarrow
+
+        from vsalog.writers.trace import trace_tables
+
+        return pyarrow.concat_tables(trace_tables(self), promote_options="default")
+
+    def to_pandas(self) -> pandas.DataFrame:
+        """Return the trace as a pandas data frame, where pandas is installed."""
+        return self.to_table().to_pandas()

@@ -1,0 +1,1 @@
+"""Running an estimator on a log."""

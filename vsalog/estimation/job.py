@@ -1,0 +1,353 @@
+"""One run of `estimate`: logs and options in, estimates and their provenance out."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import msgspec
+
+from vsalog._version import __version__
+from vsalog.binding.joint import names_of, offered_roles, wanted_channels
+from vsalog.binding.neighbours import own_and_others
+from vsalog.checks.cross_check import reference_roles
+from vsalog.core.errors import BindingError, EstimatorError, ReadError, RigError, did_you_mean
+from vsalog.core.model import UNITS, ModelFile
+from vsalog.core.recording import Recording
+from vsalog.core.trace import Trace
+from vsalog.estimation.joint import (
+    Choice,
+    JointEstimate,
+    choose_all,
+    estimate_joint,
+    pick_joints,
+)
+from vsalog.estimators.device import device_of
+from vsalog.readers import open_reader, read_within
+from vsalog.readers.long_recording import LongRecording
+from vsalog.rig import Rig
+from vsalog.rig.find import find_rig
+
+Progress = Callable[[str], None]
+
+MOST_JOINTS_TOLD = 3
+# Bytes of samples that are held in memory; what is beyond is worked on in a temporary file.
+ROOM = 256 * 2**20
+LONG_NOTE = (
+    "{}: is too long for memory, so what its filters and scales are derived from, and whether its signals are plausible, was told"
+    " from stretches spread over it"
+)
+
+
+@dataclass(frozen=True, slots=True)
+class Options:
+    """What can be asked of `estimate`; the command line's options of the same names.
+
+    Attributes
+    ----------
+    rig : a loaded rig, a rig file or a preset; looked for in and beside the log when absent
+    joints : names of the joints wanted; all when empty
+    estimator : a method's name or ``auto``
+    tune : NAME → VALUE of the method's tuning
+    set : key → VALUE; ``setpoint`` is the logs' fixed set-point (one value, or one per log with commas between), every other
+        key is one of the rig's
+    rate : samples per second of tables without a time column [Hz]
+    time : which clock stamps come from: auto, header, log, publish
+    start, end : the part of each log that is used, as `vsalog.readers.read` takes them; all of it when absent
+    """
+
+    rig: Rig | str | Path | None = None
+    joints: tuple[str, ...] = ()
+    estimator: str = "auto"
+    tune: Mapping[str, str] = field(default_factory=dict)
+    set: Mapping[str, str] = field(default_factory=dict)
+    rate: float | None = None
+    time: str = "auto"
+    start: str | None = None
+    end: str | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class Job:
+    """Logs that were read, with their rig and the estimators chosen: ready to run.
+
+    Attributes
+    ----------
+    rig : as loaded, with the settings worked in
+    guessed : whether no rig was found and the roles were guessed
+    choices : the estimator for each joint
+    warnings : what was noticed so far
+    options : what was asked for
+    """
+
+    logs: tuple[Path, ...]
+    recordings: tuple[Recording | LongRecording, ...]
+    rig: Rig
+    guessed: bool
+    choices: Mapping[str, Choice]
+    setpoints: tuple[float | None, ...]
+    warnings: tuple[str, ...]
+    options: Options = field(default_factory=lambda: Options())
+
+    def run(
+        self, sink: Callable[[Trace], None] | None = None, progress: Progress = lambda _: None
+    ) -> list[JointEstimate]:
+        """Estimate every joint that can be; traces go to the sink, or stay in memory without one."""
+        out = []
+        for name, choice in self.choices.items():
+            progress(f"estimating joint {name}")
+            out.append(
+                estimate_joint(
+                    self.recordings,
+                    name,
+                    self.rig.joints[name],
+                    choice,
+                    setpoints=self.setpoints,
+                    sink=sink,
+                    rig=self.rig.file,
+                )
+            )
+        return out
+
+    @property
+    def is_long(self) -> bool:
+        """Whether a log is too long for memory."""
+        return any(isinstance(recording, LongRecording) for recording in self.recordings)
+
+    def provenance(self) -> dict[str, str]:
+        """Return what a result says of where it came from: version, rig, settings, and the input's hashes."""
+        settings = {
+            name: {"estimator": c.name, **{k: getattr(c.tuning, k) for k in c.tuning.__struct_fields__}}
+            for name, c in self.choices.items()
+        }
+        return {
+            "vsalog.version": __version__,
+            "vsalog.rig": self.rig.to_toml(),
+            "vsalog.estimator": json.dumps(settings),
+            "vsalog.options": json.dumps(self._asked()),
+            "vsalog.input": json.dumps({name: sha256(log) for name, log in self._names() if log.exists()}),
+        }
+
+    def _asked(self) -> dict[str, Any]:
+        """Return what repeats the run beside its rig; what was set in the rig is in the rig."""
+        o = self.options
+        setpoint = {key: value for key, value in o.set.items() if key == "setpoint"}
+        asked = {"joints": list(o.joints), "estimator": o.estimator, "tune": dict(o.tune), "set": setpoint}
+        return asked | {"rate": o.rate, "time": o.time, "start": o.start, "end": o.end}
+
+    def _names(self) -> list[tuple[str, Path]]:
+        return list(zip(names_of(self.logs), self.logs, strict=True))
+
+    def model_file(self, estimates: Sequence[JointEstimate], provenance: Mapping[str, str]) -> ModelFile:
+        """Put the joints' models into one file's structure."""
+        return ModelFile(
+            vsalog=__version__,
+            units=dict(UNITS),
+            log=json.loads(provenance["vsalog.input"]),
+            settings={e.joint: {"estimator": e.estimator, **e.settings} for e in estimates},
+            rig=provenance["vsalog.rig"],
+            joint={e.joint: e.model for e in estimates},
+        )
+
+
+def prepare(logs: Sequence[Path | Recording], options: Options, progress: Progress = lambda _: None) -> Job:
+    """Find the rig, choose the estimators, and read the channels they need.
+
+    Parameters
+    ----------
+    logs : paths, or recordings read before
+    options : what is asked for
+    progress : told what is being done
+
+    Raises
+    ------
+    VsalogError
+        A log cannot be read, the rig is missing or does not fit, or a role is missing.
+    """
+    if not logs:
+        raise ReadError("no log was given")
+    warnings: list[str] = []
+    rig, guessed = _rig(logs[0], options), False
+    read_all: list[Recording | LongRecording] | None = None
+    if rig is None:
+        read_all = _read_all(logs, [None] * len(logs), options, progress)
+        rig, remarks = _guess(_looked_at(read_all[0]))
+        guessed = True
+        warnings += remarks
+    rig = rig.with_settings({key: value for key, value in options.set.items() if key != "setpoint"})
+    rig, setpoints = _setpoints(rig, options.set.get("setpoint"), len(logs))
+    joints = pick_joints(rig.joints, options.joints)
+    try:
+        choices, left_out = choose_all(joints, options.estimator, options.tune, rig.file)
+    except EstimatorError as error:
+        if not guessed:
+            raise
+        name = _path(logs[0]).name
+        raise EstimatorError(
+            f"{name}: no rig was found in or beside it, and by the names of its channels {error}"
+        ) from None
+    warnings += [f"left out: {reason}" for reason in left_out.values()]
+    if read_all is None:
+        names = [_path(log).name for log in logs]
+        wanted = [_Wanted.of(rig, choices, name) for name in names]
+        read_all = _read_all(logs, wanted, options, progress)
+    warnings += [f"{r.path.name}: {note}" for r in map(_looked_at, read_all) for note in r.notes]
+    warnings += [LONG_NOTE.format(r.path.name) for r in read_all if isinstance(r, LongRecording)]
+    paths = tuple(_path(log) for log in logs)
+    return Job(paths, tuple(read_all), rig, guessed, choices, setpoints, tuple(warnings), options)
+
+
+@dataclass(frozen=True, slots=True)
+class _Wanted:
+    """Channels of a log: those that the estimators need, and those that are references for them where they were recorded."""
+
+    needed: set[str]
+    welcome: set[str]
+
+    @classmethod
+    def of(cls, rig: Rig, choices: Mapping[str, Choice], log: str) -> _Wanted:
+        """Name the channels for the estimators that were chosen."""
+        needed, welcome = set[str](), set[str]()
+        for name, choice in choices.items():
+            needed |= _channels(rig, name, log, choice.roles)
+            joint = rig.joints[name]
+            welcome |= _channels(
+                rig, name, log, reference_roles(device_of(name, joint, rig=rig.file), joint, choice.roles)
+            )
+        return cls(needed, welcome)
+
+
+def _channels(rig: Rig, joint: str, log: str, roles: Sequence[str]) -> set[str]:
+    """Return the names of the channels that an estimator's roles for a joint are found in, those of its neighbours included."""
+    own, neighbours = own_and_others(roles, rig.joints)
+    found = wanted_channels(rig.joints[joint], log, own)
+    return found.union(*(wanted_channels(other, log, its) for other, its in neighbours.values()))
+
+
+def _path(log: Path | Recording) -> Path:
+    return log.path if isinstance(log, Recording) else log
+
+
+def _read_all(
+    logs: Sequence[Path | Recording], wanted: Sequence[_Wanted | None], options: Options, progress: Progress
+) -> list[Recording | LongRecording]:
+    """Read logs; of those whose samples do not fit in memory together, the later ones go to temporary files."""
+    found: list[Recording | LongRecording] = []
+    room = ROOM
+    for log, channels in zip(logs, wanted, strict=True):
+        found.append(_read(log, channels, options, progress, room))
+        if isinstance(found[-1], Recording):
+            room = max(0, room - sum(c.values.nbytes + c.stamps.nbytes for c in found[-1].channels.values()))
+    return found
+
+
+def _read(
+    log: Path | Recording, wanted: _Wanted | None, options: Options, progress: Progress, room: int
+) -> Recording | LongRecording:
+    if isinstance(log, Recording):
+        return log
+    progress(f"reading {log.name}")
+    channels = None if wanted is None else wanted.needed | wanted.welcome
+    found = read_within(room, log, channels, options.time, options.rate, options.start, options.end)
+    recording = _looked_at(found)
+    missing = sorted((wanted.needed if wanted else set()) - set(recording.channels) - set(recording.unread))
+    if missing:
+        known = open_reader(log, options.rate).catalogue()
+        if missing[0] in known.channels:
+            raise BindingError(
+                f"{log.name}: channel '{missing[0]}' is there, but without a single row: nothing was recorded in it"
+            )
+        if missing[0] not in known.unread:
+            raise BindingError(
+                f"{log.name}: there is no channel '{missing[0]}'{did_you_mean(missing[0], known.channels) or '.'}"
+                f" 'vsalog inspect {log.name}' lists all {len(known.channels)}. Leave a role that was not recorded out of the"
+                " rig: another estimator may do without it"
+            )
+    return found
+
+
+def _looked_at(recording: Recording | LongRecording) -> Recording:
+    """Return a recording, of a long one what was looked at."""
+    return recording if isinstance(recording, Recording) else recording.look
+
+
+def _rig(log: Path | Recording, options: Options) -> Rig | None:
+    if isinstance(options.rig, Rig):
+        return options.rig
+    if options.rig is not None:
+        return find_rig(_path(log), None, options.rig)
+    text = log.rig_text if isinstance(log, Recording) else open_reader(log, options.rate).rig_text
+    return find_rig(_path(log), text)
+
+
+def _guess(recording: Recording) -> tuple[Rig, list[str]]:
+    """Guess the rig of a log that has none; that it was guessed is said loudly."""
+    from vsalog.rig.guess import guess_roles
+    from vsalog.rig.template import rig_template
+
+    guess, name = guess_roles(recording), recording.path.name
+    if not guess.joints:
+        raise RigError(
+            f"no rig was found in or beside {name}, and no channel of it looks like a joint's position or deflection."
+            f" 'vsalog inspect {name}' lists the channels; describe the joint in a rig file (docs/rig.md) and give it with --rig"
+        )
+    roles = "; ".join(
+        f"{joint.name}: "
+        + ", ".join(f"{role} = '{g.channel}' ({g.confidence:.0%} sure)" for role, g in joint.roles.items())
+        for joint in guess.joints[:MOST_JOINTS_TOLD]
+    )
+    more = f" and {len(guess.joints) - MOST_JOINTS_TOLD} more joints" if len(guess.joints) > MOST_JOINTS_TOLD else ""
+    return Rig.from_toml(rig_template(recording, guess), f"the rig guessed for {name}"), [
+        f"no rig was found in or beside {name}, so the roles are guessed. {roles}{more}."
+        f" 'vsalog init {name} -o {recording.path.stem}.rig.toml' writes them down for you to check and correct",
+        *guess.warnings,
+    ]
+
+
+def _setpoints(rig: Rig, text: str | None, count: int) -> tuple[Rig, tuple[float | None, ...]]:
+    """Read --set setpoint=VALUE[,VALUE…] by way of the rig, which knows the units."""
+    if text is None:
+        return rig, ()
+    serial = [name for name, joint in rig.joints.items() if "setpoint" in joint.signals.__struct_fields__]
+    if not serial:
+        raise RigError('--set setpoint: no joint of the rig has a set-point (kind = "serial")')
+    values = [v.strip() for v in text.split(",")]
+    if len(values) not in (1, count):
+        raise RigError(f"--set setpoint: {len(values)} values for {count} logs; give one, or one per log")
+    out: list[float | None] = []
+    for value in values * (count if len(values) == 1 else 1):
+        fixed = _without_setpoint(rig, serial)
+        for name in serial:
+            fixed = fixed.with_setting(f"joint.{name}.signals.setpoint", f"{{ constant = {_toml_value(value)} }}")
+        out.append(offered_roles(fixed.joints[serial[0]])["setpoint"].constant)
+    return fixed, tuple(out)
+
+
+def _toml_value(text: str) -> str:
+    """Write a number as one, SI, and anything else as a text, whose unit the rig reads."""
+    try:
+        return repr(float(text))
+    except ValueError:
+        return json.dumps(text)
+
+
+def _without_setpoint(rig: Rig, joints: Sequence[str]) -> Rig:
+    """Take out what the rig says of the set-point, so that nothing of it is mixed with what was asked for."""
+    changed = dict(rig.joints)
+    for name in joints:
+        joint = changed[name]
+        changed[name] = msgspec.structs.replace(joint, signals=msgspec.structs.replace(joint.signals, setpoint=None))
+    return Rig(msgspec.structs.replace(rig.file, joint=changed), rig.where)
+
+
+def sha256(path: Path) -> str:
+    """Hash a file; of a folder, the hashes of its files in the order of their names."""
+    if path.is_dir():
+        parts = [sha256(p) for p in sorted(path.rglob("*")) if p.is_file()]
+        return hashlib.sha256("".join(parts).encode()).hexdigest()
+    with path.open("rb") as file:
+        return hashlib.file_digest(file, "sha256").hexdigest()

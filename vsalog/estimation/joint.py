@@ -1,0 +1,357 @@
+"""From recordings and a rig to traces and models: the main job."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Collection, Mapping, Sequence
+from dataclasses import dataclass
+
+import msgspec
+import numpy as np
+
+from vsalog.binding.joint import bind, offered_roles
+from vsalog.binding.neighbours import Neighbours, own_and_others
+from vsalog.checks.cross_check import CrossCheck
+from vsalog.checks.position_shape import PositionShape
+from vsalog.checks.signals import first_of_each, passing_findings, refuse_dead_sensors, signal_findings, whole_windows
+from vsalog.checks.spring_shape import SpringShape
+from vsalog.core.errors import EstimatorError, VsalogError, did_you_mean
+from vsalog.core.finding import Finding
+from vsalog.core.finding_texts import sentence
+from vsalog.core.long_signals import LongSignals
+from vsalog.core.model import JointModel
+from vsalog.core.recording import Recording
+from vsalog.core.signals import JointSignals
+from vsalog.core.trace import Trace
+from vsalog.estimation.summary import JointSummary, Summarizer, findings_of
+from vsalog.estimators import Fold, Method, method
+from vsalog.estimators.acceleration_group import senses_acceleration
+from vsalog.estimators.device import Device, device_of
+from vsalog.estimators.fewer import moved_by_samples, sampling_findings, widened
+from vsalog.estimators.folding import BLOCK, fold_over
+from vsalog.estimators.grioli_bicchi import told_by_the_link
+from vsalog.estimators.needs import meaning
+from vsalog.estimators.regression import RegressionFold
+from vsalog.estimators.tuning import Tuning, read_tuning
+from vsalog.readers.long_recording import LongRecording
+from vsalog.rig.schema import Joint, RigFile
+
+Sink = Callable[[Trace], None]
+
+# What asks for the values that a method's paper prints, among the values of its tuning.
+PRESET, PAPER = "preset", "paper"
+# What one more sensor would add.
+SENSOR_ADDS = (
+    "a joint torque sensor would need no motor data (direct) and show the link's inertia and damping too (impedance)"
+)
+
+
+@dataclass(frozen=True, slots=True)
+class Choice:
+    """The estimator for a joint, the roles it will read, and why it was chosen."""
+
+    name: str
+    method: Method
+    tuning: Tuning
+    roles: tuple[str, ...]
+    reason: str
+
+
+@dataclass(frozen=True, slots=True)
+class JointEstimate:
+    """What was learnt of one joint.
+
+    Attributes
+    ----------
+    joint : the joint's name
+    estimator, reason : the method, and why it was chosen
+    settings : its tuning
+    model : the fitted model, frozen at the end of the log
+    summary : key figures per transmission
+    findings : what a person should know
+    trace : the estimates over time; None where they went to a sink instead
+    """
+
+    joint: str
+    estimator: str
+    reason: str
+    settings: dict[str, str | float | int | bool]
+    model: JointModel
+    summary: JointSummary
+    findings: tuple[Finding, ...]
+    trace: Trace | None
+
+    @property
+    def warnings(self) -> tuple[str, ...]:
+        """What a person should know, in sentences."""
+        return tuple(sentence(finding) for finding in self.findings)
+
+
+def choose(name: str, joint: Joint, estimator: str, tuning: Mapping[str, str], rig: RigFile | None = None) -> Choice:
+    """Choose the estimator for a joint by the roles its rig offers, or take the one asked for.
+
+    Parameters
+    ----------
+    name, joint : of the rig
+    estimator : a method's name or ``auto``
+    tuning : NAME → VALUE of the method's tuning; ``preset=paper`` puts what its paper prints beneath the others
+    rig : the whole rig, for methods that look at the joint's neighbours in an arm
+
+    Raises
+    ------
+    EstimatorError
+        The joint has no transmission, or a role is missing; the message says which.
+    """
+    offered = offered_roles(joint)
+    device = device_of(name, joint, rig=rig)
+    estimator, reason = _automatic(device, offered) if estimator == "auto" else (estimator, "asked for")
+    found = method(estimator)
+    values = read_tuning(found.TUNING, estimator, with_printed(found, device, tuning))
+    return Choice(estimator, found, values, found.roles(device, offered, values), reason)
+
+
+def no_preset(preset: str) -> str:
+    """Say that there is no such preset tuning."""
+    return f"there is no preset tuning '{preset}': '{PAPER}' takes the values that a method's paper prints"
+
+
+def with_printed(found: Method, device: Device, tuning: Mapping[str, str]) -> dict[str, str]:
+    """Put what a method's paper prints beneath what is tuned, where ``preset=paper`` asks for it.
+
+    Raises
+    ------
+    EstimatorError
+        There is no such preset, or the paper prints no values.
+    """
+    own = {name: value for name, value in tuning.items() if name != PRESET}
+    preset = tuning.get(PRESET)
+    if preset is None:
+        return own
+    if preset != PAPER:
+        raise EstimatorError(no_preset(preset))
+    printed: Callable[[Device], Mapping[str, str]] | None = getattr(found, "printed", None)
+    if printed is None:
+        raise EstimatorError(f"{found.NAME}: no paper prints values of its tuning; leave the preset tuning out")
+    return {**printed(device), **own}
+
+
+def _automatic(device: Device, offered: Collection[str]) -> tuple[str, str]:
+    views = device.transmissions
+    if device.pneumatic is not None:
+        return "pam-ukf", "the joint has pneumatic muscles, whose pressures tell its state" + (
+            ""
+            if "link_position" in offered
+            else "; with an encoder on the joint (link_position) 'vsalog validate' would judge the angle"
+        )
+    missing = _missing(device, offered)
+    if missing and told_by_the_link(device, offered):
+        return "grioli-bicchi", (
+            "neither the motor's torque nor the joint's is recorded, but what pushes the link is, and the rig has the link's"
+            " inertia"
+        )
+    if missing and senses_acceleration(device, offered):
+        return "acceleration-observer", (
+            "the link's acceleration is measured, and no deflection from which a stiffness could be estimated: the joint's state"
+            f" is observed with the rig's stiffness; {_observer_lacks(missing)} would let the stiffness itself be estimated"
+        )
+    _refuse(device, missing)
+    motors = all({v.motor_position, v.motor_torque} <= set(offered) for v in views)
+    sensor = "torque_sensor" in offered or all(v.torque_sensor in offered for v in views)
+    if motors and all(v.motor.inertia is not None for v in views):
+        why = "motor position and torque are recorded and the motor's inertia is known"
+        return "residual-rls", why if sensor else f"{why}; {SENSOR_ADDS}"
+    if sensor and motors:
+        return "direct", (
+            "there is a torque sensor, and the motor's inertia is not known; with it in the rig the motor's torque would be a"
+            " cross-check (residual-rls)"
+        )
+    if sensor:
+        lacking = dict.fromkeys(r for v in views for r in (v.motor_torque, v.motor_position) if r not in offered)
+        inertia = "" if all(v.motor.inertia is not None for v in views) else " and the motor's inertia in the rig"
+        roles = " and ".join(lacking)
+        return "direct", (
+            f"there is a torque sensor, and no {roles.replace(' and ', ' or ')} is recorded; with {roles}{inertia} the motor's"
+            " torque would be a cross-check (residual-rls)"
+        )
+    why = "motor position and torque are recorded, but neither the motor's inertia nor a torque sensor is there"
+    return "qr-rls", f"{why}; {SENSOR_ADDS}"
+
+
+def _observer_lacks(missing: Collection[str]) -> str:
+    """Name the sensors that a joint of which the acceleration is measured lacks for its stiffness."""
+    names = {"link_position": "an encoder on the link (link_position)"}
+    return " and ".join(names.get(role, f"{meaning(role)} ({role})") for role in dict.fromkeys(missing))
+
+
+def _missing(device: Device, offered: Collection[str]) -> list[str]:
+    """Return the roles without which no stiffness can be estimated."""
+    missing: list[str] = []
+    for view in device.transmissions:
+        if view.deflection not in offered:
+            missing += [r for r in ("link_position", view.motor_position) if r not in offered]
+        if view.torque_sensor not in offered and "torque_sensor" not in offered:
+            missing += [r for r in (view.motor_torque, view.motor_position) if r not in offered]
+    if device.has_setpoint and "setpoint" not in offered:
+        missing.append("setpoint")
+    return missing
+
+
+def _refuse(device: Device, missing: Collection[str]) -> None:
+    """Refuse a joint that no method can do anything with, naming each missing role."""
+    if not missing:
+        return
+    listed = "; ".join(f"{role}: {meaning(role)}" for role in dict.fromkeys(missing))
+    raise EstimatorError(
+        f"joint '{device.joint}': no stiffness can be estimated, because a role is missing: {listed}. A stiffness needs"
+        " the deflection (link_position and motor_position, or deflection) and a torque (torque_sensor, or motor_torque"
+        f" with motor_position). Name the channels under [joint.{device.joint}.signals] in the rig"
+    )
+
+
+def estimate_joint(
+    recordings: Sequence[Recording | LongRecording],
+    name: str,
+    joint: Joint,
+    choice: Choice,
+    *,
+    setpoints: Sequence[float | None] = (),
+    sink: Sink | None = None,
+    block: int = BLOCK,
+    rig: RigFile | None = None,
+) -> JointEstimate:
+    """Run an estimator over recordings, several of which make one model.
+
+    Parameters
+    ----------
+    recordings : in order; what is learnt from one goes on in the next; where one is long, memory does not grow with them
+    name, joint : of the rig
+    choice : the estimator, of `choose`
+    setpoints : a fixed set-point per recording [SI], None for none
+    sink : where blocks of the trace go; they are kept in memory when absent
+    block : rows at a time
+    rig : as for `choose`
+
+    Raises
+    ------
+    VsalogError
+        The recordings do not fit the rig, or the signals do not fit the estimator.
+    """
+    own, neighbours = own_and_others(choice.roles, {} if rig is None else rig.joint)
+    signals = _bound(recordings, name, joint, own, setpoints, neighbours)
+    # Filters, scales and priors are derived from it.
+    look = signals if isinstance(signals, JointSignals) else signals.look()
+    device = device_of(name, joint, look.roles, rig)
+    refuse_dead_sensors(choice.name, look)
+    found = signal_findings(device, look)
+    if isinstance(signals, LongSignals):
+        found = first_of_each((*found, *passing_findings(device, signals)))
+    kept: list[Trace] = []
+    summarizer = Summarizer(device)
+    # Where numbers run out of range the estimate is infinite or none, and the trace says so; numpy need not.
+    with np.errstate(over="ignore", invalid="ignore", divide="ignore"):
+        fold = choice.method.build(device, look, choice.tuning)
+        fold.conditioner.check_length(signals.longest_run)
+        cross_check = CrossCheck(recordings, device, joint, choice.roles, look.period, setpoints)
+        shape = SpringShape(device, look)
+        uneven = PositionShape(device, look, isinstance(fold, RegressionFold) and fold.fits_torque)
+        pass_on = kept.append if sink is None else sink
+        moved = moved_by_samples(choice.method, device, look, choice.tuning, fold)
+
+        def give(trace: Trace) -> None:
+            trace = widened(trace, moved)
+            summarizer.add(trace)
+            cross_check.add(trace)
+            shape.add(trace)
+            uneven.add(trace)
+            pass_on(trace)
+
+        state = fold_over(fold, signals, block, give)
+        learnt = fold.findings(state)
+        # What follows the motor's motion has a shape over the deflection, too, where both go together; and that over positions.
+        follows = any(finding.code == "residual.follows_motion" for finding in learnt)
+        bent = [] if follows else shape.findings(look) or uneven.findings()
+        summary = summarizer.result(signals)
+        whole = whole_windows(look, fold.conditioner.window)
+        return JointEstimate(
+            name,
+            choice.name,
+            choice.reason,
+            _settings(choice.tuning, fold),
+            fold.model(state),
+            summary,
+            (
+                *signals.findings,
+                *found,
+                *findings_of(summary, device, whole),
+                *learnt,
+                *sampling_findings(device, moved),
+                *cross_check.findings(choice.name),
+                *bent,
+            ),
+            Trace.concatenate(kept) if kept else None,
+        )
+
+
+def _bound(
+    recordings: Sequence[Recording | LongRecording],
+    name: str,
+    joint: Joint,
+    roles: tuple[str, ...],
+    setpoints: Sequence[float | None],
+    neighbours: Neighbours,
+) -> JointSignals | LongSignals:
+    """Bind a joint's roles, in a temporary file where a recording is too long for memory."""
+    short = [recording for recording in recordings if isinstance(recording, Recording)]
+    if len(short) == len(recordings):
+        return bind(short, name, joint, roles, setpoints, neighbours=neighbours)
+    from vsalog.binding.long_joint import bind_long
+
+    long = [LongRecording.of_short(r) if isinstance(r, Recording) else r for r in recordings]
+    return bind_long(long, name, joint, roles, setpoints, neighbours=neighbours)
+
+
+def _settings(tuning: Tuning, fold: Fold) -> dict[str, str | float | int | bool]:
+    """Return the tuning with what was derived from the log filled in."""
+    given = {k: v for k, v in msgspec.structs.asdict(tuning).items() if v is not None}
+    return {**given, **fold.derived}
+
+
+def pick_joints(joints: Mapping[str, Joint], wanted: Sequence[str]) -> dict[str, Joint]:
+    """Return the joints of that name, all when none is named.
+
+    Raises
+    ------
+    EstimatorError
+        The rig has no joint of that name, or none at all.
+    """
+    if not joints:
+        raise EstimatorError("the rig has no joint; describe one under [joint.NAME], 'vsalog init LOG' writes a start")
+    for name in wanted:
+        if name not in joints:
+            raise EstimatorError(
+                f"the rig has no joint '{name}'{did_you_mean(name, joints) or '.'} It has: {', '.join(joints)}"
+            )
+    return {name: joint for name, joint in joints.items() if not wanted or name in wanted}
+
+
+def choose_all(
+    joints: Mapping[str, Joint], estimator: str, tuning: Mapping[str, str], rig: RigFile | None = None
+) -> tuple[dict[str, Choice], dict[str, str]]:
+    """Choose an estimator for every joint; joints that offer too little are left out, with the reason.
+
+    Raises
+    ------
+    VsalogError
+        No joint is left.
+    """
+    choices: dict[str, Choice] = {}
+    left_out: dict[str, str] = {}
+    first: VsalogError | None = None
+    for name, joint in joints.items():
+        try:
+            choices[name] = choose(name, joint, estimator, tuning, rig)
+        except EstimatorError as error:
+            left_out[name] = str(error)
+            first = first or error
+    if not choices and first is not None:
+        raise first
+    return choices, left_out

@@ -1,0 +1,200 @@
+"""Key figures of a trace, gathered while it goes by."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+from functools import partial
+from typing import TYPE_CHECKING
+
+import msgspec
+import numpy as np
+from numpy.typing import NDArray
+
+from vsalog.core.finding import Finding
+from vsalog.core.trace import Trace
+from vsalog.estimators.device import Device
+from vsalog.estimators.equation import SUPPORTED_SHARE
+
+if TYPE_CHECKING:
+    from vsalog.core.long_signals import LongSignals
+    from vsalog.core.signals import JointSignals
+
+Array = NDArray[np.float64]
+
+# Supported rows kept for the quantiles.
+QUANTILE_SAMPLES = 20_000
+# Below the first share of rows with whole filter windows, missing samples are why a log is not excited; below the second share of
+# excited rows, that is reported.
+TORN, PARTLY = 0.5, 0.5
+# A stiffness that is surely negative for this part of the time comes of a sign; an offset this part of the torque matters.
+NEGATIVE, OFFSET = 0.01, 0.01
+
+
+class TransmissionSummary(msgspec.Struct, frozen=True, kw_only=True):
+    """Key figures of one transmission ("1", "2") or of the device ("total"); None where the log cannot tell.
+
+    Attributes
+    ----------
+    transmission : name
+    samples : rows of the trace
+    excited_share : share of them at which the estimate is supported by the data so far
+    stiffness_low, stiffness_high : 1 % and 99 % quantile over the supported rows [N·m/rad]
+    stiffness_last : at the last of them [N·m/rad]
+    negative_share : share of all rows with a stiffness that is surely negative
+    relative_std : root mean square of stiffness_std / stiffness over the supported rows
+    fit_rms : of the flexibility torque fed minus fitted [N·m], after the first supported row; a residual is compared with
+        the fit behind the residual's own lag
+    fit_mean : mean of fed minus fitted [N·m]
+    fit_share : fit_rms as a share of the torque's own standard deviation
+    deflection_span : greatest minus least deflection [rad]
+    """
+
+    transmission: str
+    samples: int
+    excited_share: float
+    stiffness_low: float | None
+    stiffness_high: float | None
+    stiffness_last: float | None
+    negative_share: float
+    relative_std: float | None
+    fit_rms: float | None
+    fit_mean: float | None
+    fit_share: float | None
+    deflection_span: float | None
+
+
+class JointSummary(msgspec.Struct, frozen=True, kw_only=True):
+    """Key figures of a joint."""
+
+    joint: str
+    duration: float
+    period: float
+    transmissions: tuple[TransmissionSummary, ...]
+
+
+@dataclass(slots=True)
+class _Sums:
+    samples: int = 0
+    excited: int = 0
+    seen: list[Array] = field(default_factory=list)
+    every: int = 1
+    negative: int = 0
+    last: float = np.nan
+    relative: float = 0.0
+    fit_count: int = 0
+    fit_square: float = 0.0
+    fit_sum: float = 0.0
+    torque_sum: float = 0.0
+    torque_square: float = 0.0
+    phi_low: float = np.inf
+    phi_high: float = -np.inf
+
+
+class Summarizer:
+    """Gather key figures from the blocks of a trace."""
+
+    def __init__(self, device: Device) -> None:
+        self.device = device
+        self.sums: dict[str, _Sums] = {}
+
+    def add(self, trace: Trace) -> None:
+        """Take a block into account."""
+        for name, columns in trace.transmissions.items():
+            s = self.sums.setdefault(name, _Sums())
+            excited = np.asarray(columns["excited"], dtype=bool)
+            sigma, std = np.asarray(columns["stiffness"], float), np.asarray(columns["stiffness_std"], float)
+            s.samples += len(trace)
+            with np.errstate(invalid="ignore"):
+                # A stiffness below zero is never supported, however sure.
+                s.negative += int(np.count_nonzero(SUPPORTED_SHARE * sigma < -std))
+            if excited.any():
+                _keep(s, sigma[excited])
+                s.last = float(sigma[excited][-1])
+                s.relative += float(np.sum((std[excited] / sigma[excited]) ** 2))
+            phi = np.asarray(columns["deflection"], float)
+            if np.isfinite(phi).any():
+                s.phi_low, s.phi_high = min(s.phi_low, np.nanmin(phi)), max(s.phi_high, np.nanmax(phi))
+            fed = np.asarray(columns.get("residual", columns["flexibility_torque"]), float)
+            fit = np.asarray(columns.get("residual_fit", columns["flexibility_torque_fit"]), float)
+            both = np.isfinite(fed) & np.isfinite(fit)
+            if not s.excited:
+                # Before anything is known the fit's error says nothing about the fit.
+                both &= np.logical_or.accumulate(excited)
+            s.excited += int(np.count_nonzero(excited))
+            s.fit_count += int(np.count_nonzero(both))
+            s.fit_square += float(np.sum((fed - fit)[both] ** 2))
+            s.fit_sum += float(np.sum((fed - fit)[both]))
+            s.torque_sum += float(np.sum(fed[both]))
+            s.torque_square += float(np.sum(fed[both] ** 2))
+
+    def result(self, signals: JointSignals | LongSignals) -> JointSummary:
+        """Return the figures."""
+        parts = tuple(_figures(name, s) for name, s in self.sums.items())
+        return JointSummary(
+            joint=self.device.joint,
+            duration=len(signals) * signals.period,
+            period=signals.period,
+            transmissions=parts,
+        )
+
+
+def _keep(s: _Sums, sigma: Array) -> None:
+    """Keep a thinned sample for the quantiles, of bounded size however long the log is."""
+    s.seen.append(sigma[:: s.every].copy())
+    if sum(x.size for x in s.seen) > QUANTILE_SAMPLES:
+        s.seen = [np.concatenate(s.seen)[::2]]
+        s.every *= 2
+
+
+def _figures(name: str, s: _Sums) -> TransmissionSummary:
+    fit = (s.fit_square / s.fit_count) ** 0.5 if s.fit_count else None
+    spread = max(s.torque_square / s.fit_count - (s.torque_sum / s.fit_count) ** 2, 0.0) ** 0.5 if s.fit_count else 0.0
+    low, high = np.quantile(np.concatenate(s.seen), (0.01, 0.99)) if s.seen else (np.nan, np.nan)
+    return TransmissionSummary(
+        transmission=name,
+        samples=s.samples,
+        excited_share=s.excited / s.samples if s.samples else 0.0,
+        stiffness_low=_known(low),
+        stiffness_high=_known(high),
+        stiffness_last=_known(s.last),
+        negative_share=s.negative / s.samples if s.samples else 0.0,
+        relative_std=(s.relative / s.excited) ** 0.5 if s.excited else None,
+        fit_rms=fit,
+        fit_mean=s.fit_sum / s.fit_count if s.fit_count else None,
+        fit_share=fit / spread if fit is not None and spread > 0.0 else None,
+        deflection_span=_known(s.phi_high - s.phi_low),
+    )
+
+
+def _known(x: float) -> float | None:
+    return float(x) if np.isfinite(x) else None
+
+
+def findings_of(summary: JointSummary, device: Device, whole: float) -> Iterator[Finding]:
+    """Yield what the key figures show.
+
+    Parameters
+    ----------
+    summary, device : of a joint
+    whole : the share of the filters' windows in which no sample is missing
+    """
+    odd = 0 not in device.basis.powers
+    for p in (p for p in summary.transmissions if p.transmission != "total"):
+        found = partial(Finding, joint=summary.joint, part=p.transmission)
+        if p.excited_share < TORN and whole < TORN:
+            yield found(code="estimate.torn", value=whole, limit=TORN)
+        elif p.excited_share == 0.0 and p.negative_share < NEGATIVE:
+            yield found(
+                code="estimate.never_excited" if p.fit_rms is None else "estimate.fit_never_excited",
+                value=p.excited_share,
+                limit=0.0,
+            )
+        elif 0.0 < p.excited_share < PARTLY:
+            yield found(code="estimate.partly_excited", value=p.excited_share, limit=PARTLY)
+        if odd and p.fit_mean and p.fit_rms and p.fit_share:
+            limit = max(0.5, OFFSET / p.fit_share) * p.fit_rms
+            if abs(p.fit_mean) > limit:
+                yield found(code="fit.offset", value=p.fit_mean, limit=limit, unit="N*m")
+        if p.negative_share > NEGATIVE:
+            yield found(code="stiffness.negative", value=p.negative_share, limit=NEGATIVE)

@@ -1,0 +1,96 @@
+"""Writes a diagnosis: `diagnosis.json`, `diagnosis.html` and `extended.rig.toml`; each whole or not at all."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Literal
+
+from vsalog.core.documents import document_text
+from vsalog.core.errors import WriteError
+from vsalog.diagnosis.document import Diagnosis
+from vsalog.diagnosis.evidence import JointEvidence
+from vsalog.report.page_diagnosis import write_diagnosis_page
+from vsalog.report.page_text import plain
+from vsalog.writers.atomic import check_path, together, write_text
+
+
+@dataclass(frozen=True, slots=True)
+class Outputs:
+    """Where the diagnosis goes.
+
+    Attributes
+    ----------
+    document, page, rig : files
+    rig_is : what became of `rig`: planned, written, none (there is nothing to extend), or old (nothing to extend, and a file of
+        that name from before was left as it is)
+    scenario : the experiment that is proposed; none where it was not asked for, or nothing is proposed
+    """
+
+    document: Path
+    page: Path
+    rig: Path
+    rig_is: Literal["planned", "written", "none", "old"] = "planned"
+    scenario: Path | None = None
+
+    @classmethod
+    def within(cls, folder: Path | None, suggest: bool = False) -> Outputs:
+        """Name the files in a folder, the current one when absent; with a scenario where `suggest` says so."""
+        where = Path() if folder is None else folder
+        scenario = where / "next.scenario.toml" if suggest else None
+        return cls(where / "diagnosis.json", where / "diagnosis.html", where / "extended.rig.toml", scenario=scenario)
+
+
+def write_diagnosis(
+    diagnosis: Diagnosis,
+    evidence: Sequence[JointEvidence],
+    extended_rig_toml: str | None,
+    outputs: Outputs,
+    scenario_toml: str | None = None,
+) -> Outputs:
+    """Write all of it.
+
+    Parameters
+    ----------
+    diagnosis : the document
+    evidence : what the page's figures draw
+    extended_rig_toml : the rig with the causes filled in; None where there is nothing to fill in: a file of that name that is
+        there from before is never deleted, and said to be old
+    outputs : where to
+    scenario_toml : the experiment that is proposed; None where none is
+
+    Returns
+    -------
+    The outputs, with what became of the extended rig and the scenario
+
+    Raises
+    ------
+    WriteError
+        A file cannot be written.
+    """
+    try:
+        outputs.document.parent.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise WriteError(f"{outputs.document.parent}: cannot be made a folder: {error.strerror}") from error
+    # Before anything is written, so that all are there or none is.
+    proposed = outputs.scenario if scenario_toml is not None else None
+    for path in (outputs.document, outputs.page, outputs.rig, *([proposed] if proposed else [])):
+        check_path(path)
+    with together():
+        write_diagnosis_page(outputs.page, diagnosis, evidence, extended_rig_toml)
+        if extended_rig_toml is not None:
+            write_text(outputs.rig, _heading(diagnosis) + extended_rig_toml)
+            became = replace(outputs, rig_is="written")
+        else:
+            became = replace(outputs, rig_is="old" if outputs.rig.exists() else "none")
+        if proposed is not None and scenario_toml is not None:
+            write_text(proposed, scenario_toml)
+        write_text(outputs.document, document_text(diagnosis))
+    return replace(became, scenario=proposed)
+
+
+def _heading(diagnosis: Diagnosis) -> str:
+    """Say in the rig itself where it comes from; what a log is called must not end the comment."""
+    causes = ", ".join(f"{c.cause} in joint {c.joint}" for c in diagnosis.causes)
+    return plain(f"# Extended by vsalog {diagnosis.vsalog} with what {diagnosis.log} shows: {causes}") + "\n"

@@ -1,0 +1,129 @@
+"""How a diagnosis' names and numbers are printed, on the terminal as on the page: plain texts."""
+
+from __future__ import annotations
+
+import math
+
+from vsalog.diagnosis.document import Diagnosis, FoundCause, Gain, Number, Unexplained
+from vsalog.report.page_tables import unit_text
+from vsalog.report.page_text import number
+
+# A parameter is printed with an interval of so many standard deviations: 95 % of a normal distribution.
+HALF = 1.96
+# Below so much of what was wrong, what is left is not spoken of; reductions beyond these are no numbers people use.
+LITTLE, LEAST_REDUCTION = 0.005, -9.99
+# Decimal exponents that are printed without a power of ten.
+PLAIN = range(-4, 6)
+SUPERSCRIPTS = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
+
+
+def unit_of(unit: str) -> str:
+    """Return a unit as it is printed, after a space; nothing for a plain number."""
+    return "" if unit in ("", "1") else f" {unit_text(unit).replace('^2', '²').replace('^3', '³')}"
+
+
+def signal_name(role: str) -> str:
+    """Return what people call a signal, an equation or a parameter."""
+    return role.replace("_", " ")
+
+
+def with_interval(value: float, half: float | None) -> str:
+    """Return a value ± half its interval: the half to two digits, the value to the same place.
+
+    Parameters
+    ----------
+    value : any number
+    half : not negative; None where it is not known
+    """
+    if not math.isfinite(value):
+        return "–"
+    if half is None or not math.isfinite(half):
+        return number(value, 4)
+    if half <= 0.0:
+        return f"{number(value, 4)} ± 0"
+    exponent = math.floor(math.log10(max(abs(value), half)))
+    # Rounded to two digits first: 0.0996 is 0.10, with a place less.
+    places = 1 - math.floor(math.log10(float(f"{half:.1e}")))
+    scale = 0 if exponent in PLAIN else exponent
+    digits = max(places + scale, 0)
+    told = f"{value / 10**scale:.{digits}f} ± {half / 10**scale:.{digits}f}"
+    told = told.replace("-", "−")
+    return told if scale == 0 else f"({told}) × 10{str(scale).translate(SUPERSCRIPTS)}"
+
+
+def parameter_text(found: Number) -> str:
+    """Return a parameter with its 95 % interval and unit, and what the rig has."""
+    if not found.determined:
+        return "undetermined"
+    half = None if found.std is None else HALF * found.std
+    rig = "" if found.rig is None else f" (rig: {number(found.rig)})"
+    return f"{with_interval(found.value, half)}{unit_of(found.unit)}{rig}"
+
+
+def kind_text(cause: FoundCause) -> str:
+    """Return the name of a cause, and whether it does not matter."""
+    return cause.cause if cause.material else f"{cause.cause}, immaterial"
+
+
+def share_text(share: float) -> str:
+    """Return a share in per cent: a decimal only where it matters, for 99.6 % is not all of it, nor 0.4 % nothing."""
+    if not math.isfinite(share):
+        return "–"
+    per_cent = 100.0 * share
+    digits = 1 if 0.05 <= abs(per_cent) < 1.0 or 99.0 < per_cent < 99.95 else 0
+    return f"{per_cent:.{digits}f} %".replace("-", "−")
+
+
+def change_text(share: float | None) -> str:
+    """Return by which share a cause changes the estimated stiffness, if that is known."""
+    return "–" if share is None else share_text(share)
+
+
+def confidence_text(cause: FoundCause) -> str:
+    """Return how sure a cause is in per cent, never all of it; of a class also how sure that is."""
+    own, together = ("> 99 %" if c > 0.99 else share_text(c) for c in (cause.confidence, cause.class_confidence))
+    return f"{own}, its class {together}" if cause.indistinguishable_from else own
+
+
+def reduction_text(gain: Gain) -> str:
+    """Return a reduction with its 95 % interval, to the digits that the interval allows."""
+    values = (gain.reduction, *gain.ci95)
+    if not all(map(math.isfinite, values)):
+        return "–"
+    if gain.reduction < LEAST_REDUCTION:
+        return "worse, more than tenfold"
+    digits = 1 if values[2] - values[1] < 0.02 else 0
+    told, low, high = (f"{100.0 * max(v, LEAST_REDUCTION):.{digits}f}".replace("-", "−") for v in values)
+    return f"{told} % ({low} … {high})"
+
+
+def unexplained_words(left: Unexplained) -> str:
+    """Say what no cause explains."""
+    if left.fraction < LITTLE and left.where is None:
+        return "Nothing beyond noise is left over in the equations of this log."
+    words = f"{share_text(left.fraction)} of what was wrong is left unexplained"
+    if left.where is None:
+        return f"{words}."
+    if left.loop:
+        return (
+            f"{words}; it is on the {left.where} side, and a loop over {signal_name(left.depends_on[0])}: one way up, another way"
+            " down, as far as a log can tell that passes it once."
+        )
+    words += f"; it is on the {left.where} side and depends on"
+    names = [signal_name(n) for n in left.depends_on]
+    if not names:
+        return f"{words} no signal that was looked at."
+    return f"{words} {' and '.join(filter(None, (', '.join(names[:-1]), names[-1])))}."
+
+
+def sure_words(cause: FoundCause) -> str:
+    """Say how sure a cause is, what it takes away, and what it does to the stiffness."""
+    said = f"confidence {confidence_text(cause)}; it takes away {share_text(cause.error_removed)} of the error"
+    change = cause.stiffness_change
+    return said if change is None else f"{said}, and moves the estimated stiffness by {change_text(change)}"
+
+
+def open_experiment(diagnosis: Diagnosis) -> str:
+    """Return the next experiment, unless the causes' own advice says the same."""
+    said = [text for c in diagnosis.causes for text in (c.how_to_confirm, c.tell_apart)]
+    return "" if diagnosis.next_experiment in said else diagnosis.next_experiment

@@ -1,0 +1,270 @@
+"""What `inspect` finds in a log, as data."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+
+import numpy as np
+from msgspec import Struct
+
+from vsalog.core.recording import Channel, Recording, Stream
+from vsalog.core.resolution import noise_of, step_of
+from vsalog.readers.sampling import Sample
+from vsalog.report.inspect_head import HeadReport, heads_of
+from vsalog.report.inspect_repair import Repaired
+from vsalog.report.inspect_stats import Clock, clock_of
+from vsalog.rig.checks import RUN
+from vsalog.rig.guess_types import Guess, JointGuess
+
+
+class RoleReport(Struct, frozen=True):
+    """The role a channel probably has, in which joint, and how sure that is (0 … 1)."""
+
+    joint: str
+    role: str
+    confidence: float
+    reasons: tuple[str, ...]
+
+
+class ChannelReport(Struct, frozen=True):
+    """One channel.
+
+    Attributes
+    ----------
+    name, unit, type : as in the log
+    count : samples
+    nan_share : share of them that are no finite number
+    minimum, maximum : of the finite ones; None where there is none
+    resolution : least significant step; None for a channel without steps
+    noise : standard deviation of its white noise, from second differences; None where that cannot be told
+    constant : it never changes
+    role : the probable one
+    """
+
+    name: str
+    unit: str | None
+    type: str
+    count: int
+    nan_share: float
+    minimum: float | None
+    maximum: float | None
+    resolution: float | None
+    noise: float | None
+    constant: bool
+    role: RoleReport | None
+
+
+class StreamReport(Struct, frozen=True):
+    """One topic, table or struct, its clock and its channels; times in seconds.
+
+    Attributes
+    ----------
+    name, type : as in the log
+    count : samples that were read
+    total : samples in the whole log; None where only a sample of it was read and it does not say so
+    start : stamp of the first sample [ns]; None where there is none
+    duration : last stamp minus first
+    rate : [Hz], one over the median step
+    jitter : half the 5–95 % range of the steps
+    gaps, longest_gap : steps longer than 2.5 medians
+    time_source, time_reason : which clock the stamps are, and why not a better one
+    inversions, duplicates, conflicts : samples out of order, exact copies, equal stamps with other values
+    delay_median, delay_spread : log time minus stamp; None where the log has one clock
+    channels : its channels
+    """
+
+    name: str
+    type: str
+    count: int
+    total: int | None
+    start: int | None
+    duration: float | None
+    rate: float | None
+    jitter: float | None
+    gaps: int
+    longest_gap: float
+    time_source: str
+    time_reason: str
+    inversions: int
+    duplicates: int
+    conflicts: int
+    delay_median: float | None
+    delay_spread: float | None
+    channels: tuple[ChannelReport, ...]
+
+
+class SampleReport(Struct, frozen=True):
+    """What was read instead of the whole of a large log.
+
+    Attributes
+    ----------
+    size, of : bytes read, and of the log
+    stretches : pieces that do not join; 1 is the log's beginning alone
+    """
+
+    size: int
+    of: int
+    stretches: int
+
+
+class LogReport(Struct, frozen=True):
+    """One log: its streams, the joints guessed, and what a person should know.
+
+    Attributes
+    ----------
+    path, format : of the log
+    absolute_time : whether stamps count from the epoch
+    duration : [s], from the first stamp of all streams to the last; None where no stream has a time
+    has_rig : the log carries a rig
+    sample : what all of this was told from; None for the whole log
+    streams : with their channels
+    joints : as guessed
+    head : the first samples of each stream, where they were asked for
+    unread : fields that are no signal, and why
+    notes : of the reader
+    warnings : of the guess
+    """
+
+    path: str
+    format: str
+    absolute_time: bool
+    duration: float | None
+    has_rig: bool
+    sample: SampleReport | None
+    streams: tuple[StreamReport, ...]
+    joints: tuple[JointGuess, ...]
+    head: tuple[HeadReport, ...]
+    unread: Mapping[str, str]
+    notes: tuple[str, ...]
+    warnings: tuple[str, ...]
+
+
+class Unreadable(Struct, frozen=True):
+    """A log that cannot be read, and why."""
+
+    path: str
+    error: str
+
+
+class Inspection(Struct, frozen=True):
+    """The whole answer of `inspect --json`.
+
+    Attributes
+    ----------
+    logs : in the order they were named
+    repaired : what was written, where that was asked for
+    unreadable : those of the logs that cannot be read
+    """
+
+    logs: tuple[LogReport, ...]
+    repaired: Repaired | None = None
+    unreadable: tuple[Unreadable, ...] = ()
+
+
+@np.errstate(over="ignore", invalid="ignore", divide="ignore")  # a log may hold any number
+def inspect_recording(recording: Recording, guess: Guess, sample: Sample | None = None, head: int = 0) -> LogReport:
+    """Return what is in a recording.
+
+    Parameters
+    ----------
+    recording : as read
+    guess : the roles of its channels
+    sample : what part of the log it is; None for the whole
+    head : so many of the first samples of each stream are part of the report
+    """
+    roles = _roles(guess)
+    by_stream: dict[str, list[Channel]] = {name: [] for name in recording.streams}
+    for channel in recording.channels.values():
+        by_stream.setdefault(channel.stream, []).append(channel)
+    return LogReport(
+        str(recording.path),
+        recording.format,
+        recording.absolute_time,
+        _duration(recording),
+        recording.rig_text is not None,
+        None if sample is None else SampleReport(sample.size, sample.of, sample.stretches),
+        tuple(
+            _stream(recording.streams.get(name), name, channels, roles, sample) for name, channels in by_stream.items()
+        ),
+        guess.joints,
+        tuple(heads_of(recording, head)) if head else (),
+        dict(recording.unread),
+        recording.notes,
+        guess.warnings,
+    )
+
+
+def _roles(guess: Guess) -> dict[str, RoleReport]:
+    """Return channel → role; a channel of a run stands for that of every run."""
+    found = {}
+    for joint in guess.joints:
+        for role, given in joint.roles.items():
+            report = RoleReport(joint.name, role, given.confidence, given.reasons)
+            for name in [run.name for run in joint.runs] or [RUN]:
+                found[given.channel.replace(RUN, name)] = report
+    return found
+
+
+def _duration(recording: Recording) -> float | None:
+    timeless = {name for name, stream in recording.streams.items() if stream.time_source == "none"}
+    stamps = [c.stamps for c in recording.channels.values() if c.stamps.size and c.stream not in timeless]
+    if not stamps:
+        return None if timeless else 0.0
+    return float(max(int(s[-1]) for s in stamps) - min(int(s[0]) for s in stamps)) * 1e-9
+
+
+def _stream(
+    stream: Stream | None, name: str, channels: list[Channel], roles: Mapping[str, RoleReport], sample: Sample | None
+) -> StreamReport:
+    stream = stream or Stream(name, "", 0, "none")
+    has_time = stream.time_source != "none" and bool(channels)
+    # Channels of one stream share their stamps; the longest tells most where a format cuts them apart.
+    stamps = max((c.stamps for c in channels), key=lambda s: s.size, default=np.empty(0, np.int64))
+    seams = 0 if sample is None else sample.stretches - 1
+    clock = clock_of(stamps, seams) if has_time else Clock(math.nan, math.nan, 0, 0.0, math.nan)
+    return StreamReport(
+        name,
+        stream.type,
+        stream.count,
+        stream.count if sample is None else sample.totals.get(name),
+        int(stamps[0]) if has_time and stamps.size else None,
+        _known(clock.duration),
+        _known(clock.rate),
+        _known(clock.jitter),
+        clock.gaps,
+        clock.longest_gap,
+        stream.time_source,
+        stream.time_reason,
+        stream.inversions,
+        stream.duplicates,
+        stream.conflicts,
+        _known(stream.delay_median),
+        _known(stream.delay_spread),
+        tuple(_channel(c, roles.get(c.name)) for c in channels),
+    )
+
+
+def _channel(channel: Channel, role: RoleReport | None) -> ChannelReport:
+    values = channel.values
+    is_finite = np.isfinite(values)
+    finite = values if is_finite.all() else values[is_finite]
+    low, high = (float(finite.min()), float(finite.max())) if finite.size else (None, None)
+    constant = finite.size > 0 and low == high
+    return ChannelReport(
+        channel.name,
+        channel.unit,
+        channel.type,
+        int(values.size),
+        float(1.0 - finite.size / values.size) if values.size else 0.0,
+        low,
+        high,
+        None if constant else step_of(values),
+        None if constant else noise_of(values),
+        constant,
+        role,
+    )
+
+
+def _known(value: float) -> float | None:
+    return value if math.isfinite(value) else None

@@ -1,0 +1,158 @@
+"""The figures of torque over deflection: characteristic curve or surface with the data on it, and its slices."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vsalog.core.model import JointModel, TransmissionModel
+from vsalog.report.page_charts import Axes, Chart, Curve, Surface
+from vsalog.report.page_decimate import extent, scattered
+from vsalog.report.page_figures import DEFLECTION, TORQUE, measured_name, span_words
+from vsalog.report.page_text import number
+from vsalog.validation.evidence import JointEvidence, TransmissionEvidence
+
+Array = NDArray[np.float64]
+
+POINTS, SURFACE_POINTS, SLICE_POINTS = 2500, 1500, 800
+GRID, CURVE = 33, 161
+# A slice shows the samples whose set-point is closer than this part of the set-point's span.
+SLICE_WIDTH = 0.02
+SLICES = 3
+
+
+def characteristic_charts(joint: JointEvidence, name: str, part: TransmissionEvidence) -> list[Chart]:
+    """Torque over deflection, and where there is a set-point the surface and its slices."""
+    if not np.isfinite(part.deflection).any():
+        return []
+    model, fitted = joint.model, None
+    if model is not None:
+        fitted = next((t for t in model.transmission if t.name == name), None)
+    moving = joint.setpoint is not None and _span(joint.setpoint) > 0.0
+    charts = [_over_deflection(joint, part, model, fitted, moving)]
+    if model is not None and fitted is not None and moving and len(fitted.region) > 2 and len(fitted.region[0]) > 1:
+        charts += [_surface(joint, part, model, fitted), _slices(joint, part, model, fitted)]
+    return charts
+
+
+def setpoint_label(joint: JointEvidence) -> str:
+    """Return the set-point's axis label."""
+    unit = joint.setpoint_unit if joint.setpoint_unit in ("m", "rad") else ""
+    return f"set-point [{unit}]" if unit else "set-point"
+
+
+def _data(part: TransmissionEvidence) -> tuple[Array, str]:
+    return (part.predicted, "model") if part.measured is None else (part.measured, measured_name(part))
+
+
+def _over_deflection(
+    joint: JointEvidence, part: TransmissionEvidence, model: JointModel | None, fitted: TransmissionModel | None, moving: bool
+) -> Chart:  # fmt: skip
+    torque, label = _data(part)
+    at = scattered(part.deflection, torque, POINTS)
+    shade = joint.setpoint[at] if moving and joint.setpoint is not None else None
+    points = Curve(label, part.deflection[at], torque[at], "measured", "points", shade=shade)
+    curves = [points]
+    words = f"Torque ({label}) over a deflection from {span_words(part.deflection, 'rad')}"
+    if not moving and model is not None and fitted is not None and fitted.region:
+        ends = np.array([p[0] for p in fitted.region])
+        phi = np.linspace(float(ends.min()), float(ends.max()), CURVE)
+        fixed = None if joint.setpoint is None else np.full(CURVE, float(np.nanmedian(joint.setpoint)))
+        for curve in _model_curves(model, fitted.name, phi, fixed):
+            curves = [curve, *curves] if curve.kind == "area" else [*curves, curve]
+        words += ", and the model's characteristic with twice its standard deviation where it was fitted"
+    if shade is not None and joint.setpoint is not None:
+        words += f"; the colour is the set-point, {span_words(joint.setpoint, joint.setpoint_unit)}"
+    axes = Axes(DEFLECTION, TORQUE, tuple(curves), shade_label=setpoint_label(joint) if shade is not None else "")
+    return Chart("torque_over_deflection", "Torque over deflection", f"{words}.", (axes,))
+
+
+def _model_curves(model: JointModel, name: str, phi: Array, setpoint: Array | None) -> list[Curve]:
+    """The model with its band, once per branch where loading and unloading differ."""
+    at = setpoint if model.basis.setpoint_order > 1 else None
+    curves = []
+    branches = ((True, "model, loading"), (False, "model, unloading")) if model.basis.branches else ((True, "model"),)
+    for i, (loading, label) in enumerate(branches):
+        torque, std = model.flexibility_torque(name, phi, at, np.full(phi.shape, loading))
+        outline = np.concatenate([phi, phi[::-1]]), np.concatenate([torque + 2 * std, (torque - 2 * std)[::-1]])
+        curves.append(Curve("± 2 standard deviations" if i == 0 else "", *outline, "model", "area"))
+        curves.append(Curve(label, phi, torque, "model", dashed=not loading))
+    return curves
+
+
+def _surface(joint: JointEvidence, part: TransmissionEvidence, model: JointModel, fitted: TransmissionModel) -> Chart:
+    assert joint.setpoint is not None
+    torque, label = _data(part)
+    region = np.array(fitted.region)
+    setpoint = np.linspace(region[:, 1].min(), region[:, 1].max(), GRID)
+    # Each row of the grid reaches from edge to edge of the region, whose outline is smooth that way.
+    P = np.array([np.linspace(*_reach(region, float(c)), GRID) for c in setpoint])
+    C = np.repeat(setpoint[:, None], GRID, axis=1)
+    z = model.flexibility_torque(fitted.name, P.ravel(), C.ravel())[0].reshape(P.shape)
+    # One sample per cell of (φ, set-point): the data must cover the surface as the log does.
+    at = scattered(part.deflection, joint.setpoint, SURFACE_POINTS)
+    at = at[np.isfinite(torque[at])]
+    data = np.column_stack([part.deflection[at], joint.setpoint[at], torque[at]])
+    words = (
+        f"The model's torque over deflection ({span_words(region[:, 0], 'rad')}) and set-point"
+        f" ({span_words(region[:, 1], joint.setpoint_unit)}), {span_words(z.ravel(), 'N·m')}, inside the region it was fitted in;"
+        f" points are the log's data ({label})."
+    )
+    surface = Surface(P, setpoint, z, data, DEFLECTION, setpoint_label(joint), TORQUE)
+    return Chart("surface", "Characteristic surface", words, surface=surface)
+
+
+def _slices(joint: JointEvidence, part: TransmissionEvidence, model: JointModel, fitted: TransmissionModel) -> Chart:
+    """The surface at three set-points, with the data that was recorded near each."""
+    assert joint.setpoint is not None
+    torque, label = _data(part)
+    known = np.isfinite(torque) & np.isfinite(part.deflection) & np.isfinite(joint.setpoint)
+    # Where there are data: a set-point that is switched between values has none in between.
+    values = joint.setpoint[known] if known.any() else np.array(fitted.region)[:, 1]
+    width = SLICE_WIDTH * _span(joint.setpoint)
+    panels: list[Axes] = []
+    said: list[str] = []
+    unit = f" {joint.setpoint_unit}".rstrip()
+    for c in _apart(values):
+        near = np.flatnonzero(known & (np.abs(joint.setpoint - c) <= width))
+        at = near[scattered(part.deflection[near], torque[near], SLICE_POINTS)] if near.size else near
+        ends = _reach(np.array(fitted.region), c)
+        if ends[0] == ends[1]:
+            continue
+        phi = np.linspace(*ends, CURVE)
+        curves = _model_curves(model, fitted.name, phi, np.full(CURVE, c))
+        points = Curve(label, part.deflection[at], torque[at], "measured", "points")
+        curves = [curves[0], points, *curves[1:]]
+        if panels:
+            curves = [replace(curve, label="") for curve in curves]
+        # The label is on the axis: what the slice is must not lie over the data.
+        panels.append(Axes(f"φ [rad] at {number(c)}{unit}", TORQUE, tuple(curves)))
+        stiffness = float(model.stiffness(fitted.name, [float(np.mean(phi))], [c])[0][0])
+        said.append(f"{number(stiffness)} N·m/rad at {number(c)}{unit}")
+    words = f"Slices of the surface at fixed set-points, with data from within {number(width, 2)}{unit}"
+    if said:
+        words += f". Slope in the middle: {', '.join(said)}"
+    return Chart("slices", "Slices of the surface", f"{words}.", tuple(panels), beside=True)
+
+
+def _apart(values: Array) -> list[float]:
+    """Return set-points that occur, spread evenly over their range as far as they do."""
+    low, high = np.quantile(values, [0.02, 0.98])
+    wanted = low + np.linspace(0.1, 0.9, SLICES) * (high - low)
+    return [float(c) for c in np.unique([values[np.abs(values - w).argmin()] for w in wanted])]
+
+
+def _reach(region: Array, c: float) -> tuple[float, float]:
+    """Return least and greatest deflection of a region, a convex polygon, at a set-point within it."""
+    met = []
+    for (x0, c0), (x1, c1) in zip(region, np.roll(region, -1, axis=0), strict=True):
+        if min(c0, c1) <= c <= max(c0, c1):
+            met += [x0, x1] if c0 == c1 else [x0 + (c - c0) / (c1 - c0) * (x1 - x0)]
+    return (float(min(met)), float(max(met))) if met else (0.0, 0.0)
+
+
+def _span(values: Array) -> float:
+    low, high, _ = extent(values)
+    return max(high - low, 0.0)

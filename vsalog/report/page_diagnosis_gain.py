@@ -1,0 +1,87 @@
+"""The figures of the gain: errors before and after, in multiples of what noise alone makes."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from vsalog.diagnosis.document import EquationError, Gain
+from vsalog.report.diagnosis_words import reduction_text, signal_name
+from vsalog.report.page_charts import Axes, Chart, Curve
+from vsalog.report.page_text import number
+
+# An error below this part of the noise cannot be drawn on a logarithmic axis.
+LEAST = 1e-3
+
+
+@dataclass(frozen=True, slots=True)
+class Row:
+    """One row: a name, errors before and after as multiples of the noise, and the interval of the second."""
+
+    name: str
+    before: float
+    after: float
+    interval: tuple[float, float] | None = None
+
+
+def gain_chart(gains: Sequence[Gain], where: str) -> Chart | None:
+    """Return the simulation errors of a joint's signals, before and after, beside the noise.
+
+    Parameters
+    ----------
+    gains : of one joint
+    where : what they were measured on, in words
+    """
+    known = [g for g in gains if g.noise_floor > 0.0 and np.isfinite([g.rmse_before, g.rmse_after]).all()]
+    rows = []
+    for g in known:
+        high, low = ((1.0 - end) * g.rmse_before / g.noise_floor for end in g.ci95)
+        name = signal_name(g.signal)
+        rows.append(Row(name, g.rmse_before / g.noise_floor, g.rmse_after / g.noise_floor, (low, high)))
+    told = "; ".join(
+        f"{r.name} {number(r.before)} → {number(r.after)} times its noise, less by {reduction_text(g)}"
+        for r, g in zip(rows, known, strict=True)
+    )
+    words = f"Error of the simulation (root mean square) on {where}, as a multiple of what noise alone makes: {told}."
+    label = "error / what noise makes"
+    return _chart("gain", "Error of the simulation, before and after", words, label, rows)
+
+
+def equations_chart(errors: Sequence[EquationError]) -> Chart | None:
+    """Return what is left over in a joint's equations, before and after, beside the noise."""
+    rows = [
+        Row(signal_name(e.equation), e.rms_before / e.noise, e.rms_after / e.noise)
+        for e in errors
+        if e.noise > 0.0 and np.isfinite([e.rms_before, e.rms_after]).all()
+    ]
+    told = "; ".join(f"{r.name} {number(r.before)} → {number(r.after)} times its noise" for r in rows)
+    words = f"What is left over in each equation of the joint (root mean square), as a multiple of its noise: {told}."
+    return _chart("equations", "Equations of the joint, before and after", words, "left over / noise", rows)
+
+
+def _chart(kind: str, title: str, words: str, label: str, rows: Sequence[Row]) -> Chart | None:
+    if not rows:
+        return None
+    count = len(rows)
+    y = -np.arange(count, dtype=np.float64)
+    before, after = (np.maximum([getattr(r, which) for r in rows], LEAST) for which in ("before", "after"))
+    hole = np.full(count, np.nan)
+    pairs = np.stack([before, after, hole], axis=1).ravel(), np.repeat(y, 3)
+    curves = [
+        Curve("noise alone", np.ones(2), np.array([0.6, 0.6 - count]), "truth", dashed=True),
+        Curve("", *pairs, "error", dashed=True),
+        Curve("rig as it stands", before, y, "error", "points", symbol="diamond-open"),
+    ]
+    if any(r.interval is not None for r in rows):
+        ends = np.array([r.interval or (np.nan, np.nan) for r in rows])
+        low, high = np.maximum(ends, LEAST).T
+        # Bars with caps, a little below, where the mark does not hide them.
+        at = y - 0.24
+        x = np.stack([low, low, low, high, high, high, hole], axis=1).ravel()
+        up = np.stack([at - 0.06, at + 0.06, at, at, at + 0.06, at - 0.06, hole], axis=1).ravel()
+        curves.append(Curve("95 % interval of what is left", x, up, "model"))
+    curves.append(Curve("extended rig", after, y, "model", "points", symbol="circle"))
+    axes = Axes(label, "", tuple(curves), rows=tuple(r.name for r in rows), x_log=True)
+    return Chart(kind, title, words, (axes,))

@@ -1,0 +1,166 @@
+"""The tables of a diagnosis, as HTML: errors, ranking, parameters, gain, equations, and the change of the rig."""
+
+from __future__ import annotations
+
+import difflib
+from collections.abc import Sequence
+
+from vsalog.diagnosis.document import Diagnosis, EquationError, FoundCause, Gain, SignalError
+from vsalog.report.diagnosis_words import (
+    LITTLE,
+    change_text,
+    confidence_text,
+    parameter_text,
+    reduction_text,
+    share_text,
+    signal_name,
+    unit_of,
+)
+from vsalog.report.page_text import escaped, name, number
+
+# A share below this has no bar that could be seen.
+LEAST_BAR = 0.004
+
+
+def stacking_table(caption: str, heads: Sequence[str], rows: Sequence[Sequence[str]], texts: int = 1) -> str:
+    """Return a table whose rows become small grids where the page is too narrow for it.
+
+    Parameters
+    ----------
+    caption, heads : plain texts
+    rows : of cells, HTML; the first of each is its head
+    texts : columns that hold words; the others hold numbers
+    """
+    if not rows:
+        return ""
+    kinds = ["" if i < texts else ' class="n"' for i in range(len(heads))]
+    head = "".join(f'<th scope="col"{k}>{escaped(h)}</th>' for k, h in zip(kinds, heads, strict=True))
+    body = []
+    for row in rows:
+        cells = "".join(
+            f'<td{k} data-head="{escaped(h)}">{cell}</td>'
+            for k, h, cell in zip(kinds[1:], heads[1:], row[1:], strict=True)
+        )
+        body.append(f'<tr><th scope="row">{row[0]}</th>{cells}</tr>')
+    return (
+        f'<div class="scroll" tabindex="0" role="region" aria-label="{escaped(caption)}"><table class="scores told">'
+        f"<caption>{escaped(caption)}</caption><thead><tr>{head}</tr></thead><tbody>{''.join(body)}</tbody></table></div>"
+    )
+
+
+def ranking_table(diagnosis: Diagnosis, several: bool) -> str:
+    """Causes: the error they take away, what they do to the stiffness, how sure they are, and their classes."""
+    rows = []
+    for cause in diagnosis.causes:
+        others = ", ".join(f"<code>{escaped(o)}</code>" for o in cause.indistinguishable_from)
+        rows.append(
+            [
+                _cause(cause, several),
+                _bar(cause.error_removed),
+                change_text(cause.stiffness_change),
+                _bar(cause.confidence, confidence_text(cause)),
+                others or "–",
+            ]
+        )
+    left = diagnosis.unexplained.fraction
+    if rows and left >= LITTLE:
+        rows.append(["left unexplained", _bar(left), "–", "–", "–"])
+    heads = ("cause", "error it takes away", "moves stiffness by", "how sure", "this log cannot tell it from")
+    return stacking_table("Ranking of the causes", heads, rows, texts=5)
+
+
+def parameters_table(causes: Sequence[FoundCause], several: bool) -> str:
+    """All parameters with their 95 % intervals."""
+    rows = [
+        [
+            f"<code>{escaped(c.cause)}</code>{_joint(c.joint, several)}",
+            escaped(signal_name(n)),
+            escaped(parameter_text(p)),
+        ]
+        for c in causes
+        for n, p in c.parameters.items()
+    ]
+    return stacking_table(
+        "Parameters of the causes, with 95 % intervals", ("cause", "parameter", "value"), rows, texts=2
+    )
+
+
+def errors_table(errors: Sequence[SignalError], several: bool) -> str:
+    """How far the rig's simulation is from each signal."""
+    heads = ["signal", "error (rmse), in windows", "by noise alone", "of its span"]
+    whole = any(e.rmse_whole_log is not None for e in errors)
+    if whole:
+        heads.append("error, whole log in one go")
+    rows = []
+    for e in errors:
+        unit = unit_of(e.unit)
+        cells = [f"{number(e.rmse)}{unit}", f"{number(e.noise_floor)}{unit}", f"{number(e.nrmse)} %"]
+        if whole:
+            cells.append("–" if e.rmse_whole_log is None else f"{number(e.rmse_whole_log)}{unit}")
+        rows.append([escaped(signal_name(e.signal)) + _joint(e.joint, several), *map(escaped, cells)])
+    return stacking_table("Error of the simulation with the rig as it stands", heads, rows)
+
+
+def gain_table(gains: Sequence[Gain], several: bool) -> str:
+    """Simulation errors before and after."""
+    rows = []
+    for g in gains:
+        unit = unit_of(g.unit)
+        cells = [f"{number(v)}{unit}" for v in (g.rmse_before, g.rmse_after, g.noise_floor)]
+        rows.append(
+            [
+                escaped(signal_name(g.signal)) + _joint(g.joint, several),
+                *map(escaped, cells),
+                escaped(reduction_text(g)),
+            ]
+        )
+    heads = ("signal", "rig as it stands", "extended rig", "by noise alone", "less by (95 % interval)")
+    return stacking_table("Error of the simulation (rmse)", heads, rows)
+
+
+def equations_table(errors: Sequence[EquationError], several: bool) -> str:
+    """What is left over in each equation."""
+    rows = []
+    for e in errors:
+        unit = unit_of(e.unit)
+        cells = [f"{number(v)}{unit}" for v in (e.rms_before, e.rms_after, e.noise)]
+        title = escaped(signal_name(e.equation)) + _joint(e.joint, several)
+        rows.append([title, escaped(e.side), *map(escaped, cells)])
+    heads = ("equation", "side", "rig as it stands", "extended rig", "by noise alone")
+    return stacking_table("What is left over in each equation (root mean square)", heads, rows, texts=2)
+
+
+def rig_change(rig: str, extended: str) -> str:
+    """The lines in which the extended rig differs, as added and removed ones."""
+    changed = difflib.unified_diff(
+        rig.splitlines(), extended.splitlines(), "rig", "extended.rig.toml", lineterm="", n=3
+    )
+    told = []
+    for i, line in enumerate(changed):
+        text = escaped(line)
+        if i < 2 or line.startswith("@@"):
+            told.append(f'<span class="where">{text}</span>')
+        else:
+            told.append(
+                f"<ins>{text}</ins>" if line.startswith("+") else f"<del>{text}</del>" if line.startswith("-") else text
+            )
+    if not told:
+        return "<p>It says the same as the rig.</p>"
+    lines = "\n".join(told)
+    return f'<pre class="diff" tabindex="0" role="region" aria-label="What changes in the rig">{lines}</pre>'
+
+
+def _cause(cause: FoundCause, several: bool) -> str:
+    mark = "" if cause.material else ", immaterial"
+    return f"{escaped(cause.title)}<br><code>{escaped(cause.cause)}</code>{mark}{_joint(cause.joint, several)}"
+
+
+def _joint(joint: str, several: bool) -> str:
+    return f' <span class="ci">in {name(joint)}</span>' if several else ""
+
+
+def _bar(share: float, told: str = "") -> str:
+    """A share as a bar and as a number."""
+    wide = min(max(share, 0.0), 1.0) if share >= LEAST_BAR else 0.0
+    bar = f'<span class="bar" aria-hidden="true"><span style="width:{100.0 * wide:.1f}%"></span></span>'
+    return f'<span class="share">{bar} {escaped(told or share_text(share))}</span>'

@@ -1,0 +1,206 @@
+"""A report's figures as files for papers, drawn by matplotlib, which is an optional extra."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from vsalog.core.errors import VsalogError, WriteError
+from vsalog.estimation.job import Job
+from vsalog.estimation.joint import JointEstimate
+from vsalog.report.page import JointCharts, joint_charts
+from vsalog.report.page_charts import Axes, Chart, Curve, Surface
+from vsalog.report.page_text import plain
+from vsalog.validation.document import Report
+from vsalog.validation.evidence import setpoint_unit
+from vsalog.writers.atomic import write_text
+
+FORMATS = ("svg", "png", "pdf")
+# Pixel columns of a figure over time: an SVG holds every point.
+COLUMNS = 800
+# Okabe and Ito's colours; dashes tell curves apart in print.
+PALETTE = ("#0072B2", "#D55E00", "#009E73", "#E69F00", "#CC79A7", "#56B4E9", "#000000")
+COLOURS = {"model": "#0072B2", "measured": "#D55E00", "truth": "#009E73", "error": "#5F5F5F"}
+DASHES = ("-", "--", ":", "-.")
+# Journals want text as text, equal results make equal files, and a name's dollar signs are no formulas.
+STYLE: Any = {
+    "font.size": 8.0,
+    "axes.linewidth": 0.6,
+    "lines.linewidth": 1.0,
+    "pdf.fonttype": 42,
+    "svg.hashsalt": "vsalog",
+    "text.parse_math": False,
+    "axes.grid": True,
+    "grid.alpha": 0.3,
+    "grid.linewidth": 0.5,
+    "legend.frameon": False,
+}
+METADATA: dict[str, dict[str, Any]] = {"svg": {"Date": None}, "pdf": {"CreationDate": None}, "png": {}}
+
+
+class FigureError(VsalogError):
+    """Figures are asked for, but cannot be drawn."""
+
+
+def check_matplotlib() -> None:
+    """Refuse to draw without matplotlib, before anything is computed.
+
+    Raises
+    ------
+    FigureError
+        matplotlib is not installed; the message says what to install.
+    """
+    try:
+        import matplotlib.figure  # noqa: F401
+    except ImportError:
+        raise FigureError(
+            "--figures needs matplotlib, which is not installed: pip install 'vsalog[plots]' (or pip install matplotlib)"
+        ) from None
+
+
+def write_figures(
+    folder: Path,
+    drawn: Sequence[Sequence[JointCharts]],
+    report: Report | None = None,
+    formats: Sequence[str] = FORMATS,
+) -> list[Path]:
+    """Write every figure of a report into a folder, which is made, and `figures.txt`, which says what each shows.
+
+    Files are named after what they show and counted, ``log1_joint1_part1_torque.svg``; no name out of a log is part of one.
+
+    Parameters
+    ----------
+    folder : where to
+    drawn : per log, its joints' figures
+    report : for the logs' names in `figures.txt`
+    formats : out of svg, png, pdf
+
+    Returns
+    -------
+    The figures' files
+
+    Raises
+    ------
+    FigureError
+        matplotlib is not installed.
+    WriteError
+        The folder or a file cannot be written.
+    """
+    check_matplotlib()
+    from matplotlib import rc_context
+
+    written: list[Path] = []
+    told: list[str] = []
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        with rc_context(STYLE):
+            for name, heading, chart in _named(drawn, report):
+                canvas = _drawn(chart)
+                for kind in formats:
+                    path = folder / f"{name}.{kind}"
+                    canvas.savefig(path, dpi=200, metadata=METADATA[kind])
+                    written.append(path)
+                told += [f"{name}: {heading}", f"    {chart.title}. {chart.words}", ""]
+    except OSError as error:
+        raise WriteError(f"{folder}: figures cannot be written: {error.strerror}") from error
+    write_text(folder / "figures.txt", "\n".join(told))
+    return written
+
+
+def write_estimate_figures(folder: Path, job: Job, trace: Path, estimates: Sequence[JointEstimate]) -> list[Path]:
+    """Write the figures of an estimate, from its trace's file, as `write_figures` does."""
+    from vsalog.report.page_estimate import evidence_of
+
+    evidence = [
+        evidence_of(trace, e, setpoint_unit(job.rig.joints[e.joint])) for e in estimates if e.summary.transmissions
+    ]
+    return write_figures(folder, [[joint_charts(joint, COLUMNS) for joint in evidence]])
+
+
+def _named(drawn: Sequence[Sequence[JointCharts]], report: Report | None) -> Iterator[tuple[str, str, Chart]]:
+    """Give each chart its file's name and a heading in words."""
+    for i, joints in enumerate(drawn):
+        log = "" if report is None else f", log {report.logs[i].log}"
+        for j, joint in enumerate(joints):
+            for k, (part, charts) in enumerate(joint.parts.items()):
+                heading = plain(f"joint {joint.joint}, transmission {part}{log}")
+                for chart in charts:
+                    yield f"log{i + 1}_joint{j + 1}_part{k + 1}_{chart.name}", heading, chart
+
+
+def _drawn(chart: Chart) -> Any:
+    from matplotlib.figure import Figure
+
+    if chart.surface is not None:
+        return _surface(Figure(figsize=(4.6, 3.8)), chart.surface)
+    n = len(chart.axes)
+    if chart.beside:
+        canvas = Figure(figsize=(7.0, 2.5), layout="constrained")
+        grid = canvas.subplots(1, max(n, 1), squeeze=False)[0]
+    else:
+        ratios = [1.6] + [1.0] * (n - 1) if chart.linked else [1.0] * n
+        canvas = Figure(figsize=(7.0, 0.9 + 1.3 * sum(ratios)), layout="constrained")
+        grid = canvas.subplots(n, 1, squeeze=False, sharex=chart.linked, height_ratios=ratios)[:, 0]
+    for i, (axes, panel) in enumerate(zip(grid, chart.axes, strict=False)):
+        _panel(canvas, axes, panel, last=not chart.linked or i == n - 1)
+    return canvas
+
+
+def _panel(canvas: Any, axes: Any, panel: Axes, last: bool) -> None:
+    for i, (begin, end) in enumerate(panel.spans):
+        axes.axvspan(begin, end, color="0.5", alpha=0.18, linewidth=0, label=panel.span_label if i == 0 else None)
+    for curve in panel.curves:
+        drawn = _curve(axes, curve)
+        if curve.shade is not None:
+            canvas.colorbar(drawn, ax=axes, label=plain(panel.shade_label), pad=0.01)
+    if last:
+        axes.set_xlabel(plain(panel.x_label))
+    axes.set_ylabel(plain(panel.y_label))
+    handles, labels = axes.get_legend_handles_labels()
+    if handles:
+        axes.legend(handles, labels, loc="lower left", bbox_to_anchor=(0.0, 1.0), ncols=4, borderaxespad=0.2,
+                    handlelength=1.8, columnspacing=1.2)  # fmt: skip
+
+
+def _curve(axes: Any, curve: Curve) -> Any:
+    label = plain(curve.label) or None
+    one_of_many = curve.colour.isdigit()
+    colour = PALETTE[int(curve.colour) % len(PALETTE)] if one_of_many else COLOURS[curve.colour]
+    if curve.kind == "bars":
+        return axes.bar(curve.x, curve.y, width=curve.width, color=colour, alpha=0.6, label=label)
+    if curve.kind == "area":
+        return axes.fill(*_polygons(curve), color=colour, alpha=0.22, linewidth=0, label=label)
+    if curve.kind == "points":
+        c = colour if curve.shade is None else curve.shade
+        # Thousands of points are one picture, also in an SVG.
+        return axes.scatter(curve.x, curve.y, s=4, c=c, marker="x", linewidths=0.5, cmap="viridis" if curve.shade is not None
+                            else None, label=label if curve.shade is None else None, rasterized=True)  # fmt: skip
+    dash = DASHES[int(curve.colour) // len(PALETTE) % len(DASHES)] if one_of_many else "--" if curve.dashed else "-"
+    marker = "o" if curve.kind == "marked" else ""
+    return axes.plot(curve.x, curve.y, dash, color=colour, marker=marker, markersize=3, label=label)
+
+
+def _polygons(curve: Curve) -> list[Any]:
+    """Return an outline's polygons, between its NaN, as arguments x, y, x, y …"""
+    holes = np.flatnonzero(~np.isfinite(curve.x))
+    out: list[Any] = []
+    for stretch in np.split(np.arange(curve.x.size), holes):
+        inside = stretch[np.isfinite(curve.x[stretch])]
+        if inside.size > 2:
+            out += [curve.x[inside], curve.y[inside]]
+    return out
+
+
+def _surface(canvas: Any, surface: Surface) -> Any:
+    axes = canvas.add_subplot(projection="3d")
+    y = np.repeat(surface.y[:, None], surface.x.shape[1], axis=1)
+    axes.plot_surface(surface.x, y, surface.z, cmap="viridis", alpha=0.75, linewidth=0, rstride=1, cstride=1)
+    axes.scatter(*surface.data.T, s=3, marker="x", linewidths=0.5, color=COLOURS["measured"], rasterized=True)
+    axes.set_xlabel(plain(surface.x_label))
+    axes.set_ylabel(plain(surface.y_label))
+    axes.set_zlabel(plain(surface.z_label))
+    axes.view_init(elev=24, azim=-125)
+    return canvas
