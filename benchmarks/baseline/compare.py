@@ -94,7 +94,9 @@ def calibration(before: Any, after: Any) -> Part:
         low = sum(_silent(row) for row in after[cell].values())
         widths = [_median(record[cell], both, "width") for record in (before, after)]
         shares = [_median(record[cell], both, "excited") for record in (before, after)]
-        rows.append((cell, f"{len(known)}", f"{old:.1%}", f"{new:.1%}", f"{low}", *(f"{x:.2%}" for x in (*widths, *shares))))
+        rows.append(
+            (cell, f"{len(known)}", f"{old:.1%}", f"{new:.1%}", f"{low}", *(f"{x:.2%}" for x in (*widths, *shares)))
+        )
     averages = [np.nanmean([float(r[i].rstrip("%")) for r in rows]) for i in (2, 3)] if rows else []
     rows += [("all cells", "", *(f"{a:.1f}%" for a in averages), *[""] * 5)] if averages else []
     head = ("rig, estimator", "logs", "in the 95 % band before", "after", "below 80 %, silent")

@@ -8,9 +8,10 @@ from vsalog.binding.joint import offered_roles
 from vsalog.core.errors import VsalogError
 from vsalog.core.signals import JointSignals
 from vsalog.core.trace import Trace
-from vsalog.estimators import residual_rls
+from vsalog.estimators import method, residual_rls
 from vsalog.estimators.device import Device
-from vsalog.estimators.folding import estimated
+from vsalog.perturbations.quantisation import Quantisation
+from vsalog.perturbations.trials import Subject, tried
 from vsalog.rig.schema import Joint
 
 
@@ -33,6 +34,8 @@ def motor_trace(device: Device, signals: JointSignals) -> Trace | None:
         residual_rls.roles(device, signals.roles, residual_rls.TUNING())
         fold = residual_rls.build(device, signals, residual_rls.TUNING())
         fold.conditioner.check_length(signals.longest_run)
-        return estimated(fold, signals)
+        return tried(
+            Subject(method(residual_rls.NAME), device, signals, residual_rls.TUNING(), fold), (Quantisation(),)
+        )
     except VsalogError:
         return None

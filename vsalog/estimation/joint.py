@@ -26,12 +26,13 @@ from vsalog.estimation.summary import JointSummary, Summarizer, findings_of
 from vsalog.estimators import Fold, Method, method
 from vsalog.estimators.acceleration_group import senses_acceleration
 from vsalog.estimators.device import Device, device_of
-from vsalog.estimators.fewer import moved_by_samples, sampling_findings, widened
-from vsalog.estimators.folding import BLOCK, fold_over
+from vsalog.estimators.folding import BLOCK, fold_over, run
 from vsalog.estimators.grioli_bicchi import told_by_the_link
 from vsalog.estimators.needs import meaning
 from vsalog.estimators.regression import RegressionFold
 from vsalog.estimators.tuning import Tuning, read_tuning
+from vsalog.perturbations import PERTURBATIONS
+from vsalog.perturbations.trials import TRIED_SAMPLES, Subject, run_trials
 from vsalog.readers.long_recording import LongRecording
 from vsalog.rig.schema import Joint, RigFile
 
@@ -254,17 +255,29 @@ def estimate_joint(
         shape = SpringShape(device, look)
         uneven = PositionShape(device, look, isinstance(fold, RegressionFold) and fold.fits_torque)
         pass_on = kept.append if sink is None else sink
-        moved = moved_by_samples(choice.method, device, look, choice.tuning, fold)
+        subject = Subject(choice.method, device, look, choice.tuning, fold)
+        # A short log is estimated once, and its trace kept until it is known how far perturbations move it.
+        short = run(fold, look, block) if signals is look and len(look) <= TRIED_SAMPLES else None
+        trials = run_trials(subject, PERTURBATIONS, short)
+
+        rows = 0
 
         def give(trace: Trace) -> None:
-            trace = widened(trace, moved)
+            nonlocal rows
+            trace = trials.widened(trace, rows)
+            rows += len(trace)
             summarizer.add(trace)
             cross_check.add(trace)
             shape.add(trace)
             uneven.add(trace)
             pass_on(trace)
 
-        state = fold_over(fold, signals, block, give)
+        if short is None:
+            state = fold_over(fold, signals, block, give)
+        else:
+            for trace in short.blocks:
+                give(trace)
+            state = short.state
         learnt = fold.findings(state)
         # What follows the motor's motion has a shape over the deflection, too, where both go together; and that over positions.
         follows = any(finding.code == "residual.follows_motion" for finding in learnt)
@@ -276,14 +289,14 @@ def estimate_joint(
             choice.name,
             choice.reason,
             _settings(choice.tuning, fold),
-            fold.model(state),
+            trials.widened_model(fold.model(state)),
             summary,
             (
                 *signals.findings,
                 *found,
                 *findings_of(summary, device, whole),
                 *learnt,
-                *sampling_findings(device, moved),
+                *trials.findings(),
                 *cross_check.findings(choice.name),
                 *bent,
             ),

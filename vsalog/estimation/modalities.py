@@ -14,8 +14,8 @@ from vsalog.core.recording import Recording, Stamps
 from vsalog.core.trace import Trace
 from vsalog.estimation.joint import choose
 from vsalog.estimators.device import device_of
-from vsalog.estimators.fewer import TRIED
-from vsalog.estimators.folding import estimated
+from vsalog.perturbations.quantisation import Quantisation
+from vsalog.perturbations.trials import TRIED_SAMPLES, Subject, tried
 
 Array = NDArray[np.float64]
 Traces = Mapping[str, Trace]
@@ -41,10 +41,12 @@ def stiffness_traces(name: str, joint: Any, recording: Recording) -> Traces:
     for modality in MODALITIES:
         try:
             choice = choose(name, joint, "residual-rls", {"modality": modality})
-            signals = bind([recording], name, joint, choice.roles)[:TRIED]
-            fold = choice.method.build(device_of(name, joint, signals.roles), signals, choice.tuning)
+            signals = bind([recording], name, joint, choice.roles)[:TRIED_SAMPLES]
+            device = device_of(name, joint, signals.roles)
+            fold = choice.method.build(device, signals, choice.tuning)
             fold.conditioner.check_length(signals.longest_run)
-            traces[modality] = estimated(fold, signals)
+            subject = Subject(choice.method, device, signals, choice.tuning, fold)
+            traces[modality] = tried(subject, (Quantisation(),))
         except VsalogError:
             continue  # a role or a parameter is missing
     return traces

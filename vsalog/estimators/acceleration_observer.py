@@ -24,7 +24,6 @@ from vsalog.estimators.acceleration_group import NAME, Group, group_of
 from vsalog.estimators.accelerometer_check import accelerometer_findings
 from vsalog.estimators.device import Device, largest
 from vsalog.estimators.net_torque import NetTorque, NetTorqueState, extended
-from vsalog.estimators.sensor_error import ENOUGH, LEAST_NOISE, sensor_error
 from vsalog.estimators.tuning import Positive, Tuning
 from vsalog.estimators.unfiltered import Unfiltered
 from vsalog.estimators.windows import rms
@@ -43,6 +42,7 @@ from vsalog.filters.acceleration_observer import (
     observer_gains,
     sampled_observer,
 )
+from vsalog.uncertainty.sensor_error import ENOUGH, LEAST_NOISE, sensor_error
 
 Array = NDArray[np.float64]
 Integers = NDArray[np.int64]

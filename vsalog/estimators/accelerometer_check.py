@@ -14,9 +14,9 @@ from numpy.typing import NDArray
 from vsalog.core.finding import Finding
 from vsalog.core.signals import JointSignals
 from vsalog.estimators.acceleration_group import Axis, Group
-from vsalog.estimators.sensor_error import ENOUGH
 from vsalog.filters.acceleration_arm import Arm, axis_rows
 from vsalog.filters.savitzky_golay import savgol_filter, savgol_weights
+from vsalog.uncertainty.sensor_error import ENOUGH
 
 Array = NDArray[np.float64]
 

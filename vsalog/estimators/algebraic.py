@@ -23,19 +23,19 @@ from numpy.typing import NDArray
 from vsalog.core.basis import PolynomialBasis
 from vsalog.core.errors import EstimatorError, FilterError
 from vsalog.core.signals import LONGER, JointSignals
-from vsalog.estimators.bend import Bend, bend_of_filters
 from vsalog.estimators.device import Device, TransmissionView, deflection_of
 from vsalog.estimators.equation import EquationRows
 from vsalog.estimators.equations import OfOneTransmission, regressors
 from vsalog.estimators.first_look import first_look
-from vsalog.estimators.jumps import jumps, jumps_start, torque_noise
 from vsalog.estimators.known import Known, conditioner_of, known_of
 from vsalog.estimators.needs import deflection_roles, require
-from vsalog.estimators.noise import BOX
 from vsalog.estimators.regression import RegressionFold
+from vsalog.estimators.regressor_noise import noise_behind_filters
 from vsalog.estimators.solvers import RlsSolver, least_samples
 from vsalog.estimators.tuning import RlsTuning, Seconds
 from vsalog.filters.conditioning import Conditioned, Conditioner
+from vsalog.uncertainty.errors_in_variables import RegressorNoise
+from vsalog.uncertainty.long_run import BOX
 
 Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]
@@ -96,8 +96,7 @@ def build(device: Device, signals: JointSignals, tuning: AlgebraicTuning) -> Reg
     solver = RlsSolver(
         tuning.initial_covariance(device, signals, 0.01, second=True), tuning.c, least, max(BOX, taps // 4)
     )
-    fold = RegressionFold(NAME, "RESIDUAL", device, conditioner, equations, solver, look=look, memory=taps)
-    return fold.tried_on(signals)
+    return RegressionFold(NAME, "RESIDUAL", device, conditioner, equations, solver, look=look, memory=taps)
 
 
 def fir_weights(taps: int, period: float) -> Array:
@@ -149,13 +148,12 @@ def _equation(
         )
     known = known_of(device, view, signals, tuning, view.motor_torque, motor=True)
     damping = view.motor.reflected_damping
-    bends: tuple[Bend, ...] = ()
+    noise = None
     if conditioner.kind != "kinematic":
         before = conditioner.weights[0]
         both = np.convolve(before, weights[0]), np.convolve(before, inertia * weights[2] + damping * weights[1])
-        bends = (bend_of_filters(signals, view, *both),)
-    noise = torque_noise(signals, view)
-    return AlgebraicEquation(view, device.basis, inertia, damping, weights, known, bends, noise)
+        noise = RegressorNoise((noise_behind_filters(signals, view, *both),))
+    return AlgebraicEquation(view, device.basis, inertia, damping, weights, known, noise)
 
 
 @dataclass(frozen=True, slots=True)
@@ -171,8 +169,7 @@ class AlgebraicEquation(OfOneTransmission):
     damping: float
     weights: Array
     known: Known | None = None
-    bends: tuple[Bend, ...] = ()
-    torque_noise: float = 0.0  # of a sample of the motor's torque, standard deviation [N·m]
+    noise: RegressorNoise | None = None
 
     leading: ClassVar[int] = 0
     parameters: ClassVar[tuple[str, ...]] = ()
@@ -182,16 +179,14 @@ class AlgebraicEquation(OfOneTransmission):
         """Inertia [kg·m²] and damping [N·m·s/rad]."""
         return self.inertia, self.damping
 
-    def start(self) -> tuple[Array, float, Any, Array]:
-        """Return what the filters hold before the first sample, the angle a run begins at, the states of the hysteresis and
-        of the jumps.
-        """
-        held = np.full((self.weights.shape[1] - 1, self.basis.size + 3), np.nan)
-        return held, np.nan, None if self.known is None else self.known.start(), jumps_start()
+    def start(self) -> tuple[Array, float, Any]:
+        """Return what the filters hold before the first sample, the angle a run begins at, and the state of the hysteresis."""
+        held = np.full((self.weights.shape[1] - 1, self.basis.size + 2), np.nan)
+        return held, np.nan, None if self.known is None else self.known.start()
 
     def rows(
-        self, state: tuple[Array, float, Any, Array], block: Conditioned
-    ) -> tuple[tuple[Array, float, Any, Array], EquationRows]:
+        self, state: tuple[Array, float, Any], block: Conditioned
+    ) -> tuple[tuple[Array, float, Any], EquationRows]:
         """Form the equation for a block."""
         f = regressors(self.basis, block, self.view)
         theta, tau = block.fit[self.view.motor_position], block.fit[self.view.motor_torque]
@@ -204,17 +199,16 @@ class AlgebraicEquation(OfOneTransmission):
                 factor = 1.0 - self.known.load * self.known.way(block) * np.sign(deflection_of(block.fit, self.view))
                 f, beside = factor[:, None] * f, factor * beside
             tau = tau + beside
-        held, origin, before = state[0], state[1], state[3]
+        held, origin = state[0], state[1]
         if block.rows.starts[0]:
-            held, origin, before = np.full_like(held, np.nan), np.nan, jumps_start()
+            held, origin = np.full_like(held, np.nan), np.nan
         if np.isnan(origin) and use.any():
             # Filters make nothing of a constant, but of a large one only as far as digits go.
             origin = float(theta[np.argmax(use)])
-        jumping, unknown = jumps(before, block.rows.roles[self.view.motor_torque], self.torque_noise)
-        inputs = np.where(use[:, None], np.column_stack((f, theta - origin, tau, unknown)), np.nan)
+        inputs = np.where(use[:, None], np.column_stack((f, theta - origin, tau)), np.nan)
         joined = np.concatenate((held, inputs))
-        filtered = np.column_stack([_filtered(x, self.weights[0]) for x in joined[:, :-3].T])
-        angle, torque, unknown = joined[:, -3:].T
+        filtered = np.column_stack([_filtered(x, self.weights[0]) for x in joined[:, :-2].T])
+        angle, torque = joined[:, -2:].T
         moved = _filtered(angle, self.inertia * self.weights[2] + self.damping * self.weights[1])
         y = moved - _filtered(torque, self.weights[0])
         use = np.isfinite(y) & np.isfinite(filtered).all(axis=1)
@@ -226,11 +220,10 @@ class AlgebraicEquation(OfOneTransmission):
             {self.view.name: np.full_like(y, np.nan)},
             {self.view.name: {"residual": y}},
             doubted=doubted,
-            bends=self.bends,
+            noise=self.noise,
             motion=(_filtered(angle, self.weights[0]), _filtered(angle, self.weights[1])),
-            jumps=_filtered(unknown, self.weights[0]),
         )
-        return (joined[joined.shape[0] - held.shape[0] :].copy(), origin, after, jumping), rows
+        return (joined[joined.shape[0] - held.shape[0] :].copy(), origin, after), rows
 
 
 def _filtered(x: Array, weights: Array) -> Array:

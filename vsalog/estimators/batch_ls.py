@@ -43,6 +43,4 @@ def build(device: Device, signals: JointSignals, tuning: BatchLsTuning) -> qr_rl
     equations = qr_rls.integrated_equations(device, signals, tuning, conditioner)
     look = look.and_also(look_for_ramps(device, signals, conditioner, equations))
     solver = QrSolver(1.0, IntegratedMotorEquation.leading, integral=True, least=least_samples(conditioner))
-    return qr_rls.IntegratedFold(
-        NAME, "INTEGRATED", device, conditioner, equations, solver, passes=2, look=look
-    ).tried_on(signals)
+    return qr_rls.IntegratedFold(NAME, "INTEGRATED", device, conditioner, equations, solver, passes=2, look=look)

@@ -16,10 +16,10 @@ from vsalog.core.finding import Finding
 from vsalog.core.signals import JointSignals
 from vsalog.estimators.device import Device, TransmissionView, deflection_of
 from vsalog.estimators.rates import RateNoise
-from vsalog.estimators.sensor_error import ENOUGH, sensor_error
 from vsalog.filters.derivatives import Differentiated
 from vsalog.mechanics.links import link_inertia, link_weight
 from vsalog.rig.schema import Link, UnknownTransmission
+from vsalog.uncertainty.sensor_error import ENOUGH, sensor_error
 
 Array = NDArray[np.float64]
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from vsalog.core.basis import PolynomialBasis
 from vsalog.core.errors import EstimatorError
+from vsalog.core.resolution import step_of
 from vsalog.rig.parts import Link
 from vsalog.rig.schema import (
     AntagonisticJoint,
@@ -140,3 +141,16 @@ def spread(x: Array) -> float:
 def _view(name: str, motor: Motor, nominal: Transmission, suffix: str) -> TransmissionView:
     roles = (f"{role}{suffix}" for role in ("motor_position", "motor_torque", "torque_sensor", "deflection"))
     return TransmissionView(name, motor, nominal, *roles)
+
+
+def encoder_steps(roles: Mapping[str, Array], views: Sequence[TransmissionView]) -> dict[str, float]:
+    """Return the steps [rad] of the sensors that deflections come from; those whose noise hides them have none."""
+    sensors = dict.fromkeys(role for view in views for role in view.deflection_roles(roles))
+    steps = {role: step_of(roles[role]) for role in sensors if role in roles}
+    return {role: step for role, step in steps.items() if step is not None}
+
+
+def deflection_step(steps: Mapping[str, float], views: Sequence[TransmissionView]) -> float:
+    """Return the step of deflections [rad], that of both their sensors, of `encoder_steps`; 0 where they have none."""
+    roles = {role for view in views for role in view.deflection_roles(steps)} & steps.keys()
+    return float(np.linalg.norm([steps[role] for role in sorted(roles)]))

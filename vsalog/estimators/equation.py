@@ -9,10 +9,9 @@ from typing import Any, ClassVar, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from vsalog.estimators.bend import Bend
 from vsalog.estimators.device import TransmissionView
-from vsalog.estimators.resting import Resting
 from vsalog.filters.conditioning import Conditioned
+from vsalog.uncertainty.errors_in_variables import RegressorNoise
 
 Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]
@@ -29,13 +28,10 @@ class EquationRows:
     the flexibility torque the estimator is fed with; `extra` are further columns of the trace, per transmission. Where the
     leading unknowns are parameters of the motor, the flexibility torque is `dynamics` times these unknowns plus `fed`. `doubted`
     marks where what the rig knows beside the springs is in doubt, so that nothing is learnt; None where it never can be.
-    `noisy` is the variance of the noise in each regressor, shape (n,), where that bends a fit which takes them for exact; `bends`
-    is, per transmission, what noise of its deflection does (`bend.py`). `walk` is, shape (N,), the variances of the steps
-    of the random walk that noise and jumps become in an integrated y (`walk.py`), None where y is no integral, and `period` [s]
-    that of the samples of an integral, else None. `resting` is where the encoders rest (`resting.py`); None where they have no
-    steps. `motion` is the motor's position and speed, as late as F is: what is left over may follow these (`left_over.py`).
-    `plain` is F and y before they were integrated, None where they are no integrals. `jumps` is, shape (N,), what is not known
-    of a torque's jumps that y comes from (`jumps.py`), as late as F is; None where it comes from no motor's torque, or walks.
+    `noise` is that of the regressors, where it is known, which biases a fit (`errors_in_variables.py`). `walk_step` is the
+    variance of a step of the random walk that a torque's noise becomes in an integrated y (`integrated_noise.py`), None where y
+    is no integral. `motion` is the motor's position and speed, as late as F is: the residual may follow these (`left_over.py`).
+    `plain` is F and y before they were integrated, None where they are no integrals.
     """
 
     F: Array
@@ -46,14 +42,10 @@ class EquationRows:
     extra: Mapping[str, Mapping[str, Array]]
     dynamics: Array | None = None
     doubted: Flags | None = None
-    noisy: Array | None = None
-    bends: tuple[Bend, ...] = ()
-    walk: Array | None = None
-    period: float | None = None
-    resting: Resting | None = None
+    noise: RegressorNoise | None = None
+    walk_step: float | None = None
     motion: tuple[Array, Array] | None = None
     plain: tuple[Array, Array] | None = None
-    jumps: Array | None = None
 
 
 class Equation(Protocol):

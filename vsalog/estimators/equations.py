@@ -10,13 +10,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vsalog.core.basis import PolynomialBasis
-from vsalog.estimators.bend import Bend
 from vsalog.estimators.device import TransmissionView, deflection_of
 from vsalog.estimators.equation import EquationRows
-from vsalog.estimators.jumps import jumps, jumps_start
 from vsalog.estimators.known import Known
 from vsalog.estimators.torque import integral_block, lag_block, loaded_residual_block, residual_block
 from vsalog.filters.conditioning import Conditioned
+from vsalog.uncertainty.errors_in_variables import RegressorNoise
 
 Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]
@@ -59,7 +58,7 @@ class TorqueEquation:
     basis: PolynomialBasis
     torque: Callable[[Conditioned], Array]
     known: tuple[Known, ...] = ()
-    bends: tuple[Bend, ...] = ()
+    noise: RegressorNoise | None = None
 
     leading: ClassVar[int] = 0
     parameters: ClassVar[tuple[str, ...]] = ()
@@ -97,7 +96,7 @@ class TorqueEquation:
             fed["total"] = y
         motor = self.transmissions[0].motor_position
         motion = (block.fit[motor], block.fit[f"velocity:{motor}"]) if motor in block.fit else None
-        rows = EquationRows(F, y, use, np.zeros_like(use), fed, {}, doubted=doubted, bends=self.bends, motion=motion)
+        rows = EquationRows(F, y, use, np.zeros_like(use), fed, {}, doubted=doubted, noise=self.noise, motion=motion)
         return tuple(states), rows
 
 
@@ -118,8 +117,7 @@ class ResidualEquation(OfOneTransmission):
     period: float
     matched: bool
     known: Known | None = None
-    bends: tuple[Bend, ...] = ()
-    torque_noise: float = 0.0  # of a sample of the motor's torque, standard deviation [N·m]
+    noise: RegressorNoise | None = None
 
     leading: ClassVar[int] = 0
     parameters: ClassVar[tuple[str, ...]] = ()
@@ -130,35 +128,32 @@ class ResidualEquation(OfOneTransmission):
         return self.inertia, self.damping
 
     def start(self) -> tuple[Any, ...]:
-        """Return the states of residual, regressors' lag, hysteresis, doubt's lag and jumps before the first sample."""
-        known, lag = None if self.known is None else self.known.start(), np.full((2, self.basis.size + 1), np.nan)
-        return np.full(3, np.nan), lag, known, np.full((2, 1), np.nan), jumps_start()
+        """Return the states of residual, regressors' lag, hysteresis and doubt's lag before the first sample."""
+        known, lag = None if self.known is None else self.known.start(), np.full((2, self.basis.size), np.nan)
+        return np.full(3, np.nan), lag, known, np.full((2, 1), np.nan)
 
     def rows(self, state: tuple[Any, ...], block: Conditioned) -> tuple[tuple[Any, ...], EquationRows]:
         """Form the equation for a block."""
         F = regressors(self.basis, block, self.view)
         use = block.use & np.isfinite(F).all(axis=1)
         residual, r_e, after, lagged_doubt = self._residual(state, block, use)
-        before = jumps_start() if block.rows.starts[0] else state[4]
-        jumping, unknown = jumps(before, block.rows.roles[self.view.motor_torque], self.torque_noise)
-        lag, lagged = lag_block(state[1], np.column_stack((F, unknown)), use, self.bandwidth, self.period)
+        lag, lagged = lag_block(state[1], F, use, self.bandwidth, self.period)
         doubted = None
         if self.known is not None and self.known.doubtful:
             doubted = lagged_doubt[1][:, 0] > 1.0
             r_e, use = np.where(doubted, np.nan, r_e), use & ~doubted
         rows = EquationRows(
-            np.ascontiguousarray(lagged[:, :-1]) if self.matched else F,
+            lagged if self.matched else F,
             r_e,
             use,
             np.zeros_like(use),
             {self.view.name: r_e},
             {self.view.name: {"residual": r_e}},
             doubted=doubted,
-            bends=self.bends,
+            noise=self.noise,
             motion=(block.fit[self.view.motor_position], block.fit[f"velocity:{self.view.motor_position}"]),
-            jumps=lagged[:, -1],
         )
-        return (residual, lag, after, lagged_doubt[0], jumping), rows
+        return (residual, lag, after, lagged_doubt[0]), rows
 
     def _residual(
         self, state: tuple[Any, ...], block: Conditioned, use: Flags
@@ -202,9 +197,8 @@ class IntegratedMotorEquation(OfOneTransmission):
     basis: PolynomialBasis
     period: float
     known: Known | None = None
-    velocity_noise: float = 0.0  # standard deviation [rad/s], 0 where it is not known
     torque_noise: float = 0.0  # of a sample of the motor's torque, standard deviation [N·m]
-    bends: tuple[Bend, ...] = ()
+    noise: RegressorNoise | None = None
 
     leading: ClassVar[int] = 3
     parameters: ClassVar[tuple[str, ...]] = ("motor_inertia", "motor_damping")
@@ -218,12 +212,12 @@ class IntegratedMotorEquation(OfOneTransmission):
         """Number of unknowns."""
         return 3 + self.basis.size
 
-    def start(self) -> tuple[Array, Array | None, Array]:
-        """Return the states of the integrals, of the hysteresis and of the jumps before the first sample."""
+    def start(self) -> tuple[Array, Array | None]:
+        """Return the states of the integrals and of the hysteresis before the first sample."""
         hysteresis = None if self.known is None else self.known.start()
-        return np.full((2, self.basis.size + 1), np.nan), hysteresis, jumps_start()
+        return np.full((2, self.basis.size + 1), np.nan), hysteresis
 
-    def rows(self, state: tuple[Array, Array | None, Array], block: Conditioned) -> tuple[Any, EquationRows]:
+    def rows(self, state: tuple[Array, Array | None], block: Conditioned) -> tuple[Any, EquationRows]:
         """Form the equation for a block."""
         view, fit, known = self.view, block.fit, self.known
         f = regressors(self.basis, block, view)
@@ -252,17 +246,12 @@ class IntegratedMotorEquation(OfOneTransmission):
             dynamics /= factor[:, None]
         if doubted is not None:
             fed = np.where(doubted, np.nan, fed)
-        noisy = np.zeros(self.size)
-        noisy[1] = self.velocity_noise**2
-        before = jumps_start() if block.rows.starts[0] else state[2]
-        jumping, unknown = jumps(before, block.rows.roles[view.motor_torque], self.torque_noise)
-        walk = self.period**2 * (self.torque_noise**2 + unknown)
         fed_to = {view.name: fed}
         # The change of the speed from sample to sample: its average is that over the whole of what is averaged.
         change = np.gradient(velocity, self.period) if velocity.size > 1 else np.full_like(velocity, np.nan)
         plain = np.column_stack((np.zeros_like(theta), change, velocity, -f)), tau
         rows = EquationRows(
-            F, integrals[:, -1], use, fresh, fed_to, {}, dynamics, doubted, noisy, self.bends,
-            walk=walk, period=self.period, motion=(theta, velocity), plain=plain,
+            F, integrals[:, -1], use, fresh, fed_to, {}, dynamics, doubted, self.noise,
+            walk_step=(self.period * self.torque_noise) ** 2, motion=(theta, velocity), plain=plain,
         )  # fmt: skip
-        return (integrated, after, jumping), rows
+        return (integrated, after), rows

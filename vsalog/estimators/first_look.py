@@ -11,8 +11,7 @@ from numpy.typing import NDArray
 from vsalog.core.finding import Finding
 from vsalog.core.resolution import step_of
 from vsalog.core.signals import JointSignals
-from vsalog.estimators.device import Device, TransmissionView, deflection_of
-from vsalog.estimators.resting import Steps, steps_of
+from vsalog.estimators.device import Device, TransmissionView, deflection_of, deflection_step, encoder_steps
 from vsalog.estimators.tuning import Tuning
 from vsalog.estimators.windows import LOUD, WINDOWS, most_moved, rates_of
 from vsalog.filters.savitzky_golay import savgol_weights
@@ -29,17 +28,16 @@ FEWEST_STEPS, EVENED_OUT = 4.0, 40.0
 @dataclass(frozen=True, slots=True)
 class FirstLook:
     """What was found, the transmissions whose stiffness cannot be estimated (a deflection too small for its encoders, say), and
-    the steps of the sensors that have any.
+    steps of the sensors that have any [rad].
     """
 
     findings: tuple[Finding, ...] = ()
     blind: frozenset[str] = frozenset()
-    steps: Mapping[str, Steps] = field(default_factory=dict)
+    steps: Mapping[str, float] = field(default_factory=dict)
 
     def step(self, views: Sequence[TransmissionView]) -> float:
         """Return the step of deflections [rad], that of both their sensors; 0 where they have none."""
-        roles = {role for view in views for role in view.deflection_roles(self.steps)} & self.steps.keys()
-        return float(np.linalg.norm([self.steps[role].size for role in sorted(roles)]))
+        return deflection_step(self.steps, views)
 
     def and_also(self, other: FirstLook) -> FirstLook:
         """Return what was found in either look."""
@@ -57,7 +55,7 @@ def first_look(device: Device, signals: JointSignals, tuning: Tuning) -> FirstLo
         Finding(code="deflection.too_small", joint=device.joint, part=name, value=span, limit=FEWEST_STEPS)
         for name, span in blind.items()
     ]
-    steps = steps_of(signals, device.transmissions)
+    steps = encoder_steps(signals.roles, device.transmissions)
     return FirstLook((*small, *_smoothed_away(device, signals, tuning)), frozenset(blind), steps)
 
 

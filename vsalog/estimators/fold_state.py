@@ -10,7 +10,6 @@ from numpy.typing import NDArray
 
 from vsalog.estimators.left_over import LeftOverState
 from vsalog.estimators.region import Region
-from vsalog.estimators.resting import Stay
 from vsalog.filters.conditioning import ConditionerState
 
 Array = NDArray[np.float64]
@@ -19,8 +18,8 @@ Array = NDArray[np.float64]
 @dataclass(slots=True)
 class FoldState:
     """States of the filters, of each equation and its solver, the regions seen so far, the samples seen and doubted, for how many
-    samples each stiffness has been supported, and each sensor in the same step; the least that has been claimed of a supported
-    stiffness' deviation, as a part of it, and what is left over.
+    samples each stiffness has been supported; the least that has been claimed of a supported stiffness' deviation, as a part of
+    it, and what is left over.
     """
 
     filters: ConditionerState
@@ -32,6 +31,5 @@ class FoldState:
     seen: int = 0
     doubted: dict[str, int] = field(default_factory=dict)
     supported: dict[str, int] = field(default_factory=dict)
-    stays: dict[tuple[str, str], Stay] = field(default_factory=dict)
     claimed: dict[str, float] = field(default_factory=dict)
     left_over: dict[tuple[str, ...], LeftOverState] = field(default_factory=dict)

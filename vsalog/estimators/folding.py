@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
@@ -44,10 +44,27 @@ def fold_over(fold: Fold, signals: JointSignals | LongSignals, block: int, give:
     return state
 
 
-def estimated(fold: Fold, signals: JointSignals) -> Trace:
-    """Return an estimator's trace of signals that fit into memory."""
+class Estimated(NamedTuple):
+    """A fold's trace of signals that fit into memory, in blocks, and its state at the end."""
+
+    blocks: list[Trace]
+    state: Any
+
+    @property
+    def trace(self) -> Trace:
+        """The trace as a whole."""
+        return Trace.concatenate(self.blocks)
+
+
+def run(fold: Fold, signals: JointSignals, block: int = BLOCK) -> Estimated:
+    """Run an estimator over signals that fit into memory."""
     kept: list[Trace] = []
     # Where numbers run out of range the estimate is infinite or none, and the trace says so; numpy need not.
     with np.errstate(over="ignore", invalid="ignore", divide="ignore"):
-        fold_over(fold, signals, BLOCK, kept.append)
-    return Trace.concatenate(kept)
+        state = fold_over(fold, signals, block, kept.append)
+    return Estimated(kept, state)
+
+
+def estimated(fold: Fold, signals: JointSignals) -> Trace:
+    """Return an estimator's trace of signals that fit into memory."""
+    return run(fold, signals).trace

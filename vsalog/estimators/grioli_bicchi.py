@@ -18,17 +18,17 @@ from vsalog.core.finding import Finding
 from vsalog.core.signals import JointSignals
 from vsalog.estimators.borne_torque import BorneTorque, LoadFriction, carried_by, effects_left_in
 from vsalog.estimators.device import Device, TransmissionView
-from vsalog.estimators.fewer import change
 from vsalog.estimators.first_look import FirstLook, first_look
 from vsalog.estimators.folding import estimated
 from vsalog.estimators.following import ObserverFold, ObserverState, ObserverTuning
 from vsalog.estimators.known import known_of
 from vsalog.estimators.needs import require
 from vsalog.estimators.net_torque import NetTorque, doubt_role, extended, way_role
-from vsalog.estimators.sensor_error import ENOUGH
 from vsalog.estimators.windows import noisy_rates, suitable_windows, with_window
 from vsalog.filters.derivatives import Derivatives
 from vsalog.mechanics.friction import rubs
+from vsalog.uncertainty.sensor_error import ENOUGH
+from vsalog.uncertainty.shift import change
 
 NAME = "grioli-bicchi"
 SUMMARY = "stiffness observer without torque sensor or basis (Grioli and Bicchi 2010); needs the motor's inertia, or the link's"

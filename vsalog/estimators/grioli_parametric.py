@@ -17,7 +17,6 @@ from vsalog.core.basis import PolynomialBasis
 from vsalog.core.errors import EstimatorError
 from vsalog.core.finding import Finding
 from vsalog.core.signals import JointSignals
-from vsalog.estimators.bend import Bend, bend_of_filters
 from vsalog.estimators.borne_torque import effects_left_in
 from vsalog.estimators.device import Device, TransmissionView, deflection_of
 from vsalog.estimators.equation import EquationRows
@@ -25,11 +24,13 @@ from vsalog.estimators.first_look import first_look
 from vsalog.estimators.fold_state import FoldState
 from vsalog.estimators.needs import deflection_roles, require
 from vsalog.estimators.regression import RegressionFold
+from vsalog.estimators.regressor_noise import noise_behind_filters
 from vsalog.estimators.residual_rls import sensor_role
 from vsalog.estimators.solvers import QrSolver, least_samples
 from vsalog.estimators.tuning import Positive, Tuning, usual_regressor
 from vsalog.estimators.windows import noisy_rates, suitable_windows, with_window
 from vsalog.filters.conditioning import Conditioned, Conditioner
+from vsalog.uncertainty.errors_in_variables import RegressorNoise
 
 NAME = "grioli-parametric"
 SUMMARY = "rate of a torque sensor and recursive least squares (Grioli and Bicchi 2011); blind to the sensor's offset"
@@ -87,7 +88,7 @@ def build(device: Device, signals: JointSignals, tuning: GrioliParametricTuning)
     conditioner = tuning.conditioner(needed, signals, rates=(*sensors, *functions.roles), before=functions)
     solver = QrSolver(tuning.forgetting, 0, p0, least=least_samples(conditioner))
     equations = rate_equations(device, signals, conditioner)
-    fold = RateFold(NAME, "SENSOR", device, conditioner, equations, solver, look=look).tried_on(signals)
+    fold = RateFold(NAME, "SENSOR", device, conditioner, equations, solver, look=look)
     fold.noisy = noisy_rates(device, signals, conditioner.weights)
     return fold
 
@@ -109,10 +110,11 @@ def rate_equations(device: Device, signals: JointSignals, conditioner: Condition
     views = device.transmissions
     sensors = [sensor_role(view, signals.roles) for view in views]
     # Noise e of a deflection enters the rate of f as f' ė.
-    bends = tuple(bend_of_filters(signals, view, conditioner.weights[1]) for view in views)
+    noises = tuple(noise_behind_filters(signals, view, conditioner.weights[1]) for view in views)
     if len(views) > 1 and len(set(sensors)) == 1:
-        return (RateEquation(views, device.basis, sensors[0], bends),)
-    return tuple(RateEquation((v,), device.basis, s, (b,)) for v, s, b in zip(views, sensors, bends, strict=True))
+        return (RateEquation(views, device.basis, sensors[0], RegressorNoise(noises)),)
+    each = zip(views, sensors, noises, strict=True)
+    return tuple(RateEquation((v,), device.basis, s, RegressorNoise((n,))) for v, s, n in each)
 
 
 class BasisFunctions:
@@ -155,7 +157,7 @@ class RateEquation:
     transmissions: tuple[TransmissionView, ...]
     basis: PolynomialBasis
     sensor: str
-    bends: tuple[Bend, ...] = ()
+    noise: RegressorNoise | None = None
 
     leading: ClassVar[int] = 0
     parameters: ClassVar[tuple[str, ...]] = ()
@@ -187,4 +189,4 @@ class RateEquation:
         motor = self.transmissions[0].motor_position
         moves = f"velocity:{motor}", f"acceleration:{motor}"
         motion = (block.fit[moves[0]], block.fit[moves[1]]) if moves[1] in block.fit else None
-        return None, EquationRows(F, y, use, np.zeros_like(use), fed, {}, bends=self.bends, motion=motion)
+        return None, EquationRows(F, y, use, np.zeros_like(use), fed, {}, noise=self.noise, motion=motion)

@@ -32,12 +32,12 @@ from vsalog.estimators.following import (
 )
 from vsalog.estimators.needs import require
 from vsalog.estimators.rates import Rates, typical_speed
-from vsalog.estimators.sensor_error import ENOUGH, sensor_error
 from vsalog.estimators.windows import KEPT, LOUD, QUIET, rates_of, rms, suitable_windows, with_window
 from vsalog.filters.coupled_observer import CoupledNoise, CoupledState, coupled_start, observe_coupled
 from vsalog.filters.derivative_weights import derivative_weights
 from vsalog.filters.derivatives import Derivatives, DerivativesState, Differentiated
 from vsalog.filters.savitzky_golay import savgol_filter
+from vsalog.uncertainty.sensor_error import ENOUGH, sensor_error
 
 Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]

@@ -17,7 +17,6 @@ from vsalog.estimators.device import Device, spread
 from vsalog.estimators.equation import SUPPORTED_SHARE
 from vsalog.estimators.following import Columns
 from vsalog.estimators.link_beside import NOTHING, what_else_acts
-from vsalog.estimators.sensor_error import ENOUGH, LEAST_NOISE, sensor_error
 from vsalog.estimators.windows import LOUD, most_moved, rms
 from vsalog.filters.link_ekf import (
     DECAY,
@@ -32,6 +31,7 @@ from vsalog.filters.link_ekf import (
 )
 from vsalog.filters.savitzky_golay import savgol_filter
 from vsalog.mechanics.links import link_weight
+from vsalog.uncertainty.sensor_error import ENOUGH, LEAST_NOISE, sensor_error
 
 Array = NDArray[np.float64]
 

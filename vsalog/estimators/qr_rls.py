@@ -9,25 +9,26 @@ from __future__ import annotations
 from collections.abc import Collection
 from typing import Annotated, ClassVar
 
+import numpy as np
 from msgspec import Meta
 
 from vsalog.core.finding import Finding
+from vsalog.core.resolution import sensor_noise
 from vsalog.core.signals import JointSignals
-from vsalog.estimators.bend import bend_of_integral
-from vsalog.estimators.device import Device
+from vsalog.estimators.device import Device, TransmissionView
 from vsalog.estimators.equations import IntegratedMotorEquation
 from vsalog.estimators.first_look import first_look
 from vsalog.estimators.fold_state import FoldState
-from vsalog.estimators.jumps import torque_noise
 from vsalog.estimators.known import conditioner_of, known_of
 from vsalog.estimators.needs import deflection_roles, require
 from vsalog.estimators.ramp import look_for_ramps
 from vsalog.estimators.regression import RegressionFold
-from vsalog.estimators.sensor_error import ENOUGH, sensor_error
+from vsalog.estimators.regressor_noise import noise_for_integral, regressor_noise
 from vsalog.estimators.solvers import QrSolver, least_samples
 from vsalog.estimators.tuning import Positive, Tuning, usual_regressor
 from vsalog.estimators.windows import motor_window
 from vsalog.filters.conditioning import Conditioner
+from vsalog.uncertainty.sensor_error import ENOUGH, LEAST_NOISE, sensor_error
 
 NAME = "qr-rls"
 SUMMARY = "integrated motor equation and QR-RLS (Flacco 2014); estimates motor inertia and damping too"
@@ -109,33 +110,31 @@ def build(device: Device, signals: JointSignals, tuning: QrRlsTuning) -> Integra
     solver = QrSolver(tuning.forgetting, leading, p0, integral=True, least=least_samples(conditioner))
     equations = integrated_equations(device, signals, tuning, conditioner)
     look = look.and_also(look_for_ramps(device, signals, conditioner, equations))
-    return IntegratedFold(NAME, "INTEGRATED", device, conditioner, equations, solver, look=look).tried_on(signals)
+    return IntegratedFold(NAME, "INTEGRATED", device, conditioner, equations, solver, look=look)
 
 
 def integrated_equations(
     device: Device, signals: JointSignals, tuning: Tuning, conditioner: Conditioner
 ) -> tuple[IntegratedMotorEquation, ...]:
     """One equation per transmission."""
-    bends = (bend_of_integral(signals, view, conditioner) for view in device.transmissions)
-    return tuple(
-        IntegratedMotorEquation(
-            view,
-            device.basis,
-            signals.period,
-            known_of(device, view, signals, tuning, view.motor_torque, motor=True),
-            velocity_noise(signals, view.motor_position, conditioner),
-            torque_noise(signals, view),
-            () if bend is None else (bend,),
-        )
-        for view, bend in zip(device.transmissions, bends, strict=True)
+    return tuple(_equation(device, view, signals, tuning, conditioner) for view in device.transmissions)
+
+
+def _equation(
+    device: Device, view: TransmissionView, signals: JointSignals, tuning: Tuning, conditioner: Conditioner
+) -> IntegratedMotorEquation:
+    """Return the equation of a transmission; its speed has noise of its own, which is not integrated."""
+    torque, noise = view.motor_torque, None
+    if conditioner.kind != "kinematic":
+        direct = np.zeros(IntegratedMotorEquation.leading + device.basis.size)
+        moved = sensor_error(signals.roles[view.motor_position][:ENOUGH], conditioner.window)
+        direct[1] = moved.rms(conditioner.weights[1]) ** 2
+        noise = regressor_noise([noise_for_integral(signals, view, conditioner)], direct)
+    return IntegratedMotorEquation(
+        view,
+        device.basis,
+        signals.period,
+        known_of(device, view, signals, tuning, torque, motor=True),
+        sensor_noise(signals.roles[torque], signals.resolution.get(torque, 0.0), LEAST_NOISE),
+        noise,
     )
-
-
-def velocity_noise(signals: JointSignals, role: str, conditioner: Conditioner) -> float:
-    """Return what a position's noise makes of its velocity behind the Savitzky–Golay filter, one standard deviation [rad/s].
-
-    Zero for the kinematic filter, whose noise depends on the motion.
-    """
-    if conditioner.kind == "kinematic":
-        return 0.0
-    return sensor_error(signals.roles[role][:ENOUGH], conditioner.window).rms(conditioner.weights[1])

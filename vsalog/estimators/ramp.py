@@ -13,8 +13,8 @@ from vsalog.core.signals import JointSignals
 from vsalog.estimators.device import Device, deflection_of
 from vsalog.estimators.equations import IntegratedMotorEquation
 from vsalog.estimators.first_look import FirstLook
-from vsalog.estimators.sensor_error import ENOUGH
 from vsalog.filters.conditioning import Conditioned, Conditioner
+from vsalog.uncertainty.sensor_error import ENOUGH
 
 Array = NDArray[np.float64]
 

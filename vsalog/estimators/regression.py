@@ -6,10 +6,9 @@ A method differs from another in its equation (what is known to add up to what) 
 from __future__ import annotations
 
 from collections.abc import Mapping
-from copy import copy
 from dataclasses import replace
 from types import MappingProxyType
-from typing import Any, ClassVar, Self
+from typing import Any, ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,17 +17,12 @@ from vsalog.core.finding import Finding
 from vsalog.core.model import JointModel, TransmissionModel, basis_spec
 from vsalog.core.signals import JointSignals
 from vsalog.core.trace import Trace
-from vsalog.estimators.by_deflection import ByDeflection
-from vsalog.estimators.coarser import moved_by_steps
 from vsalog.estimators.device import Device, deflection_of
 from vsalog.estimators.equation import SUPPORTED_SHARE, Equation, EquationRows, Solver
 from vsalog.estimators.first_look import NOTHING_SEEN, FirstLook
 from vsalog.estimators.fold_state import FoldState
 from vsalog.estimators.left_over import left_over_block, left_over_start, residual_findings
-from vsalog.estimators.prior import alone, held_back, with_weaker_prior
 from vsalog.estimators.region import Region, lengths
-from vsalog.estimators.resting import resting_in
-from vsalog.estimators.tuning import usual_regressor
 from vsalog.filters.conditioning import Conditioned, Conditioner, ConditionerState
 from vsalog.filters.direction import direction_start, loading_block
 
@@ -44,8 +38,6 @@ DELAY = 2
 BAND = 0.01
 # Where the rig's friction is in doubt for more than this part of a log, that is a finding.
 DOUBTED_SHARE = 0.5
-# Of deflections that span more of their encoders' steps these move too little for a trial.
-FINE = 300.0
 
 
 class RegressionFold:
@@ -80,25 +72,6 @@ class RegressionFold:
         self.equations, self.solver, self.passes = equations, solver, passes
         self.chosen, self.look = chosen, look
         self.delay = DELAY * max(conditioner.window, memory)
-        self.coarse: Mapping[str, ByDeflection] = {}
-
-    def tried_on(self, signals: JointSignals) -> Self:
-        """Find out on a log what its encoders' steps do (`coarser.py`), and put a weaker prior beside (`prior.py`)."""
-        spans = [
-            float(np.ptp(phi[np.isfinite(phi)], axis=0)) / step
-            for view in self.device.transmissions
-            if (step := self.look.step([view])) > 0.0 and np.isfinite(phi := deflection_of(signals.roles, view)).any()
-        ]
-        if spans and min(spans) < FINE:
-            self.coarse = moved_by_steps(self, signals, self.look.steps)
-        self.solver = with_weaker_prior(self.solver, usual_regressor(self.device, signals))
-        return self
-
-    def alone(self) -> Self:
-        """Return the same without a weaker prior beside: for trials, whose differences it would cover."""
-        other = copy(self)
-        other.solver = alone(self.solver)
-        return other
 
     @property
     def derived(self) -> dict[str, float]:
@@ -151,7 +124,6 @@ class RegressionFold:
             state.seen,
             dict(state.doubted),
             dict(state.supported),
-            dict(state.stays),
             dict(state.claimed),
             dict(state.left_over),
         )
@@ -163,17 +135,12 @@ class RegressionFold:
             variance = np.zeros(len(block.rows))
             for i, equation in enumerate(self.equations):
                 new.equations[i], rows = equation.rows(new.equations[i], block)
-                resting = resting_in(self.look.steps, block.fit, equation.transmissions, new.stays)
-                rows = replace(rows, resting=resting)
                 new.solvers[i], part, spread = self._solve(new, equation, new.solvers[i], rows, block)
                 columns.update(part)
                 variance += spread
                 if rows.doubted is not None:
                     names = " and ".join(t.name for t in equation.transmissions)
                     new.doubted[names] = new.doubted.get(names, 0) + int(np.count_nonzero(rows.doubted))
-            # What steps do to one transmission they do to the other, too.
-            moves = [self._moved(n, columns[n]["deflection"], columns[n]["stiffness"]) for n in self.coarse]
-            variance += sum(moves, np.zeros(1)) ** 2
             columns["total"] = _total(columns, variance, self.device)
             if "total" in rows.fed:
                 columns["total"]["flexibility_torque"] = self._fed(rows.fed["total"])
@@ -211,15 +178,6 @@ class RegressionFold:
                 state.left_over.get(names, left_over_start(equation.size)),
                 F, E[:, 4 * len(names)], y, rows.motion, use, block.rows.starts, self.conditioner.window, block.rows.period,
             )  # fmt: skip
-        if rows.resting is not None:
-            # σ is asked for at the deflection as it is: where it is hidden in a step, so is σ.
-            count = len(equation.transmissions)
-            each, together = rows.resting.unseen(values[:, 2 : 4 * count : 4], max(self.conditioner.window, LASTING))
-            variances[:, 1 : 4 * count : 4] += each
-            variances[:, 4 * count] += together
-        for i, view in enumerate(equation.transmissions):
-            if view.name in self.coarse:
-                variances[:, 4 * i + 1] += self._moved(view.name, where[i][0], values[:, 4 * i + 1]) ** 2
         deviations = np.sqrt(variances)
         columns: dict[str, dict[str, Any]] = {}
         for i, view in enumerate(equation.transmissions):
@@ -264,10 +222,6 @@ class RegressionFold:
                 only[f"{name}_std"] = deviations[:, after + 2 + h]
         # The functional after those of the transmissions is the sum of their stiffnesses: correlation is not lost.
         return solver_state, columns, variances[:, after]
-
-    def _moved(self, name: str, phi: Array, stiffness: Array) -> Array:
-        """By how much steps of positions may have moved a transmission's stiffness."""
-        return self.coarse[name].at(phi) * stiffness
 
     def _fed(self, torque: Array) -> Array:
         """The torque of a row; the pair of filters learns from one half a window old, which belongs to another row."""
@@ -317,8 +271,7 @@ class RegressionFold:
             for names, count in state.doubted.items()
             if count > DOUBTED_SHARE * state.seen
         )
-        held = held_back(self.device, self.equations, self.solver, state.solvers, self.derived["p0"])
-        return (*self.look.findings, *doubted, *held, *self._of_residual(state))
+        return (*self.look.findings, *doubted, *self._of_residual(state))
 
     def _of_residual(self, state: FoldState) -> list[Finding]:
         """Return what the residual follows."""

@@ -14,15 +14,14 @@ from numpy.typing import NDArray
 
 from vsalog.core.errors import EstimatorError
 from vsalog.core.signals import JointSignals
-from vsalog.estimators.bend import bend_of_residual, bend_of_torque
 from vsalog.estimators.device import Device, TransmissionView, deflection_of
 from vsalog.estimators.equation import Equation
 from vsalog.estimators.equations import ResidualEquation, TorqueEquation
 from vsalog.estimators.first_look import first_look
-from vsalog.estimators.jumps import torque_noise
 from vsalog.estimators.known import conditioner_of, known_of
 from vsalog.estimators.needs import deflection_roles, require
 from vsalog.estimators.regression import RegressionFold
+from vsalog.estimators.regressor_noise import noise_for_residual, noise_for_torque, regressor_noise
 from vsalog.estimators.solvers import RlsSolver, least_samples
 from vsalog.estimators.tuning import Modality, Positive, RlsTuning, Tuning
 from vsalog.estimators.windows import WINDOWS, keeping_window, motor_window
@@ -107,9 +106,7 @@ def build(device: Device, signals: JointSignals, tuning: ResidualRlsTuning) -> R
     )
     solver = RlsSolver(p0, tuning.c, least_samples(conditioner))
     equations = _equations(device, signals, tuning, conditioner)
-    return RegressionFold(
-        NAME, tuning.modality, device, conditioner, equations, solver, chosen=chosen, look=look
-    ).tried_on(signals)
+    return RegressionFold(NAME, tuning.modality, device, conditioner, equations, solver, chosen=chosen, look=look)
 
 
 def _bandwidth(signals: JointSignals, tuning: ResidualRlsTuning) -> float:
@@ -145,13 +142,13 @@ def sensor_equations(
     views = device.transmissions
     sensors = [sensor_role(view, signals.roles) for view in views]
     known = [known_of(device, v, signals, tuning, s, motor=False) for v, s in zip(views, sensors, strict=True)]
-    bends = [bend_of_torque(signals, v, conditioner) for v in views]
+    noises = [noise_for_torque(signals, v, conditioner) for v in views]
     if len(views) > 1 and len(set(sensors)) == 1:
-        both = tuple(k for k in known if k is not None), tuple(b for b in bends if b is not None)
+        both = tuple(k for k in known if k is not None), regressor_noise(noises)
         return (TorqueEquation(views, device.basis, _column(sensors[0]), *both),)
     return tuple(
-        TorqueEquation((v,), device.basis, _column(s), () if k is None else (k,), () if b is None else (b,))
-        for v, s, k, b in zip(views, sensors, known, bends, strict=True)
+        TorqueEquation((v,), device.basis, _column(s), () if k is None else (k,), regressor_noise([n]))
+        for v, s, k, n in zip(views, sensors, known, noises, strict=True)
     )
 
 
@@ -198,7 +195,7 @@ def _residual(
             f" [joint.{device.joint}.{motor}] inertia in the rig, or use --estimator qr-rls, which estimates it"
         )
     damping, rate = view.motor.reflected_damping, tuning.bandwidth
-    bend = bend_of_residual(signals, view, conditioner, (inertia, damping), rate, tuning.matched)
+    noise = noise_for_residual(signals, view, conditioner, (inertia, damping), rate, tuning.matched)
     return ResidualEquation(
         view,
         device.basis,
@@ -208,6 +205,5 @@ def _residual(
         signals.period,
         tuning.matched,
         known_of(device, view, signals, tuning, view.motor_torque, motor=True),
-        () if bend is None else (bend,),
-        torque_noise(signals, view),
+        regressor_noise([noise]),
     )

@@ -14,10 +14,10 @@ from numpy.typing import NDArray
 from vsalog.core.finding import Finding
 from vsalog.core.signals import JointSignals
 from vsalog.estimators.device import Device, TransmissionView, deflection_of, spread
-from vsalog.estimators.sensor_error import ENOUGH, sensor_error
 from vsalog.estimators.tuning import Tuning
 from vsalog.filters.derivative_weights import derivative_weights
 from vsalog.filters.savitzky_golay import savgol_filter, savgol_weights
+from vsalog.uncertainty.sensor_error import ENOUGH, sensor_error
 
 Array = NDArray[np.float64]
 T = TypeVar("T", bound=Tuning)

@@ -7,15 +7,13 @@ import pyarrow.compute as pc
 import pyarrow.parquet as pq
 import pytest
 from command_line import vsalog_run
-from hypothesis import given
-from hypothesis import strategies as st
 
 from vsalog.core.signals import JointSignals
+from vsalog.estimators import direct, qr_rls, residual_rls
 from vsalog.estimators.device import device_of
-from vsalog.estimators.equation import EquationRows
-from vsalog.estimators.prior import SURELY, WEAKER, WEAKEST, beyond, beyond_together, with_weaker_prior
-from vsalog.estimators.solvers import QrSolver, RlsSolver
 from vsalog.estimators.tuning import LEAST_USUAL, usual_regressor
+from vsalog.perturbations.prior import LEAST_WEIGHT, WEAKER, weaker
+from vsalog.perturbations.trials import Subject
 from vsalog.rig import Rig
 
 ROLES = ("motor_position", "link_position", "setpoint", "motor_torque")
@@ -115,78 +113,25 @@ def test_a_set_point_of_reversed_sign_is_told_and_with_what_is_advised_it_is_no_
     assert "prior.holds_back" not in found
 
 
-N = 4000
-P0, C, USUAL = 1e4, 1.0, 0.1
+def subject_of(method, **tuned):
+    t = 1e-3 * np.arange(4000)
+    phi = 0.1 * np.sin(3.0 * t)
+    roles = {"motor_position": 0.0 * t, "link_position": phi, "torque_sensor": 30.0 * phi, "motor_torque": -30.0 * phi}
+    signals = JointSignals("sea", 1e-3, (t * 1e9).astype(np.int64), t, roles, t == 0.0, np.zeros(t.size, np.int32))
+    own, tuning = device_of("sea", Rig.preset("sea").file.joint["sea"], roles), method.TUNING(**tuned)
+    return Subject(method, own, signals, tuning, method.build(own, signals, tuning))
 
 
-def learnt(solver, truth, noise, seed=0):
-    """Learn a polynomial on −1 … 1 by a solver of three coefficients; return σ, its variance, the unknowns, their covariance."""
-    rng = np.random.default_rng(seed)
-    x = np.sin(0.037 * np.arange(N)) + 0.2 * np.sin(0.0011 * np.arange(N))
-    F = np.column_stack((0.1 * x, 0.01 * x**3, 1e-4 * x**5))
-    slopes = np.column_stack((np.full(N, 0.1), 0.03 * x**2, 5e-4 * x**4))
-    y = F @ truth + noise * rng.standard_normal(N)
-    every = np.ones(N, bool)
-    rows = EquationRows(F, y, every, ~every, {}, {})
-    state, values, variances, *_ = solver.block(solver.start(3), rows, every, slopes[:, None], np.ones(1, bool))
-    # Ridge regression, of which the recursion is another form (Flacco 2012 eq. 39-41 with c = 1).
-    ridge = np.linalg.lstsq(np.vstack((F, np.eye(3) / P0**0.5)), np.append(y, np.zeros(3)), rcond=None)[0]
-    return values[:, 0], variances[:, 0], slopes @ truth, ridge, solver.solution(state)
+@pytest.mark.parametrize("method", [direct, residual_rls])
+def test_the_trial_has_a_weaker_prior_but_not_so_weak_that_digits_are_lost(method):
+    subject = subject_of(method)
+    p0, c = subject.fold.derived["p0"], subject.tuning.c
+    found = weaker(subject)
+    assert found.p0 > 100.0 * p0
+    assert found.p0 == pytest.approx(min(WEAKER * p0, 1.0 / (LEAST_WEIGHT * c * usual_regressor(*subject[1:3]) ** 2)))
+    assert found.window == subject.fold.derived["window"]
 
 
-@pytest.mark.parametrize("alone", [RlsSolver(P0, C), QrSolver(1.0, 0, P0)])
-def test_large_coefficients_that_the_prior_holds_back_are_counted_in(alone):
-    truth = np.array([100.0, -3000.0, 4e5])
-    claimed = learnt(alone, truth, 1e-3)[1]
-    value, variance, exact, ridge, (xi, covariance, _) = learnt(with_weaker_prior(alone, USUAL), truth, 1e-3)
-    assert np.allclose(xi, ridge, rtol=1e-6)
-    off, late = np.abs(value - exact), slice(N // 2, None)
-    assert np.mean(off[late] > 3.0 * claimed[late] ** 0.5) > 0.5
-    assert np.mean(off[late] > 3.0 * variance[late] ** 0.5) < 0.01
-    assert np.all((xi - truth) ** 2 < 9.0 * np.diag(covariance))
-
-
-@pytest.mark.parametrize("alone", [RlsSolver(P0, C), QrSolver(1.0, 0, P0)])
-@pytest.mark.parametrize("seed", range(3))
-def test_what_the_prior_expects_is_claimed_as_by_the_solver_alone(alone, seed):
-    usual = np.array([10.0, 5.0, -3.0])
-    for noise in (0.1, 1.0):
-        told, claimed = (learnt(s, usual, noise, seed) for s in (with_weaker_prior(alone, USUAL), alone))
-        late = slice(N // 2, None)
-        assert np.array_equal(told[0], claimed[0], equal_nan=True)
-        assert np.median(told[1][late]) <= 1.01 * np.median(claimed[1][late])
-
-
-def test_where_there_is_no_prior_or_a_weak_one_nothing_is_beside():
-    weak = 1.0 / (WEAKEST * USUAL**2)
-    for solver in (
-        RlsSolver(np.inf, C),
-        QrSolver(1.0, 0, np.inf),
-        QrSolver(1.0, 3, 1.0, integral=True),
-        RlsSolver(weak, C),
-    ):
-        assert with_weaker_prior(solver, USUAL) is solver
-    assert with_weaker_prior(RlsSolver(P0, C), USUAL).weaker.p0 == WEAKER * P0
-    assert with_weaker_prior(RlsSolver(1e-3 * weak, C), USUAL).weaker.p0 == pytest.approx(weak)
-
-
-def test_what_is_not_known_moves_nothing():
-    moved, allowed = np.array([np.nan, 1.0, np.inf, 3.0, 3.0]), np.array([1.0, np.nan, np.inf, 4.0, 1.0])
-    assert beyond(moved, allowed).tolist() == [0.0, 0.0, 0.0, 0.0, 9.0 - SURELY**2]
-    assert not beyond_together(np.array([np.nan, 1.0]), np.eye(2)).any()
-
-
-@given(st.lists(st.floats(-1e3, 1e3), min_size=3, max_size=3), st.integers(0, 2**32 - 1))
-def test_what_moves_together_is_no_more_than_the_whole_and_nothing_within_noise(moved, seed):
-    moved = np.array(moved)
-    half = np.random.default_rng(seed).standard_normal((3, 3))
-    allowed = half @ half.T
-    found = beyond_together(moved, allowed)
-    whole = np.outer(moved, moved)
-    assert np.linalg.eigvalsh(whole - found).min() >= -1e-9 * max(1.0, whole.max())
-    assert np.linalg.eigvalsh(found).min() >= -1e-9 * max(1.0, whole.max())
-    distance = moved @ np.linalg.solve(allowed, moved)
-    if distance < 0.99 * SURELY**2 * 3:
-        assert not found.any()
-    elif distance > 1.01 * SURELY**2 * 3:
-        assert found.any()
+def test_where_there_is_no_prior_or_a_weak_one_nothing_is_tried():
+    assert weaker(subject_of(direct, p0=1e30)) is None
+    assert weaker(subject_of(qr_rls, p0=np.inf)) is None

@@ -1,4 +1,4 @@
-"""Motions of few encoder steps: what an encoder adds behind a filter, what that bends a fit by, and what is said of it."""
+"""Noise in regressors: what an encoder adds behind a filter, the bias of a fit, and what is said of motions of few steps."""
 
 import numpy as np
 import pytest
@@ -7,13 +7,13 @@ from scipy.signal import savgol_filter as scipys
 
 from vsalog.binding.joint import offered_roles
 from vsalog.core.errors import EstimatorError
-from vsalog.estimators.bend import Bend, bent_block, bent_start
-from vsalog.estimators.sensor_error import sensor_error
 from vsalog.filters.savitzky_golay import savgol_weights
 from vsalog.reproduce.measure import Setting, assemble, estimate, with_noise
 from vsalog.rig import Rig
 from vsalog.simulation.scenario import Scenario
 from vsalog.simulation.simulate import simulate
+from vsalog.uncertainty.errors_in_variables import DeflectionNoise, RegressorNoise, bias_block, bias_start
+from vsalog.uncertainty.sensor_error import sensor_error
 
 PERIOD = 1e-3
 TIME = np.arange(20_000) * PERIOD
@@ -62,7 +62,7 @@ def test_white_noise_is_told_by_its_size():
     assert sensor_error(np.full(100, np.nan), 51).rms(weights[0]) == 0.0
 
 
-def bent(bend, seen, estimate, weights, discount, integral=False):
+def biased(noise, seen, estimate, weights, discount, integral=False):
     """What is told of a line's slope through abscissae `seen`, and the part of its information that is noise as numpy has it."""
     count, n = seen.shape
     P = np.linalg.inv((weights[:, None] * seen).T @ seen)
@@ -70,7 +70,9 @@ def bent(bend, seen, estimate, weights, discount, integral=False):
     E[:, 0, -1] = 1.0
     T, unknowns = np.broadcast_to(E[0] @ P, E.shape), np.broadcast_to(estimate, (count, n))
     ones = np.ones(count, dtype=bool)
-    state, told = bent_block(bent_start(n), (bend,), E, T, unknowns, unknowns[:, -1:], ones, ~ones, integral, discount)
+    state, told = bias_block(
+        bias_start(n), RegressorNoise((noise,)), E, T, unknowns, unknowns[:, -1:], ones, ~ones, integral, discount
+    )
     return told[-1, 0], P[-1, -1], state
 
 
@@ -86,7 +88,7 @@ def test_a_bent_fit_is_bent_by_what_is_counted(discount, sigma):
         seen = x + rng.normal(0.0, sigma, x.size)
         slopes.append(np.sum(weights * seen * stiffness * x) / np.sum(weights * seen * seen))
     estimate = np.mean(slopes)
-    told, P, state = bent(Bend(sigma**2), seen[:, None], [estimate], weights, discount)
+    told, P, state = biased(DeflectionNoise(sigma**2), seen[:, None], [estimate], weights, discount)
     part = sigma**2 * weights.sum() * P
     assert np.sqrt(told**2 - (part * estimate) ** 2) == pytest.approx(stiffness - estimate, rel=0.05)
     assert state.covariance(np.array([estimate]))[0, 0] * P**2 == pytest.approx((part * estimate) ** 2)
@@ -99,7 +101,7 @@ def test_noise_that_the_torque_shares_bends_the_other_way():
         e = rng.normal(0.0, sigma, x.size)
         seen = x + e
         stiffer.append(np.sum(seen * shared * e) / np.sum(seen * seen))
-    told, _, _ = bent(Bend(0.0, shared * sigma**2), seen[:, None], [stiffness], np.ones(x.size), 1.0)
+    told, _, _ = biased(DeflectionNoise(0.0, shared * sigma**2), seen[:, None], [stiffness], np.ones(x.size), 1.0)
     assert told == pytest.approx(np.mean(stiffer), rel=0.05)
 
 
@@ -119,8 +121,8 @@ def test_a_fit_to_an_integral_is_bent_by_a_walk(discount):
     steps = np.cumsum(weights[::-1])[::-1]
     noise = (sigma * period) ** 2 * np.sum(steps - steps**2 / steps[0])
     clean = 1.0 / np.linalg.inv((weights[:, None] * exact).T @ exact)[1, 1]
-    told, P, _ = bent(
-        Bend((sigma * period) ** 2),
+    told, P, _ = biased(
+        DeflectionNoise((sigma * period) ** 2),
         exact * np.sqrt((clean + noise) / clean),
         [0.0, np.mean(slopes)],
         weights,
@@ -133,7 +135,7 @@ def test_a_fit_to_an_integral_is_bent_by_a_walk(discount):
 
 
 def test_of_noise_alone_nothing_is_known():
-    told, _, _ = bent(Bend(0.6), np.ones((100, 1)), [1.0], np.ones(100), 1.0)
+    told, _, _ = biased(DeflectionNoise(0.6), np.ones((100, 1)), [1.0], np.ones(100), 1.0)
     assert told == np.inf
 
 
@@ -141,14 +143,15 @@ def test_of_noise_alone_nothing_is_known():
 def test_blocks_of_any_size_sum_up_to_the_same_bits(integral):
     rng, count = np.random.default_rng(1), 300
     E, T, unknowns = rng.normal(size=(count, 3, 3)), rng.normal(size=(count, 3, 3)), rng.normal(size=(count, 3))
-    use, fresh, bends = rng.random(count) > 0.1, np.arange(count) % 110 == 0, (Bend(0.2, 0.1), Bend(0.3))
+    use, fresh = rng.random(count) > 0.1, np.arange(count) % 110 == 0
+    noise = RegressorNoise((DeflectionNoise(0.2, 0.1), DeflectionNoise(0.3)), np.array([0.0, 0.2, 0.1]))
     values = np.einsum("kmi,ki->km", E, unknowns)
-    _, whole = bent_block(bent_start(3), bends, E, T, unknowns, values, use, fresh, integral, 0.99)
-    state, parts = bent_start(3), []
+    _, whole = bias_block(bias_start(3), noise, E, T, unknowns, values, use, fresh, integral, 0.99)
+    state, parts = bias_start(3), []
     for k in range(0, count, 7):
         part = slice(k, k + 7)
-        state, told = bent_block(
-            state, bends, E[part], T[part], unknowns[part], values[part], use[part], fresh[part], integral, 0.99
+        state, told = bias_block(
+            state, noise, E[part], T[part], unknowns[part], values[part], use[part], fresh[part], integral, 0.99
         )
         parts.append(told)
     np.testing.assert_array_equal(np.concatenate(parts), whole)

@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 from scipy.signal import lfilter
 
-from vsalog.estimators.noise import noise_block, noise_now, noise_start
 from vsalog.estimators.qr import QrState, qr_block
 from vsalog.estimators.rls import RlsState, rls_block
+from vsalog.uncertainty.long_run import long_run_block, long_run_covariance, long_run_start
 
 SAMPLES = 3000
 
@@ -17,7 +17,7 @@ def fitted(F, y, e, *, integral=False, fresh=None, forgetting=1.0):
     use, fresh = np.ones(count, dtype=bool), np.zeros(count, dtype=bool) if fresh is None else fresh
     E = np.broadcast_to(e, (count, 1, n)).copy()
     out = qr_block(QrState.start(n), F, y, use, fresh, E, np.ones(1, dtype=bool), forgetting)
-    variance = noise_block(noise_start(n), F, y, out[5], use, fresh, out[2], integral, forgetting)[1]
+    variance = long_run_block(long_run_start(n), F, y, out[5], use, fresh, out[2], integral, forgetting)[1]
     return out[1][-1, 0], np.sqrt(variance[-1, 0])
 
 
@@ -100,11 +100,11 @@ def test_no_energy_is_lost_between_the_octaves():
     use = np.ones(count, dtype=bool)
     for _ in range(20):
         F, left = slow_motion(rng, count, cycles=100.0), rng.normal(size=count)
-        state = noise_block(noise_start(2), F, left, left, use, ~use, np.zeros((count, 1, 2)), False, 1.0)[0]
-        energy = state.energy[-1]
+        state = long_run_block(long_run_start(2), F, left, left, use, ~use, np.zeros((count, 1, 2)), False, 1.0)[0]
+        energy = state.energy[0, -1]
         np.testing.assert_allclose(energy, F.T @ F, rtol=1e-3)
-        assert np.linalg.eigvalsh(energy - state.energy[:-1].sum(axis=0)).min() > -1e-9 * energy.max()
-        M, uneven, variance = noise_now(state, False)
+        assert np.linalg.eigvalsh(energy - state.energy[0, :-1].sum(axis=0)).min() > -1e-9 * energy.max()
+        M, uneven, variance = long_run_covariance(state, False)
         assert variance == pytest.approx(np.mean(left**2))
         ratios.append(np.diag(M) / np.diag(energy))
         others.append(np.diag(uneven) / np.diag(energy))
@@ -129,11 +129,11 @@ def test_the_noise_is_observed_alike_in_blocks(size):
     F[:, 0], y = 1.0, rng.normal(size=2000)
     use, fresh = np.ones(2000, dtype=bool), np.arange(2000) == 700
     use[50:80] = False
-    whole = noise_block(noise_start(3), F, y, left, use, fresh, T, True, 0.999)[1]
-    state, parts = noise_start(3), []
+    whole = long_run_block(long_run_start(3), F, y, left, use, fresh, T, True, 0.999)[1]
+    state, parts = long_run_start(3), []
     for k in range(0, left.size, size):
         s = slice(k, k + size)
-        state, variance = noise_block(state, F[s], y[s], left[s], use[s], fresh[s], T[s], True, 0.999)
+        state, variance = long_run_block(state, F[s], y[s], left[s], use[s], fresh[s], T[s], True, 0.999)
         parts.append(variance)
     np.testing.assert_array_equal(np.concatenate(parts), whole)
 
@@ -145,7 +145,7 @@ def test_rls_and_qr_say_the_same():
     y = F @ np.ones(n) + rng.normal(size=SAMPLES)
     use, E = np.ones(SAMPLES, dtype=bool), np.ones((SAMPLES, 1, n))
     out = rls_block(RlsState.start(n, 1e9), F, y, use, E, np.ones(1, dtype=bool), 1.0, 1e9)
-    variance = noise_block(noise_start(n), F, y, out[5], use, ~use, out[2], False, 1.0)[1]
+    variance = long_run_block(long_run_start(n), F, y, out[5], use, ~use, out[2], False, 1.0)[1]
     assert np.sqrt(variance[-1, 0]) == pytest.approx(fitted(F, y, np.ones(n))[1], rel=0.01)
 
 
@@ -153,7 +153,7 @@ def test_what_is_not_known_of_even_noise_is_not_known_of_uneven_noise_either():
     """Rounding may make a variance that nothing tells negative; that is no certainty, whatever the stretches say."""
     rng, count = np.random.default_rng(21), 2000
     F, left, use = rng.normal(size=(count, 2)), rng.normal(size=count), np.ones(count, dtype=bool)
-    state = noise_block(noise_start(2), F, left, left, use, ~use, np.zeros((count, 1, 2)), False, 1.0)[0]
-    nothing = state._replace(M=-np.eye(2), uneven=np.zeros((2, 2)))
-    told = noise_block(nothing, F[:1], left[:1], left[:1], ~use[:1], ~use[:1], np.ones((1, 1, 2)), False, 1.0)[1]
+    state = long_run_block(long_run_start(2), F, left, left, use, ~use, np.zeros((count, 1, 2)), False, 1.0)[0]
+    nothing = state._replace(found=np.stack((-np.eye(2), np.zeros((2, 2)))))
+    told = long_run_block(nothing, F[:1], left[:1], left[:1], ~use[:1], ~use[:1], np.ones((1, 1, 2)), False, 1.0)[1]
     assert np.isnan(told).all()
