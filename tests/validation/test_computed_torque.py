@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy.signal import lfilter
 
-from vsalog.validation.independence import computed_from
+from vsalog.checks.torque_independence import computed_from
 
 N, T = 12_000, 2e-3
 TIME = np.arange(N) * T

@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 from scipy.signal import lfilter, savgol_filter
 
+from vsalog.checks.torque_independence import computed_from
 from vsalog.core.model import TransmissionModel
 from vsalog.validation.dependence import dependences
-from vsalog.validation.independence import computed_from
 from vsalog.validation.region import inside_region
 from vsalog.validation.signatures import loops
 

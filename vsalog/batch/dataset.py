@@ -13,9 +13,9 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 
 from vsalog.batch.names import encoded
+from vsalog.core.arrow import arrow_column, arrow_texts
 from vsalog.core.errors import WriteError
 from vsalog.core.trace import EXTRA_UNITS, UNITS, Trace
-from vsalog.writers.arrow import arrow_column, arrow_texts
 from vsalog.writers.trace import ROW_GROUP
 
 TRACES = "traces"

@@ -5,13 +5,24 @@
 
 from __future__ import annotations
 
+import inspect
 import json
+import re
 from types import ModuleType
 from typing import Any
 
 import msgspec
 
-from vsalog.rig.schema_file import field_descriptions
+
+def field_descriptions(cls: type) -> dict[str, str]:
+    """Return key → description as the "Attributes" of a structure's docstring, and of those it extends, give them."""
+    found: dict[str, str] = {}
+    for each in reversed(cls.__mro__):
+        _, _, attributes = inspect.cleandoc(each.__doc__ or "").partition("Attributes\n----------\n")
+        for names, words in re.findall(r"^(\w+(?:, \w+)*) : (.*(?:\n[ ]+.*)*)", attributes, re.MULTILINE):
+            for name in names.split(", "):
+                found[name] = " ".join(words.split())
+    return found
 
 
 def document_schema(module: ModuleType) -> dict[str, Any]:

@@ -12,10 +12,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vsalog.core.errors import ReadError
-from vsalog.readers.carried import ABSENT
 
 Values = NDArray[Any]
 Kind = type[np.int64 | np.float64]
+
+ABSENT_BITS = 0x7FFA_5C31_9E07_D24B
+ABSENT = np.int64(ABSENT_BITS).view(np.float64)
+"""What a sample does not carry: a NaN as any other, but told from those that are recorded by its bits."""
 
 EXTENT = 2**13
 """Values of a column that lie together in the file."""

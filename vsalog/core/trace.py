@@ -1,19 +1,20 @@
-"""An estimator's output over time."""
+"""An estimator's output over time, and its layout as an Arrow table."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
+import pyarrow as pa
 from numpy.typing import NDArray
 
+from vsalog.core.arrow import arrow_column, arrow_texts
 from vsalog.core.signals import JointSignals
 
 if TYPE_CHECKING:
     import pandas
-    import pyarrow
 
 Array = NDArray[np.float64]
 
@@ -108,14 +109,69 @@ class Trace:
             },
         )
 
-    def to_table(self) -> pyarrow.Table:
+    def to_table(self) -> pa.Table:
         """Return the trace as an Arrow table in the layout of the Parquet file."""
-        import pyarrow
-
-        from vsalog.writers.trace import trace_tables
-
-        return pyarrow.concat_tables(trace_tables(self), promote_options="default")
+        return pa.concat_tables(trace_tables(self), promote_options="default")
 
     def to_pandas(self) -> pandas.DataFrame:
         """Return the trace as a pandas data frame, where pandas is installed."""
         return self.to_table().to_pandas()
+
+
+def _unit(column: str) -> str:
+    if column.startswith("coefficient_"):
+        return "N*m"
+    return UNITS.get(column, EXTRA_UNITS.get(column, ""))
+
+
+def _field(name: str, kind: pa.DataType, unit: str = "") -> pa.Field:
+    return pa.field(name, kind, metadata={"unit": unit} if unit else None)
+
+
+def trace_schema(columns: list[str], metadata: Mapping[str, str] | None = None) -> pa.Schema:
+    """Return the schema of a trace with these columns; those every estimator gives come first."""
+    text = pa.dictionary(pa.int32(), pa.string())
+    fields = [
+        _field("time", pa.float64(), "s"),
+        _field("stamp", pa.int64(), "ns"),
+        _field("joint", text),
+        _field("transmission", text),
+        _field("run", text),
+    ]
+    fields += [
+        _field(name, pa.bool_() if name == "excited" else pa.float64(), _unit(name))
+        for name in [*UNITS, *(c for c in columns if c not in UNITS)]
+    ]
+    return pa.schema(fields, metadata=dict(metadata) if metadata else None)
+
+
+def trace_columns(trace: Trace) -> list[str]:
+    """Return the names of all columns that any transmission of a trace has, in order."""
+    return list(dict.fromkeys(name for columns in trace.transmissions.values() for name in columns))
+
+
+def trace_tables(trace: Trace, schema: pa.Schema | None = None) -> Iterator[pa.Table]:
+    """Turn a trace, or a block of one, into a table per transmission; columns a transmission lacks are null."""
+    schema = schema or trace_schema(trace_columns(trace))
+    runs = pa.DictionaryArray.from_arrays(arrow_column(trace.run.astype(np.int32)), arrow_texts(trace.run_names))
+    for name, columns in trace.transmissions.items():
+        fixed = {
+            "time": arrow_column(trace.time),
+            "stamp": arrow_column(trace.stamps),
+            "joint": _constant(trace.joint, len(trace)),
+            "transmission": _constant(name, len(trace)),
+            "run": runs,
+        }
+        arrays = [
+            fixed[field.name]
+            if field.name in fixed
+            else arrow_column(columns[field.name])
+            if field.name in columns
+            else pa.nulls(len(trace), field.type)
+            for field in schema
+        ]
+        yield pa.Table.from_arrays(arrays, schema=schema)
+
+
+def _constant(text: str, length: int) -> pa.DictionaryArray:
+    return pa.DictionaryArray.from_arrays(arrow_column(np.zeros(length, np.int32)), arrow_texts([text]))

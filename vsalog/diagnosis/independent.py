@@ -6,11 +6,11 @@ from typing import Any
 
 import numpy as np
 
+from vsalog.checks.torque_independence import computed_from
 from vsalog.core.signals import JointSignals
 from vsalog.diagnosis.causes.sensor import TORQUES
 from vsalog.residuals.sensing import at_joint, each_sensor
 from vsalog.rig.schema import AwasTransmission
-from vsalog.validation.independence import computed_from
 
 
 def not_independent(signals: JointSignals, joint: Any) -> dict[str, str]:

@@ -18,13 +18,13 @@ from msgspec.structs import replace
 from numba import njit
 from numpy.typing import NDArray
 
+from vsalog.core.source_stamp import source_stamp
 from vsalog.estimators import pam_states
 from vsalog.estimators.pam_noise import PamNoise
 from vsalog.estimators.pam_states import ANGLE, PamFold, pam_observation, pam_transition
 from vsalog.filters import square_root_ukf as ukf
 from vsalog.mechanics import pneumatics as pneu
 from vsalog.rig.schema import PneumaticJoint, PressureFriction
-from vsalog.simulation._integrate import source_stamp
 
 Array = NDArray[np.float64]
 

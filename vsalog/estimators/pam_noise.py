@@ -12,8 +12,8 @@ import numpy as np
 from vsalog.core.errors import EstimatorError
 from vsalog.mechanics import pneumatics as pneu
 from vsalog.mechanics.pneumatic_friction import friction_level
+from vsalog.mechanics.pneumatic_numbers import air_numbers
 from vsalog.rig.schema import PneumaticJoint
-from vsalog.simulation.pneumatic import _air
 
 
 @dataclass(frozen=True, slots=True)
@@ -95,7 +95,7 @@ def pam_noise(
 def filling_rates(joint: PneumaticJoint) -> tuple[float, float]:
     """Return the rates at which the larger orifice, choked, at supply pressure, changes the pressures at ψ = 0 [Pa/s]."""
     air = joint.air
-    choked = air.inflow_index * air.gas_constant * air.temperature * float(_air(joint)[7]) * air.supply_pressure
+    choked = air.inflow_index * air.gas_constant * air.temperature * float(air_numbers(joint)[7]) * air.supply_pressure
     sides = ((joint.muscle_1, joint.valve_1), (joint.muscle_2, joint.valve_2))
     areas = [
         valve.area_scale * max(valve.inflow_area, valve.outflow_area) + muscle.leak_area for muscle, valve in sides

@@ -23,13 +23,13 @@ from numba import njit
 from numpy.typing import NDArray
 
 from vsalog.core.errors import EstimatorError, SimulationError
+from vsalog.core.source_stamp import source_stamp
 from vsalog.estimators.pam_noise import PamNoise, filling_rates
 from vsalog.filters import square_root_ukf as ukf
+from vsalog.mechanics import _pneumatic_joint
 from vsalog.mechanics import pneumatics as pneu
+from vsalog.mechanics.pneumatic_numbers import air_numbers, friction_numbers, muscle_numbers, seesaw_numbers
 from vsalog.rig.schema import PneumaticJoint
-from vsalog.simulation import _pam
-from vsalog.simulation._integrate import source_stamp
-from vsalog.simulation.pneumatic import _air, _friction, _muscle, _seesaw
 
 Array = NDArray[np.float64]
 Integers = NDArray[np.int64]
@@ -87,10 +87,12 @@ class PamFold:
         self.joint, self.period, self.noise, self.correct = joint, period, noise, correct
         self.steps = _steps(joint, period)
         least = [LEAST_VOLUME * float(pneu.muscle_volume(m, m.length)) for m in (joint.muscle_1, joint.muscle_2)]
-        muscles = np.array([_muscle(joint.muscle_1, joint.valve_1), _muscle(joint.muscle_2, joint.valve_2)])
+        muscles = np.array(
+            [muscle_numbers(joint.muscle_1, joint.valve_1), muscle_numbers(joint.muscle_2, joint.valve_2)]
+        )
         # The last is room of the transition's passes.
         self._model: Any = (
-            _air(joint), muscles, _seesaw(joint), _friction(joint), np.array(least), period / self.steps,
+            air_numbers(joint), muscles, seesaw_numbers(joint), friction_numbers(joint), np.array(least), period / self.steps,
             joint.seesaw.held_at is not None, np.zeros((8, 9)),
         )  # fmt: skip
         # One process noise for each of the four cases of valves known and unknown.
@@ -243,8 +245,8 @@ def _fill(X: Array, first: int, u: Array, air: Array, muscles: Array, W: Array) 
             pressure = X[i, j]
             if pressure != known and not np.isnan(opening):
                 known = pressure
-                outflow = _pam._flow(pressure, air[1], air)
-                flow = opening * _pam._flow(air[0], pressure, air) - (1.0 - opening) * outflow
+                outflow = _pneumatic_joint._flow(pressure, air[1], air)
+                flow = opening * _pneumatic_joint._flow(air[0], pressure, air) - (1.0 - opening) * outflow
                 flow *= muscles[i, 6] if flow > 0.0 else muscles[i, 7]
                 rate = air[5] * air[2] * (flow - muscles[i, 5] * outflow)
             W[i, j] = rate
@@ -276,9 +278,9 @@ def pam_transition(X: Array, first: int, u: Array, p: Any, Y: Array) -> None:
         W[6, j], W[7, j] = p0 + 0.5 * in_0, p1 + 0.5 * in_1
     for j in range(first, points):
         travel, p0, p1 = radius * W[2, j], W[6, j], W[7, j]
-        f1 = _pam._force(0, p0, l0 - travel, muscles, air[1])
-        f2 = _pam._force(1, p1, l1 + travel, muscles, air[1])
-        W[6, j], W[7, j] = f1 - f2, z * _pam._level(X[3, j], p0, p1, f1, f2, air, seesaw, friction)
+        f1 = _pneumatic_joint._force(0, p0, l0 - travel, muscles, air[1])
+        f2 = _pneumatic_joint._force(1, p1, l1 + travel, muscles, air[1])
+        W[6, j], W[7, j] = f1 - f2, z * _pneumatic_joint._level(X[3, j], p0, p1, f1, f2, air, seesaw, friction)
     damping = 1.0 / (1.0 + z * friction[1])
     for j in range(first, points):
         middle, sine, cosine = X[2, j] + half_step * X[3, j], W[2, j], W[3, j]
@@ -324,4 +326,4 @@ def _compiled(stamp: str) -> Callable[..., None]:
     return run
 
 
-_run = _compiled(source_stamp(ukf, _pam))
+_run = _compiled(source_stamp(ukf, _pneumatic_joint))

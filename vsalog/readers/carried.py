@@ -8,20 +8,13 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
 from vsalog.core.recording import Values
+from vsalog.core.spool import ABSENT_BITS, Column
 from vsalog.readers.base import plural
-
-if TYPE_CHECKING:
-    from vsalog.core.spool import Column
-
-_BITS = 0x7FFA_5C31_9E07_D24B
-ABSENT = np.int64(_BITS).view(np.float64)
-"""What a message does not carry: a NaN as any other, but told from those that are sent by its bits."""
 
 MOSTLY = 0.75
 """Values come together that share this part of the messages that have either; the others of these lack it, NaN."""
@@ -75,13 +68,13 @@ class Together:
 
 def lacks_any(values: Values) -> bool:
     """Tell whether a message does not carry a value."""
-    return bool((values.view(np.int64) == _BITS).any())
+    return bool((values.view(np.int64) == ABSENT_BITS).any())
 
 
 def carried(column: Column) -> _Bits:
     """Return in which messages a value is, a bit each."""
     begins = range(0, len(column), _PIECE)
-    return np.concatenate([np.packbits(column[k : k + _PIECE].view(np.int64) != _BITS) for k in begins])
+    return np.concatenate([np.packbits(column[k : k + _PIECE].view(np.int64) != ABSENT_BITS) for k in begins])
 
 
 def together(columns: Sequence[str], partial: Mapping[str, _Bits], messages: int) -> list[Together]:

@@ -8,9 +8,9 @@ from typing import Any, Generic, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from vsalog.core.spool import Column, Kind, Spool, SpooledColumn, parts
+from vsalog.core.spool import ABSENT, Column, Kind, Spool, SpooledColumn, parts
 from vsalog.readers.base import Block
-from vsalog.readers.carried import ABSENT, Together, carried, lacks_any, together
+from vsalog.readers.carried import Together, carried, lacks_any, together
 
 # So many samples are made room for at once where a log promises them; the room is no memory before it is filled.
 _MOST_ROOM, _PIECE = 2**22, 2**13

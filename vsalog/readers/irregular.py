@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from vsalog.readers.carried import ABSENT
+from vsalog.core.spool import ABSENT
 from vsalog.readers.definitions import Struct, is_placeholder
 from vsalog.readers.layout import Field, Integers
 from vsalog.readers.layout_values import column, stamps

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vsalog.core.recording import Stamps, Values
-from vsalog.readers.carried import ABSENT
+from vsalog.core.spool import ABSENT
 from vsalog.readers.definitions import Struct, Time
 from vsalog.readers.fields import Fields
 from vsalog.readers.frames import has_frame, header_frames

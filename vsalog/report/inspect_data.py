@@ -12,10 +12,10 @@ from vsalog.core.recording import Channel, Recording, Stream
 from vsalog.core.resolution import noise_of, step_of
 from vsalog.readers.sampling import Sample
 from vsalog.report.inspect_head import HeadReport, heads_of
-from vsalog.report.inspect_repair import Repaired
 from vsalog.report.inspect_stats import Clock, clock_of
 from vsalog.rig.checks import RUN
 from vsalog.rig.guess_types import Guess, JointGuess
+from vsalog.writers.repaired import Repaired
 
 
 class RoleReport(Struct, frozen=True):

@@ -1,27 +1,10 @@
-"""What `inspect --repair` wrote, as data and in words."""
+"""What `inspect --repair` wrote, in words."""
 
 from __future__ import annotations
 
-from msgspec import Struct
-
 from vsalog.core.printable import printable
 from vsalog.readers.base import plural
-
-
-class Repaired(Struct, frozen=True):
-    """What was written.
-
-    Attributes
-    ----------
-    path : the new file
-    messages, channels : how many
-    notes : what could not be read
-    """
-
-    path: str
-    messages: int
-    channels: int
-    notes: tuple[str, ...]
+from vsalog.writers.repaired import Repaired
 
 
 def told(repaired: Repaired) -> str:

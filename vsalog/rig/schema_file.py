@@ -7,13 +7,13 @@ from __future__ import annotations
 
 import inspect as python_inspect
 import json
-import re
 from collections.abc import Iterator
 from typing import Any
 
 import msgspec
 from msgspec import inspect
 
+from vsalog.core.document_schema import field_descriptions
 from vsalog.rig.schema import RigFile
 from vsalog.rig.uncertain import TOLERANCE_SIGN
 
@@ -62,17 +62,6 @@ def structures() -> list[inspect.StructType]:
         else:
             queue.extend(_inside(kind))
     return list(found.values())
-
-
-def field_descriptions(cls: type) -> dict[str, str]:
-    """Return key → description as the "Attributes" of a structure's docstring, and of those it extends, give them."""
-    found: dict[str, str] = {}
-    for each in reversed(cls.__mro__):
-        _, _, attributes = python_inspect.cleandoc(each.__doc__ or "").partition("Attributes\n----------\n")
-        for names, words in re.findall(r"^(\w+(?:, \w+)*) : (.*(?:\n[ ]+.*)*)", attributes, re.MULTILINE):
-            for name in names.split(", "):
-                found[name] = " ".join(words.split())
-    return found
 
 
 def _inside(kind: inspect.Type) -> Iterator[inspect.Type]:

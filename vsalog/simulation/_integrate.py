@@ -8,14 +8,13 @@ order.
 from __future__ import annotations
 
 from collections.abc import Callable
-from pathlib import Path
-from types import ModuleType
 from typing import Any
 
 import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
+from vsalog.core.source_stamp import source_stamp
 from vsalog.mechanics import _atoms, _rigid_body
 from vsalog.mechanics._atoms import HALF_GAP
 from vsalog.simulation import _dynamics
@@ -298,11 +297,6 @@ def _first_modes(p: Array, at: Integers, x: Array, modes: Integers) -> None:
         modes[n + i] = 0 if abs(phi) <= gap and gap > 0.0 else 1 if phi >= 0.0 else -1
         modes[n + count + i] = 1 if deflection(p, at, i, x, modes)[1] >= 0.0 else -1
     modes[n + 2 * count :] = 0
-
-
-def source_stamp(*modules: ModuleType) -> str:
-    """Return what changes when one of the files changes: numba's cache looks at a function's own file only."""
-    return " ".join(str(Path(str(module.__file__)).stat().st_mtime_ns) for module in modules)
 
 
 def _compiled(stamp: str) -> Callable[..., Any]:

@@ -8,44 +8,25 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vsalog.core.errors import SimulationError, did_you_mean
-from vsalog.mechanics.muscle_forces import braid_numbers
-from vsalog.mechanics.pneumatic_friction import LEAST_GAUGE, friction_level, viscous_coefficient
+from vsalog.mechanics._pneumatic_joint import (
+    integrate_pam,
+)
+from vsalog.mechanics.pneumatic_friction import friction_level, viscous_coefficient
+from vsalog.mechanics.pneumatic_numbers import air_numbers, friction_numbers, muscle_numbers, seesaw_numbers
 from vsalog.mechanics.pneumatics import (
-    critical_ratio,
     isobaric_stiffness,
     joint_torque,
     mode_index,
     muscle_lengths,
     muscle_pulls,
     muscle_volume,
-    orifice_flow,
     resting_angle,
     resting_pressure,
     trapped_stiffness,
     valve_opening,
 )
 from vsalog.rig.schema import (
-    BraidForce,
-    ExponentialForce,
-    LinearForce,
-    Muscle,
     PneumaticJoint,
-    PressureFriction,
-    SimpleFriction,
-    SpringForce,
-    TonduFriction,
-    Valve,
-)
-from vsalog.simulation._pam import (
-    BRAID_FORCE,
-    EXPONENTIAL_FORCE,
-    LINEAR_FORCE,
-    NO_FRICTION,
-    PRESSURE_FRICTION,
-    SIMPLE_FRICTION,
-    SPRING_FORCE,
-    TONDU_FRICTION,
-    integrate_pam,
 )
 from vsalog.simulation.inputs import TorqueInput, at_samples, at_steps
 
@@ -117,9 +98,10 @@ def simulate_pneumatic(
         steps = max(FEWEST_STEPS, int(np.ceil(_needed(joint, state, period))))
     if steps < 1:
         raise SimulationError("a simulation needs at least one step per sample")
+    muscles = [muscle_numbers(joint.muscle_1, joint.valve_1), muscle_numbers(joint.muscle_2, joint.valve_2)]
     plant = (
-        period / steps, _air(joint), np.array([_muscle(joint.muscle_1, joint.valve_1), _muscle(joint.muscle_2, joint.valve_2)]),
-        _seesaw(joint), _friction(joint), joint.seesaw.held_at is not None,
+        period / steps, air_numbers(joint), np.array(muscles), seesaw_numbers(joint), friction_numbers(joint),
+        joint.seesaw.held_at is not None,
     )  # fmt: skip
 
     all_inputs = {**inputs, "external_torque": external}
@@ -257,47 +239,3 @@ def _require_finite(joint: PneumaticJoint, states: Array, time: Array) -> None:
         f"after {time[last]:.6g} s the joint leaves what its model describes: at {psi:.3g} rad, {p1:.4g} and {p2:.4g} Pa a"
         " muscle's volume or pressure comes to zero. Use valve voltages that turn it less far, or check volume_… and the units"
     )
-
-
-def _air(joint: PneumaticJoint) -> Array:
-    air = joint.air
-    heat = air.gas_constant * air.temperature
-    numbers = (air.supply_pressure, air.outside_pressure, heat, air.heat_ratio, critical_ratio(air))
-    choked = float(orifice_flow(air, 1.0, 1.0, critical_ratio(air)))
-    return np.array([*numbers, air.inflow_index, air.volume_index, choked])
-
-
-def _muscle(muscle: Muscle, valve: Valve) -> list[float]:
-    volume = [muscle.volume_curvature, muscle.volume_slope, muscle.volume_constant]
-    areas = [valve.area_scale * valve.inflow_area, valve.area_scale * valve.outflow_area]
-    code, numbers, rest = _coded(muscle)
-    numbers += [0.0] * (6 - len(numbers))
-    return [muscle.length, *volume, muscle.force_gain, muscle.leak_area, *areas, code, *numbers, rest]
-
-
-def _coded(muscle: Muscle) -> tuple[float, list[float], float]:
-    match muscle.force:
-        case LinearForce() as m:
-            return LINEAR_FORCE, [m.area_slope, m.area, m.passive_slope, m.passive], 1.0
-        case BraidForce() as m:
-            return BRAID_FORCE, [*braid_numbers(m)], m.rest_length
-        case ExponentialForce() as m:
-            return EXPONENTIAL_FORCE, [m.a1, m.a2, m.a3, m.a4, m.a5, m.a6], m.rest_length
-        case SpringForce() as m:
-            return SPRING_FORCE, [m.c0, m.c1, m.c2, m.c3], m.rest_length
-
-
-def _seesaw(joint: PneumaticJoint) -> Array:
-    s = joint.seesaw
-    return np.array([s.radius, s.inertia, s.return_stiffness, s.mass * s.gravity])
-
-
-def _friction(joint: PneumaticJoint) -> Array:
-    match joint.friction:
-        case PressureFriction() as m:
-            return np.array([PRESSURE_FRICTION, m.viscous, m.shaft_radius * m.shaft_coefficient, m.muscle, LEAST_GAUGE])
-        case SimpleFriction() as m:
-            return np.array([SIMPLE_FRICTION, 0.0, m.level, 0.0, 0.0])
-        case TonduFriction() as m:
-            return np.array([TONDU_FRICTION, 0.0, m.static, m.kinetic, m.speed])
-    return np.array([NO_FRICTION, 0.0, 0.0, 0.0, 0.0])

@@ -10,6 +10,7 @@ import numpy as np
 from msgspec import structs
 from numpy.typing import NDArray
 
+from vsalog.checks.torque_independence import computed_from, stuck
 from vsalog.core.model import JointModel
 from vsalog.core.recording import Channel
 from vsalog.core.resolution import step_of
@@ -20,7 +21,6 @@ from vsalog.validation import references as ref
 from vsalog.validation.dependence import LEAST_SHARE, dependences, gain_of, thinned
 from vsalog.validation.document import Comparison, Dependence, ErrorOver, Reference, Score, TransmissionReport
 from vsalog.validation.evidence import JointEvidence, TransmissionEvidence, setpoint_unit
-from vsalog.validation.independence import computed_from, stuck
 from vsalog.validation.region import inside_region
 from vsalog.validation.scores import LEAST_TORQUE, bins_of, score
 from vsalog.validation.signatures import POSITIONS, loops

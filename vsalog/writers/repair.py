@@ -33,10 +33,10 @@ from vsalog.readers.rosbag2 import CompressedContainer
 from vsalog.readers.sampling_mcap import record_heads
 from vsalog.readers.several import SeveralContainer
 from vsalog.readers.sniff import sniff
-from vsalog.report.inspect_repair import Repaired
 from vsalog.writers.atomic import atomic_path
 from vsalog.writers.recording_mcap import write_mcap
 from vsalog.writers.recording_topics import topics_of
+from vsalog.writers.repaired import Repaired
 
 _HEAD_SIZE = 9
 _MESSAGE_HEAD = struct.Struct("<HIQQ")

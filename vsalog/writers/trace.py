@@ -4,87 +4,26 @@ from __future__ import annotations
 
 import shutil
 import tempfile
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from contextlib import ExitStack
 from pathlib import Path
 from types import TracebackType
 from typing import Any
 
-import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
 
-from vsalog.core.trace import EXTRA_UNITS, UNITS, Trace
-from vsalog.writers.arrow import arrow_column, arrow_texts
+from vsalog.core.trace import Trace, trace_columns, trace_schema, trace_tables
 from vsalog.writers.atomic import atomic_path
 
 # Rows per row group: large enough to compress well, small enough not to weigh in memory.
 ROW_GROUP = 65536
 
 
-def _unit(column: str) -> str:
-    if column.startswith("coefficient_"):
-        return "N*m"
-    return UNITS.get(column, EXTRA_UNITS.get(column, ""))
-
-
-def _field(name: str, kind: pa.DataType, unit: str = "") -> pa.Field:
-    return pa.field(name, kind, metadata={"unit": unit} if unit else None)
-
-
-def trace_schema(columns: list[str], metadata: Mapping[str, str] | None = None) -> pa.Schema:
-    """Return the schema of a trace with these columns; those every estimator gives come first."""
-    text = pa.dictionary(pa.int32(), pa.string())
-    fields = [
-        _field("time", pa.float64(), "s"),
-        _field("stamp", pa.int64(), "ns"),
-        _field("joint", text),
-        _field("transmission", text),
-        _field("run", text),
-    ]
-    fields += [
-        _field(name, pa.bool_() if name == "excited" else pa.float64(), _unit(name))
-        for name in [*UNITS, *(c for c in columns if c not in UNITS)]
-    ]
-    return pa.schema(fields, metadata=dict(metadata) if metadata else None)
-
-
-def trace_columns(trace: Trace) -> list[str]:
-    """Return the names of all columns that any transmission of a trace has, in order."""
-    return list(dict.fromkeys(name for columns in trace.transmissions.values() for name in columns))
-
-
-def trace_tables(trace: Trace, schema: pa.Schema | None = None) -> Iterator[pa.Table]:
-    """Turn a trace, or a block of one, into a table per transmission; columns a transmission lacks are null."""
-    schema = schema or trace_schema(trace_columns(trace))
-    runs = pa.DictionaryArray.from_arrays(arrow_column(trace.run.astype(np.int32)), arrow_texts(trace.run_names))
-    for name, columns in trace.transmissions.items():
-        fixed = {
-            "time": arrow_column(trace.time),
-            "stamp": arrow_column(trace.stamps),
-            "joint": _constant(trace.joint, len(trace)),
-            "transmission": _constant(name, len(trace)),
-            "run": runs,
-        }
-        arrays = [
-            fixed[field.name]
-            if field.name in fixed
-            else arrow_column(columns[field.name])
-            if field.name in columns
-            else pa.nulls(len(trace), field.type)
-            for field in schema
-        ]
-        yield pa.Table.from_arrays(arrays, schema=schema)
-
-
 def _widened(table: pa.Table, schema: pa.Schema) -> pa.Table:
     known = set(table.column_names)
     arrays = [table[f.name] if f.name in known else pa.nulls(table.num_rows, f.type) for f in schema]
     return pa.Table.from_arrays(arrays, schema=schema)
-
-
-def _constant(text: str, length: int) -> pa.DictionaryArray:
-    return pa.DictionaryArray.from_arrays(arrow_column(np.zeros(length, np.int32)), arrow_texts([text]))
 
 
 def _encodings(schema: pa.Schema) -> dict[str, Any]:

@@ -10,7 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as arrays
 
-from vsalog.writers.arrow import arrow_column, arrow_texts
+from vsalog.core.arrow import arrow_column, arrow_texts
 
 KINDS = (np.float64, np.int64, np.int32, np.bool_)
 
