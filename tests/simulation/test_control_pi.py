@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from vsalog.core.errors import SimulationError
+from vsalog.estimation.live import LiveEstimate
 from vsalog.rig import Rig
 from vsalog.simulation.scenario import Scenario
 from vsalog.simulation.simulate import simulate
@@ -28,7 +29,16 @@ def played(feedback, text=SCENARIO, duration=8.0, **options):
     rig = Rig.preset("pam")
     scenario = Scenario.from_toml(text.replace("FEEDBACK", feedback))
     controllers = scenario.controllers(rig.file)
-    return simulate(rig.file, {}, duration, period=5e-3, controllers=controllers, believed=rig.file, **options)
+    return simulate(
+        rig.file,
+        {},
+        duration,
+        period=5e-3,
+        controllers=controllers,
+        estimator=LiveEstimate,
+        believed=rig.file,
+        **options,
+    )
 
 
 def test_the_valves_are_opened_as_the_sum_says():
@@ -56,7 +66,7 @@ def test_a_clamped_joint_comes_to_its_torque():
     rig = Rig.preset("pam").with_settings({"joint.pam.seesaw.held_at": "0 deg"})
     text = SCENARIO.replace("link_position", "torque_sensor").replace("10 deg", "1 N·m").replace("FEEDBACK", "pam-ukf")
     controllers = Scenario.from_toml(text).controllers(rig.file)
-    done = simulate(rig.file, {}, 5.0, period=5e-3, controllers=controllers)
+    done = simulate(rig.file, {}, 5.0, period=5e-3, controllers=controllers, estimator=LiveEstimate)
     late = done.time > 4.0
     assert np.abs(done.truth["transmission_torque"][late] - 1.0).max() < 0.05 * 4.0
 

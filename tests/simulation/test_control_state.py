@@ -5,6 +5,7 @@ import pytest
 from scipy.integrate import solve_ivp
 
 from vsalog.core.errors import SimulationError
+from vsalog.estimation.live import LiveEstimate
 from vsalog.rig import Rig
 from vsalog.simulation.control_state import gains, planned
 from vsalog.simulation.inputs import rest_to_rest
@@ -89,7 +90,15 @@ def played(feedback, stiffness=K, **options):
     inputs = {
         "arm": {"external_torque": lambda t: 40.0 * np.where((t > 1.0) & (t < 1.05), np.sin(np.pi * (t - 1) / 0.05), 0)}
     }
-    return simulate(actual.file, inputs, 2.0, controllers=scenario.controllers(rig.file), believed=rig.file, **options)
+    return simulate(
+        actual.file,
+        inputs,
+        2.0,
+        controllers=scenario.controllers(rig.file),
+        estimator=LiveEstimate,
+        believed=rig.file,
+        **options,
+    )
 
 
 def test_the_observers_state_damps_what_the_motors_alone_does_not():
@@ -108,7 +117,7 @@ def test_a_drive_that_makes_less_of_its_command_is_told_more(feedback):
     """The rig says that four fifths of what is commanded acts, and a constant beside it."""
     rig = Rig.from_toml(RIG.replace(f"damping = {DM}\n", f"damping = {DM}\ntorque_gain = 0.8\ntorque_offset = 0.5\n"))
     scenario = Scenario.from_toml(SCENARIO.replace("FEEDBACK", feedback))
-    done = simulate(rig.file, {}, 1.2, controllers=scenario.controllers(rig.file))
+    done = simulate(rig.file, {}, 1.2, controllers=scenario.controllers(rig.file), estimator=LiveEstimate)
     assert np.degrees(done.truth["link_position"][1000:]) == pytest.approx(20.0, abs=0.05)
     # Against gravity at the end: G sin q acts.
     asked = done.truth["motor_torque"][-1]
@@ -135,7 +144,7 @@ def refused(change, feedback="truth"):
     rig = Rig.from_toml(change(RIG))
     scenario = Scenario.from_toml(SCENARIO.replace("FEEDBACK", feedback))
     with pytest.raises(SimulationError) as error:
-        simulate(rig.file, {}, 0.1, controllers=scenario.controllers(rig.file))
+        simulate(rig.file, {}, 0.1, controllers=scenario.controllers(rig.file), estimator=LiveEstimate)
     return str(error.value)
 
 

@@ -125,6 +125,7 @@ def simulate(
     _refuse_what_does_nothing(("window",), "without --replay")
     if rig is None:
         raise click.UsageError("name a rig file or a preset; 'vsalog simulate --list' lists the presets")
+    from vsalog.estimation.live import LiveEstimate
     from vsalog.report.estimate import Progress
 
     options = Options(scenario, duration, rate, seed, ideal, settings, actual, truth, output)
@@ -132,7 +133,7 @@ def simulate(
         job = prepare(rig, options)
         progress.say(f"simulating {job.scenario.file.duration:g} s")
         with progress.saying_when_compiling():
-            recording = job.run()
+            recording = job.run(LiveEstimate)
         progress.say(f"writing {job.files.log.name}")
         job.write(recording)
     say_written(job, recording)

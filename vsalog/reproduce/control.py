@@ -8,6 +8,7 @@ import numpy as np
 from msgspec.structs import replace as with_fields
 from numpy.typing import NDArray
 
+from vsalog.estimation.live import LiveEstimate
 from vsalog.reproduce.measure import Study
 from vsalog.reproduce.rows import Result, Row, Spread
 from vsalog.reproduce.shin_machines import STATED, machine
@@ -77,7 +78,7 @@ def _swung(feedback: str, seed: int) -> tuple[Array, float, int]:
     assert isinstance(asked, StateFeedback)
     played = simulate(
         actual.file, scenario.inputs(rig.file), SWUNG, seed=seed, believed=rig.file,
-        controllers={"axis1": replace(asked, feedback=feedback)},  # type: ignore[arg-type]
+        controllers={"axis1": replace(asked, feedback=feedback)}, estimator=LiveEstimate,  # type: ignore[arg-type]
     )  # fmt: skip
     reference = np.asarray(asked.reference(played.time))  # type: ignore[operator]
     arrived = int(np.argmax(reference >= reference[-1] * (1.0 - 1e-9)))
@@ -124,6 +125,7 @@ def _controlled(name: str, role: str, seed: int) -> tuple[Array, Array, Array]:
         seed=seed,
         controllers=control,
         believed=believed,
+        estimator=LiveEstimate,
     )
     reference = np.asarray(control["pam"].reference(played.time))  # type: ignore[operator]
     return played.time, reference, played.truth[role]

@@ -6,26 +6,22 @@ a digital controller is that computes for as long. It knows the joint as the rig
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping
-from typing import Any, Protocol
+from collections.abc import Callable, Collection, Mapping
+from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
-from vsalog.binding.drive_model import made_of
-from vsalog.binding.joint import bind, offered_roles
-from vsalog.binding.neighbours import own_and_others
 from vsalog.core.errors import SimulationError
+from vsalog.core.live_estimator import LiveEstimator, Said
 from vsalog.core.recording import Recording
-from vsalog.core.signals import JointSignals
-from vsalog.estimation.joint import choose
-from vsalog.estimators.device import device_of
 from vsalog.rig.schema import RigFile
 from vsalog.simulation.sensors import LiveSensors
 
 Array = NDArray[np.float64]
 Truth = Mapping[str, Mapping[str, Array]]
-Said = Mapping[str, Mapping[str, float]]
+# Makes an estimator: the rig as it is believed to be, a joint in it, the estimator's name, NAME → VALUE to tune it.
+EstimatorFactory = Callable[[RigFile, str, str, Mapping[str, str]], LiveEstimator]
 
 
 class Loop(Protocol):
@@ -49,58 +45,19 @@ class Loop(Protocol):
         ...
 
 
-class Watcher:
-    """An estimator that is given samples one by one.
+def made(
+    estimator: EstimatorFactory | None, rig: RigFile, joint: str, name: str, tune: Mapping[str, str]
+) -> LiveEstimator:
+    """Return the estimator of this name for a joint of the rig.
 
-    Parameters
-    ----------
-    rig : as it is believed to be
-    joint : in it
-    estimator : name
-    tune : NAME → VALUE
+    Raises
+    ------
+    SimulationError
+        There is nothing to make it by.
     """
-
-    def __init__(self, rig: RigFile, joint: str, estimator: str, tune: Mapping[str, str]) -> None:
-        self.rig, self.joint = rig, joint
-        self.choice = choose(joint, rig.joint[joint], estimator, tune, rig)
-        own, others = own_and_others(self.choice.roles, rig.joint)
-        self.neighbours = others
-        self.reads: dict[str, Collection[str]] = {joint: own, **{name: roles for name, (_, roles) in others.items()}}
-        self.fold: Any = None
-        self.state: Any = None
-
-    def prepare(self, dry: Recording) -> None:
-        """Build the estimator for signals like those of a run without feedback."""
-        joint = self.rig.joint[self.joint]
-        signals = bind([dry], self.joint, joint, self.reads[self.joint], neighbours=self.neighbours)
-        device = device_of(self.joint, joint, signals.roles, self.rig)
-        self.fold = self.choice.method.build(device, signals, self.choice.tuning)
-        if self.fold.passes > 1:
-            raise SimulationError(f"joint '{self.joint}': {self.choice.name} reads a log twice; it cannot be in a loop")
-        self.state, self.period = self.fold.start(), signals.period
-
-    def take(self, k: int, said: Said) -> dict[str, float]:
-        """Return what the estimator says after sample `k`; empty while it says nothing."""
-        roles = {}
-        for name, wanted in self.reads.items():
-            offered = offered_roles(self.rig.joint[name])
-            for role in wanted:
-                sensor, value = offered[role], said[name][role]
-                true = np.array([(value - sensor.offset - sensor.drift * k * self.period) / sensor.gain])
-                if role == "motor_torque":
-                    driven: Any = self.rig.joint[name]
-                    true = made_of(true, driven.motor.reflected)
-                roles[role if name == self.joint else f"{name}/{role}"] = true
-        block = JointSignals(
-            self.joint, self.period, np.array([round(k * self.period * 1e9)], dtype=np.int64), np.array([k * self.period]), roles,
-            np.array([k == 0]), np.zeros(1, dtype=np.int32),
-        )  # fmt: skip
-        with np.errstate(over="ignore", invalid="ignore", divide="ignore"):
-            self.state, traces = self.fold.step(self.state, block)
-        if not traces:
-            return {}
-        columns = traces[-1]["total"]
-        return {name: float(values[-1]) for name, values in columns.items() if np.ndim(values) == 1 and len(values)}
+    if estimator is None:
+        raise SimulationError(f"joint '{joint}': its controller is told by '{name}', and no estimators were given")
+    return estimator(rig, joint, name, tune)
 
 
 class Controlled:

@@ -7,10 +7,11 @@ from collections.abc import Collection, Mapping
 import numpy as np
 from numpy.typing import NDArray
 
+from vsalog.core.live_estimator import Said
 from vsalog.core.recording import Recording
 from vsalog.rig.schema import RigFile
 from vsalog.simulation.control import PiControl
-from vsalog.simulation.control_loop import Said, Truth, Watcher
+from vsalog.simulation.control_loop import EstimatorFactory, Truth, made
 from vsalog.simulation.inputs import at_samples
 
 Array = NDArray[np.float64]
@@ -31,13 +32,18 @@ class PiLoop:
     rig, name : as it is believed to be, and the joint in it
     control : as asked for
     time : shape (N,), uniform [s]
+    estimator : makes what the controller is told by, where that is no sensor
     """
 
-    def __init__(self, rig: RigFile, name: str, control: PiControl, time: Array) -> None:
+    def __init__(
+        self, rig: RigFile, name: str, control: PiControl, time: Array, estimator: EstimatorFactory | None = None
+    ) -> None:
         self.name, self.control, self.period = name, control, float(time[1] - time[0])
         self.reference = at_samples(control.reference, time)
         self.commands = {role: np.full(time.size, control.bias) for role in VALVES}
-        self.watcher = None if control.feedback == "sensor" else Watcher(rig, name, control.feedback, control.tune)
+        self.watcher = None
+        if control.feedback != "sensor":
+            self.watcher = made(estimator, rig, name, control.feedback, control.tune)
         self.reads: Mapping[str, Collection[str]] = (
             {name: (control.of,)} if self.watcher is None else self.watcher.reads
         )

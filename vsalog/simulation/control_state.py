@@ -16,12 +16,13 @@ from scipy.interpolate import make_interp_spline
 from scipy.signal import lfilter, place_poles
 
 from vsalog.core.errors import SimulationError
+from vsalog.core.live_estimator import Said
 from vsalog.core.recording import Recording
 from vsalog.mechanics.links import link_inertia, link_weight
 from vsalog.mechanics.rigid_body import inverse_dynamics, mass_matrix
 from vsalog.rig.schema import ElasticJoint, LinearTransmission, RigFile
 from vsalog.simulation.control import StateFeedback
-from vsalog.simulation.control_loop import Said, Truth, Watcher
+from vsalog.simulation.control_loop import EstimatorFactory, Truth, made
 
 Array = NDArray[np.float64]
 
@@ -49,6 +50,7 @@ class StateLoop:
     control : as asked for
     references : joint → planned position, shape (N,), of those of its chain that have one too; others stay at zero
     time : shape (N,), uniform [s]
+    estimator : makes what the controller is told by, where that is not the truth
 
     Raises
     ------
@@ -57,7 +59,13 @@ class StateLoop:
     """
 
     def __init__(
-        self, rig: RigFile, name: str, control: StateFeedback, references: Mapping[str, Array], time: Array
+        self,
+        rig: RigFile,
+        name: str,
+        control: StateFeedback,
+        references: Mapping[str, Array],
+        time: Array,
+        estimator: EstimatorFactory | None = None,
     ) -> None:
         joint = _known(rig, name)
         self.name, self.control = name, control
@@ -68,7 +76,7 @@ class StateLoop:
         self.commands = {"motor_torque": self._command(self.plan.torque)}
         self.watcher = None
         if control.feedback != "truth":
-            self.watcher = Watcher(rig, name, "acceleration-observer", control.tune)
+            self.watcher = made(estimator, rig, name, "acceleration-observer", control.tune)
         self.reads: Mapping[str, Collection[str]] = {} if self.watcher is None else self.watcher.reads
 
     def prepare(self, dry: Recording) -> None:

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from vsalog.core.errors import SimulationError
 from vsalog.rig.schema import PneumaticJoint, RigFile
 from vsalog.simulation.control import Controller, StateFeedback
-from vsalog.simulation.control_loop import Loop
+from vsalog.simulation.control_loop import EstimatorFactory, Loop
 from vsalog.simulation.control_pi import PiLoop
 from vsalog.simulation.control_state import StateLoop
 from vsalog.simulation.inputs import Input, Servo, at_samples
@@ -19,7 +19,11 @@ Array = NDArray[np.float64]
 
 
 def loops_of(
-    rig: RigFile, controllers: Mapping[str, Controller], inputs: Mapping[str, Mapping[str, Input]], time: Array
+    rig: RigFile,
+    controllers: Mapping[str, Controller],
+    inputs: Mapping[str, Mapping[str, Input]],
+    time: Array,
+    estimator: EstimatorFactory | None = None,
 ) -> dict[str, Loop]:
     """Return joint → its controller, ready but for a look at a run without feedback.
 
@@ -29,6 +33,7 @@ def loops_of(
     controllers : joint → as asked for
     inputs : joint → role → what drives the other joints: where a servo holds one of a chain is where a plan takes it to be
     time : shape (N,), uniform [s]
+    estimator : makes those that controllers are told by
 
     Raises
     ------
@@ -41,9 +46,9 @@ def loops_of(
     loops: dict[str, Loop] = {}
     for name, control in controllers.items():
         if isinstance(control, StateFeedback):
-            loops[name] = StateLoop(rig, name, control, plans, time)
+            loops[name] = StateLoop(rig, name, control, plans, time, estimator)
         elif isinstance(rig.joint[name], PneumaticJoint):
-            loops[name] = PiLoop(rig, name, control, time)
+            loops[name] = PiLoop(rig, name, control, time, estimator)
         else:
             raise SimulationError(
                 f"joint '{name}': pi_control drives the valves of a pneumatic joint, and this is none"

@@ -19,8 +19,10 @@ from vsalog.rig.load import preset_text, presets
 from vsalog.rig.schema import Joint, RigFile, Signal
 from vsalog.simulation.channels import named_signals
 from vsalog.simulation.control import Controller
+from vsalog.simulation.control_loop import EstimatorFactory
 from vsalog.simulation.inputs import Input
 from vsalog.simulation.scenario import Scenario
+from vsalog.simulation.simulate import simulate
 from vsalog.writers.recording_files import MESSAGE_FORMATS, LogFiles, write_log
 from vsalog.writers.recording_topics import read_back_name
 
@@ -85,16 +87,18 @@ class Job:
     samples: int
     options: Options
 
-    def run(self) -> Recording:
+    def run(self, estimator: EstimatorFactory | None = None) -> Recording:
         """Simulate.
+
+        Parameters
+        ----------
+        estimator : makes the estimators that controllers are told by; see `simulate`
 
         Raises
         ------
         SimulationError
             The rig lacks what a simulation needs, or the motion leaves what the model describes.
         """
-        from vsalog.simulation.simulate import simulate
-
         file = self.scenario.file
         experiment = simulate(
             self.rig.file,
@@ -105,6 +109,7 @@ class Job:
             ideal=self.options.ideal,
             controllers=self.controllers,
             believed=self.believed,
+            estimator=estimator,
             name=self.files.log.stem,
         )
         return experiment.recording(truth=self.options.truth)

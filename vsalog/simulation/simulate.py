@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from functools import partial
-from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,15 +11,14 @@ from numpy.typing import NDArray
 from vsalog.core.errors import SimulationError
 from vsalog.rig.schema import PneumaticJoint, RigFile, RigidJoint
 from vsalog.simulation.control import Controller
+from vsalog.simulation.control_loop import Controlled, EstimatorFactory, Loop
+from vsalog.simulation.controllers import loops_of
 from vsalog.simulation.experiment import Experiment, sample_stamps
 from vsalog.simulation.inputs import Input, Motion, Servo, TorqueInput
 from vsalog.simulation.machine import Movable, build
 from vsalog.simulation.play import play
 from vsalog.simulation.pneumatic import simulate_pneumatic
 from vsalog.simulation.sensors import sense
-
-if TYPE_CHECKING:  # they bring all estimators along
-    from vsalog.simulation.control_loop import Controlled, Loop
 
 Array = NDArray[np.float64]
 
@@ -37,6 +35,7 @@ def simulate(
     start: Mapping[str, Array] | None = None,
     controllers: Mapping[str, Controller] | None = None,
     believed: RigFile | None = None,
+    estimator: EstimatorFactory | None = None,
     name: str = "simulated",
 ) -> Experiment:
     """Move the joints of a rig and record them.
@@ -57,6 +56,7 @@ def simulate(
     start : joint → initial state, (q, q̇, θ₁, θ̇₁, …) [rad, rad/s]; rest when absent
     controllers : joint → the controller that drives it, beside or instead of inputs
     believed : the rig that controllers know; the machine itself when absent
+    estimator : makes the estimators that controllers are told by (`vsalog.estimation.live.LiveEstimate`); needed where one is
     name : of the experiment
 
     Raises
@@ -75,11 +75,8 @@ def simulate(
     time = np.arange(count, dtype=np.float64) * period
     control = None
     if controllers:
-        from vsalog.simulation.control_loop import Controlled
-        from vsalog.simulation.controllers import loops_of
-
         known = rig if believed is None else believed
-        loops = loops_of(known, controllers, inputs, time)
+        loops = loops_of(known, controllers, inputs, time, estimator)
         inputs = _with_commands(inputs, loops)
         without = {n: {role: _copied(given) for role, given in own.items()} for n, own in inputs.items()}
         dry = simulate(known, without, duration, period=period, steps=steps, seed=seed, ideal=ideal, start=start)
