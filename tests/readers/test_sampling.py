@@ -17,7 +17,7 @@ from rosbags.rosbag2 import Writer as Rosbag2Writer
 from write_logs import JOINT_STATE, MS, START, STORES, McapLog, joint_state, joints_mcap, serialised
 
 from vsalog.core.errors import ReadError
-from vsalog.readers import read, sampling, sampling_tables
+from vsalog.readers import read, sampling, sampling_pieces, sampling_tables
 from vsalog.readers.sniff import sniff
 
 ROWS = 12_000
@@ -192,9 +192,9 @@ def test_damage_within_a_sample_names_the_log(tmp_path, monkeypatch):
     def broken(source, target, budget):
         shutil.copyfile(source, target)
         target.write_bytes(b"PAR1" + bytes(100))
-        return sampling.Cut(1, 1)
+        return sampling_pieces.Cut(1, 1)
 
-    monkeypatch.setattr(sampling, "_cutters", lambda: {"table": broken})
+    monkeypatch.setattr(sampling, "CUTTERS", {"table": broken})
     with pytest.raises(ReadError) as caught:
         sampling.read_sample(path)
     assert str(path) in str(caught.value)
@@ -230,7 +230,7 @@ def test_a_header_between_the_stretches_of_a_table_is_heeded(tmp_path, again, at
     (tmp_path / "log").write_text("".join([",".join(names) + "\n", *text[:cut], again, *text[cut:]]))
     part, sample = sampling.read_sample(tmp_path / "log")
     assert sample is not None
-    assert sample.stretches == sampling.STRETCHES
+    assert sample.stretches == sampling_pieces.STRETCHES
     for name, begin in (("motor", 1000), ("link", 50_000)):
         channel = part.channel(name)
         np.testing.assert_array_equal(channel.values, begin + channel.stamps // MS)

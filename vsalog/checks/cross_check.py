@@ -17,6 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vsalog.binding.joint import bind, offered_roles
+from vsalog.binding.long_joint import bind_long
 from vsalog.checks.motor_reference import motor_roles, motor_trace
 from vsalog.core.errors import VsalogError
 from vsalog.core.finding import Evidence, Finding
@@ -376,8 +377,6 @@ def _bound(
     try:
         if len(short) == len(recordings):
             return bind(short, name, joint, roles, setpoints)
-        from vsalog.binding.long_joint import bind_long
-
         long = [LongRecording.of_short(r) if isinstance(r, Recording) else r for r in recordings]
         return bind_long(long, name, joint, roles, setpoints).look()
     except VsalogError:

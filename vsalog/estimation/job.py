@@ -31,6 +31,8 @@ from vsalog.readers import open_reader, read_within
 from vsalog.readers.long_recording import LongRecording
 from vsalog.rig import Rig
 from vsalog.rig.find import find_rig
+from vsalog.rig.guess import guess_roles
+from vsalog.rig.template import rig_template
 
 Progress = Callable[[str], None]
 
@@ -286,9 +288,6 @@ def _rig(log: Path | Recording, options: Options) -> Rig | None:
 
 def _guess(recording: Recording) -> tuple[Rig, list[str]]:
     """Guess the rig of a log that has none; that it was guessed is said loudly."""
-    from vsalog.rig.guess import guess_roles
-    from vsalog.rig.template import rig_template
-
     guess, name = guess_roles(recording), recording.path.name
     if not guess.joints:
         raise RigError(

@@ -9,6 +9,7 @@ import msgspec
 import numpy as np
 
 from vsalog.binding.joint import bind, offered_roles
+from vsalog.binding.long_joint import bind_long
 from vsalog.binding.neighbours import Neighbours, own_and_others
 from vsalog.checks.cross_check import CrossCheck
 from vsalog.checks.position_shape import PositionShape
@@ -316,8 +317,6 @@ def _bound(
     short = [recording for recording in recordings if isinstance(recording, Recording)]
     if len(short) == len(recordings):
         return bind(short, name, joint, roles, setpoints, neighbours=neighbours)
-    from vsalog.binding.long_joint import bind_long
-
     long = [LongRecording.of_short(r) if isinstance(r, Recording) else r for r in recordings]
     return bind_long(long, name, joint, roles, setpoints, neighbours=neighbours)
 

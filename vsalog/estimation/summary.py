@@ -5,20 +5,17 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import dataclass, field
 from functools import partial
-from typing import TYPE_CHECKING
 
 import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
 from vsalog.core.finding import Finding
+from vsalog.core.long_signals import LongSignals
+from vsalog.core.signals import JointSignals
 from vsalog.core.trace import Trace
 from vsalog.estimators.device import Device
 from vsalog.estimators.equation import SUPPORTED_SHARE
-
-if TYPE_CHECKING:
-    from vsalog.core.long_signals import LongSignals
-    from vsalog.core.signals import JointSignals
 
 Array = NDArray[np.float64]
 

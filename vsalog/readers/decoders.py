@@ -2,16 +2,12 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
 from vsalog.core.printable import printable
+from vsalog.readers.container import Connection
 from vsalog.readers.definitions import DefinitionError, parse_definition
 from vsalog.readers.json_messages import JsonDecoder
 from vsalog.readers.messages import Decoder, RosDecoder
 from vsalog.readers.protobuf_messages import ProtobufDecoder
-
-if TYPE_CHECKING:
-    from vsalog.readers.container import Connection
 
 
 def decoder_of(connection: Connection, stream: str, wanted: frozenset[str] | None) -> Decoder:

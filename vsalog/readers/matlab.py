@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from vsalog.core.printable import printable
 from vsalog.core.recording import Stamps, Values
+from vsalog.readers import matlab_v4, matlab_v5, matlab_v73
 from vsalog.readers.base import MAX_ARRAY, NO_TIME, Block, Catalogue, ChannelInfo, first_of_each, plural
 from vsalog.readers.collect import FREE_BYTES, MOST_TIMES
 from vsalog.readers.matlab_clock import find_clock, is_called_time, stamps_of
@@ -95,11 +96,11 @@ class MatlabReader:
             # All of it is in memory at once, as it is stored too.
             self._room = max(FREE_BYTES // 2, MOST_TIMES * file.seek(0, 2))
         if head.startswith(V73):
-            from vsalog.readers.matlab_v73 import load
+            load = matlab_v73.load
         elif is_v4(head):
-            from vsalog.readers.matlab_v4 import load
+            load = matlab_v4.load
         else:
-            from vsalog.readers.matlab_v5 import load
+            load = matlab_v5.load
         content = load(self.path, notes)
         for note in notes:
             self._note(note)

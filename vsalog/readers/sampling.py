@@ -7,56 +7,25 @@ chunks (row groups, rows, lines), bit for bit, in a few stretches from the log's
 from __future__ import annotations
 
 import tempfile
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import IO, NamedTuple
-
-import numpy as np
 
 from vsalog.core.errors import ReadError
 from vsalog.core.recording import Recording
-from vsalog.readers import read
+from vsalog.readers.reading import read
 from vsalog.readers.remote import download_note, local
+from vsalog.readers.sampling_bags import cut_folder, cut_rosbag1, cut_sqlite
+from vsalog.readers.sampling_mcap import cut_mcap
+from vsalog.readers.sampling_pieces import Cut
+from vsalog.readers.sampling_tables import cut_parquet, cut_text
 from vsalog.readers.sniff import sniff
 
 SAMPLE_BYTES = 32 * 2**20
 """What is read of a large log."""
-STRETCHES = 8
-"""In so many pieces: enough to meet what a log does at its beginning, in the middle and at its end."""
 WORTHWHILE = 4
 """A log has to be so many times larger than the sample."""
-_COPIED = 2**20
-
-
-class Piece(NamedTuple):
-    """A part of a file: where it begins and how long it is [bytes]."""
-
-    position: int
-    size: int
-
-
-@dataclass(frozen=True, slots=True)
-class Cut:
-    """What was cut out of one file.
-
-    Attributes
-    ----------
-    size : int
-        Bytes taken.
-    stretches : int
-        Pieces that do not join; 1 is the beginning alone.
-    totals : mapping of str to int
-        Samples of each stream in the whole file, where the file says so.
-    notes : tuple of str
-        What was noticed of the whole file.
-    """
-
-    size: int
-    stretches: int
-    totals: Mapping[str, int] = field(default_factory=dict)
-    notes: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True, slots=True)
@@ -81,6 +50,15 @@ class Sample:
 
 Cutter = Callable[[Path, Path, int], Cut | None]
 """Cuts about so many bytes of a log (first path) into a file (second path); None where that is no less than the whole."""
+
+CUTTERS: Mapping[str, Cutter] = {
+    "mcap": cut_mcap,
+    "rosbag1": cut_rosbag1,
+    "rosbag2": cut_sqlite,
+    "rosbag2-folder": cut_folder,
+    "parquet": cut_parquet,
+    "table": cut_text,
+}
 
 
 def read_sample(
@@ -120,49 +98,11 @@ def read_sample(
     return replace(recording, path=path, notes=(*notes, *recording.notes)), sample
 
 
-def chosen_pieces(parts: Sequence[Piece], budget: int) -> tuple[list[Piece], int]:
-    """Choose stretches of consecutive parts of a file, the first and the last part among them.
-
-    Parameters
-    ----------
-    parts : in the order of the file; at least one
-    budget : about so many bytes are chosen
-
-    Returns
-    -------
-    list of Piece
-        The parts chosen; none where they would be half of all or more.
-    int
-        In how many stretches.
-    """
-    ends = np.cumsum([part.size for part in parts])
-    share = budget // STRETCHES
-    chosen = np.zeros(len(parts), dtype=np.bool_)
-    for begin in np.linspace(0, max(int(ends[-1]) - share, 0), STRETCHES):
-        first, last = np.searchsorted(ends, (begin, begin + share), side="right")
-        chosen[first : last + 1] = True
-    chosen[-1] = True
-    pieces = [part for part, taken in zip(parts, chosen, strict=True) if taken]
-    if 2 * sum(piece.size for piece in pieces) > ends[-1]:
-        return [], 0
-    return pieces, int(np.count_nonzero(np.diff(chosen, prepend=False) & chosen))
-
-
-def copy_pieces(source: IO[bytes], pieces: Sequence[Piece], target: IO[bytes]) -> None:
-    """Copy pieces of a file, one behind the other."""
-    for piece in pieces:
-        source.seek(piece.position)
-        left = piece.size
-        while left > 0 and (part := source.read(min(left, _COPIED))):
-            target.write(part)
-            left -= len(part)
-
-
 @contextmanager
 def _cut(path: Path, kind: str) -> Iterator[tuple[Path, Sample | None, tuple[str, ...]]]:
     """Give the path of a sample of a log, or of the log itself, and what was noticed."""
     size = _size(path)
-    cutter = _cutters().get(kind)
+    cutter = CUTTERS.get(kind)
     if cutter is None or size < WORTHWHILE * SAMPLE_BYTES:
         yield path, None, ()
         return
@@ -178,21 +118,6 @@ def _cut(path: Path, kind: str) -> Iterator[tuple[Path, Sample | None, tuple[str
             yield path, None, ()
         else:
             yield small, Sample(cut.size, size, cut.stretches, cut.totals), cut.notes
-
-
-def _cutters() -> dict[str, Cutter]:
-    from vsalog.readers.sampling_bags import cut_folder, cut_rosbag1, cut_sqlite
-    from vsalog.readers.sampling_mcap import cut_mcap
-    from vsalog.readers.sampling_tables import cut_parquet, cut_text
-
-    return {
-        "mcap": cut_mcap,
-        "rosbag1": cut_rosbag1,
-        "rosbag2": cut_sqlite,
-        "rosbag2-folder": cut_folder,
-        "parquet": cut_parquet,
-        "table": cut_text,
-    }
 
 
 def _size(path: Path) -> int:

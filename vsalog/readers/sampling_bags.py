@@ -18,9 +18,9 @@ from vsalog.core.printable import printable
 from vsalog.readers.joined import opened_rosbag1
 from vsalog.readers.opened import for_sqlite
 from vsalog.readers.rosbag2 import METADATA
-from vsalog.readers.sampling import STRETCHES, Cut, Piece, chosen_pieces, copy_pieces
 from vsalog.readers.sampling_mcap import MAGIC as MCAP_MAGIC
 from vsalog.readers.sampling_mcap import cut_mcap
+from vsalog.readers.sampling_pieces import STRETCHES, Cut, Piece, chosen_pieces, copy_pieces
 from vsalog.readers.several import SeveralContainer
 from vsalog.readers.sqlite_opened import attach
 

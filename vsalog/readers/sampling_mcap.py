@@ -11,7 +11,7 @@ from typing import IO, Any
 
 from vsalog.core.printable import printable
 from vsalog.readers.joined import opened_mcap
-from vsalog.readers.sampling import Cut, Piece, chosen_pieces, copy_pieces
+from vsalog.readers.sampling_pieces import Cut, Piece, chosen_pieces, copy_pieces
 from vsalog.readers.several import SeveralContainer
 
 MAGIC = b"\x89MCAP0\r\n"

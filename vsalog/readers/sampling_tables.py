@@ -10,7 +10,7 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 
 from vsalog.readers.parquet_rows import ParquetRows
-from vsalog.readers.sampling import STRETCHES, Cut, Piece, chosen_pieces, copy_pieces
+from vsalog.readers.sampling_pieces import STRETCHES, Cut, Piece, chosen_pieces, copy_pieces
 from vsalog.readers.table import TableReader
 from vsalog.readers.table_between import last_header
 from vsalog.readers.text_source import open_text, read_beginning

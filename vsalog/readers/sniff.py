@@ -7,6 +7,8 @@ from pathlib import Path
 
 from vsalog.core.errors import ReadError
 from vsalog.readers.matlab_v4 import is_v4
+from vsalog.readers.rosbag2 import is_bag_folder
+from vsalog.readers.text_source import DAMAGE, open_text, read_beginning
 
 HEAD_BYTES = 4096
 
@@ -63,8 +65,6 @@ def sniff(path: Path) -> str:
 
 
 def _sniff_folder(path: Path) -> str:
-    from vsalog.readers.rosbag2 import is_bag_folder
-
     if not is_bag_folder(path):
         raise ReadError(
             f"{path}: is a folder, but no ROS 2 bag: it has neither a metadata.yaml nor MCAP or SQLite files;"
@@ -98,8 +98,6 @@ def _sniff_head(path: Path, head: bytes) -> str:
 
 
 def _gzip_head(path: Path) -> bytes:
-    from vsalog.readers.text_source import DAMAGE, open_text, read_beginning
-
     try:
         with open_text(path) as file:
             head = read_beginning(file, HEAD_BYTES)

@@ -20,7 +20,8 @@ from vsalog.readers.row_times import RowTimes
 from vsalog.readers.sparse import Layers, group_by_blanks, notes_on, stretches
 from vsalog.readers.table_cells import ROUNDED, Cells, numbers_and_words
 from vsalog.readers.table_damage import Damage
-from vsalog.readers.table_dialect import Dialect, detect
+from vsalog.readers.table_detection import detect
+from vsalog.readers.table_dialect import Dialect
 from vsalog.readers.table_rows import BLOCK_BYTES, Rows
 from vsalog.readers.table_sections import find_sections
 from vsalog.readers.table_slots import Slots

@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 from collections.abc import Callable, Sequence
 from decimal import Context, Decimal
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 import pyarrow as pa
 
@@ -13,13 +13,11 @@ from vsalog.core.errors import UnitError
 from vsalog.core.printable import printable
 from vsalog.core.units import parse_unit, split_header
 from vsalog.readers.headers import printable_cell, unique_names
+from vsalog.readers.table_dialect import Dialect
 from vsalog.readers.table_header import LABVIEW_CLOCK, NO_UNIT, is_clock, named, split_names
 from vsalog.readers.table_notation import Notation
 from vsalog.readers.table_text import NUMBER, SEPARATORS, WHITESPACE, is_comment, is_value, split
 from vsalog.readers.time_names import UNITS, stated_unit
-
-if TYPE_CHECKING:
-    from vsalog.readers.table_dialect import Dialect
 
 _NANOSECONDS = {"ns": 1, "us": 10**3, "ms": 10**6, "s": 10**9, "min": 60 * 10**9, "h": 3600 * 10**9, "d": 86400 * 10**9}
 _DIGITS = Context(prec=30, traps=[])

@@ -18,6 +18,9 @@ from vsalog.comparison.run import Comparison, Run
 from vsalog.core.documents import document_text
 from vsalog.core.printable import printable
 from vsalog.estimation.joint import JointEstimate
+from vsalog.report.page import Part, Section, assembled, columns_for, joint_charts
+from vsalog.report.page_comparison import comparison_charts
+from vsalog.report.page_tables import summary_table, warnings_box
 from vsalog.validation.evidence import JointEvidence, TransmissionEvidence, setpoint_unit
 from vsalog.writers.atomic import write_text
 
@@ -78,10 +81,6 @@ def write_comparison_page(path: Path, found: Comparison, runs: Sequence[Run], wi
     WriteError
         The file cannot be written.
     """
-    from vsalog.report.page import Part, Section, assembled, columns_for, joint_charts
-    from vsalog.report.page_comparison import comparison_charts
-    from vsalog.report.page_tables import summary_table, warnings_box
-
     log = ", ".join(found.logs)
     columns = columns_for(sum(len(e.summary.transmissions) for run in runs for e in run.estimates))
     sections = []

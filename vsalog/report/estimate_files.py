@@ -15,7 +15,11 @@ from vsalog.core.errors import WriteError
 from vsalog.core.trace import Trace
 from vsalog.estimation.job import Job
 from vsalog.estimation.joint import JointEstimate
+from vsalog.report.page_estimate import write_estimate_page
+from vsalog.report.paper_figures import write_estimate_figures
 from vsalog.writers.atomic import atomic_path
+from vsalog.writers.recording_mcap import write_topics_mcap
+from vsalog.writers.recording_topics import Topic, scalar_topic
 from vsalog.writers.trace import TraceWriter
 
 
@@ -109,13 +113,9 @@ def write_results(job: Job, outputs: Outputs, progress: Callable[[str], None] = 
         # All that takes time is done before the first file appears.
         writer.finish()
         if page is not None:
-            from vsalog.report.page_estimate import write_estimate_page
-
             progress("writing the report")
             write_estimate_page(page, job, writer.written, estimates, provenance)
         if outputs.figures is not None:
-            from vsalog.report.paper_figures import write_estimate_figures
-
             progress("drawing the figures")
             write_estimate_figures(outputs.figures, job, writer.written, estimates)
     return estimates
@@ -129,9 +129,6 @@ def write_trace_mcap(traces: Sequence[Trace], path: Path, provenance: dict[str, 
     WriteError
         The stamps do not fit into a ROS log.
     """
-    from vsalog.writers.recording_mcap import write_topics_mcap
-    from vsalog.writers.recording_topics import Topic, scalar_topic
-
     topics: list[Topic] = []
     for joint in dict.fromkeys(t.joint for t in traces):
         whole = Trace.concatenate([t for t in traces if t.joint == joint])

@@ -13,6 +13,7 @@ from vsalog.estimation.job import Job
 from vsalog.estimation.joint import JointEstimate
 from vsalog.report.page import JointCharts, joint_charts
 from vsalog.report.page_charts import Axes, Chart, Curve, Surface
+from vsalog.report.page_estimate import evidence_of
 from vsalog.report.page_text import plain
 from vsalog.validation.document import Report
 from vsalog.validation.evidence import setpoint_unit
@@ -112,8 +113,6 @@ def write_figures(
 
 def write_estimate_figures(folder: Path, job: Job, trace: Path, estimates: Sequence[JointEstimate]) -> list[Path]:
     """Write the figures of an estimate, from its trace's file, as `write_figures` does."""
-    from vsalog.report.page_estimate import evidence_of
-
     evidence = [
         evidence_of(trace, e, setpoint_unit(job.rig.joints[e.joint])) for e in estimates if e.summary.transmissions
     ]

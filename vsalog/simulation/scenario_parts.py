@@ -9,6 +9,7 @@ import numpy as np
 
 from vsalog.core.errors import ReadError, RigError, UnitError, did_you_mean
 from vsalog.core.units import shown, si_factor
+from vsalog.readers import open_reader, read
 from vsalog.rig.decode import Path as KeyPath
 from vsalog.rig.decode import key_path, refuse
 from vsalog.simulation import inputs
@@ -87,8 +88,6 @@ def _lines(part: Multisine) -> list[float]:
 
 
 def _column(part: Csv, unit: str, folder: Path, path: KeyPath) -> Signal:
-    from vsalog.readers import open_reader, read
-
     file = folder / part.file
     try:
         recording = read(file, {part.column}, rate=part.rate)

@@ -11,6 +11,11 @@ from vsalog.core.errors import WriteError
 from vsalog.core.recording import Recording
 from vsalog.core.units import shown
 from vsalog.writers.atomic import atomic_path, check_path
+from vsalog.writers.recording_csv import write_csv
+from vsalog.writers.recording_mcap import write_mcap
+from vsalog.writers.recording_parquet import write_parquet
+from vsalog.writers.recording_rosbag1 import write_rosbag1
+from vsalog.writers.recording_rosbag2 import check_folder, write_rosbag2
 
 MCAP, ROSBAG1, CSV, PARQUET, ROSBAG2 = "mcap", "rosbag1", "csv", "parquet", "rosbag2"
 FORMATS = {".mcap": MCAP, ".bag": ROSBAG1, ".csv": CSV, ".parquet": PARQUET, "": ROSBAG2}
@@ -65,8 +70,6 @@ class LogFiles:
     def _check(self) -> None:
         """Refuse what cannot be written, before anything is computed."""
         if self.format == ROSBAG2:
-            from vsalog.writers.recording_rosbag2 import check_folder
-
             check_folder(self.log)
         else:
             check_path(self.log)
@@ -96,23 +99,13 @@ def write_log(recording: Recording, files: LogFiles, rig_text: str) -> None:
 
 
 def _writer(kind: str, rig_text: str) -> Callable[[Recording, Path], None]:
-    """Return the writer of a format; only that one's libraries are imported."""
+    """Return the writer of a format."""
     if kind == MCAP:
-        from vsalog.writers.recording_mcap import write_mcap
-
         return lambda recording, path: write_mcap(recording, path, rig_text)
     if kind == PARQUET:
-        from vsalog.writers.recording_parquet import write_parquet
-
         return lambda recording, path: write_parquet(recording, path, rig_text)
     if kind == ROSBAG1:
-        from vsalog.writers.recording_rosbag1 import write_rosbag1
-
         return write_rosbag1
     if kind == CSV:
-        from vsalog.writers.recording_csv import write_csv
-
         return write_csv
-    from vsalog.writers.recording_rosbag2 import write_rosbag2
-
     return write_rosbag2

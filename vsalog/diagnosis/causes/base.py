@@ -10,6 +10,7 @@ import numpy as np
 from msgspec.structs import replace
 from numpy.typing import NDArray
 
+from vsalog.binding.joint import signal_of
 from vsalog.residuals.sensing import position_role
 from vsalog.rig.schema import RigidJoint
 
@@ -236,8 +237,6 @@ def one_field(cause: str, part: str, parameter: Parameter, field: str, **more: A
 
 def with_signal(joint: Any, role: str, **changes: Any) -> Any:
     """Return a joint with fields of one of its signals changed."""
-    from vsalog.binding.joint import signal_of
-
     signal = replace(signal_of(getattr(joint.signals, role)), **changes)
     return replace(joint, signals=replace(joint.signals, **{role: signal}))
 

@@ -1,0 +1,191 @@
+"""Opens and reads logs of whatever format."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Collection
+from dataclasses import dataclass, replace
+from functools import partial
+from os import PathLike
+from pathlib import Path
+
+from vsalog.core.errors import ReadError
+from vsalog.core.recording import Recording
+from vsalog.readers.bag import BagReader
+from vsalog.readers.base import Reader
+from vsalog.readers.collect import collect
+from vsalog.readers.container import Container
+from vsalog.readers.joined import opened_mcap, opened_rosbag1
+from vsalog.readers.long_log import collect_within
+from vsalog.readers.long_recording import LongRecording
+from vsalog.readers.matlab import MatlabReader
+from vsalog.readers.parquet import ParquetReader
+from vsalog.readers.remote import download_note, local
+from vsalog.readers.rosbag2 import FolderContainer, bag_file, counted
+from vsalog.readers.sniff import sniff
+from vsalog.readers.table import TableReader
+from vsalog.readers.window import Window, cut
+
+Collect = Callable[[Path, Reader, Collection[str] | None, str], Recording | LongRecording]
+
+TIMES = ("auto", "header", "log", "publish")
+
+
+def open_reader(path: str | PathLike[str], rate: float | None = None) -> Reader:
+    """Open a log of whatever format.
+
+    Parameters
+    ----------
+    path : path
+        A file, the folder of a ROS 2 bag, or the address of either, which is downloaded first.
+    rate : float, optional
+        Samples per second [Hz] of tables that have no time column.
+
+    Raises
+    ------
+    ReadError
+        There is no such file, it is empty, damaged at its head or of no known format, or `rate` is not positive.
+    """
+    path = local(Path(path))
+    if rate is not None and not 0 < rate < float("inf"):
+        raise ReadError(f"the sample rate has to be positive, not {rate} Hz")
+    kind = sniff(path)
+    if kind == "table":
+        return TableReader(path, rate)
+    if kind == "parquet":
+        return ParquetReader(path, rate)
+    if kind == "matlab":
+        return MatlabReader(path, rate)
+    reader = BagReader(open_container(path, kind))
+    if rate is not None:
+        reader.notes.append("the sample rate that was given is not used: it is for tables without a time column")
+    return reader
+
+
+def read(
+    path: str | PathLike[str],
+    wanted: Collection[str] | None = None,
+    time: str = "auto",
+    rate: float | None = None,
+    start: str | float | None = None,
+    end: str | float | None = None,
+) -> Recording:
+    """Read a log, or some channels of it.
+
+    Parameters
+    ----------
+    path : path
+        A file, the folder of a ROS 2 bag, or the address of either, which is downloaded first.
+    wanted : collection of str, optional
+        Names of the channels to decode and keep; None is all of them. Names the log does not have are passed over.
+    time : str
+        ``auto``: header stamps, or log time for a whole stream where they are missing, zero or implausible in more than a few
+        samples, which are left out; or one of ``header``, ``log`` and ``publish`` to insist on that clock where a stream has it.
+        With ``header``, too, the few samples are left out that have no stamp to be placed by.
+    rate : float, optional
+        Samples per second [Hz] of tables that have no time column.
+    start, end : str or float, optional
+        Keep what lies between these, both included: seconds from the log's beginning (the first sample of all its streams), a
+        number with a unit such as ``"2 min"``, an ISO 8601 date (UTC where it has no zone), or a time since the epoch.
+
+    Returns
+    -------
+    Recording
+        Stamps are strictly increasing int64 nanoseconds, values float64 in the channel's unit as recorded.
+
+    Raises
+    ------
+    ReadError
+        The log cannot be read, holds nothing from `start` to `end`, or one of the options is impossible.
+    """
+    recording = _read(path, _Asked(collect, wanted, time, rate, start, end))
+    assert isinstance(recording, Recording)
+    return recording
+
+
+def read_within(
+    room: int,
+    path: str | PathLike[str],
+    wanted: Collection[str] | None = None,
+    time: str = "auto",
+    rate: float | None = None,
+    start: str | float | None = None,
+    end: str | float | None = None,
+) -> Recording | LongRecording:
+    """Read a log as `read` does, into a temporary file where its samples would take more than `room` bytes of memory."""
+    return _read(path, _Asked(partial(collect_within, room=room), wanted, time, rate, start, end))
+
+
+@dataclass(frozen=True, slots=True)
+class _Asked:
+    """What is asked for of a log, see `read`; `collect` makes a recording of it."""
+
+    collect: Collect
+    wanted: Collection[str] | None
+    time: str
+    rate: float | None
+    start: str | float | None
+    end: str | float | None
+
+
+def _read(path: str | PathLike[str], asked: _Asked) -> Recording | LongRecording:
+    """Read a log from wherever it is."""
+    if asked.time not in TIMES:
+        raise ReadError(f"time is one of {', '.join(TIMES)}, not '{asked.time}'")
+    path = Path(path)
+    file = local(path)
+    try:
+        recording = _read_file(file, asked)
+    except ReadError as error:
+        raise (error if file is path else ReadError(str(error).replace(str(file), str(path)))) from None
+    if file is path:
+        return recording
+    known = recording if isinstance(recording, Recording) else recording.look
+    told = replace(known, path=path, notes=(download_note(file), *known.notes))
+    return told if isinstance(recording, Recording) else replace(recording, look=told)
+
+
+def _read_file(path: Path, asked: _Asked) -> Recording | LongRecording:
+    """Read a log of this computer."""
+    wanted, time = None if asked.wanted is None else frozenset(asked.wanted), asked.time
+    if asked.start is None and asked.end is None:
+        return asked.collect(path, open_reader(path, asked.rate), wanted, time)
+    first = open_reader(path, asked.rate)
+    bounds = Window.parse(asked.start, asked.end).bounds(first, path, time)
+    part = open_reader(path, asked.rate)
+    if isinstance(part, BagReader) and part.narrow(*bounds, time, wanted):
+        known = {name for name in first.catalogue().channels if wanted is None or name in wanted}
+        try:
+            return _cut(asked.collect(path, part, wanted, time), *bounds, known)
+        except ReadError:  # nothing lies there: what the whole log has tells where to look
+            part = open_reader(path, asked.rate)
+    return _cut(asked.collect(path, part, wanted, time), *bounds)
+
+
+def _cut(
+    recording: Recording | LongRecording, low: int, high: int, known: Collection[str] = ()
+) -> Recording | LongRecording:
+    return cut(recording, low, high, known) if isinstance(recording, Recording) else recording.cut(low, high, known)
+
+
+def open_container(path: Path, kind: str) -> Container:
+    """Open what holds serialised messages: an MCAP file, a ROS 1 bag or a ROS 2 bag.
+
+    Parameters
+    ----------
+    path : path
+        A file, or the folder of a ROS 2 bag.
+    kind : str
+        As `vsalog.readers.sniff.sniff` tells it.
+
+    Raises
+    ------
+    ReadError
+        It cannot be opened.
+    """
+    if kind == "rosbag1":
+        return opened_rosbag1(path)
+    if kind == "rosbag2-folder":
+        return FolderContainer(path)
+    if kind == "mcap":
+        return opened_mcap(path)
+    return counted(bag_file(path, shown=path), path)

@@ -1,0 +1,80 @@
+"""Which pieces of a large log are cut out of it for a sample."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import IO, NamedTuple
+
+import numpy as np
+
+STRETCHES = 8
+"""In so many pieces: enough to meet what a log does at its beginning, in the middle and at its end."""
+_COPIED = 2**20
+
+
+class Piece(NamedTuple):
+    """A part of a file: where it begins and how long it is [bytes]."""
+
+    position: int
+    size: int
+
+
+@dataclass(frozen=True, slots=True)
+class Cut:
+    """What was cut out of one file.
+
+    Attributes
+    ----------
+    size : int
+        Bytes taken.
+    stretches : int
+        Pieces that do not join; 1 is the beginning alone.
+    totals : mapping of str to int
+        Samples of each stream in the whole file, where the file says so.
+    notes : tuple of str
+        What was noticed of the whole file.
+    """
+
+    size: int
+    stretches: int
+    totals: Mapping[str, int] = field(default_factory=dict)
+    notes: tuple[str, ...] = ()
+
+
+def chosen_pieces(parts: Sequence[Piece], budget: int) -> tuple[list[Piece], int]:
+    """Choose stretches of consecutive parts of a file, the first and the last part among them.
+
+    Parameters
+    ----------
+    parts : in the order of the file; at least one
+    budget : about so many bytes are chosen
+
+    Returns
+    -------
+    list of Piece
+        The parts chosen; none where they would be half of all or more.
+    int
+        In how many stretches.
+    """
+    ends = np.cumsum([part.size for part in parts])
+    share = budget // STRETCHES
+    chosen = np.zeros(len(parts), dtype=np.bool_)
+    for begin in np.linspace(0, max(int(ends[-1]) - share, 0), STRETCHES):
+        first, last = np.searchsorted(ends, (begin, begin + share), side="right")
+        chosen[first : last + 1] = True
+    chosen[-1] = True
+    pieces = [part for part, taken in zip(parts, chosen, strict=True) if taken]
+    if 2 * sum(piece.size for piece in pieces) > ends[-1]:
+        return [], 0
+    return pieces, int(np.count_nonzero(np.diff(chosen, prepend=False) & chosen))
+
+
+def copy_pieces(source: IO[bytes], pieces: Sequence[Piece], target: IO[bytes]) -> None:
+    """Copy pieces of a file, one behind the other."""
+    for piece in pieces:
+        source.seek(piece.position)
+        left = piece.size
+        while left > 0 and (part := source.read(min(left, _COPIED))):
+            target.write(part)
+            left -= len(part)
