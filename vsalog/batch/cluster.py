@@ -12,7 +12,7 @@ import msgspec
 
 from vsalog._version import __version__
 from vsalog.batch.records import Answer, Settings, Task, failed
-from vsalog.batch.work import check_json, do_json
+from vsalog.batch.worker import check_settings, do_task
 from vsalog.core.errors import BatchError
 
 # Seconds in which a scheduler has to answer.
@@ -84,7 +84,7 @@ class Cluster:
         """
         try:
             self._wait_for_worker()
-            future = self._client.submit(check_json, msgspec.json.encode(settings), pure=False)
+            future = self._client.submit(check_settings, msgspec.json.encode(settings), pure=False)
         except OSError as error:
             raise BatchError(self._lost) from error
         try:
@@ -113,7 +113,7 @@ class Cluster:
 
         def submit() -> Any:
             task = waiting.pop()
-            future = self._client.submit(do_json, msgspec.json.encode(task), pure=False, retries=RETRIES)
+            future = self._client.submit(do_task, msgspec.json.encode(task), pure=False, retries=RETRIES)
             known[future.key] = task
             return future
 

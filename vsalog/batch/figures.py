@@ -3,19 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from typing import TYPE_CHECKING
 
 import msgspec
 
 from vsalog.batch.records import Joint
+from vsalog.diagnosis.document import Diagnosis
+from vsalog.estimation.job import Job
+from vsalog.estimation.joint import JointEstimate
+from vsalog.estimation.summary import TransmissionSummary
+from vsalog.validation.document import Report
 from vsalog.validation.verdict import overview
-
-if TYPE_CHECKING:
-    from vsalog.diagnosis.document import Diagnosis
-    from vsalog.estimation.job import Job
-    from vsalog.estimation.joint import JointEstimate
-    from vsalog.estimation.summary import TransmissionSummary
-    from vsalog.validation.document import Report
 
 
 def of_estimate(job: Job, estimate: JointEstimate) -> Joint:

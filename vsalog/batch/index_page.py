@@ -12,7 +12,7 @@ from urllib.parse import quote
 
 from vsalog.batch.records import Do, Record
 from vsalog.batch.summary import rows_of
-from vsalog.readers.base import plural
+from vsalog.core.printable import plural
 from vsalog.report.page_text import escaped, name, number
 
 NAME = "index.html"

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import json
+import tempfile
 from collections.abc import Callable
 from contextlib import ExitStack
 from dataclasses import dataclass, field
@@ -12,10 +13,29 @@ from typing import Any
 
 import msgspec
 
+from vsalog.batch.dataset import DatasetWriter, trace_name
+from vsalog.batch.figures import of_diagnosis, of_estimate, of_validation
 from vsalog.batch.names import device_name, encoded
 from vsalog.batch.records import Joint, Log, Settings
 from vsalog.core.errors import ReadError
+from vsalog.core.trace import Trace
+from vsalog.diagnosis.run import Options as DiagnoseOptions
+from vsalog.diagnosis.run import diagnose as run_diagnosis
+from vsalog.estimation.job import Options as EstimateOptions
+from vsalog.estimation.job import prepare
+from vsalog.estimation.joint import PRESET, choose_all, pick_joints
+from vsalog.estimators import method
+from vsalog.estimators.tuning import read_tuning
+from vsalog.readers.window import Window
+from vsalog.report import diagnose_files, validate_files
+from vsalog.report.drawings import Drawings
+from vsalog.report.page_estimate import write_estimate_page
 from vsalog.rig import Rig
+from vsalog.validation.frozen import frozen
+from vsalog.validation.run import Options as ValidateOptions
+from vsalog.validation.run import validate as run_validation
+from vsalog.writers.atomic import write_text
+from vsalog.writers.trace import TraceWriter
 
 
 @dataclass(slots=True)
@@ -46,33 +66,19 @@ def check(settings: Settings) -> None:
     VsalogError
         An option is impossible whatever the log.
     """
-    from vsalog.readers.window import Window
-
     Window.parse(settings.start, settings.end)
     if settings.model is not None:
-        import tempfile
-
-        from vsalog.validation.frozen import frozen
-
         with tempfile.TemporaryDirectory(prefix="vsalog-") as folder:
             file = Path(folder) / settings.model_name
             file.write_text(settings.model, encoding="utf-8")
             frozen(file)
     rig = None if settings.rig is None else Rig.from_toml(settings.rig, settings.rig_name)
     if rig is not None:
-        from vsalog.estimation.joint import pick_joints
-
         rig = rig.with_settings({k: v for k, v in settings.set.items() if k != "setpoint"})
         joints = pick_joints(rig.joints, settings.joints)
         if settings.do == "estimate":
-            from vsalog.estimation.joint import choose_all
-
             choose_all(joints, settings.estimator, settings.tune, rig.file)
     elif settings.do == "estimate" and settings.estimator != "auto":
-        from vsalog.estimation.joint import PRESET
-        from vsalog.estimators import method
-        from vsalog.estimators.tuning import read_tuning
-
         found = method(settings.estimator)
         read_tuning(found.TUNING, settings.estimator, {k: v for k, v in settings.tune.items() if k != PRESET})
 
@@ -85,14 +91,7 @@ def estimate(log: Log, path: Path, settings: Settings, scratch: Path) -> Result:
     VsalogError
         The log is at fault, or a file cannot be written.
     """
-    from vsalog.batch.dataset import DatasetWriter, trace_name
-    from vsalog.batch.figures import of_estimate
-    from vsalog.core.trace import Trace
-    from vsalog.estimation.job import Options, prepare
-    from vsalog.writers.atomic import write_text
-    from vsalog.writers.trace import TraceWriter
-
-    options = Options(
+    options = EstimateOptions(
         rig=None if settings.rig is None else Rig.from_toml(settings.rig, settings.rig_name),
         joints=settings.joints,
         estimator=settings.estimator,
@@ -120,8 +119,6 @@ def estimate(log: Log, path: Path, settings: Settings, scratch: Path) -> Result:
 
         estimates = job.run(sink)
     if settings.report:
-        from vsalog.report.page_estimate import write_estimate_page
-
         write_estimate_page(page, job, plain, estimates, provenance)
         result.files["report"] = (page, f"reports/{name}/estimate.html")
     write_text(model, job.model_file(estimates, provenance).to_toml())
@@ -143,19 +140,12 @@ def validate(log: Log, path: Path, settings: Settings, scratch: Path) -> Result:
     VsalogError
         The log or the model is at fault, or a file cannot be written.
     """
-    from vsalog.batch.figures import of_validation
-    from vsalog.report.drawings import Drawings
-    from vsalog.report.validate_files import Outputs, write_report
-    from vsalog.validation.frozen import frozen
-    from vsalog.validation.run import Options
-    from vsalog.validation.run import validate as run
-
     assert settings.model is not None
     folder = scratch / "model"
     folder.mkdir()
     model = folder / settings.model_name
     model.write_text(settings.model, encoding="utf-8")
-    options = Options(
+    options = ValidateOptions(
         rig=_text(settings),
         joints=settings.joints,
         set=settings.set,
@@ -168,11 +158,11 @@ def validate(log: Log, path: Path, settings: Settings, scratch: Path) -> Result:
         end=settings.end,
     )
     drawings = Drawings(frozen(model), settings.joints, 1, False)
-    report = run(model, [path], options, draw=drawings)
+    report = run_validation(model, [path], options, draw=drawings)
     if settings.rig is not None:
         report = msgspec.structs.replace(report, settings=report.settings | {"rig": settings.rig_name})
-    outputs = Outputs.within(scratch / "report", None)
-    write_report(report, drawings, outputs)
+    outputs = validate_files.Outputs.within(scratch / "report", None)
+    validate_files.write_report(report, drawings, outputs)
     result, where = Result(), f"reports/{encoded(log.name)}"
     result.files["document"] = (outputs.document, f"{where}/report.json")
     result.files["report"] = (outputs.page, f"{where}/report.html")
@@ -192,12 +182,7 @@ def diagnose(log: Log, path: Path, settings: Settings, scratch: Path) -> Result:
     VsalogError
         The log or the rig is at fault, or a file cannot be written.
     """
-    from vsalog.batch.figures import of_diagnosis
-    from vsalog.diagnosis.run import Options
-    from vsalog.diagnosis.run import diagnose as run
-    from vsalog.report.diagnose_files import Outputs, write_diagnosis
-
-    options = Options(
+    options = DiagnoseOptions(
         rig=_text(settings),
         joints=settings.joints,
         set=settings.set,
@@ -206,10 +191,14 @@ def diagnose(log: Log, path: Path, settings: Settings, scratch: Path) -> Result:
         start=settings.start,
         end=settings.end,
     )
-    outcome = run(path, None, options)
+    outcome = run_diagnosis(path, None, options)
     extended = None if outcome.extended is None else outcome.extended.to_toml()
-    outputs = write_diagnosis(
-        outcome.diagnosis, outcome.evidence, extended, Outputs.within(scratch / "report"), outcome.scenario
+    outputs = diagnose_files.write_diagnosis(
+        outcome.diagnosis,
+        outcome.evidence,
+        extended,
+        diagnose_files.Outputs.within(scratch / "report"),
+        outcome.scenario,
     )
     result, where = Result(), f"reports/{encoded(log.name)}"
     result.files["document"] = (outputs.document, f"{where}/diagnosis.json")

@@ -6,31 +6,14 @@ import glob
 import os
 import sys
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
 from pathlib import Path
 
 from vsalog.batch.names import readable, shown, told_apart
+from vsalog.batch.planned import BAG, BESIDE, ENDINGS, Plan, fixed_part
 from vsalog.batch.records import Log
+from vsalog.batch.remote_plan import remote_plan
 from vsalog.batch.storage import is_address
 from vsalog.core.errors import BatchError
-
-BAG = "metadata.yaml"
-# What a folder is searched for; a pattern may match anything.
-ENDINGS = (".mcap", ".bag", ".db3", ".csv", ".tsv", ".parquet", ".mat", ".gz", ".zst", ".bz2", ".lz4")
-# What lies beside logs and is none.
-BESIDE = (".toml", ".yaml", ".yml", ".md", ".html", ".json")
-
-
-@dataclass(frozen=True, slots=True)
-class Plan:
-    """The logs of a batch, sorted by name, and what was left out on the way, in words."""
-
-    logs: tuple[Log, ...]
-    notes: tuple[str, ...]
-
-    def shard(self, index: int, count: int) -> Plan:
-        """Return every count-th log, beginning with the index-th, counted from 1."""
-        return Plan(self.logs[index - 1 :: count], self.notes)
 
 
 def make_plan(asked: Sequence[str], out: str) -> Plan:
@@ -53,8 +36,6 @@ def make_plan(asked: Sequence[str], out: str) -> Plan:
     if len({is_address(word) for word in words}) > 1:
         raise BatchError("some logs are files here and some are addresses; put them into two batches")
     if is_address(words[0]):
-        from vsalog.batch.remote_plan import remote_plan
-
         return remote_plan(words, out)
     paths, roots, notes = [], [], []
     for word in words:
@@ -110,13 +91,6 @@ def _matched(word: str) -> tuple[list[str], str]:
     if not found:
         raise BatchError(f"'{shown(word)}' matches no log")
     return found, fixed_part(word)
-
-
-def fixed_part(pattern: str) -> str:
-    """Return the folder above the first part of a pattern that has a wildcard: the same whatever it matches."""
-    parts = pattern.split("/")
-    first = next(i for i, part in enumerate(parts) if glob.has_magic(part))
-    return "/".join(parts[:first]) or ("/" if pattern.startswith("/") else ".")
 
 
 def _is_log(path: Path) -> bool:

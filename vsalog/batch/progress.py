@@ -14,7 +14,7 @@ from rich.progress import BarColumn, Progress, TaskID, TextColumn, TimeElapsedCo
 from vsalog.batch.records import Answer, Do, Log, Record
 from vsalog.batch.run import Outcome
 from vsalog.core.documents import document_text
-from vsalog.readers.base import plural
+from vsalog.core.printable import plural
 from vsalog.report.page_text import plain
 
 # Seconds between lines where there is no terminal, and failures that are told one by one.

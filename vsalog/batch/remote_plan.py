@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Any
 
 from vsalog.batch.names import encoded, readable, told_apart
-from vsalog.batch.plan import BAG, BESIDE, ENDINGS, Plan, fixed_part
+from vsalog.batch.planned import BAG, BESIDE, ENDINGS, Plan, fixed_part
 from vsalog.batch.records import Log
 from vsalog.batch.storage import file_system
 from vsalog.core.errors import BatchError, ReadError

@@ -8,23 +8,22 @@ import time
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import TYPE_CHECKING, Protocol
+from typing import Protocol
 
 import msgspec
 
 from vsalog._version import __version__
-from vsalog.batch import memory
+from vsalog.batch import index_page, memory, summary
+from vsalog.batch.cluster import Cluster
 from vsalog.batch.lock import locked, one_after_the_other
-from vsalog.batch.plan import Plan, make_plan
+from vsalog.batch.plan import make_plan
+from vsalog.batch.planned import Plan
+from vsalog.batch.pool import Pool
+from vsalog.batch.record_files import MANIFEST, RECORDS, parsed, record_name, write_record
 from vsalog.batch.records import VERSION, Answer, Do, Log, Record, Settings, Task
 from vsalog.batch.storage import LocalStore, Store, StoreError, is_address, open_store
-from vsalog.batch.work import MANIFEST, RECORDS, parsed, record_name, write_record
 from vsalog.core.errors import BatchError
-from vsalog.readers.base import plural
-
-if TYPE_CHECKING:
-    from vsalog.batch.cluster import Cluster
-    from vsalog.batch.pool import Pool
+from vsalog.core.printable import plural
 
 # Files of a batch that may be removed when no record names them; nobody else's ever are.
 _WRITTEN = re.compile(
@@ -135,10 +134,6 @@ def run_batch(asked: Asked, watch: Watch) -> Outcome:
     store = open_store(asked.out)
     _check_place(store, asked)
     with _executor(asked, watch, len(plan.logs)) as executor:
-        # What makes the table and the page in the end takes time to import; here that passes while the workers load.
-        import vsalog.batch.index_page
-        import vsalog.batch.summary  # noqa: F401
-
         executor.check(asked.settings)
         if isinstance(store, LocalStore):
             _make(store)
@@ -158,11 +153,7 @@ def run_batch(asked: Asked, watch: Watch) -> Outcome:
 
 def _executor(asked: Asked, watch: Watch, logs: int) -> Pool | Cluster:
     if asked.scheduler is not None:
-        from vsalog.batch.cluster import Cluster
-
         return Cluster(asked.scheduler, watch.say)
-    from vsalog.batch.pool import Pool
-
     bound = memory.free() if asked.memory is None else asked.memory
     return Pool(min(asked.jobs or memory.cores(), max(logs, 1)), bound, asked.timeout, watch.say)
 
@@ -237,8 +228,6 @@ def _work(
 
 def _finish(store: Store, plan: Plan, records: dict[str, Record], asked: Asked, outcome: Outcome, watch: Watch) -> None:
     """Make the table and the page of all records that are there, and remove what none of them names."""
-    from vsalog.batch import index_page, summary
-
     planned, mine = {log.name for log in plan.logs}, {record_name(name) for name in records}
     others = [parsed(store.read(name)) for name in store.files(RECORDS) if name not in mine]
     everything = records | {r.log: r for r in others if r is not None}

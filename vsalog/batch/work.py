@@ -13,22 +13,15 @@ from typing import Any
 import msgspec
 
 from vsalog._version import __version__
-from vsalog.batch.names import encoded, shown
+from vsalog.batch.names import shown
 from vsalog.batch.one_log import Result, check, run_one
+from vsalog.batch.record_files import MANIFEST, read_record, whole, write_record
 from vsalog.batch.records import Answer, Joint, Kind, Log, Output, Record, Settings, Task, failed
 from vsalog.batch.remote_plan import fetched
 from vsalog.batch.storage import Store, StoreError, open_store
 from vsalog.core.errors import VsalogError, WriteError
+from vsalog.estimation.job import sha256
 from vsalog.rig.find import rig_beside
-
-# What a batch is, in its folder; it is there before the first log is begun.
-MANIFEST = "batch.json"
-RECORDS = "records"
-
-
-def record_name(log: str) -> str:
-    """Return where a log's record lies in the batch."""
-    return f"{RECORDS}/{encoded(log)}.json"
 
 
 def do_json(task: bytes) -> bytes:
@@ -80,7 +73,7 @@ def _done(task: Task, store: Store, start: float) -> tuple[Record, bool]:
     try:
         with fetched(log) as path:
             before = read_record(store, log.name) if task.keep else None
-            if before is not None and whole(before, store) and before.key == _key(task, path, _hash(path)):
+            if before is not None and whole(before, store) and before.key == _key(task, path, sha256(path)):
                 return before, True
             with store.scratch() as scratch:
                 result = _explaining(lambda: run_one(log, path, settings, scratch), path, log)
@@ -122,42 +115,10 @@ def _explaining(run: Callable[[], Result], path: Path, log: Log) -> Result:
     return replaced(result, warnings=tuple(told(result.warnings)), joints=joints)
 
 
-def write_record(store: Store, record: Record) -> None:
-    """Write a record: from now on its log is finished."""
-    store.write(record_name(record.log), msgspec.json.format(msgspec.json.encode(record)) + b"\n")
-
-
-def read_record(store: Store, log: str) -> Record | None:
-    """Return a log's record; None where there is none, or none that can be read."""
-    return parsed(store.read(record_name(log)))
-
-
-def parsed(data: bytes | None) -> Record | None:
-    """Return a record from its file's bytes; None where they are none."""
-    if data is None:
-        return None
-    try:
-        return msgspec.json.decode(data, type=Record)
-    except msgspec.DecodeError:
-        return None
-
-
-def whole(record: Record, store: Store) -> bool:
-    """Tell whether a log is finished, and its files are as they were written."""
-    return record.status == "done" and all(store.size(o.name) == o.size for o in record.outputs.values())
-
-
-def _hash(path: Path) -> str:
-    # With it comes all that estimates, which the process that only hands out tasks can do without.
-    from vsalog.estimation.job import sha256
-
-    return sha256(path)
-
-
 def _key(task: Task, path: Path, digest: str) -> str:
     """Return a hash of all that a log's result depends on; `digest` is that of the log."""
     beside = rig_beside(path) if task.settings.rig is None else None
-    rig = "" if beside is None else _hash(beside)
+    rig = "" if beside is None else sha256(beside)
     parts = (__version__, task.log.name, digest, rig, task.settings.digest())
     return hashlib.sha256("\n".join(parts).encode()).hexdigest()
 

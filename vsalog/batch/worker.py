@@ -1,4 +1,8 @@
-"""A worker process of the pool. Light: what takes time to import comes with the first log."""
+"""A worker process, of the pool or of a cluster.
+
+Who hands out logs imports this module and does without all that works on them: that comes with the first log, inside
+functions, as in the commands.
+"""
 
 from __future__ import annotations
 
@@ -35,26 +39,35 @@ def serve(pipe: Connection) -> None:
         while message := pipe.recv_bytes():
             kind, body = message[:1], message[1:]
             if kind == CHECK:
-                from vsalog.batch.work import check_json
-
-                pipe.send_bytes(ANSWER + check_json(body).encode("utf-8", "backslashreplace"))
+                pipe.send_bytes(ANSWER + check_settings(body).encode("utf-8", "backslashreplace"))
                 continue
             if kind == PREPARE:
                 loaded = loaded or _load(pipe)
                 continue
-            from vsalog.batch.work import do_json
-
             pipe.send_bytes(BEGUN)
-            pipe.send_bytes(ANSWER + do_json(body))
+            pipe.send_bytes(ANSWER + do_task(body))
     os._exit(0)
+
+
+def do_task(task: bytes) -> bytes:
+    """Do a task; both it and the answer are JSON."""
+    from vsalog.batch.work import do_json
+
+    return do_json(task)
+
+
+def check_settings(settings: bytes) -> str:
+    """Return what is wrong with what is asked for, whatever the log; nothing where nothing is."""
+    from vsalog.batch.work import check_json
+
+    return check_json(settings)
 
 
 def _load(pipe: Connection) -> bool:
     """Import what logs are done with, and say when loops are compiled."""
     import pyarrow
 
-    import vsalog.estimation.job
-    import vsalog.writers.trace  # noqa: F401
+    import vsalog.batch.work  # noqa: F401
 
     event: Any = import_module("numba.core.event")
 

@@ -108,7 +108,7 @@ def batch(
     from vsalog.batch.options import settings_of
     from vsalog.batch.progress import Shown, print_json, print_outcome
     from vsalog.batch.run import Asked, run_batch
-    from vsalog.readers.base import plural
+    from vsalog.core.printable import plural
 
     given = {
         "--estimator": (estimator is not None, "estimate"),

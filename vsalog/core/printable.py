@@ -1,4 +1,4 @@
-"""Texts from logs, rigs and file names, for messages: they may hold anything."""
+"""Texts for messages: of logs, rigs and file names, which may hold anything, and numbers of things."""
 
 from __future__ import annotations
 
@@ -6,3 +6,10 @@ from __future__ import annotations
 def printable(text: str) -> str:
     """Return a text with everything replaced that a terminal would obey, or that has no looks."""
     return text if text.isprintable() else "".join(c if c.isprintable() else "�" for c in text)
+
+
+def plural(count: int, noun: str) -> str:
+    """Return "1 message", "2 messages", "2 copies"."""
+    if count == 1:
+        return f"1 {noun}"
+    return f"{count} {noun[:-1]}ies" if noun.endswith("y") else f"{count} {noun}s"

@@ -9,9 +9,9 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from vsalog.core.errors import ReadError
-from vsalog.core.printable import printable
+from vsalog.core.printable import plural, printable
 from vsalog.core.recording import Stamps, Values
-from vsalog.readers.base import BLOCK_ROWS, Block, Catalogue, ChannelInfo, plural
+from vsalog.readers.base import BLOCK_ROWS, Block, Catalogue, ChannelInfo
 from vsalog.readers.chunk_index import IndexContradictsError, Part
 from vsalog.readers.container import CATALOGUE_MESSAGES, Connection, Container
 from vsalog.readers.decoders import decoder_of

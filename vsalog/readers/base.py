@@ -153,10 +153,3 @@ def first_of_each(blocks: Iterator[Block]) -> Iterator[Block]:
             return
         seen.add(block.stream)
         yield block
-
-
-def plural(count: int, noun: str) -> str:
-    """Return "1 message", "2 messages", "2 copies"."""
-    if count == 1:
-        return f"1 {noun}"
-    return f"{count} {noun[:-1]}ies" if noun.endswith("y") else f"{count} {noun}s"

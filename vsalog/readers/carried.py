@@ -12,9 +12,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from vsalog.core.printable import plural
 from vsalog.core.recording import Values
 from vsalog.core.spool import ABSENT_BITS, Column
-from vsalog.readers.base import plural
 
 MOSTLY = 0.75
 """Values come together that share this part of the messages that have either; the others of these lack it, NaN."""

@@ -10,10 +10,11 @@ from pathlib import Path
 import numpy as np
 
 from vsalog.core.errors import ReadError
+from vsalog.core.printable import plural
 from vsalog.core.recording import Channel, Recording, Stream
 from vsalog.core.spool import Column, Spool, in_memory
 from vsalog.readers.alternating import alternating_note
-from vsalog.readers.base import NO_TIME, Reader, plural
+from vsalog.readers.base import NO_TIME, Reader
 from vsalog.readers.carried import part_stream, stray_note
 from vsalog.readers.gathered import Gathered
 from vsalog.readers.reach import BEYOND, within_reach

@@ -9,10 +9,10 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from vsalog.core.printable import printable
+from vsalog.core.printable import plural, printable
 from vsalog.core.recording import Stamps, Values
 from vsalog.readers import matlab_v4, matlab_v5, matlab_v73
-from vsalog.readers.base import MAX_ARRAY, NO_TIME, Block, Catalogue, ChannelInfo, first_of_each, plural
+from vsalog.readers.base import MAX_ARRAY, NO_TIME, Block, Catalogue, ChannelInfo, first_of_each
 from vsalog.readers.collect import FREE_BYTES, MOST_TIMES
 from vsalog.readers.matlab_clock import find_clock, is_called_time, stamps_of
 from vsalog.readers.matlab_v4 import is_v4

@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Any
 
 from vsalog.core.errors import ReadError
-from vsalog.readers.base import plural
+from vsalog.core.printable import plural
 from vsalog.readers.compression import MAX_BYTES
 from vsalog.readers.matlab_v5_parts import MATRIX, variable
 

@@ -12,7 +12,8 @@ from typing import Any
 import numpy as np
 
 from vsalog.core.errors import ReadError
-from vsalog.readers.base import MAX_ARRAY, plural
+from vsalog.core.printable import plural
+from vsalog.readers.base import MAX_ARRAY
 from vsalog.readers.compression import MAX_BYTES
 
 _MOST_DEPTH = 16

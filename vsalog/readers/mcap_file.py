@@ -20,7 +20,7 @@ from mcap.records import Channel, Metadata, MetadataIndex, Schema, Statistics
 from numpy.typing import NDArray
 
 from vsalog.core.errors import ReadError
-from vsalog.readers.base import plural
+from vsalog.core.printable import plural
 from vsalog.readers.chunk_index import Chunk, Needed, Part, some_of
 from vsalog.readers.compression import DamagedDataError, beginning, decompress
 from vsalog.readers.container import Connection

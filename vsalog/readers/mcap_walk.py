@@ -13,7 +13,7 @@ from typing import IO
 
 import numpy as np
 
-from vsalog.readers.base import plural
+from vsalog.core.printable import plural
 from vsalog.readers.compression import MAX_BYTES
 from vsalog.readers.mcap_scan import next_sure_record
 

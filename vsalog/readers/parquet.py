@@ -12,10 +12,10 @@ import pyarrow as pa
 from numpy.typing import NDArray
 
 from vsalog.core.errors import ReadError
-from vsalog.core.printable import printable
+from vsalog.core.printable import plural, printable
 from vsalog.core.recording import Stamps, Values
 from vsalog.core.units import split_header
-from vsalog.readers.base import NO_TIME, Block, Catalogue, ChannelInfo, first_of_each, plural
+from vsalog.readers.base import NO_TIME, Block, Catalogue, ChannelInfo, first_of_each
 from vsalog.readers.headers import printable_cell, unique_names
 from vsalog.readers.parquet_cells import as_numbers, is_moment, is_number, rising
 from vsalog.readers.parquet_cells import rounded as rounded_in

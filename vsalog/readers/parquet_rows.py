@@ -8,8 +8,8 @@ from pathlib import Path
 import pyarrow as pa
 
 from vsalog.core.errors import ReadError
-from vsalog.core.printable import printable
-from vsalog.readers.base import BLOCK_ROWS, plural
+from vsalog.core.printable import plural, printable
+from vsalog.readers.base import BLOCK_ROWS
 from vsalog.readers.compression import MAX_BYTES, MAX_RATIO
 from vsalog.readers.headers import printable_cell
 from vsalog.readers.parquet_footer import row_groups

@@ -7,7 +7,7 @@ from collections.abc import Callable, Sequence
 
 import numpy as np
 
-from vsalog.readers.base import plural
+from vsalog.core.printable import plural
 from vsalog.readers.chunk_index import Chunk, IndexContradictsError
 from vsalog.readers.packets import Integers, Packet
 from vsalog.readers.rosbag1_walk import CHUNK_INFO, INDEX, Damage, Header, number, op

@@ -12,7 +12,7 @@ import struct
 from collections.abc import Callable, Iterator
 from typing import IO, NamedTuple
 
-from vsalog.readers.base import plural
+from vsalog.core.printable import plural
 from vsalog.readers.compression import MAX_BYTES, DamagedDataError, decompress
 
 VERSION = b"#ROSBAG V2.0\n"

@@ -8,7 +8,7 @@ from collections.abc import Collection, Iterator, Mapping
 from pathlib import Path
 
 from vsalog.core.errors import ReadError
-from vsalog.readers.base import plural
+from vsalog.core.printable import plural
 from vsalog.readers.chunk_index import Needed, Part
 from vsalog.readers.compression import FREE_BYTES, MAX_RATIO
 from vsalog.readers.container import ZSTD_MAGIC, Connection, Container

@@ -13,8 +13,7 @@ from typing import Any
 import numpy as np
 
 from vsalog.core.errors import ReadError
-from vsalog.core.printable import printable
-from vsalog.readers.base import plural
+from vsalog.core.printable import plural, printable
 from vsalog.readers.chunk_index import GLIMPSES, Needed, Part
 from vsalog.readers.compression import MAX_BYTES
 from vsalog.readers.container import CATALOGUE_MESSAGES, Connection

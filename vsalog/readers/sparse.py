@@ -9,7 +9,7 @@ import pyarrow as pa
 import pyarrow.compute as pc
 from numpy.typing import NDArray
 
-from vsalog.readers.base import plural
+from vsalog.core.printable import plural
 
 MOSTLY_BLANK = 0.25
 """From this fraction of blank cells on, columns are taken as a log of their own."""

@@ -13,7 +13,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from vsalog.readers.base import plural
+from vsalog.core.printable import plural
 
 MOST_BYTES = 256 * 2**20
 """Of a log of changes that is looked through; those of recorders have a few megabytes."""

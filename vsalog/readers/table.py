@@ -12,8 +12,9 @@ import pyarrow as pa
 from numpy.typing import NDArray
 
 from vsalog.core.errors import ReadError
+from vsalog.core.printable import plural
 from vsalog.core.recording import Stamps, Values
-from vsalog.readers.base import NO_TIME, Block, Catalogue, ChannelInfo, first_of_each, plural
+from vsalog.readers.base import NO_TIME, Block, Catalogue, ChannelInfo, first_of_each
 from vsalog.readers.headers import printable_cell
 from vsalog.readers.row_clock import ROW_NOTE, row_clock
 from vsalog.readers.row_times import RowTimes

@@ -6,8 +6,8 @@ import re
 from collections.abc import Sequence
 from dataclasses import dataclass
 
+from vsalog.core.printable import plural
 from vsalog.core.units import is_known_by_heart, split_header
-from vsalog.readers.base import plural
 from vsalog.readers.headers import printable_cell
 from vsalog.readers.table_text import SEPARATORS, is_value, split
 from vsalog.readers.time_names import DATED, rank_of

@@ -12,7 +12,7 @@ import pyarrow.compute as pc
 import pyarrow.csv as pacsv
 
 from vsalog.core.errors import ReadError
-from vsalog.readers.base import plural
+from vsalog.core.printable import plural
 from vsalog.readers.headers import printable_cell
 from vsalog.readers.opened import is_text
 from vsalog.readers.table_dialect import Dialect

@@ -13,7 +13,7 @@ import pyarrow as pa
 import pyarrow.compute as pc
 from numpy.typing import NDArray
 
-from vsalog.readers.base import plural
+from vsalog.core.printable import plural
 from vsalog.readers.headers import printable_cell
 from vsalog.readers.table_cells import numbers_and_words
 from vsalog.readers.time_dates import trimmed

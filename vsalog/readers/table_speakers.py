@@ -9,7 +9,7 @@ import pyarrow as pa
 import pyarrow.compute as pc
 from numpy.typing import NDArray
 
-from vsalog.readers.base import plural
+from vsalog.core.printable import plural
 from vsalog.readers.headers import printable_cell
 from vsalog.readers.table_keys import BETWEEN, MOST_PARTS, Whole, find_keys, joined
 from vsalog.readers.time_columns import ClockPlan

@@ -10,7 +10,7 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.compute as pc
 
-from vsalog.readers.base import plural
+from vsalog.core.printable import plural
 from vsalog.readers.headers import printable_cell
 from vsalog.readers.table_again import MOST_LINES, FirstHeader, Line, Order, goes_on, rescaled
 from vsalog.readers.table_dialect import Dialect

@@ -9,10 +9,11 @@ from typing import TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
+from vsalog.core.printable import plural
 from vsalog.core.recording import Stamps
 from vsalog.core.spool import Column, parts
 from vsalog.readers.bad_stamps import FEW, ONE_DAY, are_few, bad_stamps, looked_at
-from vsalog.readers.base import CLOCKS, plural
+from vsalog.readers.base import CLOCKS
 from vsalog.readers.clock_steps import ClockSteps
 from vsalog.readers.table_stamps import stamps_that_are_none
 

@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from vsalog.core.printable import printable
-from vsalog.readers.base import plural
+from vsalog.core.printable import plural, printable
 from vsalog.writers.repaired import Repaired
 
 

@@ -18,9 +18,9 @@ from mcap.records import Attachment, Header, Metadata
 from mcap.writer import CompressionType, Writer
 
 from vsalog.core.errors import ReadError, WriteError
+from vsalog.core.printable import plural
 from vsalog.readers import open_container, read
 from vsalog.readers.bag import BagReader
-from vsalog.readers.base import plural
 from vsalog.readers.compression import MAX_BYTES
 from vsalog.readers.container import Connection, Container
 from vsalog.readers.mcap_file import McapContainer
