@@ -13,7 +13,6 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 from scipy.interpolate import make_interp_spline
-from scipy.signal import lfilter, place_poles
 
 from vsalog.core.errors import SimulationError
 from vsalog.core.live_estimator import Said
@@ -143,6 +142,8 @@ def planned(joint: ElasticJoint, q: Array, torque: Array, time: Array) -> Plan:
 
 def _torsion(torque: Array, K: float, D: float, period: float) -> Array:
     """Solve K φ + D φ̇ = τ from rest, with τ straight between samples."""
+    from scipy.signal import lfilter
+
     if D == 0.0:
         return torque / K
     a = np.exp(-K * period / D)
@@ -162,6 +163,8 @@ def gains(joint: ElasticJoint, inertia: float, frequency: float, damping: float)
     inertia : of the link, M [kg·m²]
     frequency, damping : of the slow pair [rad/s]
     """
+    from scipy.signal import place_poles
+
     motor, transmission, link = joint.motor.reflected, joint.transmission, joint.link
     assert isinstance(transmission, LinearTransmission)
     assert link is not None
