@@ -57,10 +57,10 @@ def compare(
     with Progress() as progress:
         with progress.saying_when_compiling():
             options = Options(rig, joints, "auto", {}, settings, rate, time, start, end)
-            found, runs, witnesses = run(logs, options, asked, progress.say, keep_going=not debugging())
+            found, runs, references = run(logs, options, asked, progress.say, keep_going=not debugging())
         if report is not None:
             progress.say("writing the report")
-            write_comparison_page(report, found, runs, witnesses)
+            write_comparison_page(report, found, runs, references)
     (print_json if as_json else print_comparison)(found)
     if report is None and not as_json:
         click.echo("--report FILE.html draws them in one plot")

@@ -24,7 +24,7 @@ Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, slots=True)
-class Witnesses:
+class References:
     """What one log has of them.
 
     Attributes
@@ -65,7 +65,7 @@ class Witnesses:
         )
 
 
-def witnesses_of(log: Path, options: Options, joints: Mapping[str, Joint]) -> Witnesses:
+def references_of(log: Path, options: Options, joints: Mapping[str, Joint]) -> References:
     """Look for what estimates of a log's joints can be held against; what cannot be read is none.
 
     Parameters
@@ -89,7 +89,7 @@ def witnesses_of(log: Path, options: Options, joints: Mapping[str, Joint]) -> Wi
         truth = _read(log, options, wanted) if wanted else None
     except VsalogError:
         truth = None
-    return Witnesses(truth, sensors, joints)
+    return References(truth, sensors, joints)
 
 
 def _read(log: Path, options: Options, wanted: set[str]) -> Recording:

@@ -10,7 +10,7 @@ import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
-from vsalog.comparison.references import Witnesses, witnesses_of
+from vsalog.comparison.references import References, references_of
 from vsalog.core.errors import BindingError, EstimatorError, FilterError, OtherKindError, VsalogError
 from vsalog.core.trace import Trace
 from vsalog.estimation.job import Job, Options, prepare
@@ -151,7 +151,7 @@ def compare(
     asked: Sequence[str],
     progress: Progress = lambda _: None,
     keep_going: bool = True,
-) -> tuple[Comparison, list[Run], Witnesses]:
+) -> tuple[Comparison, list[Run], References]:
     """Run several estimators; return what came out, its runs, and what they were held against.
 
     Parameters
@@ -197,8 +197,8 @@ def compare(
         reasons = list(left_out.values()) if len(left_out) == 1 or not asked else []
         raise EstimatorError(reasons[0] if reasons else "; ".join(f"{name}: {why}" for name, why in left_out.items()))
     joints = {e.joint: runs[0].job.rig.joints[e.joint] for run in runs for e in run.estimates}
-    witnesses = witnesses_of(logs[0], options, joints) if len(logs) == 1 else Witnesses()
-    rows = [row for run in runs for estimate in run.estimates for row in _rows(run, estimate, runs[0], witnesses)]
+    references = references_of(logs[0], options, joints) if len(logs) == 1 else References()
+    rows = [row for run in runs for estimate in run.estimates for row in _rows(run, estimate, runs[0], references)]
     warnings = dict.fromkeys(
         w for run in runs for w in (*run.job.warnings, *(w for e in run.estimates for w in e.warnings))
     )
@@ -212,7 +212,7 @@ def compare(
             warnings=tuple(warnings),
         ),
         runs,
-        witnesses,
+        references,
     )
 
 
@@ -221,7 +221,7 @@ def _once(contenders: Iterable[Contender]) -> list[Contender]:
     return list({(c.name, tuple(sorted(c.tune.items()))): c for c in reversed(list(contenders))}.values())[::-1]
 
 
-def _rows(run: Run, estimate: JointEstimate, first: Run, witnesses: Witnesses) -> list[Row]:
+def _rows(run: Run, estimate: JointEstimate, first: Run, references: References) -> list[Row]:
     reference = next((e for e in first.estimates if e.joint == estimate.joint), None)
     trace = estimate.trace
     assert trace is not None
@@ -241,11 +241,11 @@ def _rows(run: Run, estimate: JointEstimate, first: Run, witnesses: Witnesses) -
                 stiffness_high=part.stiffness_high,
                 relative_std=part.relative_std,
                 torque_left=part.fit_rms,
-                off_sensor=_off_sensor(witnesses.torque(*whose), mine),
+                off_sensor=_off_sensor(references.torque(*whose), mine),
                 excited_share=part.excited_share,
                 agrees_share=agrees,
                 difference=difference,
-                against_truth=_against(trace, witnesses.stiffness(*whose), mine),
+                against_truth=_against(trace, references.stiffness(*whose), mine),
             )
         )
     return rows

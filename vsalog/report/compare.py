@@ -13,7 +13,7 @@ from rich.console import Console
 from rich.markup import escape
 from rich.table import Table
 
-from vsalog.comparison.references import Witnesses
+from vsalog.comparison.references import References
 from vsalog.comparison.run import Comparison, Run
 from vsalog.core.documents import document_text
 from vsalog.core.printable import printable
@@ -73,7 +73,7 @@ def print_json(found: Comparison) -> None:
     sys.stdout.buffer.flush()
 
 
-def write_comparison_page(path: Path, found: Comparison, runs: Sequence[Run], witnesses: Witnesses) -> None:
+def write_comparison_page(path: Path, found: Comparison, runs: Sequence[Run], references: References) -> None:
     """Write a page with one figure of all estimators, and the figures of every single one.
 
     Raises
@@ -85,7 +85,7 @@ def write_comparison_page(path: Path, found: Comparison, runs: Sequence[Run], wi
     columns = columns_for(sum(len(e.summary.transmissions) for run in runs for e in run.estimates))
     sections = []
     for name in dict.fromkeys(row.joint for row in found.rows):
-        figures = [Part(part, "", [chart]) for part, chart in comparison_charts(name, runs, witnesses, columns)]
+        figures = [Part(part, "", [chart]) for part, chart in comparison_charts(name, runs, references, columns)]
         sections.append(Section(f"{name} by all", log, "", figures))
     for run in runs:
         for estimate in run.estimates:

@@ -7,7 +7,7 @@ from collections.abc import Iterator, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from vsalog.comparison.references import Witnesses
+from vsalog.comparison.references import References
 from vsalog.comparison.run import Run
 from vsalog.core.trace import Trace
 from vsalog.report.page_charts import Axes, Chart, Curve
@@ -18,7 +18,7 @@ Array = NDArray[np.float64]
 
 
 def comparison_charts(
-    joint: str, runs: Sequence[Run], witnesses: Witnesses, columns: int
+    joint: str, runs: Sequence[Run], references: References, columns: int
 ) -> Iterator[tuple[str, Chart]]:
     """Yield the transmissions of a joint and their figure: each estimator where it is supported, and the truth.
 
@@ -26,7 +26,7 @@ def comparison_charts(
     ----------
     joint : name
     runs : of the estimators
-    witnesses : what they are held against
+    references : what they are held against
     columns : pixel columns of a figure
     """
     traces = {run.contender.label: e.trace for run in runs for e in run.estimates if e.joint == joint and e.trace}
@@ -39,7 +39,7 @@ def comparison_charts(
                 curves.append(_curve(label, trace, shown, columns, str(i)))
                 said.append(f"{label} {span_words(shown, 'N·m/rad')}")
         first = next(iter(traces.values()))
-        true = witnesses.stiffness(joint, name, first)
+        true = references.stiffness(joint, name, first)
         if true is not None:
             curves.append(_curve("truth", first, true, columns, "truth", dashed=True))
             said.append(f"the truth {span_words(true, 'N·m/rad')}")
