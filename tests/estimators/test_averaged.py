@@ -7,6 +7,7 @@ import numpy as np
 import pyarrow.parquet as pq
 import pytest
 from command_line import vsalog_run
+from scipy.signal import lfilter
 from test_grioli_methods import estimated
 
 from vsalog.estimators.averaged import averaged
@@ -40,6 +41,18 @@ def test_a_hardening_spring_differs_most_where_it_hardly_moves():
     # The mean square that is told for everywhere is that where it moves fast, and never less is claimed.
     assert seen.within < 0.5 * 20.0
     np.testing.assert_array_less(seen.within**2 * (1.0 - 1e-9), seen.square(where))
+
+
+@pytest.mark.parametrize("memory", [1, 20, 400])
+def test_samples_are_alike_as_far_as_the_observer_remembers(memory):
+    """Sums of L samples of a first-order process: variance 1 + 2 Σ (1 − k/L) ρ^k, times L."""
+    rho, rate = 0.9, np.ones(200_000)
+    left = lfilter([1.0], [1.0, -rho], np.random.default_rng(5).standard_normal(rate.size))
+    seen = averaged(
+        np.linspace(0.0, 1.0, rate.size), Rates(30.0 + left, rate), np.full(rate.size, 30.0), 0.0, 0, memory
+    )
+    k = np.arange(1, memory)
+    assert seen.alike == pytest.approx(1.0 + 2.0 * np.sum((1.0 - k / memory) * rho**k), rel=0.1)
 
 
 def test_of_two_courses_the_sharper_is_claimed_where_it_is_more():

@@ -20,6 +20,8 @@ Array = NDArray[np.float64]
 
 # A spread that is not so many times its standard deviation is none.
 SURE = 2.0
+# Sums over the memory whose variance is known to a quarter.
+FEWEST_SUMS = 32
 # Degree of the polynomial, where there are so many independent samples for each of its terms.
 DEGREE, EACH = 4, 3
 
@@ -88,7 +90,7 @@ class Averaged:
         return square if self.sharper is None else np.fmax(square, self.sharper.surely(phi))
 
 
-def averaged(phi: Array, known: Rates, found: Array, noise: float, lag: int = 0) -> Averaged:
+def averaged(phi: Array, known: Rates, found: Array, noise: float, lag: int = 0, memory: int | None = None) -> Averaged:
     """Look at what an observer's predictions leave of the torque's rate.
 
     Parameters
@@ -98,15 +100,29 @@ def averaged(phi: Array, known: Rates, found: Array, noise: float, lag: int = 0)
     found : shape (N,), the stiffness observed [N·m/rad], NaN before it is
     noise : what the sensors' noise makes of Σ̇ − K φ̇, one standard deviation [N·m/s]
     lag : samples over which a change of the stiffness is looked at; none with 0
+    memory : samples that the observer remembers; all where absent
     """
     if found.size < 2 or not known.deflection.any():
         return Averaged()
     left = np.nan_to_num(known.torque - found * known.deflection)
-    alike = max(1.0, left.size / effective_samples(left * np.sign(known.deflection)))
+    score = left * np.sign(known.deflection)
+    whole = max(1.0, left.size / effective_samples(score))
+    alike = whole if memory is None else max(1.0, _alike(score, memory))
     power = known.deflection**2
     more = (float(np.mean(left**2)) - noise**2) / float(np.mean(power))
     within = float(np.sqrt(max(0.0, more, _growth(left**2, power))))
-    return Averaged(alike, within, _course(phi, known.deflection, left, alike), _drift(found, lag))
+    return Averaged(alike, within, _course(phi, known.deflection, left, whole), _drift(found, lag))
+
+
+def _alike(left: Array, memory: int) -> float:
+    """Return how many times the variance of sums over an observer's memory is that of as many independent samples.
+
+    Within a longer time than the memory noise that a filter differentiated averages out; the observer does not wait for that.
+    """
+    length = int(np.clip(memory, 1, max(1, left.size // FEWEST_SUMS)))
+    power = float(np.mean(left**2))
+    sums = left[: left.size // length * length].reshape(-1, length).sum(axis=1)
+    return float(np.mean(sums**2)) / (length * power) if power > 0.0 else 1.0
 
 
 def _growth(left: Array, power: Array) -> float:

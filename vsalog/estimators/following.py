@@ -258,9 +258,9 @@ class ObserverFold:
                 phi, known, found = phi[ahead:], Rates(*(v[ahead:] for v in known)), found[:-ahead]
             typical = float(np.nanmedian(found)) if np.isfinite(found).any() else 0.0
             noise = float(self.rate_noise[borne.view.name].left(typical)) ** 0.5
-            seen[borne.view.name] = averaged(
-                phi, known, found, noise, round(min(self._stale(speed) / self.period, phi.size))
-            )
+            lag = round(min(self._stale(speed) / self.period, phi.size))
+            memory = round(min(1.0 / (self.alpha * speed * self.period), phi.size))
+            seen[borne.view.name] = averaged(phi, known, found, noise, lag, memory)
         return seen
 
 

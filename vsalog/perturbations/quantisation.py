@@ -15,7 +15,7 @@ import numpy as np
 
 from vsalog.core.finding import Finding
 from vsalog.core.signals import JointSignals
-from vsalog.estimators.device import deflection_of, deflection_step, encoder_steps
+from vsalog.estimators.device import deflection_of, deflection_step, encoder_steps, has_deflection
 from vsalog.perturbations.trials import Shift, Subject, Trial
 
 # How much coarser the steps of a trial are, and where the grids of the sensors lie in each, in steps.
@@ -35,7 +35,8 @@ class Quantisation:
 
     def trials(self, subject: Subject) -> Iterator[Trial] | None:
         """Return a trial per grid, where some deflection spans few steps."""
-        signals, views = subject.signals, subject.device.transmissions
+        signals = subject.signals
+        views = [view for view in subject.device.transmissions if has_deflection(signals.roles, view)]
         steps = encoder_steps(signals.roles, views)
         spans = [
             float(np.ptp(phi[np.isfinite(phi)])) / step
