@@ -126,7 +126,7 @@ def test_where_half_the_samples_cannot_be_tried_that_is_said(rate, enough):
 @pytest.mark.parametrize(("surely", "told"), [(0.0, False), (0.02, False), (0.05, True)])
 def test_what_noise_may_do_is_counted_in_without_a_word(surely, told):
     subject = subject_of(residual_rls, jerked(100.0, seconds=5.0))
-    shift = Shift({"1": Spread((Ranges(0.0, 0.0),), np.array([0.3]))}, {"1": surely}, {}, {}, True)
+    shift = Shift({"1": Spread((Ranges(0.0, 0.0),), np.array([0.3]))}, {"1": surely}, {}, {}, {}, True)
     found = SamplingRate().findings(subject, shift)
     assert [(f.code, f.part, f.value) for f in found] == ([("sampling.too_slow", "1", surely)] if told else [])
     assert (surely > REPORTED_SHIFT) == told

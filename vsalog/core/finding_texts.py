@@ -187,6 +187,12 @@ TEXTS: Mapping[str, Text] = {
         "Springs are seldom so: check that the signs, units and zeros of the positions, and of the set-point where there is"
         " one, are what the rig says; if they are, --tune p0={p0:.2g} lets the log decide.",
     ),
+    "stiffness.drifts": Text(
+        "transmission {part}: the stiffness changes by {value:.1%} over the log, more than {limit:.1%} that noise may make; the"
+        " estimate lags behind, which its standard deviation includes.",
+        "Springs and drives that warm up do that, and torque sensors that drift: record after warming up, or estimate parts"
+        " of the log.",
+    ),
     "filter.smooths_motion": Text(
         "transmission {part}: a window of {window:g} s smooths the motion away: {value:.0%} of the deflection's rate is"
         " left, and the stiffness is that of the smoothed motion.",

@@ -282,6 +282,9 @@ def estimate_joint(
         learnt = fold.findings(state)
         # What follows the motor's motion has a shape over the deflection, too, where both go together; and that over positions.
         follows = any(finding.code == "residual.follows_motion" for finding in learnt)
+        told = trials.findings()
+        # A spring that changes leaves shapes over whatever changes along with it.
+        follows = follows or any(finding.code == "stiffness.drifts" for finding in told)
         bent = [] if follows else shape.findings(look) or uneven.findings()
         summary = summarizer.result(signals)
         whole = whole_windows(look, fold.conditioner.window)
@@ -297,7 +300,7 @@ def estimate_joint(
                 *found,
                 *findings_of(summary, device, whole),
                 *learnt,
-                *trials.findings(),
+                *told,
                 *cross_check.findings(choice.name),
                 *bent,
             ),

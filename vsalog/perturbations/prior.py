@@ -27,7 +27,7 @@ class WeakerPrior:
 
     name = "prior"
     scale = 1.0
-    own_noise = True
+    own_noise = 1.0
 
     def trials(self, subject: Subject) -> Sequence[Trial] | None:
         """Return one trial, where the method has a prior that is not weak already."""

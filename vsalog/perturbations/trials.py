@@ -59,12 +59,12 @@ class Perturbation(Protocol):
     ----------
     name : one noun, unique
     scale : what of a trial's shift the estimate itself is off by
-    own_noise : whether a trial has noise of its own, so that its variance is no shift
+    own_noise : which part of a trial's variance its difference from the estimate has by noise alone
     """
 
     name: str
     scale: float
-    own_noise: bool
+    own_noise: float
 
     def trials(self, subject: Subject) -> Iterable[Trial] | None:
         """Return the trials, empty where the method refuses them all; None where the error cannot matter."""
@@ -81,6 +81,7 @@ class Shift:
     ----------
     spreads : of each stiffness that moves, transmission by transmission and of the total
     surely : by which part at most, beyond what noise may do
+    overall : by which part, in the median of all samples, and what of that noise makes, one standard deviation
     samples : the square of the part by which each tried sample surely moves, shape (N,); of trials that have noise of their own
     covariance : of the coefficients of each transmission's model
     supported : whether some trial supports a stiffness where the estimate does; true where this supports none
@@ -88,6 +89,7 @@ class Shift:
 
     spreads: Mapping[str, Spread]
     surely: Mapping[str, float]
+    overall: Mapping[str, tuple[float, float]]
     samples: Mapping[str, Array]
     covariance: Mapping[str, Array]
     supported: bool
@@ -185,9 +187,9 @@ def _shift(perturbation: Perturbation, subject: Subject, base: Estimated, trials
         for name in before:
             squares[name].append(change(before[name], after[name], trial.every))
         for name, (coefficients, covariance) in _coefficients(trial.fold, state).items():
-            allowed = covariance if perturbation.own_noise else np.zeros_like(covariance)
+            allowed = perturbation.own_noise * covariance
             moved.setdefault(name, []).append(scale**2 * beyond_noise(coefficients - model[name][0], allowed))
-    spreads, surely, samples = {}, {}, {}
+    spreads, surely, overall, samples = {}, {}, {}, {}
     for name, pairs in squares.items():
         if not pairs:
             continue
@@ -195,6 +197,10 @@ def _shift(perturbation: Perturbation, subject: Subject, base: Estimated, trials
         excited = np.asarray(before[name]["excited"], dtype=np.bool_)
         shifted, noise = (np.array(part) * scale**2 for part in zip(*pairs, strict=True))
         noise *= perturbation.own_noise
+        known = excited & np.isfinite(shifted).any(axis=0)
+        if known.any():
+            middle = (float(np.sqrt(np.nanmedian(x[:, known]))) for x in (shifted, noise))
+            overall[name] = (next(middle), next(middle))
         spread = spread_over(places, excited, shifted - noise)
         if spread is not None and spread.most > 0.0:
             spreads[name] = spread
@@ -203,7 +209,7 @@ def _shift(perturbation: Perturbation, subject: Subject, base: Estimated, trials
             surely[name] = 0.0 if beyond is None else beyond.most
             if perturbation.own_noise:
                 samples[name] = np.nanmax(surely_shifted, axis=0, initial=0.0)
-    return Shift(spreads, surely, samples, {name: np.mean(m, axis=0) for name, m in moved.items()}, supported)
+    return Shift(spreads, surely, overall, samples, {name: np.mean(m, axis=0) for name, m in moved.items()}, supported)
 
 
 def _places(columns: Mapping[str, NDArray[np.generic]]) -> list[Array]:
