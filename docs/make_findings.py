@@ -4,7 +4,7 @@ import re
 from itertools import groupby
 from pathlib import Path
 
-from vsalog.core.finding_texts import TEXTS
+from vsalog.core.finding_texts import texts
 
 FIELD = re.compile(r"{(\w+)(?::[^}]*)?}")
 
@@ -32,10 +32,11 @@ def reference() -> str:
         "`evidence`, further numbers by name. `vsalog estimate --json` lists them under `findings` of each joint. Codes are"
     ]
     parts += ["stable; the words may change.", ""]
-    for family, codes in groupby(TEXTS, key=lambda code: code.split(".")[0]):
+    catalogue = texts()
+    for family, codes in groupby(catalogue, key=lambda code: code.split(".")[0]):
         parts += [f"## {family}", ""]
         for code in codes:
-            text = TEXTS[code]
+            text = catalogue[code]
             parts += [f"### {code}", "", plain(text.says), "", plain(text.advice), ""]
     return "\n".join(parts)
 

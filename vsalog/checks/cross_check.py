@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 
 from vsalog.binding.joint import bind, offered_roles
 from vsalog.binding.long_joint import bind_long
+from vsalog.checks.check import Context
 from vsalog.checks.motor_reference import motor_roles, motor_trace
 from vsalog.core.errors import VsalogError
 from vsalog.core.finding import Evidence, Finding
@@ -118,6 +119,20 @@ class _Compared:
         )
 
 
+class ReferenceSensors:
+    """Compares the estimate with sensors that its estimator does not read."""
+
+    name = "cross_check"
+    supersedes: Mapping[str, Sequence[str]] = {}
+
+    def start(self, context: Context) -> CrossCheck:
+        """Begin with a log."""
+        return CrossCheck(
+            context.recordings, context.device, context.joint, context.read, context.look.period, context.setpoints,
+            context.estimator,
+        )  # fmt: skip
+
+
 class CrossCheck:
     """An estimate and the references that its estimator does not read.
 
@@ -128,6 +143,7 @@ class CrossCheck:
     read : the roles that the estimator reads
     period : of the estimate's rows [s]
     setpoints : as they are bound for the estimator
+    estimator : its name
     """
 
     def __init__(
@@ -138,8 +154,9 @@ class CrossCheck:
         read: Sequence[str],
         period: float,
         setpoints: Sequence[float | None] = (),
+        estimator: str = "",
     ) -> None:
-        self.device = device
+        self.device, self.estimator = device, estimator
         self.box = max(BOX, round(LASTING / period))
         self.compared: dict[tuple[str, str], _Compared] = {}
         self.sensors: dict[str, dict[int, Sensed]] = {}
@@ -202,9 +219,9 @@ class CrossCheck:
             if sensor is not None:
                 compared.add(estimated[rows], sensor.at(trace.stamps[rows]), claimed[rows], self.box)
 
-    def findings(self, estimator: str) -> list[Finding]:
+    def findings(self) -> list[Finding]:
         """Return which references differ from the estimate, or of muscles that there is none."""
-        joint, found = self.device.joint, list[Finding]()
+        joint, estimator, found = self.device.joint, self.estimator, list[Finding]()
         if self.device.pneumatic is not None and not self.sensors:
             found.append(Finding(code="cross_check.none", joint=joint, evidence={"estimator": estimator}))
         for (name, role), compared in self.compared.items():

@@ -9,16 +9,19 @@ have in common is no noise.
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
+from vsalog.checks.check import Context
 from vsalog.checks.motor_reference import motor_trace
 from vsalog.core.finding import Finding
 from vsalog.core.signals import JointSignals
 from vsalog.core.trace import Trace
 from vsalog.estimators.device import Device
+from vsalog.estimators.regression import RegressionFold
 
 Array = NDArray[np.float64]
 
@@ -43,6 +46,18 @@ class _Bins:
     sums: Array
     whole: Array
     step: float
+
+
+class ShapeOverPosition:
+    """Looks for a shape of the residual over a position, of estimators that fit torques."""
+
+    name = "position_shape"
+    supersedes: Mapping[str, Sequence[str]] = {}
+
+    def start(self, context: Context) -> PositionShape:
+        """Begin with a log."""
+        fold = context.fold
+        return PositionShape(context.device, context.look, isinstance(fold, RegressionFold) and fold.fits_torque)
 
 
 class PositionShape:

@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
 
+from vsalog.checks.check import Context, OfSignals
 from vsalog.checks.plausibility import implausible, passing
 from vsalog.core.errors import EstimatorError
 from vsalog.core.finding import Evidence, Finding
@@ -58,6 +59,20 @@ def _still(values: Array) -> bool:
 
 def _first(values: Array) -> float:
     return float(values[np.isfinite(values)][0])
+
+
+class Signals:
+    """Looks at the signals as they were bound."""
+
+    name = "signals"
+    supersedes: Mapping[str, Sequence[str]] = {}
+
+    def start(self, context: Context) -> OfSignals:
+        """Look; of a long log at stretches, and everywhere for what befell a sensor for a while."""
+        found, signals = signal_findings(context.device, context.look), context.signals
+        if isinstance(signals, LongSignals):
+            found = first_of_each((*found, *passing_findings(context.device, signals)))
+        return OfSignals(found)
 
 
 def signal_findings(device: Device, signals: JointSignals) -> tuple[Finding, ...]:

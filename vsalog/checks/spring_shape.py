@@ -8,12 +8,14 @@ noise.
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
+from vsalog.checks.check import Context
 from vsalog.checks.motor_reference import motor_trace
 from vsalog.core.finding import Finding
 from vsalog.core.signals import JointSignals
@@ -37,6 +39,9 @@ LACKS = 0.05
 ALIKE, BEYOND = (0.6, 0.9), (3.0, 0.9)
 
 
+SHAPES = ("residual.shape_over_deflection", "deflection.hides_shape", "residual.shape_over_position")
+
+
 @dataclass(slots=True)
 class _Bins:
     """Sums per half and bin: how many, of the deflection, of the residual, of the stiffness, of its relative variance."""
@@ -51,6 +56,24 @@ class _Bins:
         return float((variance / count) ** 0.5) if count else np.inf
 
 
+class ShapeOverDeflection:
+    """Looks for a shape of the residual over the deflection."""
+
+    name = "deflection_shape"
+    # What follows the motor's motion has a shape over the deflection, too, where both go together; and that over positions. A
+    # spring that changes leaves shapes over whatever changes along with it.
+    supersedes: Mapping[str, Sequence[str]] = {
+        "residual.follows_motion": SHAPES,
+        "stiffness.drifts": SHAPES,
+        "residual.shape_over_deflection": SHAPES[-1:],
+        "deflection.hides_shape": SHAPES[-1:],
+    }
+
+    def start(self, context: Context) -> SpringShape:
+        """Begin with a log."""
+        return SpringShape(context.device, context.look)
+
+
 class SpringShape:
     """The residual of a joint's torques, over their deflections.
 
@@ -61,7 +84,7 @@ class SpringShape:
     """
 
     def __init__(self, device: Device, look: JointSignals) -> None:
-        self.device = device
+        self.device, self.look = device, look
         self.stretch = float(np.ptp(look.time)) / STRETCHES
         self.bins: dict[str, _Bins] = {}
         self.spans: dict[str, float] = {}
@@ -97,15 +120,13 @@ class SpringShape:
             for k, values in enumerate((None, deflection[use], left[use], stiffness[use], variance)):
                 bins.sums[..., k] += np.bincount(cell, values, halves * places).reshape(halves, places)
 
-    def findings(self, look: JointSignals) -> list[Finding]:
+    def findings(self) -> list[Finding]:
         """Return of which transmissions the stiffness lacks something that both halves of the log agree on.
 
-        Parameters
-        ----------
-        look : as much of the signals as is in memory; of a method that knows no torque beside what it fits, the residual of the
-            motor's side shows in its place what the basis cannot follow
+        Of a method that knows no torque beside what it fits, the residual of the motor's side shows in its place what the basis
+        cannot follow.
         """
-        if self.bins and not self.knows_torque and (trace := motor_trace(self.device, look)) is not None:
+        if self.bins and not self.knows_torque and (trace := motor_trace(self.device, self.look)) is not None:
             self.add(trace)
         shapes = {name: found for name, bins in self.bins.items() if (found := self._of(name, bins)) is not None}
         hidden = (

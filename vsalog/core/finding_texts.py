@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from functools import cache
+from importlib.metadata import entry_points
 
 from vsalog.core.finding import Finding
 
@@ -187,6 +189,11 @@ TEXTS: Mapping[str, Text] = {
         "Springs are seldom so: check that the signs, units and zeros of the positions, and of the set-point where there is"
         " one, are what the rig says; if they are, --tune p0={p0:.2g} lets the log decide.",
     ),
+    "stiffness.scale": Text(
+        "transmission {part}: the stiffness is {value:.3g} times that of the rig's spring ({rig:.3g} N·m/rad).",
+        "A torque's unit or scale is wrong, or a gear ratio, or the spring in the rig: check the units under"
+        " [joint.{joint}.signals].",
+    ),
     "stiffness.drifts": Text(
         "transmission {part}: the stiffness changes by {value:.1%} over the log, more than {limit:.1%} that noise may make; the"
         " estimate lags behind, which its standard deviation includes.",
@@ -351,9 +358,17 @@ TEXTS: Mapping[str, Text] = {
 }
 
 
+@cache
+def texts() -> Mapping[str, Text]:
+    """Return the catalogue, with that of third parties: mappings named by entry points in the group ``vsalog.findings``."""
+    return {
+        code: text for point in entry_points(group="vsalog.findings") for code, text in point.load().items()
+    } | TEXTS
+
+
 def sentence(finding: Finding) -> str:
     """Return what a finding says, and what to do about it."""
-    text = TEXTS[finding.code]
+    text = texts()[finding.code]
     fields = {name: getattr(finding, name) for name in ("joint", "part", "value", "limit", "unit")}
     words = f"{text.says} {text.advice}".format_map(fields | dict(finding.evidence))
     return f"joint '{finding.joint}': {words}" if finding.joint else words

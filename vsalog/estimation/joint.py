@@ -11,10 +11,9 @@ import numpy as np
 from vsalog.binding.joint import bind, offered_roles
 from vsalog.binding.long_joint import bind_long
 from vsalog.binding.neighbours import Neighbours, own_and_others
-from vsalog.checks.cross_check import CrossCheck
-from vsalog.checks.position_shape import PositionShape
-from vsalog.checks.signals import first_of_each, passing_findings, refuse_dead_sensors, signal_findings, whole_windows
-from vsalog.checks.spring_shape import SpringShape
+from vsalog.checks import Checks
+from vsalog.checks.check import Context, without_superseded
+from vsalog.checks.signals import refuse_dead_sensors, whole_windows
 from vsalog.core.errors import EstimatorError, VsalogError, did_you_mean
 from vsalog.core.finding import Finding
 from vsalog.core.finding_texts import sentence
@@ -30,7 +29,6 @@ from vsalog.estimators.device import Device, device_of
 from vsalog.estimators.folding import BLOCK, fold_over, run
 from vsalog.estimators.grioli_bicchi import told_by_the_link
 from vsalog.estimators.needs import meaning
-from vsalog.estimators.regression import RegressionFold
 from vsalog.estimators.tuning import Tuning, read_tuning
 from vsalog.perturbations import PERTURBATIONS
 from vsalog.perturbations.trials import TRIED_SAMPLES, Subject, run_trials
@@ -243,18 +241,13 @@ def estimate_joint(
     look = signals if isinstance(signals, JointSignals) else signals.look()
     device = device_of(name, joint, look.roles, rig)
     refuse_dead_sensors(choice.name, look)
-    found = signal_findings(device, look)
-    if isinstance(signals, LongSignals):
-        found = first_of_each((*found, *passing_findings(device, signals)))
     kept: list[Trace] = []
     summarizer = Summarizer(device)
     # Where numbers run out of range the estimate is infinite or none, and the trace says so; numpy need not.
     with np.errstate(over="ignore", invalid="ignore", divide="ignore"):
         fold = choice.method.build(device, look, choice.tuning)
         fold.conditioner.check_length(signals.longest_run)
-        cross_check = CrossCheck(recordings, device, joint, choice.roles, look.period, setpoints)
-        shape = SpringShape(device, look)
-        uneven = PositionShape(device, look, isinstance(fold, RegressionFold) and fold.fits_torque)
+        checks = Checks(Context(recordings, setpoints, device, joint, choice.name, choice.roles, signals, look, fold))
         pass_on = kept.append if sink is None else sink
         subject = Subject(choice.method, device, look, choice.tuning, fold)
         # A short log is estimated once, and its trace kept until it is known how far perturbations move it.
@@ -268,9 +261,7 @@ def estimate_joint(
             trace = trials.widened(trace, rows)
             rows += len(trace)
             summarizer.add(trace)
-            cross_check.add(trace)
-            shape.add(trace)
-            uneven.add(trace)
+            checks.add(trace)
             pass_on(trace)
 
         if short is None:
@@ -279,15 +270,15 @@ def estimate_joint(
             for trace in short.blocks:
                 give(trace)
             state = short.state
-        learnt = fold.findings(state)
-        # What follows the motor's motion has a shape over the deflection, too, where both go together; and that over positions.
-        follows = any(finding.code == "residual.follows_motion" for finding in learnt)
-        told = trials.findings()
-        # A spring that changes leaves shapes over whatever changes along with it.
-        follows = follows or any(finding.code == "stiffness.drifts" for finding in told)
-        bent = [] if follows else shape.findings(look) or uneven.findings()
         summary = summarizer.result(signals)
         whole = whole_windows(look, fold.conditioner.window)
+        found = (
+            *signals.findings,
+            *findings_of(summary, device, whole),
+            *fold.findings(state),
+            *trials.findings(),
+            *checks.findings(),
+        )
         return JointEstimate(
             name,
             choice.name,
@@ -295,15 +286,7 @@ def estimate_joint(
             _settings(choice.tuning, fold),
             trials.widened_model(fold.model(state)),
             summary,
-            (
-                *signals.findings,
-                *found,
-                *findings_of(summary, device, whole),
-                *learnt,
-                *told,
-                *cross_check.findings(choice.name),
-                *bent,
-            ),
+            tuple(without_superseded(found, checks.supersedes)),
             Trace.concatenate(kept) if kept else None,
         )
 

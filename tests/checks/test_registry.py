@@ -1,0 +1,98 @@
+"""The registry of checks: what third parties add, and what one finding says in place of another."""
+
+import json
+import os
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+from command_line import vsalog_run
+from hypothesis import given
+from hypothesis import strategies as st
+
+from vsalog.checks import BUILT_IN
+from vsalog.checks.check import without_superseded
+from vsalog.core.finding import Finding
+from vsalog.core.finding_texts import TEXTS
+
+THIRD_PARTY = """
+from vsalog.checks.check import OfSignals
+from vsalog.core.finding import Finding
+from vsalog.core.finding_texts import Text
+
+TEXTS = {"bench.humid": Text("the bench is humid: {value:.0f} %.", "Dry it.")}
+
+
+class Humidity:
+    name = "humidity"
+    supersedes = {}
+
+    def start(self, context):
+        joint = context.device.joint
+        humid = Finding(code="bench.humid", joint=joint, value=float(len(context.look)), limit=60.0, unit="%")
+        return OfSignals([humid])
+
+
+HUMIDITY = Humidity()
+"""
+
+
+@pytest.fixture
+def installed(tmp_path):
+    """Return a folder with a package of a third party, as pip would install it."""
+    folder = tmp_path / "site"
+    info = folder / "humidity-1.0.dist-info"
+    info.mkdir(parents=True)
+    (folder / "humidity.py").write_text(THIRD_PARTY)
+    (info / "METADATA").write_text("Metadata-Version: 2.1\nName: humidity\nVersion: 1.0\n")
+    (info / "entry_points.txt").write_text(
+        "[vsalog.checks]\nhumidity = humidity:HUMIDITY\n[vsalog.findings]\nhumidity = humidity:TEXTS\n"
+    )
+    return folder
+
+
+def test_names_are_unique_and_what_is_superseded_has_a_text():
+    assert len({check.name for check in BUILT_IN}) == len(BUILT_IN)
+    for check in BUILT_IN:
+        for code, superseded in check.supersedes.items():
+            assert {code, *superseded} <= TEXTS.keys()
+
+
+@given(st.lists(st.sampled_from("abcd")))
+def test_a_finding_says_what_others_would_say_again(codes):
+    left = [f.code for f in without_superseded([Finding(code=c) for c in codes], {"a": ("b", "c")})]
+    assert left == [c for c in codes if "a" not in codes or c not in ("b", "c")]
+
+
+def test_a_third_party_adds_a_check(installed, tmp_path):
+    done = vsalog_run("simulate", "sea", "--duration", "3 s", "-o", "log.csv", cwd=tmp_path)
+    assert done.returncode == 0, done.stderr
+    path = os.pathsep.join([str(installed), *filter(None, sys.path)])
+    command = [sys.executable, "-m", "vsalog", "estimate", "log.csv", "--rig", "sea", "--json"]
+    done = subprocess.run(command, cwd=tmp_path, env=os.environ | {"PYTHONPATH": path}, capture_output=True, text=True)
+    assert done.returncode == 0, done.stderr
+    joint = json.loads(done.stdout)["joints"][0]
+    (found,) = (f for f in joint["findings"] if f["code"] == "bench.humid")
+    assert (found["value"], found["unit"]) == (3001.0, "%")
+    assert any("the bench is humid: 3001 %" in words for words in joint["warnings"])
+
+
+@pytest.mark.parametrize(
+    ("scale", "estimator"), [(10.0, "direct"), (1e-3, "direct"), (1000.0, "residual-rls"), (1.2, "direct")]
+)
+def test_a_torque_in_another_unit_is_held_against_the_rig_s_spring(tmp_path, scale, estimator):
+    assert vsalog_run("simulate", "sea", "--duration", "8 s", "-o", "log.csv", cwd=tmp_path).returncode == 0
+    head, *rows = (tmp_path / "log.csv").read_text().splitlines()
+    names = head.split(",")
+    values = np.array([[float(x or "nan") for x in row.split(",")] for row in rows])
+    torques = [i for i, name in enumerate(names) if "torque" in name or "effort" in name]
+    assert len(torques) == 2
+    values[:, torques] *= scale
+    np.savetxt(tmp_path / "scaled.csv", values, "%.17g", ",", header=head, comments="")
+    done = vsalog_run("estimate", "scaled.csv", "--rig", "sea", "-e", estimator, "--json", cwd=tmp_path)
+    assert done.returncode == 0, done.stderr
+    found = {f["code"]: f for f in json.loads(done.stdout)["joints"][0]["findings"]}
+    assert ("stiffness.scale" in found) == (scale != 1.2)
+    if scale != 1.2:
+        assert found["stiffness.scale"]["value"] == pytest.approx(scale, rel=0.2)

@@ -1,0 +1,88 @@
+"""What a check is: it looks at a joint's signals and at the trace of an estimate, and returns findings."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Protocol
+
+from vsalog.core.finding import Finding
+from vsalog.core.long_signals import LongSignals
+from vsalog.core.recording import Recording
+from vsalog.core.signals import JointSignals
+from vsalog.core.trace import Trace
+from vsalog.estimators import Fold
+from vsalog.estimators.device import Device
+from vsalog.readers.long_recording import LongRecording
+from vsalog.rig.schema import Joint
+
+
+@dataclass(frozen=True, slots=True)
+class Context:
+    """What checks may look at.
+
+    Attributes
+    ----------
+    recordings, setpoints : as they were bound; a fixed set-point per recording [SI], None for none
+    device, joint : of the rig
+    estimator, read : name of the estimator, and the roles that it reads
+    signals, look : bound, the whole log; and as much of it as is in memory
+    fold : the estimator
+    """
+
+    recordings: Sequence[Recording | LongRecording]
+    setpoints: Sequence[float | None]
+    device: Device
+    joint: Joint
+    estimator: str
+    read: Sequence[str]
+    signals: JointSignals | LongSignals
+    look: JointSignals
+    fold: Fold
+
+
+class Watch(Protocol):
+    """A check at work on one log."""
+
+    def add(self, trace: Trace) -> None:
+        """Take a block of the trace into account; blocks come in order."""
+
+    def findings(self) -> Iterable[Finding]:
+        """Return what was found when the log has ended."""
+
+
+class Check(Protocol):
+    """A kind of check.
+
+    Attributes
+    ----------
+    name : one noun, unique
+    supersedes : code of a finding → codes that say the same in other words, or follow from it
+    """
+
+    name: str
+    supersedes: Mapping[str, Sequence[str]]
+
+    def start(self, context: Context) -> Watch | None:
+        """Begin with a log; None where there is nothing to look at."""
+
+
+@dataclass(frozen=True, slots=True)
+class OfSignals:
+    """A check that looks at signals alone, and has looked."""
+
+    found: Sequence[Finding]
+
+    def add(self, trace: Trace) -> None:
+        """Take no notice."""
+
+    def findings(self) -> Sequence[Finding]:
+        """Return what was found."""
+        return self.found
+
+
+def without_superseded(findings: Iterable[Finding], rules: Mapping[str, Sequence[str]]) -> list[Finding]:
+    """Return findings without those that another one supersedes."""
+    found = list(findings)
+    superseded = {code for finding in found for code in rules.get(finding.code, ())}
+    return [finding for finding in found if finding.code not in superseded]
