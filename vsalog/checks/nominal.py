@@ -59,7 +59,10 @@ class _Ratios:
                     self.medians.setdefault((view.name, sure), []).append(counted)
 
     def findings(self) -> Iterator[Finding]:
-        """Yield the transmissions whose stiffness is another order of magnitude than the rig's, by excited samples if there are any."""
+        """Yield the transmissions whose stiffness is another order of magnitude than the rig's.
+
+        Samples that are not excited count where none is.
+        """
         for name in (view.name for view in self.views):
             medians = self.medians.get((name, True)) or self.medians.get((name, False))
             if not medians:

@@ -361,9 +361,8 @@ TEXTS: Mapping[str, Text] = {
 @cache
 def texts() -> Mapping[str, Text]:
     """Return the catalogue, with that of third parties: mappings named by entry points in the group ``vsalog.findings``."""
-    return {
-        code: text for point in entry_points(group="vsalog.findings") for code, text in point.load().items()
-    } | TEXTS
+    others = {code: text for point in entry_points(group="vsalog.findings") for code, text in point.load().items()}
+    return {**others, **TEXTS}
 
 
 def sentence(finding: Finding) -> str:

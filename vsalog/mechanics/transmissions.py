@@ -134,7 +134,8 @@ def _evaluated(
     if isinstance(transmission, AwasTransmission) and setpoint is None:
         raise RigError("an 'awas' transmission needs the lever arm r [m] as its set-point")
     arm = setpoint if setpoint is not None and isinstance(transmission, AwasTransmission) else 0.0
-    x, r, t = np.broadcast_arrays(*(np.asarray(v, dtype=np.float64) for v in (phi, arm, time)))
+    given = (np.asarray(v, dtype=np.float64) for v in (phi, arm, time))
+    x, r, t = (v.copy() for v in np.broadcast_arrays(*given))
     out = np.empty((3, x.size))
     _atoms.springs(coded(transmission), x.ravel(), r.ravel(), t.ravel(), out)
     energy, torque, stiff = out.reshape((3, *x.shape))
