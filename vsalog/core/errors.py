@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from difflib import get_close_matches
+from pathlib import Path
 
 
 class VsalogError(Exception):
@@ -15,7 +16,26 @@ class VsalogError(Exception):
 
 
 class ReadError(VsalogError):
-    """A log cannot be read, or not as what it claims to be."""
+    """A log cannot be read, or not as what it claims to be.
+
+    Parameters
+    ----------
+    what : what is wrong
+    path : of the file or folder that it is about, which stands ahead of it; None where it is about none
+    """
+
+    def __init__(self, what: str, path: Path | None = None) -> None:
+        super().__init__(what, path)
+        self.what, self.path = what, path
+
+    def __str__(self) -> str:
+        return self.what if self.path is None else f"{self.path}: {self.what}"
+
+    def moved(self, old: Path, new: Path) -> ReadError:
+        """Return the same error of a log that was asked for as `new` and read as `old`."""
+        if self.path is None or not self.path.is_relative_to(old):
+            return self
+        return ReadError(self.what, new / self.path.relative_to(old))
 
 
 class RigError(VsalogError):

@@ -76,8 +76,9 @@ def gather(
         size += one.growth(block)
         if size > most:
             raise ReadError(
-                f"{path}: unfolds to more than {most // 2**20} MiB of samples, {MOST_TIMES} times its size, as no"
-                " recording does; only some channels of it can be read, by their names"
+                f"unfolds to more than {most // 2**20} MiB of samples, {MOST_TIMES} times its size, as no"
+                " recording does; only some channels of it can be read, by their names",
+                path,
             )
         if room is not None and spool is None and size > room:
             spool = Spool()
@@ -86,10 +87,10 @@ def gather(
         one.add(block)
     if not any(one.count for one in gathered.values()):
         if absurd:
-            raise ReadError(f"{path}: the times of all samples {BEYOND}")
+            raise ReadError(f"the times of all samples {BEYOND}", path)
         if timeless := [note for note in reader.notes if note.endswith(NO_TIME)]:
             raise ReadError(
-                f"{path}: its time column holds no time that can be read, or none within 292 years of 1970: {timeless[0]}"
+                f"its time column holds no time that can be read, or none within 292 years of 1970: {timeless[0]}", path
             )
     if absurd:
         reader.notes.append(f"{plural(absurd, 'sample')} left out whose times {BEYOND}")

@@ -50,10 +50,10 @@ def load(path: Path, notes: list[str]) -> dict[str, Any]:
             found.update(_variables(file))  # those ahead of damage are kept
     except ValueError as error:
         if not found:
-            raise ReadError(f"{path}: the MATLAB file is damaged: {error}") from error
+            raise ReadError(f"the MATLAB file is damaged: {error}", path) from error
         notes.append(f"the MATLAB file is damaged ({error}): read up to there, of '{[*found][-1]}' {DOUBTFUL}")
     except OSError as error:
-        raise ReadError(f"{path}: cannot be read: {error.strerror or error}") from error
+        raise ReadError(f"cannot be read: {error.strerror or error}", path) from error
     return found
 
 

@@ -36,7 +36,7 @@ def load(path: Path, notes: list[str]) -> dict[str, Any]:
     try:
         with path.open("rb") as file, mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ) as content:
             if len(content) < _HEADER:
-                raise ReadError(f"{path}: the MATLAB file is cut off within its header; there are no variables in it")
+                raise ReadError("the MATLAB file is cut off within its header; there are no variables in it", path)
             order = ">" if content[126:128] == b"MI" else "<"
             for begin, element in _elements(content, order, damage):
                 try:
@@ -47,9 +47,9 @@ def load(path: Path, notes: list[str]) -> dict[str, Any]:
                 if name and not name.startswith("__"):  # MATLAB's own have no name
                     found[name] = value
     except OSError as error:
-        raise ReadError(f"{path}: cannot be read: {error.strerror or error}") from error
+        raise ReadError(f"cannot be read: {error.strerror or error}", path) from error
     if damage and not found:
-        raise ReadError(f"{path}: the MATLAB file is damaged: {next(iter(damage.values()))}")
+        raise ReadError(f"the MATLAB file is damaged: {next(iter(damage.values()))}", path)
     if not found:
         notes.append("the MATLAB file holds no variables (was it cut off?)")
     if damage:

@@ -50,8 +50,9 @@ def load(path: Path, notes: list[str]) -> dict[str, Any]:
         import h5py
     except ImportError:
         raise ReadError(
-            f"{path}: is a MATLAB v7.3 file, for which h5py is needed: pip install 'vsalog[matlab]';"
-            " or save it in MATLAB with save('file.mat', '-v7')"
+            "is a MATLAB v7.3 file, for which h5py is needed: pip install 'vsalog[matlab]';"
+            " or save it in MATLAB with save('file.mat', '-v7')",
+            path,
         ) from None
     try:
         with h5py.File(path, "r") as file:
@@ -59,10 +60,10 @@ def load(path: Path, notes: list[str]) -> dict[str, Any]:
             found = walk.members(file, 0)
     except Exception as error:  # HDF5's library raises whatever a damaged file provokes
         raise ReadError(
-            f"{path}: the MATLAB v7.3 file cannot be read: {error}; if MATLAB opens it, save('file.mat', '-v7') there"
+            f"the MATLAB v7.3 file cannot be read: {error}; if MATLAB opens it, save('file.mat', '-v7') there", path
         ) from error
     if walk.damage and not found:
-        raise ReadError(f"{path}: the MATLAB v7.3 file is damaged: {walk.damage[0]}")
+        raise ReadError(f"the MATLAB v7.3 file is damaged: {walk.damage[0]}", path)
     if walk.damage:
         notes.append(f"{plural(len(walk.damage), 'variable')} of the MATLAB file left out ({walk.damage[0]})")
     return found

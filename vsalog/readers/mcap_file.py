@@ -112,10 +112,10 @@ class McapContainer:
         try:
             file = self.path.open("rb") if self._span is None else FilePart.opened(self.path, *self._span)
         except OSError as error:
-            raise ReadError(f"{self.path}: cannot be opened: {error.strerror or error}") from error
+            raise ReadError(f"cannot be opened: {error.strerror or error}", self.path) from error
         if file.read(len(MAGIC)) != MAGIC:
             file.close()
-            raise ReadError(f"{self.path}: is no MCAP file")
+            raise ReadError("is no MCAP file", self.path)
         file.seek(0)
         return file
 
@@ -238,7 +238,7 @@ class McapContainer:
                 self.schemas[schema.id] = schema
                 self._text += len(schema.data)
                 if self._text > _MOST_TEXT:
-                    raise ReadError(f"{self.path}: has more than {_MOST_TEXT} bytes of message definitions")
+                    raise ReadError(f"has more than {_MOST_TEXT} bytes of message definitions", self.path)
             elif record == CHANNEL:
                 channel = Channel.read(stream)
                 self.channels[channel.id] = channel

@@ -67,9 +67,9 @@ class ParquetReader:
             rows = ParquetRows(path)
         except (pa.ArrowException, OSError, UnicodeError) as error:  # a column's name may have become no text
             words = printable(str(error).strip())[:200]
-            raise ReadError(f"{path}: the Parquet file cannot be read: {footer_trouble(path) or words}") from error
+            raise ReadError(f"the Parquet file cannot be read: {footer_trouble(path) or words}", path) from error
         if not any(group.rows for group in rows.groups):
-            raise ReadError(f"{path}: the Parquet file has no rows")
+            raise ReadError("the Parquet file has no rows", path)
         self._rows = FlatRows(rows)
         # Columns of which the footer does not say that no cell is empty.
         self._gaps = {chunk.path for group in rows.groups for chunk in group.chunks if chunk.nulls != 0}
@@ -167,8 +167,9 @@ class ParquetReader:
         ]
         for i in sorted(find_clocks(self._names, self._units, likely).columns()):
             raise ReadError(
-                f"{self.path}: the Parquet file is damaged: time column '{printable_cell(self._names[i])}' cannot be read;"
-                " --rate HZ reads the others as evenly sampled"
+                f"the Parquet file is damaged: time column '{printable_cell(self._names[i])}' cannot be read;"
+                " --rate HZ reads the others as evenly sampled",
+                self.path,
             )
         return plan
 

@@ -174,8 +174,9 @@ class ParquetRows:
         for chunk in (chunk for group in self.groups for chunk in group.chunks):
             if chunk.uncompressed > max(MAX_BYTES, MAX_RATIO * chunk.compressed):
                 raise ReadError(
-                    f"{self.path}: column '{printable_cell(chunk.path)}' announces {chunk.uncompressed} bytes out of"
-                    f" {chunk.compressed}: no recording is compressed so much"
+                    f"column '{printable_cell(chunk.path)}' announces {chunk.uncompressed} bytes out of"
+                    f" {chunk.compressed}: no recording is compressed so much",
+                    self.path,
                 )
 
     def _bad_pages(self) -> dict[tuple[int, str], str]:
@@ -203,8 +204,9 @@ class ParquetRows:
             return
         first = (needed or whole)[0]
         raise ReadError(
-            f"{self.path}: the Parquet file is damaged: none of the {plural(lost.rows, 'row')} of column"
-            f" '{printable_cell(first)}' can be read ({lost.reasons[first]})"
+            f"the Parquet file is damaged: none of the {plural(lost.rows, 'row')} of column"
+            f" '{printable_cell(first)}' can be read ({lost.reasons[first]})",
+            self.path,
         )
 
 

@@ -136,7 +136,7 @@ def _read(path: str | PathLike[str], asked: _Asked) -> Recording | LongRecording
     try:
         recording = _read_file(file, asked)
     except ReadError as error:
-        raise (error if file is path else ReadError(str(error).replace(str(file), str(path)))) from None
+        raise error.moved(file, path) from None
     if file is path:
         return recording
     known = recording if isinstance(recording, Recording) else recording.look

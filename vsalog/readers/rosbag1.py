@@ -201,20 +201,21 @@ class Rosbag1Container:
             for start, stop, end in connections_in(np.frombuffer(data, np.uint8)):
                 _keep(found, fields(data[start:stop]) or {}, data[stop + 4 : end])
         if len(found) > _MOST_CONNECTIONS:
-            raise ReadError(f"{self.path}: has more than {_MOST_CONNECTIONS} connections; no such bag is read")
+            raise ReadError(f"has more than {_MOST_CONNECTIONS} connections; no such bag is read", self.path)
 
     def _open(self) -> IO[bytes]:
         try:
             file = self.path.open("rb") if self._span is None else FilePart.opened(self.path, *self._span)
         except OSError as error:
-            raise ReadError(f"{self.path}: cannot be opened: {error.strerror or error}") from error
+            raise ReadError(f"cannot be opened: {error.strerror or error}", self.path) from error
         version = file.readline(20)
         if version != VERSION:
             file.close()
             shown = version.decode("ascii", "replace").strip()
             raise ReadError(
-                f"{self.path}: is a ROS bag of a version that is not supported ({shown});"
-                " 'rosbag migrate' or 'rosbag fix' brings it to version 2.0"
+                f"is a ROS bag of a version that is not supported ({shown});"
+                " 'rosbag migrate' or 'rosbag fix' brings it to version 2.0",
+                self.path,
             )
         return file
 
@@ -228,7 +229,7 @@ class Rosbag1Container:
         found: Found = {}
         header, _ = next(Walk(file).records(), ({}, b""))
         if header.get(b"encryptor"):
-            raise ReadError(f"{self.path}: is encrypted; decrypt it first ('rosbag decrypt')")
+            raise ReadError("is encrypted; decrypt it first ('rosbag decrypt')", self.path)
         index, count = header.get(b"index_pos", b""), header.get(b"conn_count", b"")
         if len(index) != 8 or len(count) != 4 or not struct.unpack("<Q", index)[0]:
             return {}

@@ -50,13 +50,11 @@ class CompressedContainer:
                 for piece in zstandard.ZstdDecompressor().read_to_iter(source):
                     size += target.write(piece)
                     if size > most:
-                        raise ReadError(
-                            f"{path}: grows more than {MAX_RATIO} times: no recording is compressed so much"
-                        )
+                        raise ReadError(f"grows more than {MAX_RATIO} times: no recording is compressed so much", path)
         except (zstandard.ZstdError, OSError) as error:
             damage = str(error)
             if not size:
-                raise ReadError(f"{path}: cannot be decompressed: {error}") from error
+                raise ReadError(f"cannot be decompressed: {error}", path) from error
         self.inner = bag_file(plain, shown=path)
         self.format = self.inner.format
         self.has_publish = self.inner.has_publish
@@ -126,7 +124,7 @@ def bag_file(path: Path, shown: Path) -> Container:
         with path.open("rb") as file:
             head = file.read(16)
     except OSError as error:
-        raise ReadError(f"{shown}: cannot be opened: {error.strerror or error}") from error
+        raise ReadError(f"cannot be opened: {error.strerror or error}", shown) from error
     if head.startswith(MCAP_MAGIC):
         return opened_mcap(path)
     if head == SQLITE_MAGIC:
@@ -134,8 +132,8 @@ def bag_file(path: Path, shown: Path) -> Container:
     if head.startswith(ZSTD_MAGIC) and path == shown:  # compressed once, not twice
         return CompressedContainer(path)
     if not head:
-        raise ReadError(f"{shown}: is empty")
-    raise ReadError(f"{shown}: is neither an MCAP nor an SQLite file")
+        raise ReadError("is empty", shown)
+    raise ReadError("is neither an MCAP nor an SQLite file", shown)
 
 
 def is_bag_folder(folder: Path) -> bool:
@@ -171,8 +169,9 @@ def _bag_files(folder: Path, notes: list[str]) -> list[Path]:
     if not listed and (candidates or listed is None):
         if len({_bag_name(path) for path in candidates}) > 1:
             raise ReadError(
-                f"{folder}: is a folder of several logs, no single bag (it has no {METADATA} that names them): name one of"
-                f" {_listed(candidates)}"
+                f"is a folder of several logs, no single bag (it has no {METADATA} that names them): name one of"
+                f" {_listed(candidates)}",
+                folder,
             )
         lack = f"there is no readable {METADATA}" if listed is None else f"{METADATA} names no files"
         took = f"took {plural(len(candidates), 'file')}, {_listed(candidates)}"
@@ -190,7 +189,7 @@ def _bag_files(folder: Path, notes: list[str]) -> list[Path]:
     elif missing:
         notes.append(f"{plural(len(missing), 'file')} of the bag missing: {', '.join(missing[:5])}")
     if not chosen:
-        raise ReadError(f"{folder}: has a {METADATA}, but no bag files; copy them beside it")
+        raise ReadError(f"has a {METADATA}, but no bag files; copy them beside it", folder)
     _note_others(folder, chosen, notes)
     return chosen
 

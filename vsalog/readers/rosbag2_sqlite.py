@@ -259,9 +259,9 @@ class SqliteContainer:
         """Raise ReadError where another try would fail the same way."""
         code = _code(error)
         if code in (sqlite3.SQLITE_BUSY, sqlite3.SQLITE_LOCKED):
-            raise ReadError(f"{self.path}: is locked by a program that writes it; try again later") from error
+            raise ReadError("is locked by a program that writes it; try again later", self.path) from error
         if code == sqlite3.SQLITE_ERROR:
-            raise ReadError(f"{self.path}: the table of messages cannot be read: {error}") from error
+            raise ReadError(f"the table of messages cannot be read: {error}", self.path) from error
 
     def _note_lack(self) -> None:
         """Note what is missing of the file and of its log of changes, which may hold pages that the file lacks."""
@@ -286,7 +286,7 @@ class SqliteContainer:
         try:
             return self._checked(copy)
         except _DAMAGE as error:
-            raise ReadError(f"{self.path}: the database cannot be read: {error}") from error
+            raise ReadError(f"the database cannot be read: {error}", self.path) from error
 
     def _checked(self, path: Path) -> sqlite3.Connection:
         """Open a database for reading only and see that it holds a bag."""
@@ -300,10 +300,10 @@ class SqliteContainer:
             raise
         except _DAMAGE as error:
             database.close()
-            raise ReadError(f"{self.path}: the database is damaged: {error}") from error
+            raise ReadError(f"the database is damaged: {error}", self.path) from error
         if not columns >= _COLUMNS:
             database.close()
-            raise ReadError(f"{self.path}: is an SQLite database, but no ROS 2 bag (no tables 'topics' and 'messages')")
+            raise ReadError("is an SQLite database, but no ROS 2 bag (no tables 'topics' and 'messages')", self.path)
         return database
 
     def _columns(self, database: sqlite3.Connection) -> set[str]:
@@ -327,9 +327,9 @@ class SqliteContainer:
         try:
             rows = self._database.execute(query).fetchmany(_MOST_TOPICS + 1)
         except _DAMAGE as error:
-            raise ReadError(f"{self.path}: the table of topics cannot be read: {error}") from error
+            raise ReadError(f"the table of topics cannot be read: {error}", self.path) from error
         if len(rows) > _MOST_TOPICS:
-            raise ReadError(f"{self.path}: has more than {_MOST_TOPICS} topics; no such bag is read")
+            raise ReadError(f"has more than {_MOST_TOPICS} topics; no such bag is read", self.path)
         return [row for row in rows if isinstance(row[0], int)]
 
     def _definitions(self) -> dict[str, tuple[str, str]]:

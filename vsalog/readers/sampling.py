@@ -90,9 +90,9 @@ def read_sample(
             try:
                 recording = read(small, time=time, rate=rate)
             except ReadError as error:
-                raise ReadError(str(error).replace(str(small), str(file))) from error
+                raise error.moved(small, file) from error
     except ReadError as error:
-        raise (error if file is path else ReadError(str(error).replace(str(file), str(path)))) from None
+        raise error.moved(file, path) from None
     if file is not path:
         notes = (download_note(file), *notes)
     return replace(recording, path=path, notes=(*notes, *recording.notes)), sample
@@ -112,7 +112,7 @@ def _cut(path: Path, kind: str) -> Iterator[tuple[Path, Sample | None, tuple[str
             cut = cutter(path, small, SAMPLE_BYTES)
         except OSError as error:
             raise ReadError(
-                f"{path}: no sample of it could be taken: {error.strerror or error}; --full reads it"
+                f"no sample of it could be taken: {error.strerror or error}; --full reads it", path
             ) from error
         if cut is None:
             yield path, None, ()

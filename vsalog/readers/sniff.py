@@ -52,47 +52,48 @@ def sniff(path: Path) -> str:
         if path.is_dir():
             return _sniff_folder(path)
         if path.exists() and not path.is_file():  # to open a pipe would wait for whoever writes into it
-            raise ReadError(f"{path}: is a pipe or a device, no file; write what comes out of it to a file first")
+            raise ReadError("is a pipe or a device, no file; write what comes out of it to a file first", path)
         with path.open("rb") as file:
             head = file.read(HEAD_BYTES)
     except FileNotFoundError:
-        raise ReadError(f"{path}: there is no such file") from None
+        raise ReadError("there is no such file", path) from None
     except PermissionError:
-        raise ReadError(f"{path}: may not be read (permission denied)") from None
+        raise ReadError("may not be read (permission denied)", path) from None
     except (OSError, ValueError) as error:  # ValueError: a path with a null byte
-        raise ReadError(f"{path}: cannot be opened: {getattr(error, 'strerror', None) or error}") from error
+        raise ReadError(f"cannot be opened: {getattr(error, 'strerror', None) or error}", path) from error
     return _sniff_head(path, head)
 
 
 def _sniff_folder(path: Path) -> str:
     if not is_bag_folder(path):
         raise ReadError(
-            f"{path}: is a folder, but no ROS 2 bag: it has neither a metadata.yaml nor MCAP or SQLite files;"
-            " name one of the files in it"
+            "is a folder, but no ROS 2 bag: it has neither a metadata.yaml nor MCAP or SQLite files;"
+            " name one of the files in it",
+            path,
         )
     return "rosbag2-folder"
 
 
 def _sniff_head(path: Path, head: bytes) -> str:
     if not head:
-        raise ReadError(f"{path}: is empty")
+        raise ReadError("is empty", path)
     for magic, kind in _MAGIC:
         if head.startswith(magic):
             return kind
     if _HDF5 in head[:1024]:
-        raise ReadError(f"{path}: is an HDF5 file, but none that MATLAB wrote; export its tables as Parquet or CSV")
+        raise ReadError("is an HDF5 file, but none that MATLAB wrote; export its tables as Parquet or CSV", path)
     for magic, words in _FOREIGN:
         if head.startswith(magic):
-            raise ReadError(f"{path}: {words}")
+            raise ReadError(f"{words}", path)
     if head.startswith(b"\x1f\x8b"):
         head = _gzip_head(path)
         if any(head.startswith(magic) for magic, _ in _MAGIC):
-            raise ReadError(f"{path}: is a log compressed with gzip; unpack it first")
+            raise ReadError("is a log compressed with gzip; unpack it first", path)
     if is_v4(head):
         return "matlab"
     if not looks_like_text(head):
         raise ReadError(
-            f"{path}: is of no known format; MCAP, ROS 1 and ROS 2 bags, CSV, Parquet and MATLAB files can be read"
+            "is of no known format; MCAP, ROS 1 and ROS 2 bags, CSV, Parquet and MATLAB files can be read", path
         )
     return "table"
 
@@ -102,13 +103,13 @@ def _gzip_head(path: Path) -> bytes:
         with open_text(path) as file:
             head = read_beginning(file, HEAD_BYTES)
             if not head and not file.read(1):
-                raise ReadError(f"{path}: is empty: it is compressed with gzip, and nothing is in it")
+                raise ReadError("is empty: it is compressed with gzip, and nothing is in it", path)
     except DAMAGE:
         head = b""
     except OSError as error:
-        raise ReadError(f"{path}: cannot be opened: {error.strerror or error}") from error
+        raise ReadError(f"cannot be opened: {error.strerror or error}", path) from error
     if not head:
-        raise ReadError(f"{path}: is compressed with gzip, but damaged: nothing comes out of it")
+        raise ReadError("is compressed with gzip, but damaged: nothing comes out of it", path)
     return head
 
 

@@ -76,7 +76,7 @@ class TableReader:
         clocks = self._plan.columns()
         numbers = [numbers_and_words(column) for column in self._sample]
         if not any(good and (clocks or good > words) for good, words in numbers):
-            raise ReadError(f"{path}: holds text, but no table: none of its columns holds numbers")
+            raise ReadError("holds text, but no table: none of its columns holds numbers", path)
         self._numbers = [i for i, (good, words) in enumerate(numbers) if good > words]
         whole = self._all_rows if thorough else self._first_rows
         self._slots = Slots(self._dialect.names, self._sample)
@@ -235,21 +235,22 @@ class TableReader:
                 else:
                     whole = len(head) < HEAD_BYTES
         except OSError as error:
-            raise ReadError(f"{self.path}: cannot be read: {error.strerror or error}") from error
+            raise ReadError(f"cannot be read: {error.strerror or error}", self.path) from error
         if columns := _too_many_columns(head):
-            raise ReadError(f"{self.path}: has {columns} columns; more than {MAX_COLUMNS} are no log of a machine")
+            raise ReadError(f"has {columns} columns; more than {MAX_COLUMNS} are no log of a machine", self.path)
         dialect = detect(head, whole)
         if not dialect.names or not dialect.rows:
-            raise ReadError(f"{self.path}: holds text, but no table: no row of values was found")
+            raise ReadError("holds text, but no table: no row of values was found", self.path)
         if dialect.torn:
             raise ReadError(
-                f"{self.path}: the header has {plural(dialect.torn, 'name')}, but rows have {len(dialect.names)} cells: its"
+                f"the header has {plural(dialect.torn, 'name')}, but rows have {len(dialect.names)} cells: its"
                 " numbers seem to have decimal commas while commas separate its columns too; export it with semicolons"
-                " between columns, or with decimal points"
+                " between columns, or with decimal points",
+                self.path,
             )
         if len(dialect.names) > MAX_COLUMNS:
             raise ReadError(
-                f"{self.path}: has {len(dialect.names)} columns; more than {MAX_COLUMNS} are no log of a machine"
+                f"has {len(dialect.names)} columns; more than {MAX_COLUMNS} are no log of a machine", self.path
             )
         return dialect
 

@@ -113,9 +113,9 @@ class Rows:
                     for rows in self._words.rest():
                         yield self._plain(self._without_run_on(rows))
             except pa.ArrowInvalid as error:
-                raise ReadError(f"{self._path}: cannot be parsed as a table: {error}") from error
+                raise ReadError(f"cannot be parsed as a table: {error}", self._path) from error
             except OSError as error:
-                raise ReadError(f"{self._path}: cannot be read: {error.strerror or error}") from error
+                raise ReadError(f"cannot be read: {error.strerror or error}", self._path) from error
             if text.damage:
                 self.notes.append(text.damage)
             if text.cut:

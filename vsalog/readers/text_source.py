@@ -80,8 +80,9 @@ class BoundedGzip(io.RawIOBase):
         self._size += len(data)
         if self._size > max(FREE_BYTES, _MOST_RATIO * self._compressed.tell()):
             raise ReadError(
-                f"{self._path}: becomes more than {_MOST_RATIO} times larger when it is decompressed, as no recording does;"
-                " if it is one, decompress it first"
+                f"becomes more than {_MOST_RATIO} times larger when it is decompressed, as no recording does;"
+                " if it is one, decompress it first",
+                self._path,
             )
         buffer[: len(data)] = data
         return len(data)

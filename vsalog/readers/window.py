@@ -6,6 +6,7 @@ from collections.abc import Collection
 from dataclasses import dataclass, replace
 from datetime import UTC, datetime
 from decimal import Decimal, InvalidOperation
+from pathlib import Path
 
 import numpy as np
 import pyarrow as pa
@@ -96,7 +97,7 @@ class Window:
             raise ReadError(f"the end, '{shown(str(end))}', is not after the start, '{shown(str(start))}'")
         return cls(first, last)
 
-    def bounds(self, reader: Reader, path: object, time: str) -> tuple[int, int]:
+    def bounds(self, reader: Reader, path: Path, time: str) -> tuple[int, int]:
         """Return the first and the last stamp that are in the window [ns], on the log's clock.
 
         Parameters
@@ -117,16 +118,16 @@ class Window:
         begin = _beginning(reader, time)
         if begin is None:
             raise ReadError(
-                f"{path}: has no time, so there is no start and no end in it; give the sample rate with --rate"
+                "has no time, so there is no start and no end in it; give the sample rate with --rate", path
             )
         if begin < YEAR_2000 and any(moment.dated for moment in moments):
-            raise ReadError(f"{path}: its times are no dates; give start and end in seconds from its beginning")
+            raise ReadError("its times are no dates; give start and end in seconds from its beginning", path)
         low, high = (
             None if moment is None else moment.time + (0 if moment.dated else begin)
             for moment in (self.start, self.end)
         )
         if low is not None and high is not None and high <= low:
-            raise ReadError(f"{path}: the end, {said(high)}, is not after the start, {said(low)}")
+            raise ReadError(f"the end, {said(high)}, is not after the start, {said(low)}", path)
         return -_LARGEST if low is None else low, _LARGEST if high is None else high
 
 
@@ -160,7 +161,7 @@ def cut(recording: Recording, low: int, high: int, known: Collection[str] = ()) 
         if name not in channels:
             unread[name] = NO_SAMPLE
     if (recording.channels or known) and not channels:
-        raise ReadError(f"{recording.path}: {_nothing(recording, low, high)}")
+        raise ReadError(f"{_nothing(recording, low, high)}", recording.path)
     kept = {channel.stream for channel in channels.values()}
     streams = {name: stream for name, stream in streams.items() if name in kept}
     return replace(recording, channels=channels, streams=streams, unread=unread)
