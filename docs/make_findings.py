@@ -5,13 +5,15 @@ from itertools import groupby
 from pathlib import Path
 
 from vsalog.core.finding_texts import texts
+from vsalog.core.printable import plural
 
 FIELD = re.compile(r"{(\w+)(?::[^}]*)?}")
+COUNTED = re.compile(r"{(\w+):n ([^}]*)}")
 
 
 def plain(words: str) -> str:
     """Return a text with the names of its fields in place of formats."""
-    return FIELD.sub(r"⟨\1⟩", words)
+    return FIELD.sub(r"⟨\1⟩", COUNTED.sub(lambda found: f"⟨{found[1]}⟩ {plural(2, found[2])[2:]}", words))
 
 
 def reference() -> str:
@@ -23,21 +25,19 @@ def reference() -> str:
     ]
     parts += [
         "",
-        "A finding has a `code`, the `joint` and the `part` of it that it is about, a `severity` (`info`, `warning`, or",
+        "A finding has a `code`, the `log`, the `joint` and the `part` (a transmission, roles, a stream, a column, a file) that",
+        "it is about, a `severity` (`info`, `warning`, or `invalidates`: the estimate is not to be used), the `value` that was",
+        "compared with a `limit`, their `unit`, and `evidence`, what else was measured, by name. `vsalog estimate --json` lists",
+        "those of the logs and the rig under `findings`, those of a joint under `findings` of the joint; `vsalog inspect --json`",
+        "those of each log. Codes are stable; the words may change.",
+        "",
     ]
-    parts += [
-        "`invalidates`: the estimate is not to be used), the `value` that was compared with a `limit`, their `unit`, and"
-    ]
-    parts += [
-        "`evidence`, further numbers by name. `vsalog estimate --json` lists them under `findings` of each joint. Codes are"
-    ]
-    parts += ["stable; the words may change.", ""]
     catalogue = texts()
     for family, codes in groupby(catalogue, key=lambda code: code.split(".")[0]):
         parts += [f"## {family}", ""]
         for code in codes:
             text = catalogue[code]
-            parts += [f"### {code}", "", plain(text.says), "", plain(text.advice), ""]
+            parts += [f"### {code}", "", plain(text.says), ""] + ([plain(text.advice), ""] if text.advice else [])
     return "\n".join(parts)
 
 

@@ -21,6 +21,7 @@ from vsalog.binding.long_joint import bind_long
 from vsalog.checks import signals as signal_checks
 from vsalog.core import long_signals, spool
 from vsalog.core.errors import ReadError, WriteError
+from vsalog.core.finding import Findings
 from vsalog.core.long_signals import LongSignals
 from vsalog.estimation import job
 from vsalog.estimation.job import Options, prepare
@@ -65,7 +66,7 @@ def reader_of(blocks):
         for stream, clocks, columns in blocks:
             yield Block(stream, "T", {k: np.asarray(v, np.int64) for k, v in clocks.items()}, columns)
 
-    return SimpleNamespace(format="mcap", notes=[], unread={}, rig_text=None, blocks=read_blocks)
+    return SimpleNamespace(format="mcap", findings=Findings(), unread={}, rig_text=None, blocks=read_blocks)
 
 
 def assert_same_recording(blocks, time="auto"):
@@ -78,7 +79,7 @@ def assert_same_recording(blocks, time="auto"):
             np.testing.assert_array_equal(found.stamps[:], channel.stamps)
             np.testing.assert_array_equal(found.values[:], channel.values)
     assert repr(long.look.streams) == repr(whole.streams)
-    assert long.look.notes == whole.notes
+    assert long.look.findings == whole.findings
     assert long.look.absolute_time == whole.absolute_time
     return long
 
@@ -125,7 +126,8 @@ def test_header_stamps_are_judged_over_all_of_a_stream(small):
         ("a", {"log": at[i : i + 60], "header": header[i : i + 60]}, {"a.x": np.ones(60)}) for i in range(0, 600, 60)
     ]
     long = assert_same_recording(blocks)
-    assert long.look.streams["a"].time_reason == "60 of its 600 header stamps are zero"
+    reason = long.look.streams["a"].time_finding
+    assert (reason.code, reason.value, reason.evidence["stamps"]) == ("clock.stamps_zero", 60, 600)
 
 
 @example([True] * 3 + [False] * 3, [3])
@@ -168,7 +170,8 @@ def test_samples_that_are_much_too_late_are_held_in_memory_and_told(small, monke
     recording = collect_within(Path("x"), reader_of(blocks), None, "auto", 0)
     assert not isinstance(recording, LongRecording)
     np.testing.assert_array_equal(recording.channels["a.x"].values, np.r_[x[200:], x[:200]])
-    assert "0.399 s out of order, so all of the log is held in memory" in recording.notes[-1]
+    late = recording.findings[-1]
+    assert (late.code, late.value) == ("recording.held_in_memory", pytest.approx(0.399))
 
 
 @pytest.mark.parametrize("name", ["sea_exp2.bag", "sea_exp1.csv"])
@@ -269,11 +272,12 @@ def test_estimates_are_those_in_memory(monkeypatch, samples, names, options):
     monkeypatch.setattr(job, "ROOM", 0)
     prepared = prepare(logs, Options(**options))
     assert prepared.is_long
-    assert "too long for memory" in " ".join(prepared.warnings)
+    long = [one.log for one in prepared.findings if one.code == "recording.too_long_for_memory"]
+    assert long == list(names)
     (found,) = prepared.run()
     assert repr(found.model) == repr(expected.model)
     assert repr(found.summary) == repr(expected.summary)
-    assert found.warnings == expected.warnings
+    assert found.findings == expected.findings
     assert found.settings == expected.settings
     np.testing.assert_array_equal(found.trace.time, expected.trace.time)
     for name, columns in expected.trace.transmissions.items():

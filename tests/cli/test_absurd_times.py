@@ -112,14 +112,14 @@ RIGHT = {
     "bag-2106": (bag, [T + 4_294_000_000 * 10**9] * 2),
 }
 NOTED = {
-    "mcap-header-1970": (mcap, [NOW + T, T + STEP], "before the year 2000"),
-    "mcap-header-zero": (mcap, [NOW + T, 0 * T], "all zero"),
-    "mcap-header-2038": (mcap, [NOW + T, T + (2**31 - 10) * 10**9], "more than a day apart"),
-    "mcap-header-negative": (mcap, [NOW + T, T - 2**31 * 10**9], "before the year 2000"),
-    "bag-header-2106": (bag, [NOW + T, T + 4_294_000_000 * 10**9], "log time is used"),
-    "csv-one-beyond": (csv, [["1e300", *seconds(NOW + T)[1:]]], "1 row without a time"),
-    "csv-one-2262": (csv, [[*seconds(NOW + T)[:-1], *seconds([LIMIT])]], "1 sample left out"),
-    "mcap-one-beyond": (mcap, [[*(NOW + T)[:-1], 2**64 - 1], NOW + T], "left out"),
+    "mcap-header-1970": (mcap, [NOW + T, T + STEP], "clock.stamps_before_2000"),
+    "mcap-header-zero": (mcap, [NOW + T, 0 * T], "clock.stamps_zero"),
+    "mcap-header-2038": (mcap, [NOW + T, T + (2**31 - 10) * 10**9], "clock.stamps_far"),
+    "mcap-header-negative": (mcap, [NOW + T, T - 2**31 * 10**9], "clock.stamps_before_2000"),
+    "bag-header-2106": (bag, [NOW + T, T + 4_294_000_000 * 10**9], "clock."),
+    "csv-one-beyond": (csv, [["1e300", *seconds(NOW + T)[1:]]], "clock.rows_without_time"),
+    "csv-one-2262": (csv, [[*seconds(NOW + T)[:-1], *seconds([LIMIT])]], "clock.beyond_reach"),
+    "mcap-one-beyond": (mcap, [[*(NOW + T)[:-1], 2**64 - 1], NOW + T], "clock.beyond_reach"),
 }
 REFUSED = {
     "csv-2262": (csv, [seconds(LIMIT - T[::-1])], "before the year 1823 or after 2116"),
@@ -170,7 +170,7 @@ def check(call, folder):
     trace = pq.read_table(folder / "log.stiffness.parquet").to_pydict()
     assert np.nanmedian(trace["stiffness"]) == pytest.approx(STIFFNESS, rel=0.02)
     assert trace["time"][-1] - trace["time"][0] == pytest.approx(1.998, abs=0.01)
-    return json.dumps(log["notes"]) + err
+    return json.dumps(log["findings"]) + err
 
 
 @pytest.mark.parametrize("name", RIGHT)
@@ -181,10 +181,10 @@ def test_times_that_are_odd_but_right(name, tmp_path, call):
 
 
 @pytest.mark.parametrize("name", NOTED)
-def test_another_clock_or_fewer_samples_and_a_note(name, tmp_path, call):
-    write, args, words = NOTED[name]
+def test_another_clock_or_fewer_samples_is_a_finding(name, tmp_path, call):
+    write, args, code = NOTED[name]
     lay(tmp_path, write, *args)
-    assert words in check(call, tmp_path)
+    assert code in check(call, tmp_path)
 
 
 @pytest.mark.parametrize("name", REFUSED)

@@ -107,8 +107,11 @@ def test_without_a_time_samples_are_counted(tmp_path):
     path.write_text("a,b\n" + "".join(f"{i},{i * i % 7}\n" for i in range(500)))
     text = inspect(path)
     assert text.splitlines()[0].endswith("csv, 500 samples, 1 stream, 2 channels")
-    assert text.count("there is no time column") == 1
-    assert json.loads(inspect(path, "--json"))["logs"][0]["duration"] is None
+    assert text.count("has no time column") == 1
+    report = json.loads(inspect(path, "--json"))["logs"][0]
+    assert report["duration"] is None
+    assert [one["code"] for one in report["findings"]] == ["clock.missing"]
+    assert report["notes"] == report["warnings"]
 
 
 @pytest.mark.parametrize(
@@ -128,9 +131,7 @@ def test_durations_have_the_unit_that_reads_best(duration, words):
     assert seconds(duration) == words
 
 
-@pytest.mark.parametrize(
-    ("late", "words"), [(1, "1 sample came out of order and was"), (2, "2 samples came out of order and were")]
-)
+@pytest.mark.parametrize(("late", "words"), [(1, "1 sample came out of order."), (2, "2 samples came out of order.")])
 def test_one_sample_is_singular(tmp_path, late, words):
     times = [*range(60)]
     for i in range(late):

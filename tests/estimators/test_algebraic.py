@@ -117,7 +117,7 @@ def recorded(played, noise=0.0, step=0.0, turns=0.0, seed=0):
     stamps = np.round(t * 1e9).astype(np.int64)
     channels = {n: Channel(n, stamps, v, None, "table", "table") for n, v in columns.items()}
     return Recording(
-        path=Path("log.csv"), format="csv", channels=channels, streams={}, unread={}, rig_text=None, notes=()
+        path=Path("log.csv"), format="csv", channels=channels, streams={}, unread={}, rig_text=None, findings=()
     )
 
 

@@ -65,18 +65,18 @@ def read(path):
         "channels": {(one.id, one.topic, one.encoding) for one in connections},
         "attachments": [(one.name, bytes(one.data)) for one in attachments],
         "metadata": [(one.name, dict(one.metadata)) for one in metadata],
-    }, container.notes
+    }, container.findings
 
 
 def main(folder):
     """Compare all files of a folder; returns the exit code."""
     files, count = sorted(Path(folder).rglob("*.mcap")), Counter()
     for path in files:
-        found, notes = read(path)
+        found, damage = read(path)
         wrong = [what for what, values in expected(path).items() if found[what] != values]
-        count["same"] += not wrong and not notes
-        if wrong or notes:
-            print(f"{path.name}: {', '.join(wrong)} differ; notes: {notes}")
+        count["same"] += not wrong and not damage
+        if wrong or damage:
+            print(f"{path.name}: {', '.join(wrong)} differ; findings: {damage}")
     print(f"{count['same']} of {len(files)} files as their JSON says")
     return 0 if files and count["same"] == len(files) else 1
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from finding_codes import found
 from write_logs import MS, START, McapLog, joint_state
 
 from vsalog.readers import read, read_within
@@ -22,8 +23,7 @@ def log_of(path, *joints):
 
 
 def told(path):
-    notes = [read(path).notes, read_within(0, path).look.notes]
-    said = [sum("back and forth" in note for note in some) for some in notes]
+    said = [len(found(log, "recording.values_alternate")) for log in (read(path), read_within(0, path).look)]
     assert said[0] == said[1] <= 1
     return bool(said[0])
 

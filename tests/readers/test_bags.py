@@ -7,6 +7,7 @@ import sqlite3
 
 import numpy as np
 import pytest
+from finding_codes import codes, found, values_of
 from random_messages import STORES
 from rosbags import rosbag1, rosbag2
 from write_logs import JOINT_STATE, MS, START, joint_state, joints_mcap, serialised
@@ -58,7 +59,7 @@ def check(recording, count=COUNT):
 def test_ros1_bag(tmp_path, compression):
     recording = read(write_bag1(tmp_path / "log", compression))
     assert recording.format == "rosbag1"
-    assert recording.notes == ()
+    assert recording.findings == ()
     check(recording)
     assert "/joint_states.header.seq" in recording.channels
 
@@ -78,7 +79,7 @@ def test_a_ros1_bag_that_was_cut_off(tmp_path, fraction):
     recording = read(path)
     check(recording, recording.streams["/joint_states"].count)
     assert 0 < recording.streams["/joint_states"].count < COUNT
-    assert any("cut off" in note for note in recording.notes)
+    assert "recording.index_cut_off" in codes(recording)
 
 
 def test_a_ros1_bag_without_index(tmp_path):
@@ -88,7 +89,7 @@ def test_a_ros1_bag_without_index(tmp_path):
     path.write_bytes(raw[:at] + bytes(8) + raw[at + 8 :])
     recording = read(path)
     check(recording)
-    assert any("no index" in note for note in recording.notes)
+    assert "recording.no_index" in codes(recording)
 
 
 def test_a_ros1_bag_with_a_bad_chunk(tmp_path):
@@ -99,7 +100,7 @@ def test_a_ros1_bag_with_a_bad_chunk(tmp_path):
     path.write_bytes(raw)
     recording = read(path)
     assert 0 < recording.streams["/joint_states"].count < COUNT
-    assert any("damaged" in note for note in recording.notes)
+    assert "recording.chunks_damaged" in codes(recording)
 
 
 @pytest.mark.parametrize("compression", ["BZ2", "LZ4"])
@@ -114,9 +115,10 @@ def test_of_a_damaged_chunk_is_said_which_it_is_and_what_it_cost(tmp_path, compr
     raw[end - 200 : end - 100] = bytes(100)
     path.write_bytes(raw)
     recording = read(path)
-    (note,) = recording.notes
-    assert f"1 of {len(chunks)} chunks damaged, {lost} messages lost at most" in note
-    assert f"chunk 3 at byte {chunks[2].pos}: cannot be decompressed" in note
+    damage, loss = recording.findings
+    assert (damage.code, damage.value, damage.evidence["chunks"]) == ("recording.chunks_damaged", 1, len(chunks))
+    assert f"chunk 3 at byte {chunks[2].pos}: cannot be decompressed" in damage.evidence["where"]
+    assert (loss.code, loss.value) == ("recording.messages_lost", lost)
     kept = np.r_[0:before, before + lost : COUNT]
     np.testing.assert_array_equal(recording.channel("/joint_states.position[elbow]").values, kept)
 
@@ -129,7 +131,7 @@ def test_a_damaged_chunk_of_a_bag_without_index(tmp_path):
     end = raw.index(b"op=\x04", chunks[2].pos)
     raw[end - 200 : end - 100] = bytes(100)
     path.write_bytes(raw[: chunks[5].pos])
-    assert any("the index does not tell how many messages are lost" in note for note in read(path).notes)
+    assert "recording.loss_unknown" in codes(read(path))
 
 
 def test_ros1_bags_of_another_version_are_refused(tmp_path):
@@ -166,7 +168,7 @@ def test_a_ros2_bag_in_pieces_without_metadata(tmp_path):
     (folder / "remark.txt").write_text("hello")
     recording = read(folder)
     assert recording.streams["/joint_states"].duplicates == 20  # the same ten messages in each file
-    assert any("took 3 files" in note for note in recording.notes)
+    assert values_of(recording, "recording.no_file_list") == [3]
 
 
 def test_a_folder_of_several_logs_is_no_bag(tmp_path):
@@ -186,9 +188,8 @@ def test_logs_beside_a_bag_are_named(tmp_path, metadata):
         (tmp_path / "metadata.yaml").write_text(f"rosbag2_bagfile_information:\n{names}")
     recording = read(tmp_path)
     assert recording.streams["/joint_states"].count == 10
-    (note,) = (note for note in recording.notes if "left out" in note)
-    assert "other.csv" in note
-    assert ("walk.mcap" in note) is metadata
+    (others,) = found(recording, "recording.other_logs")
+    assert others.evidence["logs"] == ("other.csv, walk.mcap" if metadata else "other.csv")
 
 
 def test_metadata_never_lead_out_of_the_folder(tmp_path):
@@ -200,7 +201,7 @@ def test_metadata_never_lead_out_of_the_folder(tmp_path):
     (folder / "metadata.yaml").write_text(f"rosbag2_bagfile_information:\n{names}")
     recording = read(folder)
     assert recording.streams["/joint_states"].count == 5
-    assert any("missing: outside, passwd" in note for note in recording.notes)
+    assert values_of(recording, "recording.files_missing") == [2]
 
 
 def test_a_broken_file_of_a_ros2_bag_does_not_hide_the_others(tmp_path):
@@ -210,16 +211,17 @@ def test_a_broken_file_of_a_ros2_bag_does_not_hide_the_others(tmp_path):
     (folder / "empty.mcap").write_bytes(b"")
     recording = read(folder)
     check(recording)
-    assert any("empty.mcap was left out: is empty" in note for note in recording.notes)
+    (left_out,) = found(recording, "recording.file_left_out")
+    assert (left_out.part, left_out.evidence["reason"]) == ("empty.mcap", "is empty")
 
 
 def test_files_that_are_missing_by_their_numbers(tmp_path):
     for number in (0, 2, 3):
         joints_mcap(tmp_path / f"run_{number}.mcap", 10)
-    assert any("1 file of the bag missing, by the numbers: run_1" in note for note in read(tmp_path).notes)
+    assert values_of(read(tmp_path), "recording.files_missing") == [1]
     (tmp_path / "run_2.mcap").rename(tmp_path / "run_1.mcap")
     (tmp_path / "run_3.mcap").rename(tmp_path / "run_2.mcap")
-    assert not any("missing" in note for note in read(tmp_path).notes)
+    assert "recording.files_missing" not in codes(read(tmp_path))
 
 
 @pytest.mark.parametrize("closed", ["bag_1.mcap", "metadata.yaml"])
@@ -239,8 +241,8 @@ def test_a_file_of_a_bag_that_may_not_be_read(tmp_path, monkeypatch, closed):
     recording = read(tmp_path)
     check(recording, 10)
     assert recording.streams["/joint_states"].duplicates == (0 if closed == "bag_1.mcap" else 10)
-    words = "bag_1.mcap was left out: cannot be opened: Permission denied"
-    assert any((words if closed == "bag_1.mcap" else "no readable metadata.yaml") in note for note in recording.notes)
+    code = "recording.file_left_out" if closed == "bag_1.mcap" else "recording.no_file_list"
+    assert [one.part for one in found(recording, code)] == [closed]
 
 
 @pytest.mark.parametrize(
@@ -258,7 +260,7 @@ def test_metadata_that_name_no_file_do_not_hide_the_bag(tmp_path, text):
     (folder / "metadata.yaml").write_text(text)
     recording = read(folder)
     check(recording)
-    assert any("metadata.yaml names no files" in note and "took 1 file" in note for note in recording.notes)
+    assert values_of(recording, "recording.no_file_list") == [1]
 
 
 def test_a_folder_with_metadata_only(tmp_path):
@@ -358,7 +360,7 @@ def test_a_damaged_database_gives_the_rest(tmp_path):
     path.write_bytes(raw)
     recording = read(path)
     assert COUNT / 2 < recording.streams["/joint_states"].count < COUNT
-    assert any("cannot be read" in note for note in recording.notes)
+    assert "recording.rows_unreadable" in codes(recording)
 
 
 def test_a_database_that_is_no_bag(tmp_path):

@@ -79,7 +79,7 @@ def test_joints_that_come_in_messages_of_their_own_keep_all_their_samples(tmp_pa
                 np.testing.assert_array_equal(channel.values, [value(name, i) for i in range(COUNT)])
         for stream in recording.streams.values():
             assert (stream.count, stream.conflicts, stream.duplicates) == (COUNT, 0, 0)
-        assert stamped == (not recording.notes)
+        assert stamped == (not recording.findings)
 
 
 def test_publishers_of_different_rates_have_streams_of_their_own(tmp_path):
@@ -95,7 +95,7 @@ def test_publishers_of_different_rates_have_streams_of_their_own(tmp_path):
     gripper = recording.channel("/j.position[gripper]")
     np.testing.assert_array_equal(gripper.stamps, START + np.arange(40) * 10 * MS + MS // 2)
     assert meaning_of(gripper).quantity == meaning_of(recording.channel("/j.position[a]")).quantity == "position"
-    assert recording.notes == ()
+    assert recording.findings == ()
 
 
 def test_messages_of_the_same_stamp_that_complete_one_another_lose_nothing(tmp_path):
@@ -107,7 +107,7 @@ def test_messages_of_the_same_stamp_that_complete_one_another_lose_nothing(tmp_p
     assert set(recording.streams) == {"/j"}
     for name, sign in ("a", 1), ("b", -1):
         np.testing.assert_array_equal(recording.channel(f"/j.position[{name}]").values, sign * np.arange(COUNT))
-    assert recording.notes == ()
+    assert recording.findings == ()
 
 
 def test_a_number_that_was_sent_as_nan_and_a_few_that_were_not_sent_stay_in_the_stream(tmp_path):
@@ -122,7 +122,7 @@ def test_a_number_that_was_sent_as_nan_and_a_few_that_were_not_sent_stay_in_the_
     np.testing.assert_array_equal(recording.channel("/j.velocity[a]").values, np.where(i % 2, np.nan, i))
     assert np.isnan(recording.channel("/j.velocity[b]").values).all()
     np.testing.assert_array_equal(recording.channel("/j.effort[b]").values, np.where(i % 8, i, np.nan))
-    assert recording.notes == ()
+    assert recording.findings == ()
 
 
 def test_values_that_are_sent_seldom_have_a_stream_of_their_own(tmp_path):
@@ -146,8 +146,9 @@ def test_a_damaged_name_is_told_and_costs_the_others_nothing_else(tmp_path, alon
             sent.append((START + i * MS + k, START + i * MS + k, shown, [i] * len(names)))
     path = mcap(tmp_path / "log", sent)
     recording = read_within(0, path).look if large else read(path)
-    (note,) = recording.notes
-    assert f"position[elbnw] is in 1 of {len(sent)} messages only" in note
+    (stray,) = recording.findings
+    assert (stray.code, stray.value, stray.evidence["messages"]) == ("recording.stray_names", 1, len(sent))
+    assert stray.evidence["names"] == "position[elbnw]"
     stamps = START + np.arange(1200) * MS
     expected = np.where(np.arange(1200) == 700, np.nan, np.arange(1200))
     np.testing.assert_array_equal(at(recording.channel("/j.position[elbow]"), stamps), expected)
@@ -161,7 +162,7 @@ def test_what_comes_seldom_without_taking_another_ones_place_is_not_told(tmp_pat
         log.add_json("/q", {"q": i, "tau": -i, **({"error": 3} if i == 600 else {})}, START + i * MS)
         log.add_json("/r", {"r": i} if i != 5 else {"state": 1}, START + i * MS)
         log.add_json("/s", {f"key{i}": i}, START + i * MS)
-    assert read(log.save(tmp_path / "log")).notes == ()
+    assert read(log.save(tmp_path / "log")).findings == ()
 
 
 def test_thousands_of_names_are_parts_no_more_than_can_be_told_apart(tmp_path):

@@ -137,7 +137,7 @@ def wrong_and_found(recording):
 
 def test_the_whole_log(log):
     recording = read(log[2])
-    assert recording.notes == ()
+    assert recording.findings == ()
     wrong, (joints, numbers) = wrong_and_found(recording)
     assert wrong == 0
     np.testing.assert_array_equal(joints, np.arange(COUNT))
@@ -156,7 +156,7 @@ def test_changed_bytes(log):
             continue
         wrong, (joints, numbers) = wrong_and_found(recording)
         missing = 2 * COUNT - joints.size - numbers.size
-        told = bool(recording.notes) or bool(recording.unread)
+        told = bool(recording.findings) or bool(recording.unread)
         if kind not in TRUSTING:
             assert not wrong or told, (place, wrong)
         assert not missing or told or wrong, (place, missing)
@@ -174,7 +174,7 @@ def test_cut_off(log):
             continue
         wrong, (joints, numbers) = wrong_and_found(recording)
         assert wrong <= 2 * (kind == "sqlite3")  # the row at the cut
-        assert joints.size + numbers.size == 2 * COUNT or recording.notes
+        assert joints.size + numbers.size == 2 * COUNT or recording.findings
         if kind != "sqlite3":
             np.testing.assert_array_equal(joints, np.arange(joints.size))
             assert joints.size >= COUNT * place / len(raw) * 0.6 - 45

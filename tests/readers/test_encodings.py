@@ -6,6 +6,7 @@ import struct
 
 import numpy as np
 import pytest
+from finding_codes import values_of
 from write_logs import MS, START, McapLog
 
 from vsalog.readers import read
@@ -48,7 +49,7 @@ def test_messages_of_two_encodings(tmp_path):
     recording = read(log.save(tmp_path / "log"))
     np.testing.assert_array_equal(recording.channel("/t.x").values, [1.5] * 90)
     assert "XCDR2" in recording.unread["/t"]
-    assert any("10 of 100 messages" in note for note in recording.notes)
+    assert values_of(recording, "recording.messages_damaged") == [10]
 
 
 @pytest.mark.parametrize(

@@ -78,7 +78,7 @@ def test_a_log_of_any_name_in_a_folder_of_any_name(tmp_path, kind):
     FORMATS[kind](path)
     recording = read(path)
     assert recording.channels
-    assert not [note for note in recording.notes if "metadata.yaml" not in note]
+    assert not [one for one in recording.findings if one.part != "metadata.yaml"]
     assert read(path, start=0.0, end=0.02).channels
     repair(path, path.with_name(NAME + "new"))
     assert {p.name for p in path.parent.iterdir()} == {NAME, NAME + "new"}

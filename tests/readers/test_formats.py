@@ -7,6 +7,7 @@ import os
 
 import numpy as np
 import pytest
+from finding_codes import codes
 from hypothesis import given
 from hypothesis import strategies as st
 from write_logs import START, McapLog, joints_mcap
@@ -138,5 +139,5 @@ def test_a_rate_that_is_not_used_is_told(tmp_path):
     log = McapLog()
     log.add_json("/x", {"x": 1}, START)
     path = log.save(tmp_path / "log")
-    assert read(path).notes == ()
-    assert any("rate" in note and "not used" in note for note in read(path, rate=100.0).notes)
+    assert read(path).findings == ()
+    assert "clock.rate_not_used" in codes(read(path, rate=100.0))

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from finding_codes import codes
 from mcap.reader import make_reader
 from mcap.writer import CompressionType, IndexType
 from random_messages import STORES
@@ -75,9 +76,9 @@ def test_all_logs_in_a_file_are_read_and_told(tmp_path, write, options, logs):
     path, raws = joined(tmp_path, write, *logs, **options)
     for recording in (read(path), read_within(0, path).look, read(path, start=0)):
         assert_all_there(recording, logs)
-        (note,) = recording.notes
-        assert f"{len(logs)} logs stand one behind another" in note
-        assert f"begin at byte {len(raws[0])}" in note
+        (joined_logs,) = recording.findings
+        assert (joined_logs.code, joined_logs.value) == ("recording.joined", len(logs))
+        assert joined_logs.evidence["further"].split(", ")[0] == str(len(raws[0]))
     cut = cut_mcap if write is mcap else cut_rosbag1
     assert cut(path, tmp_path / "sample", 1) is None
 
@@ -91,7 +92,7 @@ def test_no_log_takes_the_topics_of_the_one_behind_it_that_was_cut_off(tmp_path,
     values = recording.channel("/a.position[x]").values
     assert 10 < values.size < COUNT
     np.testing.assert_array_equal(values, np.arange(values.size))
-    assert sum("cut off" in note for note in recording.notes) == 1
+    assert codes(recording).count("recording.truncated") == 1
 
 
 def test_a_bag_that_was_cut_off_ahead_of_another_one(tmp_path):
@@ -99,7 +100,7 @@ def test_a_bag_that_was_cut_off_ahead_of_another_one(tmp_path):
     path.write_bytes(raws[0][: len(raws[0]) - 100] + raws[1])
     recording = read(path)
     assert_all_there(recording, [("/a", 0), ("/b", COUNT)])
-    assert len(recording.notes) > 1
+    assert len(recording.findings) > 1
 
 
 @pytest.mark.parametrize("cut", [0, 5])
@@ -113,7 +114,7 @@ def test_a_log_attached_to_another_one_is_no_further_one(tmp_path, cut):
     path.write_bytes(log.bytes()[: -cut or None])
     recording = read(path)
     assert_all_there(recording, [("/a", 0)])
-    assert not any("logs" in note for note in recording.notes)
+    assert "recording.joined" not in codes(recording)
 
 
 def test_logs_in_one_file_within_a_folder_and_repaired(tmp_path):

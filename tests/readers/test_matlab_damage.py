@@ -7,6 +7,7 @@ from io import BytesIO
 
 import numpy as np
 import pytest
+from finding_codes import codes, found, values_of
 from scipy.io import savemat
 from scipy.sparse import csc_matrix
 
@@ -64,7 +65,7 @@ def test_what_contradicts_itself_is_left_out(tmp_path, name):
     path.write_bytes(HEADER + SOUND + BAD[name])
     recording = read(path)
     assert recording.channel("sound").values.tolist() == [1, 2, 3]
-    assert any("of the MATLAB file damaged" in note for note in recording.notes)
+    assert "recording.variables_damaged" in codes(recording)
     path.write_bytes(HEADER + BAD[name])
     with pytest.raises(ReadError, match="damaged"):
         read(path)
@@ -88,7 +89,7 @@ def test_a_variable_behind_one_whose_length_is_wrong(tmp_path, order):
         (tmp_path / "log").write_bytes(head + first[:4] + struct.pack(order + "I", length) + first[8:] + last)
         recording = read(tmp_path / "log")
         assert recording.channel("last").values.tolist() == [4, 5, 6]
-        assert any("1 variable of the MATLAB file damaged" in note for note in recording.notes)
+        assert values_of(recording, "recording.variables_damaged") == [1]
 
 
 @pytest.mark.parametrize("compressed", [False, True])
@@ -107,7 +108,7 @@ def test_a_variable_whose_length_is_wrong_hides_no_other(tmp_path, compressed, b
         if name != "b":
             np.testing.assert_array_equal(recording.channel(f"{name}.x").values, content["x"])
             np.testing.assert_array_equal(recording.channel(f"{name}.x").stamps, np.arange(6) * 10**6)
-    assert any("1 variable of the MATLAB file damaged" in note for note in recording.notes)
+    assert values_of(recording, "recording.variables_damaged") == [1]
 
 
 @pytest.mark.parametrize("compressed", [False, True])
@@ -123,7 +124,8 @@ def test_of_a_structure_that_is_cut_off_whole_fields_are_read(tmp_path, compress
     for name, channel in recording.channels.items():
         np.testing.assert_array_equal(channel.values, content[name.removeprefix("s.")])
         np.testing.assert_array_equal(channel.stamps, np.arange(1000) * 10**6)
-    assert any("damaged, the rest was read (at byte 128: it is cut off)" in note for note in recording.notes)
+    (damage,) = found(recording, "recording.variables_damaged")
+    assert damage.evidence["reason"] == "at byte 128: it is cut off"
     assert [why for why in recording.unread.values() if why.startswith("damaged")]
 
 
@@ -141,7 +143,7 @@ def test_cells_that_are_missing_behind_others(tmp_path):
     (tmp_path / "log").write_bytes(HEADER + matrix(1, (10**9, 1), matrix(6, (3, 1), doubles([1, 2, 3]), name=b"")))
     recording = read(tmp_path / "log")
     assert recording.channel("x[0]").values.tolist() == [1, 2, 3]
-    assert any("'x[1]' of the MATLAB file is damaged" in note for note in recording.notes)
+    assert [one.part for one in found(recording, "recording.variable_damaged")] == ["x[1]"]
 
 
 def test_lengths_that_are_wrong_throughout_come_to_an_end(tmp_path):
@@ -164,21 +166,20 @@ def test_a_damaged_field_takes_no_other_along(tmp_path):
     np.testing.assert_array_equal(recording.channel("s.good").values, T + 0.25)
     np.testing.assert_array_equal(recording.channel("s.good").stamps, np.arange(6) * 10**6)
     assert recording.unread["s.bad"].startswith("damaged: ")
-    assert any("'s.bad' of the MATLAB file is damaged" in note for note in recording.notes)
-    assert any("'s.c[0]' of the MATLAB file is damaged" in note for note in recording.notes)
+    assert [one.part for one in found(recording, "recording.variable_damaged")] == ["s.bad", "s.c[0]"]
 
 
 def test_bytes_that_would_take_eight_times_their_room_as_numbers_are_left_out(tmp_path):
     savemat(tmp_path / "log", {"x": T, "z": np.zeros(40_000_000, np.uint8)}, do_compression=True, appendmat=False)
     recording = read(tmp_path / "log")
     assert list(recording.channels) == ["x"]
-    assert any("'z' of the MATLAB file is left out: 40000000 values" in note for note in recording.notes)
+    assert values_of(recording, "recording.variable_too_large") == [40000000]
 
 
 def test_a_file_without_variables_says_so(tmp_path):
     path = tmp_path / "log"
     path.write_bytes(HEADER)
-    assert any("holds no variables" in note for note in read(path).notes)
+    assert "recording.no_variables" in codes(read(path))
     path.write_bytes(HEADER[:100])
     with pytest.raises(ReadError, match="cut off within its header"):
         read(path)

@@ -7,6 +7,7 @@ from io import BytesIO
 
 import numpy as np
 import pytest
+from finding_codes import codes
 from scipy.io import savemat
 from scipy.sparse import csc_matrix
 
@@ -44,7 +45,7 @@ def test_numbers_of_every_type(tmp_path):
     savemat(tmp_path / "log", content, format="4", appendmat=False)
     recording = read(tmp_path / "log")
     assert recording.format == "matlab"
-    assert recording.notes == ()
+    assert recording.findings == ()
     expected = {"column": T * 2, "single": (T * 4).astype(np.float32), "table[0]": T, "table[1]": T + 1}
     expected |= dict.fromkeys(("int32", "int16", "uint16", "uint8"), np.arange(50))
     assert recording.channels.keys() == expected.keys()
@@ -84,7 +85,7 @@ def test_what_is_ahead_of_damage_is_read(tmp_path, bad):
     (tmp_path / "log").write_bytes(matrix("t", T) + matrix("q", T * 3) + bad + matrix("z", T))
     recording = read(tmp_path / "log")
     np.testing.assert_array_equal(recording.channel("q").values, T * 3)
-    assert any("read up to there" in note and "values may be wrong" in note for note in recording.notes)
+    assert "recording.values_doubtful" in codes(recording)
     assert "z" not in recording.channels
 
 

@@ -8,6 +8,7 @@ import sys
 import h5py
 import numpy as np
 import pytest
+from finding_codes import codes, found, values_of
 from scipy.io import savemat
 
 from vsalog.core.errors import ReadError
@@ -119,7 +120,8 @@ def test_links_to_other_places_are_not_followed(tmp_path):
     recording = read(path)
     assert "y" in recording.channels
     assert all(values.size == 6 for values in (c.values for c in recording.channels.values()))
-    assert any("in another file" in note for note in recording.notes)
+    (damage,) = found(recording, "recording.variables_damaged")
+    assert "in another file" in damage.evidence["reason"]
 
 
 def test_absurd_sizes_are_refused(tmp_path):
@@ -128,7 +130,8 @@ def test_absurd_sizes_are_refused(tmp_path):
     huge.attrs["MATLAB_class"] = np.bytes_("double")
     recording = read(log.save({"y": np.arange(6.0)}))
     assert list(recording.channels) == ["y"]
-    assert any("announces 8000000000000 bytes" in note for note in recording.notes)
+    (damage,) = found(recording, "recording.variables_damaged")
+    assert "announces 8000000000000 bytes" in damage.evidence["reason"]
 
 
 def test_damage_is_no_crash_and_no_wrong_value(tmp_path):
@@ -166,7 +169,7 @@ def test_a_changed_byte_never_takes_samples_away_without_a_word(tmp_path):
     """Nothing vouches for what describes the numbers in HDF5's older layouts, which MATLAB writes."""
     small = {name: value for name, value in CONTENT.items() if name != "image"}
     path = Matlab(tmp_path / "log").save(small)
-    raw, sound, said = path.read_bytes(), content(read(path)), set(read(path).notes)
+    raw, sound, said = path.read_bytes(), content(read(path)), read(path).findings
     rng, unseen = np.random.default_rng(11), 0
     # Most of the file is empty: only bytes that are something, or lie beside these, are changed.
     filled = np.flatnonzero(np.convolve(np.frombuffer(raw, np.uint8) > 0, np.ones(5), "same"))
@@ -179,7 +182,7 @@ def test_a_changed_byte_never_takes_samples_away_without_a_word(tmp_path):
         except ReadError:
             continue
         found = content(recording)
-        if not set(recording.notes) - said:
+        if all(one in said for one in recording.findings):
             lost = {name for name in sound.keys() - found.keys() if not name.startswith(tuple(recording.unread))}
             assert len(lost) <= len(found.keys() - sound.keys()), place  # they may have another name
             unseen += any(found[name][0] != sound[name][0] for name in found.keys() & sound.keys())
@@ -194,9 +197,7 @@ def test_a_dataset_without_values_is_no_row_of_zeros(tmp_path):
         made.attrs["MATLAB_class"] = np.bytes_("double")
     recording = read(log.save({"x": T}))
     assert list(recording.channels) == ["x"]
-    assert any(
-        "2 variables of the MATLAB file left out (parts of its values are missing)" in note for note in recording.notes
-    )
+    assert values_of(recording, "recording.variables_damaged") == [2]
 
 
 def test_members_that_are_listed_but_not_found_are_told(tmp_path):
@@ -211,6 +212,6 @@ def test_members_that_are_listed_but_not_found_are_told(tmp_path):
         except ReadError:  # that of the file itself
             continue
         lost = sound.channels.keys() - recording.channels.keys()
-        assert not lost or any("left out" in note for note in recording.notes)
+        assert not lost or "recording.variables_damaged" in codes(recording)
         told += bool(lost)
     assert told > 1

@@ -6,6 +6,7 @@ import struct
 
 import numpy as np
 import pytest
+from finding_codes import codes, values_of
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from random_messages import STORES
@@ -29,10 +30,10 @@ def test_joints_by_name_with_header_stamps(tmp_path):
     assert "/joint_states.effort[elbow]" not in recording.channels
     assert not any("frame_id" in name for name in [*recording.channels, *recording.unread])
     stream = recording.streams["/joint_states"]
-    assert (stream.count, stream.time_source, stream.time_reason) == (100, "header", "")
+    assert (stream.count, stream.time_source, stream.time_finding) == (100, "header", None)
     assert stream.delay_median == pytest.approx(1e-4)
     assert stream.delay_spread == pytest.approx(0, abs=1e-9)
-    assert recording.notes == ()
+    assert recording.findings == ()
 
 
 def test_joints_that_come_go_and_change_places(tmp_path):
@@ -172,7 +173,7 @@ def test_json_messages(tmp_path):
     np.testing.assert_array_equal(recording.channel("/json.deep.x[0]").values, 1)
     assert recording.channel("/json.q[a]").stamps.tolist() == [1_700_000_000 * 10**9 + i * MS for i in range(3)]
     assert recording.unread["/json.s"] == "text"
-    assert any("1 of 4 messages are no JSON objects" in note for note in recording.notes)
+    assert values_of(recording, "recording.messages_damaged") == [1]
 
 
 def test_json_objects_that_tell_their_names(tmp_path):
@@ -202,7 +203,7 @@ def test_json_with_numbers_that_json_has_not(tmp_path):
     np.testing.assert_array_equal(recording.channel("/json.i").values, [0, 1, 2])
     assert np.isnan(recording.channel("/nan.q").values).all()
     assert recording.unread["/broken"] == "no message is a JSON object"
-    assert any("1 of 4 messages are no JSON objects" in note for note in recording.notes)
+    assert values_of(recording, "recording.messages_damaged") == [1]
 
 
 @pytest.mark.parametrize("others", [0, 50])
@@ -223,7 +224,9 @@ def test_json_beyond_numbers_and_characters_is_read_as_python_does(tmp_path, oth
     recording = read(log.save(tmp_path / "log"))
     np.testing.assert_array_equal(recording.channel("/q.q").values, [*range(others), np.inf, -np.inf, 7])
     np.testing.assert_array_equal(recording.channel("/q.tau").values, [1] * others + [2] * 3)
-    assert recording.notes == (f"/q: 1 of {others + 4} messages are no JSON objects and were left out",)
+    (unfit,) = recording.findings
+    assert (unfit.code, unfit.part, unfit.value) == ("recording.messages_damaged", "/q", 1)
+    assert unfit.evidence["messages"] == others + 4
 
 
 def test_halves_of_characters_in_json_names_cannot_disturb_anything(tmp_path):
@@ -259,7 +262,7 @@ def test_a_log_that_was_cut_off_is_read_as_far_as_it_goes(tmp_path, chunked):
         values = recording.channel("/joint_states.position[elbow]").values
         counts.append(len(values))
         np.testing.assert_array_equal(values, np.arange(len(values)))
-        assert any("cut off" in note for note in recording.notes)
+        assert "recording.truncated" in codes(recording)
     assert 0 < counts[0] < counts[1] < counts[2] < 200
 
 
@@ -279,7 +282,7 @@ def test_a_damaged_chunk_does_not_hide_the_others(tmp_path):
     assert 200 < len(values) < 300
     assert values[0] == 0
     assert values[-1] == 299
-    assert any("damaged" in note for note in recording.notes)
+    assert "recording.chunks_damaged" in codes(recording)
 
 
 def test_a_flipped_bit_outside_of_chunks_is_noticed(tmp_path):
@@ -287,7 +290,7 @@ def test_a_flipped_bit_outside_of_chunks_is_noticed(tmp_path):
     raw = bytearray(path.read_bytes())
     raw[raw.index(struct.pack("<d", 42.0))] ^= 1
     path.write_bytes(raw)
-    assert any("checksum" in note for note in read(path).notes)
+    assert "recording.bad_checksum" in codes(read(path))
 
 
 @settings(max_examples=40, deadline=None)

@@ -27,7 +27,7 @@ def test_no_message_of_a_chunk_with_a_damaged_head_is_taken_unverified(tmp_path,
     raw[value + 6] ^= 0x10
     path.write_bytes(raw if whole else raw[: len(raw) // 2])
     recording = read(path)
-    assert recording.notes
+    assert recording.findings
     if not whole:  # what tells the channels was in the first chunk
         assert not recording.channels
         return

@@ -12,6 +12,7 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
+from finding_codes import codes, found, values_of
 from scipy.io import savemat
 
 from vsalog.core.errors import ReadError
@@ -76,7 +77,7 @@ def test_time_as_dates_with_gaps(tmp_path):
     times = pa.array([when, None, when + datetime.timedelta(seconds=1)])
     recording = read(parquet(tmp_path, {"time": times, "x": pa.array([1.0, 2.0, 3.0])}))
     assert recording.channel("x").values.tolist() == [1, 3]
-    assert any("1 row without a time" in note for note in recording.notes)
+    assert values_of(recording, "clock.rows_without_time") == [1]
 
 
 @pytest.mark.filterwarnings("error")
@@ -98,7 +99,7 @@ def test_a_trace_of_several_parts_is_several_streams(tmp_path):
     assert recording.channel("stiffness[elbow.agonist]").values.tolist() == [1, 2, 3]
     assert recording.channel("stiffness[elbow.antagonist]").values.tolist() == [10, 20, 30]
     assert recording.channel("stiffness[elbow.agonist]").unit == "N*m/rad"
-    assert recording.notes == ()
+    assert recording.findings == ()
 
 
 def test_many_row_groups_and_no_time(tmp_path):
@@ -184,7 +185,7 @@ def test_time_that_does_not_rise_is_a_channel(tmp_path):
     savemat(tmp_path / "log", {"time": np.zeros(5), "x": np.arange(5.0)}, appendmat=False)
     recording = read(tmp_path / "log")
     assert list(recording.channels) == ["time", "x"]
-    assert any("--rate" in note for note in recording.notes)
+    assert "clock.missing" in codes(recording)
 
 
 SECONDS = np.arange(50) / 100
@@ -192,34 +193,39 @@ NOON = datetime.datetime(2024, 2, 29, 12, tzinfo=datetime.UTC)
 
 
 @pytest.mark.parametrize(
-    ("name", "time", "begin", "note"),
+    ("name", "time", "begin", "read_as"),
     [
         ("time", SECONDS, 0.0, ""),
         (
             "time",
             SECONDS * 1000,
             0.0,
-            "'time' states no unit and is read as milliseconds because its steps are about 10",
+            "milliseconds",
         ),
         # Microseconds and nanoseconds since the machine was switched on, whose size is that of dates in larger units.
-        ("time", 1.2e9 + SECONDS * 1e6, 1200.0, "'time' states no unit and is read as microseconds"),
-        ("time", 1.2e12 + SECONDS * 1e9, 1200.0, "'time' states no unit and is read as nanoseconds"),
-        ("time", 5e14 + SECONDS * 1e9, 5e5, "'time' states no unit and is read as nanoseconds"),
+        ("time", 1.2e9 + SECONDS * 1e6, 1200.0, "microseconds"),
+        ("time", 1.2e12 + SECONDS * 1e9, 1200.0, "nanoseconds"),
+        ("time", 5e14 + SECONDS * 1e9, 5e5, "nanoseconds"),
         ("t_ms", SECONDS * 1000, 0.0, ""),
         ("time_s", SECONDS, 0.0, ""),
         ("time", NOON.timestamp() + SECONDS, NOON.timestamp(), ""),
         ("timestamp", (NOON.timestamp() + SECONDS) * 1e3, NOON.timestamp(), ""),
         # MATLAB's datenum counts from a day that it calls 0, a year and a day before Python's first.
-        ("t", NOON.toordinal() + 366.5 + SECONDS / 86400, NOON.timestamp(), "days since the year 0, MATLAB's datenum"),
+        ("t", NOON.toordinal() + 366.5 + SECONDS / 86400, NOON.timestamp(), "days"),
     ],
 )
-def test_units_of_matlab_clocks(tmp_path, name, time, begin, note):
+def test_units_of_matlab_clocks(tmp_path, name, time, begin, read_as):
     savemat(tmp_path / "log", {name: time, "x": SECONDS}, appendmat=False)
     recording = read(tmp_path / "log")
     stamps = recording.channel("x").stamps
     assert stamps[0] == pytest.approx(begin * 1e9, abs=1e4)
     np.testing.assert_allclose(stamps - stamps[0], SECONDS * 1e9, atol=2e4)  # datenum resolves 10 µs
-    assert [note in said for said in recording.notes] == ([True] if note else [])
+    assert codes(recording) == [
+        "clock.counts_days" if read_as == "days" else "clock.unit_by_steps" for _ in [read_as] if read_as
+    ]
+    assert [one.evidence["read_as"] for one in found(recording, "clock.unit_by_steps")] == [read_as] * (
+        read_as not in ("", "days")
+    )
 
 
 def test_whole_nanoseconds_are_exact(tmp_path):
@@ -237,16 +243,16 @@ def test_seconds_at_steps_of_seconds_can_be_told(tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("place", "value", "words"),
-    [(slice(None), np.nan, "its values are no numbers"), (6, 0.0, "value 7 of it is not above")],
+    ("place", "value", "code", "at"),
+    [(slice(None), np.nan, "clock.no_times", None), (6, 0.0, "clock.not_rising", 7)],
 )
-def test_why_a_time_is_not_taken_for_it(tmp_path, place, value, words):
+def test_why_a_time_is_not_taken_for_it(tmp_path, place, value, code, at):
     time = SECONDS.copy()
     time[place] = value
     savemat(tmp_path / "log", {"time": time, "x": SECONDS}, appendmat=False)
     recording = read(tmp_path / "log")
     assert recording.channel("x").stamps.tolist() == list(range(50))
-    assert any(f"'time' is not taken for the time: {words}" in note for note in recording.notes)
+    assert [(one.part, one.value) for one in found(recording, code)] == [("time", at)]
 
 
 @pytest.mark.parametrize("missing", [[0], [7], [49], [3, 4, 30], list(range(20, 50))])
@@ -260,8 +266,8 @@ def test_rows_without_a_time_are_left_out(tmp_path, missing):
         channel = recording.channel(name)
         np.testing.assert_array_equal(channel.values, factor * np.delete(SECONDS, missing))
         np.testing.assert_array_equal(channel.stamps, np.delete(np.arange(50), missing) * 10**7)
-    rows = "1 row" if len(missing) == 1 else f"{len(missing)} rows"
-    assert recording.notes == (f"'s.time': {rows} without a time left out",)
+    (left_out,) = recording.findings
+    assert (left_out.code, left_out.part, left_out.value) == ("clock.rows_without_time", "s.time", len(missing))
 
 
 def test_samples_that_share_a_time_are_told(tmp_path):
@@ -339,7 +345,7 @@ def test_pages_that_are_no_longer_taken_for_some_are_missed(tmp_path, monkeypatc
     path = parquet(tmp_path, {"time [s]": pa.array(np.arange(30.0)), "x": pa.array(np.arange(30.0))}, row_group_size=10)
     own = pq.ParquetFile.iter_batches
     monkeypatch.setattr(pq.ParquetFile, "iter_batches", lambda *a, **k: (batch[:8] for batch in own(*a, **k)))
-    assert "6 rows of those that the file counts were not found" in read(path).notes
+    assert values_of(read(path), "recording.rows_missing") == [6]
 
 
 def test_a_name_that_is_no_text_is_refused(tmp_path):
@@ -377,8 +383,9 @@ def test_a_damaged_page_takes_along_no_other_column_and_no_other_row_group(tmp_p
     np.testing.assert_array_equal(recording.channel("x").values, expected)
     np.testing.assert_array_equal(recording.channel("y").values, written["y"])
     np.testing.assert_array_equal(recording.channel("y").stamps, np.arange(1000) * 1_000_000)
-    (note,) = recording.notes
-    assert f"column 'x' is damaged: {last - first} of its 1000 rows are NaN, rows {first + 1} to {last} (" in note
+    (damage,) = recording.findings
+    assert (damage.code, damage.part, damage.value) == ("recording.column_damaged", "x", last - first)
+    assert [damage.evidence[name] for name in ("rows", "begin", "end", "more")] == [1000, first + 1, last, 0]
 
 
 def test_rows_before_a_damaged_page_are_kept(tmp_path):
@@ -397,7 +404,7 @@ def test_rows_whose_time_is_damaged_are_left_out(tmp_path):
     kept = np.r_[0:300, 400:1000]
     np.testing.assert_array_equal(recording.channel("x").values, written["x"][kept])
     np.testing.assert_array_equal(recording.channel("x").stamps, kept * 1_000_000)
-    assert any("column 'time' is damaged: 100 of its 1000 rows are left out" in note for note in recording.notes)
+    assert values_of(recording, "recording.rows_left_out") == [100]
 
 
 def test_a_clock_whose_beginning_is_damaged_is_still_the_clock(tmp_path):
@@ -448,7 +455,7 @@ def test_parts_of_a_trace_of_which_the_names_are_lost(tmp_path):
     assert set(recording.channels) == {"stiffness[elbow.total]", "stiffness[wrist.total]"}
     expected = np.r_[1:100:2, 201:400:2]
     np.testing.assert_array_equal(recording.channel("stiffness[wrist.total]").values, expected)
-    assert any("column 'joint' is damaged: 100 of its 400 rows are left out" in note for note in recording.notes)
+    assert values_of(recording, "recording.rows_left_out") == [100]
 
 
 def test_a_damaged_row_group_moves_no_row(tmp_path):
@@ -479,7 +486,7 @@ def test_a_page_that_is_passed_by_moves_no_row(tmp_path):
     there = np.isfinite(values)
     np.testing.assert_array_equal(values[there], written["x"][there])
     np.testing.assert_array_equal(recording.channel("y").values, written["y"])
-    assert any("column 'x' is damaged" in note for note in recording.notes)
+    assert "recording.column_damaged" in codes(recording)
 
 
 READS_ALL = """
@@ -515,7 +522,8 @@ def test_a_matlab_bomb_is_refused(tmp_path, monkeypatch):
     assert path.stat().st_size < 2**14
     recording = read(path)
     assert list(recording.channels) == ["x"]
-    assert any("larger than any recording" in note for note in recording.notes)
+    (damage,) = found(recording, "recording.variables_damaged")
+    assert "larger than any recording" in damage.evidence["reason"]
 
 
 def test_rows_of_a_stream_do_not_depend_on_what_else_is_read(tmp_path):

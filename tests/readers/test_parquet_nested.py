@@ -8,6 +8,7 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
+from finding_codes import codes, found, values_of
 
 from vsalog.core.errors import ReadError
 from vsalog.readers import read
@@ -44,7 +45,7 @@ def test_lists_that_become_longer_are_told(tmp_path):
     log = stored(tmp_path, time=TIME, pos=[[i] if i % 3 else [] for i in range(N - 1)] + [[1.0, 2.0, 3.0]])
     assert list(log.channels) == ["pos[0]"]
     assert np.count_nonzero(np.isnan(log.channels["pos[0]"].values)) == N // 3
-    assert any("only the first 1 of up to 3 elements" in note for note in log.notes)
+    assert values_of(log, "recording.elements_left_out") == [1]
 
 
 @pytest.mark.parametrize("dated", [True, False])
@@ -57,7 +58,7 @@ def test_a_time_of_day_goes_on_at_midnight(tmp_path, dated):
     assert (np.diff(pos.stamps) == 10**7).all()
     assert len(pos.values) == N
     assert log.absolute_time == dated
-    assert any("at midnight" in note for note in log.notes) != dated
+    assert ("clock.begins_anew" in codes(log)) != dated
 
 
 def test_numbers_that_are_text_are_numbers(tmp_path):
@@ -65,7 +66,7 @@ def test_numbers_that_are_text_are_numbers(tmp_path):
     log = stored(tmp_path, time=[f"{t:.3f}" for t in TIME], pos=words, mode=["run"] * N)
     np.testing.assert_array_equal(log.channels["pos"].values, np.where(np.arange(N) == 700, np.nan, np.arange(N) / 4))
     assert log.unread == {"mode": "text"}
-    assert any("column 'pos': 1 cell without a number" in note for note in log.notes)
+    assert values_of(log, "table.cells_without_number") == [1]
 
 
 @pytest.mark.parametrize("rate", [1e-9, 1e10])
@@ -79,9 +80,8 @@ def test_absurd_rates_are_refused(tmp_path, rate):
 
 def test_whole_numbers_beyond_53_bits_are_told(tmp_path):
     log = stored(tmp_path, time=TIME, enc=2**60 + np.arange(N), even=2**60 + 1024 * np.arange(N))
-    assert [note for note in log.notes if "rounded" in note] == [
-        f"column 'enc': its whole numbers are rounded to 53 bits, such as {2**60 + 1}"
-    ]
+    (rounded,) = found(log, "table.numbers_rounded")
+    assert (rounded.part, rounded.evidence["number"]) == ("enc", str(2**60 + 1))
 
 
 def test_an_index_without_a_name_is_the_clock_or_a_hint_is_given(tmp_path):
@@ -89,4 +89,4 @@ def test_an_index_without_a_name_is_the_clock_or_a_hint_is_given(tmp_path):
     log = stored(tmp_path, pos=TIME**2 - TIME, __index_level_0__=pa.array(np.arange(N) * 10_000, pa.duration("us")))
     assert log.channels["pos"].stamps[1] == 10**7
     log = stored(tmp_path, pos=TIME**2 - TIME, __index_level_0__=TIME)
-    assert any("column '__index_level_0__' rises evenly" in note for note in log.notes)
+    assert "clock.perhaps" in codes(log)

@@ -9,6 +9,7 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
+from finding_codes import codes
 
 from vsalog.readers import read
 
@@ -93,7 +94,7 @@ def test_a_byte_that_changed_in_arrows_words_on_the_columns_loses_only_these(tmp
     np.testing.assert_array_equal(log.channels["x"].values, np.arange(N))
     np.testing.assert_array_equal(log.channels["x"].stamps, np.arange(N) * 10**6)
     assert log.channels["x"].unit is None
-    assert any("the footer's remarks on the columns are damaged" in note for note in log.notes)
+    assert "recording.footer_damaged" in codes(log)
 
 
 @pytest.mark.parametrize("order", [[0, 1], [1, 0]])

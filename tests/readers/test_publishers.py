@@ -6,6 +6,7 @@ from itertools import chain
 
 import numpy as np
 import pytest
+from finding_codes import codes, found, values_of
 from random_messages import STORES
 from rosbags import rosbag1
 from write_logs import JOINT_STATE, MS, START, McapLog, joint_state, serialised
@@ -54,7 +55,7 @@ def test_the_same_joint_of_two_at_a_time_is_two_streams(tmp_path, monkeypatch, w
     path = write(tmp_path / "log.bag", publications("aa", shift))
     for recording in (read(path), read_within(0, path).look, read(path, start=0)):
         assert set(recording.streams) == {f"/j@{name}" for name in names}
-        assert sum("2 publishers give the same values" in note for note in recording.notes) == 1
+        assert values_of(recording, "recording.publishers_apart") == [2]
     for which, name in enumerate(names):
         values = read(path, wanted=[f"/j@{name}.position[a]"]).channel(f"/j@{name}.position[a]").values
         np.testing.assert_array_equal(values, np.arange(COUNT) + 1000 * which)
@@ -66,7 +67,7 @@ def test_the_same_joint_of_two_at_a_time_is_two_streams(tmp_path, monkeypatch, w
 def test_one_after_the_other_is_one_stream(tmp_path, write, shift):
     recording = read(write(tmp_path / "log.bag", publications("aa", shift)))
     assert set(recording.streams) == {"/j"}
-    assert not any("publishers" in note for note in recording.notes)
+    assert "recording.publishers_apart" not in codes(recording)
 
 
 def framed(path, sent, ros1=False):
@@ -108,7 +109,7 @@ def test_two_frames_at_a_time_in_one_channel_are_two_streams(tmp_path, monkeypat
     path = framed(tmp_path / "log.bag", of_two(frames, 0.5), ros1)
     for recording in (read(path), read_within(0, path).look, read(path, start=0)):
         assert set(recording.streams) == {f"/j@{name}" for name in names}
-        assert sum("2 frames give the same values" in note for note in recording.notes) == 1
+        assert values_of(recording, "recording.publishers_apart") == [2]
         assert not any(reason == "no messages" for reason in recording.unread.values())
     for which, name in enumerate(names):
         channel = read(path, wanted=[f"/j@{name}.position[a]"]).channel(f"/j@{name}.position[a]")
@@ -133,7 +134,7 @@ def test_frames_that_are_no_publishers_are_one_stream(tmp_path, sent):
     recording = read(framed(tmp_path / "log", sent))
     assert set(recording.streams) == {"/j"}
     assert recording.channel("/j.position[a]").values.size == len(sent)
-    assert not any("frames" in note for note in recording.notes)
+    assert "recording.publishers_apart" not in codes(recording)
 
 
 def at(frame, times, base):
@@ -173,7 +174,7 @@ def test_frames_by_turns_are_streams_of_their_own(tmp_path, sent, json):
         channel = recording.channel(f"/j@{frame}.{'value' if json else 'position[a]'}")
         assert [*zip(channel.stamps.tolist(), channel.values.tolist(), strict=True)] == own
     assert set(recording.streams) == {f"/j@{frame}" for frame, _, _ in sent}
-    assert sum("frames give the same values" in note for note in recording.notes) == 1
+    assert len(found(recording, "recording.publishers_apart")) == 1
 
 
 @pytest.mark.parametrize("more", [1, 4])
@@ -182,7 +183,7 @@ def test_frames_beyond_those_told_apart_are_alone_or_said_to_be_mixed(tmp_path, 
     sent = in_time(*(at(name, np.arange(6) + k / 1000, 100 * k) for k, name in enumerate(names)))
     recording = read(framed(tmp_path / "log", sent))
     assert set(recording.streams) == {*(f"/j@{name}" for name in names[:MOST]), "/j"}
-    assert any(f"{more} frames" in note and "are mixed" in note for note in recording.notes) == (more > 1)
+    assert values_of(recording, "recording.frames_mixed") == [more] * (more > 1)
 
 
 def as_json(path, sent, place="header"):
@@ -237,7 +238,7 @@ def test_a_frame_that_changes_for_a_moment_or_for_good_is_one_publishers(tmp_pat
         recording = read(framed(tmp_path / f"log{k}", sent, ros1))
         assert set(recording.streams) == {"/j"}
         assert recording.channel("/j.position[a]").values.size == len(sent)
-        assert not recording.notes
+        assert not recording.findings
 
 
 def test_frames_that_were_not_seen_in_time_are_told(tmp_path, monkeypatch):
@@ -247,7 +248,8 @@ def test_frames_that_were_not_seen_in_time_are_told(tmp_path, monkeypatch):
     monkeypatch.setattr("vsalog.readers.mcap_file.McapContainer.glimpses", lambda container, ids: iter(()))
     recording = read(framed(tmp_path / "log", of_two(("left", "right"), 0.5)))
     assert set(recording.streams) == {"/j"}
-    assert any("2 frames ('left', 'right')" in note and "mixed" in note for note in recording.notes)
+    (mixed,) = found(recording, "recording.frames_mixed")
+    assert (mixed.value, mixed.evidence["frames"]) == (2, "'left', 'right'")
 
 
 def test_frames_in_messages_of_either_byte_order():

@@ -14,6 +14,7 @@ import fsspec
 import numpy as np
 import pytest
 from click.testing import CliRunner
+from finding_codes import values_of
 from write_logs import joints_mcap
 
 from vsalog.cli import cli
@@ -41,7 +42,7 @@ def test_an_address_is_read_as_the_file_is(memory, tmp_path, as_path):
     assert recording.path == Path(memory)
     assert recording.channels.keys() == same.channels.keys()
     np.testing.assert_array_equal(recording.channel(ELBOW).values, same.channel(ELBOW).values)
-    assert recording.notes == (f"downloaded to read it: {(tmp_path / 'log.mcap').stat().st_size / 2**20:.1f} MiB",)
+    assert values_of(recording, "recording.downloaded") == [(tmp_path / "log.mcap").stat().st_size / 2**20]
     assert read(as_path(memory), [ELBOW], start="0.01", end="0.02").channel(ELBOW).values.tolist() == list(
         range(10, 21)
     )
@@ -66,7 +67,7 @@ def test_commands_take_addresses(memory, tmp_path):
     done = CliRunner().invoke(cli, ["inspect", memory, "--json", "--repair", str(tmp_path / "out.mcap")])
     assert done.exit_code == 0, done.output
     (report,) = json.loads(done.stdout)["logs"]
-    assert "downloaded" in report["notes"][0]
+    assert report["findings"][0]["code"] == "recording.downloaded"
     assert read(tmp_path / "out.mcap").channel(ELBOW).values.size == 50
 
 

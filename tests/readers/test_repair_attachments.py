@@ -56,4 +56,4 @@ def test_attachments_behind_damage(tmp_path, damage, summary):
     lost = whole[:1] if "attachment" in damage else []
     assert sorted(kept) == sorted(one for one in whole if one not in lost)
     assert told.messages > 200
-    assert told.notes
+    assert told.findings

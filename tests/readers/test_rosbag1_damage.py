@@ -6,6 +6,7 @@ import struct
 
 import numpy as np
 import pytest
+from finding_codes import codes, found
 from test_bags import COUNT, write_bag1
 
 from vsalog.readers import read
@@ -28,8 +29,8 @@ def test_messages_behind_a_bad_record_in_a_chunk_are_read(tmp_path, field, byte,
     values = recording.channel("/joint_states.position[elbow]").values
     lost = np.setdiff1d(np.arange(COUNT if indexed else values.max() + 1), values)
     np.testing.assert_array_equal(lost, [3])
-    words = "1 message lost at most" if indexed else "does not tell how many messages are lost"
-    assert any(words in note and "some of its records" in note for note in recording.notes)
+    assert ("recording.messages_lost" if indexed else "recording.loss_unknown") in codes(recording)
+    assert "some of its records" in found(recording, "recording.chunks_damaged")[0].evidence["where"]
 
 
 @pytest.mark.parametrize("change", [-30, 30, 10**6])
@@ -45,7 +46,7 @@ def test_a_message_of_another_length_costs_no_other(tmp_path, change):
     recording = read(path)
     values = recording.channel("/joint_states.position[elbow]").values
     np.testing.assert_array_equal(np.setdiff1d(np.arange(COUNT), values), [3, 4] if change == 30 else [3])
-    assert any("some of its records" in note for note in recording.notes)
+    assert "some of its records" in found(recording, "recording.chunks_damaged")[0].evidence["where"]
 
 
 def record(content, op=2, time=1):

@@ -11,6 +11,7 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
+from finding_codes import codes
 from rosbags.rosbag1 import Writer as Rosbag1Writer
 from rosbags.rosbag2 import StoragePlugin
 from rosbags.rosbag2 import Writer as Rosbag2Writer
@@ -93,7 +94,7 @@ def test_a_sample_is_stretches_of_the_log_from_its_begin_to_its_end(tmp_path, ki
     assert sample.of > 4 * BUDGET
     assert sample.size < sample.of / 2
     assert part.path == path
-    assert part.notes == ()
+    assert part.findings == ()
     whole = read(path)
     for _, rows, full in is_part_of(part, whole):
         assert rows[-1] == full.stamps.size - 1
@@ -145,7 +146,7 @@ def test_a_log_that_was_cut_off_has_samples_up_to_its_end(tmp_path):
     path.write_bytes(path.read_bytes()[: path.stat().st_size * 6 // 10])
     part, sample = sampling.read_sample(path)
     assert sample is not None
-    assert any("cut off" in note for note in part.notes)
+    assert "recording.no_summary" in codes(part)
     whole = read(path)
     for _, rows, full in is_part_of(part, whole):
         assert rows[-1] >= full.stamps.size - 50
@@ -159,7 +160,7 @@ def test_a_bag_without_an_index(tmp_path):
     path.write_bytes(raw)
     part, sample = sampling.read_sample(path)
     assert sample is not None
-    assert any("no index" in note for note in part.notes)
+    assert "recording.no_index" in codes(part)
     for _, rows, full in is_part_of(part, read(path)):
         assert rows[-1] == full.stamps.size - 1
 
@@ -181,7 +182,7 @@ def test_damage_is_no_crash(tmp_path, kind):
                 at = len(raw) - 9 - int(rng.integers(300))
                 raw[at : at + 8] = struct.pack("<Q", int(rng.integers(2**63)))
             file.write_bytes(raw)
-        with suppress(ReadError), sampling._cut(path, sniff(path)) as (small, _, _notes):
+        with suppress(ReadError), sampling._cut(path, sniff(path)) as (small, _, _findings):
             assert kind in ("sqlite", "folder") or read(small)
     assert sorted(path.name for path in tmp_path.iterdir()) == ["log"]
 
@@ -235,10 +236,10 @@ def test_a_header_between_the_stretches_of_a_table_is_heeded(tmp_path, again, at
         channel = part.channel(name)
         np.testing.assert_array_equal(channel.values, begin + channel.stamps // MS)
         assert (channel.stamps.max() > (ROWS - 2) * MS) == ("other" not in again)
-    assert any("left out from row" in note for note in part.notes) == ("other" in again)
+    assert ("table.other_table" in codes(part)) == ("other" in again)
 
 
 def test_that_headers_were_not_looked_for_is_told(tmp_path, monkeypatch):
     monkeypatch.setattr(sampling_tables, "_SEARCHED", 1000)
     part, _ = sampling.read_sample(csv(tmp_path / "log"))
-    assert any("looked for only in the parts that were read" in note for note in part.notes)
+    assert "table.headers_not_sought" in codes(part)

@@ -8,14 +8,19 @@ import struct
 
 import numpy as np
 import pytest
+from finding_codes import codes, found, values_of
 from rosbags import rosbag2
 from test_bags import COUNT, write_bag2
 from write_logs import MS, START, joint_state, serialised
 
 from vsalog.readers import read, sampling
-from vsalog.readers.sqlite_whole import damaged_log_note, missing_note
+from vsalog.readers.sqlite_whole import damaged_changes, missing_bytes
 
 ELBOW = "/joint_states.position[elbow]"
+
+
+def incomplete(recording):
+    return [one.evidence["topics"] for one in found(recording, "recording.topics_incomplete")]
 
 
 def bag(folder, plugin=rosbag2.StoragePlugin.SQLITE3):
@@ -36,23 +41,21 @@ def test_fewer_messages_than_the_metadata_count_are_told(tmp_path, folder):
     path = bag(tmp_path / "bag")
     log = path.parent if folder else path
     for part in read(log), read(log, time="log", start=0, end=0.01), read(log, wanted=[ELBOW]):
-        assert not part.notes
+        assert not part.findings
     with sqlite3.connect(path) as database:
         database.execute(f"DELETE FROM messages WHERE timestamp >= {START + (COUNT - 3) * MS}")
     database.close()
-    (note,) = (note for note in read(log).notes if "metadata" in note)
-    assert note.endswith(f"/joint_states {COUNT - 3} of {COUNT}")
-    other = read(log, wanted=["/none.x"])
-    assert not any("metadata" in note for note in other.notes)
+    assert incomplete(read(log)) == [f"/joint_states {COUNT - 3} of {COUNT}"]
+    assert not incomplete(read(log, wanted=["/none.x"]))
 
 
 def test_a_bag_of_mcap_files_is_held_against_its_metadata_too(tmp_path):
     path = bag(tmp_path / "bag", rosbag2.StoragePlugin.MCAP)
     metadata = path.with_name("metadata.yaml")
-    assert not read(path.parent).notes
+    assert not read(path.parent).findings
     metadata.write_text(metadata.read_text().replace(f"message_count: {COUNT}", f"message_count: {COUNT + 5}"))
     for log in path, path.parent:
-        assert any(f"/joint_states {COUNT} of {COUNT + 5}" in note for note in read(log).notes) == (log is not path)
+        assert incomplete(read(log)) == [f"/joint_states {COUNT} of {COUNT + 5}"] * (log is not path)
 
 
 def test_metadata_as_ros_writes_them(tmp_path):
@@ -80,8 +83,7 @@ def test_metadata_as_ros_writes_them(tmp_path):
       message_count: 99999
 """
     )
-    (note,) = read(path).notes
-    assert note.endswith(f"/tf 0 of 1, /joint_states {COUNT} of {COUNT + 7}")
+    assert incomplete(read(path)) == [f"/tf 0 of 1, /joint_states {COUNT} of {COUNT + 7}"]
 
 
 def test_a_sample_is_not_held_against_the_metadata(tmp_path, monkeypatch):
@@ -95,16 +97,16 @@ def test_a_sample_is_not_held_against_the_metadata(tmp_path, monkeypatch):
     for log in path, path.parent:
         recording, sample = sampling.read_sample(log)
         assert sample is not None
-        assert not any("metadata" in note for note in recording.notes)
+        assert not incomplete(recording)
 
 
 @pytest.mark.parametrize("cut", [1, 2, 50, 100, 4096])
 def test_a_database_that_lacks_its_last_bytes_is_told(tmp_path, cut):
     path = bag(tmp_path / "bag")
-    assert missing_note(path) == ""
+    assert missing_bytes(path) == []
     path.write_bytes(path.read_bytes()[:-cut])
     path.with_name("metadata.yaml").unlink()
-    assert any(f"{cut} of its" in note and "cut off" in note for note in read(path).notes)
+    assert values_of(read(path), "recording.database_truncated") == [cut]
 
 
 @pytest.fixture
@@ -132,15 +134,15 @@ def frames(raw):
 def test_messages_behind_damage_in_a_log_of_changes_are_told(changed, place, frame):
     log = changed.with_name(f"{changed.name}-wal")
     raw = bytearray(log.read_bytes())
-    assert damaged_log_note(log) == ""
+    assert damaged_changes(log) == []
     assert read(changed).channel(ELBOW).values.size == COUNT + 15
-    assert not read(changed).notes
+    assert not read(changed).findings
     raw[frames(raw)[frame] + place] ^= 0x10
     log.write_bytes(raw)
     recording = read(changed)
     assert recording.channel(ELBOW).values.size < COUNT + 15
-    (note,) = recording.notes
-    assert "-wal is damaged" in note
+    (damage,) = recording.findings
+    assert (damage.code, damage.part) == ("recording.changes_damaged", log.name)
 
 
 def test_a_damaged_head_of_a_log_of_changes_is_told(changed):
@@ -152,14 +154,14 @@ def test_a_damaged_head_of_a_log_of_changes_is_told(changed):
         log.write_bytes(raw)
         recording = read(changed)
         assert recording.channel(ELBOW).values.size == COUNT
-        assert any("head of" in note for note in recording.notes)
+        assert "recording.changes_unreadable" in codes(recording)
 
 
 def test_what_a_killed_recorder_leaves_is_no_damage(tmp_path, changed):
     log = changed.with_name(f"{changed.name}-wal")
     raw = log.read_bytes()
     log.write_bytes(raw[:-100])  # a page that was being written
-    assert not read(changed).notes
+    assert not read(changed).findings
     # Written back and begun again: frames of the first round remain behind those of the second.
     path = bag(tmp_path / "again")
     writer = sqlite3.connect(path)
@@ -175,4 +177,4 @@ def test_what_a_killed_recorder_leaves_is_no_damage(tmp_path, changed):
     assert len(salts) == 2
     recording = read(tmp_path / "left.db3")
     np.testing.assert_array_equal(recording.channel(ELBOW).values, np.arange(COUNT + 403))
-    assert not recording.notes
+    assert not recording.findings

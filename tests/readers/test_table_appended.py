@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from finding_codes import codes, found, values_of
 
 from vsalog.readers import read
 from vsalog.readers.table_rows import BLOCK_BYTES
@@ -25,8 +26,8 @@ def test_the_same_header_once_more_is_skipped(tmp_path):
     log = appended(tmp_path, "time,pos [rad],tau", [(30 + i / 10, 300 + i, 400 + i) for i in range(300)])
     np.testing.assert_array_equal(log.channels["pos"].values, np.arange(600.0))
     np.testing.assert_array_equal(log.channels["tau"].values, 100 + np.arange(600.0))
-    assert any("1 line between the rows skipped as the header once more" in note for note in log.notes)
-    assert not any("without a number" in note or "without a time" in note for note in log.notes)
+    assert values_of(log, "table.header_again") == [1]
+    assert not {"table.cells_without_number", "clock.rows_without_time"} & {*codes(log)}
 
 
 @pytest.mark.parametrize("header", ["time,pos [m],tau", "time,vel,current", "time,tau [deg],pos", "time,tau,tau"])
@@ -35,7 +36,7 @@ def test_nothing_is_read_below_another_header(tmp_path, header):
     log = appended(tmp_path, header, [(30 + i / 10, 9000, -9000) for i in range(300)])
     np.testing.assert_array_equal(log.channels["pos"].values, np.arange(300.0))
     np.testing.assert_array_equal(log.channels["tau"].values, 100 + np.arange(300.0))
-    assert any("left out from row 301 on" in note for note in log.notes)
+    assert values_of(log, "table.other_table") == [301]
 
 
 def test_a_word_in_a_row_of_numbers_is_no_header(tmp_path):
@@ -64,7 +65,8 @@ def test_columns_in_another_order_are_read_by_name(tmp_path, header, wanted):
     for name, channel in log.channels.items():
         np.testing.assert_array_equal(channel.values, [row[name] for row in rows])
         np.testing.assert_array_equal(channel.stamps, np.arange(900) * 10**8)
-    assert any("2 lines between the rows skipped as the header once more; columns whose order" in n for n in log.notes)
+    assert values_of(log, "table.header_again") == [2]
+    assert "table.columns_reordered" in codes(log)
 
 
 def test_columns_in_another_order_far_below(tmp_path):
@@ -91,7 +93,7 @@ def test_nothing_but_headers_comes_to_an_end(tmp_path):
     """Each takes far longer than a row; a compressed file of them would take hours."""
     log = appended(tmp_path, "time,pos [rad],tau", [("time", "pos [rad]", "tau")] * 20_000)
     np.testing.assert_array_equal(log.channels["pos"].values, np.arange(300.0))
-    assert any("left out from row 301 on" in note and "one too many" in note for note in log.notes)
+    assert values_of(log, "table.too_many_headers") == [301]
 
 
 N = 300
@@ -109,7 +111,7 @@ def check_both(log, names=("motor", "link"), rtol=0.0):
         expected = np.concatenate([FIRST[column], SECOND[column]])
         np.testing.assert_allclose(log.channels[name].values, expected, rtol=rtol)
         np.testing.assert_array_equal(log.channels[name].stamps, np.arange(2 * N) * 10**7)
-    assert not any("without a" in note for note in log.notes)
+    assert not {"table.cells_without_number", "clock.rows_without_time"} & {*codes(log)}
 
 
 @pytest.mark.parametrize("separator", [",", ";", "\t", " "])
@@ -147,7 +149,7 @@ def test_a_remark_of_words_is_passed_over(tmp_path, remark, separator):
     (tmp_path / "log.csv").write_text(text)
     log = read(tmp_path / "log.csv")
     check_both(log)
-    assert log.notes == ("1 line between the rows skipped as a remark (it begins with # or %)",)
+    assert [(one.code, one.value) for one in log.findings] == [("table.remarks", 1)]
 
 
 @pytest.mark.parametrize(
@@ -167,7 +169,7 @@ def test_names_are_the_same_in_another_spelling(tmp_path, header):
     log = read(tmp_path / "log.csv")
     if ";" not in header:
         check_both(log, ("motor_pos", "link"))
-        assert any("states a unit of the SI for" in note for note in log.notes) == ("(rad)" in header)
+        assert ("table.unit_stated_once" in codes(log)) == ("(rad)" in header)
 
 
 @pytest.mark.parametrize(
@@ -180,7 +182,7 @@ def test_numbers_in_another_unit_are_converted(tmp_path, again):
     log = read(tmp_path / "log.csv")
     check_both(log, rtol=1e-8)
     assert log.channels["motor"].unit == "rad"
-    assert any("numbers are converted to the first ('motor')" in note for note in log.notes)
+    assert [one.evidence["columns"] for one in found(log, "table.units_converted")] == ["'motor'"]
 
 
 @pytest.mark.parametrize(("unit", "scale"), [("ms", 10**3), ("us", 10**6), ("min", 1 / 60)])
@@ -215,7 +217,7 @@ def test_reading_goes_on_below_the_next_header_that_fits(tmp_path):
     (tmp_path / "log.csv").write_text(head + rows(FIRST, order) + other + head + rows(SECOND, order))
     log = read(tmp_path / "log.csv")
     check_both(log)
-    assert any("left out from row 301 on" in note for note in log.notes)
+    assert values_of(log, "table.other_table") == [301]
 
 
 def test_a_header_of_several_rows_once_more(tmp_path):
@@ -250,7 +252,7 @@ def test_words_that_name_no_columns_cost_their_row_only(tmp_path, words):
     (tmp_path / "log.csv").write_text(text)
     log = read(tmp_path / "log.csv")
     np.testing.assert_array_equal(log.channels["motor"].values, np.concatenate([FIRST["motor"], SECOND["motor"]]))
-    assert not any("left out from" in note or "header" in note for note in log.notes)
+    assert not {"table.other_table", "table.header_again", "table.header_below"} & {*codes(log)}
 
 
 def test_a_header_at_the_border_of_two_blocks(tmp_path):
@@ -290,7 +292,7 @@ def test_a_header_below_rows_without_one_names_nothing(tmp_path):
     log = read(tmp_path / "log.csv", rate=100.0)
     np.testing.assert_array_equal(log.channels["column_1"].values[: 2 * N], 1000 + np.arange(2.0 * N))
     np.testing.assert_array_equal(log.channels["column_1"].values[2 * N :], SECOND["motor"])
-    assert any("stands below rows that have none" in note for note in log.notes)
+    assert "table.header_below" in codes(log)
 
 
 @pytest.mark.parametrize(
@@ -313,7 +315,7 @@ def test_what_a_program_says_is_no_header_where_the_clock_goes_on(tmp_path, word
     (tmp_path / "log.csv").write_text(text)
     log = read(tmp_path / "log.csv")
     np.testing.assert_array_equal(log.channels["motor"].values, np.concatenate([FIRST["motor"], SECOND["motor"]]))
-    assert not any("left out from" in note for note in log.notes)
+    assert "table.other_table" not in codes(log)
 
 
 @pytest.mark.parametrize("words", ["Sample,Winkel,Moment", "# time pressure temperature"])
@@ -331,7 +333,7 @@ def test_a_header_of_other_names_is_one_where_the_clock_does_not_go_on(tmp_path,
     (tmp_path / "log.csv").write_text(text)
     log = read(tmp_path / "log.csv")
     np.testing.assert_array_equal(log.channels["motor"].values, FIRST["motor"])
-    assert any("left out from row 301 on" in note for note in log.notes)
+    assert values_of(log, "table.other_table") == [301]
 
 
 @pytest.mark.parametrize("remark", ["", "# ", "#", '"', "% "])
@@ -345,7 +347,7 @@ def test_a_header_behind_a_row_without_an_end(tmp_path, remark, separator):
     log = read(tmp_path / "log.csv")
     expected = np.delete(np.concatenate([FIRST["motor"], SECOND["motor"]]), N - 1)
     np.testing.assert_array_equal(log.channels["motor"].values, expected)
-    assert any("1 line without exactly 3 cells skipped" in note for note in log.notes)
+    assert values_of(log, "table.lines_skipped") == [1]
 
 
 @pytest.mark.parametrize(
@@ -361,7 +363,7 @@ def test_a_header_with_a_name_too_few_or_a_separator_too_many(tmp_path, first, a
     values = log.channels["motor"].values
     np.testing.assert_array_equal(values, 1000.0 + np.arange(len(values)))
     np.testing.assert_array_equal(log.channels["motor"].stamps, np.arange(len(values)) * 10**7)
-    assert len(values) == 2 * N or any("left out from row 301 on" in note for note in log.notes)
+    assert len(values) == 2 * N or values_of(log, "table.other_table") == [301]
 
 
 def test_the_mark_at_a_files_beginning_is_in_the_middle_of_two(tmp_path):
@@ -378,7 +380,9 @@ def test_a_remark_at_the_end_of_a_row_is_no_header(tmp_path):
         text + "3 1300 5300 # lost link again\n" + rows(SECOND, ["time", "motor", "link"], " ")
     )
     check_both(log := read(tmp_path / "log.csv"))
-    assert log.notes == ("1 line without exactly 3 cells skipped (the first: '3 1300 5300 # lost link again')",)
+    (skipped,) = log.findings
+    assert (skipped.code, skipped.value, skipped.evidence["cells"]) == ("table.lines_skipped", 1, 3)
+    assert skipped.evidence["first"] == "3 1300 5300 # lost link again"
 
 
 @pytest.mark.parametrize("channels", [["motor"], ["motor", "link"]])
@@ -396,7 +400,7 @@ def test_segments_of_labview(tmp_path, channels, end):
     for name in channels:
         np.testing.assert_array_equal(log.channels[name].values, np.concatenate([FIRST[name], SECOND[name]]))
         np.testing.assert_array_equal(log.channels[name].stamps, np.arange(2 * N) * 10**7)
-    assert not any("left out from" in note for note in log.notes)
+    assert "table.other_table" not in codes(log)
 
 
 @pytest.mark.parametrize(

@@ -9,6 +9,7 @@ from contextlib import suppress
 
 import numpy as np
 import pytest
+from finding_codes import codes
 
 from vsalog.core.errors import ReadError
 from vsalog.readers import read
@@ -35,7 +36,7 @@ def samples(path):
     found = {
         name: dict(zip(c.stamps.tolist(), c.values.tolist(), strict=True)) for name, c in recording.channels.items()
     }
-    return found, recording.notes
+    return found, [one.code for one in recording.findings]
 
 
 def wrong(found, sound):
@@ -55,7 +56,7 @@ def test_a_changed_byte_changes_one_row(tmp_path, separator, comma, quoted):
     raw = text(separator, comma, quoted)
     path = tmp_path / "log"
     path.write_bytes(raw)
-    sound, notes = samples(path)
+    sound, said = samples(path)
     assert [len(values) for values in sound.values()] == [ROWS, ROWS]
     rng = np.random.default_rng(3)
     header = raw.index(b"\n") + 1
@@ -63,13 +64,13 @@ def test_a_changed_byte_changes_one_row(tmp_path, separator, comma, quoted):
         bad = bytearray(raw)
         bad[place] ^= int(rng.integers(1, 256))
         path.write_bytes(bad)
-        found, notes = samples(path)
+        found, said = samples(path)
         assert found.keys() == sound.keys(), place
         assert wrong(found, sound) <= 2, place
         lost = max(ROWS - len(values) for values in found.values())
         # Line ends may be quoted: the row in which a quote is missing runs on to the next quote, which is said.
-        assert lost <= 3 or any("quote" in note or "without exactly" in note for note in notes), place
-        assert lost == 0 or notes, place
+        assert lost <= 3 or {"table.stray_quotes", "table.lines_skipped"} & {*said}, place
+        assert lost == 0 or said, place
 
 
 def test_of_a_table_that_was_cut_off_all_whole_rows_are_read(tmp_path):
@@ -102,8 +103,8 @@ def test_of_a_damaged_compressed_table_all_is_read_that_comes_out(tmp_path, cut,
     raw = gzip.compress(plain)
     path = tmp_path / "log"
     path.write_bytes(raw)
-    sound, notes = samples(path)
-    assert notes == ()
+    sound, said = samples(path)
+    assert said == []
     rng = np.random.default_rng(5)
     for place in rng.integers(10, len(raw), 100).tolist():  # not the head, whose name and time have no checksum
         bad = bytearray(raw)
@@ -117,11 +118,11 @@ def test_of_a_damaged_compressed_table_all_is_read_that_comes_out(tmp_path, cut,
         with open_text(path) as file:
             assert read_beginning(file, 2**20) == out
         try:
-            found, notes = samples(path)
+            found, said = samples(path)
         except ReadError:
             assert rows < 3 or not cut  # what comes out changed may be no table
             continue
-        assert any("compressed file" in note for note in notes), place
+        assert any(code.startswith("compressed.") for code in said), place
         if cut:
             assert [len(values) for values in found.values()] == [rows, rows]
             assert not wrong(found, sound)
@@ -131,14 +132,14 @@ def test_a_compressed_file_of_several_parts_with_zeros_behind(tmp_path):
     raw, path = text(",", False, False), tmp_path / "log"
     parts = raw[:1000], raw[1000:1001], b"", raw[1001:]
     path.write_bytes(b"".join(map(gzip.compress, parts)) + bytes(100_000))
-    found, notes = samples(path)
+    found, said = samples(path)
     path.write_bytes(raw)
-    assert notes == ()
+    assert said == []
     assert found == samples(path)[0]
     path.write_bytes(gzip.compress(raw) + b"no more")
-    damaged, notes = samples(path)
+    damaged, said = samples(path)
     assert damaged == found
-    assert any("compressed file" in note for note in notes)
+    assert any(code.startswith("compressed.") for code in said)
 
 
 def test_nothing_is_read_behind_a_changed_byte_of_a_compressed_table(tmp_path):
@@ -155,8 +156,8 @@ def test_nothing_is_read_behind_a_changed_byte_of_a_compressed_table(tmp_path):
         pos = log.channels["pos"]
         assert np.nanmax(np.abs(pos.values)) <= 9.9999
         assert pos.stamps[-1] <= 200 * 10**9
-        cut += any("left out from row" in note for note in log.notes)
-        assert any("damaged" in note or "checksum" in note for note in log.notes)
+        cut += bool({"compressed.rows_left_out", "compressed.rows_doubtful"} & {*codes(log)})
+        assert any(code.startswith("compressed.") for code in codes(log))
     assert cut > 1
 
 
@@ -175,7 +176,7 @@ def test_a_last_number_that_was_cut_off_is_left_out(tmp_path, end, rows):
     path.write_text("time,pos\n" + "".join(f"{i / 10},{i / 16:.4f}\n" for i in range(50)) + end)
     log = read(path)
     assert len(log.channels["pos"].values) == rows
-    assert any("the last line is left out" in note for note in log.notes) == (rows == 50)
+    assert ("table.last_line_left_out" in codes(log)) == (rows == 50)
 
 
 def test_a_last_line_without_end_stays_where_numbers_are_of_any_length(tmp_path):
@@ -226,7 +227,7 @@ def test_a_last_line_without_end_is_whole_where_its_last_number_cannot_be_longer
     (tmp_path / "log.csv").write_bytes(gzip.compress(data) if kind == "gz" else data)
     log = read(tmp_path / "log.csv")
     assert len(log.channel("q").values) == 60 + whole
-    assert any("the last line is left out" in note for note in log.notes) != whole
+    assert ("table.last_line_left_out" in codes(log)) != whole
 
 
 @pytest.mark.filterwarnings("error")
@@ -239,7 +240,7 @@ def test_a_row_that_ends_within_a_letter_is_left_out(tmp_path, cut, below):
     log = read(tmp_path / "log")
     assert log.channel("x").values.tolist()[:90] == list(range(90))
     assert not below or log.channel("x").stamps[-1] == 99 * 10**9
-    assert len(log.notes) == (1 if len(cut) < 6 or not below else 0)
+    assert len(log.findings) == (1 if len(cut) < 6 or not below else 0)
 
 
 @pytest.mark.parametrize("changed", [False, True])
@@ -259,5 +260,5 @@ def test_a_compressed_log_without_its_end(tmp_path, changed):
         found = log.channel("number")
         others = int(np.count_nonzero(found.stamps != found.values * 10**6))
         assert others <= 5 * changed
-        assert any("checksum" in note for note in log.notes)
+        assert {"compressed.truncated", "compressed.rows_doubtful"} & {*codes(log)}
         assert changed or found.values.size > 0.98 * 20_000 * end / len(packed)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from finding_codes import codes, values_of
 
 from vsalog.readers import read
 
@@ -68,7 +69,7 @@ def test_a_header_of_many_rows_whose_last_names_the_clock(tmp_path):
 def test_a_serial_port_that_was_listened_to_before_the_header_came(tmp_path):
     log = log_of(tmp_path, "7,0.25,9.5\n8,0.5,9.25\ntime,q,tau\n" + rows())
     check(log, "q", "tau")
-    assert "2 rows of values ahead of the header left out" in log.notes
+    assert values_of(log, "table.rows_ahead_of_header") == [2]
 
 
 @pytest.mark.parametrize("header", [",q,tau\n", "recorded at,q,tau\n", ""])
@@ -76,7 +77,7 @@ def test_dates_with_times_are_the_clock_whatever_they_are_called(tmp_path, heade
     """The index of a data frame has no name."""
     log = log_of(tmp_path, header + rows(clock=lambda t: f"2026-01-31 12:00:{t:09.6f}+00:00"))
     check(log, *(("q", "tau") if header else ("column_1", "column_2")), 1_769_860_800 * 10**9)
-    assert any("holds dates and times and is taken for the time" in note for note in log.notes)
+    assert "clock.guessed_by_dates" in codes(log)
 
 
 def test_times_of_day_in_a_column_without_a_name(tmp_path):
@@ -138,4 +139,4 @@ def test_separators_at_the_ends_of_a_header_alone(tmp_path, ends, units):
     log = read(tmp_path / "log")
     assert {name: channel.unit for name, channel in log.channels.items()} == {"theta": "deg", "torque": "Nm"}
     assert log.channel("theta").stamps[-1] == 590_000_000
-    assert log.notes == ()
+    assert log.findings == ()

@@ -6,6 +6,7 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
+from finding_codes import codes, values_of
 
 from vsalog.readers import open_reader, read
 
@@ -43,14 +44,15 @@ def check(recording, *names, begin=0):
     for name in names:
         assert recording.channel(name).values.tolist() == VALUES[name].tolist()
         assert recording.channel(name).stamps.tolist() == ((begin + TIMES[name]) * MS).tolist()
-    assert not any(word in note for note in recording.notes for word in ("dropped", "begins anew", "steps back"))
+    dropped = {"recording.copies_dropped", "recording.conflicts_dropped"}
+    assert not (dropped | {"clock.begins_anew", "clock.log_appended", "clock.steps_back"}) & {*codes(recording)}
 
 
 @pytest.mark.parametrize("begin", [0, 1_750_000_000_000])
 def test_their_rows_are_merged_by_time(joined, begin):
     recording = joined(*(table(name, begin) for name in VALUES))
     check(recording, *VALUES, begin=begin)
-    assert any("3 tables stand below one another" in note for note in recording.notes)
+    assert values_of(recording, "table.stacked") == [3]
 
 
 def test_what_stands_in_all_of_them_has_the_times_of_each(joined):
@@ -77,14 +79,14 @@ def test_a_sensor_that_begins_late_is_of_the_same_table(joined):
     recording = joined(table("pos", late=late))
     check(recording, "pos")
     assert np.array_equal(recording.channel("late").values, late, equal_nan=True)
-    assert recording.notes == ()
+    assert recording.findings == ()
 
 
 def test_the_same_columns_once_more_are_put_behind(joined):
     recording = joined(table("pos", empty=np.full(600, np.nan)), table("pos", empty=np.full(600, np.nan)))
     assert recording.channel("pos").values.tolist() == [*POS, *POS]
     assert (np.diff(recording.channel("pos").stamps) > 0).all()
-    assert any("begins anew once" in note for note in recording.notes)
+    assert values_of(recording, "clock.log_appended") == [1]
 
 
 def test_some_of_their_channels_alone(joined, tmp_path):
@@ -96,4 +98,4 @@ def test_some_of_their_channels_alone(joined, tmp_path):
 def test_tables_that_begin_anew_each_by_itself_are_told(joined):
     recording = joined(table("pos"), table("tau"), table("pos"), table("tau"))
     assert recording.channel("pos").values.tolist() == [*POS, *POS]
-    assert any("in each of the 2 tables by itself" in note for note in recording.notes)
+    assert values_of(recording, "clock.tables_step_apart") == [2]

@@ -7,6 +7,7 @@ import io
 import random
 
 import pytest
+from finding_codes import codes, found
 
 from vsalog.readers import read
 
@@ -49,6 +50,11 @@ def test_thousands_in_any_notation(table, apart, mark, separator):
     assert recording.channel("x").stamps.tolist() == [(i + 1) * S // 10 for i in range(len(NUMBERS))]
 
 
+def marks_in(recording):
+    found_marks = found(recording, "table.marks_in_numbers")
+    return [(one.part, *(one.evidence[name] for name in ("mark", "cell", "read_as"))) for one in found_marks]
+
+
 @pytest.mark.parametrize(("apart", "mark"), [(".", ","), (",", ".")])
 def test_whole_thousands_are_told_by_the_columns_beside_them(table, apart, mark):
     """2.037 is 2037 where all else has decimal commas, and 2,037 is where all else has points."""
@@ -58,15 +64,14 @@ def test_whole_thousands_are_told_by_the_columns_beside_them(table, apart, mark)
     assert recording.channel("a").values.tolist() == numbers
     assert recording.channel("b").values.tolist() == [i + 0.25 for i in range(9)]
     assert recording.channel("a").stamps.tolist() == [i * S // 10 for i in range(9)]
-    (note,) = recording.notes
-    assert note == f"column 'a': the '{apart}' in '2{apart}000' is read as setting thousands apart"
+    assert marks_in(recording) == [("a", apart, f"2{apart}000", "setting thousands apart")]
 
 
 def test_thousands_that_come_late_in_a_column_of_a_table_with_decimal_commas(table):
     text = "time;a\n" + "".join(f"{i},5;{i * 3:,}\n".replace(",", ".").replace(".5;", ",5;") for i in range(1000))
     recording = table(text)
     assert recording.channel("a").values.tolist() == [3 * i for i in range(1000)]
-    assert any("the '.' in '1.002'" in note for note in recording.notes)
+    assert marks_in(recording) == [("a", ".", "1.002", "setting thousands apart")]
 
 
 def test_points_instead_of_decimal_commas_are_no_thousands(table):
@@ -74,7 +79,7 @@ def test_points_instead_of_decimal_commas_are_no_thousands(table):
     times = [f"{i / 10:.3f}".replace(".", "," if i < 600 else ".") for i in range(1200)]
     recording = table("time;a\n" + "".join(f"{time};{i}\n" for i, time in enumerate(times)))
     assert recording.channel("a").stamps.tolist() == [i * S // 10 for i in range(1200)]
-    assert any("the '.' in '60.000' is read as a decimal mark" in note for note in recording.notes)
+    assert marks_in(recording) == [("time", ".", "60.000", "a decimal mark, for every number ahead has one")]
 
 
 def test_a_column_with_points_in_a_table_with_commas(table):
@@ -83,13 +88,13 @@ def test_a_column_with_points_in_a_table_with_commas(table):
     recording = table(text)
     assert recording.channel("a").values.tolist() == [float(f"0.{125 + i}") for i in range(9)]
     assert recording.channel("b").values.tolist() == [i + 0.25 for i in range(9)]
-    assert any("each is read as it is written" in note for note in recording.notes)
+    assert "table.mixed_decimal_marks" in codes(recording)
 
 
 def test_three_decimals_where_nothing_tells(table):
     recording = table("time;a\n" + "".join(f"{i};1,{234 + i}\n" for i in range(9)))
     assert recording.channel("a").values.tolist() == [float(f"1.{234 + i}") for i in range(9)]
-    assert any("read as a decimal mark" in note for note in recording.notes)
+    assert "table.decimal_commas" in codes(recording)
 
 
 @pytest.mark.parametrize(
@@ -104,14 +109,15 @@ def test_units_behind_numbers(table, unit, gap, mark):
     assert channel.unit == unit
     assert channel.values.tolist() == [-1500, *(i + 0.5 for i in range(299))]
     assert channel.stamps.tolist() == [i * S // 100 for i in range(300)]
-    assert any(f"column 'x': the unit is '{unit}', as its cells have it" in note for note in recording.notes)
+    units = [(one.part, one.evidence["cells"]) for one in found(recording, "table.unit_in_cells")]
+    assert units == [("time", "s"), ("x", unit)]
 
 
 def test_the_unit_of_the_cells_is_nearer_than_the_headers(table):
     recording = table("time [s],x [Nm]\n" + "".join(f"0.{i},{i} mNm\n" for i in range(1, 9)))
     assert recording.channel("x").unit == "mNm"
-    assert any("not 'Nm', which its header states" in note for note in recording.notes)
-    assert table("time [s],x [Nm]\n" + "".join(f"0.{i},{i} Nm\n" for i in range(1, 9))).notes == ()
+    assert [one.evidence["header"] for one in found(recording, "table.unit_in_cells")] == ["'Nm'"]
+    assert table("time [s],x [Nm]\n" + "".join(f"0.{i},{i} Nm\n" for i in range(1, 9))).findings == ()
 
 
 def test_units_that_differ_make_no_signal(table):
@@ -126,7 +132,7 @@ def test_another_unit_far_down_is_no_number(table):
     recording = table("time,x\n" + "".join(rows))
     values = recording.channel("x").values
     assert values[299:302].tolist() == pytest.approx([299, float("nan"), 301], nan_ok=True)
-    assert any("'300 m" in note for note in recording.notes)
+    assert found(recording, "table.cells_without_number")[0].evidence["first"].startswith("300 m")
 
 
 def test_one_cell_with_a_unit_is_a_damaged_one(table):
@@ -155,4 +161,6 @@ def test_decimal_commas_between_blanks(table):
 
 def test_whole_numbers_beyond_53_bits_are_told(table):
     recording = table("time,enc,large\n" + "".join(f"{i / 10},{2**60 + i},1.5e300\n" for i in range(50)))
-    assert recording.notes == (f"column 'enc': its whole numbers are rounded to 53 bits, such as {2**60 + 1}",)
+    (rounded,) = recording.findings
+    assert (rounded.code, rounded.part) == ("table.numbers_rounded", "enc")
+    assert rounded.evidence["number"] == str(2**60 + 1)

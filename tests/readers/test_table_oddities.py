@@ -10,6 +10,7 @@ from decimal import Decimal
 
 import numpy as np
 import pytest
+from finding_codes import codes, found, values_of
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
@@ -49,7 +50,7 @@ def test_a_header_of_two_rows_with_merged_cells(table):
         "link.torque": ([4, 8], None),
     }
     assert stamps(recording) == [S // 10, S // 5]
-    assert recording.notes == ()
+    assert recording.findings == ()
 
 
 def test_a_header_of_two_rows_and_one_of_units(table):
@@ -65,7 +66,7 @@ def test_a_header_of_two_rows_and_one_of_units(table):
 def test_words_below_the_names_are_no_units(table):
     recording = table("time,theta,tau\nelapsed,motor angle,joint torque\n0.1,1,2\n0.2,3,4\n")
     assert content(recording) == {"theta": ([1, 3], None), "tau": ([2, 4], None)}
-    assert any("second row of words" in note for note in recording.notes)
+    assert "table.words_below_header" in codes(recording)
 
 
 def test_quoted_names_with_separators_quotes_and_units(table):
@@ -108,7 +109,8 @@ def test_a_missing_header_stamp_loses_no_row(table):
     recording = table(rostopic(2))
     assert content(recording) == {"q": ([0, 1, 2, 3, 4, 5], None)}
     assert stamps(recording) == [START + i for i in range(6)]
-    assert any("log time is used, as 1 of its 6 header stamps" in note for note in recording.notes)
+    (doubt,) = found(recording, "clock.stamps_zero")
+    assert (doubt.value, doubt.evidence["stamps"], doubt.evidence["used"]) == (1, 6, "log")
 
 
 @pytest.mark.parametrize(
@@ -150,7 +152,7 @@ def test_date_and_time_in_two_columns(table, header, date, mark):
 def test_remarks_between_rows_are_counted_also_where_they_look_like_rows(table):
     recording = table("x,y\n1,2\n#3,4\n  % 5,6\n# the end\n7,8\n", rate=10.0)
     assert content(recording) == {"x": ([1, 7], None), "y": ([2, 8], None)}
-    assert any("3 lines between the rows skipped as remarks" in note for note in recording.notes)
+    assert values_of(recording, "table.remarks") == [3]
 
 
 def test_a_stray_quote_in_a_table_without_quotes_costs_one_cell(table):
@@ -171,7 +173,7 @@ def test_a_stray_quote_in_a_table_with_quotes_makes_no_mixed_row(table):
         c = recording.channel(channel)
         expected = sign * np.rint(c.stamps / 1e8)
         np.testing.assert_array_equal(np.where(np.isnan(c.values), expected, c.values), expected)
-    assert recording.notes
+    assert recording.findings
 
 
 def test_a_separator_that_is_stated(table):
@@ -185,7 +187,7 @@ def test_thousands_set_apart(table, text):
     recording = table(text)
     assert content(recording) == {"x": ([1234.5, -12345678.25], None)}
     assert stamps(recording) == [S // 10, S // 5]
-    assert any("thousands" in note for note in recording.notes)
+    assert "table.marks_in_numbers" in codes(recording)
 
 
 def test_one_damaged_cell_does_not_change_the_notation(table):
@@ -271,7 +273,7 @@ def test_a_log_that_was_appended_to_another_is_put_behind_it(table):
     steps = np.diff(channel.stamps)
     assert np.flatnonzero(steps != S // 10).tolist() == [299]
     assert steps[299] > 2.5 * S / 10, "nothing is to be estimated from one log to the other"
-    assert any("time begins anew once" in note for note in recording.notes)
+    assert values_of(recording, "clock.log_appended") == [1]
 
 
 @pytest.mark.parametrize(("row", "stamp"), [(5, "93.0"), (200, "0.0"), (298, "0.0"), (100, "9.7")])
@@ -298,7 +300,7 @@ def test_logs_with_dates_put_together_in_another_order_are_sorted(table):
 def test_words_for_no_number(table, word):
     recording = table("time,x\n" + "".join(f"{i / 10},{word if i % 20 == 3 else i}\n" for i in range(40)))
     np.testing.assert_array_equal(recording.channel("x").values, [np.nan if i % 20 == 3 else i for i in range(40)])
-    assert recording.notes == ()
+    assert recording.findings == ()
 
 
 def test_commas_between_and_within_numbers_are_refused(table):
@@ -316,7 +318,7 @@ def test_settings_ahead_of_a_table_with_as_many_cells(table):
     rows = "".join(f"0.{i},{i}\n" for i in range(9))
     recording = table("Operator,me\nRig,A\nRate,1000\nTime [s],theta [rad]\n" + rows)
     assert content(recording) == {"theta": (list(range(9)), "rad")}
-    assert recording.notes == ()
+    assert recording.findings == ()
 
 
 def test_an_export_of_labview(table):

@@ -6,6 +6,7 @@ import gzip
 
 import numpy as np
 import pytest
+from finding_codes import found, values_of
 
 from vsalog.readers import read
 
@@ -26,7 +27,7 @@ def test_thousands_in_quotes_are_read(tmp_path):
     """Programs write quotes only where a comma needs them: the first is far below the rows that are looked at."""
     log = read(write(tmp_path / "log.csv", "time,pos,tau", thousands))
     np.testing.assert_array_equal(log.channels["pos"].values, np.arange(ROWS))
-    assert any("'1,000' is read as setting thousands apart" in note for note in log.notes)
+    assert [one.evidence["cell"] for one in found(log, "table.marks_in_numbers")] == ["1,000"]
 
 
 def test_a_comma_in_quotes_is_no_thousand_among_fractions(tmp_path):
@@ -44,7 +45,7 @@ def test_of_a_compressed_table_it_is_said_that_quotes_are_the_reason(tmp_path):
     raw = write(tmp_path / "log.csv", "time,pos,tau", thousands).read_bytes()
     path = tmp_path / "log.csv.gz"
     path.write_bytes(gzip.compress(raw))
-    assert any("2000 lines with cells in quotes" in note and "decompress" in note for note in read(path).notes)
+    assert values_of(read(path), "table.quoted_lines_skipped") == [2000]
 
 
 @pytest.mark.parametrize("header", ['time,"pos\nof motor [deg]",tau', '"time","pos\nof\nmotor [deg]","tau"'])

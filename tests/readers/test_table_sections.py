@@ -6,6 +6,7 @@ import gzip
 
 import numpy as np
 import pytest
+from finding_codes import codes, values_of
 
 from vsalog.readers import open_reader, read
 
@@ -26,8 +27,8 @@ def check(log):
     for name, values, step in (("q", Q, 10), ("p", P, 10), ("tau", TAU, 25)):
         np.testing.assert_array_equal(log.channel(name).values, values)
         np.testing.assert_array_equal(log.channel(name).stamps, np.arange(len(values)) * step * 10**6)
-    assert any("the time has 2 columns" in note for note in log.notes)
-    assert not any("without a time" in note for note in log.notes)
+    assert values_of(log, "table.several_clocks") == [2]
+    assert "clock.rows_without_time" not in codes(log)
     assert not any(name.startswith("time") for name in log.channels)
 
 
@@ -65,7 +66,7 @@ def test_a_time_that_cannot_be_read_is_told(tmp_path):
     log = read(tmp_path / "log")
     np.testing.assert_array_equal(log.channel("q").values, np.delete(Q, 300))
     np.testing.assert_array_equal(log.channel("tau").values, np.delete(TAU, 100))
-    assert any("2 rows without a time left out" in note for note in log.notes)
+    assert values_of(log, "clock.rows_without_time") == [2]
 
 
 @pytest.mark.parametrize(("again", "q"), [("time.1", "q.1"), ("time_1", "q_1"), ("time (2)", "q (2)"), ("time2", "q2")])

@@ -6,6 +6,7 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
+from finding_codes import found
 
 from vsalog.readers import read
 
@@ -52,7 +53,7 @@ def test_values_go_with_their_names(joints, begin):
     minus = [(-HIP).tolist(), (-KNEE).tolist()]
     assert values(recording) == {"position0": first, "position1": second, "velocity0": minus[0], "velocity1": minus[1]}
     moved = sum(i >= begin and i % 3 > 0 for i in range(N))
-    assert [f"change places in {moved} rows" in note for note in recording.notes] == [True]
+    assert [(one.code, one.value) for one in recording.findings] == [("table.names_move", moved)]
 
 
 def test_one_of_them_alone(joints):
@@ -62,7 +63,7 @@ def test_one_of_them_alone(joints):
 def test_an_order_that_stays_is_not_told(joints):
     recording = joints(lambda _: (0, 1))
     assert values(recording)["position1"] == KNEE.tolist()
-    assert recording.notes == ()
+    assert recording.findings == ()
 
 
 def test_names_that_come_later_are_told(tmp_path):
@@ -75,4 +76,5 @@ def test_names_that_come_later_are_told(tmp_path):
     assert recording.channel("pos0").values.tolist() == list(range(99))
     expected = [-i if i < 50 else np.nan for i in range(99)]
     np.testing.assert_array_equal(recording.channel("pos1").values, expected)
-    assert any("49 cells of names" in note and "'toe'" in note for note in recording.notes)
+    (unknown,) = found(recording, "table.names_unknown")
+    assert (unknown.value, unknown.evidence["first"]) == (49, "toe")

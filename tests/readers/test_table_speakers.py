@@ -8,6 +8,7 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
+from finding_codes import codes, found, values_of
 
 from vsalog.readers import read
 
@@ -33,7 +34,7 @@ def test_each_has_a_stream_of_its_own(tmp_path, column, names, together):
         np.testing.assert_array_equal(log.channels[f"pos[{name}]"].values, 1000 * k + np.arange(N // count))
         begin = 0 if together else k * 10**6
         assert log.channels[f"pos[{name}]"].stamps[0] == begin
-    assert any(f"column '{column}' says whose values a row holds" in note for note in log.notes)
+    assert [one.part for one in found(log, "table.long")] == [f"column '{column}'"]
 
 
 def test_one_channel_can_be_wanted(tmp_path):
@@ -94,7 +95,7 @@ def test_blocks_of_rows_with_the_same_times_are_streams(tmp_path, name, column, 
             channel.stamps - begin * 10**9, np.arange(500) * 10**7, atol=300
         )  # as floats resolve
     assert not any(stream.conflicts or stream.duplicates or stream.inversions for stream in log.streams.values())
-    assert [note for note in log.notes if "says whose values" in note] == [*log.notes]
+    assert codes(log) == ["table.long"]
 
 
 def test_blocks_that_are_written_in_turn(tmp_path):
@@ -113,7 +114,7 @@ def test_experiments_one_behind_the_other_are_no_speakers(tmp_path):
     """Each has times from zero on, and its name says nothing of a signal."""
     log = in_blocks(tmp_path / "log.csv", "condition", ["soft", "stiff"], 0)
     np.testing.assert_array_equal(log.channels["value"].values, np.r_[0:500, 1000:1500])
-    assert any("a log was appended" in note for note in log.notes)
+    assert "clock.log_appended" in codes(log)
 
 
 def test_what_the_machine_did_with_dates_is_no_speaker(tmp_path):
@@ -138,7 +139,7 @@ def test_more_speakers_than_a_table_can_have_are_told(tmp_path):
     """Made-up names of a damaged table would take ever more memory."""
     log = in_blocks(tmp_path / "log.csv", "signal", [f"s{k}" for k in range(300)], 0, count=250)
     assert len(log.channels) == 256
-    assert any("11000 rows left out that hold the values of others than the first 256" in note for note in log.notes)
+    assert values_of(log, "table.others_left_out") == [11000]
 
 
 @pytest.mark.parametrize("bad", [b"\xde", b"z", b" "])
@@ -236,9 +237,7 @@ def test_texts_of_two_keys_that_look_alike_together(tmp_path):
 def test_numbers_that_may_say_whose_values_rows_hold_are_told(tmp_path):
     rows = "".join(f"{i / 100},{k},{1000 * k + i}\n" for i in range(200) for k in range(3))
     (tmp_path / "log.csv").write_text("time,leg,value\n" + rows)
-    assert any(
-        "several rows share each time: if column 'leg' says whose" in note for note in read(tmp_path / "log.csv").notes
-    )
+    assert [one.part for one in found(read(tmp_path / "log.csv"), "table.perhaps_long")] == ["column 'leg'"]
 
 
 @pytest.mark.parametrize("begin", [0, 1_700_000_000])

@@ -9,6 +9,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from finding_codes import codes, values_of
 
 from vsalog.readers import read
 
@@ -76,7 +77,7 @@ def test_dates_across_midnight(table, date, time, columns, padded):
     recording = table(header, *(f"{cell(moment)};{i}" for i, moment in enumerate(ROWS)))
     assert stamps(recording) == [nanoseconds(moment) for moment in ROWS]
     assert recording.absolute_time
-    assert recording.notes == ()
+    assert recording.findings == ()
 
 
 @pytest.mark.parametrize("time", ["%I:%M:%S %p", "%H:%M:%S", "%I:%M %p", "%m/%d/%Y %I:%M:%S %p", "%m/%d/%Y %H:%M"])
@@ -111,7 +112,8 @@ def test_dates_that_could_be_read_in_two_ways_make_the_shortest_log(table, first
     recording = table("Date,Time,x", *written)
     begin = nanoseconds(BEGIN.replace(month=month, day=day))
     assert stamps(recording) == [begin + i * S // 4 for i in range(20)]
-    assert any(f"'{first}' are read as {order}" in note for note in recording.notes)
+    (found,) = (one for one in recording.findings if one.code.startswith("clock.date_order"))
+    assert (found.evidence["example"], found.evidence["order"]) == (first, order)
 
 
 @pytest.mark.parametrize(("written", "month", "day"), [("3/4/2024", 3, 4), ("3-4-2024", 4, 3)])
@@ -119,13 +121,13 @@ def test_a_single_date_that_nothing_decides_is_told(table, written, month, day):
     recording = table("Date,Time,x", *(f"{written},12:00:0{i},{i}" for i in range(5)))
     noon = nanoseconds(datetime(2024, month, day, 12, tzinfo=UTC))
     assert stamps(recording) == [noon + i * S for i in range(5)]
-    assert any("nothing tells which" in note for note in recording.notes)
+    assert "clock.date_order_unknown" in codes(recording)
 
 
 def test_a_header_that_states_the_order_of_its_dates(table):
     recording = table("Date (DD/MM/YYYY),Time,x", *(f"3/4/2024,12:00:0{i},{i}" for i in range(5)))
     assert stamps(recording)[0] == nanoseconds(datetime(2024, 4, 3, 12, tzinfo=UTC))
-    assert recording.notes == ()
+    assert recording.findings == ()
 
 
 def test_a_date_far_behind_the_first_rows_decides(table):
@@ -134,21 +136,21 @@ def test_a_date_far_behind_the_first_rows_decides(table):
     rows = [begin + timedelta(seconds=12 * i) for i in range(1000)]
     recording = table("Date,Time,x", *(f"{m.day}/{m.month}/{m.year},{m:%H:%M:%S},{i}" for i, m in enumerate(rows)))
     assert stamps(recording) == [nanoseconds(moment) for moment in rows]
-    assert recording.notes == ()
+    assert recording.findings == ()
 
 
 @pytest.mark.parametrize("date", ["week 11", "45364", "?"])
 def test_a_date_that_cannot_be_read_is_told_and_midnight_passes(table, date):
     recording = table("Date,Time,x", *(f"{date},{moment:%H:%M:%S.%f},{i}" for i, moment in enumerate(ROWS)))
     assert since_first(recording) == [i * S // 4 for i in range(20)]
-    assert any("column 'Date' cannot be read" in note for note in recording.notes)
-    assert any("at midnight once" in note for note in recording.notes)
+    assert "clock.dates_unreadable" in codes(recording)
+    assert values_of(recording, "clock.begins_anew") == [1]
 
 
 def test_a_date_that_stays_that_of_the_begin(table):
     recording = table("Date,Time,x", *(f"2024-03-13,{moment:%H:%M:%S.%f},{i}" for i, moment in enumerate(ROWS)))
     assert stamps(recording) == [nanoseconds(moment) for moment in ROWS]
-    assert any("at midnight once" in note for note in recording.notes)
+    assert values_of(recording, "clock.begins_anew") == [1]
 
 
 def test_a_date_that_follows_a_sample_late(table):
@@ -169,7 +171,7 @@ def test_midnights_far_apart_and_late_samples(table):
     found = recording.channel("x").stamps
     assert (found - found[0]).tolist() == [40 * i * S for i in range(6000)]
     assert recording.streams["log"].inversions == len(falls) - 1
-    assert any(f"at midnight {len(falls)} times" in note for note in recording.notes)
+    assert values_of(recording, "clock.begins_anew") == [len(falls)]
 
 
 def test_a_gap_of_a_night_is_no_step_back(table):
@@ -177,17 +179,16 @@ def test_a_gap_of_a_night_is_no_step_back(table):
     assert since_first(recording) == [0, S, 81_000 * S, 81_001 * S]
 
 
-@pytest.mark.parametrize(
-    ("date", "hours", "words"), [("2024-10-27 ", 1, "by an hour once"), ("", 12, "by twelve hours once")]
-)
-def test_clocks_that_are_set_back(table, date, hours, words):
+@pytest.mark.parametrize(("date", "hours"), [("2024-10-27 ", 1), ("", 12)])
+def test_clocks_that_are_set_back(table, date, hours):
     """By summer time, and at one o'clock where nobody writes AM and PM."""
     begin = datetime(2024, 10, 27, 12 if hours == 12 else 2, 59, 50, tzinfo=UTC)
     rows = [begin + timedelta(seconds=i) for i in range(20)]
     written = [moment - timedelta(hours=hours) * (moment.hour > begin.hour) for moment in rows]
     recording = table("time,x", *(f"{date}{moment:%H:%M:%S},{i}" for i, moment in enumerate(written)))
     assert since_first(recording) == [i * S for i in range(20)]
-    assert any(words in note for note in recording.notes)
+    (found,) = recording.findings
+    assert (found.code, found.value, found.evidence["hours"]) == ("clock.set_back", 1, hours)
 
 
 def test_minutes_and_seconds_as_spreadsheets_show_them(table):
@@ -195,7 +196,7 @@ def test_minutes_and_seconds_as_spreadsheets_show_them(table):
         "time,x", *(f"{(3599 + i // 2) // 60 % 60:02d}:{(59 + i // 2) % 60:02d}.{i % 2 * 5},{i}" for i in range(6))
     )
     assert since_first(recording) == [i * S // 2 for i in range(6)]
-    assert any("minutes and seconds" in note for note in recording.notes)
+    assert "clock.minutes_and_seconds" in codes(recording)
 
 
 def test_hours_beyond_a_day_and_before_the_begin(table):
@@ -225,7 +226,7 @@ def test_zones_by_their_names(table):
 def test_a_time_in_any_unit(table, header, unit):
     recording = table(f"{header},x", *(f"{i / 8},{i}" for i in range(20)))
     assert stamps(recording) == [i * unit * S // 8 for i in range(20)]
-    assert recording.notes == ()
+    assert recording.findings == ()
 
 
 UP = {"switched on": 0.0, "for minutes": 1200.0, "for hours": 18_000.0, "for days": 501_120.0, "today": 1.75e9}
@@ -241,16 +242,17 @@ def test_a_unit_is_guessed_by_size_and_steps(table, before, rate, unit):
     lines = (f"{(Decimal(time) * unit / 10**6).normalize():f},{i}" for i, time in enumerate(times))
     recording = table("time,x", *lines)
     assert stamps(recording) == [time * 1000 for time in times]
-    told = ["states no unit" in note for note in recording.notes]
-    assert told == ([] if before == "today" or unit == 1 else [True])
+    assert codes(recording) == ([] if before == "today" or unit == 1 else ["clock.unit_by_steps"])
 
 
-@pytest.mark.parametrize(("name", "notes"), [("time", 1), ("time [s]", 0), ("unix_time", 0)])
-def test_dates_in_long_steps_are_told(table, name, notes):
+@pytest.mark.parametrize(("name", "count"), [("time", 1), ("time [s]", 0), ("unix_time", 0)])
+def test_dates_in_long_steps_are_told(table, name, count):
     """They may be milliseconds since some weeks ago."""
     recording = table(f"{name},x", *(f"{1_750_000_000 + 2 * i},{i}" for i in range(20)))
     assert since_first(recording) == [2 * i * S for i in range(20)]
-    assert ["call it 'time [ms]' if it counts milliseconds" in note for note in recording.notes] == [True] * notes
+    assert [(one.code, one.evidence["otherwise"]) for one in recording.findings] == [
+        ("clock.unit_by_size", "time [ms]")
+    ] * count
 
 
 def test_a_unit_of_a_clock_that_is_set_late(table):
@@ -262,7 +264,9 @@ def test_a_unit_of_a_clock_that_is_set_late(table):
 
 def test_hours_that_are_not_called_so_are_told(table):
     recording = table("time,x", *(f"{i / 3.6e6:.12f},{i}" for i in range(20)))
-    assert any("read as seconds because its steps are about 2.7" in note for note in recording.notes)
+    (found,) = recording.findings
+    assert (found.code, found.evidence["read_as"]) == ("clock.unit_by_steps", "seconds")
+    assert found.value == pytest.approx(1 / 3.6e6, abs=1e-9)
 
 
 def test_whole_seconds_are_seconds_where_the_name_says_so(table):
@@ -272,18 +276,18 @@ def test_whole_seconds_are_seconds_where_the_name_says_so(table):
 def test_a_unit_that_is_no_time_is_told(table):
     recording = table("time [samples],x", *(f"{i},{i}" for i in range(20)))
     assert recording.streams["log"].time_source == "none"
-    assert any("'samples' is none of the units" in note for note in recording.notes)
+    assert "clock.unit_unknown" in codes(recording)
 
 
 def test_a_temperature_is_no_clock(table):
     recording = table("T (K),x", *(f"{i + 300},{i}" for i in range(20)))
     assert recording.streams["log"].time_source == "none"
-    assert recording.notes == ("there is no time column: give the sample rate with --rate, in Hz",)
+    assert codes(recording) == ["clock.missing"]
 
 
 def test_a_time_that_cannot_be_read_is_shown(table):
     recording = table("time,x", "first,0", "second,1", "third,2")
-    assert any("the times in column 'time' cannot be read (the first: 'first')" in note for note in recording.notes)
+    assert "clock.times_unreadable" in codes(recording)
 
 
 def excel(day):
@@ -301,7 +305,7 @@ def test_days_as_spreadsheets_and_matlab_count_them(table, number):
     recording = table("Time,x", *(f"{day:.12f},{i}" for i, day in enumerate(days)))
     for found, moment in zip(stamps(recording), ROWS, strict=True):
         assert found == pytest.approx(nanoseconds(moment), abs=2e-5 * S)
-    assert any("as spreadsheets" in note or "as MATLAB" in note for note in recording.notes)
+    assert codes(recording) == ["clock.counts_days"]
 
 
 def test_a_signal_called_data_is_no_clock(table):
@@ -322,7 +326,7 @@ def test_bytes_that_are_no_text_deep_in_a_column_of_times(tmp_path, time):
     channel = recording.channel("x")
     assert channel.values.tolist() == [i for i in range(20_000) if i != 15_000]
     assert ((channel.stamps - channel.stamps[0]) == channel.values * S).all()
-    assert any("1 row without a time left out" in note for note in recording.notes)
+    assert values_of(recording, "clock.rows_without_time") == [1]
 
 
 def examples(row):
@@ -350,13 +354,13 @@ def test_a_counter_of_32_bits_that_overflows(table, unit, size):
     rows = [(2**32 - 1000 + 7 * i, i) for i in range(300)]
     recording = table(f"time_{unit},x", *(f"{count % 2**32},{i}" for count, i in rows))
     assert stamps(recording) == [count * size for count, _ in rows]
-    assert any("counter of 32 bits overflows once" in note for note in recording.notes)
+    assert values_of(recording, "clock.overflows") == [1]
 
 
 @pytest.mark.parametrize(("epoch", "told"), [(1_700_000_000, False), (1_700_000_000 + 2_082_844_800, True)])
 def test_seconds_as_labview_counts_them_are_told(table, epoch, told):
     recording = table("time,pos\n" + "".join(f"{epoch + i / 10},{i}\n" for i in range(50)))
-    assert any("LabVIEW counts from 1904" in note for note in recording.notes) == told
+    assert ("clock.perhaps_since_1904" in codes(recording)) == told
 
 
 @pytest.mark.parametrize("begin", ["0", "99999", "100001", "1700000000", "-99999"])
@@ -383,7 +387,7 @@ def test_fractions_without_leading_zeros(table, form, step, offset, size):
     ticks = [offset + i * step for i in range(2000) if offset + i * step < 60 * size]
     recording = table("time,x", *(f"{LEFT_OUT[form].format(*divmod(t, size))},{i}" for i, t in enumerate(ticks)))
     assert since_first(recording) == [(t - offset) * S // size for t in ticks]
-    assert ["without leading zeros" in note for note in recording.notes] == [True]
+    assert codes(recording) == ["clock.fractions_unpadded"]
 
 
 @pytest.mark.parametrize("form", LEFT_OUT)
@@ -393,7 +397,7 @@ def test_fractions_without_the_zeros_at_their_ends(table, form, step):
     texts = [LEFT_OUT[form].format(t // 1000, f"{t % 1000:03d}".rstrip("0") or "0") for t in ticks if t < 60_000]
     recording = table("time,x", *(f"{text},{i}" for i, text in enumerate(texts)))
     assert since_first(recording) == [t * S // 1000 for t in ticks[: len(texts)]]
-    assert recording.notes == ()
+    assert recording.findings == ()
 
 
 @pytest.mark.parametrize(
@@ -412,7 +416,7 @@ def test_what_programs_call_the_time(table, header, row):
     recording = table(f"{header},x", *(f"{row(i)},{i}" for i in range(1000)))
     assert list(recording.channels) == ["x"]
     assert since_first(recording) == [i * S // 400 for i in range(1000)]
-    assert recording.notes == ()
+    assert recording.findings == ()
 
 
 @pytest.mark.parametrize("begin", [0, 1_750_000_000])
@@ -423,7 +427,7 @@ def test_the_newest_row_first_and_rows_in_pairs(table, begin, order, unit):
     name, scale = (f"time [{unit}]", 1) if unit else ("time", 1000)
     recording = table(f"{name},x", *(f"{Decimal(begin * 1000 + int(i) * 10) * scale / 1000:f},{i}" for i in order))
     assert since_first(recording) == [i * S // 100 for i in range(900)]
-    assert any("were sorted by time" in note for note in recording.notes)
+    assert "clock.out_of_order" in codes(recording)
 
 
 def test_a_falling_temperature_is_no_clock(table):

@@ -6,10 +6,12 @@ import gzip
 
 import numpy as np
 import pytest
+from finding_codes import codes, values_of
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from vsalog.core.errors import ReadError
+from vsalog.core.finding_texts import sentence
 from vsalog.readers import open_reader, read
 
 S = 10**9
@@ -40,7 +42,7 @@ def test_separators_and_encodings(tmp_path, separator, encoding):
     assert recording.channel("Winkelübertrag").values.tolist() == [1.5, 12.5, 3]
     np.testing.assert_array_equal(recording.channel("tau").values, [-2, np.nan, 4])
     assert recording.format == "csv"
-    assert recording.notes == ()
+    assert recording.findings == ()
     assert recording.streams["log"].time_source == "column"
     assert not recording.absolute_time
 
@@ -103,7 +105,7 @@ def test_time_columns_are_exact(tmp_path, cells, header, expected):
 
 def test_a_guessed_unit_is_told(tmp_path):
     recording = read(table(tmp_path, "t,x\n0,1\n5,2\n10,3\n"))
-    assert any("milliseconds" in note for note in recording.notes)
+    assert "clock.unit_by_steps" in codes(recording)
 
 
 def test_date_and_time_in_two_columns(tmp_path):
@@ -138,7 +140,7 @@ def test_export_of_rostopic(tmp_path):
 def test_no_header(tmp_path):
     recording = read(table(tmp_path, "1,2.5\n2,3.5\n3,4.5\n"))
     assert values(recording) == {"column_0": [1, 2, 3], "column_1": [2.5, 3.5, 4.5]}
-    assert any("no header" in note for note in recording.notes)
+    assert "table.no_header" in codes(recording)
 
 
 def test_without_time_a_rate_is_needed(tmp_path):
@@ -146,7 +148,7 @@ def test_without_time_a_rate_is_needed(tmp_path):
     recording = read(path)
     assert recording.streams["log"].time_source == "none"
     assert list(recording.channels) == ["column_0", "a", "b"]
-    assert any("--rate" in note for note in recording.notes)
+    assert "clock.missing" in codes(recording)
     recording = read(path, rate=400.0)
     assert recording.streams["log"].time_source == "rate"
     assert stamps(recording) == [0, 2_500_000, 5_000_000]
@@ -160,14 +162,14 @@ def test_a_column_that_looks_like_time_is_told_not_taken(tmp_path):
     recording = read(table(tmp_path, ",header,joint_position\n" + rows))
     assert recording.streams["log"].time_source == "none"
     assert "header" in recording.channels
-    assert any("'header' rises evenly" in note for note in recording.notes)
+    assert "clock.perhaps" in codes(recording)
 
 
 def test_comments_and_lines_ahead_of_the_header(tmp_path):
     text = "# rig: awas\n% operator, me, you\n\nSetup,A\n\ntime,x,y\n0.0,1,2\n# paused\n0.1,2,3\n0.2,3,4\n"
     recording = read(table(tmp_path, text))
     assert values(recording) == {"x": [1, 2, 3], "y": [2, 3, 4]}
-    assert recording.notes == ("1 line between the rows skipped as a remark (it begins with # or %)",)
+    assert [(one.code, one.value) for one in recording.findings] == [("table.remarks", 1)]
 
 
 def test_header_in_a_comment(tmp_path):
@@ -178,7 +180,7 @@ def test_header_in_a_comment(tmp_path):
 def test_ragged_lines_are_skipped_and_counted(tmp_path):
     recording = read(table(tmp_path, "t,x,y\n0.0,1,2\n0.1,1\n0.2,1,2,3\n0.3,4,5\n0.4,6,7\n0.5,6"))
     assert values(recording) == {"x": [1, 4, 6], "y": [2, 5, 7]}
-    assert any("3 lines without exactly 3 cells" in note for note in recording.notes)
+    assert values_of(recording, "table.lines_skipped") == [3]
 
 
 def test_bad_cells_text_columns_and_empty_cells(tmp_path):
@@ -190,10 +192,10 @@ def test_bad_cells_text_columns_and_empty_cells(tmp_path):
     assert recording.channel("on").values.tolist() == [1, 0, 1]
     assert recording.unread == {"mode": "text"}
     assert recording.channel("gap").stamps.tolist() == [S // 10]
-    (note,) = (note for note in recording.notes if "stream" not in note)
-    assert "column 'x': 1 cell" in note
-    assert "row 2" in note
-    assert note.isprintable()
+    (cells,) = (one for one in recording.findings if one.code != "table.columns_apart")
+    assert (cells.code, cells.part, cells.value) == ("table.cells_without_number", "x", 1)
+    assert cells.evidence["row"] == 2
+    assert sentence(cells).isprintable()
     assert open_reader(tmp_path / "log.csv").catalogue().unread == {"mode": "text"}
 
 
@@ -212,13 +214,13 @@ def test_merged_logs_are_taken_apart(tmp_path):
     assert {n: i.stream for n, i in catalogue.channels.items()} == {
         c.name: c.stream for c in recording.channels.values()
     }
-    assert any("streams of their own" in note for note in recording.notes)
+    assert "table.columns_apart" in codes(recording)
 
 
 def test_rows_without_a_time_are_left_out(tmp_path):
     recording = read(table(tmp_path, "time,x\n0.0,1\n,2\n0.2,3\nnan,4\n0.4,5\n"))
     assert values(recording) == {"x": [1, 3, 5]}
-    assert any("2 rows without a time" in note for note in recording.notes)
+    assert values_of(recording, "clock.rows_without_time") == [2]
 
 
 def test_equal_names_are_told_apart(tmp_path):
@@ -241,7 +243,7 @@ def test_compressed_and_cut_off(tmp_path):
     path.write_bytes(path.read_bytes()[:-1000])
     recording = read(path)
     assert 0 < recording.streams["log"].count < 50_000
-    assert any("cut off" in note for note in recording.notes)
+    assert "compressed.truncated" in codes(recording)
 
 
 def test_only_wanted_columns(tmp_path):

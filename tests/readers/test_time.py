@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from finding_codes import codes, found, values_of
 from hypothesis import given
 from hypothesis import strategies as st
 from random_messages import STORES
@@ -26,22 +27,23 @@ def log_of(tmp_path, stamps, values=None, log_times=None):
 
 
 @pytest.mark.parametrize(
-    ("stamps", "words"),
+    ("stamps", "code", "value"),
     [
-        ([0, 0, 0, 0], "all zero"),
-        ([START, 0, START + 2 * MS, START], "1 of its 4 header stamps is zero"),
-        ([10 * MS, 11 * MS, 12 * MS, 13 * MS], "before the year 2000"),
-        ([START - 2 * ONE_DAY + i for i in range(4)], "more than a day apart"),
-        ([START, START - 2 * ONE_DAY, START + MS, START], "1 of its 4 header stamps is more than a day off"),
-        ([START] * 4, "all the same"),
+        ([0, 0, 0, 0], "clock.stamps_zero", 4),
+        ([START, 0, START + 2 * MS, START], "clock.stamps_zero", 1),
+        ([10 * MS, 11 * MS, 12 * MS, 13 * MS], "clock.stamps_before_2000", None),
+        ([START - 2 * ONE_DAY + i for i in range(4)], "clock.stamps_far", 4),
+        ([START, START - 2 * ONE_DAY, START + MS, START], "clock.stamps_far", 1),
+        ([START] * 4, "clock.stamps_all_same", None),
     ],
 )
-def test_implausible_stamps_give_way_to_log_time_for_the_whole_stream(tmp_path, stamps, words):
+def test_implausible_stamps_give_way_to_log_time_for_the_whole_stream(tmp_path, stamps, code, value):
     recording = read(log_of(tmp_path, stamps))
     stream = recording.streams["/j"]
     assert stream.time_source == "log"
-    assert words in stream.time_reason
-    assert any(words in note for note in recording.notes)
+    reason = stream.time_finding
+    assert (reason.code, reason.part, reason.value, reason.evidence["used"]) == (code, "/j", value, "log")
+    assert reason in recording.findings
     np.testing.assert_array_equal(recording.channel("/j.position[a]").stamps, START + np.arange(4) * MS)
 
 
@@ -63,8 +65,9 @@ def test_a_simulated_log_counts_from_its_start(tmp_path):
 
 def test_streams_without_a_header_say_so_only_where_one_was_asked_for():
     clocks = {"log": np.arange(3), "publish": np.arange(3)}
-    assert choose_clock(clocks, "auto").reason == ""
-    assert choose_clock(clocks, "header").reason == "it has no header time"
+    assert choose_clock(clocks, "auto").reason is None
+    missing = choose_clock(clocks, "header").reason
+    assert (missing.code, missing.evidence["asked"]) == ("clock.not_recorded", "header")
     assert choose_clock({"column": np.arange(3)}, "log").source == "column"
 
 
@@ -76,13 +79,13 @@ def test_order_duplicates_and_conflicts(tmp_path):
     channel = recording.channel("/j.position[a]")
     np.testing.assert_array_equal(channel.stamps, START + np.arange(4) * MS)
     np.testing.assert_array_equal(channel.values, [0, 10, 20, 30])
-    assert len(recording.notes) == 3
+    assert codes(recording) == ["clock.out_of_order", "recording.copies_dropped", "recording.conflicts_dropped"]
 
 
 def test_plausible_stamps_have_no_reason():
     log = START + np.arange(5) * MS
-    assert implausible(log - 1000, log) == ""
-    assert implausible(log[:0], log[:0]) == ""
+    assert implausible(log - 1000, log) is None
+    assert implausible(log[:0], log[:0]) is None
 
 
 NUMBERS = st.sampled_from([0.0, 1.0, float("nan")])
@@ -169,18 +172,18 @@ def ahead_for_a_while(stamps):
 
 
 @pytest.mark.parametrize(
-    ("change", "words"),
+    ("change", "way", "size"),
     [
-        (set_ahead_a_little, "step ahead by 5 s"),
-        (set_right, "step ahead by 2 s"),
-        (ahead_for_a_while, "step back by 5 s"),
-        (set_back, "step back by 0.3 s"),
-        (set_back_twice, "step back by"),
-        (set_back_at_the_end, "step back by 3 s"),
-        (set_ahead, "step ahead by 3600 s"),
+        (set_ahead_a_little, "ahead", 5.0),
+        (set_right, "ahead", 2.0),
+        (ahead_for_a_while, "back", 5.0),
+        (set_back, "back", 0.3),
+        (set_back_twice, "back", None),
+        (set_back_at_the_end, "back", 3.0),
+        (set_ahead, "ahead", 3600.0),
     ],
 )
-def test_a_clock_that_is_set_gives_way_to_log_time_in_memory_and_on_disk(tmp_path, monkeypatch, change, words):
+def test_a_clock_that_is_set_gives_way_to_log_time_in_memory_and_on_disk(tmp_path, monkeypatch, change, way, size):
     monkeypatch.setattr("vsalog.core.spool.PART", 301)
     monkeypatch.setattr("vsalog.readers.clock_steps._PIECE", 1000)
     path = log_of(tmp_path, stamps_that(change))
@@ -189,7 +192,9 @@ def test_a_clock_that_is_set_gives_way_to_log_time_in_memory_and_on_disk(tmp_pat
     for recording in (short, long.look):
         stream = recording.streams["/j"]
         assert (stream.time_source, stream.inversions, stream.count) == ("log", 0, 2000)
-        assert words in stream.time_reason
+        reason = stream.time_finding
+        assert (reason.code, reason.evidence["way"]) == ("clock.stamps_step", way)
+        assert size is None or reason.value == pytest.approx(size, rel=1e-5)
     np.testing.assert_array_equal(short.channel("/j.position[a]").values, np.arange(2000))
 
 
@@ -198,7 +203,8 @@ def test_a_clock_that_is_set_can_be_insisted_on_but_not_silently(tmp_path):
     for recording in (read(path, time="header"), read_within(0, path, time="header").look):
         stream = recording.streams["/j"]
         assert (stream.time_source, stream.inversions, stream.conflicts) == ("header", 299, 300)
-        assert any("header time is used" in note and "step back" in note for note in recording.notes)
+        (doubt,) = found(recording, "clock.stamps_step")
+        assert doubt.evidence == {"way": "back", "used": "header"}
 
 
 def zeros_at_the_start(stamps):
@@ -235,13 +241,8 @@ def test_a_few_stamps_that_are_none_cost_their_samples(tmp_path, monkeypatch, ch
     assert kept.size == 2000 - count
     for recording in (short, long.look):
         stream = recording.streams["/j"]
-        assert (stream.time_source, stream.time_reason, stream.inversions) == ("header", "", 0)
-        said = (
-            "1 sample left out whose header stamp is"
-            if count == 1
-            else f"{count} samples left out whose header stamps are"
-        )
-        assert any(said in note for note in recording.notes)
+        assert (stream.time_source, stream.time_finding, stream.inversions) == ("header", None, 0)
+        assert values_of(recording, "clock.stamps_left_out") == [count]
     channel, column = short.channel("/j.position[a]"), long.columns["/j.position[a]"]
     for stamps, values in ((channel.stamps, channel.values), (column.stamps[:], column.values[:])):
         np.testing.assert_array_equal(stamps, right[kept])
@@ -273,7 +274,7 @@ def test_nanoseconds_beyond_a_second_are_no_stamp(tmp_path):
         recording = read(log.save(tmp_path / "log"))
         values = recording.channel("/j.position[a]").values
         np.testing.assert_array_equal(values, np.delete(np.arange(100), odd))
-        assert any("3 samples left out" in note for note in recording.notes)
+        assert values_of(recording, "clock.stamps_left_out") == [3]
 
 
 def swapped(stamps):
@@ -323,7 +324,7 @@ def test_many_stamps_that_are_off_cost_the_clock(tmp_path, off):
     for recording in (read(path), read_within(0, path).look):
         stream = recording.streams["/j"]
         assert (stream.time_source, stream.count) == ("log", 2000)
-        assert "more than one in 20" in stream.time_reason
+        assert (stream.time_finding.code, stream.time_finding.limit) == ("clock.many_stamps_far", 20)
 
 
 def on_a_slow_network(kept):
@@ -374,7 +375,7 @@ def a_first_one_of_old():
 def test_samples_that_had_to_wait_keep_their_stamps(samples):
     stamps, times = (START + np.round(np.asarray(part) * MS).astype(np.int64) for part in samples())
     clock = choose_clock({"header": stamps, "log": times}, "auto")
-    assert (clock.source, clock.bad, clock.reason) == ("header", None, "")
+    assert (clock.source, clock.bad, clock.reason) == ("header", None, None)
 
 
 @pytest.mark.parametrize("log_time", [0, START, START + 5 * 10**9])
@@ -386,7 +387,7 @@ def test_a_log_time_that_stands_still_is_no_clock(tmp_path, log_time, time):
         channel = recording.channel("/j.position[a]")
         assert channel.stamps.tolist() == stamps
         assert recording.streams["/j"].time_source == "header"
-        assert recording.notes == ("/j: header time is used, as the log's times are all the same",)
+        assert codes(recording) == ["clock.log_stands"]
     assert read(path, start=0.1, end=0.2).channel("/j.position[a]").stamps.tolist() == stamps[100:201]
     assert read(path, time="log").streams["/j"].time_source == "log"
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from finding_codes import codes
 from mcap.writer import CompressionType
 from random_definitions import Definition, FieldOf
 from random_messages import STORES, make, numbers
@@ -74,14 +75,14 @@ def test_a_log_whose_writer_has_not_finished(tmp_path, chunked, compression):
         path.write_bytes(log.file.getvalue())  # what the writer keeps to itself is not there yet
         recording = read(path)
         seen.append(elbow(recording))
-        assert any("as when a recording is cut off" in note for note in recording.notes)
+        assert "recording.truncated" in codes(recording)
         assert open_reader(path).catalogue().channels.keys() == recording.channels.keys()
     assert all(100 * (k + 1) - 40 < count <= 100 * (k + 1) for k, count in enumerate(seen))
     assert seen == sorted(set(seen))
     path.write_bytes(log.bytes())
     recording = read(path)
     assert elbow(recording) == 400
-    assert recording.notes == ()
+    assert recording.findings == ()
 
 
 @pytest.mark.parametrize("change", ["grows", "shrinks"])
@@ -92,7 +93,7 @@ def test_a_log_that_changes_while_it_is_read(tmp_path, change):
     path.write_bytes(raw[: len(raw) // 2])
     container = open_container(path, "mcap")
     (connection,) = container.connections()
-    container.notes.clear()
+    container.findings.clear()
     times = []
     with path.open("r+b") as file:
         for k, packet in enumerate(container.packets([connection.id])):
@@ -105,7 +106,7 @@ def test_a_log_that_changes_while_it_is_read(tmp_path, change):
                 file.truncate(len(raw) // 2 - 1500 * k)
     assert 60 < len(times) < 400
     assert times == [START + i * MS for i in range(len(times))]
-    assert any("as when a recording is cut off" in note for note in container.notes)
+    assert "recording.truncated" in codes(container)
 
 
 @pytest.mark.parametrize("garbage", [b"\0" * 4096, bytes(range(256)) * 16, b"\xff" * 100, b"\4\0\0\0op=\5" * 50])
@@ -125,5 +126,5 @@ def test_a_ros1_bag_with_garbage_at_its_end(tmp_path, garbage, closed):
     path.write_bytes(raw + garbage)
     recording = read(path)
     assert elbow(recording) == 200
-    assert any("the rest is left out" in note or "skipped" in note for note in recording.notes)
-    assert closed or any("has no index" in note for note in recording.notes)
+    assert {"recording.truncated", "recording.bytes_skipped"} & {*codes(recording)}
+    assert closed or "recording.no_index" in codes(recording)

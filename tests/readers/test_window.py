@@ -120,7 +120,7 @@ def test_only_what_can_lie_there_is_read_where_the_clock_is_the_logs(tmp_path, u
             np.testing.assert_array_equal(part.channel(name).stamps, full.stamps[inside])
         else:
             assert "no sample lies between" in part.unread[name]
-    assert part.notes == whole.notes
+    assert part.findings == whole.findings
     with pytest.raises(
         ReadError, match=r"its samples are from 2023-11-14T22:13:20\.123456Z to 2023-11-14T22:13:21\.12"
     ):

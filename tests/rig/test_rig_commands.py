@@ -12,6 +12,7 @@ from rich.console import Console
 from rig_logs import DEFLECTION, LINK, MOTOR, MOTOR_TORQUE, TIME, TORQUE, recording, table, write_csv
 
 from vsalog.cli import cli
+from vsalog.core.finding import Finding
 from vsalog.core.resolution import noise_of, step_of
 from vsalog.report.inspect import console_for_stdout, print_report
 from vsalog.report.inspect_data import Inspection, LogReport, inspect_recording
@@ -228,12 +229,12 @@ def test_inspect_tells_what_is_wrong_with_a_log():
         "dead": np.zeros(TIME.size),
     }
     columns["motor_position"][:40] = np.nan
-    log = table(columns, notes=("12 lines could not be read",), unread={"comment": "text"})
+    log = table(columns, findings=(Finding(code="recording.rows_unreadable", value=12),), unread={"comment": "text"})
     text = printed(log, 200)
     assert "always 0" in text
     assert "1 %" in text
     assert "0.001" in text
-    assert "note: 12 lines could not be read" in text
+    assert "note: 12 rows of the database cannot be read" in text
     assert "not read: comment: text" in text
     report = report_of(log)
     assert isinstance(report, LogReport)

@@ -1,5 +1,6 @@
 import numpy as np
 import pytest
+from finding_codes import codes, found, values_of
 from rig_logs import (
     DEFLECTION,
     JOINT_STATE,
@@ -140,7 +141,7 @@ def test_a_geared_motor_is_told_by_its_range_and_side():
     assert (motor.side, motor.sign) == ("rotor", -1)
     current = joint.roles["motor_torque"]
     assert (current.channel, current.unit, current.is_current) == ("motor_current", "A", True)
-    assert any("look up the true one" in warning for warning in joint.warnings)
+    assert values_of(joint, "guess.gear_ratio") == [joint.gear_ratio]
 
 
 def test_a_torque_computed_from_the_deflection_is_no_measurement():
@@ -149,11 +150,12 @@ def test_a_torque_computed_from_the_deflection_is_no_measurement():
     )
     assert joint.roles["torque_sensor"].sign == -1
     assert joint.roles["torque_sensor"].confidence < 0.5
-    assert any("exactly -40 × 'deflection'" in w and "no independent measurement" in w for w in joint.warnings)
+    (computed,) = found(joint, "torque.computed")
+    assert computed.evidence == {"factor": pytest.approx(-40.0), "source": "'deflection'"}
     measured = only_joint(
         table({"position": LINK, "motor_position": MOTOR, "deflection": DEFLECTION, "effort": TORQUE})
     )
-    assert not any("independent" in warning for warning in measured.warnings)
+    assert "torque.computed" not in codes(measured)
 
 
 def test_a_sensor_that_counts_the_other_way_round_gets_a_sign():
@@ -176,7 +178,7 @@ def test_commands_rates_and_what_never_changes_are_no_roles():
     )  # fmt: skip
     assert channels_of(joint) == {"motor_position": "motor_position", "link_position": "link_position"}
     assert joint.missing["motor_torque"] == "not found: 'motor_torque' never changes"
-    assert any("no torque and no motor current" in warning for warning in joint.warnings)
+    assert "guess.no_torque" in codes(joint)
 
 
 def test_units_tell_what_names_do_not():
@@ -218,7 +220,7 @@ def test_groups_with_a_number_in_their_names_are_runs():
     assert joint.kind == "serial"
     assert channels_of(joint) == {"deflection": "tests.{run}.angle", "torque_sensor": "tests.{run}.torque"}
     assert [(run.name, run.setpoint) for run in joint.runs] == [("k00", 0.0), ("k10", 10.0), ("k45", 45.0)]
-    assert any("'tests_one_cam.k45'" in warning and "left out" in warning for warning in guess.warnings)
+    assert [one.evidence["streams"] for one in found(guess, "guess.runs_left_out")] == ["'tests_one_cam.k45'"]
 
 
 def test_runs_that_only_count_have_no_set_point():
@@ -236,14 +238,14 @@ def test_streams_without_time_are_passed_over_unless_there_is_nothing_else():
     log = table({"motor_position": MOTOR, "link_position": LINK}, time_source="none")
     guess = guess_roles(log)
     assert guess.joints[0].kind == "elastic"
-    assert any("--rate" in warning for warning in guess.warnings)
+    assert codes(guess) == ["clock.missing"]
 
 
 def test_raw_counts_are_doubted():
     counts = np.round(500.0 + 100.0 * LINK)
     joint = only_joint(table({"joint_angle": counts, "motor_position": MOTOR}))
     assert joint.roles["link_position"].confidence < 0.6
-    assert any("raw counts" in warning for warning in joint.warnings)
+    assert "guess.raw_counts" in codes(joint)
 
 
 def test_nothing_is_made_of_nothing():

@@ -49,7 +49,7 @@ def test_a_sample_holds_all_channels_of_its_rig(name: str, count: int) -> None:
             assert values.shape == (count,)
             assert np.all(np.isfinite(values))
             assert np.ptp(values) > 0.0
-    assert not recording.notes
+    assert not recording.findings
 
 
 def test_the_csv_states_its_units() -> None:

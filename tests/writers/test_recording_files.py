@@ -76,7 +76,7 @@ def test_every_bit_and_the_rig_come_back(output: str, tmp_path: Path, monkeypatc
     files = written(output, log, tmp_path, monkeypatch)
     found = read(files.log)
     assert found.absolute_time
-    assert not found.notes
+    assert not found.findings
     # A ROS 1 header counts its messages.
     assert [name for name in found.channels if not name.endswith(".header.seq")] == list(log.channels)
     for name, channel in log.channels.items():

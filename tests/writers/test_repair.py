@@ -7,6 +7,7 @@ import json
 import numpy as np
 import pytest
 from click.testing import CliRunner
+from finding_codes import codes, found, values_of
 from mcap.reader import make_reader
 from mcap.writer import CompressionType, Writer
 from scipy.io import savemat
@@ -65,7 +66,7 @@ def original(tmp_path_factory):
 def test_a_sound_file_is_kept_bit_for_bit(original, tmp_path):
     done = repair(original, tmp_path / "new.mcap")
     assert content(tmp_path / "new.mcap") == content(original)
-    assert (done.messages, done.channels, done.notes) == (COUNT, 3, ())
+    assert (done.messages, done.channels, done.findings) == (COUNT, 3, ())
 
 
 def test_what_a_damaged_file_still_holds_is_kept(original, tmp_path):
@@ -85,10 +86,10 @@ def test_what_a_damaged_file_still_holds_is_kept(original, tmp_path):
     found = content(tmp_path / "new.mcap")
     assert found == (expected, *whole[1:])
     assert done.messages == len(expected)
-    assert any("1 of" in note and "chunks damaged" in note for note in done.notes)
-    assert any("cut off" in note for note in done.notes)
+    assert values_of(done, "recording.chunks_damaged") == [1]
+    assert "recording.truncated" in codes(done)
     assert damaged.read_bytes() == before
-    assert read(tmp_path / "new.mcap").notes == ()
+    assert read(tmp_path / "new.mcap").findings == ()
 
 
 def test_messages_of_a_lost_channel_are_counted(tmp_path):
@@ -105,7 +106,7 @@ def test_messages_of_a_lost_channel_are_counted(tmp_path):
     path.write_bytes(raw[:data_end].replace(b"/b", b"\xff\xff"))
     done = repair(path, tmp_path / "new.mcap")
     assert done.messages == 5
-    assert any("5 messages of channels whose definition was lost" in note for note in done.notes)
+    assert values_of(done, "repair.unknown_channels") == [5]
 
 
 def test_damage_anywhere_is_no_crash(original, tmp_path):
@@ -141,10 +142,9 @@ def test_messages_that_do_not_fit_their_definition_are_kept_and_counted(tmp_path
     done = repair(tmp_path / "log", tmp_path / "new.mcap")
     assert [m[-1] for m in content(tmp_path / "new.mcap")[0] if m[0] == "/b"] == expected
     assert done.messages == 60
-    assert done.notes == (
-        "/b: 4 of 20 messages do not fit the definition in the log; they were copied as they are",
-        "/c: 20 of 20 messages do not fit the definition in the log; they were copied as they are",
-    )
+    unfit = found(done, "recording.messages_damaged")
+    assert [(one.part, one.value, one.evidence["messages"]) for one in unfit] == [("/b", 4, 20), ("/c", 20, 20)]
+    assert {one.evidence["done"] for one in unfit} == {"copied as they are"}
 
 
 @pytest.mark.parametrize("ros1", [True, False])
@@ -201,7 +201,7 @@ def test_vectors_without_a_time_are_left_out(tmp_path):
     )
     done = repair(tmp_path / "log", tmp_path / "new.mcap")
     assert (done.messages, done.channels) == (5, 1)
-    assert any("log: has no time, left out" in note for note in done.notes)
+    assert "repair.no_time" in codes(done)
     assert list(read(tmp_path / "new.mcap").channels) == ["/run/x.data"]
 
 
@@ -225,7 +225,7 @@ def test_the_command_says_what_it_wrote(original, tmp_path):
     done = CliRunner().invoke(cli, ["inspect", str(original), "--repair", str(target), "--json"])
     assert done.exit_code == 0
     repaired = json.loads(done.stdout)["repaired"]
-    assert repaired == {"path": str(target), "messages": COUNT, "channels": 3, "notes": []}
+    assert repaired == {"path": str(target), "messages": COUNT, "channels": 3, "notes": [], "findings": []}
     assert f"{COUNT} messages of 3 channels written" in done.stderr
     both = CliRunner().invoke(cli, ["inspect", str(original), str(original), "--repair", str(target)])
     assert both.exit_code == 2

@@ -7,13 +7,10 @@ from collections.abc import Iterable
 from vsalog.core.errors import BindingError
 from vsalog.core.finding import Finding
 from vsalog.core.printable import printable
-from vsalog.core.recording import Recording
+from vsalog.core.recording import Recording, Stream
 
 FAR, TOLD = 0.1, 1e-3
 """A log's time that is so much later than the stamps [s] is no matter of the way between them; so much less is no finding."""
-
-_ASKED_FOR = "it has no header"
-"""How the reason begins of a stream that was to be on header stamps."""
 
 
 def clock_findings(recording: Recording, name: str, channels: Iterable[str]) -> tuple[Finding, ...]:
@@ -37,8 +34,8 @@ def clock_findings(recording: Recording, name: str, channels: Iterable[str]) -> 
     if not stamped or not others:
         return ()
     far = max(stamped, key=lambda one: abs(one.delay_median))
-    if abs(far.delay_median) > FAR and not all(one.time_reason.startswith(_ASKED_FOR) for one in others):
-        header = "" if any(one.time_reason for one in others) else ", --time header takes them as they are"
+    if abs(far.delay_median) > FAR and not all(map(_lacks_stamps, others)):
+        header = "" if any(one.time_finding for one in others) else ", --time header takes them as they are"
         raise BindingError(
             f"{recording.path.name}: joint '{name}': {printable(far.name)} is on header stamps and"
             f" {printable(others[0].name)} on {others[0].time_source} time, and in {printable(far.name)} the two are"
@@ -58,3 +55,9 @@ def clock_findings(recording: Recording, name: str, channels: Iterable[str]) -> 
             },
         ),
     )
+
+
+def _lacks_stamps(stream: Stream) -> bool:
+    """Tell whether a stream was to be on header stamps and has none."""
+    found = stream.time_finding
+    return found is not None and found.code == "clock.not_recorded" and found.evidence["asked"] == "header"

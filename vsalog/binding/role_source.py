@@ -13,6 +13,7 @@ from vsalog.binding.outliers import ROLES
 from vsalog.binding.sensor_model import seen_by
 from vsalog.binding.unwrapping import TURN
 from vsalog.core.errors import BindingError, UnitError
+from vsalog.core.finding_texts import sentence
 from vsalog.core.recording import Channel, Recording
 from vsalog.core.units import si_factor
 from vsalog.rig.parts import Lever
@@ -153,10 +154,10 @@ def _check(recording: Recording, channel: Channel, role: str) -> None:
     where = f"{recording.path.name}: channel '{channel.name}' ({role})"
     stream = recording.streams.get(channel.stream)
     if stream is not None and stream.time_source == "none":
-        if stream.time_reason:
+        if stream.time_finding is not None:
             raise BindingError(
-                f"{where} has no time: {stream.time_reason}; put the rows in order, or say how fast they were sampled with"
-                " --rate HZ"
+                f"{where} has no time: {sentence(stream.time_finding)} Put the rows in order, or say how fast they were sampled"
+                " with --rate HZ"
             )
         raise BindingError(f"{where} has no time column; say how fast it was sampled with --rate HZ")
     if channel.values.size < 2:

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
 from typing import Literal
 
 import msgspec
@@ -17,8 +18,9 @@ class Finding(msgspec.Struct, frozen=True, kw_only=True):
     Attributes
     ----------
     code : what it is, stable, `FAMILY.NAME`; docs/findings.md lists all
+    log : the log's name; "" where it is about all of them
     joint : the joint's name; "" where it is about the whole log
-    part : the transmission or the roles that it is about; "" where it is about the whole joint
+    part : the transmission or the roles that it is about, of a log the stream, column or file; "" where it is about the whole
     severity : `invalidates` where the estimate is not to be used
     value : the number that was compared
     limit : what it was compared with; None where nothing was
@@ -27,6 +29,7 @@ class Finding(msgspec.Struct, frozen=True, kw_only=True):
     """
 
     code: str
+    log: str = ""
     joint: str = ""
     part: str = ""
     severity: Severity = "warning"
@@ -34,3 +37,39 @@ class Finding(msgspec.Struct, frozen=True, kw_only=True):
     limit: float | None = None
     unit: str = ""
     evidence: Evidence = {}
+
+
+class Findings(list[Finding]):
+    """Findings in the order in which they were made, each of them once."""
+
+    def add(self, *found: Finding) -> None:
+        """Add those that are not there."""
+        known = {_key(one) for one in self} if found else set()
+        for one in found:
+            if (key := _key(one)) not in known:
+                known.add(key)
+                self.append(one)
+
+
+def _key(one: Finding) -> tuple[object, ...]:
+    return (one.code, one.log, one.joint, one.part, one.severity, one.value, one.limit, one.unit, *one.evidence.items())
+
+
+@dataclass(frozen=True, slots=True)
+class Text:
+    """The words of a code.
+
+    Attributes
+    ----------
+    says : what was found, sentences with the fields of the finding and of its evidence in braces; `{value:n row}` is
+        "1 row" or "2 rows"
+    advice : what to do, or what follows from it, sentences too
+    """
+
+    says: str
+    advice: str = ""
+
+
+def of_log(log: str, findings: Iterable[Finding]) -> list[Finding]:
+    """Return findings about a log with its name."""
+    return [msgspec.structs.replace(one, log=log) for one in findings]

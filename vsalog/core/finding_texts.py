@@ -3,45 +3,17 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
 from functools import cache
 from importlib.metadata import entry_points
+from string import Formatter
+from typing import Any
 
-from vsalog.core.finding import Finding
-
-
-@dataclass(frozen=True, slots=True)
-class Text:
-    """The words of a code.
-
-    Attributes
-    ----------
-    says : what was found, sentences with the fields of the finding and of its evidence in braces
-    advice : what to do, or what follows from it, sentences too
-    """
-
-    says: str
-    advice: str
-
+from vsalog.core.finding import Finding, Text
+from vsalog.core.finding_texts_log import LOG_TEXTS
+from vsalog.core.printable import plural
 
 TEXTS: Mapping[str, Text] = {
-    "recording.gaps": Text("{value:.0f} gaps, {seconds:.3g} s in all.", "Nothing is estimated across them."),
-    "recording.samples_lost": Text(
-        "{part} lacks a sample or two at {value:.0f} places.", "They are bridged between the neighbours."
-    ),
-    "recording.outliers": Text(
-        "{value:.0f} of {samples} samples of {part} stand alone, as no motion does (first at {first:.6g} s).",
-        "They are left out.",
-    ),
-    "recording.not_finite": Text(
-        "{value:.0f} of {samples} samples of {part} are no finite number.",
-        "They are left out, and bridged between the neighbours where one is alone.",
-    ),
-    "recording.clocks_apart": Text(
-        "{stamped} is on header stamps and {other} on {clock} time, and in {stamped} the two are {value:.3g} s apart: they"
-        " may be shifted by as much.",
-        "--time log puts all on one clock.",
-    ),
+    **LOG_TEXTS,
     "encoder.zero": Text(
         "the deflection ({part}) lies around {value:.4g} rad and moves by ±{half_range:.3g} rad only: is an encoder's zero off?",
         "Give it as 'offset' of one of these roles in the rig; the stiffness over the deflection is wrong if so.",
@@ -365,9 +337,19 @@ def texts() -> Mapping[str, Text]:
     return {**others, **TEXTS}
 
 
+class _Counting(Formatter):
+    """Formats as `str.format` does, and counts: `{value:n row}` is "1 row" or "2 rows"."""
+
+    def format_field(self, value: Any, format_spec: str) -> str:
+        if format_spec.startswith("n "):
+            return plural(int(value), format_spec[2:])
+        return str(super().format_field(value, format_spec))
+
+
 def sentence(finding: Finding) -> str:
     """Return what a finding says, and what to do about it."""
     text = texts()[finding.code]
     fields = {name: getattr(finding, name) for name in ("joint", "part", "value", "limit", "unit")}
-    words = f"{text.says} {text.advice}".format_map(fields | dict(finding.evidence))
-    return f"joint '{finding.joint}': {words}" if finding.joint else words
+    words = _Counting().vformat(f"{text.says} {text.advice}".strip(), (), fields | dict(finding.evidence))
+    joint = f"joint '{finding.joint}'" if finding.joint else ""
+    return ": ".join(filter(None, (finding.log, joint, words)))

@@ -10,6 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vsalog.core.errors import BindingError, did_you_mean
+from vsalog.core.finding import Finding
+from vsalog.core.finding_texts import sentence
 
 Stamps = NDArray[np.int64]
 Values = NDArray[np.float64]
@@ -56,8 +58,8 @@ class Stream:
         Samples kept.
     time_source : str
         ``header``, ``log``, ``publish``, ``column`` or ``rate``: where the stamps come from.
-    time_reason : str
-        Why that source, when it was not the first choice ("" otherwise).
+    time_finding : Finding or None
+        Why that source, when it was not the first choice.
     inversions, duplicates, conflicts : int
         Samples that came out of order, exact duplicates dropped, equal stamps with different values dropped.
     delay_median, delay_spread : float
@@ -68,7 +70,7 @@ class Stream:
     type: str
     count: int
     time_source: str
-    time_reason: str = ""
+    time_finding: Finding | None = None
     inversions: int = 0
     duplicates: int = 0
     conflicts: int = 0
@@ -94,7 +96,7 @@ class Recording:
         Fields that are no signal, with the reason: ``text``, ``array of 921600 values``, an undecodable type …
     rig_text : str or None
         The rig the log carries (MCAP metadata record ``vsalog.rig``), as TOML.
-    notes : tuple of str
+    findings : tuple of Finding
         What a person should know: salvage counts, clocks, skipped lines.
     absolute_time : bool
         Whether stamps count from the epoch.
@@ -106,8 +108,13 @@ class Recording:
     streams: Mapping[str, Stream]
     unread: Mapping[str, str] = field(default_factory=dict)
     rig_text: str | None = None
-    notes: tuple[str, ...] = ()
+    findings: tuple[Finding, ...] = ()
     absolute_time: bool = True
+
+    @property
+    def notes(self) -> tuple[str, ...]:
+        """What a person should know, in sentences."""
+        return tuple(map(sentence, self.findings))
 
     def channel(self, name: str) -> Channel:
         """Return the channel of that name.

@@ -16,6 +16,8 @@ from vsalog.binding.joint import names_of, offered_roles, wanted_channels
 from vsalog.binding.neighbours import own_and_others
 from vsalog.checks.cross_check import reference_roles
 from vsalog.core.errors import BindingError, EstimatorError, ReadError, RigError, did_you_mean
+from vsalog.core.finding import Finding, Findings, of_log
+from vsalog.core.finding_texts import sentence
 from vsalog.core.model import UNITS, ModelFile
 from vsalog.core.recording import Recording
 from vsalog.core.trace import Trace
@@ -39,10 +41,6 @@ Progress = Callable[[str], None]
 MOST_JOINTS_TOLD = 3
 # Bytes of samples that are held in memory; what is beyond is worked on in a temporary file.
 ROOM = 256 * 2**20
-LONG_NOTE = (
-    "{}: is too long for memory, so what its filters and scales are derived from, and whether its signals are plausible, was told"
-    " from stretches spread over it"
-)
 
 
 @dataclass(frozen=True, slots=True)
@@ -82,7 +80,7 @@ class Job:
     rig : as loaded, with the settings worked in
     guessed : whether no rig was found and the roles were guessed
     choices : the estimator for each joint
-    warnings : what was noticed so far
+    findings : of the logs and the rig
     options : what was asked for
     """
 
@@ -92,7 +90,7 @@ class Job:
     guessed: bool
     choices: Mapping[str, Choice]
     setpoints: tuple[float | None, ...]
-    warnings: tuple[str, ...]
+    findings: tuple[Finding, ...]
     options: Options = field(default_factory=lambda: Options())
 
     def run(
@@ -114,6 +112,11 @@ class Job:
                 )
             )
         return out
+
+    @property
+    def warnings(self) -> tuple[str, ...]:
+        """What was found of the logs and the rig, in sentences."""
+        return tuple(map(sentence, self.findings))
 
     @property
     def is_long(self) -> bool:
@@ -172,14 +175,14 @@ def prepare(logs: Sequence[Path | Recording], options: Options, progress: Progre
     """
     if not logs:
         raise ReadError("no log was given")
-    warnings: list[str] = []
+    findings = Findings()
     rig, guessed = _rig(logs[0], options), False
     read_all: list[Recording | LongRecording] | None = None
     if rig is None:
         read_all = _read_all(logs, [None] * len(logs), options, progress)
         rig, remarks = _guess(_looked_at(read_all[0]))
         guessed = True
-        warnings += remarks
+        findings.add(*remarks)
     rig = rig.with_settings({key: value for key, value in options.set.items() if key != "setpoint"})
     rig, setpoints = _setpoints(rig, options.set.get("setpoint"), len(logs))
     joints = pick_joints(rig.joints, options.joints)
@@ -192,15 +195,17 @@ def prepare(logs: Sequence[Path | Recording], options: Options, progress: Progre
         raise EstimatorError(
             f"{name}: no rig was found in or beside it, and by the names of its channels {error}"
         ) from None
-    warnings += [f"left out: {reason}" for reason in left_out.values()]
+    findings.add(*left_out)
     if read_all is None:
         names = [_path(log).name for log in logs]
         wanted = [_Wanted.of(rig, choices, name) for name in names]
         read_all = _read_all(logs, wanted, options, progress)
-    warnings += [f"{r.path.name}: {note}" for r in map(_looked_at, read_all) for note in r.notes]
-    warnings += [LONG_NOTE.format(r.path.name) for r in read_all if isinstance(r, LongRecording)]
+    for recording in map(_looked_at, read_all):
+        findings.add(*of_log(recording.path.name, recording.findings))
+    long = [recording.path.name for recording in read_all if isinstance(recording, LongRecording)]
+    findings.add(*(Finding(code="recording.too_long_for_memory", log=name) for name in long))
     paths = tuple(_path(log) for log in logs)
-    return Job(paths, tuple(read_all), rig, guessed, choices, setpoints, tuple(warnings), options)
+    return Job(paths, tuple(read_all), rig, guessed, choices, setpoints, tuple(findings), options)
 
 
 @dataclass(frozen=True, slots=True)
@@ -286,7 +291,7 @@ def _rig(log: Path | Recording, options: Options) -> Rig | None:
     return find_rig(_path(log), text)
 
 
-def _guess(recording: Recording) -> tuple[Rig, list[str]]:
+def _guess(recording: Recording) -> tuple[Rig, list[Finding]]:
     """Guess the rig of a log that has none; that it was guessed is said loudly."""
     guess, name = guess_roles(recording), recording.path.name
     if not guess.joints:
@@ -300,11 +305,11 @@ def _guess(recording: Recording) -> tuple[Rig, list[str]]:
         for joint in guess.joints[:MOST_JOINTS_TOLD]
     )
     more = f" and {len(guess.joints) - MOST_JOINTS_TOLD} more joints" if len(guess.joints) > MOST_JOINTS_TOLD else ""
-    return Rig.from_toml(rig_template(recording, guess), f"the rig guessed for {name}"), [
-        f"no rig was found in or beside {name}, so the roles are guessed. {roles}{more}."
-        f" 'vsalog init {name} -o {recording.path.stem}.rig.toml' writes them down for you to check and correct",
-        *guess.warnings,
-    ]
+    evidence = {"roles": roles + more, "name": name, "stem": recording.path.stem}
+    guessed = Finding(code="rig.guessed", value=len(guess.joints), evidence=evidence)
+    return Rig.from_toml(rig_template(recording, guess), f"the rig guessed for {name}"), of_log(
+        name, [guessed, *guess.findings]
+    )
 
 
 def _setpoints(rig: Rig, text: str | None, count: int) -> tuple[Rig, tuple[float | None, ...]]:

@@ -333,7 +333,7 @@ def pick_joints(joints: Mapping[str, Joint], wanted: Sequence[str]) -> dict[str,
 
 def choose_all(
     joints: Mapping[str, Joint], estimator: str, tuning: Mapping[str, str], rig: RigFile | None = None
-) -> tuple[dict[str, Choice], dict[str, str]]:
+) -> tuple[dict[str, Choice], list[Finding]]:
     """Choose an estimator for every joint; joints that offer too little are left out, with the reason.
 
     Raises
@@ -342,13 +342,13 @@ def choose_all(
         No joint is left.
     """
     choices: dict[str, Choice] = {}
-    left_out: dict[str, str] = {}
+    left_out: list[Finding] = []
     first: VsalogError | None = None
     for name, joint in joints.items():
         try:
             choices[name] = choose(name, joint, estimator, tuning, rig)
         except EstimatorError as error:
-            left_out[name] = str(error)
+            left_out.append(Finding(code="rig.joint_left_out", part=name, evidence={"reason": str(error)}))
             first = first or error
     if not choices and first is not None:
         raise first

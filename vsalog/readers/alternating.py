@@ -11,6 +11,7 @@ from collections.abc import Mapping
 
 import numpy as np
 
+from vsalog.core.finding import Finding
 from vsalog.core.recording import Values
 from vsalog.core.spool import Column
 
@@ -27,16 +28,13 @@ _LEAST_PART = 0.05  # of the range where no step over all turns is as large, as 
 _PARTS, _CHANGE = 8, 0.5  # how much publishers are apart differs so much among the parts of a stretch
 
 
-def alternating_note(stream: str, columns: Mapping[str, Column]) -> str:
-    """Say that most channels of a stream that vary go back and forth; "" where they do not."""
+def alternating(stream: str, columns: Mapping[str, Column]) -> list[Finding]:
+    """Return that most channels of a stream that vary go back and forth; nothing where they do not."""
     looked_at = list(columns.values())[:: max(1, len(columns) // _CHANNELS)]
     varying = [found for column in looked_at if (found := _goes_back_and_forth(column)) is not None]
     if not varying or 2 * sum(varying) <= len(varying):
-        return ""
-    return (
-        f"{stream}: its values go back and forth from sample to sample, as when two publishers of different values share a topic;"
-        " if so, no values of it are those of either"
-    )
+        return []
+    return [Finding(code="recording.values_alternate", part=stream)]
 
 
 def _goes_back_and_forth(column: Column) -> bool | None:

@@ -9,7 +9,8 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from vsalog.core.errors import ReadError
-from vsalog.core.printable import plural, printable
+from vsalog.core.finding import Evidence, Finding
+from vsalog.core.printable import printable
 from vsalog.core.recording import Stamps, Values
 from vsalog.readers.base import BLOCK_ROWS, Block, Catalogue, ChannelInfo
 from vsalog.readers.chunk_index import IndexContradictsError, Part
@@ -21,7 +22,7 @@ from vsalog.readers.frames import Frames
 from vsalog.readers.messages import Decoder
 from vsalog.readers.packets import Integers, Messages, Packet
 from vsalog.readers.plain_messages import plain, plain_packets
-from vsalog.readers.publishers import FrameWatch, mixed_up_note, publisher_stream
+from vsalog.readers.publishers import FrameWatch, mixed_up, publisher_stream
 from vsalog.readers.streams import Named, Streams
 
 BLOCK_BYTES = 16 * 2**20
@@ -89,9 +90,9 @@ class BagReader:
     def __init__(self, container: Container) -> None:
         self._container = container
         self.format = container.format
-        self.notes = container.notes
+        self.findings = container.findings
         self.unread: dict[str, str] = {}
-        self.unfit: dict[str, str] = {}  # how many messages of a stream do not fit its definition
+        self.unfit: list[Finding] = []  # of streams with messages that do not fit their definition
         self._channels: set[str] = set()
         self._streams = Streams(container, self._first_of, self.unread)
         self._promise: Promise | None = None
@@ -296,7 +297,7 @@ class BagReader:
             if not batch.apart or total[batch.stream]:
                 expected[batch.stream] += batch.expected
             if batch.watch is not None and (mixed := batch.watch.mixed()):
-                self.notes.append(mixed_up_note(batch.stream, mixed))
+                self.findings.append(mixed_up(batch.stream, mixed))
         for stream in expected:
             if not total[stream]:
                 if not self._narrowed or (not expected[stream] and self._container.counts()):
@@ -304,13 +305,14 @@ class BagReader:
                 continue
             misfits, fit = misfit[stream]
             if damaged[stream]:
-                self.unfit[stream] = f"{stream}: {damaged[stream]} of {plural(total[stream], 'message')} {misfits}"
+                evidence: Evidence = {"messages": total[stream], "misfit": misfits, "done": "left out"}
+                self.unfit.append(
+                    Finding(code="recording.messages_damaged", part=stream, value=damaged[stream], evidence=evidence)
+                )
             if damaged[stream] == total[stream]:
                 self.unread.setdefault(stream, f"no message {fit}")
             elif damaged[stream]:
-                note = f"{self.unfit[stream]} and were left out"
-                if note not in self.notes:
-                    self.notes.append(note)
+                self.findings.add(self.unfit[-1])
 
 
 def _all(batches: Mapping[int, _Batch]) -> list[_Batch]:

@@ -6,6 +6,7 @@ from collections.abc import Collection, Iterator, Mapping
 from dataclasses import dataclass, field
 from typing import Protocol
 
+from vsalog.core.finding import Finding, Findings
 from vsalog.core.recording import Stamps, Values
 
 BLOCK_ROWS = 8192
@@ -14,11 +15,16 @@ BLOCK_ROWS = 8192
 MAX_ARRAY = 64
 """Arrays with more values than this are images, clouds or maps, not signals."""
 
-NO_TIME = "without a time left out"
-"""How notes of rows end that a table's clock says nothing of."""
-
-DOUBTFUL = "values may be wrong"
-"""How notes end of damage that may be in any number, so that it is told ahead of the numbers."""
+DOUBTFUL = frozenset(
+    (
+        "recording.values_doubtful",
+        "compressed.bad_checksum",
+        "compressed.damaged",
+        "compressed.rows_left_out",
+        "compressed.rows_doubtful",
+    )
+)
+"""Codes of damage that may be in any number, so that it is told ahead of the numbers."""
 
 CLOCKS = ("header", "log", "publish", "column", "rate", "none")
 """Kinds of time stamps, best first."""
@@ -74,7 +80,7 @@ class Block:
         By channel name, NaN where a sample has no such value (`vsalog.core.spool.ABSENT` where a message does not carry it).
     units : mapping of str to str
         Units of the columns that state one.
-    timeless : str
+    timeless : Finding or None
         Why there is no clock, where that is worth telling.
     expected : int
         How many samples the stream has in all, as the log says, which may be wrong; 0 where it does not.
@@ -87,7 +93,7 @@ class Block:
     clocks: Mapping[str, Stamps]
     columns: Mapping[str, Values]
     units: Mapping[str, str] = field(default_factory=dict)
-    timeless: str = ""
+    timeless: Finding | None = None
     expected: int = 0
     whole: bool = False
 
@@ -101,14 +107,14 @@ class Reader(Protocol):
         ``mcap``, ``rosbag1``, ``rosbag2-sqlite3``, ``rosbag2-mcap``, ``csv``, ``parquet`` or ``matlab``.
     rig_text : str or None
         The rig the log carries, as TOML; known at once.
-    notes : list of str
+    findings : Findings
         Salvage counts and the like; complete once the blocks are read.
     unread : dict of str to str
         Fields that are no signal, with the reason; complete once the blocks are read.
     """
 
     format: str
-    notes: list[str]
+    findings: Findings
     unread: dict[str, str]
 
     @property

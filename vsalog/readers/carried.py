@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from vsalog.core.printable import plural
+from vsalog.core.finding import Evidence, Finding
 from vsalog.core.recording import Values
 from vsalog.core.spool import ABSENT_BITS, Column
 
@@ -168,15 +168,13 @@ def part_stream(stream: str, part: Together) -> str:
     return f"{stream} ({part.columns[0].removeprefix(f'{stream}.')} …)"
 
 
-def stray_note(stream: str, parts: Sequence[Together]) -> str:
-    """Say that parts may be damaged names; "" where none is."""
+def stray_names(stream: str, parts: Sequence[Together]) -> list[Finding]:
+    """Return that parts may be damaged names; nothing where none is."""
     strays = [part for part in parts if part.stray]
     names = [name.removeprefix(f"{stream}.") for part in strays for name in part.columns]
     if not names:
-        return ""
+        return []
     shown = ", ".join(names[:3]) + (f" and {len(names) - 3} more" if len(names) > 3 else "")
-    count, messages = sum(part.count for part in strays), strays[0].messages
-    return (
-        f"{stream}: {shown} {'is' if len(names) == 1 else 'are'} in {count} of {plural(messages, 'message')} only, in"
-        " place of others, as when a byte of a name has changed; the others' samples of these messages are missing"
-    )
+    count = sum(part.count for part in strays)
+    evidence: Evidence = {"names": shown, "messages": strays[0].messages}
+    return [Finding(code="recording.stray_names", part=stream, value=count, evidence=evidence)]

@@ -10,15 +10,17 @@ from pathlib import Path
 import numpy as np
 
 from vsalog.core.errors import ReadError
+from vsalog.core.finding import Finding, Findings
+from vsalog.core.finding_texts import sentence
 from vsalog.core.printable import plural
 from vsalog.core.recording import Channel, Recording, Stream
 from vsalog.core.spool import Column, Spool, in_memory
-from vsalog.readers.alternating import alternating_note
-from vsalog.readers.base import NO_TIME, Reader
-from vsalog.readers.carried import part_stream, stray_note
+from vsalog.readers.alternating import alternating
+from vsalog.readers.base import Reader
+from vsalog.readers.carried import part_stream, stray_names
 from vsalog.readers.gathered import Gathered
 from vsalog.readers.reach import BEYOND, within_reach
-from vsalog.readers.timing import ASKED_FOR, STANDING, YEAR_2000, Clock, Order, choose_clock, put_in_order
+from vsalog.readers.timing import YEAR_2000, Clock, Order, choose_clock, of_stream, put_in_order
 
 # Beyond so many bytes of samples, a log that grows so many times is a bomb.
 FREE_BYTES, MOST_TIMES = 512 * 2**20, 60
@@ -88,19 +90,20 @@ def gather(
     if not any(one.count for one in gathered.values()):
         if absurd:
             raise ReadError(f"the times of all samples {BEYOND}", path)
-        if timeless := [note for note in reader.notes if note.endswith(NO_TIME)]:
+        if timeless := [one for one in reader.findings if one.code == "clock.rows_without_time"]:
             raise ReadError(
-                f"its time column holds no time that can be read, or none within 292 years of 1970: {timeless[0]}", path
+                f"its time column holds no time that can be read, or none within 292 years of 1970: {sentence(timeless[0])}",
+                path,
             )
     if absurd:
-        reader.notes.append(f"{plural(absurd, 'sample')} left out whose times {BEYOND}")
+        reader.findings.append(Finding(code="clock.beyond_reach", value=absurd))
     for one in gathered.values():
         for column in [column for column in one.columns if column in reader.unread]:
             del one.columns[column]  # only the last block tells that a column holds no number at all
-    return _apart(gathered, reader.notes), spool
+    return _apart(gathered, reader.findings), spool
 
 
-def _apart(gathered: dict[str, Gathered], notes: list[str]) -> dict[str, Gathered]:
+def _apart(gathered: dict[str, Gathered], findings: Findings) -> dict[str, Gathered]:
     """Make streams of their own of what comes in messages of its own."""
     found: dict[str, Gathered] = {}
     for stream in list(gathered):
@@ -109,8 +112,7 @@ def _apart(gathered: dict[str, Gathered], notes: list[str]) -> dict[str, Gathere
         if len(parts) == 1 and parts[0].bits is None:
             found[stream] = one
             continue
-        if note := stray_note(stream, parts):
-            notes.append(note)
+        findings.add(*stray_names(stream, parts))
         for part in parts:
             found[part_stream(stream, part)] = one.take_part(part)
     return found
@@ -158,16 +160,12 @@ def assembled(
     channels: dict[str, Channel] = {}
     samples: dict[str, tuple[Column, Column]] = {}
     streams: dict[str, Stream] = {}
-    notes = list(reader.notes)
+    findings = Findings(reader.findings)
     dates: list[bool] = []
     for name, one in gathered.items():
         placed = place(name, one)
         streams[name] = placed.stream
-        notes += remarks(placed.stream)
-        if note := alternating_note(name, placed.columns):
-            notes.append(note)
-        if placed.left_out:
-            notes.append(_left_out(placed))
+        findings.add(*clock_findings(placed), *alternating(name, placed.columns))
         if len(placed.stamps):
             dates.append(bool(placed.stamps[:1][0] >= YEAR_2000))
         if placed.stream.time_source == "column" and placed.stream.conflicts > placed.stream.count:
@@ -185,21 +183,10 @@ def assembled(
         streams=streams,
         unread={name: reason for name, reason in reader.unread.items() if name not in channels},
         rig_text=reader.rig_text,
-        notes=tuple(dict.fromkeys(notes)),
+        findings=tuple(findings),
         absolute_time=all(dates),
     )
     return outline, samples
-
-
-def _left_out(placed: Placed) -> str:
-    """Say why samples are left out."""
-    one = placed.left_out == 1
-    which = f"{placed.stream.name}: {plural(placed.left_out, 'sample')} left out whose"
-    if placed.stream.time_source == "column":
-        time = "time is" if one else "times are"
-        return f"{which} {time} far from those around, or of before the clock was set to the date"
-    stamps = "header stamp is" if one else "header stamps are"
-    return f"{which} {stamps} missing, zero, impossible or far from those around; --time log keeps all samples"
 
 
 def _coarse(stream: Stream) -> str:
@@ -242,7 +229,7 @@ def summary(name: str, kind: str, count: int, clock: Clock, order: Order) -> Str
         type=kind,
         count=count,
         time_source=clock.source,
-        time_reason=clock.reason,
+        time_finding=of_stream(clock.reason, name, clock.source),
         inversions=order.inversions,
         duplicates=order.duplicates,
         conflicts=order.conflicts,
@@ -251,23 +238,19 @@ def summary(name: str, kind: str, count: int, clock: Clock, order: Order) -> Str
     )
 
 
-def remarks(stream: Stream) -> list[str]:
-    """Return in words what is odd about a stream's time."""
-    remarks = []
-    if stream.time_reason and stream.time_source != "none":
-        plain = stream.time_reason.startswith(("it has no", ASKED_FOR, STANDING))
-        advice = "" if plain else "; --time header insists on the stamps"
-        remarks.append(f"{stream.name}: {stream.time_source} time is used, as {stream.time_reason}{advice}")
-    if stream.inversions:
-        remarks.append(
-            f"{stream.name}: {plural(stream.inversions, 'sample')} came out of order and"
-            f" {'was' if stream.inversions == 1 else 'were'} sorted by time"
-        )
-    if stream.duplicates:
-        remarks.append(f"{stream.name}: {plural(stream.duplicates, 'exact copy')} of samples dropped")
-    if stream.conflicts:
-        remarks.append(
-            f"{stream.name}: {plural(stream.conflicts, 'sample')} with the stamp of another but other values dropped,"
-            " the first of each was kept"
-        )
-    return remarks
+def clock_findings(placed: Placed) -> list[Finding]:
+    """Return what is odd about a stream's time."""
+    stream = placed.stream
+    found = [] if stream.time_finding is None or stream.time_source == "none" else [stream.time_finding]
+    own_clock = stream.time_source == "column"
+    counts = (
+        Finding(code="clock.out_of_order", part=stream.name, value=stream.inversions),
+        Finding(code="recording.copies_dropped", part=stream.name, value=stream.duplicates),
+        Finding(code="recording.conflicts_dropped", part=stream.name, value=stream.conflicts),
+        Finding(
+            code="clock.times_left_out" if own_clock else "clock.stamps_left_out",
+            part=stream.name,
+            value=placed.left_out,
+        ),
+    )
+    return [*found, *(one for one in counts if one.value)]

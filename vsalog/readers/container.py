@@ -6,6 +6,7 @@ from collections.abc import Collection, Iterator, Mapping
 from dataclasses import dataclass, field
 from typing import Protocol
 
+from vsalog.core.finding import Findings
 from vsalog.readers.chunk_index import Needed, Part
 from vsalog.readers.packets import Packet
 
@@ -55,7 +56,7 @@ class Container(Protocol):
 
     format: str
     has_publish: bool
-    notes: list[str]
+    findings: Findings
 
     @property
     def rig_text(self) -> str | None: ...  # noqa: D102

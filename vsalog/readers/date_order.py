@@ -6,6 +6,7 @@ import re
 from collections.abc import Sequence
 from itertools import pairwise
 
+from vsalog.core.finding import Finding
 from vsalog.readers.time_written import day_of, parts_of
 
 _STATED = re.compile(r"\b(d+|m+)[./-](d+|m+)[./-](y+)\b|\b(y+)[./-](m+)[./-](d+)\b")
@@ -36,7 +37,7 @@ def possible_orders(dates: Sequence[str]) -> list[str]:
     return possible[:1] if mark == "." else possible  # with points the day comes first, wherever people write so
 
 
-def order_of(name: str, dates: Sequence[str]) -> tuple[str, str]:
+def order_of(name: str, dates: Sequence[str]) -> tuple[str, list[Finding]]:
     """Return in which order dates are written, "" where they say it by themselves, and what is worth telling of it.
 
     What is possible as a date decides, then what the column's name says, as in "Date (DD/MM/YYYY)"; else that the log's
@@ -45,23 +46,23 @@ def order_of(name: str, dates: Sequence[str]) -> tuple[str, str]:
     possible = possible_orders(dates)
     stated = _STATED.search(name.lower())
     if stated and (order := "".join(word[0] for word in stated.groups() if word)) in possible:
-        return order, ""
+        return order, []
     if len(possible) < 2:
-        return (possible[0] if possible else ""), ""
+        return (possible[0] if possible else ""), []
     written = _open_ones(dates)
     cost = {order: _cost(written, order) for order in possible}
     best = min(possible, key=cost.__getitem__)
     if best != "ymd" and len(set(possible) - {"ymd"}) == 1:
-        return best, ""  # a year of two digits ahead of the month is so rare that it is no doubt
-    if sum(cost[order] == cost[best] for order in possible) > 1:
-        why = (
-            "nothing tells which; times within the log do not depend on it"
-            if len(written) == 1
-            else "nothing tells which"
-        )
-    else:
-        why = "the log's time runs forward then, and is shortest"
-    return best, f"dates such as '{written[0]}' are read as {_SAID[best]}: {why}"
+        return best, []  # a year of two digits ahead of the month is so rare that it is no doubt
+    unknown = sum(cost[order] == cost[best] for order in possible) > 1
+    evidence = {"example": written[0], "order": _SAID[best]}
+    found = Finding(
+        code="clock.date_order_unknown" if unknown else "clock.date_order_by_time",
+        part=name,
+        value=len(written),
+        evidence=evidence,
+    )
+    return best, [found]
 
 
 def _open_ones(dates: Sequence[str]) -> list[str]:

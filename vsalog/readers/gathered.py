@@ -8,6 +8,7 @@ from typing import Any, Generic, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
+from vsalog.core.finding import Finding
 from vsalog.core.spool import ABSENT, Column, Kind, Spool, SpooledColumn, parts
 from vsalog.readers.base import Block
 from vsalog.readers.carried import Together, carried, lacks_any, together
@@ -80,7 +81,7 @@ class Gathered:
     clocks: dict[str, _Column[np.int64] | SpooledColumn] = field(default_factory=dict)
     columns: dict[str, _Column[np.float64] | SpooledColumn] = field(default_factory=dict)
     units: dict[str, str] = field(default_factory=dict)
-    timeless: str = ""
+    timeless: Finding | None = None
     alike: int = 0
     partial: set[str] = field(default_factory=set)
 

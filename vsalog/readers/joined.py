@@ -10,6 +10,7 @@ from itertools import pairwise
 from pathlib import Path
 from typing import IO
 
+from vsalog.core.finding import Finding, Findings
 from vsalog.readers.container import Container
 from vsalog.readers.mcap_file import McapContainer
 from vsalog.readers.mcap_walk import MAGIC
@@ -56,11 +57,8 @@ def _opened(
     if len(places) == 2:
         return whole
     further = ", ".join(map(str, places[1:-1][:5])) + (", …" if len(places) > 7 else "")
-    notes = [
-        f"{len(places) - 1} logs stand one behind another in the file, as 'cat' joins them (further ones begin at byte"
-        f" {further}): all were read"
-    ]
-    return SeveralContainer([kind(path, span) for span in pairwise(places)], whole.format, notes)
+    joined = Finding(code="recording.joined", value=len(places) - 1, evidence={"further": further})
+    return SeveralContainer([kind(path, span) for span in pairwise(places)], whole.format, Findings([joined]))
 
 
 def _places(file: IO[bytes], mark: bytes) -> Iterator[int]:

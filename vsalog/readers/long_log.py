@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
+from vsalog.core.finding import Finding
 from vsalog.core.recording import Recording
 from vsalog.core.spool import Column, Spool, SpooledColumn, Values, parts
 from vsalog.readers.bad_stamps import FEW, REACH, are_few, bad_stamps, looked_at
@@ -37,7 +38,11 @@ _NONE = np.empty(0, np.int64)
 
 
 class _TooLateError(Exception):
-    """Samples are so much out of order that most of a stream would have to wait for them."""
+    """Samples are so much out of order that most of a stream would have to wait for them; `finding` tells which."""
+
+    def __init__(self, finding: Finding) -> None:
+        super().__init__(finding)
+        self.finding = finding
 
 
 def collect_within(
@@ -54,7 +59,7 @@ def collect_within(
         return _long(path, reader, gathered, spool, time)
     except _TooLateError as late:
         recording = recording_of(path, reader, gathered, time)
-        return replace(recording, notes=(*recording.notes, f"{late}, so all of the log is held in memory"))
+        return replace(recording, findings=(*recording.findings, late.finding))
 
 
 def _long(path: Path, reader: Reader, gathered: Mapping[str, Gathered], spool: Spool, time: str) -> LongRecording:
@@ -82,7 +87,7 @@ def _clock(one: Gathered, time: str, spool: Spool) -> tuple[Clock, Column, Value
         return replace(clock, reason=STANDING), stamps, _NONE
     if looked_at(clocks, time):
         bad = _bad_rows(clocks["header"], clocks["log"])
-        doubt = MANY_BAD if bad.size else ""
+        doubt = MANY_BAD if bad.size else None
         if are_few(bad.size, one.count):
             clock, stamps = _chosen({kind: _without(bad, c, spool) for kind, c in clocks.items()}, one.timeless, time)
             if clock.source == "header":
@@ -119,10 +124,12 @@ def _without(rows: Values, column: Column, spool: Spool) -> Column:
     return out
 
 
-def _chosen(clocks: Mapping[str, Column], timeless: str, time: str, otherwise: str = "") -> tuple[Clock, Column]:
+def _chosen(
+    clocks: Mapping[str, Column], timeless: Finding | None, time: str, otherwise: Finding | None = None
+) -> tuple[Clock, Column]:
     count = len(next(iter(clocks.values())))
 
-    def doubt() -> str:
+    def doubt() -> Finding | None:
         seen = HeaderStamps()
         for first, last in parts(count):
             seen.add(clocks["header"][first:last], clocks["log"][first:last])
@@ -183,7 +190,8 @@ class _Disorder:
     def refuse(self, name: str) -> None:
         """Refuse a stream that would have to wait for too long."""
         if self.waiting > MOST_WAITING:
-            raise _TooLateError(f"{name}: samples come {self.late * 1e-9:.3g} s out of order")
+            late = self.late * 1e-9
+            raise _TooLateError(Finding(code="recording.held_in_memory", part=name, value=late, unit="s"))
 
     def put_right(
         self, stamps: Column, columns: dict[str, Column], spool: Spool

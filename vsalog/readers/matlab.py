@@ -9,14 +9,15 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from vsalog.core.printable import plural, printable
+from vsalog.core.finding import Finding, Findings
+from vsalog.core.printable import printable
 from vsalog.core.recording import Stamps, Values
 from vsalog.readers import matlab_v4, matlab_v5, matlab_v73
-from vsalog.readers.base import MAX_ARRAY, NO_TIME, Block, Catalogue, ChannelInfo, first_of_each
+from vsalog.readers.base import MAX_ARRAY, Block, Catalogue, ChannelInfo, first_of_each
 from vsalog.readers.collect import FREE_BYTES, MOST_TIMES
 from vsalog.readers.matlab_clock import find_clock, is_called_time, stamps_of
 from vsalog.readers.matlab_v4 import is_v4
-from vsalog.readers.row_clock import ROW_NOTE, row_clock
+from vsalog.readers.row_clock import row_clock
 from vsalog.readers.sniff import HEAD_BYTES
 
 MAX_DEPTH = 16
@@ -62,7 +63,7 @@ class MatlabReader:
     def __init__(self, path: Path, rate: float | None) -> None:
         self.path = path
         self.rate = rate
-        self.notes: list[str] = []
+        self.findings = Findings()
         self.unread: dict[str, str] = {}
         self._room = 0
         self._whole: dict[str, Stamps] = {}  # of what may be a clock of whole numbers
@@ -90,7 +91,6 @@ class MatlabReader:
         yield from self._structure("", self._load(), {}, None if wanted is None else frozenset(wanted), 0)
 
     def _load(self) -> dict[str, Any]:
-        notes: list[str] = []
         with self.path.open("rb") as file:
             head = file.read(HEAD_BYTES)
             # All of it is in memory at once, as it is stored too.
@@ -101,10 +101,7 @@ class MatlabReader:
             load = matlab_v4.load
         else:
             load = matlab_v5.load
-        content = load(self.path, notes)
-        for note in notes:
-            self._note(note)
-        return content
+        return load(self.path, self.findings)
 
     def _structure(
         self, path: str, members: Mapping[str, Any], outer: Clocks, wanted: frozenset[str] | None, depth: int
@@ -121,13 +118,14 @@ class MatlabReader:
                 inner.append((full, value))
             elif kind == "damaged":
                 self.unread[full] = f"damaged: {value}"
-                self._note(f"'{full}' of the MATLAB file is damaged, the rest was read ({value})")
+                evidence = {"reason": str(value)}
+                self.findings.add(Finding(code="recording.variable_damaged", part=full, evidence=evidence))
             else:
                 self.unread[full] = "text" if kind == "text" else _WHAT[kind]
         clock, why = find_clock(vectors)
         clocks = dict(outer)
         if why:
-            self._note(why)
+            self.findings.add(why)
         if clock is not None:
             times = vectors.pop(clock)
             clocks[len(times)] = self._clock(clock, times)
@@ -143,10 +141,10 @@ class MatlabReader:
         rows = np.isfinite(times)
         whole = self._whole.get(name)
         stamps, told = stamps_of(name, times[rows], None if whole is None else whole[rows])
-        if told:
-            self._note(told)
+        self.findings.add(*told)
         if not rows.all():
-            self._note(f"'{name}': {plural(int(np.count_nonzero(~rows)), 'row')} {NO_TIME}")
+            dropped = int(np.count_nonzero(~rows))
+            self.findings.add(Finding(code="clock.rows_without_time", part=name, value=dropped))
         return Clock(stamps, rows)
 
     def _vectors(self, full: str, value: NDArray[Any]) -> dict[str, Values]:
@@ -162,7 +160,7 @@ class MatlabReader:
             return {}
         if 8 * value.size > self._room:  # bytes take eight times as much as numbers
             self.unread[full] = f"{value.size} values, more than any recording of this size has"
-            self._note(f"'{full}' of the MATLAB file is left out: {self.unread[full]}")
+            self.findings.add(Finding(code="recording.variable_too_large", part=full, value=value.size))
             return {}
         if value.ndim < 2 or 1 in value.shape:
             if value.dtype.kind in "iu" and value.dtype.itemsize == 8 and is_called_time(full):
@@ -195,13 +193,9 @@ class MatlabReader:
             else:
                 stamps = row_clock(0, length, self.rate)
                 if self.rate is None:
-                    self._note(f"{name}: {ROW_NOTE}")
+                    self.findings.add(Finding(code="clock.missing", part=name))
             stream = name if len(lengths) == 1 else f"{name} ({length} values)"
             yield Block(stream, "matlab", stamps, columns)
-
-    def _note(self, text: str) -> None:
-        if text not in self.notes:
-            self.notes.append(text)
 
 
 def _kind(value: Any) -> str:

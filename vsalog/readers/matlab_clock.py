@@ -7,8 +7,9 @@ from collections.abc import Mapping
 
 import numpy as np
 
+from vsalog.core.finding import Finding
 from vsalog.core.recording import Stamps, Values
-from vsalog.readers.time_sizes import SERIAL, guessed_unit
+from vsalog.readers.time_sizes import SERIAL, SINCE, guessed_unit
 
 _NANOSECONDS = {"s": 1e9, "ms": 1e6, "us": 1e3, "ns": 1.0}
 _STATED = re.compile(r"_(s|ms|us|ns)$", re.IGNORECASE)
@@ -22,24 +23,24 @@ _RISING = 0.9
 _DAYS, _SHORT = (693_962, 767_011), 1e-4
 
 
-def find_clock(vectors: Mapping[str, Values]) -> tuple[str | None, str]:
+def find_clock(vectors: Mapping[str, Values]) -> tuple[str | None, Finding | None]:
     """Return the vector that is the time, called so and rising, and why another one that is called so is not.
 
     What only has "time" in its name has to rise strictly. Values that are no numbers are passed over.
     """
-    trouble = ""
+    trouble = None
     for test in (_is_time_name, _tells_of_time):
         for name, values in vectors.items():
             if test(name.rpartition(".")[2]):
                 wrong = _trouble(name, values, strictly=test is not _is_time_name)
-                if not wrong:
-                    return name, ""
-                if test is _is_time_name and not trouble:
-                    trouble = f"'{name}' is not taken for the time: {wrong}"
+                if wrong is None:
+                    return name, None
+                if test is _is_time_name:
+                    trouble = trouble or wrong
     return None, trouble
 
 
-def stamps_of(name: str, values: Values, whole: Stamps | None = None) -> tuple[Stamps, str]:
+def stamps_of(name: str, values: Values, whole: Stamps | None = None) -> tuple[Stamps, list[Finding]]:
     """Return a clock's stamps [ns], and what to tell of its unit; all values are numbers.
 
     Parameters
@@ -51,23 +52,24 @@ def stamps_of(name: str, values: Values, whole: Stamps | None = None) -> tuple[S
     whole : int64 array, shape (n,), or None
         The same as whole numbers, where they are stored as such: floating point rounds those of 64 bits.
     """
-    unit, note = _unit(name, values)
+    unit, doubts = _unit(name, values)
     if unit not in SERIAL:
         if whole is not None:
-            return whole * np.int64(_NANOSECONDS[unit]), note
-        return np.rint(values * _NANOSECONDS[unit]).astype(np.int64), note
+            return whole * np.int64(_NANOSECONDS[unit]), doubts
+        return np.rint(values * _NANOSECONDS[unit]).astype(np.int64), doubts
     days = np.floor(values)
     stamps = (days - SERIAL[unit][2]).astype(np.int64) * 86_400_000_000_000
-    return stamps + np.rint((values - days) * 86_400e9).astype(np.int64), note
+    return stamps + np.rint((values - days) * 86_400e9).astype(np.int64), doubts
 
 
-def _unit(name: str, values: Values) -> tuple[str, str]:
+def _unit(name: str, values: Values) -> tuple[str, list[Finding]]:
     """Return the unit of a clock, or how it counts days, and what to tell of it."""
     step = float(np.median(np.diff(values))) if values.size > 1 else 0.0
     if _DAYS[0] <= values[0] and values[-1] <= _DAYS[1] and step < _SHORT:
-        return "datenum", f"'{name}' is read as days since the year 0, MATLAB's datenum, by its size and steps"
+        evidence = {"since": SINCE["datenum"], "otherwise": _WRITTEN.format(name, "s")}
+        return "datenum", [Finding(code="clock.counts_days", part=name, value=step, unit="d", evidence=evidence)]
     stated = _STATED.search(name)
-    return (stated[1].lower(), "") if stated else guessed_unit(name, values, _WRITTEN)
+    return (stated[1].lower(), []) if stated else guessed_unit(name, values, _WRITTEN)
 
 
 def is_called_time(name: str) -> bool:
@@ -75,19 +77,19 @@ def is_called_time(name: str) -> bool:
     return _tells_of_time(name) or _is_time_name(name.rpartition(".")[2])
 
 
-def _trouble(name: str, values: Values, strictly: bool) -> str:
-    """Return why values are no clock, "" where they may be one."""
+def _trouble(name: str, values: Values, strictly: bool) -> Finding | None:
+    """Return why values are no clock, None where they may be one."""
     rows = np.flatnonzero(np.isfinite(values))
     if rows.size < min(2, values.size):
-        return "its values are no numbers"
+        return Finding(code="clock.no_times", part=name)
     steps = np.diff(values[rows])
     falls = np.flatnonzero(steps <= 0 if strictly or np.mean(steps > 0) < _RISING else steps < 0)
     if falls.size:
-        return f"value {rows[falls[0] + 1] + 1} of it is not above the one before"
+        return Finding(code="clock.not_rising", part=name, value=int(rows[falls[0] + 1]) + 1)
     # In nanoseconds, too, it has to fit into 64 bits.
     unit, _ = _unit(name, values[rows])
     fits = unit in SERIAL or float(np.abs(values[rows]).max()) < 9e18 / _NANOSECONDS[unit]
-    return "" if fits else "its values are no times"
+    return None if fits else Finding(code="clock.no_times", part=name)
 
 
 def _is_time_name(name: str) -> bool:

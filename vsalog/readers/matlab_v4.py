@@ -11,7 +11,7 @@ from typing import IO, Any, NamedTuple
 import numpy as np
 
 from vsalog.core.errors import ReadError
-from vsalog.readers.base import DOUBTFUL
+from vsalog.core.finding import Finding, Findings
 
 _HEAD = 20
 _MOST_NAME = 256
@@ -36,7 +36,7 @@ def is_v4(head: bytes) -> bool:
     return matrix is not None and _NAME.fullmatch(head[_HEAD : _HEAD + matrix.name_length]) is not None
 
 
-def load(path: Path, notes: list[str]) -> dict[str, Any]:
+def load(path: Path, findings: Findings) -> dict[str, Any]:
     """Return a file's variables as `matlab_v5_parts.variable` gives them; what is damaged is left out and noted.
 
     Raises
@@ -51,7 +51,8 @@ def load(path: Path, notes: list[str]) -> dict[str, Any]:
     except ValueError as error:
         if not found:
             raise ReadError(f"the MATLAB file is damaged: {error}", path) from error
-        notes.append(f"the MATLAB file is damaged ({error}): read up to there, of '{[*found][-1]}' {DOUBTFUL}")
+        evidence = {"reason": str(error)}
+        findings.add(Finding(code="recording.values_doubtful", part=[*found][-1], evidence=evidence))
     except OSError as error:
         raise ReadError(f"cannot be read: {error.strerror or error}", path) from error
     return found

@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Any
 
 from vsalog.core.errors import ReadError
-from vsalog.core.printable import plural
+from vsalog.core.finding import Finding, Findings
 from vsalog.readers.compression import MAX_BYTES
 from vsalog.readers.matlab_v5_parts import MATRIX, variable
 
@@ -23,8 +23,8 @@ _MOST_RATIO = 200
 """What becomes so many times larger in all, and more than `MAX_BYTES`, is no recording but a bomb."""
 
 
-def load(path: Path, notes: list[str]) -> dict[str, Any]:
-    """Return a file's variables as `matlab_v5_parts.variable` gives them; what is damaged is left out and noted.
+def load(path: Path, findings: Findings) -> dict[str, Any]:
+    """Return a file's variables as `matlab_v5_parts.variable` gives them; what is damaged is left out and among the findings.
 
     Raises
     ------
@@ -51,11 +51,11 @@ def load(path: Path, notes: list[str]) -> dict[str, Any]:
     if damage and not found:
         raise ReadError(f"the MATLAB file is damaged: {next(iter(damage.values()))}", path)
     if not found:
-        notes.append("the MATLAB file holds no variables (was it cut off?)")
+        findings.add(Finding(code="recording.no_variables"))
     if damage:
         first, words = next(iter(damage.items()))
-        count = plural(len(damage), "variable")
-        notes.append(f"{count} of the MATLAB file damaged, the rest was read (at byte {first}: {words})")
+        evidence = {"reason": f"at byte {first}: {words}"}
+        findings.add(Finding(code="recording.variables_damaged", value=len(damage), evidence=evidence))
     return found
 
 

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from vsalog.core.errors import ReadError
-from vsalog.core.printable import plural
+from vsalog.core.finding import Finding, Findings
 from vsalog.readers.base import MAX_ARRAY
 from vsalog.readers.compression import MAX_BYTES
 
@@ -36,10 +36,10 @@ _OWN = "#"
 """MATLAB's own groups: what references point to, and its objects."""
 
 
-def load(path: Path, notes: list[str]) -> dict[str, Any]:
+def load(path: Path, findings: Findings) -> dict[str, Any]:
     """Return a file's variables: arrays as MATLAB shows them, structures as dictionaries, cell arrays as lists.
 
-    What is damaged, absurdly large or not within the file is left out and noted.
+    What is damaged, absurdly large or not within the file is left out and among the findings.
 
     Raises
     ------
@@ -65,7 +65,8 @@ def load(path: Path, notes: list[str]) -> dict[str, Any]:
     if walk.damage and not found:
         raise ReadError(f"the MATLAB v7.3 file is damaged: {walk.damage[0]}", path)
     if walk.damage:
-        notes.append(f"{plural(len(walk.damage), 'variable')} of the MATLAB file left out ({walk.damage[0]})")
+        evidence = {"reason": walk.damage[0]}
+        findings.add(Finding(code="recording.variables_damaged", value=len(walk.damage), evidence=evidence))
     return found
 
 

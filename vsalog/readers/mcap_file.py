@@ -20,7 +20,7 @@ from mcap.records import Channel, Metadata, MetadataIndex, Schema, Statistics
 from numpy.typing import NDArray
 
 from vsalog.core.errors import ReadError
-from vsalog.core.printable import plural
+from vsalog.core.finding import Evidence, Finding, Findings
 from vsalog.readers.chunk_index import Chunk, Needed, Part, some_of
 from vsalog.readers.compression import DamagedDataError, beginning, decompress
 from vsalog.readers.container import Connection
@@ -69,7 +69,7 @@ class McapContainer:
     def __init__(self, path: Path, span: tuple[int, int] | None = None) -> None:
         self.path = path
         self._span = span
-        self.notes: list[str] = []
+        self.findings = Findings()
         self.schemas: dict[int, Schema] = {}
         self.channels: dict[int, Channel] = {}
         self._counts: dict[int, int] = {}
@@ -170,7 +170,13 @@ class McapContainer:
             yield packet_of(loose)
         expected = sum(self._counts.get(number, 0) for number in np.flatnonzero(wanted).tolist())
         if count < expected and self._part is None and needed is None:
-            self._note(f"{expected - count} of {plural(expected, 'message')} that the summary counts were not found")
+            self.findings.add(
+                Finding(
+                    code="recording.messages_missing",
+                    value=expected - count,
+                    evidence={"expected": expected, "counted_by": "summary"},
+                )
+            )
 
     def _connection(self, channel: Channel) -> Connection:
         schema = self.schemas.get(channel.schema_id)
@@ -247,10 +253,10 @@ class McapContainer:
                 if metadata.name == RIG_METADATA:
                     self._rig_text = metadata.metadata.get(RIG_KEY)
         except (ValueError, struct.error, McapError):  # its messages will be reported as missing
-            self._note("a damaged channel, schema or metadata record was skipped")
+            self.findings.add(Finding(code="recording.record_damaged"))
 
     def records(self, needed: Needed | None = None) -> Iterator[tuple[int, bytes]]:
-        """Yield the records of the data section, a chunk as its own records, decompressed; notes what was skipped.
+        """Yield the records of the data section, a chunk as its own records, decompressed; `findings` tells what was skipped.
 
         Chunks that hold nothing of what is `needed` by then may be passed by.
         """
@@ -279,11 +285,9 @@ class McapContainer:
                     damage.append(f"at byte {position}: its last record is cut off")
                 yield record, data
         if damage:
-            self._note(
-                f"{len(damage)} of {plural(chunks, 'chunk')} damaged, the rest was read ({'; '.join(damage[:3])})"
-            )
-        for note in walk.notes():
-            self._note(note)
+            evidence: Evidence = {"chunks": chunks, "where": "; ".join(damage[:3])}
+            self.findings.add(Finding(code="recording.chunks_damaged", value=len(damage), evidence=evidence))
+        self.findings.add(*walk.findings())
 
     def _passed_by(self, file: IO[bytes]) -> frozenset[int]:
         """Return where chunks are that surely hold no message in the window: summary and chunk agree on their times."""
@@ -302,10 +306,6 @@ class McapContainer:
         """Tell whether a chunk may hold messages of what is needed: so a summary says whose checksum is right."""
         known = None if needed is None or not self._vouched else self._chunks.get(position)
         return known is None or needed is None or known.may_hold(needed)
-
-    def _note(self, text: str) -> None:
-        if text not in self.notes:
-            self.notes.append(text)
 
 
 def _definition(schema: Schema) -> str:

@@ -13,9 +13,10 @@ from typing import IO
 
 import numpy as np
 
-from vsalog.core.printable import plural
+from vsalog.core.finding import Finding
 from vsalog.readers.compression import MAX_BYTES
 from vsalog.readers.mcap_scan import next_sure_record
+from vsalog.readers.walk_findings import walk_findings
 
 MAGIC = b"\x89MCAP0\r\n"
 HEADER, FOOTER, SCHEMA, CHANNEL, MESSAGE, CHUNK = 1, 2, 3, 4, 5, 6
@@ -125,23 +126,13 @@ class Walk:
                 yield kind, content, position
             position += _HEAD.size + length
 
-    def notes(self) -> list[str]:
-        """Return in words what was damaged."""
-        found = []
-        if self.skipped:
-            count = sum(end - start for start, end in self.skipped)
-            where = ", ".join(str(start) for start, _ in self.skipped[:3]) + (", …" if len(self.skipped) > 3 else "")
-            found.append(f"{plural(count, 'byte')} between records damaged and skipped (at byte {where})")
+    def findings(self) -> list[Finding]:
+        """Return what was damaged."""
+        found = walk_findings(self.skipped, self.cut)
         if self.unknown:
-            found.append(f"{plural(self.unknown, 'record')} of an unknown kind passed by")
+            found.append(Finding(code="recording.unknown_records", value=self.unknown))
         if self.changed:
-            found.append("the checksum of the data section does not match: some of its bytes have changed")
-        if self.cut:
-            position, size = self.cut
-            found.append(
-                f"the file ends within its data, as when a recording is cut off: read up to byte {position}"
-                f" of {size}, the rest is left out"
-            )
+            found.append(Finding(code="recording.bad_checksum"))
         return found
 
     def _sound(self, position: int) -> tuple[int, int]:

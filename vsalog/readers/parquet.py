@@ -12,23 +12,24 @@ import pyarrow as pa
 from numpy.typing import NDArray
 
 from vsalog.core.errors import ReadError
-from vsalog.core.printable import plural, printable
+from vsalog.core.finding import Finding, Findings
+from vsalog.core.printable import printable
 from vsalog.core.recording import Stamps, Values
 from vsalog.core.units import split_header
-from vsalog.readers.base import NO_TIME, Block, Catalogue, ChannelInfo, first_of_each
+from vsalog.readers.base import Block, Catalogue, ChannelInfo, first_of_each
 from vsalog.readers.headers import printable_cell, unique_names
 from vsalog.readers.parquet_cells import as_numbers, is_moment, is_number, rising
 from vsalog.readers.parquet_cells import rounded as rounded_in
 from vsalog.readers.parquet_flat import FlatRows
 from vsalog.readers.parquet_footer import footer_trouble
 from vsalog.readers.parquet_rows import ParquetRows
-from vsalog.readers.row_clock import ROW_NOTE, row_clock
+from vsalog.readers.row_clock import row_clock
 from vsalog.readers.row_times import RowTimes
-from vsalog.readers.sparse import Layers, blank, group_by_blanks, notes_on, stretches
-from vsalog.readers.table_cells import ROUNDED, Cells, numbers_and_words
+from vsalog.readers.sparse import Layers, blank, columns_apart, group_by_blanks, stretches
+from vsalog.readers.table_cells import Cells, numbers_and_words
 from vsalog.readers.table_slots import Slots
 from vsalog.readers.table_speakers import Speakers, find_speakers
-from vsalog.readers.time_columns import ClockPlan, find_clocks, looks_like_clock
+from vsalog.readers.time_columns import ClockPlan, find_clocks, looks_like_clock, runs_backwards
 from vsalog.readers.time_steps import row_marks
 
 KEYS = ("joint", "transmission")
@@ -61,7 +62,7 @@ class ParquetReader:
     def __init__(self, path: Path, rate: float | None) -> None:
         self.path = path
         self.rate = rate
-        self.notes: list[str] = []
+        self.findings = Findings()
         self.unread: dict[str, str] = {}
         try:
             rows = ParquetRows(path)
@@ -100,9 +101,9 @@ class ParquetReader:
             self._speakers = Speakers(KEYS, keys, self._all_rows(keys))
         else:
             first = self._slots.without_names(self._known_cells())
-            self._speakers, note = find_speakers(self._names, first, self._plan, self._all_rows)
-            note = self._speakers.note() if self._speakers else note
-            self.notes += [note] if note else []
+            self._speakers, perhaps = find_speakers(self._names, first, self._plan, self._all_rows)
+            if found := self._speakers.finding() if self._speakers else perhaps:
+                self.findings.add(found)
         self._layers = self._merged()
         self._times = RowTimes(self._plan.clocks, (), self._layers)
 
@@ -224,14 +225,13 @@ class ParquetReader:
                     rows = good & own & self._told(batch, tellers)
                     yield self._block(part, stamps, {i: values[i] for i in members}, rows, wanted)
         if dropped:
-            self.notes.append(f"{plural(dropped, 'row')} {NO_TIME}")
+            self.findings.add(Finding(code="clock.rows_without_time", part=self.path.stem, value=dropped))
         if self._speakers:
-            self.notes += self._speakers.left_out()
-        self.notes += self._notes_on_cells()
-        self.notes += [*self._times.notes(), *self._slots.notes()]
+            self.findings.add(*self._speakers.left_out())
+        self.findings.add(*self._of_cells(), *self._times.findings(), *self._slots.findings())
 
     def _batches(self, columns: list[str]) -> Iterator[tuple[int, pa.RecordBatch]]:
-        """Yield the number of the first row and the rows; what is damaged is noted.
+        """Yield the number of the first row and the rows; what is damaged is among the findings.
 
         Raises
         ------
@@ -240,7 +240,7 @@ class ParquetReader:
         """
         clocks = {self._rows.schema.names[i] for i in self._not_channels()}
         yield from self._rows.batches(columns, clocks.intersection(columns))
-        self.notes += [note for note in self._rows.notes if note not in self.notes]
+        self.findings.add(*self._rows.findings)
 
     def _block(
         self,
@@ -264,7 +264,7 @@ class ParquetReader:
         return Block(stream, "parquet", times, values, units, self._timeless())
 
     def _values(self, batch: pa.RecordBatch, column: int) -> Values:
-        """Return a column's numbers; those that had to be rounded are noted."""
+        """Return a column's numbers; of those that had to be rounded one is kept."""
         cells = self._cells(batch, column)
         values = self._written[column].convert(cells) if column in self._written else as_numbers(cells)
         if column not in self._rounded and (rounded := rounded_in(cells, values)):
@@ -333,16 +333,12 @@ class ParquetReader:
                     found[i] = Cells()
         return found
 
-    def _notes_on_cells(self) -> Iterator[str]:
+    def _of_cells(self) -> Iterator[Finding]:
         """Yield what was no number, or is none that floating point can hold."""
         for i, number in self._rounded.items():
-            yield f"column '{self._names[i]}': {ROUNDED.format(number)}"
+            yield Finding(code="table.numbers_rounded", part=self._names[i], evidence={"number": number})
         for i, cells in self._written.items():
-            if cells.bad:
-                yield (
-                    f"column '{self._names[i]}': {plural(cells.bad, 'cell')} without a number read as NaN"
-                    f" (the first: '{printable_cell(cells.first)}')"
-                )
+            yield from cells.findings(self._names[i])
 
     def _text_columns(self) -> dict[str, str]:
         """Return the columns that are no signals, with the reason."""
@@ -368,25 +364,22 @@ class ParquetReader:
     def _stream(self, part: str, column: int | None) -> str:
         return (self.path.stem if column is None else self._streams[column]) + part
 
-    def _timeless(self) -> str:
+    def _timeless(self) -> Finding | None:
         if self._plan.backwards is None:
-            return ""
+            return None
         column, row = self._plan.backwards
-        return f"its time column '{self._names[column]}' runs backwards at row {row + 1}"
+        return runs_backwards(self._names[column], f"row {row + 1}")
 
     def _note_clock(self) -> None:
-        said = [*self._plan.notes, *notes_on(len(self._sparse), self._layers)]
-        self.notes += [note for note in said if note not in self.notes]
+        self.findings.add(*self._plan.findings, *columns_apart(len(self._sparse), self._layers))
         if not self._plan.clocks and self.rate is None:
-            self.notes.append(ROW_NOTE if self._plan.backwards is None else f"{self._timeless()}, so there is no time")
+            self.findings.add(self._timeless() or Finding(code="clock.missing", part=self.path.stem))
             for name, cells in zip(self._names, self._sample, strict=False):
                 if cells is not None and pa.types.is_floating(cells.type) and looks_like_clock(as_numbers(cells)):
-                    self.notes.append(
-                        f"column '{name}' rises evenly: if it is the time, call it so, with its unit: 'time [s]'"
-                    )
+                    self.findings.add(Finding(code="clock.perhaps", part=name))
                     break
         elif self._plan.clocks and self.rate is not None:
-            self.notes.append("the table has a time column: the sample rate that was given is not used")
+            self.findings.add(Finding(code="clock.rate_not_used", value=self.rate, unit="Hz"))
 
 
 def _unit(field: pa.Field) -> str | None:

@@ -8,6 +8,7 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.compute as pc
 
+from vsalog.core.finding import Finding
 from vsalog.readers.base import MAX_ARRAY
 from vsalog.readers.headers import printable_cell
 from vsalog.readers.parquet_cells import is_number, plain_cells, plain_type
@@ -49,11 +50,15 @@ class FlatRows:
         self._owners = {one.name: owner for owner, column in owners for one, _ in column}
 
     @property
-    def notes(self) -> list[str]:
+    def findings(self) -> list[Finding]:
         """What cannot be read, and what was left out of lists."""
-        return self._rows.notes + [
-            f"column '{printable_cell(name)}': only the first {self._sizes[name]} of up to {longest} elements are read, as many"
-            " as the first rows have"
+        return self._rows.findings + [
+            Finding(
+                code="recording.elements_left_out",
+                part=printable_cell(name),
+                value=self._sizes[name],
+                limit=longest,
+            )
             for name, longest in self._longer.items()
         ]
 

@@ -9,6 +9,7 @@ from typing import Any
 import pyarrow as pa
 import pyarrow.parquet as pq
 
+from vsalog.core.finding import Finding
 from vsalog.core.printable import printable
 from vsalog.readers.opened import for_arrow
 
@@ -16,8 +17,8 @@ _KEY = b"ARROW:schema"
 """Under it the footer tells once more what its columns are, in Arrow's own words, and their units."""
 
 
-def open_parquet(path: Path) -> tuple[pq.ParquetFile, str]:
-    """Return a Parquet file, opened, and what to tell of it, "" for nothing.
+def open_parquet(path: Path) -> tuple[pq.ParquetFile, list[Finding]]:
+    """Return a Parquet file, opened, and what is damaged of its footer.
 
     Raises
     ------
@@ -25,16 +26,14 @@ def open_parquet(path: Path) -> tuple[pq.ParquetFile, str]:
         It cannot be opened.
     """
     try:
-        return _opened(for_arrow(path)), ""
+        return _opened(for_arrow(path)), []
     except (pa.ArrowException, OSError, UnicodeError) as error:
         try:
             file = _opened(_without_key(path))
         except (pa.ArrowException, OSError, UnicodeError):
             raise error from None
-        return file, (
-            f"the footer's remarks on the columns are damaged ({printable(str(error).strip())[:80]}) and not used: there are no"
-            " units but those in names, no streams, and durations are plain numbers"
-        )
+        evidence = {"reason": printable(str(error).strip())[:80]}
+        return file, [Finding(code="recording.footer_damaged", evidence=evidence)]
 
 
 def _opened(source: Any) -> pq.ParquetFile:

@@ -8,6 +8,7 @@ from pathlib import Path
 import pyarrow as pa
 
 from vsalog.core.errors import ReadError
+from vsalog.core.finding import Finding, Findings
 from vsalog.core.printable import plural, printable
 from vsalog.readers.base import BLOCK_ROWS
 from vsalog.readers.compression import MAX_BYTES, MAX_RATIO
@@ -22,7 +23,7 @@ _UNREADABLE = (pa.ArrowException, OSError)
 
 
 class ParquetRows:
-    """A Parquet file as batches of rows; cells that cannot be read are null, and `notes` says which.
+    """A Parquet file as batches of rows; cells that cannot be read are null, and `findings` tells which.
 
     Parameters
     ----------
@@ -39,9 +40,9 @@ class ParquetRows:
 
     def __init__(self, path: Path) -> None:
         self.path = path
-        self.file, told = open_parquet(path)
+        self.file, damage = open_parquet(path)
         self.schema = self.file.schema_arrow
-        self.notes = [told] if told else []
+        self.findings = Findings(damage)
         self.groups = row_groups(path)
         if len(self.groups) != self.file.num_row_groups:
             raise OSError("its footer, which tells where everything lies, is damaged")
@@ -95,10 +96,9 @@ class ParquetRows:
                 row += batch.num_rows
             missing += begin - row  # where a page has become one of a kind that is passed by
         self._refuse_if_all(lost, columns, required)
-        notes = [lost.told(name, name in required) for name in columns if name in lost.reasons]
+        self.findings.add(*(lost.finding(name, name in required) for name in columns if name in lost.reasons))
         if missing > 0:
-            notes.append(f"{plural(missing, 'row')} of those that the file counts were not found")
-        self.notes += [note for note in dict.fromkeys(notes) if note not in self.notes]
+            self.findings.add(Finding(code="recording.rows_missing", value=missing))
 
     def _group(self, number: int, columns: list[str], lost: _Lost, begin: int) -> Iterator[pa.RecordBatch]:
         """Yield batches of a row group, of which `begin` is the first row; once one cannot be read, column by column."""
@@ -231,15 +231,21 @@ class _Lost:
         """Tell whether every row of a column is lost."""
         return self.rows > 0 and self._count(name) == self.rows
 
-    def told(self, name: str, required: bool) -> str:
-        """Return the note of a column."""
+    def finding(self, name: str, required: bool) -> Finding:
+        """Return what is lost of a column."""
         stretches = self._stretches[name]
         (begin, end), more = stretches[0], len(stretches) - 1
-        where = f"rows {begin + 1} to {end}" + (f" and {plural(more, 'more stretch')}" if more else "")
-        done = "left out, for nothing else tells their time or part" if required else "NaN"
-        return (
-            f"column '{printable_cell(name)}' is damaged: {self._count(name)} of its {plural(self.rows, 'row')} are {done},"
-            f" {where} ({self.reasons[name]})"
+        return Finding(
+            code="recording.rows_left_out" if required else "recording.column_damaged",
+            part=printable_cell(name),
+            value=self._count(name),
+            evidence={
+                "rows": self.rows,
+                "begin": begin + 1,
+                "end": end,
+                "more": more,
+                "reason": self.reasons[name],
+            },
         )
 
     def _count(self, name: str) -> int:

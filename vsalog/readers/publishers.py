@@ -12,6 +12,7 @@ from itertools import combinations
 
 import numpy as np
 
+from vsalog.core.finding import Finding
 from vsalog.core.printable import printable
 from vsalog.core.recording import Stamps
 from vsalog.readers.container import Connection
@@ -158,17 +159,18 @@ def publisher_stream(stream: str, publisher: str) -> str:
     return f"{stream}@{printable(publisher) or _UNNAMED}"
 
 
-def mixed_note(stream: str, publishers: Collection[str], what: str = "publishers") -> str:
-    """Say that publishers of a stream, or frames, were told apart."""
+def told_apart(stream: str, publishers: Collection[str], what: str) -> Finding:
+    """Return that publishers of a stream, or frames, were told apart."""
     names = [publisher_stream(stream, publisher) for publisher in publishers]
     shown = ", ".join(names[:5]) + (f" and {len(names) - 5} more" if len(names) > 5 else "")
-    return f"{stream}: {len(names)} {what} give the same values at the same time; each is a stream of its own: {shown}"
+    evidence = {"what": what, "streams": shown}
+    return Finding(code="recording.publishers_apart", part=stream, value=len(names), evidence=evidence)
 
 
-def mixed_up_note(stream: str, frames: list[str]) -> str:
-    """Say that frames of a stream were found too late to tell them apart."""
+def mixed_up(stream: str, frames: list[str]) -> Finding:
+    """Return that frames of a stream were found too late to tell them apart."""
     shown = ", ".join(map(repr, map(printable, frames[:5])))
-    return f"{stream}: messages of {len(frames)} frames ({shown}) give the same values at the same time and are mixed"
+    return Finding(code="recording.frames_mixed", part=stream, value=len(frames), evidence={"frames": shown})
 
 
 def _clashing(

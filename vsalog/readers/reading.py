@@ -9,6 +9,7 @@ from os import PathLike
 from pathlib import Path
 
 from vsalog.core.errors import ReadError
+from vsalog.core.finding import Finding
 from vsalog.core.recording import Recording
 from vsalog.readers.bag import BagReader
 from vsalog.readers.base import Reader
@@ -19,7 +20,7 @@ from vsalog.readers.long_log import collect_within
 from vsalog.readers.long_recording import LongRecording
 from vsalog.readers.matlab import MatlabReader
 from vsalog.readers.parquet import ParquetReader
-from vsalog.readers.remote import download_note, local
+from vsalog.readers.remote import downloaded, local
 from vsalog.readers.rosbag2 import FolderContainer, bag_file, counted
 from vsalog.readers.sniff import sniff
 from vsalog.readers.table import TableReader
@@ -57,7 +58,7 @@ def open_reader(path: str | PathLike[str], rate: float | None = None) -> Reader:
         return MatlabReader(path, rate)
     reader = BagReader(open_container(path, kind))
     if rate is not None:
-        reader.notes.append("the sample rate that was given is not used: it is for tables without a time column")
+        reader.findings.append(Finding(code="clock.rate_not_used", value=rate, unit="Hz"))
     return reader
 
 
@@ -140,7 +141,7 @@ def _read(path: str | PathLike[str], asked: _Asked) -> Recording | LongRecording
     if file is path:
         return recording
     known = recording if isinstance(recording, Recording) else recording.look
-    told = replace(known, path=path, notes=(download_note(file), *known.notes))
+    told = replace(known, path=path, findings=(downloaded(file), *known.findings))
     return told if isinstance(recording, Recording) else replace(recording, look=told)
 
 

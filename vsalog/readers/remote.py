@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from vsalog.core.errors import ReadError
+from vsalog.core.finding import Finding
 
 _ADDRESS = re.compile(r"([a-z][a-z0-9+.-]+):(/+)(.+)", re.IGNORECASE)
 """As people write them, or with one slash, which is what is left of two in a path."""
@@ -82,7 +83,8 @@ def _check_room(text: str, size: int, folder: str) -> None:
         )
 
 
-def download_note(path: Path) -> str:
-    """Return in words that a log was downloaded."""
+def downloaded(path: Path) -> Finding:
+    """Return that a log was downloaded."""
     files: Any = path.iterdir() if path.is_dir() else [path]
-    return f"downloaded to read it: {sum(file.stat().st_size for file in files) / 2**20:.1f} MiB"
+    size = sum(file.stat().st_size for file in files) / 2**20
+    return Finding(code="recording.downloaded", severity="info", value=size, unit="MiB")

@@ -12,6 +12,7 @@ from typing import IO
 import numpy as np
 
 from vsalog.core.errors import ReadError
+from vsalog.core.finding import Finding, Findings
 from vsalog.core.printable import printable
 from vsalog.readers.chunk_index import Chunk, Needed, Part, some_of
 from vsalog.readers.compression import beginning
@@ -34,6 +35,7 @@ from vsalog.readers.rosbag1_walk import (
     number,
     op,
 )
+from vsalog.readers.walk_findings import walk_findings
 
 MAGIC = b"#ROSBAG V"
 _MOST_CONNECTIONS = 2**16
@@ -67,7 +69,7 @@ class Rosbag1Container:
         self.path = path
         self._span = span
         self._index: Found | None = None
-        self.notes: list[str] = []
+        self.findings = Findings()
         self._connections: dict[int, Connection] | None = None
         self._counts: Counter[int] = Counter()
         self._chunks: dict[int, Chunk] = {}
@@ -167,14 +169,13 @@ class Rosbag1Container:
                     check.record(header, data)
         if loose:
             yield packet_of(loose)
-        for note in [*walk.notes(), *check.notes(walk.damage, walk.chunks)]:
-            self._note(note)
+        self.findings.add(*walk_findings(walk.skipped, walk.cut), *check.findings(walk.damage, walk.chunks))
 
     def _note_index(self, position: int) -> None:
         if position == 0:
-            self._note("the bag has no index (it was not closed properly): all that is in it was read")
+            self.findings.add(Finding(code="recording.no_index"))
         elif position >= self.size():
-            self._note("the bag ends ahead of its index, as when it is cut off: all that is in it was read")
+            self.findings.add(Finding(code="recording.index_cut_off"))
 
     def _compare(self, chunk: bytes) -> None:
         """Compare the connections that a chunk tells with what is known of them."""
@@ -183,9 +184,8 @@ class Rosbag1Container:
         self._keep_all(found, {b"op": bytes([CHUNK])}, chunk)
         for identity, (connection, _) in found.items():
             if known.get(identity, connection) != connection:
-                self._note(
-                    f"{printable(known[identity].topic)}: its name, type or definition is damaged in one of its copies"
-                )
+                topic = printable(known[identity].topic)
+                self.findings.add(Finding(code="recording.definition_damaged", part=topic))
 
     def _keep_all(self, found: Found, header: Header, data: bytes) -> None:
         """Add the connections that a record tells to `found`.
@@ -248,10 +248,6 @@ class Rosbag1Container:
             return found
         self._counts, self._chunks = Counter(), {}
         return {}
-
-    def _note(self, text: str) -> None:
-        if text not in self.notes:
-            self.notes.append(text)
 
 
 def begins_bag(file: IO[bytes], at: int) -> bool:

@@ -7,7 +7,7 @@ from collections.abc import Callable, Sequence
 
 import numpy as np
 
-from vsalog.core.printable import plural
+from vsalog.core.finding import Evidence, Finding
 from vsalog.readers.chunk_index import Chunk, IndexContradictsError
 from vsalog.readers.packets import Integers, Packet
 from vsalog.readers.rosbag1_walk import CHUNK_INFO, INDEX, Damage, Header, number, op
@@ -71,25 +71,25 @@ class IndexCheck:
         if own is not None and connection in self._wanted and not self._leaves_out(own):
             raise IndexContradictsError("the bag's index contradicts itself")
 
-    def notes(self, damage: Sequence[Damage], chunks: int) -> list[str]:
-        """Return in words what is damaged of so many chunks, and what differs."""
+    def findings(self, damage: Sequence[Damage], chunks: int) -> list[Finding]:
+        """Return what is damaged of so many chunks, and what differs."""
         lost = sum(max(self._told.get(one.position, 0) - one.read, 0) for one in damage)
-        notes = [self._words(damage, chunks, lost)] if damage else []
+        found = []
+        if damage:
+            which = [f"chunk {one.number} at byte {one.position}: {one.reason}" for one in damage[:3]]
+            where = "; ".join(which + ["…"] * (len(damage) > 3))
+            evidence: Evidence = {"chunks": chunks, "where": where}
+            found.append(Finding(code="recording.chunks_damaged", value=len(damage), evidence=evidence))
+            told = all(one.position in self._told for one in damage)
+            lost_ones = Finding(code="recording.messages_lost", value=lost)
+            found.append(lost_ones if told else Finding(code="recording.loss_unknown"))
         missing = self._expected - self._found - lost
         if missing > 0 and self._leaves_out is None:
-            notes.append(f"{missing} of {plural(self._expected, 'message')} that the index counts were not found")
+            counted: Evidence = {"expected": self._expected, "counted_by": "index"}
+            found.append(Finding(code="recording.messages_missing", value=missing, evidence=counted))
         if self._differing:
-            notes.append(f"the log times of {plural(self._differing, 'message')} differ from those in the index")
-        return notes
-
-    def _words(self, damage: Sequence[Damage], chunks: int, lost: int) -> str:
-        told = all(one.position in self._told for one in damage)
-        much = (
-            f"{plural(lost, 'message')} lost at most" if told else "the index does not tell how many messages are lost"
-        )
-        which = [f"chunk {one.number} at byte {one.position}: {one.reason}" for one in damage[:3]]
-        which += ["…"] if len(damage) > 3 else []
-        return f"{len(damage)} of {plural(chunks, 'chunk')} damaged, {much}, all others were read ({'; '.join(which)})"
+            found.append(Finding(code="recording.index_times_differ", value=self._differing))
+        return found
 
 
 def chunk_told(header: Header, data: bytes) -> tuple[int, Chunk] | None:

@@ -12,7 +12,6 @@ import struct
 from collections.abc import Callable, Iterator
 from typing import IO, NamedTuple
 
-from vsalog.core.printable import plural
 from vsalog.readers.compression import MAX_BYTES, DamagedDataError, decompress
 
 VERSION = b"#ROSBAG V2.0\n"
@@ -137,21 +136,6 @@ class Walk:
             return 0
         end = found[1] + found[2]
         return end if self._header(end) is not None else 0
-
-    def notes(self) -> list[str]:
-        """Return in words what was damaged between chunks."""
-        found = []
-        if self.skipped:
-            count = plural(sum(end - start for start, end in self.skipped), "byte")
-            where = ", ".join(str(start) for start, _ in self.skipped[:3]) + (", …" if len(self.skipped) > 3 else "")
-            found.append(f"{count} between records damaged and skipped (at byte {where})")
-        if self.cut:
-            position, size = self.cut
-            found.append(
-                f"the bag ends within its data, as when a recording is cut off: read up to byte {position}"
-                f" of {size}, the rest is left out"
-            )
-        return found
 
     def _record(self, position: int) -> tuple[Header, bytes, int] | None:
         """Return header, data and end of the record at a position; None where there is none whose parts agree."""

@@ -8,7 +8,8 @@ from collections.abc import Collection, Iterator, Mapping
 from pathlib import Path
 
 from vsalog.core.errors import ReadError
-from vsalog.core.printable import plural
+from vsalog.core.finding import Finding, Findings
+from vsalog.core.finding_texts import sentence
 from vsalog.readers.chunk_index import Needed, Part
 from vsalog.readers.compression import FREE_BYTES, MAX_RATIO
 from vsalog.readers.container import ZSTD_MAGIC, Connection, Container
@@ -59,9 +60,10 @@ class CompressedContainer:
         self.format = self.inner.format
         self.has_publish = self.inner.has_publish
         self.rig_text = self.inner.rig_text
-        self.notes = self.inner.notes
+        self.findings = self.inner.findings
         if damage:
-            self.notes.append(f"decompression ended after {size} bytes ({damage}); what is ahead of that was read")
+            evidence = {"reason": damage}
+            self.findings.add(Finding(code="recording.decompression_ended", value=size, unit="B", evidence=evidence))
 
     def connections(self) -> list[Connection]:
         """Return the bag's connections."""
@@ -98,18 +100,19 @@ class FolderContainer(SeveralContainer):
     """
 
     def __init__(self, folder: Path) -> None:
-        notes: list[str] = []
+        findings = Findings()
         parts: list[Container] = []
-        for path in _bag_files(folder, notes):
+        for path in _bag_files(folder, findings):
             try:
                 parts.append(bag_file(path, shown=path))
             except ReadError as error:
-                notes.append(f"{path.name} was left out: {str(error).removeprefix(f'{path}: ')}")
+                evidence = {"reason": error.what}
+                findings.add(Finding(code="recording.file_left_out", part=path.name, evidence=evidence))
         if not parts:
-            raise ReadError("; ".join([f"{folder}: none of its files can be read", *notes]))
+            raise ReadError("; ".join(["none of its files can be read", *map(sentence, findings)]), folder)
         formats = {part.format for part in parts}
         kind = "rosbag2-mcap" if formats == {"mcap"} else "rosbag2-sqlite3"
-        super().__init__(parts, kind, notes, _stated(folder / METADATA))
+        super().__init__(parts, kind, findings, _stated(folder / METADATA))
 
 
 def bag_file(path: Path, shown: Path) -> Container:
@@ -159,7 +162,7 @@ def _is_candidate(path: Path) -> bool:
     return head.startswith((MCAP_MAGIC, ZSTD_MAGIC)) or head == SQLITE_MAGIC
 
 
-def _bag_files(folder: Path, notes: list[str]) -> list[Path]:
+def _bag_files(folder: Path, findings: Findings) -> list[Path]:
     """Return the files of a bag: those that the metadata list, or else all that look like bag files.
 
     The metadata only choose among the files of the folder; what they say is never opened as a path.
@@ -173,25 +176,29 @@ def _bag_files(folder: Path, notes: list[str]) -> list[Path]:
                 f" {_listed(candidates)}",
                 folder,
             )
-        lack = f"there is no readable {METADATA}" if listed is None else f"{METADATA} names no files"
-        took = f"took {plural(len(candidates), 'file')}, {_listed(candidates)}"
-        notes.append(f"{lack} (was the recording cut off?): {took}")
+        evidence = {"files": _listed(candidates)}
+        findings.add(Finding(code="recording.no_file_list", part=METADATA, value=len(candidates), evidence=evidence))
         if skipped := _skipped_numbers(candidates):
-            notes.append(f"{plural(len(skipped), 'file')} of the bag missing, by the numbers: {', '.join(skipped[:5])}")
-        _note_others(folder, candidates, notes)
+            findings.add(_missing(skipped, "the numbers"))
+        findings.add(*_others(folder, candidates))
         return candidates
     present = {path.name: path for path in folder.iterdir() if path.is_file()}
     chosen = [present[name] for name in listed if name in present]
     missing = [name for name in listed if name not in present]
     if missing and not chosen:
         chosen = candidates
-        notes.append(f"{METADATA} names files that are not there: took {plural(len(candidates), 'file')} found instead")
+        findings.add(Finding(code="recording.listed_files_absent", part=METADATA, value=len(candidates)))
     elif missing:
-        notes.append(f"{plural(len(missing), 'file')} of the bag missing: {', '.join(missing[:5])}")
+        findings.add(_missing(missing, METADATA))
     if not chosen:
         raise ReadError(f"has a {METADATA}, but no bag files; copy them beside it", folder)
-    _note_others(folder, chosen, notes)
+    findings.add(*_others(folder, chosen))
     return chosen
+
+
+def _missing(files: list[str], told_by: str) -> Finding:
+    evidence = {"told_by": told_by, "files": ", ".join(files[:5])}
+    return Finding(code="recording.files_missing", value=len(files), evidence=evidence)
 
 
 def _bag_name(path: Path) -> str:
@@ -207,15 +214,15 @@ def _skipped_numbers(paths: list[Path]) -> list[str]:
     return [f"{_bag_name(paths[0])}_{number}" for number in range(max(numbers, default=0)) if number not in numbers]
 
 
-def _note_others(folder: Path, chosen: list[Path], notes: list[str]) -> None:
-    """Say which files of the folder look like logs too, but are no part of the bag."""
+def _others(folder: Path, chosen: list[Path]) -> list[Finding]:
+    """Return which files of the folder look like logs too, but are no part of the bag."""
     others = [
         path
         for path in sorted(folder.iterdir())
         if path not in chosen and path.is_file() and path.suffix in _LOG_ENDINGS
     ]
-    if others:
-        notes.append(f"{folder.name} holds other logs, which were left out: {_listed(others)}")
+    evidence = {"logs": _listed(others)}
+    return [Finding(code="recording.other_logs", part=folder.name, evidence=evidence)] if others else []
 
 
 def _listed(paths: list[Path]) -> str:
@@ -228,7 +235,7 @@ def counted(file: Container, path: Path) -> Container:
     metadata = path.with_name(METADATA)
     if _listed_in(metadata) != [path.name] or not (stated := _stated(metadata)):
         return file
-    return SeveralContainer([file], file.format, file.notes, stated)
+    return SeveralContainer([file], file.format, file.findings, stated)
 
 
 def _stated(metadata: Path) -> dict[str, int]:

@@ -13,7 +13,8 @@ from typing import Any
 import numpy as np
 
 from vsalog.core.errors import ReadError
-from vsalog.core.printable import plural, printable
+from vsalog.core.finding import Finding, Findings
+from vsalog.core.printable import printable
 from vsalog.readers.chunk_index import GLIMPSES, Needed, Part
 from vsalog.readers.compression import MAX_BYTES
 from vsalog.readers.container import CATALOGUE_MESSAGES, Connection
@@ -21,7 +22,7 @@ from vsalog.readers.packets import PACKED, PACKED_BYTES, Messages, Packet
 from vsalog.readers.sqlite_cut import cut_row
 from vsalog.readers.sqlite_opened import connect, left_log
 from vsalog.readers.sqlite_ranges import bounded, ranges
-from vsalog.readers.sqlite_whole import damaged_log_note, missing_note
+from vsalog.readers.sqlite_whole import damaged_changes, missing_bytes
 
 SQLITE_MAGIC = b"SQLite format 3\0"
 
@@ -57,7 +58,7 @@ class SqliteContainer:
 
     def __init__(self, path: Path) -> None:
         self.path = path
-        self.notes: list[str] = []
+        self.findings = Findings()
         self._folder: tempfile.TemporaryDirectory[str] | None = None
         self._part: Part | None = None
         self._cut = cut_row(self.path)
@@ -71,10 +72,8 @@ class SqliteContainer:
         for number, *texts in self._topics():
             topic, kind, encoding = (text if isinstance(text, str) else "" for text in texts)
             if not all((topic, kind, encoding)):
-                self._note(
-                    f"topic {number} ({printable(topic) or 'unnamed'}) has no name, type or encoding that can be read, as when"
-                    " the table of topics is damaged"
-                )
+                part = printable(topic) or "unnamed"
+                self.findings.add(Finding(code="recording.topic_damaged", part=part, value=number))
             language, text = definitions.get(kind, ("", ""))
             found.append(
                 Connection(number, topic or f"topic {number}", kind, encoding, language, text, publisher=str(number))
@@ -111,7 +110,7 @@ class SqliteContainer:
             return
 
     def packets(self, ids: Collection[int], needed: Needed | None = None) -> Iterator[Packet]:
-        """Yield the messages of some topics in the order of the file; rows that cannot be read are skipped and noted.
+        """Yield the messages of some topics in the order of the file; rows that cannot be read are skipped and found.
 
         Raises
         ------
@@ -133,7 +132,7 @@ class SqliteContainer:
                 messages = packet.messages.some(rows)
                 yield Packet(packet.connection[rows], packet.log[rows], packet.publish[rows], messages)
         if strangers:
-            self._note(f"{plural(strangers, 'message')} of topics that the bag does not name skipped")
+            self.findings.add(Finding(code="recording.unknown_topics", value=strangers))
 
     def _all(self, ids: Collection[int]) -> Iterator[Packet]:
         """Yield packets of rows that are asked for: by ranges as far as all is sound, then row by row."""
@@ -193,15 +192,15 @@ class SqliteContainer:
                     step = 1 + stretch // _STEP
                     start, lost, stretch = start + step, lost + step, stretch + step
         if nonsense:
-            self._note(f"{plural(nonsense, 'row')} without a topic, a time or a message skipped")
+            self.findings.add(Finding(code="recording.rows_without_message", value=nonsense))
         if count >= most:
-            self._note("the database is damaged and leads to the same rows again and again: reading it was given up")
+            self.findings.add(Finding(code="recording.database_repeats"))
         elif start >= _LAST_ROW:
-            self._note("the end of the database cannot be read (was it cut off?), what is ahead of it was")
+            self.findings.add(Finding(code="recording.database_end_unreadable"))
         elif lost:
-            self._note(f"{plural(lost, 'row')} of the database cannot be read, the rest was")
+            self.findings.add(Finding(code="recording.rows_unreadable", value=lost))
         elif not only and last - first + 1 > count:
-            self._note(f"{plural(last - first + 1 - count, 'row')} of the database missing between others")
+            self.findings.add(Finding(code="recording.row_numbers_missing", value=last - first + 1 - count))
 
     def _ends(self) -> tuple[int, int]:
         """Return the first and the last row number; asked for in one, all rows would be looked at."""
@@ -267,8 +266,7 @@ class SqliteContainer:
         """Note what is missing of the file and of its log of changes, which may hold pages that the file lacks."""
         try:
             log = left_log(self.path)
-            if note := damaged_log_note(log) if log else missing_note(self.path):
-                self._note(note)
+            self.findings.add(*(damaged_changes(log) if log else missing_bytes(self.path)))
         except OSError:
             return  # it was opened as a copy
 
@@ -316,7 +314,7 @@ class SqliteContainer:
             # So asked, SQLite also opens files that are shorter than they should be, and passes by tables it cannot understand.
             database.execute("PRAGMA writable_schema = ON")
             tables = _tables(database)
-            self._note("the database is damaged or was cut off: what can be read of it was")
+            self.findings.add(Finding(code="recording.database_damaged"))
         if not tables >= {"messages", "topics"}:
             return set()
         return {str(row[1]) for row in database.execute("PRAGMA table_info(messages)")}
@@ -340,10 +338,6 @@ class SqliteContainer:
         except _DAMAGE:
             return {}
         return {str(kind): (_LANGUAGES.get(str(encoding), ""), str(text)) for kind, encoding, text in rows}
-
-    def _note(self, text: str) -> None:
-        if text not in self.notes:
-            self.notes.append(text)
 
 
 def _code(error: Exception) -> int:

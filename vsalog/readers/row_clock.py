@@ -8,7 +8,6 @@ from vsalog.core.errors import ReadError
 from vsalog.core.recording import Stamps
 
 _LONGEST = 100 * 365.25 * 86400e9
-ROW_NOTE = "there is no time column: give the sample rate with --rate, in Hz"
 
 
 def row_clock(first: int, count: int, rate: float | None) -> dict[str, Stamps]:

@@ -10,6 +10,7 @@ import numpy as np
 import pyarrow as pa
 from numpy.typing import NDArray
 
+from vsalog.core.finding import Finding, Findings
 from vsalog.core.recording import Stamps
 from vsalog.readers.sparse import Layers
 from vsalog.readers.time_columns import ClockColumn, folds_of, nanoseconds
@@ -72,13 +73,11 @@ class RowTimes:
             stamps[kind] = times
         return stamps, good
 
-    def notes(self) -> list[str]:
+    def findings(self) -> Findings:
         """Return what to tell."""
-        moved = (*self._folds.values(), *self._steps.values())
-        said = list(dict.fromkeys(note for one in moved for note in one.notes()))
-        if said and self._layers.count > 1:
-            said.append(
-                f"so it is in each of the {self._layers.count} tables by itself: from there on, rows of one time may not belong"
-                " together; put what begins anew into files of its own"
-            )
-        return said + list(dict.fromkeys(note for one in self._fractions.values() for note in one.notes()))
+        found = Findings()
+        found.add(*(one for moved in (*self._folds.values(), *self._steps.values()) for one in moved.findings()))
+        if found and self._layers.count > 1:
+            found.add(Finding(code="clock.tables_step_apart", value=self._layers.count))
+        found.add(*(one for fractions in self._fractions.values() for one in fractions.findings()))
+        return found

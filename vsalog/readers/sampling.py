@@ -13,9 +13,10 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 from vsalog.core.errors import ReadError
+from vsalog.core.finding import Finding
 from vsalog.core.recording import Recording
 from vsalog.readers.reading import read
-from vsalog.readers.remote import download_note, local
+from vsalog.readers.remote import downloaded, local
 from vsalog.readers.sampling_bags import cut_folder, cut_rosbag1, cut_sqlite
 from vsalog.readers.sampling_mcap import cut_mcap
 from vsalog.readers.sampling_pieces import Cut
@@ -86,7 +87,7 @@ def read_sample(
     """
     file = local(path)
     try:
-        with _cut(file, sniff(file)) as (small, sample, notes):
+        with _cut(file, sniff(file)) as (small, sample, findings):
             try:
                 recording = read(small, time=time, rate=rate)
             except ReadError as error:
@@ -94,12 +95,12 @@ def read_sample(
     except ReadError as error:
         raise error.moved(file, path) from None
     if file is not path:
-        notes = (download_note(file), *notes)
-    return replace(recording, path=path, notes=(*notes, *recording.notes)), sample
+        findings = (downloaded(file), *findings)
+    return replace(recording, path=path, findings=(*findings, *recording.findings)), sample
 
 
 @contextmanager
-def _cut(path: Path, kind: str) -> Iterator[tuple[Path, Sample | None, tuple[str, ...]]]:
+def _cut(path: Path, kind: str) -> Iterator[tuple[Path, Sample | None, tuple[Finding, ...]]]:
     """Give the path of a sample of a log, or of the log itself, and what was noticed."""
     size = _size(path)
     cutter = CUTTERS.get(kind)
@@ -117,7 +118,7 @@ def _cut(path: Path, kind: str) -> Iterator[tuple[Path, Sample | None, tuple[str
         if cut is None:
             yield path, None, ()
         else:
-            yield small, Sample(cut.size, size, cut.stretches, cut.totals), cut.notes
+            yield small, Sample(cut.size, size, cut.stretches, cut.totals), cut.findings
 
 
 def _size(path: Path) -> int:

@@ -14,6 +14,7 @@ from typing import BinaryIO
 import numpy as np
 from rosbags.rosbag1.reader import Header, ReaderError, RecordType
 
+from vsalog.core.finding import Finding, Findings
 from vsalog.core.printable import printable
 from vsalog.readers.joined import opened_rosbag1
 from vsalog.readers.opened import for_sqlite
@@ -58,7 +59,7 @@ def cut_rosbag1(source: Path, target: Path, budget: int) -> Cut | None:
             out.write(_bag_header(size, len(connections), len(pieces)))
             copy_pieces(file, [*pieces, *(piece for _, piece in connections)], out)
         totals = _totals(file, index)
-    return Cut(size, stretches, totals, () if index else ("the bag has no index (it was not closed properly)",))
+    return Cut(size, stretches, totals, () if index else (Finding(code="recording.no_index"),))
 
 
 def cut_sqlite(source: Path, target: Path, budget: int) -> Cut | None:
@@ -111,9 +112,10 @@ def cut_folder(source: Path, target: Path, budget: int) -> Cut | None:
             totals.update(cut.totals)
     if not cuts:
         return None
-    notes = dict.fromkeys(note for cut in cuts for note in cut.notes)
+    findings = Findings()
+    findings.add(*(one for cut in cuts for one in cut.findings))
     # What stretches of two files have between them is a seam, too.
-    return Cut(sum(cut.size for cut in cuts), sum(cut.stretches for cut in cuts), dict(totals), tuple(notes))
+    return Cut(sum(cut.size for cut in cuts), sum(cut.stretches for cut in cuts), dict(totals), tuple(findings))
 
 
 def _index(file: BinaryIO) -> list[Record]:

@@ -9,6 +9,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import IO, Any
 
+from vsalog.core.finding import Finding
 from vsalog.core.printable import printable
 from vsalog.readers.joined import opened_mcap
 from vsalog.readers.sampling_pieces import Cut, Piece, chosen_pieces, copy_pieces
@@ -18,7 +19,6 @@ MAGIC = b"\x89MCAP0\r\n"
 _FOOTER, _SCHEMA, _CHANNEL, _CHUNK, _METADATA, _DATA_END = 2, 3, 4, 6, 12, 15
 _HEAD = struct.Struct("<BQ")
 _END = _HEAD.pack(_DATA_END, 4) + bytes(4) + _HEAD.pack(_FOOTER, 20) + bytes(20) + MAGIC
-_NO_SUMMARY = "the file has no sound summary of its chunks at its end (was the recording cut off?)"
 _MOST_RECORDS = 500_000
 """A file without an index is walked so far, which takes about a second."""
 
@@ -60,8 +60,8 @@ def cut_mcap(source: Path, target: Path, budget: int) -> Cut | None:
                 out.write(plan.definitions)
             copy_pieces(file, pieces, out)
             out.write(_END)
-    notes = () if plan.totals else (_NO_SUMMARY,)
-    return Cut(sum(piece.size for piece in pieces), stretches, plan.totals, notes)
+    findings = () if plan.totals else (Finding(code="recording.no_summary"),)
+    return Cut(sum(piece.size for piece in pieces), stretches, plan.totals, findings)
 
 
 def _by_summary(file: IO[bytes]) -> _Plan | None:

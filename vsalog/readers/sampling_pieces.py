@@ -8,6 +8,8 @@ from typing import IO, NamedTuple
 
 import numpy as np
 
+from vsalog.core.finding import Finding
+
 STRETCHES = 8
 """In so many pieces: enough to meet what a log does at its beginning, in the middle and at its end."""
 _COPIED = 2**20
@@ -32,14 +34,14 @@ class Cut:
         Pieces that do not join; 1 is the beginning alone.
     totals : mapping of str to int
         Samples of each stream in the whole file, where the file says so.
-    notes : tuple of str
+    findings : tuple of Finding
         What was noticed of the whole file.
     """
 
     size: int
     stretches: int
     totals: Mapping[str, int] = field(default_factory=dict)
-    notes: tuple[str, ...] = ()
+    findings: tuple[Finding, ...] = ()
 
 
 def chosen_pieces(parts: Sequence[Piece], budget: int) -> tuple[list[Piece], int]:

@@ -9,6 +9,7 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
 
+from vsalog.core.finding import Finding
 from vsalog.readers.parquet_rows import ParquetRows
 from vsalog.readers.sampling_pieces import STRETCHES, Cut, Piece, chosen_pieces, copy_pieces
 from vsalog.readers.table import TableReader
@@ -18,10 +19,6 @@ from vsalog.readers.text_source import open_text, read_beginning
 _LONGEST_LINE = 2**20
 _SEARCHED = 2**32
 """To look for headers in a larger table would take longer than anybody waits for a glance at it."""
-_UNSEEN = (
-    "a second header, as where tables were put behind one another, was looked for only in the parts that were read: below one,"
-    " columns may be others"
-)
 
 
 def cut_parquet(source: Path, target: Path, budget: int) -> Cut | None:
@@ -66,7 +63,7 @@ def cut_text(source: Path, target: Path, budget: int) -> Cut | None:
                 out.write(last_header(source, reader.dialect, end, piece.position))
             copy_pieces(file, [piece], out)
             end = piece.position + piece.size
-        return Cut(out.tell(), STRETCHES, notes=() if searched else (_UNSEEN,))
+        return Cut(out.tell(), STRETCHES, findings=() if searched else (Finding(code="table.headers_not_sought"),))
 
 
 def _next_line(file: IO[bytes], position: int) -> int:

@@ -11,6 +11,7 @@ from types import MappingProxyType
 
 import numpy as np
 
+from vsalog.core.finding import Finding, Findings
 from vsalog.core.printable import printable
 from vsalog.readers.chunk_index import Needed, Part
 from vsalog.readers.container import Connection, Container
@@ -28,7 +29,7 @@ class SeveralContainer:
         Opened.
     format : str
         Of all together.
-    notes : list of str
+    findings : Findings
         What is known so far.
     stated : mapping of str to int, optional
         How many messages each topic has, where something beside the files says so.
@@ -38,10 +39,10 @@ class SeveralContainer:
         self,
         parts: Sequence[Container],
         format: str,
-        notes: list[str],
+        findings: Findings,
         stated: Mapping[str, int] = MappingProxyType({}),
     ) -> None:
-        self.parts, self.format, self.notes = parts, format, notes
+        self.parts, self.format, self.findings = parts, format, findings
         self.has_publish = all(part.has_publish for part in parts)
         self._stated, self._narrowed = stated, False
 
@@ -104,12 +105,12 @@ class SeveralContainer:
                     here, counts = np.unique(packet.connection, return_counts=True)
                     found.update(dict(zip((here + numbers.start).tolist(), counts.tolist(), strict=True)))
                 yield replace(packet, connection=packet.connection + numbers.start)
-            self.notes.extend(note for note in container.notes if note not in self.notes)
+            self.findings.add(*container.findings)
         if self._stated and not self._narrowed and needed is None:
-            self.notes.extend({self._missing(set(ids), found)} - {"", *self.notes})
+            self.findings.add(*self._missing(set(ids), found))
 
-    def _missing(self, ids: set[int], found: Mapping[int, int]) -> str:
-        """Say of topics that were read whether messages are missing; "" where none are."""
+    def _missing(self, ids: set[int], found: Mapping[int, int]) -> list[Finding]:
+        """Return of which topics that were read messages are missing; nothing where none are."""
         topics: dict[str, set[int]] = {topic: set() for topic in self._stated}
         for one in self.connections():
             topics.setdefault(one.topic, set()).add(one.id)
@@ -117,11 +118,8 @@ class SeveralContainer:
         lacking = {topic: count for topic, count in there.items() if count < self._stated.get(topic, 0)}
         shown = [f"{printable(topic)} {n} of {self._stated[topic]}" for topic, n in islice(lacking.items(), 3)]
         more = f" and {len(lacking) - 3} more topics" if len(lacking) > 3 else ""
-        return (
-            f"messages are missing that the bag's metadata count: there are of {', '.join(shown)}{more}"
-            if lacking
-            else ""
-        )
+        evidence = {"topics": ", ".join(shown) + more}
+        return [Finding(code="recording.topics_incomplete", value=len(lacking), evidence=evidence)] if lacking else []
 
 
 def _own(numbers: range, ids: Collection[int]) -> list[int]:

@@ -9,7 +9,7 @@ import pyarrow as pa
 import pyarrow.compute as pc
 from numpy.typing import NDArray
 
-from vsalog.core.printable import plural
+from vsalog.core.finding import Finding
 
 MOSTLY_BLANK = 0.25
 """From this fraction of blank cells on, columns are taken as a log of their own."""
@@ -129,17 +129,12 @@ class Layers:
         return [which == k for k in range(self.count)]
 
 
-def notes_on(sparse: int, layers: Layers) -> list[str]:
+def columns_apart(sparse: int, layers: Layers) -> list[Finding]:
     """Return what to tell of columns with many blanks, in so many groups."""
     if not sparse:
         return []
-    apart = "a stream of its own" if sparse == 1 else "streams of their own"
-    said = [f"{plural(sparse, 'group')} of columns with many blank cells read without them, as {apart}"]
-    if layers.count > 1:
-        said.append(
-            f"{layers.count} tables stand below one another, each with columns of its own: they are merged by time"
-        )
-    return said
+    apart = Finding(code="table.columns_apart", value=sparse)
+    return [apart, Finding(code="table.stacked", value=layers.count)] if layers.count > 1 else [apart]
 
 
 def blank(cells: pa.Array) -> NDArray[np.bool_]:

@@ -13,7 +13,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from vsalog.core.printable import plural
+from vsalog.core.finding import Finding
 
 MOST_BYTES = 256 * 2**20
 """Of a log of changes that is looked through; those of recorders have a few megabytes."""
@@ -25,39 +25,37 @@ _HEAD, _FRAME_HEAD = 8, 6  # words of four bytes
 _Words = NDArray[np.uint32]
 
 
-def missing_note(path: Path) -> str:
-    """Say how much of a database is missing by what its header says; "" where nothing is."""
+def missing_bytes(path: Path) -> list[Finding]:
+    """Return how much of a database is missing by what its header says; nothing where it is whole."""
     with path.open("rb") as file:
         head = file.read(100)
         size = file.seek(0, 2)
     page = int.from_bytes(head[16:18], "big")
     page = _LARGEST if page == 1 else page
     if len(head) < 100 or page < 512:
-        return ""
+        return []
     # How many pages there are is only told where the counters of changes agree.
     pages = int.from_bytes(head[28:32], "big") if head[24:28] == head[92:96] else 0
     if size >= page * pages and size % page == 0:
-        return ""
-    lack = f"{page * pages - size} of its {page * pages} bytes" if size < page * pages else "a part of its last page"
-    return f"{lack} missing, as when the file was cut off: messages may be lost, those that are there were read"
+        return []
+    whole = max(page * pages, -(-size // page) * page)
+    return [Finding(code="recording.database_truncated", value=whole - size, limit=whole, unit="B")]
 
 
-def damaged_log_note(log: Path) -> str:
-    """Say how much of a log of changes is lost behind damage; "" where nothing is."""
+def damaged_changes(log: Path) -> list[Finding]:
+    """Return how much of a log of changes is lost behind damage; nothing where it is sound."""
     data = np.fromfile(log, np.uint8, MOST_BYTES)
     data = data[: data.size // 4 * 4]
     big: _Words = data.view(">u4").astype(np.uint32)
     if big.size <= _HEAD:
-        return ""
+        return []
     summed: _Words = big if big[0] & 1 else data.view("<u4").astype(np.uint32)
     lost = -1
     if int(big[0]) & ~1 == _MAGIC:
         lost = int(_lost_frames(summed, big, _FRAME_HEAD + int(big[2]) // 4))
     if lost < 0:
-        return f"the head of {log.name} is damaged: no change in it was read, and messages may be lost"
-    return (
-        f"{log.name} is damaged: {plural(lost, 'page')} behind the damage, and messages with them, lost" if lost else ""
-    )
+        return [Finding(code="recording.changes_unreadable", part=log.name)]
+    return [Finding(code="recording.changes_damaged", part=log.name, value=lost)] if lost else []
 
 
 @njit(cache=True, nogil=True)

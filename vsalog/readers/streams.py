@@ -16,7 +16,7 @@ from vsalog.readers.definitions import DefinitionError, normal_type
 from vsalog.readers.delays import LEAST_BYTES
 from vsalog.readers.packets import Packet
 from vsalog.readers.plain_messages import plain
-from vsalog.readers.publishers import FrameWatch, clashing, mixed_note, publisher_stream
+from vsalog.readers.publishers import FrameWatch, clashing, publisher_stream, told_apart
 
 LONGEST_NAME = 1024
 """Characters of a topic or type; memory would not last for names of megabytes ahead of thousands of fields."""
@@ -80,8 +80,8 @@ class Streams:
         self._tell_frames(by_publisher)
         for what, mixed in ("publishers", self._mixed), ("frames", self._frames):
             for stream, names in mixed.items():
-                if names and (note := mixed_note(stream, names, what)) not in self._container.notes:
-                    self._container.notes.append(note)
+                if names:
+                    self._container.findings.add(told_apart(stream, names, what))
         return [Named(connection, stream, tuple(self._frames.get(stream, ()))) for connection, stream in by_publisher]
 
     def seen_wholly(self) -> bool:

@@ -12,14 +12,14 @@ import pyarrow as pa
 from numpy.typing import NDArray
 
 from vsalog.core.errors import ReadError
+from vsalog.core.finding import Finding, Findings
 from vsalog.core.printable import plural
 from vsalog.core.recording import Stamps, Values
-from vsalog.readers.base import NO_TIME, Block, Catalogue, ChannelInfo, first_of_each
-from vsalog.readers.headers import printable_cell
-from vsalog.readers.row_clock import ROW_NOTE, row_clock
+from vsalog.readers.base import Block, Catalogue, ChannelInfo, first_of_each
+from vsalog.readers.row_clock import row_clock
 from vsalog.readers.row_times import RowTimes
-from vsalog.readers.sparse import Layers, group_by_blanks, notes_on, stretches
-from vsalog.readers.table_cells import ROUNDED, Cells, numbers_and_words
+from vsalog.readers.sparse import Layers, columns_apart, group_by_blanks, stretches
+from vsalog.readers.table_cells import Cells, numbers_and_words
 from vsalog.readers.table_damage import Damage
 from vsalog.readers.table_detection import detect
 from vsalog.readers.table_dialect import Dialect
@@ -29,7 +29,7 @@ from vsalog.readers.table_slots import Slots
 from vsalog.readers.table_speakers import find_speakers
 from vsalog.readers.table_text import NULLS
 from vsalog.readers.text_source import BoundedGzip, open_text, read_beginning
-from vsalog.readers.time_columns import ClockColumn, ClockPlan, find_clocks, looks_like_clock
+from vsalog.readers.time_columns import ClockColumn, ClockPlan, find_clocks, looks_like_clock, runs_backwards
 from vsalog.readers.time_names import UNITS
 from vsalog.readers.time_steps import row_marks
 
@@ -62,7 +62,7 @@ class TableReader:
     def __init__(self, path: Path, rate: float | None, thorough: bool = True) -> None:
         self.path = path
         self.rate = rate
-        self.notes: list[str] = []
+        self.findings = Findings()
         self.unread: dict[str, str] = {}
         self._compressed = False
         self._dialect = self._detect()
@@ -169,10 +169,10 @@ class TableReader:
                         chosen = _chosen(good & theirs, stamps, {names[i]: values[names[i]] for i in own})
                         yield from self._by_stream(own, part, *chosen, wanted)
             if damage and sound is not None:  # what is told of cells would be of those that were left out
-                self.notes.append(damage.note())
+                self.findings.append(damage.finding())
                 self._note_text()
                 return
-        self.notes += rows.notes
+        self.findings.add(*rows.findings)
         self._report(dropped)
 
     def _by_stream(
@@ -276,39 +276,33 @@ class TableReader:
             good = good | self._cells(batch, [at])[0].is_null().to_numpy(zero_copy_only=False)
         return int(np.count_nonzero(~good))
 
-    def _timeless(self) -> str:
+    def _timeless(self) -> Finding | None:
         if self._plan.backwards is None:
-            return ""
+            return None
         column, row = self._plan.backwards
-        where = f"line {self._dialect.lines[row]}"
-        return f"its time column '{printable_cell(self._dialect.names[column])}' runs backwards at {where}"
+        return runs_backwards(self._dialect.names[column], f"line {self._dialect.lines[row]}")
 
     def _note_dialect(self) -> None:
-        self.notes += [note for note in (*self._dialect.notes, *self._plan.notes) if note not in self.notes]
+        self.findings.add(*self._dialect.findings, *self._plan.findings)
         if self._dialect.separator == "," and any(n.decimal_comma for n in self._dialect.notations):
-            self.notes.append("the comma in the quoted numbers is read as a decimal mark")
+            self.findings.add(Finding(code="table.decimal_commas"))
         if self._speakers:
-            self.notes.append(self._speakers.note())
+            self.findings.add(self._speakers.finding())
         if self._perhaps:
-            self.notes.append(self._perhaps)
+            self.findings.add(self._perhaps)
         if self.rate is not None and self._plan.clocks:
-            self.notes.append("the table has a time column: the sample rate that was given is not used")
+            self.findings.add(Finding(code="clock.rate_not_used", value=self.rate, unit="Hz"))
         others = self._sections[1:]
         if others:
-            self.notes.append(
-                f"the time has {plural(len(others) + 1, 'column')}: each is that of the columns beside it, up to the next"
-            )
+            self.findings.add(Finding(code="table.several_clocks", value=len(others) + 1))
         sparse = len(set(self._streams.values())) - (self.path.stem in self._streams.values()) - len(others)
-        self.notes += notes_on(sparse, self._layers)
+        self.findings.add(*columns_apart(sparse, self._layers))
         if self._plan.clocks or self.rate is not None:
             return
-        self.notes.append(ROW_NOTE if self._plan.backwards is None else f"{self._timeless()}, so there is no time")
+        self.findings.add(self._timeless() or Finding(code="clock.missing", part=self.path.stem))
         for name, cells in zip(self._dialect.names, self._sample, strict=True):
             if looks_like_clock(Cells().convert(cells)):
-                self.notes.append(
-                    f"column '{name}' rises evenly: if it is the time, call it so in the header, with its unit: 'time [s]',"
-                    " 'time [ms]' or 'time [min]'"
-                )
+                self.findings.add(Finding(code="clock.perhaps", part=name))
                 break
 
     def _why_unread(self, name: str, cells: Cells) -> str:
@@ -321,21 +315,12 @@ class TableReader:
     def _report(self, dropped: int) -> None:
         """Tell what was wrong with the cells."""
         if dropped:
-            self.notes.append(f"{plural(dropped, 'row')} {NO_TIME}")
+            self.findings.add(Finding(code="clock.rows_without_time", part=self.path.stem, value=dropped))
         if self._speakers:
-            self.notes += self._speakers.left_out()
-        self.notes += self._slots.notes()
-        for times in self._times:
-            self.notes += [note for note in times.notes() if note not in self.notes]
+            self.findings.add(*self._speakers.left_out())
+        self.findings.add(*self._slots.findings(), *(one for times in self._times for one in times.findings()))
         self._note_text()
-        for name, cells in self._counts.items():
-            if cells.rounded:
-                self.notes.append(f"column '{name}': {ROUNDED.format(cells.rounded)}")
-            if cells.bad and not cells.text:
-                self.notes.append(
-                    f"column '{name}': {plural(cells.bad, 'cell')} without a number read as NaN"
-                    f" (the first in row {cells.first_row + 1}: '{printable_cell(cells.first)}')"
-                )
+        self.findings.add(*(one for name, cells in self._counts.items() for one in cells.findings(name)))
 
     def _note_text(self) -> None:
         """Say which columns are no signals after all."""

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from decimal import Context, Decimal
 from typing import NamedTuple
 
 import pyarrow as pa
 
 from vsalog.core.errors import UnitError
+from vsalog.core.finding import Finding
 from vsalog.core.printable import printable
 from vsalog.core.units import parse_unit, split_header
 from vsalog.readers.headers import printable_cell, unique_names
@@ -22,8 +23,6 @@ from vsalog.readers.time_names import UNITS, stated_unit
 _NANOSECONDS = {"ns": 1, "us": 10**3, "ms": 10**6, "s": 10**9, "min": 60 * 10**9, "h": 3600 * 10**9, "d": 86400 * 10**9}
 _DIGITS = Context(prec=30, traps=[])
 _NUMBER = re.compile(NUMBER)
-_UNSTATED = "a header further down states no unit for {}, as the first does: taken as the same"
-_STATED = "a header further down states a unit of the SI for {}, the first none: taken as the same"
 _GLUED = re.compile(r"^[+-]?[\d.,]*\d(?:[eE][+-]?\d+)?\W*?((?:[#%]|\W?[^\W\d]).*)$")
 """The last number of a row and the first name of a header, as where a file whose last line has no end is put ahead of another."""
 _REMARK_BEHIND = re.compile(r"^([^#%]+)([#%].*)$")
@@ -33,6 +32,8 @@ _TELLING_ROWS = 50
 """So many rows say which columns hold values."""
 _LONGEST_PAUSE = 1000
 """Steps of a clock for which a log may pause."""
+_SHOWN = 4
+"""Columns that are named where they are many."""
 _FEW = 3
 """Columns of which words in all say that the line is a header, whatever they are."""
 MOST_LINES = 32
@@ -74,13 +75,13 @@ class Order(NamedTuple):
         Of each column, the name that the first header has at its place.
     factors : dict of str to Decimal
         What the numbers of columns in another unit are multiplied with.
-    notes : tuple of str
+    findings : tuple of Finding
         What had to be assumed.
     """
 
     places: dict[str, str]
     factors: dict[str, Decimal]
-    notes: tuple[str, ...] = ()
+    findings: tuple[Finding, ...] = ()
 
 
 class FirstHeader:
@@ -177,7 +178,7 @@ class FirstHeader:
                 and printable(name).strip() != self._columns[i]
             ):
                 return False
-            if self._factor(i, name, unit) != (Decimal(1), ""):
+            if self._factor(i, name, unit) != (Decimal(1), False):
                 return False
         return True
 
@@ -198,9 +199,8 @@ class FirstHeader:
         self._headless = False
         pairs = split_names([*line.cells.values()])
         self._names, self._units = unique_names([name for name, _ in pairs]), tuple(unit for _, unit in pairs)
-        shown = printable_cell(", ".join(line.texts))
-        note = f"a header ('{shown}') stands below rows that have none, and names no column: put it at the top"
-        return self.as_above._replace(notes=(note,))
+        evidence = {"header": printable_cell(", ".join(line.texts))}
+        return self.as_above._replace(findings=(Finding(code="table.header_below", evidence=evidence),))
 
     def names_others(self, lines: Sequence[Line], goes_on: bool | None) -> bool:
         """Tell whether one of some lines is a header, of other columns than the first or in units that do not fit.
@@ -238,18 +238,19 @@ class FirstHeader:
             return None
         units = [unit or own for (_, unit), own in zip(pairs, own_units, strict=True)]
         factors: dict[str, Decimal] = {}
-        assumed: dict[str, list[str]] = {}
+        assumed: list[str] = []
         for i, (name, k) in enumerate(zip(self._columns, at, strict=True)):
-            factor, note = self._factor(i, names[k], units[k])
+            factor, same = self._factor(i, names[k], units[k])
             if factor is None:
                 return None
             if factor != 1:
                 factors[name] = factor
-            if note:
-                assumed.setdefault(note, []).append(f"'{name}'")
+            if same:
+                assumed.append(name)
         places = {name: self._columns[k] for name, k in zip(self._columns, at, strict=True)}
-        notes = (note.format(", ".join(named[:4]) + ", …" * (len(named) > 4)) for note, named in assumed.items())
-        return Order(places, factors, tuple(notes))
+        evidence = {"columns": listed_columns(assumed)}
+        once = Finding(code="table.unit_stated_once", value=len(assumed), evidence=evidence)
+        return Order(places, factors, (once,) if assumed else ())
 
     def _matched(self, names: Sequence[str]) -> list[int] | None:
         """Return where each column's name is among the names of a header."""
@@ -259,22 +260,25 @@ class FirstHeader:
                 return [again.index(one) for one in first]
         return None
 
-    def _factor(self, column: int, name: str, unit: str | None) -> tuple[Decimal | None, str]:
-        """Return what a column's numbers are multiplied with below a header, None where nobody knows, and a note."""
+    def _factor(self, column: int, name: str, unit: str | None) -> tuple[Decimal | None, bool]:
+        """Return what a column's numbers are multiplied with below a header, None where nobody knows.
+
+        The second tells whether its unit is assumed to be the same, as only one of both headers states it.
+        """
         first = self._units[column]
         called = self._columns[column]
         if self._notations[column].unit:  # every cell has it
-            return Decimal(1), ""
+            return Decimal(1), False
         if is_clock(called):
             first, unit = (_unit_of_time(*one) for one in ((called, first), (name, unit)))
         first, unit = (None if one in NO_UNIT else one for one in (first, unit))
         if first == unit:
-            return Decimal(1), ""
+            return Decimal(1), False
         if unit is None:
-            return Decimal(1), "" if is_clock(called) else _UNSTATED  # what a clock's unit is its steps told
+            return Decimal(1), not is_clock(called)  # what a clock's unit is its steps told
         if first is None:
-            return Decimal(1) if _size(unit)[0] == 1.0 else None, _STATED
-        return _ratio(unit, first), ""
+            return Decimal(1) if _size(unit)[0] == 1.0 else None, True
+        return _ratio(unit, first), False
 
 
 def own_rows(dialect: Dialect, lines: Sequence[str]) -> list[int]:
@@ -309,6 +313,12 @@ def own_rows(dialect: Dialect, lines: Sequence[str]) -> list[int]:
             break
         run.clear()
     return [k for k, line in enumerate(dialect.lines) if line - 1 < end and line - 1 not in words]
+
+
+def listed_columns(names: Iterable[str]) -> str:
+    """Return the first names of columns, in quotes."""
+    quoted = [f"'{name}'" for name in names]
+    return ", ".join(quoted[:_SHOWN]) + ", …" * (len(quoted) > _SHOWN)
 
 
 def goes_on(earlier: str, before: str, after: str) -> bool:

@@ -8,7 +8,9 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.compute as pc
 
+from vsalog.core.finding import Evidence, Finding
 from vsalog.core.recording import Values
+from vsalog.readers.headers import printable_cell
 from vsalog.readers.table_text import LIKE_NUMBERS, NUMBER
 
 _CELL = NUMBER.replace("^", "^(", 1)[:-1] + r"|[+-]?(?i:inf|infinity)|[+-]?(?i:nan))$"
@@ -18,7 +20,6 @@ _FEW = 16
 _MANY = 100
 _EXACT = 2.0**53
 _WHOLE = re.compile(r"^[+-]?\d{1,40}$")
-ROUNDED = "its whole numbers are rounded to 53 bits, such as {}"
 _NOTHING = pa.scalar(None, pa.string())
 
 
@@ -39,6 +40,16 @@ class Cells:
         if self.good:
             return ""
         return "text" if self.bad else "no values"
+
+    def findings(self, column: str) -> list[Finding]:
+        """Return what was no number, or is none that floating point can hold."""
+        found = []
+        if self.rounded:
+            found.append(Finding(code="table.numbers_rounded", part=column, evidence={"number": self.rounded}))
+        if self.bad and not self.text:
+            first: Evidence = {"row": self.first_row + 1, "first": printable_cell(self.first)}
+            found.append(Finding(code="table.cells_without_number", part=column, value=self.bad, evidence=first))
+        return found
 
     def convert(self, cells: pa.Array) -> Values:
         """Return the numbers in a stretch of the column, NaN where there is none."""

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from vsalog.readers.base import DOUBTFUL
+from vsalog.core.finding import Finding
 from vsalog.readers.table_cells import Cells
 from vsalog.readers.text_source import trouble_at_end
 
@@ -60,14 +60,7 @@ class Damage:
             return None
         return max(self._row - begin, 0)
 
-    def note(self) -> str:
+    def finding(self) -> Finding:
         """Return what to tell where rows were left out."""
-        if self._trouble == "missing":
-            return (
-                f"the compressed file is cut off, its checksum missing: left out from row {self._row + 1} on, the first that does"
-                f" not fit, as where bytes have changed; in the rows just ahead {DOUBTFUL}; decompress it first to read all rows"
-            )
-        return (
-            f"the compressed file is damaged: left out from row {self._row + 1} on, the first that does not fit; in the rows just"
-            f" ahead {DOUBTFUL}"
-        )
+        missing = self._trouble == "missing"
+        return Finding(code="compressed.rows_doubtful" if missing else "compressed.rows_left_out", value=self._row + 1)

@@ -7,6 +7,7 @@ import re
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
 
+from vsalog.core.finding import Finding
 from vsalog.readers.headers import printable_cell, unique_names
 from vsalog.readers.sniff import without_holes
 from vsalog.readers.table_again import own_rows
@@ -53,14 +54,13 @@ def detect(head: bytes, whole: bool) -> Dialect:
     if labels:
         table = [(0, [*labels]), *((i, [without_label(cell) for cell in cells]) for i, cells in table)]
         rows = [cells for _, cells in table]
-    notations, note = find_notations(rows, width, separator)
+    notations, marks = find_notations(rows, width, separator)
     decimal_comma = any(notation.decimal_comma for notation in notations)
     header = find_header(lines, table, width, decimal_comma)
     torn = _torn(rows, width) if separator == "," else 0
     pairs = split_names(header.names)
     names = unique_names([name for name, _ in pairs])
     units = [unit or own for (_, unit), own in zip(pairs, header.units, strict=True)]
-    notes = [one for one in (note, *_units_in_cells(names, units, notations)) if one]
     rest = [(i, cells) for i, cells in table[header.rows :] if len(cells) == width]
     dialect = Dialect(
         encoding=encoding,
@@ -72,7 +72,7 @@ def detect(head: bytes, whole: bool) -> Dialect:
         notations=tuple(notations),
         rows=tuple(tuple(cells) for _, cells in rest),
         lines=tuple(i + 1 for i, _ in rest),
-        notes=(*header.notes, *notes),
+        findings=(*header.findings, *marks, *_units_in_cells(names, units, notations)),
         torn=torn,
         labels=labels,
     )
@@ -87,12 +87,14 @@ def _torn(rows: Sequence[Sequence[str]], width: int) -> int:
     return len(names) if whole else 0
 
 
-def _units_in_cells(names: Sequence[str], stated: Sequence[str | None], notations: Sequence[Notation]) -> Iterator[str]:
+def _units_in_cells(
+    names: Sequence[str], stated: Sequence[str | None], notations: Sequence[Notation]
+) -> Iterator[Finding]:
     """Yield what to tell of columns with a unit behind their numbers."""
     for name, unit, notation in zip(names, stated, notations, strict=True):
         if notation.unit and notation.unit != unit:
-            instead = f", not '{printable_cell(unit)}', which its header states" if unit else ""
-            yield f"column '{name}': the unit is '{notation.unit}', as its cells have it{instead}"
+            evidence = {"cells": notation.unit, "header": f"'{printable_cell(unit)}'" if unit else "none"}
+            yield Finding(code="table.unit_in_cells", part=name, evidence=evidence)
 
 
 def detect_encoding(head: bytes) -> str:

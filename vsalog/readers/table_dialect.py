@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+from vsalog.core.finding import Finding
 from vsalog.readers.table_notation import Notation
 
 
@@ -27,7 +28,7 @@ class Dialect:
         The first rows.
     lines : tuple of int
         The lines they stand in, counted from 1.
-    notes : tuple of str
+    findings : tuple of Finding
         What is worth telling.
     torn : int
         How many names there are where commas both separate cells and stand in numbers, so that rows fall apart; else 0.
@@ -44,7 +45,7 @@ class Dialect:
     notations: tuple[Notation, ...]
     rows: tuple[tuple[str, ...], ...]
     lines: tuple[int, ...]
-    notes: tuple[str, ...]
+    findings: tuple[Finding, ...]
     torn: int
     labels: tuple[str, ...]
 

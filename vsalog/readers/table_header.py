@@ -6,7 +6,7 @@ import re
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from vsalog.core.printable import plural
+from vsalog.core.finding import Finding, Findings
 from vsalog.core.units import is_known_by_heart, split_header
 from vsalog.readers.headers import printable_cell
 from vsalog.readers.table_text import SEPARATORS, is_value, split
@@ -39,7 +39,7 @@ class Header:
         Index of the first row of values in the table.
     skip_lines : int
         Lines ahead of it.
-    notes : tuple of str
+    findings : tuple of Finding
         What is worth telling.
     """
 
@@ -47,7 +47,7 @@ class Header:
     units: list[str | None]
     rows: int
     skip_lines: int
-    notes: tuple[str, ...]
+    findings: tuple[Finding, ...]
 
 
 def find_header(lines: Sequence[str], table: Table, width: int, decimal_comma: bool) -> Header:
@@ -64,7 +64,7 @@ def find_header(lines: Sequence[str], table: Table, width: int, decimal_comma: b
     decimal_comma : bool
         How numbers are written.
     """
-    notes: list[str] = []
+    findings = Findings()
     head = [(i, _without_end(cells, width, decimal_comma)) for i, cells in table[:_MOST_SETTINGS]]
     table = [*head, *table[_MOST_SETTINGS:]]
     start = next((k for k, (_, cells) in enumerate(table) if len(cells) in (width, width - 1)), 0)
@@ -72,28 +72,30 @@ def find_header(lines: Sequence[str], table: Table, width: int, decimal_comma: b
     first, start = start, _skip_settings(table, start, width, decimal_comma)
     ahead = sum(all(is_value(cell, decimal_comma) for cell in cells) for _, cells in table[first:start])
     if ahead:
-        notes.append(f"{plural(ahead, 'row')} of values ahead of the header left out")
+        findings.add(Finding(code="table.rows_ahead_of_header", value=ahead))
     names: list[str] | None = None
     units: list[str | None] = [None] * width
     rest = [cells for _, cells in table[start:]]
     if rest and _names_columns(rest, decimal_comma):
-        names = _aligned(rest.pop(0), rest, width, notes)
+        names = _aligned(rest.pop(0), rest, width, findings)
         below = _rows_of_words(rest, width, decimal_comma)
         names, units, passed = named(names, rest[:below], width)
         rest = rest[below:]
-        notes += passed
+        findings.add(*passed)
     elif rest and len(rest[0]) == width:
         said = _comment_header(lines[: table[start][0]], width)
         names, units, passed = named(said[0], said[1:], width) if said else (None, units, [])
-        notes += passed
+        findings.add(*passed)
     if names is None:
-        notes.append("the table has no header: its columns are called column_0, column_1, …")
+        findings.add(Finding(code="table.no_header"))
         names = [""] * width
     first = len(table) - len(rest)
-    return Header(names, units, first, table[first][0] if rest else len(lines), tuple(notes))
+    return Header(names, units, first, table[first][0] if rest else len(lines), tuple(findings))
 
 
-def named(first: list[str], below: Sequence[list[str]], width: int) -> tuple[list[str], list[str | None], list[str]]:
+def named(
+    first: list[str], below: Sequence[list[str]], width: int
+) -> tuple[list[str], list[str | None], list[Finding]]:
     """Return the names and units that the rows of a header state, and what to tell of rows that state neither.
 
     Parameters
@@ -105,7 +107,7 @@ def named(first: list[str], below: Sequence[list[str]], width: int) -> tuple[lis
     width : int
         Columns of the table.
     """
-    names, notes = first, []
+    names, passed = first, list[Finding]()
     units: list[str | None] = [None] * width
     for row in below:
         if _are_units(row):
@@ -113,10 +115,11 @@ def named(first: list[str], below: Sequence[list[str]], width: int) -> tuple[lis
         elif "" in names or len(set(names)) < width:
             names = _merged(names, row)
         else:
-            notes.append(f"a second row of words below the names passed over: '{printable_cell(', '.join(row))}'")
+            cells = {"cells": printable_cell(", ".join(row))}
+            passed.append(Finding(code="table.words_below_header", evidence=cells))
     if names and names[0].startswith("%time"):
         names = [name.removeprefix("field.") for name in names]
-    return names, units, notes
+    return names, units, passed
 
 
 def split_names(names: Sequence[str]) -> list[tuple[str, str | None]]:
@@ -242,13 +245,13 @@ def _names_columns(rows: Sequence[Sequence[str]], decimal_comma: bool) -> bool:
     return False
 
 
-def _aligned(header: list[str], rows: Sequence[Sequence[str]], width: int, notes: list[str]) -> list[str]:
+def _aligned(header: list[str], rows: Sequence[Sequence[str]], width: int, findings: Findings) -> list[str]:
     """Return a name for every column, also where the header has one fewer than the rows."""
     if len(header) == width:
         return header
     trailing = rows and all(not row[-1] for row in rows if len(row) == width)
     if len(header) < width and not trailing:
-        notes.append("the header has one name fewer than the rows have cells: the first column is taken as unnamed")
+        findings.add(Finding(code="table.unnamed_column"))
         return [""] * (width - len(header)) + header
     return (header + [""] * width)[:width]
 

@@ -10,6 +10,7 @@ from dataclasses import dataclass
 import pyarrow as pa
 import pyarrow.compute as pc
 
+from vsalog.core.finding import Finding
 from vsalog.readers.table_text import quantity_of
 
 _CERTAIN = 9
@@ -107,7 +108,7 @@ def _with_points(cells: pa.Array) -> pa.Array:
     return pa.Array.from_buffers(cells.type, len(cells), [valid, begins, text], cells.null_count, cells.offset)
 
 
-def find_notations(rows: Sequence[Sequence[str]], width: int, separator: str) -> tuple[list[Notation], str]:
+def find_notations(rows: Sequence[Sequence[str]], width: int, separator: str) -> tuple[list[Notation], list[Finding]]:
     """Tell how the columns of a table write numbers, and what of it is worth telling.
 
     Parameters
@@ -122,16 +123,16 @@ def find_notations(rows: Sequence[Sequence[str]], width: int, separator: str) ->
     columns = [_Column([row[i] for row in rows if len(row) == width and row[i]]) for i in range(width)]
     commas = [column for column in columns if column.mark == ","]
     points = [column for column in columns if column.mark == "."]
-    default, note = bool(commas), ""
+    default, found = bool(commas), list[Finding]()
     if commas and points:
         default = sum(c.commas for c in commas) > sum(c.points for c in points)
-        note = "some columns are written with a decimal comma, others with a point: each is read as it is written"
+        found.append(Finding(code="table.mixed_decimal_marks"))
     elif not commas and not points:
         count = {mark: sum(column.groups[mark] for column in columns) for mark in ".,"}
         default = separator != "," and count[","] > _CERTAIN * count["."]
         if default:
-            note = "the comma in numbers is read as a decimal mark, though all have three digits behind it"
-    return [column.notation(default) for column in columns], note
+            found.append(Finding(code="table.decimal_commas"))
+    return [column.notation(default) for column in columns], found
 
 
 class _Column:

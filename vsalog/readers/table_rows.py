@@ -12,7 +12,7 @@ import pyarrow.compute as pc
 import pyarrow.csv as pacsv
 
 from vsalog.core.errors import ReadError
-from vsalog.core.printable import plural
+from vsalog.core.finding import Evidence, Finding, Findings
 from vsalog.readers.headers import printable_cell
 from vsalog.readers.opened import is_text
 from vsalog.readers.table_dialect import Dialect
@@ -41,12 +41,12 @@ class Rows:
 
     Attributes
     ----------
-    notes : list of str
+    findings : Findings
         What was left out; complete once all batches are read.
     """
 
     def __init__(self, path: Path, dialect: Dialect, numbers: Sequence[int]) -> None:
-        self.notes: list[str] = []
+        self.findings = Findings()
         self._path = path
         self._dialect = dialect
         self._numbers = {dialect.names[i] for i in numbers}
@@ -86,7 +86,7 @@ class Rows:
         OtherOrderError
             The columns change places, and not all of them are asked for.
         """
-        self.notes.clear()
+        self.findings.clear()
         self._grouped.clear()
         self._left_out.clear()
         self._words = WordLines(self._dialect, self._known)
@@ -117,14 +117,13 @@ class Rows:
             except OSError as error:
                 raise ReadError(f"cannot be read: {error.strerror or error}", self._path) from error
             if text.damage:
-                self.notes.append(text.damage)
+                self.findings.add(text.damage)
             if text.cut:
-                self.notes.append(_cut(text.cut))
-        self.notes.extend(self._thousands())
+                self.findings.add(_cut(text.cut))
+        self.findings.add(*self._marks())
         self._odd.remarks += self._words.remarks - self._words.odd_remarks
         self._odd.count -= self._words.odd
-        self.notes.extend(self._words.notes())
-        self.notes.extend(self._odd.notes())
+        self.findings.add(*self._words.findings(), *self._odd.findings())
 
     def _chosen(self, columns: Sequence[int]) -> set[str]:
         """Return the names of columns, of the first that tells which rows are remarks, and of what tells words from values."""
@@ -173,7 +172,7 @@ class Rows:
         last = cut_off(self._path, self._dialect.separator)
         if not last:
             return file
-        self.notes.append(_cut(last.decode("utf-8", "replace")))
+        self.findings.add(_cut(last.decode("utf-8", "replace")))
         return pa.BufferReader(file.read_buffer(file.size() - len(last)))
 
     def _without_labels(self, batch: pa.RecordBatch) -> pa.RecordBatch:
@@ -207,20 +206,21 @@ class Rows:
             columns.append(column)
         return pa.RecordBatch.from_arrays(columns, batch.schema.names) if self._notations else batch
 
-    def _thousands(self) -> Iterator[str]:
-        """Yield what was taken for thousands."""
+    def _marks(self) -> Iterator[Finding]:
+        """Yield what commas and points in numbers were taken for, where they may be something else."""
         for name, cell in self._grouped.items():
             notation = self._notations[name]
             mark = "." if notation.decimal_comma else ","
             if notation.fraction and "," not in cell:
-                use = "as a decimal mark, for every number ahead has one"
+                use = "a decimal mark, for every number ahead has one"
             else:
-                use = "as setting thousands apart"
-            yield f"column '{name}': the '{mark}' in '{printable_cell(cell)}' is read {use}"
+                use = "setting thousands apart"
+            evidence = {"mark": mark, "cell": printable_cell(cell), "read_as": use}
+            yield Finding(code="table.marks_in_numbers", part=name, evidence=evidence)
 
 
-def _cut(line: str) -> str:
-    return f"the last line is left out: it has no end, and its last number may be cut off ('{printable_cell(line)}')"
+def _cut(line: str) -> Finding:
+    return Finding(code="table.last_line_left_out", evidence={"line": printable_cell(line)})
 
 
 class _OddLines:
@@ -260,22 +260,13 @@ class _OddLines:
         self._lines += 1
         return "skip"
 
-    def notes(self) -> list[str]:
-        """Return what to tell."""
-        notes = []
-        if self.remarks:
-            what = "a remark (it begins" if self.remarks == 1 else "remarks (they begin"
-            notes.append(f"{plural(self.remarks, 'line')} between the rows skipped as {what} with # or %)")
-        if self.run_on:
-            notes.append(f"{plural(self.run_on, 'row')} skipped that a stray quote runs together with the rows behind")
-        if self.quoted:
-            notes.append(
-                f"{plural(self.quoted, 'line')} with cells in quotes, of which the rows ahead have none, skipped: if the file is"
-                " compressed, decompress it first"
-            )
-        if self.count > self.quoted:
-            notes.append(
-                f"{plural(self.count - self.quoted, 'line')} without exactly {self._width} cells skipped"
-                f" (the first: '{printable_cell(self.example)}')"
-            )
-        return notes
+    def findings(self) -> list[Finding]:
+        """Return what was skipped."""
+        lines: Evidence = {"cells": self._width, "first": printable_cell(self.example)}
+        found = (
+            Finding(code="table.remarks", value=self.remarks),
+            Finding(code="table.stray_quotes", value=self.run_on),
+            Finding(code="table.quoted_lines_skipped", value=self.quoted),
+            Finding(code="table.lines_skipped", value=self.count - self.quoted, evidence=lines),
+        )
+        return [one for one in found if one.value and one.value > 0]

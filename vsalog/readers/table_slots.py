@@ -13,7 +13,7 @@ import pyarrow as pa
 import pyarrow.compute as pc
 from numpy.typing import NDArray
 
-from vsalog.core.printable import plural
+from vsalog.core.finding import Finding
 from vsalog.readers.headers import printable_cell
 from vsalog.readers.table_cells import numbers_and_words
 from vsalog.readers.time_dates import trimmed
@@ -79,9 +79,9 @@ class Slots:
                     batch = batch.set_column(at(i), batch.schema.field(at(i)), cells)
         return batch
 
-    def notes(self) -> list[str]:
+    def findings(self) -> list[Finding]:
         """Return what to tell."""
-        return [note for one in self._families for note in one.notes(self._names)]
+        return [found for one in self._families for found in one.findings(self._names)]
 
 
 class _Family:
@@ -116,22 +116,18 @@ class _Family:
                 moved[column] = pc.coalesce(*own)
         return moved
 
-    def notes(self, names: Sequence[str]) -> list[str]:
+    def findings(self, names: Sequence[str]) -> list[Finding]:
         """Return what to tell."""
-        said = []
+        found = []
         if self._moved:
             pairs = zip(self.kinds[0] if self.kinds else (), self._called.to_pylist(), strict=False)
             shown = ", ".join(f"'{names[i]}' is of '{printable_cell(called)}'" for i, called in [*pairs][:3])
-            said.append(
-                f"the names in column '{names[self.namers[0]]}' and the next change places in {plural(self._moved, 'row')}:"
-                f" values go with their names, {shown} throughout"
-            )
+            column, evidence = names[self.namers[0]], {"shown": shown}
+            found.append(Finding(code="table.names_move", part=column, value=self._moved, evidence=evidence))
         if self._strangers:
-            said.append(
-                f"{plural(self._strangers, 'cell')} of names beside which values are left out, as the first row has no such"
-                f" name (the first: '{printable_cell(self._stranger)}')"
-            )
-        return said
+            evidence = {"first": printable_cell(self._stranger)}
+            found.append(Finding(code="table.names_unknown", value=self._strangers, evidence=evidence))
+        return found
 
 
 def _called(columns: Sequence[pa.Array]) -> list[str]:

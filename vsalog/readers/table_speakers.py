@@ -9,7 +9,7 @@ import pyarrow as pa
 import pyarrow.compute as pc
 from numpy.typing import NDArray
 
-from vsalog.core.printable import plural
+from vsalog.core.finding import Finding
 from vsalog.readers.headers import printable_cell
 from vsalog.readers.table_keys import BETWEEN, MOST_PARTS, Whole, find_keys, joined
 from vsalog.readers.time_columns import ClockPlan
@@ -17,7 +17,7 @@ from vsalog.readers.time_columns import ClockPlan
 
 def find_speakers(
     names: Sequence[str], sample: Sequence[pa.Array], plan: ClockPlan, whole: Whole
-) -> tuple[Speakers | None, str]:
+) -> tuple[Speakers | None, Finding | None]:
     """Return whose values the rows of a table hold, None where they are all of the same, and what to tell of columns besides.
 
     Parameters
@@ -33,22 +33,15 @@ def find_speakers(
     """
     keys, perhaps = find_keys(names, sample, plan, whole)
     if keys:
-        return Speakers([names[i] for i in keys], keys, whole(keys)), ""
+        return Speakers([names[i] for i in keys], keys, whole(keys)), None
     if not perhaps:
-        return None, ""
-    return None, (
-        f"several rows share each time: if {_called([names[i] for i in perhaps])} {_say(perhaps)} whose values they hold,"
-        " call it so in the header, such as 'joint_id' or 'channel'"
-    )
+        return None, None
+    return None, Finding(code="table.perhaps_long", part=_called([names[i] for i in perhaps]))
 
 
 def _called(names: Sequence[str]) -> str:
     *others, last = (f"'{printable_cell(name)}'" for name in names)
     return f"columns {', '.join(others)} and {last}" if others else f"column {last}"
-
-
-def _say(columns: Sequence[int]) -> str:
-    return "says" if len(columns) == 1 else "say"
 
 
 class Speakers:
@@ -99,19 +92,14 @@ class Speakers:
         self._others += int(np.count_nonzero(who < 0))
         return {part: who == k for k, part in enumerate(self.parts)}
 
-    def note(self) -> str:
+    def finding(self) -> Finding:
         """Return what to tell of them."""
         shown = ", ".join([part[1:-1] for part in self.parts][:6]) + (", …" if len(self.parts) > 6 else "")
-        return (
-            f"{self._called} {_say(self.columns)} whose values a row holds: a stream for each of {len(self.parts)} values"
-            f" ({printable_cell(shown)})"
-        )
+        evidence = {"names": printable_cell(shown)}
+        return Finding(code="table.long", part=self._called, value=len(self.parts), evidence=evidence)
 
-    def left_out(self) -> list[str]:
+    def left_out(self) -> list[Finding]:
         """Return what to tell of rows that are nobody's, once all were given to `rows`."""
         if not self._others:
             return []
-        return [
-            f"{self._called}: {plural(self._others, 'row')} left out that hold the values of others than the first"
-            f" {MOST_PARTS}"
-        ]
+        return [Finding(code="table.others_left_out", part=self._called, value=self._others, limit=MOST_PARTS)]

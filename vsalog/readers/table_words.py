@@ -10,9 +10,9 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.compute as pc
 
-from vsalog.core.printable import plural
+from vsalog.core.finding import Finding, Findings
 from vsalog.readers.headers import printable_cell
-from vsalog.readers.table_again import MOST_LINES, FirstHeader, Line, Order, goes_on, rescaled
+from vsalog.readers.table_again import MOST_LINES, FirstHeader, Line, Order, goes_on, listed_columns, rescaled
 from vsalog.readers.table_dialect import Dialect
 from vsalog.readers.table_header import is_clock
 
@@ -75,8 +75,8 @@ class WordLines:
         self._parsed = self._rows = self._lines = self._headers = 0
         self._reordered = False
         self._scaled: dict[str, None] = {}
-        self._notes: dict[str, None] = {}
-        self._ends = ""
+        self._findings = Findings()
+        self._ends: Finding | None = None
 
     @property
     def needed(self) -> tuple[str, ...]:
@@ -221,15 +221,15 @@ class WordLines:
         self._order = order
         if order is None:
             shown = next((line for line in lines if self._first.names_others([line], False)), lines[-1])
-            why = (
-                "is one too many of a recording" if self.ended else "names other columns than the first, or other units"
+            self._ends = self._ends or Finding(
+                code="table.too_many_headers" if self.ended else "table.other_table",
+                value=self._rows + 1,
+                evidence={"header": printable_cell(", ".join(shown.texts))},
             )
-            cells = ", ".join(shown.texts)
-            self._ends = self._ends or f"row {self._rows + 1} on: a header there ('{printable_cell(cells)}') {why}"
             return
         self._headers += 1
         self._reordered |= order.places != self._first.as_above.places
-        self._notes |= dict.fromkeys(order.notes)
+        self._findings.add(*order.findings)
         self._scaled |= dict.fromkeys(order.factors)
 
     def _ordered(self, batch: pa.RecordBatch) -> list[pa.RecordBatch]:
@@ -259,22 +259,17 @@ class WordLines:
         ]
         return pa.RecordBatch.from_arrays(columns, names)
 
-    def notes(self) -> list[str]:
+    def findings(self) -> list[Finding]:
         """Return what to tell of headers."""
-        notes = []
+        found = []
         if self._headers:
-            said = [f"{plural(self._headers, 'line')} between the rows skipped as the header once more"]
-            said += ["columns whose order it changes are read by their names"] if self._reordered else []
-            if self._scaled:
-                shown = ", ".join(f"'{name}'" for name in [*self._scaled][:4]) + (
-                    ", …" if len(self._scaled) > 4 else ""
-                )
-                said.append(f"where it states another unit, numbers are converted to the first ({shown})")
-            notes.append("; ".join(said))
-        notes += self._notes
-        if self._ends:
-            notes.append(f"left out from {self._ends}; put what follows it into a file of its own")
-        return notes
+            found.append(Finding(code="table.header_again", value=self._headers))
+        if self._reordered:
+            found.append(Finding(code="table.columns_reordered"))
+        if self._scaled:
+            evidence = {"columns": listed_columns(self._scaled)}
+            found.append(Finding(code="table.units_converted", value=len(self._scaled), evidence=evidence))
+        return [*found, *self._findings, *([self._ends] if self._ends else [])]
 
 
 def _all_digits(cells: pa.Array) -> bool:

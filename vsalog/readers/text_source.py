@@ -10,13 +10,16 @@ from pathlib import Path
 from typing import IO, cast
 
 from vsalog.core.errors import ReadError
-from vsalog.readers.base import DOUBTFUL
+from vsalog.core.finding import Finding
 from vsalog.readers.compression import FREE_BYTES
 from vsalog.readers.table_tail import TAIL, may_be_cut
 from vsalog.readers.table_text import WHITESPACE
 
 DAMAGE = (EOFError, zlib.error)
 """What a damaged compressed file raises."""
+
+_CHECKS = ("data check", "length check")
+"""What zlib, which has one kind of error, calls the checksum and the length at the end."""
 
 _PIECE, _COMPRESSED_PIECE = 1 << 20, 1 << 16
 _GZIP = b"\x1f\x8b"
@@ -185,8 +188,8 @@ class TextSource(io.RawIOBase):
     ----------
     cut : str
         The last line where it was left out, as it has no end and may be cut off; else "".
-    damage : str
-        What is wrong with a compressed file, in words, "" where it is sound.
+    damage : Finding or None
+        What is wrong with a compressed file.
     """
 
     def __init__(self, file: IO[bytes], encoding: str, separator: str) -> None:
@@ -199,7 +202,7 @@ class TextSource(io.RawIOBase):
         self._line = ""
         self._ended = False
         self._tail = ""
-        self.damage = ""
+        self.damage: Finding | None = None
         self.cut = ""
 
     def readable(self) -> bool:
@@ -219,7 +222,7 @@ class TextSource(io.RawIOBase):
         try:
             raw = self._file.read(_PIECE)
         except DAMAGE as error:
-            raw, self.damage = b"", _words(error)
+            raw, self.damage = b"", _damage(error)
         self._ended = not raw
         text = self._line + self._decoder.decode(raw, final=self._ended)
         if self._squeeze:
@@ -246,12 +249,9 @@ def _squeezed(text: str) -> str:
     return text.replace("\n ", "\n").replace(" \n", "\n").removeprefix(" ").removesuffix(" ")
 
 
-def _words(error: Exception) -> str:
-    if "data check" in str(error) or "length check" in str(error):
-        return f"the checksum of the compressed file does not match: some of its bytes have changed, {DOUBTFUL}"
-    if isinstance(error, zlib.error):
-        return f"the compressed file is damaged ({error}): read up to there, of which the last {DOUBTFUL}"
-    return (
-        f"the compressed file is damaged or cut off ({error}): read up to there; its checksum is missing, so that nothing tells"
-        " whether bytes ahead have changed"
-    )
+def _damage(error: Exception) -> Finding:
+    evidence = {"reason": str(error)}
+    if any(check in str(error) for check in _CHECKS):
+        return Finding(code="compressed.bad_checksum", evidence=evidence)
+    ended = not isinstance(error, zlib.error)
+    return Finding(code="compressed.truncated" if ended else "compressed.damaged", evidence=evidence)

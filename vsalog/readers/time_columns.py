@@ -12,6 +12,7 @@ import pyarrow as pa
 import pyarrow.compute as pc
 from numpy.typing import NDArray
 
+from vsalog.core.finding import Finding
 from vsalog.core.recording import Stamps
 from vsalog.readers.date_order import order_of, possible_orders
 from vsalog.readers.headers import printable_cell
@@ -60,14 +61,14 @@ class ClockPlan:
     ----------
     clocks : dict of str to ClockColumn
         By kind; none where no column is a clock.
-    notes : tuple of str
+    findings : tuple of Finding
         What to tell.
     backwards : tuple of int, or None
         Where there is no clock: the column that is called one but runs backwards, and the row at which it does.
     """
 
     clocks: dict[str, ClockColumn] = field(default_factory=dict)
-    notes: tuple[str, ...] = ()
+    findings: tuple[Finding, ...] = ()
     backwards: tuple[int, int] | None = None
 
     def columns(self) -> set[int]:
@@ -106,14 +107,14 @@ def find_clocks(
     ranked = sorted(
         (rank, i) for i, name in enumerate(names) if (rank := rank_of(name)) is not None and i < len(sample)
     )
-    clocks: list[tuple[int, ClockColumn, tuple[str, ...]]] = []
+    clocks: list[tuple[int, ClockColumn, tuple[Finding, ...]]] = []
     for rank, i in ranked:
         if parts and i in parts.columns:
             continue
-        form, note = _form(names[i], units[i], sample[i], partial(whole, i) if whole else _nothing)
+        form, doubts = _form(names[i], units[i], sample[i], partial(whole, i) if whole else _nothing)
         if form is not None and (rank != DATED or _is_moment(form, sample[i])):
-            clock, remark = _with_date(ClockColumn((i,), form), names, sample, whole)
-            clocks.append((rank, clock, tuple(said for said in (note, remark) if said)))
+            clock, more = _with_date(ClockColumn((i,), form), names, sample, whole)
+            clocks.append((rank, clock, (*doubts, *more)))
     best = clocks[0][0] if clocks else len(STEMS)
     if pair and best > 0:
         return ClockPlan({"column": pair})
@@ -123,7 +124,7 @@ def find_clocks(
         return found
     if not clocks:
         falls = ((i, row) for _, i in ranked if (row := _backwards(sample[i])) is not None)
-        return ClockPlan(notes=_no_clock(ranked, names, units, sample), backwards=next(falls, None))
+        return ClockPlan(findings=_no_clock(ranked, names, units, sample), backwards=next(falls, None))
     log = next((c for _, c, _ in clocks if names[c.columns[0]] == "%time"), None)
     if log is not None and best == 0:  # an export of rostopic: the header's stamp, and when it was received
         return ClockPlan({"header": clocks[0][1], "log": log})
@@ -138,14 +139,19 @@ def _unnamed(names: Sequence[str], sample: Sequence[pa.Array], whole: Whole | No
     for i, cells in enumerate(sample):
         if not (_is_text(cells) or pa.types.is_timestamp(cells.type)):
             continue
-        form, note = _form(names[i], None, cells, partial(whole, i) if whole else _nothing)
+        form, doubts = _form(names[i], None, cells, partial(whole, i) if whole else _nothing)
         if form is None or not (_is_moment(form, cells) or (form == "day" and names[i] == f"column_{i}")):
             continue
         stamps, good = nanoseconds([cells], form)
         if _rising(stamps[good].astype(np.float64)) and len(np.unique(stamps[good])) > len(cells) / 2:
-            taken = f"column '{names[i]}' holds dates and times and is taken for the time, as no other is called so"
-            return ClockPlan({"column": ClockColumn((i,), form)}, (taken, note) if note else (taken,))
+            taken = Finding(code="clock.guessed_by_dates", part=names[i])
+            return ClockPlan({"column": ClockColumn((i,), form)}, (taken, *doubts))
     return None
+
+
+def runs_backwards(column: str, where: str) -> Finding:
+    """Return that the column that is called the time runs backwards, in a line or row."""
+    return Finding(code="clock.runs_backwards", part=printable_cell(column), evidence={"where": where})
 
 
 def looks_like_clock(values: NDArray[np.float64]) -> bool:
@@ -203,22 +209,22 @@ def folds_of(form: str) -> Folds | Restarts:
     return Folds(DAY, True) if kind in ("date", "date+day") else Restarts()
 
 
-def _form(name: str, unit: str | None, sample: pa.Array, rest: Rest) -> tuple[str | None, str]:
-    """Return how a column tells the time and a note, or None where it does not."""
+def _form(name: str, unit: str | None, sample: pa.Array, rest: Rest) -> tuple[str | None, list[Finding]]:
+    """Return how a column tells the time, None where it does not, and what to tell of that."""
     kind = sample.type
     if pa.types.is_timestamp(kind) or pa.types.is_date(kind):
-        return "date", ""
+        return "date", []
     if pa.types.is_time(kind) or pa.types.is_duration(kind):
-        return "ns", ""
+        return "ns", []
     if _is_text(sample):
         return _written_form(name, sample, rest)
     values = floats(sample)
     values = values[np.isfinite(values)]
     if not len(values) or not (_rising(values) or _sortable(name, values)):
-        return None, ""
+        return None, []
     stated = stated_unit(name, unit)
     if stated is not None:
-        return UNITS.get(stated), ""
+        return UNITS.get(stated), []
     return guessed_unit(name, values if values.any() else _once_set(rest))
 
 
@@ -236,18 +242,18 @@ def _is_text(sample: pa.Array) -> bool:
     return (pa.types.is_string(sample.type) or pa.types.is_large_string(sample.type)) and not is_numeric(sample)
 
 
-def _written_form(name: str, sample: pa.Array, rest: Rest) -> tuple[str | None, str]:
-    """Return how dates or times of day are written and a note, None where a text is neither."""
+def _written_form(name: str, sample: pa.Array, rest: Rest) -> tuple[str | None, list[Finding]]:
+    """Return how dates or times of day are written, None where a text is neither, and what to tell of that."""
     if _reads(sample, "date"):
-        return "date", ""
-    order, note = _order(name, sample, rest)
+        return "date", []
+    order, doubts = _order(name, sample, rest)
     if order and _reads(sample, f"date {order}"):
-        return f"date {order}", note
+        return f"date {order}", doubts
     if _reads(sample, "day"):
-        return "day", ""
+        return "day", []
     if _reads(sample, "minutes"):
-        return "minutes", "times such as 59:58.5 are read as minutes and seconds"
-    return None, ""
+        return "minutes", [Finding(code="clock.minutes_and_seconds", part=name)]
+    return None, []
 
 
 def _reads(sample: pa.Array, form: str) -> bool:
@@ -256,8 +262,8 @@ def _reads(sample: pa.Array, form: str) -> bool:
     return bool(good.any() and good.mean() > 0.9)
 
 
-def _order(name: str, sample: pa.Array, rest: Rest) -> tuple[str, str]:
-    """Return the order of day, month and year in a column's dates and a note, see `date_order`."""
+def _order(name: str, sample: pa.Array, rest: Rest) -> tuple[str, list[Finding]]:
+    """Return the order of day, month and year in a column's dates and what to tell of it, see `date_order`."""
     dates = dict.fromkeys(dates_of(without_midnight(trimmed(sample))))
     if len(possible_orders(list(dates))) > 1:
         for cells in rest():
@@ -319,40 +325,36 @@ def _hours_minutes_seconds(names: Sequence[str], sample: Sequence[pa.Array]) -> 
 
 def _with_date(
     clock: ClockColumn, names: Sequence[str], sample: Sequence[pa.Array], whole: Whole | None
-) -> tuple[ClockColumn, str]:
-    """Join a time of day with the date in another column, where there is one; return a note too."""
+) -> tuple[ClockColumn, list[Finding]]:
+    """Join a time of day with the date in another column, where there is one; return what to tell of it, too."""
     if clock.form != "day":
-        return clock, ""
-    unread = ""
+        return clock, []
+    unread: list[Finding] = []
     for i, name in enumerate(names[: len(sample)]):
         if rank_of(name) != DATED:
             continue
-        order, note = _order(name, sample[i], partial(whole, i) if whole else _nothing)
+        order, doubts = _order(name, sample[i], partial(whole, i) if whole else _nothing)
         both = ClockColumn((i, clock.columns[0]), f"date+day {order}".strip())
         _, good = nanoseconds([sample[c] for c in both.columns], both.form)
         if good.mean() > 0.5:
-            return both, note
+            return both, doubts
         if _is_text(sample[i]) or not plain(name).startswith("data"):
-            unread = unread or (
-                f"the dates in column '{name}' cannot be read ({_first(sample[i])}), so the time of day is taken alone;"
-                " dates such as 2026-01-31 can be read"
-            )
+            evidence = {"first": _first(sample[i])}
+            unread = unread or [Finding(code="clock.dates_unreadable", part=name, evidence=evidence)]
     return clock, unread
 
 
 def _no_clock(
     ranked: Sequence[tuple[int, int]], names: Sequence[str], units: Sequence[str | None], sample: Sequence[pa.Array]
-) -> tuple[str, ...]:
-    """Say why columns that are called clocks are none."""
+) -> tuple[Finding, ...]:
+    """Return why columns that are called clocks are none."""
     for rank, i in ranked:
         stated = stated_unit(names[i], units[i])
         if _is_text(sample[i]) and rank != DATED:
-            return (
-                f"the times in column '{names[i]}' cannot be read ({_first(sample[i])}): write seconds, or dates such as"
-                " 2026-01-31 12:00:00.5",
-            )
+            evidence = {"first": _first(sample[i])}
+            return (Finding(code="clock.times_unreadable", part=names[i], evidence=evidence),)
         if rank < _SHORT and stated is not None and stated not in UNITS:
-            return (f"column '{names[i]}' is no time: '{stated}' is none of the units s, ms, us, ns, min, h and d",)
+            return (Finding(code="clock.unit_unknown", part=names[i], evidence={"stated": stated}),)
     return ()
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from vsalog.core.finding import Finding
 from vsalog.core.recording import Stamps
 from vsalog.readers.bad_stamps import COUNTED
 from vsalog.readers.time_written import DAY, HOUR
@@ -13,7 +14,8 @@ _FEW = 10
 """A clock that is set back goes on within so many of its steps."""
 _FULL = tuple(2**32 * unit for unit in (1, 10**3, 10**6))
 """How far counters of nanoseconds, microseconds and milliseconds reach that have 32 bits [ns]."""
-_SET_BACK = {1: "by an hour {}, as where summer time ends", 12: "by twelve hours {}, as clocks without AM and PM are"}
+_SET_BACK = (1, 12)
+"""Hours by which clocks go back: where summer time ends, and those without AM and PM."""
 
 
 class Folds:
@@ -53,16 +55,15 @@ class Folds:
         unfolded[good] = times + back * HOUR + self._periods(times, before, hours > 0) * self._period
         return unfolded
 
-    def notes(self) -> list[str]:
+    def findings(self) -> list[Finding]:
         """Return what to tell."""
-        said = []
-        if self._most:
-            often, what = _times(self._most), "at midnight" if self._period == DAY else "after an hour"
-            said.append(f"the time begins anew {what} {often}, and no new date says so: taken as going on")
-        for hours, how in _SET_BACK.items():
-            if self._often[hours]:
-                said.append(f"the time is set back {how.format(_times(self._often[hours]))}: taken as going on")
-        return said
+        what = {"what": "at midnight" if self._period == DAY else "after an hour"}
+        begun = [Finding(code="clock.begins_anew", value=self._most, evidence=what)] if self._most else []
+        return begun + [
+            Finding(code="clock.set_back", value=often, evidence={"hours": hours})
+            for hours, often in self._often.items()
+            if often
+        ]
 
     def _periods(self, times: Stamps, before: Stamps, told: NDArray[np.bool_]) -> Stamps:
         """Return how often the clock has begun anew at each sample."""
@@ -116,15 +117,13 @@ class Restarts:
         unfolded[good] = times + self._shifts(times, before, falls)
         return unfolded
 
-    def notes(self) -> list[str]:
+    def findings(self) -> list[Finding]:
         """Return what to tell."""
-        said = []
-        if self._count:
-            how = "as where a log was appended to another: what follows is put behind, with a gap"
-            said.append(f"the time begins anew {_times(self._count)}, {how}")
-        if self._overflows:
-            said.append(f"the time's counter of 32 bits overflows {_times(self._overflows)}: taken as going on")
-        return said
+        found = (
+            Finding(code="clock.log_appended", value=self._count),
+            Finding(code="clock.overflows", value=self._overflows),
+        )
+        return [one for one in found if one.value]
 
     def _shifts(self, times: Stamps, before: Stamps, falls: NDArray[np.bool_]) -> Stamps:
         """Return by how much each sample is put later."""
@@ -146,7 +145,3 @@ class Restarts:
         shifts = self._shift + np.cumsum(np.where(anew, few - steps, full))
         self._shift, self._step = int(shifts[-1]), int(steps[-1])
         return shifts
-
-
-def _times(count: int) -> str:
-    return "once" if count == 1 else f"{count} times"

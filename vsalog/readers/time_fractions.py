@@ -12,6 +12,7 @@ import pyarrow as pa
 import pyarrow.compute as pc
 from numpy.typing import NDArray
 
+from vsalog.core.finding import Finding
 from vsalog.core.recording import Stamps
 from vsalog.readers.time_dates import trimmed
 
@@ -53,14 +54,13 @@ class Fractions:
                 return padded, also
         return stamps, good
 
-    def notes(self) -> list[str]:
+    def findings(self) -> list[Finding]:
         """Return what to tell."""
         if not self._digits:
             return []
         unit = {3: "milliseconds", 6: "microseconds", 9: "nanoseconds"}[self._digits]
-        return [
-            f"the fractions of the time are {unit} without leading zeros ('12.7' is 12.{'7':0>{self._digits}}): read as such"
-        ]
+        evidence = {"read_as": unit, "example": f"12.{'7':0>{self._digits}}"}
+        return [Finding(code="clock.fractions_unpadded", evidence=evidence)]
 
 
 def _whole_numbers(cells: pa.Array) -> tuple[int, bool]:

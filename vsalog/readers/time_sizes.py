@@ -7,6 +7,8 @@ import re
 import numpy as np
 from numpy.typing import NDArray
 
+from vsalog.core.finding import Finding
+
 _WORDS = {"s": "seconds", "ms": "milliseconds", "us": "microseconds", "ns": "nanoseconds"}
 _SECONDS = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9}
 _USUAL, _LONGEST = 0.5, 10.0
@@ -20,9 +22,9 @@ _UP = 10 * 86_400.0
 _SAYS_EPOCH = re.compile("epoch|unix")
 # Days that spreadsheets and MATLAB count: those between 2000 and 2050, and the number of 1970-01-01.
 SERIAL = {"serial": (36_526, 54_789, 25_569), "datenum": (730_486, 748_749, 719_529)}
-_SERIAL_WORDS = {
-    "serial": "days since 1899-12-30, as spreadsheets count them",
-    "datenum": "days since the year 0, as MATLAB counts them",
+SINCE = {
+    "serial": "1899-12-30, as spreadsheets count",
+    "datenum": "the year 0, as MATLAB counts",
 }
 _SERIAL_STEP = 2e-5  # days; as seconds they would be samples of more than 50 kHz
 
@@ -42,8 +44,8 @@ def epoch_unit(size: float) -> str | None:
     return None
 
 
-def guessed_unit(name: str, values: NDArray[np.float64], written: str = "{} [{}]") -> tuple[str, str]:
-    """Guess the unit of a clock by its size and its steps, and say what to doubt of it.
+def guessed_unit(name: str, values: NDArray[np.float64], written: str = "{} [{}]") -> tuple[str, list[Finding]]:
+    """Guess the unit of a clock by its size and its steps, and tell what to doubt of it.
 
     A number that is a date of this century in seconds is one of the first hour in microseconds, too: it is the former only if
     the samples of a log can be so far apart then.
@@ -61,8 +63,8 @@ def guessed_unit(name: str, values: NDArray[np.float64], written: str = "{} [{}]
     -------
     unit : str
         As in `vsalog.readers.time_columns.ClockColumn`.
-    note : str
-        What to tell, "" where there is no doubt.
+    doubts : list of Finding
+        None where there is no doubt.
     """
     steps = np.diff(np.sort(values))
     step = float(np.median(steps[steps > 0])) if (steps > 0).any() else 0.0
@@ -71,46 +73,39 @@ def guessed_unit(name: str, values: NDArray[np.float64], written: str = "{} [{}]
     if unit is not None:
         apart = step * _SECONDS[unit]
         if apart <= _USUAL or _SAYS_EPOCH.search(name.lower()):
-            return unit, _on_labview(name, float(values.min())) if unit == "s" else ""
+            return unit, _on_labview(name, float(values.min())) if unit == "s" else []
         if apart <= _LONGEST:
             return unit, _in_doubt(name, unit, apart, written)
     for form, (first, last, _) in SERIAL.items():
         if first <= values.min() and values.max() <= last and 0 < step < _SERIAL_STEP:
-            said = written.format(name, "s")
-            return form, f"column '{name}' is read as {_SERIAL_WORDS[form]}; call it '{said}' if it is in seconds"
+            evidence = {"since": SINCE[form], "otherwise": written.format(name, "s")}
+            return form, [Finding(code="clock.counts_days", part=name, value=step, unit="d", evidence=evidence)]
     return _counted(name, step, size, written)
 
 
-def _counted(name: str, step: float, size: float, written: str) -> tuple[str, str]:
+def _counted(name: str, step: float, size: float, written: str) -> tuple[str, list[Finding]]:
     """Guess the unit of a clock that counts from some start, in the coarsest whose steps a log may have."""
     limits = {unit: _USUAL if unit == "s" else _QUICK for unit in _SECONDS}
     likely = [unit for unit, second in _SECONDS.items() if step * second <= limits[unit]] or ["ns"]
     recent = [unit for unit in likely if size * _SECONDS[unit] <= _UP and step * _SECONDS[unit] >= _SHORT]
     unit = (recent or likely)[0]
     if unit == "s" and (step >= _SHORTEST or not step):
-        return unit, ""
-    return unit, (
-        f"column '{name}' states no unit and is read as {_WORDS[unit]} because its steps are about {step:g}; write the unit"
-        f" behind its name if it is another one, such as '{written.format(name, 'ms' if unit == 's' else 's')}'"
-    )
+        return unit, []
+    evidence = {"read_as": _WORDS[unit], "otherwise": written.format(name, "ms" if unit == "s" else "s")}
+    return unit, [Finding(code="clock.unit_by_steps", part=name, value=step, evidence=evidence)]
 
 
-def _in_doubt(name: str, unit: str, apart: float, written: str) -> str:
+def _in_doubt(name: str, unit: str, apart: float, written: str) -> list[Finding]:
     """Return what to tell of a date in steps that would suit a log better in the next smaller unit."""
     finer = dict(zip(_SECONDS, [*_SECONDS][1:], strict=False)).get(unit)
     if finer is None:
-        return ""
-    return (
-        f"column '{name}' states no unit and is read as {_WORDS[unit]} since 1970 by its size, so that its samples are"
-        f" {apart:.3g} s apart; call it '{written.format(name, finer)}' if it counts {_WORDS[finer]} from some start"
-    )
+        return []
+    evidence = {"read_as": _WORDS[unit], "otherwise": written.format(name, finer), "finer": _WORDS[finer]}
+    return [Finding(code="clock.unit_by_size", part=name, value=apart, unit="s", evidence=evidence)]
 
 
-def _on_labview(name: str, first: float) -> str:
+def _on_labview(name: str, first: float) -> list[Finding]:
     """Return what to tell of seconds that are of this century only if LabVIEW counted them."""
     if first < EPOCH[0] + _LABVIEW:
-        return ""
-    return (
-        f"column '{name}' is read as seconds since 1970, and is far in the future then: LabVIEW counts from 1904, {_LABVIEW}"
-        " seconds earlier; times within the log do not depend on it"
-    )
+        return []
+    return [Finding(code="clock.perhaps_since_1904", part=name, value=_LABVIEW, unit="s")]

@@ -11,6 +11,7 @@ from collections.abc import Callable, Mapping
 import numpy as np
 from numpy.typing import NDArray
 
+from vsalog.core.finding import Finding
 from vsalog.core.recording import Stamps, Values
 from vsalog.readers.bad_stamps import COUNTED
 
@@ -78,16 +79,12 @@ class StepsBack:
         unfolded[good] = times
         return unfolded
 
-    def notes(self) -> list[str]:
+    def findings(self) -> list[Finding]:
         """Return what to tell."""
         if not self.sizes:
             return []
-        often = "once" if len(self.sizes) == 1 else f"{len(self.sizes)} times"
-        most = "" if len(self.sizes) == 1 else "up to "
-        return [
-            f"the time steps back {often}, by {most}{max(self.sizes) * 1e-9:.6g} s, while the rows go on (a clock that was set?):"
-            " taken as going on"
-        ]
+        most, evidence = max(self.sizes) * 1e-9, {"times": len(self.sizes)}
+        return [Finding(code="clock.steps_back", value=most, unit="s", evidence=evidence)]
 
     def _is_set_back(self, times: Stamps, steps: Stamps, k: int, few: int) -> bool:
         """Tell whether rows from the `k`-th on go evenly through times that rows before have filled."""

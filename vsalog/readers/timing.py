@@ -7,9 +7,10 @@ from dataclasses import dataclass, field, replace
 from typing import TypeVar
 
 import numpy as np
+from msgspec import structs
 from numpy.typing import NDArray
 
-from vsalog.core.printable import plural
+from vsalog.core.finding import Finding
 from vsalog.core.recording import Stamps
 from vsalog.core.spool import Column, parts
 from vsalog.readers.bad_stamps import FEW, ONE_DAY, are_few, bad_stamps, looked_at
@@ -20,13 +21,10 @@ from vsalog.readers.table_stamps import stamps_that_are_none
 YEAR_2000 = 946_684_800_000_000_000
 """Nanoseconds since the epoch; stamps before it are not dates."""
 
-ASKED_FOR = "it was asked for"
-"""Begins the reason of a clock that was insisted on against doubts."""
-
-STANDING = "the log's times are all the same"
+STANDING = Finding(code="clock.log_stands")
 """Why a stream is on another clock than the log's, which stands still."""
 
-MANY_BAD = f"more than one in {FEW} of its header stamps are far from those around them"
+MANY_BAD = Finding(code="clock.many_stamps_far", limit=FEW)
 
 Number = TypeVar("Number", np.int64, np.float64)
 Clocked = TypeVar("Clocked", bound=Column)
@@ -42,8 +40,8 @@ class Clock:
         One of `vsalog.readers.base.CLOCKS`.
     stamps : int64 array, shape (n,)
         Nanoseconds, in the order of the log.
-    reason : str
-        Why not the first choice, "" where it is.
+    reason : Finding or None
+        Why not the first choice, or what to doubt of it where it was asked for.
     delay_median, delay_spread : float
         Log time minus header stamp [s]: median and 5–95 % range; NaN where there is one clock only.
     bad : bool array, shape (m,), or None
@@ -52,7 +50,7 @@ class Clock:
 
     source: str
     stamps: Stamps
-    reason: str
+    reason: Finding | None
     delay_median: float
     delay_spread: float
     bad: NDArray[np.bool_] | None = None
@@ -122,15 +120,15 @@ def _stands(stamps: Column) -> bool:
     return len(stamps) > 2 and all(bool((stamps[a:b] == stamps[0:1][0]).all()) for a, b in parts(len(stamps)))
 
 
-def _chosen(clocks: Mapping[str, Stamps], time: str, otherwise: str = "") -> Clock:
-    """Choose a clock for all samples; `otherwise` says what doubt there is where the stamps show none by themselves."""
+def _chosen(clocks: Mapping[str, Stamps], time: str, otherwise: Finding | None = None) -> Clock:
+    """Choose a clock for all samples; `otherwise` is the doubt that there is where the stamps show none by themselves."""
     source, reason = choose_source(clocks, time, lambda: implausible(clocks["header"], clocks["log"]) or otherwise)
     median, spread = delay_of(clocks, source)
     return Clock(source, clocks[source], reason, median, spread)
 
 
-def choose_source(kinds: Collection[str], time: str, doubt: Callable[[], str]) -> tuple[str, str]:
-    """Choose a kind of clock, and say why it is not the first choice, "" where it is.
+def choose_source(kinds: Collection[str], time: str, doubt: Callable[[], Finding | None]) -> tuple[str, Finding | None]:
+    """Choose a kind of clock, and tell why it is not the first choice, or what to doubt of it where it was asked for.
 
     Parameters
     ----------
@@ -139,26 +137,32 @@ def choose_source(kinds: Collection[str], time: str, doubt: Callable[[], str]) -
     time : str
         As for `choose_clock`.
     doubt : callable
-        Says why header stamps cannot be the time of their samples, "" where they can; asked only where that matters.
+        Tells why header stamps cannot be the time of their samples; asked only where that matters.
     """
     available = [kind for kind in CLOCKS if kind in kinds]
-    source, reason = available[0], ""
+    source, reason = available[0], None
     if time == "auto":
         if source == "header" and "log" in kinds:
             reason = doubt()
             source = "log" if reason else "header"
     elif time in kinds:
         source = time
-        if time == "header" and "log" in kinds and (said := doubt()):
-            reason = f"{ASKED_FOR}, though {said}"
+        reason = doubt() if time == "header" and "log" in kinds else None
     elif source in ("header", "log", "publish"):
         source = "log" if "log" in kinds else source
-        reason = f"it has no {time} time"
+        reason = Finding(code="clock.not_recorded", evidence={"asked": time})
     return source, reason
 
 
-def implausible(header: Stamps, log: Stamps) -> str:
-    """Return in words why header stamps cannot be the time of their samples, "" where they can.
+def of_stream(reason: Finding | None, stream: str, source: str) -> Finding | None:
+    """Return why a stream is on a clock, with its name and the kind of the clock."""
+    if reason is None or source == "none":
+        return reason
+    return structs.replace(reason, part=stream, evidence={**reason.evidence, "used": source})
+
+
+def implausible(header: Stamps, log: Stamps) -> Finding | None:
+    """Return why header stamps cannot be the time of their samples, None where they can.
 
     Parameters
     ----------
@@ -200,31 +204,24 @@ class HeaderStamps:
             worst = int(np.argmax(far))
             self.far = int(header[worst]), int(log[worst])
 
-    def doubt(self) -> str:
-        """Return in words why the stamps cannot be the time of their samples, "" where they can."""
+    def doubt(self) -> Finding | None:
+        """Return why the stamps cannot be the time of their samples, None where they can."""
         if self.far is None:
             if self.count > 2 and self.all_same and not self.log_same:
-                return "its header stamps are all the same"
+                return Finding(code="clock.stamps_all_same")
             return self._stepped()
-        if self.zero == self.count:
-            return "its header stamps are all zero"
         if self.zero:
-            return f"{self._some(self.zero)} zero"
-        if self.distant < self.count:
-            return f"{self._some(self.distant)} more than a day off the log's times"
-        if self.far[0] < YEAR_2000 <= self.far[1]:
-            return "its header stamps lie before the year 2000, unlike the log's times (a simulation's clock?)"
-        return "its header stamps and the log's times are more than a day apart"
+            return Finding(code="clock.stamps_zero", value=self.zero, evidence={"stamps": self.count})
+        if self.distant == self.count and self.far[0] < YEAR_2000 <= self.far[1]:
+            return Finding(code="clock.stamps_before_2000")
+        return Finding(code="clock.stamps_far", value=self.distant, evidence={"stamps": self.count})
 
-    def _some(self, count: int) -> str:
-        return f"{count} of its {plural(self.count, 'header stamp')} {'is' if count == 1 else 'are'}"
-
-    def _stepped(self) -> str:
+    def _stepped(self) -> Finding | None:
         self.steps.end()
         for way, size in ("back", self.steps.back), ("ahead", self.steps.ahead):
             if size:
-                return f"its header stamps step {way} by {size * 1e-9:.6g} s while the log's time goes on (a clock that was set?)"
-        return ""
+                return Finding(code="clock.stamps_step", value=size * 1e-9, unit="s", evidence={"way": way})
+        return None
 
 
 def delay_of(clocks: Mapping[str, Stamps], source: str) -> tuple[float, float]:

@@ -162,6 +162,7 @@ def print_json(job: Job, estimates: Sequence[JointEstimate], outputs: Outputs) -
             }
             for e in estimates
         ],
+        "findings": job.findings,
         "warnings": list(job.warnings),
     }
     sys.stdout.write(document_text(document))

@@ -10,12 +10,12 @@ from rich.console import Console, RenderableType
 from rich.table import Table
 from rich.text import Text
 
+from vsalog.core.finding_texts import sentence
 from vsalog.core.printable import printable
 from vsalog.readers.base import DOUBTFUL
-from vsalog.report.inspect_data import ChannelReport, LogReport, StreamReport
+from vsalog.report.inspect_data import ChannelReport, JointReport, LogReport, StreamReport
 from vsalog.report.inspect_head import head_parts
 from vsalog.report.inspect_text import PIPE_WIDTH, fits, headed, seconds, size
-from vsalog.rig.guess_types import JointGuess
 
 # Fields that are no signal: so many are listed on a terminal, all of them in the JSON document.
 MAX_UNREAD = 20
@@ -42,10 +42,10 @@ def print_report(report: LogReport, console: Console) -> None:
 
 
 def _parts(report: LogReport, console: Console) -> Iterator[RenderableType]:
-    doubts = [note for note in report.notes if note.endswith(DOUBTFUL)]
+    doubts = [one for one in report.findings if one.code in DOUBTFUL]
     yield _title(report)
     yield from _sample(report)
-    yield from (Text(f"warning: {printable(doubt)}", style="bold red") for doubt in doubts)
+    yield from (Text(f"warning: {printable(sentence(doubt))}", style="bold red") for doubt in doubts)
     for stream in report.streams:
         yield Text()
         yield _stream_line(stream, bool(doubts))
@@ -56,10 +56,9 @@ def _parts(report: LogReport, console: Console) -> Iterator[RenderableType]:
     yield from _heads(report, console)
     yield from _joints(report)
     yield from _unread(report)
-    for note in dict.fromkeys((*report.notes, *report.warnings)):
-        if note in doubts:
-            continue
-        yield Text(f"note: {printable(note)}", style="yellow")
+    for finding in report.findings:
+        if finding not in doubts:
+            yield Text(f"note: {printable(sentence(finding))}", style="yellow")
 
 
 def _title(report: LogReport) -> Text:
@@ -126,15 +125,14 @@ def _stream_line(stream: StreamReport, doubtful: bool) -> Text:
         facts.append(f"log time minus stamp {seconds(stream.delay_median)}{spread}")
     line = headed(stream.name, "bold cyan", ", ".join(f for f in facts if f))
     if doubtful:
-        line.append(f", {DOUBTFUL}", style="bold red")
+        line.append(", values may be wrong", style="bold red")
     return line
 
 
 def _trouble(stream: StreamReport) -> Iterator[Text]:
     """Yield what was wrong with the stream's stamps."""
     if stream.time_reason:
-        source = "no" if stream.time_source == "none" else stream.time_source
-        yield Text(f"  {source} time is used: {printable(stream.time_reason)}", style="yellow")
+        yield Text(f"  {printable(stream.time_reason)}", style="yellow")
     found = (
         (stream.inversions, "out of order"),
         (stream.duplicates, "dropped as exact copies"),
@@ -217,26 +215,26 @@ def _joints(report: LogReport) -> Iterator[Text]:
     yield Text("'vsalog init LOG' writes these guesses into a rig file", style="dim")
 
 
-def _alike(joints: tuple[JointGuess, ...]) -> list[list[JointGuess]]:
+def _alike(joints: tuple[JointReport, ...]) -> list[list[JointReport]]:
     """Put joints together of which the same is to be said: the seven of an arm need no seven paragraphs."""
-    groups: dict[tuple[object, ...], list[JointGuess]] = {}
+    groups: dict[tuple[object, ...], list[JointReport]] = {}
     for joint in joints:
         said = (joint.kind, joint.confidence, joint.reason, *_reasons(joint), *_missing(joint), joint.warnings)
         groups.setdefault(said, []).append(joint)
     return list(groups.values())
 
 
-def _reasons(joint: JointGuess) -> Iterator[str]:
+def _reasons(joint: JointReport) -> Iterator[str]:
     """Yield why its channels probably have their roles."""
     for role, guess in joint.roles.items():
         yield f"{role} ({round(100 * guess.confidence)} %): {printable('; '.join(guess.reasons))}"
 
 
-def _missing(joint: JointGuess) -> Iterator[str]:
+def _missing(joint: JointReport) -> Iterator[str]:
     """Yield what matters and is not there."""
     roles_of: dict[str, list[str]] = {}
     for role, why in joint.missing.items():
-        if "not needed" not in why:
+        if role not in joint.not_needed:
             roles_of.setdefault(why, []).append(role)
     for why, roles in roles_of.items():
         yield f"{' or '.join(roles)}: {printable(why)}"

@@ -6,8 +6,10 @@ import math
 from collections.abc import Mapping
 
 import numpy as np
-from msgspec import Struct
+from msgspec import Struct, structs
 
+from vsalog.core.finding import Finding, Findings
+from vsalog.core.finding_texts import sentence
 from vsalog.core.recording import Channel, Recording, Stream
 from vsalog.core.resolution import noise_of, step_of
 from vsalog.readers.sampling import Sample
@@ -68,7 +70,7 @@ class StreamReport(Struct, frozen=True):
     rate : [Hz], one over the median step
     jitter : half the 5–95 % range of the steps
     gaps, longest_gap : steps longer than 2.5 medians
-    time_source, time_reason : which clock the stamps are, and why not a better one
+    time_source, time_reason : which clock the stamps are, and why not a better one, in a sentence
     inversions, duplicates, conflicts : samples out of order, exact copies, equal stamps with other values
     delay_median, delay_spread : log time minus stamp; None where the log has one clock
     channels : its channels
@@ -108,6 +110,17 @@ class SampleReport(Struct, frozen=True):
     stretches: int
 
 
+class JointReport(JointGuess, frozen=True):
+    """A joint as guessed; `warnings` are its findings in sentences."""
+
+    warnings: tuple[str, ...] = ()
+
+    @classmethod
+    def of(cls, joint: JointGuess) -> JointReport:
+        """Return a guess with its sentences."""
+        return cls(**structs.asdict(joint), warnings=tuple(map(sentence, joint.findings)))
+
+
 class LogReport(Struct, frozen=True):
     """One log: its streams, the joints guessed, and what a person should know.
 
@@ -122,8 +135,9 @@ class LogReport(Struct, frozen=True):
     joints : as guessed
     head : the first samples of each stream, where they were asked for
     unread : fields that are no signal, and why
-    notes : of the reader
-    warnings : of the guess
+    findings : of the reader and of the guess
+    notes : those of the reader, in sentences
+    warnings : those of the guess
     """
 
     path: str
@@ -133,9 +147,10 @@ class LogReport(Struct, frozen=True):
     has_rig: bool
     sample: SampleReport | None
     streams: tuple[StreamReport, ...]
-    joints: tuple[JointGuess, ...]
+    joints: tuple[JointReport, ...]
     head: tuple[HeadReport, ...]
     unread: Mapping[str, str]
+    findings: tuple[Finding, ...]
     notes: tuple[str, ...]
     warnings: tuple[str, ...]
 
@@ -174,6 +189,8 @@ def inspect_recording(recording: Recording, guess: Guess, sample: Sample | None 
     head : so many of the first samples of each stream are part of the report
     """
     roles = _roles(guess)
+    found = Findings(recording.findings)
+    found.add(*guess.findings)
     by_stream: dict[str, list[Channel]] = {name: [] for name in recording.streams}
     for channel in recording.channels.values():
         by_stream.setdefault(channel.stream, []).append(channel)
@@ -187,11 +204,12 @@ def inspect_recording(recording: Recording, guess: Guess, sample: Sample | None 
         tuple(
             _stream(recording.streams.get(name), name, channels, roles, sample) for name, channels in by_stream.items()
         ),
-        guess.joints,
+        tuple(map(JointReport.of, guess.joints)),
         tuple(heads_of(recording, head)) if head else (),
         dict(recording.unread),
+        tuple(found),
         recording.notes,
-        guess.warnings,
+        tuple(map(sentence, guess.findings)),
     )
 
 
@@ -235,7 +253,7 @@ def _stream(
         clock.gaps,
         clock.longest_gap,
         stream.time_source,
-        stream.time_reason,
+        "" if stream.time_finding is None else sentence(stream.time_finding),
         stream.inversions,
         stream.duplicates,
         stream.conflicts,

@@ -12,6 +12,7 @@ from collections.abc import Sequence
 import msgspec
 import numpy as np
 
+from vsalog.core.finding import Finding
 from vsalog.core.recording import Recording
 from vsalog.rig.guess_joint import guess_joint
 from vsalog.rig.guess_names import meaning_of
@@ -38,29 +39,30 @@ def guess_roles(recording: Recording) -> Guess:
     joints in the order their names appear in the log; none where nothing looks like a joint's position
     """
     runs = find_runs(recording)
-    candidates, warnings = _candidates(recording, runs)
+    candidates, findings = _candidates(recording, runs)
     joints = []
     for name, group in _by_joint(candidates).items():
         if any(c.meaning.quantity in _PLACED for c in group):
             joints.append(guess_joint(name, group, bool(runs and runs.numbers)))
         else:
-            names = ", ".join(f"'{c.channel.name}'" for c in group[:4])
-            warnings.append(f"{names}: no position beside it, so it belongs to no joint that could be told")
+            names = {"channels": ", ".join(f"'{c.channel.name}'" for c in group[:4])}
+            findings.append(Finding(code="guess.no_position", value=len(group), evidence=names))
     if runs is not None:
         joints = [_with_runs(joint, runs) for joint in joints]
-        warnings.extend(_left_out(runs))
-    return Guess(tuple(joints), tuple(warnings))
+        findings += _left_out(runs)
+    return Guess(tuple(joints), tuple(findings))
 
 
-def _candidates(recording: Recording, runs: RunGroup | None) -> tuple[list[Candidate], list[str]]:
+def _candidates(recording: Recording, runs: RunGroup | None) -> tuple[list[Candidate], list[Finding]]:
     """Return the channels that may have a role, those of the runs once; and what was passed over."""
     clockless = {name for name, stream in recording.streams.items() if stream.time_source == "none"}
-    warnings = []
+    findings = []
     if clockless and clockless == set(recording.streams):
-        warnings.append("there is no time column: give the sample rate with --rate, in Hz")
+        findings += [Finding(code="clock.missing", part=stream) for stream in recording.streams]
         clockless = set()
     elif clockless:
-        warnings.append(f"{_quoted(sorted(clockless))}: no time column, passed over")
+        streams = {"streams": _quoted(sorted(clockless))}
+        findings.append(Finding(code="guess.streams_without_time", value=len(clockless), evidence=streams))
     skipped = clockless | (set(runs.streams[1:]) | set(runs.left_out) if runs else set())
     found = []
     for channel in recording.channels.values():
@@ -70,7 +72,7 @@ def _candidates(recording: Recording, runs: RunGroup | None) -> tuple[list[Candi
         meaning = meaning_of(channel, with_stream=not is_run)
         if meaning.quantity != "other":
             found.append(Candidate(channel, meaning))
-    return found, warnings
+    return found, findings
 
 
 def _by_joint(candidates: list[Candidate]) -> dict[str, list[Candidate]]:
@@ -169,10 +171,11 @@ def _with_runs(joint: JointGuess, runs: RunGroup) -> JointGuess:
     return msgspec.structs.replace(joint, roles=roles, runs=listed, missing=missing)
 
 
-def _left_out(runs: RunGroup) -> list[str]:
+def _left_out(runs: RunGroup) -> list[Finding]:
     if not runs.left_out:
         return []
-    return [f"{_quoted(runs.left_out)}: named differently from the runs '{runs.template}', left out"]
+    streams = {"streams": _quoted(runs.left_out)}
+    return [Finding(code="guess.runs_left_out", part=runs.template, value=len(runs.left_out), evidence=streams)]
 
 
 def _quoted(names: Sequence[str], most: int = 6) -> str:

@@ -7,6 +7,7 @@ from dataclasses import dataclass, field
 
 import msgspec
 
+from vsalog.core.finding import Evidence, Finding
 from vsalog.core.recording import Channel
 from vsalog.rig import guess_data
 from vsalog.rig.guess_data import Line
@@ -23,7 +24,7 @@ class Checked:
 
     roles: dict[str, RoleGuess]
     gear_ratio: float | None = None
-    warnings: list[str] = field(default_factory=list)
+    findings: list[Finding] = field(default_factory=list)
 
 
 def confirm(roles: Mapping[str, RoleGuess], channels: Mapping[str, Channel], kind: Kind) -> Checked:
@@ -58,10 +59,7 @@ def _gear(checked: Checked, channels: Mapping[str, Channel]) -> None:
     if ratio > GEARED:
         checked.gear_ratio = float(f"{ratio:.4g}")
         guess = _changed(guess, f"it moves {ratio:.4g} times as far as the link: before the gear", side="rotor")
-        checked.warnings.append(
-            f"the gear ratio {checked.gear_ratio:g} was read off the ranges of motor and link; look up the true one, for"
-            " an error in it looks like a deflection"
-        )
+        checked.findings.append(Finding(code="guess.gear_ratio", value=checked.gear_ratio))
     checked.roles["motor_position"] = guess
 
 
@@ -74,10 +72,8 @@ def _torque(checked: Checked, channels: Mapping[str, Channel], suffix: str) -> N
         return
     guess = checked.roles[role]
     if line.residual < guess_data.EXACT:
-        checked.warnings.append(
-            f"'{torque.name}' is exactly {line.slope:.4g} × {name}: it was computed from it, so it is no independent"
-            " measurement of the torque and cannot tell or confirm a stiffness"
-        )
+        evidence: Evidence = {"factor": float(line.slope), "source": name}
+        checked.findings.append(Finding(code="torque.computed", part=f"'{torque.name}'", evidence=evidence))
         guess = msgspec.structs.replace(guess, confidence=round(guess.confidence * 0.6, 2))
     if line.correlation < -SURE_SIGN:
         guess = _changed(guess, f"it falls with {name}, while τ_e = k (q − θ) rises", sign=-1)

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import dataclass
 
+from vsalog.core.finding import Finding
 from vsalog.core.recording import Channel
 from vsalog.rig import guess_data
 from vsalog.rig.guess_checks import confirm
@@ -48,7 +49,7 @@ def guess_joint(name: str, group: list[Candidate], has_set_runs: bool) -> JointG
     has_set_runs : the log holds runs whose names give a set-point
     """
     moving, still = _without_constants(group)
-    warnings: list[str] = []
+    findings: list[Finding] = []
     numbers = _motor_numbers(moving)
     options = [option for c in moving for option in _options(c, moving)]
     if len(numbers) == 2:
@@ -57,18 +58,26 @@ def guess_joint(name: str, group: list[Candidate], has_set_runs: bool) -> JointG
     chosen = _spring_at_rest(chosen, moving)
     kind, confidence, reason = _kind(chosen, numbers, has_set_runs)
     channels = {role: option.candidate.channel for role, option in chosen.items() if role in _ROLES[kind]}
-    roles = {role: _role_guess(chosen[role], warnings) for role in _ROLES[kind] if role in channels}
+    roles = {role: _role_guess(chosen[role], findings) for role in _ROLES[kind] if role in channels}
     checked = confirm(roles, channels, kind)
-    warnings.extend(checked.warnings)
+    findings += checked.findings
     if kind == "antagonistic" and confidence < 0.7:
-        warnings.append(
-            'two motors may be antagonists, or a main motor and one that sets the stiffness (then kind = "serial")'
-        )
+        findings.append(Finding(code="guess.two_motors", value=confidence, limit=0.7))
     if kind != "rigid" and not any(role.startswith(("motor_torque", "torque_sensor")) for role in roles):
-        warnings.append("there is no torque and no motor current, so no stiffness can be estimated from this log alone")
+        findings.append(Finding(code="guess.no_torque"))
     gaps = [role for role in _ROLES[kind] if role not in roles and role not in EXTRA]
-    missing = {role: _why_missing(role, kind, roles, still, moving) for role in gaps}
-    return JointGuess(name, kind, reason, confidence, checked.roles, missing, checked.gear_ratio, (), tuple(warnings))
+    whys = {role: _why_missing(role, kind, roles, still) for role in gaps}
+    return JointGuess(
+        name,
+        kind,
+        reason,
+        confidence,
+        checked.roles,
+        {role: why for role, (why, _) in whys.items()},
+        checked.gear_ratio,
+        findings=tuple(findings),
+        not_needed=tuple(role for role, (_, needed) in whys.items() if not needed),
+    )
 
 
 def _without_constants(group: list[Candidate]) -> tuple[list[Candidate], list[Candidate]]:
@@ -232,37 +241,33 @@ def _kind(chosen: dict[str, _Option], numbers: list[int], has_set_runs: bool) ->
     return "rigid", 0.6, "there is one position only, so no deflection"
 
 
-def _role_guess(option: _Option, warnings: list[str]) -> RoleGuess:
+def _role_guess(option: _Option, findings: list[Finding]) -> RoleGuess:
     channel = option.candidate.channel
     if guess_data.looks_like_counts(channel):
-        warnings.append(
-            f"'{channel.name}' has whole numbers only and no unit: raw counts, perhaps; they need a unit to be an angle"
-        )
+        findings.append(Finding(code="guess.raw_counts", part=channel.name))
     is_current = option.candidate.meaning.quantity == "current"
     return RoleGuess(channel.name, option.confidence, (option.reason,), option.unit, is_current=is_current)
 
 
-def _why_missing(
-    role: str, kind: Kind, roles: dict[str, RoleGuess], still: list[Candidate], moving: list[Candidate]
-) -> str:
-    """Say why a role has no channel, and whether that matters."""
+def _why_missing(role: str, kind: Kind, roles: dict[str, RoleGuess], still: list[Candidate]) -> tuple[str, bool]:
+    """Say why a role has no channel; return whether an estimate may need it, too."""
     base = role.removesuffix("_1").removesuffix("_2")
     constant = [c.channel.name for c in still if _could_be(base, c)]
     if constant:
-        return f"not found: '{constant[0]}' never changes"
+        return f"not found: '{constant[0]}' never changes", True
     if kind == "rigid" and base in ("motor_position", "deflection"):
-        return "not found: a second position, on the motor's side of the spring, is what a stiffness needs"
-    if base == "deflection":
-        return "not needed where both positions are recorded" if _has_both(role, roles) else "not found"
+        return "not found: a second position, on the motor's side of the spring, is what a stiffness needs", True
+    if base == "deflection" and _has_both(role, roles):
+        return "not needed where both positions are recorded", False
     if base in ("motor_position", "link_position") and role.replace(base, "deflection") in roles:
-        return "not found; not needed beside the deflection unless the motor's inertia matters"
+        return "not found; not needed beside the deflection unless the motor's inertia matters", False
     if role == "torque_sensor" and kind == "antagonistic":
-        return "not needed: one sensor for the whole joint, where not every transmission has its own"
+        return "not needed: one sensor for the whole joint, where not every transmission has its own", False
     if base == "motor_torque":
-        return "not found: neither a motor torque nor a motor current"
+        return "not found: neither a motor torque nor a motor current", True
     if base == "torque_sensor":
-        return "not found; not needed where motor torque and inertia are known"
-    return "not found"
+        return "not found; not needed where motor torque and inertia are known", False
+    return "not found", True
 
 
 def _has_both(role: str, roles: dict[str, RoleGuess]) -> bool:

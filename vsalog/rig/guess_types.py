@@ -8,6 +8,7 @@ from typing import Literal
 
 from msgspec import Struct
 
+from vsalog.core.finding import Finding
 from vsalog.core.recording import Channel
 from vsalog.rig.guess_names import Meaning
 
@@ -61,9 +62,10 @@ class JointGuess(Struct, frozen=True):
     confidence : of the kind
     roles : role → channel
     missing : role → why there is none
+    not_needed : those of the missing roles that an estimate does without
     gear_ratio : rotor turns per joint turn as the ranges of two positions show it
     runs : where the log holds several
-    warnings : what a person should know
+    findings : what a person should know
     """
 
     name: str
@@ -74,11 +76,12 @@ class JointGuess(Struct, frozen=True):
     missing: Mapping[str, str]
     gear_ratio: float | None = None
     runs: tuple[RunGuess, ...] = ()
-    warnings: tuple[str, ...] = ()
+    findings: tuple[Finding, ...] = ()
+    not_needed: tuple[str, ...] = ()
 
 
 class Guess(Struct, frozen=True):
     """All joints that could be told, and what a person should know."""
 
     joints: tuple[JointGuess, ...]
-    warnings: tuple[str, ...] = ()
+    findings: tuple[Finding, ...] = ()

@@ -9,6 +9,7 @@ import re
 import textwrap
 from collections.abc import Iterator
 
+from vsalog.core.finding_texts import sentence
 from vsalog.core.printable import printable
 from vsalog.core.recording import Recording
 from vsalog.core.units import shown
@@ -89,8 +90,8 @@ def _head(recording: Recording, guess: Guess) -> list[str]:
     ]
     if recording.rig_text is not None:
         lines.append("# The log carries a rig of its own, which is used when no other is given.")
-    for warning in guess.warnings:
-        lines.extend(_note(warning))
+    for finding in guess.findings:
+        lines.extend(_note(sentence(finding)))
     return lines
 
 
@@ -108,8 +109,8 @@ def _joint(name: str, joint: JointGuess) -> Iterator[str]:
     path = f"joint.{toml_key(name)}"
     yield f"[{path}]"
     yield _line(f'kind = "{joint.kind}"', f"{_percent(joint.confidence)}: {joint.reason}")
-    for warning in joint.warnings:
-        yield from _note(warning)
+    for finding in joint.findings:
+        yield from _note(sentence(finding))
     yield ""
     for motor in _MOTORS[joint.kind]:
         yield from _motor(f"{path}.{motor}", motor, joint)

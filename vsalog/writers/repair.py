@@ -16,9 +16,11 @@ from mcap.data_stream import ReadDataStream
 from mcap.exceptions import McapError
 from mcap.records import Attachment, Header, Metadata
 from mcap.writer import CompressionType, Writer
+from msgspec import structs
 
 from vsalog.core.errors import ReadError, WriteError
-from vsalog.core.printable import plural
+from vsalog.core.finding import Finding, Findings
+from vsalog.core.finding_texts import sentence
 from vsalog.readers import open_container, read
 from vsalog.readers.bag import BagReader
 from vsalog.readers.compression import MAX_BYTES
@@ -73,7 +75,7 @@ def repair(source: Path, target: Path, rate: float | None = None) -> Repaired:
         return _repair_table(source, target, rate)
     container = open_container(source, kind)
     parts = list(_parts(container))
-    notes: list[str] = []
+    findings = Findings()
     messages = 0
     with atomic_path(target) as temporary, temporary.open("wb") as file:
         writer = Writer(file, compression=CompressionType.ZSTD)
@@ -81,25 +83,26 @@ def repair(source: Path, target: Path, rate: float | None = None) -> Repaired:
         definitions = _Definitions(writer)
         for part in parts:
             numbers = definitions.of(part)
-            for number, sequence, log, publish, data in _messages(writer, part, numbers, notes):
+            for number, sequence, log, publish, data in _messages(writer, part, numbers, findings):
                 writer.add_message(number, log, data, publish, sequence)
                 messages += 1
         writer.finish()  # type: ignore[no-untyped-call]
         if not messages:
             raise ReadError(f"{source}: not one message of it can be read: {target.name} was not written")
-    notes = [note for part in [container, *parts] for note in part.notes] + notes + _unfit(target)
-    return Repaired(str(target), messages, len(definitions.announced), tuple(dict.fromkeys(notes)))
+    found = Findings()
+    found.add(*(one for part in [container, *parts] for one in part.findings), *findings, *_unfit(target))
+    return Repaired(str(target), messages, len(definitions.announced), tuple(map(sentence, found)), tuple(found))
 
 
-def _unfit(target: Path) -> list[str]:
-    """Return notes of the messages that were copied although nobody can decode them."""
+def _unfit(target: Path) -> list[Finding]:
+    """Return which messages were copied although nobody can decode them."""
     reader = BagReader(McapContainer(target))
     try:
         for _ in reader.blocks(None):
             pass
     except ReadError:  # more topics than are ever decoded
         return []
-    return [f"{words}; they were copied as they are" for words in reader.unfit.values()]
+    return [structs.replace(one, evidence={**one.evidence, "done": "copied as they are"}) for one in reader.unfit]
 
 
 def _keep_source(source: Path, target: Path) -> None:
@@ -171,10 +174,10 @@ class _Definitions:
         return int(self._schema(one.type, language, one.definition.encode("utf-8", "surrogatepass")))
 
 
-def _messages(writer: Writer, part: Container, numbers: Mapping[int, int], notes: list[str]) -> Iterator[RawMessage]:
+def _messages(writer: Writer, part: Container, numbers: Mapping[int, int], findings: Findings) -> Iterator[RawMessage]:
     """Yield a file's messages by their new channels; what else it holds is written at once."""
     if isinstance(part, McapContainer):
-        yield from _mcap_messages(writer, part, numbers, notes)
+        yield from _mcap_messages(writer, part, numbers, findings)
         return
     for packet in map(plain, part.packets(list(numbers))):
         times = zip(packet.connection.tolist(), packet.log.view(np.uint64).tolist(), packet.messages, strict=True)
@@ -183,13 +186,13 @@ def _messages(writer: Writer, part: Container, numbers: Mapping[int, int], notes
 
 
 def _mcap_messages(
-    writer: Writer, part: McapContainer, numbers: Mapping[int, int], notes: list[str]
+    writer: Writer, part: McapContainer, numbers: Mapping[int, int], findings: Findings
 ) -> Iterator[RawMessage]:
     for content in _attachments(part):
         try:
             _copy_attachment(writer, content)
         except (ValueError, struct.error, McapError):
-            notes.append("a damaged attachment left out")
+            findings.add(Finding(code="repair.attachment_damaged"))
     unknown = 0
     for record, content in part.records():
         if record == METADATA:
@@ -202,7 +205,7 @@ def _mcap_messages(
             else:
                 unknown += 1
     if unknown:
-        notes.append(f"{plural(unknown, 'message')} of channels whose definition was lost left out")
+        findings.add(Finding(code="repair.unknown_channels", value=unknown))
 
 
 def _copy_attachment(writer: Writer, content: bytes) -> None:
@@ -257,9 +260,9 @@ def _repair_table(source: Path, target: Path, rate: float | None) -> Repaired:
     timed = {name: channel for name, channel in recording.channels.items() if channel.stream not in timeless}
     if not timed:
         raise ReadError(f"{source}: has no time, and messages need one: give the sample rate with --rate, in Hz")
-    left_out = [f"{name}: has no time, left out" for name in timeless]
+    found = (*recording.findings, *(Finding(code="repair.no_time", part=name) for name in timeless))
     recording = replace(recording, channels=timed)
     write_mcap(recording, target, units=True)
     topics = topics_of(recording)
     count = sum(topic.stamps.size for topic in topics)
-    return Repaired(str(target), count, len(topics), (*recording.notes, *left_out))
+    return Repaired(str(target), count, len(topics), tuple(map(sentence, found)), found)
