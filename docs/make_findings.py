@@ -37,7 +37,8 @@ def reference() -> str:
         parts += [f"## {family}", ""]
         for code in codes:
             text = catalogue[code]
-            parts += [f"### {code}", "", plain(text.says), ""] + ([plain(text.advice), ""] if text.advice else [])
+            parts += [f"### {code}", "", plain(text.says), ""]
+            parts += [plain(text.advice), ""] if text.advice else []
     return "\n".join(parts)
 
 

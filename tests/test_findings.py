@@ -10,14 +10,18 @@ from vsalog.core.finding_texts import TEXTS, sentence
 
 
 def codes_made():
-    """Return the codes that stand in the source, wherever a finding is made, with all strings of that file."""
+    """Return the codes that stand in the source, wherever a finding is made, with all strings of those files."""
     made = {}
     for path in Path(vsalog.__file__).parent.rglob("*.py"):
+        if path.name == "finding_texts.py":
+            continue
         nodes = list(ast.walk(ast.parse(path.read_text(encoding="utf-8"))))
         strings = {n.value for n in nodes if isinstance(n, ast.Constant) and isinstance(n.value, str)}
         keywords = (k for n in nodes if isinstance(n, ast.Call) for k in n.keywords if k.arg == "code")
-        words = (c.value for k in keywords for c in ast.walk(k.value) if isinstance(c, ast.Constant))
-        made |= {word: strings for word in words if isinstance(word, str)}
+        words = {c.value for k in keywords for c in ast.walk(k.value) if isinstance(c, ast.Constant)}
+        # Some stand in a table of codes, or are handed on.
+        for word in (words & strings) | (strings & TEXTS.keys()):
+            made[word] = made.get(word, set()) | strings
     return made
 
 

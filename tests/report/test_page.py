@@ -35,7 +35,7 @@ def drawn(logs, columns=1200):
 
 def report(name):
     joint = JointReport(
-        joint=name, verdict="holds", sentences=(f"About {name}.", "Two.", "Three."), not_independent=None, duration=1.0,
+        joint=name, verdict="holds", reasons=(), findings=(), sentences=(f"About {name}.", "Two.", "Three."), duration=1.0,
         period=1e-3, transmissions=(), warnings=(f"warning of {name}",),
     )  # fmt: skip
     return Report(

@@ -59,10 +59,9 @@ WAYS = {
 def test_a_computed_torque_is_told(way, factor):
     phi = deflection()[1]
     torque = WAYS[way](factor * law(phi))
-    said = computed_from(torque, "torque_sensor", phi, "the deflection")
-    assert said is not None
-    assert "computed" in said
-    assert "the deflection" in said
+    said = computed_from(torque, "j", "torque_sensor", phi, "the deflection")
+    assert said.code in ("torque.computed", "torque.function", "torque.filtered_function")
+    assert (said.part, said.severity, said.evidence["source"]) == ("torque_sensor", "invalidates", "the deflection")
 
 
 @pytest.mark.parametrize("way", WAYS)
@@ -72,11 +71,11 @@ def test_a_sensor_with_noise_of_its_own_is_not_suspected(way, noise):
     true, phi = deflection()
     measured = law(true)
     measured += noise * np.ptp(measured) * np.random.default_rng(3).standard_normal(N)
-    assert computed_from(WAYS[way](measured), "torque_sensor", phi, "the deflection") is None
+    assert computed_from(WAYS[way](measured), "j", "torque_sensor", phi, "the deflection") is None
 
 
 def test_a_sensor_that_feels_more_than_the_spring_is_not_suspected():
     """Without any noise, but with an inertia of its own: what it says does not follow from the encoders."""
     true, phi = deflection()
     measured = law(true) + 1e-4 * np.gradient(np.gradient(true, T), T)
-    assert computed_from(measured, "torque_sensor", phi, "the deflection") is None
+    assert computed_from(measured, "j", "torque_sensor", phi, "the deflection") is None

@@ -51,46 +51,47 @@ def test_inside_an_interval_and_with_a_set_point_that_stood_still():
 
 
 def test_a_computed_torque_is_found_and_a_measured_one_is_not():
-    assert "exactly -40 times the deflection" in computed_from(-40.0 * PHI, "torque_sensor", PHI, "the deflection")
+    found = computed_from(-40.0 * PHI, "j", "torque_sensor", PHI, "the deflection")
+    assert (found.code, found.evidence["factor"]) == ("torque.computed", pytest.approx(-40.0))
     single = (-40.0 * PHI).astype(np.float32).astype(np.float64)
-    assert "exactly -40" in computed_from(single, "torque_sensor", PHI, "the deflection")
-    assert "function of the deflection" in computed_from(TORQUE, "torque_sensor", PHI, "the deflection")
+    assert computed_from(single, "j", "torque_sensor", PHI, "the deflection").code == "torque.computed"
+    assert computed_from(TORQUE, "j", "torque_sensor", PHI, "the deflection").code == "torque.function"
     step = 2 * np.pi / 4096
     encoder = np.round(PHI / step) * step
-    assert "function of" in computed_from(20 * encoder + 500 * encoder**3, "torque_sensor", encoder, "the deflection")
+    torque = 20 * encoder + 500 * encoder**3
+    assert computed_from(torque, "j", "torque_sensor", encoder, "the deflection").code == "torque.function"
     # A sensor of its own: noise, or a true deflection behind the encoder's steps, or a loop.
-    assert computed_from(TORQUE + NOISE, "torque_sensor", PHI, "x") is None
-    assert computed_from(TORQUE, "torque_sensor", encoder, "x") is None
-    assert computed_from(TORQUE + 0.01 * np.sign(RATE), "torque_sensor", PHI, "x") is None
-    assert computed_from(np.full(T.size, 2.0), "torque_sensor", PHI, "x") is None
+    assert computed_from(TORQUE + NOISE, "j", "torque_sensor", PHI, "x") is None
+    assert computed_from(TORQUE, "j", "torque_sensor", encoder, "x") is None
+    assert computed_from(TORQUE + 0.01 * np.sign(RATE), "j", "torque_sensor", PHI, "x") is None
+    assert computed_from(np.full(T.size, 2.0), "j", "torque_sensor", PHI, "x") is None
 
 
 EFFECTS = {
-    "offset": (0.4 + 0.0 * T, "too low on average"),
-    "torque": (0.2 * TORQUE, "20 % larger than predicted"),
-    "deflection": (300.0 * (PHI**2 - np.mean(PHI**2)), "spring's shape"),
-    "velocity": (0.8 * RATE, "grows with the velocity"),
-    "direction": (0.3 * np.sign(RATE), "sign of the velocity: friction or hysteresis"),
-    "loading": (0.3 * np.sign(RATE * PHI), "loading and unloading"),
-    "time": (0.05 * (T - T.mean()), "sensor drifts"),
+    "offset": (0.4 + 0.0 * T, "error.offset", {"offset": -0.4}),
+    "torque": (0.2 * TORQUE, "error.gain", {"gain": 1.2}),
+    "deflection": (300.0 * (PHI**2 - np.mean(PHI**2)), "error.spring_shape", {}),
+    "velocity": (0.8 * RATE, "error.velocity", {}),
+    "direction": (0.3 * np.sign(RATE), "error.friction", {"apart": 0.6}),
+    "loading": (0.3 * np.sign(RATE * PHI), "error.loading", {"apart": 0.6}),
+    "time": (0.05 * (T - T.mean()), "error.drift_of_torque", {}),
 }
 
 
 @pytest.mark.parametrize("name", EFFECTS)
 def test_a_hidden_effect_is_named(name):
     """What is measured has an effect that the prediction lacks."""
-    effect, words = EFFECTS[name]
+    effect, code, evidence = EFFECTS[name]
     measured = TORQUE + effect + NOISE
     variables = {"deflection": PHI, "velocity": RATE, "loading": np.sign(RATE * PHI), "time": T}
     found = dependences(TORQUE - measured, TORQUE, variables)
-    assert found[0].on == name
-    assert words in found[0].words
+    assert (found[0].on, found[0].code) == (name, code)
+    assert found[0].evidence == pytest.approx(evidence, rel=0.02)
 
 
 def test_a_swapped_sign_is_named():
     found = dependences(TORQUE - (-TORQUE + NOISE), TORQUE, {"deflection": PHI})
-    assert found[0].on == "torque"
-    assert "sign is swapped" in found[0].words
+    assert (found[0].on, found[0].code) == ("torque", "error.sign")
 
 
 def test_what_cannot_be_told_apart_is_said():
@@ -98,7 +99,6 @@ def test_what_cannot_be_told_apart_is_said():
     variables = {"deflection": PHI, "stiffness": np.full(T.size, 20.0)}
     (found,) = dependences(0.4 + NOISE, 20.0 * PHI, variables)
     assert {found.on, *found.not_told_from} >= {"offset", "zero"}
-    assert "as well explained by" in found.words
     # One that hardens leaves another one.
     variables = {"deflection": PHI, "stiffness": 20.0 + 1500.0 * PHI**2}
     (found,) = dependences(0.02 * variables["stiffness"] + NOISE, TORQUE, variables)

@@ -38,18 +38,19 @@ def holes(i, line, _):
 
 
 @pytest.mark.parametrize(
-    ("change", "rows", "words"),
+    ("change", "rows", "code", "samples"),
     [
-        (stuck, 2000, "the torque sensor never changes"),
-        (lambda _i, line, _s: line, 60, "fewer than 20 samples"),
-        (lambda _i, line, _s: line, 130, "only 80 samples"),
-        (holes, 2000, "51 samples in a row"),
+        (stuck, 2000, "validation.reference_constant", None),
+        (lambda _i, line, _s: line, 60, "validation.too_few_samples", 20),
+        (lambda _i, line, _s: line, 130, "validation.too_few_samples", 80),
+        (holes, 2000, "validation.nothing_filtered", None),
     ],
 )
-def test_why_nothing_is_judged(change, rows, words, models, tmp_path):
+def test_why_nothing_is_judged(change, rows, code, samples, models, tmp_path):
     joint = joint_of(models["sea"], table(tmp_path, change, rows), tmp_path)
     assert joint["verdict"] == "cannot be judged"
-    assert words in " ".join(joint["sentences"])
+    (reason,) = joint["reasons"]
+    assert (reason["code"], reason["severity"], reason["value"]) == (code, "invalidates", samples)
 
 
 def test_a_sensor_that_is_stuck_for_a_while_is_found(models, tmp_path):
@@ -62,7 +63,8 @@ def test_a_sensor_that_is_stuck_for_a_while_is_found(models, tmp_path):
     first = joint["transmissions"][0]["dependence"][0]
     assert first["on"] == "stuck"
     assert first["share"] > 0.99
-    assert "first at 5 s" in joint["sentences"][2]
+    assert first["evidence"]["first"] == pytest.approx(5.0)
+    assert joint["reasons"][2]["code"] == "error.sensor_stuck"
 
 
 def test_a_log_that_is_too_short_is_refused_without_advice_that_leads_nowhere(models, tmp_path):
@@ -100,7 +102,8 @@ def test_a_joint_does_not_hold_by_one_of_its_two_transmissions(models, tmp_path)
     path.write_text(tomli_w.dumps(model))
     joint = joint_of(path, SAMPLES / "vsa2_exp2.mcap", tmp_path)
     assert joint["verdict"] == "cannot be judged"
-    assert "of transmission 1 no sample" in joint["sentences"][0]
+    (reason,) = joint["reasons"]
+    assert (reason["code"], reason["part"]) == ("validation.part_unjudged", "1")
 
 
 def test_nothing_that_is_read_is_written_over(models, tmp_path):
@@ -138,4 +141,4 @@ def test_what_is_implausible_of_the_signals_is_said_here_too(models, tmp_path):
         return [*line[:sensor], str(min(float(line[sensor]), 200.0)), *line[sensor + 1 :]]
 
     joint = joint_of(models["sea"], table(tmp_path, saturated, 4000), tmp_path)
-    assert "saturated" in " ".join(joint["warnings"])
+    assert "sensor.saturated" in [finding["code"] for finding in joint["findings"]]

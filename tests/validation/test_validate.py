@@ -1,7 +1,6 @@
 """`vsalog validate` as a user runs it: on the samples, on hidden effects, on what cannot be judged."""
 
 import json
-import re
 import tomllib
 from pathlib import Path
 
@@ -80,38 +79,42 @@ def test_the_true_stiffness_of_a_simulation_is_judged_too(models, tmp_path):
     assert truth["inside"]["nrmse"]["value"] < 3.0
 
 
-# Hidden effect → verdict, what the error is said to depend on, and words that have to be there.
+def codes(findings):
+    return [finding["code"] for finding in findings]
+
+
+# Hidden effect → setting, what the error depends on, and the code of that.
 SENSORS, SPRING = "joint.sea.signals.", "joint.sea.transmission."
 TOLD = {
-    "torque sensor drifts": (SENSORS + "torque_sensor.drift=0.03", "time", "the torque sensor drifts"),
-    "link encoder drifts": (SENSORS + "link_position.drift=0.001", "zero over time", "an encoder drifts"),
-    "motor encoder drifts": (SENSORS + "motor_position.drift=-0.001", "zero over time", "an encoder drifts"),
-    "encoder offset": (SENSORS + "link_position.offset=0.005", "zero", "an encoder has an offset"),
-    "eccentric encoder": (SENSORS + "link_position.eccentricity={amplitude=0.003}", "position", "eccentric"),
-    "encoder scale": (SENSORS + "link_position.gain=1.02", "position", "an encoder's scale"),
-    "late encoder": (SENSORS + "link_position.delay=0.005", "late", "one encoder is late"),
-    "coarse torque sensor": (SENSORS + "torque_sensor.resolution=2", "resolution", "steps of 2 N·m"),
-    "backlash": (SPRING + "backlash=0.01", "gap", "backlash"),
-    "wide backlash": (SPRING + "backlash=0.03", "gap", "backlash"),
-    "softening": (SPRING + "drift=-0.02", "gain over time", "the stiffness drifts"),
-    "stiffening": (SPRING + "drift=0.02", "gain over time", "the stiffness drifts"),
-    "asymmetry": (SPRING + "asymmetry=0.1", "side", "asymmetry"),
-    "another asymmetry": (SPRING + "asymmetry=-0.1", "side", "asymmetry"),
-    "cubic": (SPRING + "added_cubic=500", "deflection", "spring's shape"),
-    "slipping springs": (SPRING + "slip=[{stiffness=20,limit=0.3}]", "direction", "hysteresis"),
+    "torque sensor drifts": (SENSORS + "torque_sensor.drift=0.03", "time", "error.drift_of_torque"),
+    "link encoder drifts": (SENSORS + "link_position.drift=0.001", "zero over time", "error.drift_of_encoder"),
+    "motor encoder drifts": (SENSORS + "motor_position.drift=-0.001", "zero over time", "error.drift_of_encoder"),
+    "encoder offset": (SENSORS + "link_position.offset=0.005", "zero", "error.deflection_zero"),
+    "eccentric encoder": (SENSORS + "link_position.eccentricity={amplitude=0.003}", "position", "error.position"),
+    "encoder scale": (SENSORS + "link_position.gain=1.02", "position", "error.position"),
+    "late encoder": (SENSORS + "link_position.delay=0.005", "late", "error.late_encoder"),
+    "coarse torque sensor": (SENSORS + "torque_sensor.resolution=2", "resolution", "error.resolution"),
+    "backlash": (SPRING + "backlash=0.01", "gap", "error.backlash"),
+    "wide backlash": (SPRING + "backlash=0.03", "gap", "error.backlash"),
+    "softening": (SPRING + "drift=-0.02", "gain over time", "error.drift_of_gain"),
+    "stiffening": (SPRING + "drift=0.02", "gain over time", "error.drift_of_gain"),
+    "asymmetry": (SPRING + "asymmetry=0.1", "side", "error.asymmetry"),
+    "another asymmetry": (SPRING + "asymmetry=-0.1", "side", "error.asymmetry"),
+    "cubic": (SPRING + "added_cubic=500", "deflection", "error.spring_shape"),
+    "slipping springs": (SPRING + "slip=[{stiffness=20,limit=0.3}]", "direction", "error.friction"),
 }
 
 
 @pytest.mark.parametrize("name", TOLD)
-def test_the_leading_words_are_the_hidden_effect(name, models, tmp_path):
-    setting, on, words = TOLD[name]
+def test_the_leading_finding_is_the_hidden_effect(name, models, tmp_path):
+    setting, on, code = TOLD[name]
     joint = joint_of(judged(models["sea"], simulated(tmp_path, "log", "--actual", setting), folder=tmp_path))
     first = joint["transmissions"][0]["dependence"][0]
-    assert first["on"] == on
-    assert words in first["words"]
-    assert words in joint["sentences"][2]
+    assert (first["on"], first["code"]) == (on, code)
     assert first["share"] > 0.9
-    assert joint["sentences"][2].endswith("'vsalog diagnose LOG' looks for the cause and extends the rig by it.")
+    reason = next(r for r in joint["reasons"] if r["code"].startswith("error."))
+    assert (reason["code"], reason["value"]) == (code, first["share"])
+    assert first["words"] in " ".join(joint["sentences"])
 
 
 def test_noise_is_no_cause(models, tmp_path):
@@ -120,7 +123,7 @@ def test_noise_is_no_cause(models, tmp_path):
     assert joint["transmissions"][0]["dependence"] == []
     assert main_score(joint)["inside"]["nrmse"]["low"] > 5.0
     assert joint["verdict"] == "undecided"  # the noise hides whether the model holds
-    assert "noise of the torque sensor" in joint["sentences"][2]
+    assert codes(joint["reasons"])[2] == "error.noise"
     log = simulated(tmp_path, "coarse", "--actual", SENSORS + "torque_sensor.resolution=2")
     assert joint_of(judged(models["sea"], log, folder=tmp_path))["verdict"] == "undecided"
 
@@ -133,8 +136,8 @@ def test_one_sensor_for_both_transmissions_judges_their_sum(models, tmp_path):
     assert call("simulate", rig, "--scenario", "vsa2-exp2", "--seed", "3", "-o", log).exit_code == 0
     joint = joint_of(judged(models["vsa2"], log, folder=tmp_path))
     assert joint["verdict"] == "holds"
-    assert "of the whole joint" in joint["sentences"][0]
-    assert "1 and 2 alone may be off" in joint["warnings"][0]
+    assert joint["reasons"][0]["part"] == "total"
+    assert (joint["findings"][0]["code"], joint["findings"][0]["part"]) == ("validation.sum_only", "1 and 2")
     actual = ("--actual", "joint.vsa2.transmission_1.stiffness=0.6")
     assert call("simulate", rig, "--scenario", "vsa2-exp2", *actual, "-o", log).exit_code == 0
     assert joint_of(judged(models["vsa2"], log, folder=tmp_path))["verdict"] == "fails"
@@ -148,7 +151,9 @@ def test_an_error_of_many_spans_is_not_printed_in_digits(models, tmp_path):
     path = tmp_path / "steep.model.toml"
     path.write_text(tomli_w.dumps(model))
     result = call("validate", path, SEA2, "-o", tmp_path, "--no-modalities")
-    assert "more than 10 times the torque's span" in result.stdout
+    reasons = joint_of(json.loads((tmp_path / "report.json").read_text()))["reasons"]
+    (outside,) = (r for r in reasons if r["code"] == "validation.outside_region")
+    assert outside["evidence"]["nrmse"] > 1000.0
     assert "e+0" not in result.stdout.split("transmission")[0]
     (line,) = [line for line in result.stdout.splitlines() if "outside" in line and "sensor" in line]
     assert "> 1000" in line
@@ -157,28 +162,28 @@ def test_an_error_of_many_spans_is_not_printed_in_digits(models, tmp_path):
 
 
 HIDDEN = {
-    "gain": (["--actual", "joint.sea.signals.torque_sensor.gain=1.3"], "torque", "larger than predicted"),
-    "offset": (["--actual", "joint.sea.signals.torque_sensor.offset=0.5"], "offset", "too low"),
-    "sign": (["--actual", "joint.sea.signals.torque_sensor.sign=-1"], "torque", "sign is swapped"),
+    "gain": (["--actual", "joint.sea.signals.torque_sensor.gain=1.3"], "torque", "error.gain"),
+    "offset": (["--actual", "joint.sea.signals.torque_sensor.offset=0.5"], "offset", "error.offset"),
+    "sign": (["--actual", "joint.sea.signals.torque_sensor.sign=-1"], "torque", "error.sign"),
     "spring": (
         ["--actual", "joint.sea.transmission.stiffness=5", "--actual", "joint.sea.transmission.cubic=4500"],
         "deflection",
-        "spring's shape",
+        "error.spring_shape",
     ),
-    "hysteresis": (["--actual", "joint.sea.transmission.bouc_wen={torque=0.6, width=0.004}"], "direction", "friction or hyst"),
-    "damping": (["--actual", "joint.sea.transmission.damping=2.5"], "velocity", "damping in the transmission"),
+    "hysteresis": (["--actual", "joint.sea.transmission.bouc_wen={torque=0.6, width=0.004}"], "direction", "error.friction"),
+    "damping": (["--actual", "joint.sea.transmission.damping=2.5"], "velocity", "error.velocity"),
 }  # fmt: skip
 
 
 @pytest.mark.parametrize("name", HIDDEN)
 def test_a_hidden_effect_fails_and_is_named(name, models, tmp_path):
-    options, on, words = HIDDEN[name]
+    options, on, code = HIDDEN[name]
     joint = joint_of(judged(models["sea"], simulated(tmp_path, name, *options), folder=tmp_path))
     assert joint["verdict"] == "fails"
     told = joint["transmissions"][0]["dependence"]
     assert on in [d["on"] for d in told[:2]]
-    assert words in " ".join(d["words"] for d in told[:2])
-    assert words in " ".join(joint["sentences"]) or on == "deflection"
+    assert code in codes(told[:2])
+    assert code in codes(joint["reasons"]) or on == "deflection"
 
 
 def test_another_device_is_refused_or_fails(models, tmp_path):
@@ -217,8 +222,8 @@ def test_without_a_torque_sensor_the_residual_judges_and_that_is_said(models, tm
     joint = joint_of(judged(models["sea"], SEA2, options=("--rig", rig), folder=tmp_path))
     assert joint["verdict"] == "holds"
     assert joint["transmissions"][0]["judged_on"] == "residual"
-    assert "no torque sensor" in joint["warnings"][0]
-    assert "residual" in joint["sentences"][0]
+    assert joint["findings"][0]["code"] == "validation.judged_by_residual"
+    assert joint["reasons"][0]["evidence"]["reference"] == "residual"
 
 
 def test_a_computed_torque_validates_nothing(tmp_path):
@@ -238,6 +243,7 @@ def test_a_computed_torque_validates_nothing(tmp_path):
     joint = joint_of(judged(tmp_path / "computed.model.toml", log, folder=tmp_path))
     assert joint["verdict"] == "cannot be judged"
     assert "-40" in joint["not_independent"]
+    assert codes(joint["reasons"]) == ["torque.computed"]
     result = call(
         "validate", tmp_path / "computed.model.toml", log, "-o", tmp_path, "--max-nrmse", "50", "--no-modalities"
     )
@@ -247,16 +253,17 @@ def test_a_computed_torque_validates_nothing(tmp_path):
 def test_the_log_the_model_was_learnt_from_is_no_second_experiment(models, tmp_path):
     joint = joint_of(judged(models["sea"], SAMPLES / "sea_exp1.csv", folder=tmp_path))
     assert joint["verdict"] == "cannot be judged"
-    assert "learnt from" in joint["sentences"][0]
-    assert "no second experiment" in joint["warnings"][0]
+    assert codes(joint["reasons"]) == ["validation.own_log"]
 
 
 def test_a_log_that_is_given_twice_is_said_to_be(models, tmp_path):
     log = simulated(tmp_path, "again")
     (tmp_path / "copy.mcap").write_bytes(log.read_bytes())
     report = judged(models["sea"], log, tmp_path / "copy.mcap", folder=tmp_path)
-    assert not any("same log" in warning for warning in joint_of(report, 0)["warnings"])
-    assert "copy.mcap is the same log as again.mcap" in joint_of(report, 1)["warnings"][0]
+    assert "validation.same_log" not in codes(joint_of(report, 0)["findings"])
+    first = joint_of(report, 1)["findings"][0]
+    assert first["code"] == "validation.same_log"
+    assert first["evidence"] == {"log": "copy.mcap", "same_as": "again.mcap"}
 
 
 def test_thresholds_set_the_exit_code(models, tmp_path):
@@ -287,8 +294,8 @@ def test_the_foot_fitted_at_four_settings_holds_at_five_others(tmp_path):
     score = main_score(joint)
     assert score["inside"]["nrmse"]["value"] < 5.0
     assert score["outside"]["samples"] > 1000  # 45 mm
-    assert any("loading from unloading" in warning for warning in joint["warnings"])
-    assert not any("no second experiment" in warning for warning in joint["warnings"])
+    assert "validation.whole_cycles_only" in codes(joint["findings"])
+    assert "validation.own_log" not in codes(joint["reasons"])
 
 
 @pytest.mark.parametrize(
@@ -321,6 +328,6 @@ def test_a_small_error_with_a_wrong_gain_does_not_hold(models, tmp_path):
     joint = joint_of(judged(models["sea"], log, folder=tmp_path))
     assert main_score(joint)["inside"]["nrmse"]["value"] < 5.0
     assert joint["verdict"] == "fails"
-    said = re.search(r"([\d.]+) % larger than predicted", " ".join(joint["sentences"]))
-    assert float(said[1]) == pytest.approx(15.0, abs=0.1)
+    (off,) = (r["value"] for r in joint["reasons"] if r["code"] == "validation.gain_off")
+    assert off == pytest.approx(1.15, abs=1e-3)
     assert joint["transmissions"][0]["gain"] == pytest.approx(1.15, abs=1e-3)

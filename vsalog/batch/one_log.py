@@ -27,7 +27,7 @@ from vsalog.estimation.joint import PRESET, choose_all, pick_joints
 from vsalog.estimators import method
 from vsalog.estimators.tuning import read_tuning
 from vsalog.readers.window import Window
-from vsalog.report import diagnose_files, validate_files
+from vsalog.report import diagnose_files, diagnosis_words, validate_files, validation_words
 from vsalog.report.drawings import Drawings
 from vsalog.report.page_estimate import write_estimate_page
 from vsalog.rig import Rig
@@ -158,7 +158,7 @@ def validate(log: Log, path: Path, settings: Settings, scratch: Path) -> Result:
         end=settings.end,
     )
     drawings = Drawings(frozen(model), settings.joints, 1, False)
-    report = run_validation(model, [path], options, draw=drawings)
+    report = validation_words.worded(run_validation(model, [path], options, draw=drawings))
     if settings.rig is not None:
         report = msgspec.structs.replace(report, settings=report.settings | {"rig": settings.rig_name})
     outputs = validate_files.Outputs.within(scratch / "report", None)

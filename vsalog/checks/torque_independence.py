@@ -2,10 +2,14 @@
 
 from __future__ import annotations
 
+from functools import partial
+
 import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 from scipy.linalg import lstsq
+
+from vsalog.core.finding import Finding
 
 Array = NDArray[np.float64]
 
@@ -76,32 +80,31 @@ def _mark(torque: Array, predicted: Array, least: float, out: NDArray[np.bool_])
         begin = k
 
 
-def computed_from(torque: Array, name: str, x: Array, what: str) -> str | None:
-    """Say that a torque channel is a function of another signal; None where nothing speaks for it.
+def computed_from(torque: Array, joint: str, name: str, x: Array, what: str) -> Finding | None:
+    """Find that a torque channel is a function of another signal; None where nothing speaks for it.
 
     Parameters
     ----------
     torque : shape (N,), as recorded, not smoothed
-    name : of its role
+    joint, name : of the joint, and of the torque's role
     x : shape (N,), the other signal as recorded
-    what : in words, such as "the deflection"
+    what : it is, such as "the deflection"
     """
     both = np.flatnonzero(np.isfinite(torque) & np.isfinite(x))
     both = both[:: max(1, both.size // LONGEST)]
     y, known = torque[both], x[both]
     if y.size < 3 or np.ptp(known) == 0.0 or np.ptp(y) == 0.0:
         return None
+    found = partial(Finding, joint=joint, part=name, severity="invalidates")
     a, b = known - known.mean(), y - y.mean()
     factor = float(a @ b / (a @ a))
-    if float(np.sqrt(np.mean((b - factor * a) ** 2) / np.mean(b**2))) <= COMPUTED:
-        return f"{name} is exactly {factor:.6g} times {what}: it was computed from it, not measured"
+    left = float(np.sqrt(np.mean((b - factor * a) ** 2) / np.mean(b**2)))
+    if left <= COMPUTED:
+        return found(code="torque.computed", value=left, limit=COMPUTED, evidence={"factor": factor, "source": what})
     if _is_function(y, known):
-        return f"{name} is a function of {what}, without any noise of its own: it was computed from it, not measured"
+        return found(code="torque.function", evidence={"source": what})
     if _follows(torque, x):
-        return (
-            f"{name} follows from {what} and its neighbours in time, late, averaged or held, without any noise of its own: it was"
-            " computed from it, not measured"
-        )
+        return found(code="torque.filtered_function", evidence={"source": what})
     return None
 
 

@@ -85,6 +85,7 @@ def validate(
     from vsalog.report.estimate import Progress
     from vsalog.report.validate import print_json, print_report
     from vsalog.report.validate_files import Outputs, inputs_of, keep_inputs, write_report
+    from vsalog.report.validation_words import worded
     from vsalog.validation.frozen import frozen
     from vsalog.validation.run import Options
     from vsalog.validation.run import validate as run
@@ -95,7 +96,7 @@ def validate(
     drawings = Drawings(frozen(model), joints, len(logs), figures is not None)
     with Progress() as progress:
         with progress.saying_when_compiling():
-            report = run(model, logs, options, progress.say, drawings)
+            report = worded(run(model, logs, options, progress.say, drawings))
         progress.say("writing the report")
         write_report(report, drawings, outputs)
     (print_json if as_json else print_report)(report, outputs)

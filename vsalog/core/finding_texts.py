@@ -12,6 +12,9 @@ from vsalog.core.finding import Finding, Text
 from vsalog.core.finding_texts_log import LOG_TEXTS
 from vsalog.core.printable import plural
 
+# Texts name what an error depends on; which parameter of the rig makes it, a simulation of the rig tells.
+DIAGNOSE = "'vsalog diagnose LOG' looks for the cause and extends the rig by it."
+
 TEXTS: Mapping[str, Text] = {
     **LOG_TEXTS,
     "encoder.zero": Text(
@@ -64,6 +67,15 @@ TEXTS: Mapping[str, Text] = {
     "torque.computed": Text(
         "{part} is exactly {factor:.6g} times {source}: it was computed from it, not measured.",
         "The stiffness is the constant someone put into that computation; it validates nothing.",
+    ),
+    "torque.function": Text(
+        "{part} is a function of {source}, without any noise of its own: it was computed from it, not measured.",
+        "It validates nothing: a model that agrees with such a channel agrees with whoever computed it.",
+    ),
+    "torque.filtered_function": Text(
+        "{part} follows from {source} and its neighbours in time, late, averaged or held, without any noise of its own: it was"
+        " computed from it, not measured.",
+        "It validates nothing: a model that agrees with such a channel agrees with whoever computed it.",
     ),
     "torque.offset_as_ramp": Text(
         "transmission {part}: the motor's torque seems to be off by {value:+.3g} N·m all along, which an integrated"
@@ -327,6 +339,161 @@ TEXTS: Mapping[str, Text] = {
         " is estimated there.",
         "The valves may be swapped, a pressure may not be absolute, or the rig is another machine's.",
     ),
+    "validation.error": Text(
+        "judged by the {reference}, the flexibility torque of transmission {part} is off by {value:.3g} % of the torque's span"
+        " (95 %: {low:.3g} to {high:.3g} %).",
+        "Up to {limit:g} % the model holds.",
+    ),
+    "validation.gain_off": Text(
+        "the torque of transmission {part} is measured {value:.4g} times as large as predicted.",
+        "However small that is against the torque's span, it is another spring, or another gain of the sensor.",
+    ),
+    "validation.inside_region": Text(
+        "{value:.2%} of the log lies in the region that the model was fitted in, and no sample that can be judged lies outside."
+    ),
+    "validation.outside_region": Text(
+        "{value:.2%} of the log lies outside the region that the model was fitted in.",
+        "What lies there is extrapolation and judged apart: the table of samples outside shows how far it is off.",
+    ),
+    "validation.own_log": Text(
+        "this is the log that the model was learnt from, and no second experiment: judged by the {reference}, the model fits it"
+        " with an error of {value:.3g} % of the torque's span.",
+        "How well it predicts, only another experiment tells.",
+    ),
+    "validation.same_log": Text("{log} is the same log as {same_as}, given before."),
+    "validation.compared_only": Text(
+        "against the {reference}, the flexibility torque of transmission {part} is off by {value:.3g} % of the torque's span,"
+        " which is for comparison only.",
+        "Record a torque sensor to judge the model by.",
+    ),
+    "validation.part_unjudged": Text(
+        "of transmission {part} no sample lies in the region that the model was fitted in, or too little was measured.",
+        "Fit the model on an experiment that covers these deflections and set-points.",
+    ),
+    "validation.reference_constant": Text(
+        "the {reference} of transmission {part} never changes, so that an error has no span to be measured by, as of a sensor"
+        " that is stuck or unplugged.",
+        "See whether the rig names the right channel.",
+    ),
+    "validation.too_few_samples": Text(
+        "{value:.0f} samples or fewer of transmission {part} can be judged and lie in the region that the model was fitted in;"
+        " an error's size needs {limit:.0f}, 8 windows of the filter.",
+        "Record longer, or fit the model on an experiment that covers these deflections and set-points.",
+    ),
+    "validation.nothing_filtered": Text(
+        "fewer than {limit:.0f} samples of this log have a deflection and a torque once they are filtered; the filter needs"
+        " {window} samples in a row without a gap or a missing value.",
+        "Record longer, or without the gaps.",
+    ),
+    "validation.all_outside_region": Text(
+        "no sample of this log lies in the region that the model was fitted in, and everything it says here is extrapolation.",
+        "Fit the model on an experiment that covers these deflections and set-points; if it should, a position's sign, unit,"
+        " zero or gear ratio is wrong in the rig.",
+    ),
+    "validation.no_reference": Text(
+        "the log has neither a torque sensor nor motor positions and torques with a known inertia, and what the model is"
+        " compared with is no measurement.",
+        "Name a torque_sensor, or motor_position and motor_torque, in the rig.",
+    ),
+    "validation.judged_by_residual": Text(
+        "there is no torque sensor that measures for itself, and transmission {part} is judged by the residual, which the rig's"
+        " own motor parameters make.",
+        "A wrong inertia, damping, torque constant or sign of the motor shows here too.",
+    ),
+    "validation.sum_only": Text(
+        "one torque sensor feels the sum of the transmissions, and the verdict rests on that.",
+        "{part} alone may be off where their errors cancel.",
+    ),
+    "validation.few_independent_samples": Text(
+        "the error stays alike for so long that {samples} samples are worth {value:.2g} independent ones.",
+        "A longer experiment makes the interval surer.",
+    ),
+    "validation.whole_cycles_only": Text(
+        "the model tells loading from unloading; the loop between them is that of whole cycles.",
+        "What happens inside it, where a cycle turns early, was not learnt.",
+    ),
+    "validation.modalities_skipped": Text(
+        "the log is long ({value:.0f} samples): its modalities are not compared.", "--modalities asks for it."
+    ),
+    "error.independent": Text("the error shows no dependence worth a cause."),
+    "error.noise": Text(
+        "the error depends on none of the signals there are and is white, as noise of the {reference} is, which hides the"
+        " model's.",
+        "A sensor with less noise would say more.",
+    ),
+    "error.not_white": Text(
+        "the error is not white: it stays alike for about {samples_alike:.0f} samples, so something is missing in the model, not"
+        " only noise.",
+        DIAGNOSE,
+    ),
+    "error.ambiguous": Text("the error is as well explained by: {others}.", DIAGNOSE),
+    "error.resolution": Text(
+        "the torque sensor's steps of {step:.3g} N·m alone make an error of this size, so that nothing smaller can be told by"
+        " it.",
+        "A finer sensor would say more.",
+    ),
+    "error.sensor_stuck": Text(
+        "the torque sensor stays at one value while the torque goes on, first at {first:.4g} s and for {stuck_share:.3%} of the"
+        " log: it is stuck, or its messages are.",
+        "Leave that stretch out (--start, --end).",
+    ),
+    "error.offset": Text(
+        "the prediction is {offset:+.3g} N·m off on average: the torque sensor has an offset, or a constant torque is missing.",
+        DIAGNOSE,
+    ),
+    "error.gain": Text(
+        "the error grows with the torque: what is measured is {gain:.4g} times what is predicted. The spring is stiffer (above 1)"
+        " or softer (below 1) than in the model, a gear ratio or a unit is wrong, or the torque sensor's gain is.",
+        DIAGNOSE,
+    ),
+    "error.sign": Text(
+        "the measured torque is {gain:.2f} times the predicted one: a sign is swapped, of torque or deflection.",
+        DIAGNOSE,
+    ),
+    "error.deflection_zero": Text("the deflection's zero is off: an encoder has an offset.", DIAGNOSE),
+    "error.asymmetry": Text(
+        "the error has the torque's size whatever its sign: the spring is not alike in both directions (asymmetry).",
+        DIAGNOSE,
+    ),
+    "error.backlash": Text(
+        "the error has the sign of the deflection, and its size does not grow with it: backlash.", DIAGNOSE
+    ),
+    "error.spring_shape": Text(
+        "the error depends on the deflection: the spring's shape is not the model's (nonlinearity, asymmetry, backlash).",
+        DIAGNOSE,
+    ),
+    "error.position": Text(
+        "the error follows the position of link or motor: a gear ratio or an encoder's scale or sign is off, or its disc is"
+        " eccentric.",
+        DIAGNOSE,
+    ),
+    "error.setpoint": Text(
+        "the error depends on the set-point: its zero or scale is off (lever arm, secondary motor's encoder), or the model has"
+        " too few powers of it.",
+        DIAGNOSE,
+    ),
+    "error.velocity": Text(
+        "the error grows with the velocity of the deflection: damping in the transmission, or a sensor that is late.",
+        DIAGNOSE,
+    ),
+    "error.late_encoder": Text(
+        "the error grows with a position's velocity: one encoder is late against the other.", DIAGNOSE
+    ),
+    "error.friction": Text(
+        "the error has the sign of the velocity: friction or hysteresis is missing; the two sides are {apart:.3g} N·m apart.",
+        DIAGNOSE,
+    ),
+    "error.loading": Text(
+        "the error differs between loading and unloading, by {apart:.3g} N·m: the transmission has hysteresis, or a loop of its"
+        " mechanism (a cam that switches).",
+        DIAGNOSE,
+    ),
+    "error.drift_of_torque": Text("the error changes over time: the torque sensor drifts.", DIAGNOSE),
+    "error.drift_of_encoder": Text("the error changes over time: an encoder drifts.", DIAGNOSE),
+    "error.drift_of_gain": Text(
+        "the error grows with the torque, and changes over time: the stiffness drifts, or the torque sensor's gain.",
+        DIAGNOSE,
+    ),
 }
 
 
@@ -346,10 +513,19 @@ class _Counting(Formatter):
         return str(super().format_field(value, format_spec))
 
 
-def sentence(finding: Finding) -> str:
-    """Return what a finding says, and what to do about it."""
+def says(finding: Finding) -> str:
+    """Return what was found, without the advice."""
+    return _filled(texts()[finding.code].says, finding)
+
+
+def sentence(finding: Finding, joint: bool = True) -> str:
+    """Return what a finding says, and what to do about it; with the joint's name where that is asked for."""
     text = texts()[finding.code]
+    words = _filled(f"{text.says} {text.advice}".strip(), finding)
+    name = f"joint '{finding.joint}'" if finding.joint and joint else ""
+    return ": ".join(filter(None, (finding.log, name, words)))
+
+
+def _filled(text: str, finding: Finding) -> str:
     fields = {name: getattr(finding, name) for name in ("joint", "part", "value", "limit", "unit")}
-    words = _Counting().vformat(f"{text.says} {text.advice}".strip(), (), fields | dict(finding.evidence))
-    joint = f"joint '{finding.joint}'" if finding.joint else ""
-    return ": ".join(filter(None, (finding.log, joint, words)))
+    return _Counting().vformat(text, (), fields | dict(finding.evidence))

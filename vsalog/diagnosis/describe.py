@@ -7,6 +7,8 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
+from vsalog.core.finding import Finding
+from vsalog.core.finding_texts import says
 from vsalog.diagnosis.causes import catalogue
 from vsalog.diagnosis.causes.base import Site
 from vsalog.diagnosis.document import (
@@ -103,12 +105,12 @@ def _confirmed(name: str) -> str:
     return catalogue()[name.partition(" ")[0]].confirm
 
 
-def _computed(found: JointDiagnosis, role: str, why: str) -> FoundCause:
+def _computed(found: JointDiagnosis, role: str, why: Finding) -> FoundCause:
     kind = catalogue()["sensor.torque_not_independent"]
     return FoundCause(
         cause=kind.name, joint=found.name, part=role, title=title_of(kind.name, role), parameters={}, common_with=(),
         material=True, size=None, confidence=0.99, class_confidence=0.99, indistinguishable_from=(), error_removed=0.0,
-        stiffness_change=None, why=f"{why}.", how_to_confirm=kind.confirm, tell_apart="", reference=kind.reference,
+        stiffness_change=None, why=says(why), how_to_confirm=kind.confirm, tell_apart="", reference=kind.reference,
     )  # fmt: skip
 
 

@@ -7,14 +7,15 @@ from typing import Any
 import numpy as np
 
 from vsalog.checks.torque_independence import computed_from
+from vsalog.core.finding import Finding
 from vsalog.core.signals import JointSignals
 from vsalog.diagnosis.causes.sensor import TORQUES
 from vsalog.residuals.sensing import at_joint, each_sensor
 from vsalog.rig.schema import AwasTransmission
 
 
-def not_independent(signals: JointSignals, joint: Any) -> dict[str, str]:
-    """Return torque sensor's role → why it is no measurement.
+def not_independent(signals: JointSignals, joint: Any) -> dict[str, Finding]:
+    """Return torque sensor's role → the finding that it is no measurement.
 
     Parameters
     ----------
@@ -38,7 +39,7 @@ def not_independent(signals: JointSignals, joint: Any) -> dict[str, str]:
             torque = torque / np.asarray(roles["setpoint"]) ** 2
         for what, x in known.items():
             own = np.asarray(roles[role]) if what == "the motor's torque" else torque
-            why = computed_from(own, role, np.asarray(x), what)
+            why = computed_from(own, signals.joint, role, np.asarray(x), what)
             if why is not None:
                 found[role] = why
                 break

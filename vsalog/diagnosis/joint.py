@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Collection, Mapping
 from dataclasses import dataclass, field, replace
 from types import MappingProxyType
 from typing import Any
@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vsalog.core.errors import DiagnosisError, SimulationError
+from vsalog.core.finding import Finding
 from vsalog.core.signals import JointSignals
 from vsalog.diagnosis.document import Verdict
 from vsalog.diagnosis.found import Found, found_by, loss_of
@@ -54,7 +55,7 @@ class JointDiagnosis:
     system : the equations
     selection : of causes
     found : causes, the weightiest first
-    computed : torque sensor's role → why it is no measurement
+    computed : torque sensor's role → the finding that it is no measurement
     standing : the rig as it stands against the log; none where nothing can be simulated
     gain : simulations before and after; none where nothing can be simulated
     held_out : what the gain was measured on, in words
@@ -69,7 +70,7 @@ class JointDiagnosis:
     system: System
     selection: Selection
     found: tuple[Found, ...]
-    computed: Mapping[str, str]
+    computed: Mapping[str, Finding]
     standing: Standing | None
     gain: Compared | None
     held_out: str
@@ -267,7 +268,7 @@ def _require_motion(name: str, channels: Channels) -> None:
 
 
 def _only_computed(
-    name: str, joint: Any, system: System, computed: Mapping[str, str], warnings: list[str]
+    name: str, joint: Any, system: System, computed: Mapping[str, Finding], warnings: list[str]
 ) -> JointDiagnosis:
     """Return the diagnosis of a log whose only torque is none: there is nothing else to be checked with."""
     nothing = nothing_found(system, joint, setting_of(joint, system))
@@ -277,7 +278,7 @@ def _only_computed(
     return JointDiagnosis(name, joint, joint, system, nothing, (), computed, None, None, "", 0.0, tuple(warnings))
 
 
-def without(signals: JointSignals, roles: Mapping[str, str]) -> JointSignals:
+def without(signals: JointSignals, roles: Collection[str]) -> JointSignals:
     """Return the signals without some roles."""
     return replace(signals, roles={r: v for r, v in signals.roles.items() if r not in roles})
 

@@ -1,4 +1,4 @@
-"""What an error depends on, and what that means in plain words."""
+"""What an error depends on."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from scipy import special
 from vsalog.core.correlation import effective_samples
 from vsalog.validation.document import Dependence
 from vsalog.validation.scores import bins_of
-from vsalog.validation.signatures import SHORT, WORDS, Signature, signatures
+from vsalog.validation.signatures import Signature, signatures
 
 Array = NDArray[np.float64]
 
@@ -34,6 +34,26 @@ STEPS_ALONE = 0.5
 BLOCKS, MONOTONE = 8, 0.7
 # Effects have one or two parameters; their shapes are right to first order, which leaves this part of the mean square open.
 PHYSICAL, SECOND_ORDER = 2, 0.01
+# The finding that each kind is.
+CODES = {
+    "offset": "error.offset",
+    "torque": "error.gain",
+    "zero": "error.deflection_zero",
+    "side": "error.asymmetry",
+    "gap": "error.backlash",
+    "deflection": "error.spring_shape",
+    "position": "error.position",
+    "setpoint": "error.setpoint",
+    "velocity": "error.velocity",
+    "late": "error.late_encoder",
+    "direction": "error.friction",
+    "loading": "error.loading",
+    "time": "error.drift_of_torque",
+    "zero over time": "error.drift_of_encoder",
+    "gain over time": "error.drift_of_gain",
+}
+# A measured torque that is less than so many times the predicted one has another sign.
+SWAPPED = -0.2
 # Shares of the error that are left over are no less than rounding makes them.
 ROUNDING = 1e-9
 
@@ -201,40 +221,32 @@ def _said(
 ) -> Dependence:
     on = best.signature.on
     one = float(best.coefficients[0]) if best.coefficients.size == 1 else None
-    words = _words(on, one, best, e)
-    if others:
-        words += f"; as well explained by {', or '.join(SHORT[other] for other in others)}"
+    code, evidence = _finding(on, one, best, e)
     x = torque if on == "torque" else at.get(on)
     return Dependence(
         on=on,
         share=share,
         p_value=p,
         slope=one if on in ("torque", "velocity") else None,
-        words=words,
+        code=code,
+        evidence=evidence,
         bins=() if x is None else bins_of(e, x),
         not_told_from=tuple(others),
     )
 
 
-def _words(on: str, one: float | None, best: _Fit, e: Array) -> str:
+def _finding(on: str, one: float | None, best: _Fit, e: Array) -> tuple[str, dict[str, float]]:
+    """Return the code of what an error depends on, and its numbers; `one` is the coefficient of the only column."""
     if on == "offset" and one is not None:
-        return f"the prediction is {abs(one):.3g} N·m too {'high' if one > 0 else 'low'} on average: {WORDS[on]}"
+        return CODES[on], {"offset": one}
     if on == "torque" and one is not None:
         gain = 1.0 - one  # measured = gain · predicted
-        if gain < -0.2:
-            return (
-                f"the measured torque is {gain:.2f} times the predicted one: a sign is swapped, of torque or deflection"
-            )
-        more, spring = ("larger", "stiffer") if gain > 1.0 else ("smaller", "softer")
-        return (
-            f"the error grows with the torque: what is measured is {100.0 * abs(gain - 1.0):.3g} % {more} than predicted. The"
-            f" spring is {spring} than in the model, a gear ratio or a unit is wrong, or the torque sensor's gain is"
-        )
-    if on in ("direction", "loading") and one is not None:
+        return "error.sign" if gain < SWAPPED else CODES[on], {"gain": gain}
+    if on in ("direction", "loading"):
         positive = best.signature.columns[:, 0] > 0.0
         apart = float(e[positive].mean() - e[~positive].mean()) if positive.any() and not positive.all() else 0.0
-        return f"{WORDS[on]}; the two sides are {abs(apart):.3g} N·m apart"
-    return WORDS[on]
+        return CODES[on], {"apart": abs(apart)}
+    return CODES[on], {}
 
 
 def _over_time(signature: Signature) -> bool:
@@ -256,11 +268,10 @@ def _has_a_trend(rest: Array, signature: Signature) -> bool:
 
 
 def _steps(step: float, power: float) -> Dependence:
-    words = (
-        f"the torque sensor's steps of {step:.3g} N·m alone make an error of this size, so that nothing smaller can be told"
-        " by it: a finer sensor would say more"
+    share = min(step**2 / 12.0 / power, 1.0)
+    return Dependence(
+        on="resolution", share=share, p_value=0.0, slope=None, code="error.resolution", evidence={"step": step}
     )
-    return Dependence(on="resolution", share=min(step**2 / 12.0 / power, 1.0), p_value=0.0, slope=None, words=words)
 
 
 def _itself(rest: Array, power: float, smoothing: float, thin: int) -> Dependence | None:
@@ -272,13 +283,13 @@ def _itself(rest: Array, power: float, smoothing: float, thin: int) -> Dependenc
     if variance <= 0.0:
         return None
     rho = float(left[1:] @ left[:-1]) / variance
-    words = (
-        f"what is left of the error is not white: it stays alike for about {thin * rest.size / effective_samples(rest):.0f}"
-        " samples, so something is missing in the model, not only noise"
-    )
     z = abs(rho) * np.sqrt(left.size)
     share = max(rho, 0.0) ** 2 * variance / left.size / power
-    return Dependence(on="itself", share=share, p_value=2.0 * float(special.ndtr(-z)), slope=rho, words=words)
+    alike = thin * rest.size / effective_samples(rest)
+    p = 2.0 * float(special.ndtr(-z))
+    return Dependence(
+        on="itself", share=share, p_value=p, slope=rho, code="error.not_white", evidence={"samples_alike": alike}
+    )
 
 
 def _p(share: float, freedom: int, independent: float) -> float:

@@ -6,6 +6,8 @@ from typing import Literal
 
 import msgspec
 
+from vsalog.core.finding import Finding
+
 VERSION = 2
 SCHEMA = ("Report", "vsalog validation report", "What 'vsalog validate' found.")
 
@@ -95,7 +97,9 @@ class Dependence(_Part, frozen=True):
     share : of the error's mean square that it explains beyond those told before it, 0 to 1
     p_value : probability of such a share by chance, with the effective number of samples
     slope : of the error over the variable, SI, where a straight line says it; else null
-    words : what that means, for people
+    code : of the finding that this is
+    evidence : its numbers, by name
+    words : what that means, for people; made of the code when the report is written
     bins : error over the variable
     not_told_from : what would explain the error as well
     """
@@ -104,7 +108,9 @@ class Dependence(_Part, frozen=True):
     share: float
     p_value: float
     slope: float | None
-    words: str
+    code: str
+    evidence: dict[str, float] = {}
+    words: str = ""
     bins: tuple[Bin, ...] = ()
     not_told_from: tuple[str, ...] = ()
 
@@ -171,21 +177,25 @@ class JointReport(_Part, frozen=True):
     ----------
     joint : name
     verdict : whether the model holds
-    sentences : what was found, in three sentences
-    not_independent : why a torque channel is no independent measurement; null where nothing speaks against it
+    reasons : findings that the verdict rests on: why nothing can be judged; else the error, where it is, what it depends on
+    findings : what else a person should know
     duration, period : of the log [s]
     transmissions : one by one, then ``total`` where there are two
-    warnings : what a person should know
+    sentences : the reasons, in words
+    not_independent : that of them, in words, which says why a torque channel is no independent measurement; null where none does
+    warnings : the findings, in words
     """
 
     joint: str
     verdict: Verdict
-    sentences: tuple[str, ...]
-    not_independent: str | None
+    reasons: tuple[Finding, ...]
+    findings: tuple[Finding, ...]
     duration: float
     period: float
     transmissions: tuple[TransmissionReport, ...]
-    warnings: tuple[str, ...]
+    sentences: tuple[str, ...] = ()
+    not_independent: str | None = None
+    warnings: tuple[str, ...] = ()
 
 
 class LogReport(_Part, frozen=True):

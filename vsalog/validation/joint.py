@@ -11,6 +11,7 @@ from msgspec import structs
 from numpy.typing import NDArray
 
 from vsalog.checks.torque_independence import computed_from, stuck
+from vsalog.core.finding import Finding
 from vsalog.core.model import JointModel
 from vsalog.core.recording import Channel
 from vsalog.core.resolution import step_of
@@ -39,7 +40,7 @@ class Judged:
     """What was found about a joint: the report's parts."""
 
     transmissions: tuple[TransmissionReport, ...]
-    not_independent: str | None
+    not_independent: Finding | None
 
 
 @dataclass(frozen=True, slots=True)
@@ -76,7 +77,7 @@ class Prepared:
     signals: JointSignals
     smoothed: ref.Smoothed
     sensors: Mapping[str, Array]
-    not_independent: str | None
+    not_independent: Finding | None
 
 
 def prepare(device: Device, signals: JointSignals) -> Prepared:
@@ -283,7 +284,7 @@ def _dependence(
         still = stuck(raw, predicted, step or 0.0) & use
         share = float(np.sum(error[still] ** 2) / max(np.sum(error[use] ** 2), 1e-300))
         if share >= LEAST_SHARE:
-            told.append(_said_of_stuck(share, still, s.time))
+            told.append(_stuck(share, still, s.time))
             use &= ~still
     rows, thin = thinned(use)
     variables = _variables(part, s, setpoint, period, rows)
@@ -315,17 +316,14 @@ def _variables(
     return variables
 
 
-def _said_of_stuck(share: float, still: Flags, time: Array) -> Dependence:
-    first, part = float(time[np.argmax(still)]), 100.0 * float(still.mean())
-    words = (
-        f"the torque sensor stays at one value while the torque goes on, first at {first:.4g} s and for {part:.3g} % of the log:"
-        " it is stuck, or its messages are"
-    )
-    return Dependence(on="stuck", share=share, p_value=0.0, slope=None, words=words)
+def _stuck(share: float, still: Flags, time: Array) -> Dependence:
+    first, part = float(time[np.argmax(still)]), float(still.mean())
+    evidence = {"first": first, "stuck_share": part}
+    return Dependence(on="stuck", share=share, p_value=0.0, slope=None, code="error.sensor_stuck", evidence=evidence)
 
 
-def _not_independent(device: Device, signals: JointSignals) -> str | None:
-    """Return why a torque sensor's channel is no measurement of its own; None where nothing speaks for that."""
+def _not_independent(device: Device, signals: JointSignals) -> Finding | None:
+    """Return the finding that a torque sensor's channel is no measurement of its own; None where nothing speaks for that."""
     roles = signals.roles
     for view in device.transmissions:
         name = view.torque_sensor if view.torque_sensor in roles else "torque_sensor"
@@ -339,9 +337,9 @@ def _not_independent(device: Device, signals: JointSignals) -> str | None:
         if view.motor_torque in roles:
             others.append((roles[view.motor_torque], "the motor's torque (its current)"))
         for x, what in others:
-            why = computed_from(roles[name], name, x, what)
-            if why is not None:
-                return why
+            found = computed_from(roles[name], signals.joint, name, x, what)
+            if found is not None:
+                return found
     return None
 
 

@@ -14,7 +14,7 @@ from vsalog._version import __version__
 from vsalog.binding.joint import bind, names_of, offered_roles, wanted_channels
 from vsalog.checks.plausibility import implausible
 from vsalog.core.errors import BindingError, EstimatorError, RigError, did_you_mean
-from vsalog.core.finding_texts import sentence
+from vsalog.core.finding import Finding
 from vsalog.core.model import JointModel, ModelFile
 from vsalog.core.recording import Recording
 from vsalog.estimation.job import sha256
@@ -98,10 +98,9 @@ def validate(
             joints = _judge_log(file, rig, log, digest, options, progress, partial(draw, i))
         same = hashes.setdefault(digest.result() or name, name)
         if same != name or log in logs[:i]:
-            joints = [
-                msgspec.structs.replace(j, warnings=(f"{name} is the same log as {same}, given before", *j.warnings))
-                for j in joints
-            ]
+            evidence = {"log": name, "same_as": same}
+            twice = Finding(code="validation.same_log", severity="info", evidence=evidence)
+            joints = [msgspec.structs.replace(j, findings=(twice, *j.findings)) for j in joints]
         reports.append(LogReport(log=name, sha256=digest.result(), joints=tuple(joints)))
     assert rig is not None
     return Report(
@@ -154,7 +153,7 @@ def _judge_log(
         roles = _roles(device, joint)
         recording = _read(log, joint, roles, name, options)
         bound = bind([recording], name, joint, roles)
-        doubts = [sentence(finding) for finding in implausible(device, bound)]
+        doubts = [*bound.findings, *implausible(device, bound)]
         prepared = prepare(device, bound)
         del bound  # what is long is not kept twice
         signals = prepared.signals
@@ -163,22 +162,19 @@ def _judge_log(
         if not short:
             recording = replace(recording, channels=truth)
         judged = judge(file.joint[name], joint, device, prepared, truth, draw)
-        warnings = [*(f"{log.name}: {note}" for note in recording.notes), *map(sentence, signals.findings), *doubts]
         learnt_from = digest.result() in file.log.values() and not _other_runs(file, name, joint)
-        if learnt_from:
-            warnings.insert(0, f"{log.name} is what the model was learnt from: this is no second experiment")
         if file.joint[name].basis.branches:
-            warnings.append(
-                f"joint '{name}': the model tells loading from unloading; the loop between them is that of whole cycles, and what"
-                " happens inside it, where a cycle turns early, was not learnt"
-            )
+            doubts.append(Finding(code="validation.whole_cycles_only", joint=name))
         modalities = {}
         if short:
             progress(f"estimating {log.name} by each modality")
             modalities = side_by_side(name, joint, recording)
         elif options.modalities is None:
-            warnings.append("the log is long: its modalities are not compared; --modalities asks for it")
-        reports.append(joint_report(judged, signals, modalities, warnings, learnt_from))
+            many = partial(Finding, value=len(signals), limit=MANY_SAMPLES)
+            doubts.append(many(code="validation.modalities_skipped", joint=name, severity="info"))
+        found = joint_report(judged, signals, modalities, doubts, learnt_from)
+        notes = tuple(f"{log.name}: {note}" for note in recording.notes)
+        reports.append(msgspec.structs.replace(found, warnings=notes))
     return reports
 
 

@@ -16,6 +16,8 @@ from vsalog.validation.document import Bin, Figure, Score
 Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]
 
+# Fewer samples have no score.
+LEAST_SCORED = 20
 # A block is this many times as long as errors stay correlated; there are no more blocks than this, which costs nothing.
 CORRELATION_TIMES, MOST_BLOCKS, FEWEST_BLOCKS = 4.0, 400, 8
 DRAWS, SEED = 1000, 0
@@ -35,7 +37,7 @@ def score(prediction: Array, reference: Array, least: float = 0.0, where: Flags 
     """
     use = np.ones(reference.size, np.bool_) if where is None else where
     count, low, high, worst = _seen(prediction, reference, use)
-    if count < 20:
+    if count < LEAST_SCORED:
         return None
     step = max(1, count // LONGEST)
     span, independent = high - low, effective_samples(_errors(prediction, reference, use, count, step))

@@ -1,4 +1,4 @@
-"""What each kind of cause would leave in a torque's error: the shapes an error is compared with, and what each means in words.
+"""What each kind of cause would leave in a torque's error: the shapes an error is compared with.
 
 An effect that is small shows to first order as its own function of what was measured: a zero of the deflection that is off by δ
 leaves σ δ, a gap of width b leaves σ times the deflection cut off at ± b/2, a drifting spring leaves t τ.
@@ -25,46 +25,6 @@ POSITIONS = ("link_position", "motor_position")
 # A loop's state is followed over so many samples, which is fine against any motion.
 FOLLOWED = 1_000_000
 
-WORDS = {
-    "offset": "the torque sensor has an offset, or a constant torque is missing",
-    "torque": "a wrong gain",
-    "zero": "the deflection's zero is off: an encoder has an offset",
-    "side": "the error has the torque's size whatever its sign: the spring is not alike in both directions (asymmetry)",
-    "gap": "the error has the sign of the deflection, and its size does not grow with it: backlash",
-    "deflection": "the error depends on the deflection: the spring's shape is not the model's (nonlinearity, asymmetry,"
-    " backlash)",
-    "position": "the error follows the position of link or motor: a gear ratio or an encoder's scale or sign is off,"
-    " or its disc is eccentric",
-    "setpoint": "the error depends on the set-point: its zero or scale is off (lever arm, secondary motor's encoder), or the"
-    " model has too few powers of it",
-    "velocity": "the error grows with the velocity of the deflection: damping in the transmission, or a sensor that is late",
-    "late": "the error grows with a position's velocity: one encoder is late against the other",
-    "direction": "the error has the sign of the velocity: friction or hysteresis is missing",
-    "loading": "the error differs between loading and unloading: the transmission has hysteresis, or a loop of its mechanism"
-    " (a cam that switches)",
-    "time": "the error changes over time: the torque sensor drifts",
-    "zero over time": "the error changes over time: an encoder drifts",
-    "gain over time": "the error grows with the torque, and changes over time: the stiffness drifts, or the torque sensor's gain",
-}
-# In a few words, where one cause cannot be told from another.
-SHORT = {
-    "offset": "an offset of the torque",
-    "torque": "a wrong gain, of spring or sensor",
-    "zero": "an encoder's offset",
-    "side": "an asymmetric spring",
-    "gap": "backlash",
-    "deflection": "another shape of the spring",
-    "position": "a gear ratio, or an encoder's scale, sign or eccentricity",
-    "setpoint": "a wrong set-point",
-    "velocity": "damping, or a late torque sensor",
-    "late": "a late encoder",
-    "direction": "friction or hysteresis",
-    "loading": "hysteresis",
-    "time": "a drift of the torque sensor",
-    "zero over time": "a drift of an encoder",
-    "gain over time": "a drift of stiffness or gain",
-}
-
 
 @dataclass(frozen=True, slots=True)
 class Signature:
@@ -72,7 +32,7 @@ class Signature:
 
     Attributes
     ----------
-    on : what the error depends on; a key of `WORDS`
+    on : what the error depends on; a key of `dependence.CODES`
     columns : shape (N, k)
     """
 

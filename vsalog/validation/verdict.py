@@ -1,13 +1,16 @@
-"""From scores to a verdict and three sentences."""
+"""From scores to a verdict and the findings that it rests on."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from functools import partial
 
 from msgspec.structs import replace
 
+from vsalog.core.finding import Finding, Severity
 from vsalog.core.signals import JointSignals
+from vsalog.validation.dependence import CODES, LEAST_SHARE
 from vsalog.validation.document import (
     Comparison,
     Dependence,
@@ -22,71 +25,67 @@ from vsalog.validation.document import (
 )
 from vsalog.validation.joint import Judged
 from vsalog.validation.references import WINDOW
-from vsalog.validation.scores import FEWEST_BLOCKS
+from vsalog.validation.scores import FEWEST_BLOCKS, LEAST_SCORED
 
 # A model whose torque is this close to the reference holds [% of the torque's span].
 HOLDS = 5.0
-MOSTLY_OUTSIDE = 0.5
 # A torque that is measured by more than this part larger or smaller than predicted is another spring's.
 GAIN = 0.1
 # The second dependence is named too when it explains this part of the error's mean square.
 WORTH_SAYING = 0.15
 # A verdict needs as many of the filter's windows as a bootstrap needs blocks.
 LEAST_SAMPLES = FEWEST_BLOCKS * WINDOW
-# Words name what an error depends on; which parameter of the rig makes it, a simulation of the rig tells.
-DIAGNOSE = "'vsalog diagnose LOG' looks for the cause and extends the rig by it"
-# What else a residual feels.
-MOTOR = "the residual rests on the rig's motor: a wrong inertia, damping, torque constant or sign of it shows here too"
-
-_REFERENCE = {
-    "sensor": "the torque sensor",
-    "residual": "the residual of the motor equation (there is no torque sensor to judge by)",
-}
 
 
 def joint_report(
     judged: Judged,
     signals: JointSignals,
     modalities: Mapping[str, Sequence[ModalityScore]],
-    warnings: Sequence[str],
+    findings: Sequence[Finding],
     learnt_from: bool = False,
 ) -> JointReport:
-    """Put what was found about a joint into words; `learnt_from` is true of the log that the model was learnt from."""
+    """Decide whether a joint's model holds.
+
+    Parameters
+    ----------
+    judged, signals, modalities : of the joint
+    findings : what a person should know of the log and its signals
+    learnt_from : whether this is the log that the model was learnt from
+    """
     parts = tuple(replace(t, modalities=tuple(modalities.get(t.transmission, ()))) for t in judged.transmissions)
     worst = _worst(parts)
-    verdict: Verdict = "cannot be judged"
-    if worst is not None and judged.not_independent is None:
-        verdict = _verdict(_main(worst))
-        if verdict == "fails" and _is_noise(worst):
-            verdict = "undecided"  # what hides the model's error is no error of the model
-        if verdict in ("holds", "undecided") and any(_gain_is_off(part) for part in _counted(parts)):
-            verdict = "fails"
-        if verdict != "fails" and _unjudged(parts):
-            verdict = "cannot be judged"  # a part of the joint of which nothing is known may be as bad as can be
-    sentences = _sentences(verdict, parts, worst, judged.not_independent)
-    if learnt_from and worst is not None and verdict in ("holds", "undecided"):
-        verdict, sentences = "cannot be judged", _of_its_own_log(worst)
-    told = [*_cautions(parts, worst), *warnings]
-    if worst is not None and worst.judged_on == "residual":
-        told.insert(
-            0,
-            f"{_no_sensor(judged.not_independent)}: the model is judged by the residual, which the rig's own motor parameters"
-            " make",
-        )
+    found = partial(Finding, joint=signals.joint)
+    standing: Verdict = "cannot be judged" if worst is None else _verdict(parts, worst)
+    if judged.not_independent is not None:
+        reasons = [judged.not_independent, *_error(found, "validation.compared_only", worst)]
+    elif worst is None:
+        reasons = [_nothing_judged(found, parts)]
+    elif standing != "fails" and (missing := _unjudged(parts)):
+        # A part of the joint of which nothing is known may be as bad as can be.
+        names = " and ".join(t.transmission for t in missing if t.transmission != "total")
+        reasons = [found(code="validation.part_unjudged", part=names, severity="invalidates")]
+    elif standing != "fails" and learnt_from:
+        reasons = [*_error(found, "validation.own_log", worst, "invalidates")]
+    else:
+        reasons = [
+            *_error(found, "validation.error", worst),
+            *_off_gains(found, parts),
+            _region(found, worst),
+            *_why(found, _telling(parts, worst), standing),
+        ]
+    told = (*_cautions(found, parts, worst), *findings)
+    # Signals that tell nothing may make an error smaller; one that is there all the same stays.
+    decisive = reasons if standing == "fails" else (*reasons, *told)
+    void = any(f.severity == "invalidates" for f in decisive)
     return JointReport(
         joint=signals.joint,
-        verdict=verdict,
-        sentences=sentences,
-        not_independent=judged.not_independent,
+        verdict="cannot be judged" if void else standing,
+        reasons=tuple(reasons),
+        findings=told,
         duration=len(signals) * signals.period,
         period=signals.period,
         transmissions=parts,
-        warnings=tuple(told),
     )
-
-
-def _no_sensor(why: str | None) -> str:
-    return "there is no torque sensor" if why is None else "there is no torque sensor that measures for itself"
 
 
 def thresholds(logs: Sequence[LogReport], max_nrmse: float | None, max_msrep: float | None) -> tuple[Threshold, ...]:
@@ -132,7 +131,7 @@ def _meets(joint: JointReport, name: str, limit: float) -> bool:
 def _worst(parts: Sequence[TransmissionReport]) -> TransmissionReport | None:
     """Return the transmission that is predicted worst, of those that can be judged."""
     judged = [t for t in _counted(parts) if _judged(t)]
-    return max(judged, key=lambda t: _nrmse(_main(t)), default=None)
+    return max(judged, key=_nrmse, default=None)
 
 
 def _counted(parts: Sequence[TransmissionReport]) -> list[TransmissionReport]:
@@ -153,22 +152,24 @@ def _is_noise(part: TransmissionReport) -> bool:
     return not part.dependence or part.dependence[0].on == "resolution"
 
 
-def _cautions(parts: Sequence[TransmissionReport], worst: TransmissionReport | None) -> list[str]:
-    """Say what the verdict does not tell."""
-    out = []
+def _cautions(
+    found: partial[Finding], parts: Sequence[TransmissionReport], worst: TransmissionReport | None
+) -> Iterator[Finding]:
+    """Yield what the verdict does not tell."""
+    if worst is not None and worst.judged_on == "residual":
+        yield found(code="validation.judged_by_residual", part=worst.transmission)
     alone = [t.transmission for t in parts if t.transmission != "total" and t.judged_on != "sensor"]
     if alone and any(t.transmission == "total" and t.judged_on == "sensor" for t in parts):
-        out.append(
-            f"one torque sensor feels the sum of the transmissions, and the verdict rests on that; {' and '.join(alone)} alone"
-            " may be off where their errors cancel"
-        )
+        yield found(code="validation.sum_only", part=" and ".join(alone))
     score = None if worst is None else _main(worst)
     if score is not None and score.effective_samples < FEWEST_BLOCKS:
-        out.append(
-            f"the error stays alike for so long that {score.samples} samples are worth {score.effective_samples:.2g} independent"
-            " ones: a longer experiment would make the interval surer"
+        evidence = {"samples": score.samples}
+        yield found(
+            code="validation.few_independent_samples",
+            value=score.effective_samples,
+            limit=FEWEST_BLOCKS,
+            evidence=evidence,
         )
-    return out
 
 
 def _unjudged(parts: Sequence[TransmissionReport]) -> list[TransmissionReport]:
@@ -185,16 +186,22 @@ def _of(part: TransmissionReport, reference: str) -> Comparison:
     return next(c for c in part.comparisons if c.reference == reference and c.quantity == "flexibility_torque")
 
 
-def _nrmse(score: Score | None) -> float:
+def _nrmse(part: TransmissionReport) -> float:
+    score = _main(part)
     return 0.0 if score is None or score.nrmse.value is None else score.nrmse.value
 
 
-def _verdict(score: Score | None) -> Verdict:
+def _verdict(parts: Sequence[TransmissionReport], worst: TransmissionReport) -> Verdict:
+    """Return what the errors say, were nothing to invalidate them."""
+    score = _main(worst)
     if score is None or score.nrmse.value is None:
         return "cannot be judged"
     low = score.nrmse.value if score.nrmse.low is None else score.nrmse.low
     high = score.nrmse.value if score.nrmse.high is None else score.nrmse.high
-    return "holds" if high <= HOLDS else "fails" if low > HOLDS else "undecided"
+    if any(_gain_is_off(part) for part in _counted(parts)):
+        return "fails"
+    # What hides the model's error is no error of the model.
+    return "holds" if high <= HOLDS else "fails" if low > HOLDS and not _is_noise(worst) else "undecided"
 
 
 def _gain_is_off(part: TransmissionReport) -> bool:
@@ -202,149 +209,79 @@ def _gain_is_off(part: TransmissionReport) -> bool:
     return part.gain is not None and abs(part.gain - 1.0) > GAIN
 
 
-def _sentences(
-    verdict: Verdict, parts: Sequence[TransmissionReport], worst: TransmissionReport | None, not_independent: str | None
-) -> tuple[str, ...]:
-    if not_independent is not None:
-        score = None if worst is None or worst.judged_on != "residual" else _main(worst)
-        return (
-            f"Nothing is validated: {not_independent}.",
-            "A model that agrees with such a channel agrees with whoever computed it.",
-            "Record a torque sensor, or motor positions and torques, to judge the model by."
-            if score is None
-            else f"Against the residual of the motor equation the model is off by {_of_span(score.nrmse.value)}, which is told"
-            " for comparison; record a torque sensor to judge the model by.",
-        )
-    if worst is None:
-        on = next((t for t in _counted(parts) if t.judged_on is not None), None)
-        if on is not None:
-            return _too_little(on)
-        if not any(c.inside or c.outside for t in parts for c in t.comparisons) and all(
-            t.inside_share == 0.0 for t in parts
-        ):
-            return (
-                "Nothing is judged: fewer than 20 samples of this log have a deflection and a torque once they are filtered.",
-                "The filter needs 51 samples in a row without a gap or a missing value.",
-                "Record longer, or without the gaps.",
-            )
-        inside = max((t.inside_share for t in parts), default=0.0)
-        if inside == 0.0:
-            return (
-                "Nothing is judged: no sample of this log lies in the region that the model was fitted in.",
-                "Everything it says here is extrapolation; the table of samples outside shows how far it is off.",
-                "Fit the model on an experiment that covers these deflections and set-points; if it should, a position's sign,"
-                " unit, zero or gear ratio is wrong in the rig.",
-            )
-        return (
-            "Nothing is judged: the log has neither a torque sensor nor motor positions and torques with a known inertia.",
-            "What the model is compared with below is no measurement.",
-            "Name a torque_sensor, or motor_position and motor_torque, in the rig.",
-        )
-    if verdict == "cannot be judged":
-        missing = ", ".join(t.transmission for t in _unjudged(parts) if t.transmission != "total")
-        return (
-            f"Not all of the joint can be judged: of transmission {missing} no sample lies in the region that the model was"
-            " fitted in, or too little was measured.",
-            f"Of what can be judged the worst is off by {_of_span(_nrmse(_main(worst)))}.",
-            "Fit the model on an experiment that covers these deflections and set-points.",
-        )
-    score, where = _main(worst), _whose(worst) if len(parts) > 1 else ""
-    assert score is not None
-    interval = f"{_figure(score.nrmse.low)} to {_figure(score.nrmse.high)} %"
-    error = _of_span(score.nrmse.value)
-    if _nrmse(score) <= 1000.0:
-        error += f" (95 %: {interval})"
-    words = {
-        "holds": "The model holds",
-        "fails": "The model does not hold",
-        "undecided": "Whether the model holds is too close to tell",
-    }[verdict]
-    first = f"{words}: judged by {_REFERENCE[worst.judged_on or 'sensor']}, its flexibility torque{where} is off by {error}."
-    return first, _where(worst), _why(_telling(parts, worst), verdict)
-
-
-def _of_its_own_log(worst: TransmissionReport) -> tuple[str, ...]:
-    """Say what a model's own log is worth."""
-    error = _of_span(_nrmse(_main(worst)))
-    return (
-        "Nothing is validated: this is the log that the model was learnt from, and no second experiment.",
-        f"Judged by {_REFERENCE[worst.judged_on or 'sensor']}, the model fits it with an error of {error}.",
-        "How well it predicts, only another experiment tells.",
+def _error(
+    found: partial[Finding], code: str, worst: TransmissionReport | None, severity: Severity = "info"
+) -> Iterator[Finding]:
+    """Yield the error of the transmission that is predicted worst, with its 95 % interval."""
+    score = None if worst is None else _main(worst)
+    if worst is None or score is None or score.nrmse.value is None:
+        return
+    nrmse = score.nrmse
+    low, high = (nrmse.value if end is None else end for end in (nrmse.low, nrmse.high))
+    yield found(
+        code=code,
+        part=worst.transmission,
+        severity=severity,
+        value=nrmse.value,
+        limit=HOLDS,
+        unit="%",
+        evidence={"reference": worst.judged_on or "", "low": low, "high": high},
     )
+
+
+def _off_gains(found: partial[Finding], parts: Sequence[TransmissionReport]) -> Iterator[Finding]:
+    for part in filter(_gain_is_off, _counted(parts)):
+        yield found(code="validation.gain_off", part=part.transmission, value=part.gain, limit=GAIN)
+
+
+def _nothing_judged(found: partial[Finding], parts: Sequence[TransmissionReport]) -> Finding:
+    """Return why nothing is judged."""
+    void = partial(found, severity="invalidates")
+    on = next((t for t in _counted(parts) if t.judged_on is not None), None)
+    if on is not None:
+        score, evidence = _main(on), {"reference": on.judged_on or ""}
+        if score is not None and score.nrmse.value is None:
+            return void(code="validation.reference_constant", part=on.transmission, evidence=evidence)
+        samples = LEAST_SCORED if score is None else score.samples
+        return void(code="validation.too_few_samples", part=on.transmission, value=samples, limit=LEAST_SAMPLES)
+    outside = all(t.inside_share == 0.0 for t in parts)
+    if outside and not any(c.inside or c.outside for t in parts for c in t.comparisons):
+        return void(code="validation.nothing_filtered", limit=LEAST_SCORED, evidence={"window": WINDOW})
+    return void(code="validation.all_outside_region" if outside else "validation.no_reference")
 
 
 def _telling(parts: Sequence[TransmissionReport], worst: TransmissionReport) -> TransmissionReport:
     """Return whose error says most of its cause: of a sum the summand that is predicted worst, where something is told of it."""
     single = [t for t in parts if t.transmission != "total" and _judged(t) and _told(t)]
-    return max(single, key=lambda t: _nrmse(_main(t))) if worst.transmission == "total" and single else worst
+    return max(single, key=_nrmse) if worst.transmission == "total" and single else worst
 
 
 def _told(part: TransmissionReport) -> list[Dependence]:
     return [d for d in part.dependence if d.on != "itself"]
 
 
-def _whose(part: TransmissionReport) -> str:
-    return " of the whole joint" if part.transmission == "total" else f" of transmission {part.transmission}"
-
-
-def _too_little(part: TransmissionReport) -> tuple[str, ...]:
-    """Say why a reference that is there judges nothing."""
-    score = _main(part)
-    if score is not None and score.nrmse.value is None:
-        what = "the torque sensor" if part.judged_on == "sensor" else "the residual of the motor equation"
-        return (
-            f"Nothing is judged: {what} never changes, so that an error has no span to be measured by.",
-            "A sensor that is stuck or unplugged looks like that.",
-            "See whether the rig names the right channel.",
-        )
-    count = "fewer than 20" if score is None else f"only {score.samples}"
-    return (
-        f"Nothing is judged: {count} samples that can be judged lie in the region that the model was fitted in.",
-        f"An error's size needs at least {LEAST_SAMPLES}: {FEWEST_BLOCKS} windows of the filter, which makes the samples of each"
-        " depend on one another.",
-        "Record longer, or fit the model on an experiment that covers these deflections and set-points.",
-    )
-
-
-def _where(part: TransmissionReport) -> str:
+def _region(found: partial[Finding], part: TransmissionReport) -> Finding:
+    """Return which share of the log is judged apart, for it lies outside the region that the model was fitted in."""
     outside = _of(part, part.judged_on or "sensor").outside
+    share = 1.0 - part.inside_share
     if outside is None:
-        return (
-            "All of this log lies in the region that the model was fitted in."
-            if part.inside_share > 0.999
-            else (f"{_share(part.inside_share)} of this log lies in the region that the model was fitted in.")
-        )
-    more = "most" if part.inside_share < MOSTLY_OUTSIDE else "some"
-    return (
-        f"{more.capitalize()} of the log, {_share(1.0 - part.inside_share)} of its samples, lies outside the region that the"
-        f" model was fitted in and is judged apart: there it is off by {_of_span(outside.nrmse.value)}."
-    )
+        return found(code="validation.inside_region", part=part.transmission, severity="info", value=part.inside_share)
+    off = outside.nrmse.value
+    evidence = {} if off is None else {"nrmse": off}
+    return found(code="validation.outside_region", part=part.transmission, value=share, evidence=evidence)
 
 
-def _why(part: TransmissionReport, verdict: Verdict) -> str:
+def _why(found: partial[Finding], part: TransmissionReport, verdict: Verdict) -> Iterator[Finding]:
+    """Yield what the error depends on."""
+    about = partial(found, part=part.transmission)
     told = _told(part)
+    shown = [*told[:1], *(d for d in told[1:2] if d.share >= WORTH_SAYING)]
     if not told and verdict == "holds":
-        return "The error shows no dependence worth a cause."
-    if not told and not part.dependence:
-        what = "the torque sensor" if part.judged_on == "sensor" else "the residual"
-        return f"The error depends on none of the signals there are and is white, as noise of {what} is, which hides the model's."
-    if not told:
-        return f"What the error depends on does not show in the signals there are; {DIAGNOSE}."
-    said = [f"{_share(d.share)} says: {d.words}" for d in told[:2] if d is told[0] or d.share >= WORTH_SAYING]
-    also = f"; {MOTOR}" if part.judged_on == "residual" and verdict != "holds" else ""
-    return f"Of the error's mean square {'; and '.join(said)}{also}; {DIAGNOSE}."
-
-
-def _figure(value: float | None) -> str:
-    return "?" if value is None else f"{value:.3g}"
-
-
-def _share(value: float) -> str:
-    return f"{100.0 * value:.3g} %"
-
-
-def _of_span(percent: float | None) -> str:
-    """Return an error in words: digits of one that is many times the torque say nothing more."""
-    if percent is not None and percent > 1000.0:
-        return "more than 10 times the torque's span"
-    return f"{_figure(percent)} % of the torque's span"
+        yield about(code="error.independent", severity="info")
+    elif not part.dependence:
+        yield about(code="error.noise", severity="info", evidence={"reference": part.judged_on or ""})
+    for d in shown if told or verdict == "holds" else part.dependence:
+        yield about(code=d.code, value=d.share, limit=LEAST_SHARE, evidence=d.evidence | {"p_value": d.p_value})
+        if d.not_told_from:
+            others = ", ".join(CODES[on].removeprefix("error.").replace("_", " ") for on in d.not_told_from)
+            yield about(code="error.ambiguous", evidence={"others": others})
