@@ -329,7 +329,8 @@ def test_a_held_out_log_that_is_too_short_is_named(tmp_path, call):
     code, out, err = call("exp1.csv", "--holdout", "exp2.csv", "--json", cwd=tmp_path)
     assert code == 0, err
     document = json.loads(out)
-    assert any(HELD_OUT in w for w in document["warnings"])
+    (why,) = (f for f in document["findings"] if f["code"] == "diagnosis.not_simulated")
+    assert HELD_OUT in why["evidence"]["reason"]
     assert document["gain"]["signals"] == []
 
 
@@ -358,5 +359,5 @@ def test_the_prosthetic_foot_has_a_loop(tmp_path, call, samples):
     assert left["depends_on"][:2] == ["deflection", "deflection_rate"]
     up, back = ([np.mean([b["mean"] for b in left[key]])] for key in ("curve", "curve_back"))
     assert np.abs(np.subtract(up, back)) > 0.2
-    assert not any("could not be simulated" in w for w in document["warnings"])
+    assert "diagnosis.not_simulated" not in [finding["code"] for finding in document["findings"]]
     assert "deflection falling" in (tmp_path / "foot" / "diagnosis.html").read_text(encoding="utf-8")

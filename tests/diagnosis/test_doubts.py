@@ -47,28 +47,37 @@ def exchanged(one, other):
 
 
 TURNED = {
-    "the sign of torque_sensor": scaled("torque_sensor", by=-1.0),
-    "the sign of motor_torque": scaled("motor_torque", by=-1.0),
-    "degrees for radians?) of all positions": scaled("motor_position", "link_position", by=180.0 / np.pi),
-    "link_position and motor_position exchanged": exchanged("link_position", "motor_position"),
-    "motor_torque and torque_sensor exchanged": exchanged("motor_torque", "torque_sensor"),
-    "a thousand times too large) of torque_sensor": scaled("torque_sensor", by=1e3),
+    "sign": ("rig.sign", "torque_sensor", scaled("torque_sensor", by=-1.0)),
+    "sign of a torque that acts": ("rig.sign", "motor_torque", scaled("motor_torque", by=-1.0)),
+    "degrees": ("rig.unit", "all positions", scaled("motor_position", "link_position", by=180.0 / np.pi)),
+    "positions": (
+        "rig.exchanged",
+        "link_position and motor_position",
+        exchanged("link_position", "motor_position"),
+    ),
+    "torques": ("rig.exchanged", "motor_torque and torque_sensor", exchanged("motor_torque", "torque_sensor")),
+    "a thousand times": ("rig.unit", "torque_sensor", scaled("torque_sensor", by=1e3)),
 }
 
 
-@pytest.mark.parametrize("words", TURNED)
-def test_a_sign_a_unit_or_a_channel_that_is_wrong_is_hinted_at(tmp_path, words):
-    outcome = diagnose(lay(tmp_path, change=TURNED[words], duration=3.0), None, Options())
-    hint = outcome.diagnosis.sentences[0]
-    assert words in hint
-    assert outcome.diagnosis.next_experiment == ""
-    assert outcome.diagnosis.verdict in ("unexplained", "partly explained")
+def codes(found):
+    return [finding.code for finding in found.findings]
+
+
+@pytest.mark.parametrize("what", TURNED)
+def test_a_sign_a_unit_or_a_channel_that_is_wrong_is_hinted_at(tmp_path, what):
+    code, part, change = TURNED[what]
+    diagnosis = diagnose(lay(tmp_path, change=change, duration=3.0), None, Options()).diagnosis
+    (hint,) = (f for f in diagnosis.findings if f.severity == "invalidates")
+    assert (hint.code, hint.part) == (code, part)
+    assert diagnosis.next_experiment == ""
+    assert diagnosis.verdict in ("unexplained", "partly explained")
 
 
 def test_a_channel_that_stands_still_has_no_unit(tmp_path):
     """A drive that records nothing: any factor of nothing is nothing."""
     outcome = diagnose(lay(tmp_path, change=scaled("motor_torque", by=0.0), duration=3.0), None, Options())
-    assert not [s for s in outcome.diagnosis.sentences if "put right" in s]
+    assert not [code for code in codes(outcome.diagnosis) if code.startswith("rig.")]
 
 
 def test_what_is_unexplained_otherwise_brings_no_hint_and_no_rig(tmp_path):
@@ -78,7 +87,7 @@ def test_what_is_unexplained_otherwise_brings_no_hint_and_no_rig(tmp_path):
     assert outcome.diagnosis.verdict == "unexplained"
     assert outcome.diagnosis.unexplained.where == "motor"
     assert outcome.extended is None
-    assert not [w for w in outcome.diagnosis.sentences if "put right" in w]
+    assert not [code for code in codes(outcome.diagnosis) if code.startswith("rig.")]
 
 
 def rest(said):
@@ -117,7 +126,7 @@ def test_a_joint_of_a_chain_is_looked_at_without_its_link(tmp_path):
     outcome = diagnose(lay(tmp_path, Truth(damping=0.08), rig=ELASTIC + CHAIN), None, Options())
     assert {e.equation for e in outcome.diagnosis.equations} == {"motor", "transmission"}
     assert [c.cause for c in outcome.diagnosis.causes] == ["motor.viscous_friction"]
-    assert any("others of the chain" in w for w in outcome.diagnosis.warnings)
+    assert "diagnosis.link_of_chain" in codes(outcome.diagnosis)
     assert outcome.extended.joints["arm"].link == joint_of().link
     assert outcome.extended.joints["arm"].motor.damping == pytest.approx(0.08, rel=0.02)
 
@@ -125,9 +134,9 @@ def test_a_joint_of_a_chain_is_looked_at_without_its_link(tmp_path):
 def test_a_channel_that_is_not_there_is_said(tmp_path):
     path = lay(tmp_path, rig=ELASTIC.replace('"torque sensor"', '"torque sensr"'))
     outcome = diagnose(path, None, Options())
-    (said,) = (w for w in outcome.diagnosis.warnings if "there is no channel" in w)
-    assert "'torque sensr', which the rig names for torque_sensor of joint 'arm'" in said
-    assert "did you mean 'torque sensor'" in said
+    (found,) = (f for f in outcome.diagnosis.findings if f.code == "channel.misnamed")
+    assert (found.joint, found.part) == ("arm", "torque_sensor")
+    assert found.evidence == {"channel": "torque sensr", "near": "'torque sensor'"}
 
 
 def test_equations_that_close_while_the_simulation_does_not_are_doubted(tmp_path):
@@ -143,8 +152,9 @@ def test_equations_that_close_while_the_simulation_does_not_are_doubted(tmp_path
     assert not found.causes
     assert found.unexplained.where is None
     assert "The equations close" in found.sentences[1]
-    (doubt,) = (w for w in found.warnings if "though the equations close" in w)
-    assert "motor_position" in doubt
+    (doubt,) = (f for f in found.findings if f.code == "diagnosis.simulation_off")
+    assert doubt.part == "motor_position"
+    assert doubt.value > doubt.limit
 
 
 def without_link_encoder(folder, monkeypatch, *hidden):
@@ -193,5 +203,5 @@ def test_a_held_out_log_of_another_machine_is_doubted(tmp_path):
     own = lay(tmp_path, truth=Truth(damping=0.1))
     other = lay(tmp_path, truth=Truth(damping=0.1, link_inertia=0.06), name="other", seed=1)
     same = lay(tmp_path, truth=Truth(damping=0.1), name="same", seed=2)
-    doubts = [diagnose(own, held, Options()).diagnosis.warnings for held in (other, same)]
-    assert [any("another machine" in warning for warning in warnings) for warnings in doubts] == [True, False]
+    doubts = [codes(diagnose(own, held, Options()).diagnosis) for held in (other, same)]
+    assert ["diagnosis.holdout_contradicts" in found for found in doubts] == [True, False]

@@ -71,11 +71,12 @@ def test_a_sound_log_is_predicted_to_its_noise(tmp_path, situation):
     rig, roles, answered = SITUATIONS[situation]
     document = diagnose(*laid(tmp_path, Truth(), rig, roles), Options()).diagnosis
     assert document.verdict == "consistent as far as checked"
-    assert sum("was not checked" in w for w in document.warnings) == 3 - len(document.equations)
+    codes = [finding.code for finding in document.findings]
+    assert codes.count("diagnosis.equation_unchecked") == 3 - len(document.equations)
     assert {e.signal for e in document.simulation_error} == answered
     for error in document.simulation_error:
         assert 0.6 * error.noise_floor < error.rmse < 1.4 * error.noise_floor, error
-    assert not [w for w in document.warnings if "could not be simulated" in w]
+    assert "diagnosis.not_simulated" not in codes
 
 
 # One that each can notice.

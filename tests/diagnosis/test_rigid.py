@@ -258,9 +258,8 @@ def test_one_in_a_chain_is_left_out_where_nothing_says_what_its_link_does(tmp_pa
 def test_no_experiment_is_proposed_and_it_says_so(tmp_path):
     outcome = diagnose(laid(tmp_path, Truth())[0], None, Options(suggest=True))
     assert outcome.scenario is None
-    assert [
-        w for w in outcome.diagnosis.warnings if "no experiment is proposed" in w and "transmissions or muscles" in w
-    ]
+    (why,) = (f for f in outcome.diagnosis.findings if f.code == "diagnosis.no_experiment")
+    assert "transmissions or muscles" in why.evidence["reason"]
 
 
 def test_what_no_cause_makes_is_unexplained_and_over_the_position(tmp_path):

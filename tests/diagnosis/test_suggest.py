@@ -222,7 +222,7 @@ def test_what_cannot_be_simulated_is_said_and_nothing_is_proposed(tmp_path, run,
     head, tail = ELASTIC.index("[joint.arm.link]"), ELASTIC.index("[joint.arm.signals]")
     put(tmp_path, "loose", *swinging(Truth()), ELASTIC[:head] + ELASTIC[tail:])
     found = run("diagnose", "loose.csv", "--suggest", "--json", "-o", "out")
-    assert any("no experiment is proposed" in w for w in found["warnings"])
+    assert "diagnosis.no_experiment" in [finding["code"] for finding in found["findings"]]
     assert not (tmp_path / "out" / FILE).exists()
 
 

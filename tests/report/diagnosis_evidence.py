@@ -77,7 +77,7 @@ def diagnosis(**more):
         ),
         "causes": (found_cause(),),
         "gain": Gains(holdout=False, where="windows of the log itself", signals=(position_gain(),)),
-        "unexplained": Unexplained(fraction=0.0, where=None, depends_on=()), "next_experiment": "", "warnings": (),
+        "unexplained": Unexplained(fraction=0.0, where=None, depends_on=()), "next_experiment": "", "findings": (),
     }  # fmt: skip
     return Diagnosis(**(told | more))
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager
 from datetime import UTC, datetime
 from pathlib import Path
@@ -13,8 +13,9 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 
 from vsalog.batch.names import encoded
-from vsalog.core.arrow import arrow_column, arrow_texts
+from vsalog.core.arrow import arrow_column, arrow_texts, findings_entry
 from vsalog.core.errors import WriteError
+from vsalog.core.finding import Finding
 from vsalog.core.trace import EXTRA_UNITS, UNITS, Trace
 from vsalog.writers.trace import ROW_GROUP
 
@@ -67,6 +68,7 @@ class DatasetWriter:
         self._schema: pa.Schema | None = None
         self._extra: list[str] = []
         self._pending: list[Trace] = []
+        self._findings: dict[str, str] = {}
 
     def __enter__(self) -> DatasetWriter:
         return self
@@ -78,9 +80,13 @@ class DatasetWriter:
             try:
                 if error is None:
                     self._flush()
-                    self._open(self._extra)
+                    self._open(self._extra).add_key_value_metadata(self._findings)
             finally:
                 self._stack.close()
+
+    def add_findings(self, findings: Iterable[Iterable[Finding]]) -> None:
+        """Have the findings of the joints written into the file's metadata."""
+        self._findings = findings_entry(findings)
 
     @contextmanager
     def _explained(self) -> Iterator[None]:

@@ -24,6 +24,7 @@ def of_estimate(job: Job, estimate: JointEstimate) -> Joint:
         "rig_guessed": job.guessed,
         "duration": s.duration,
         "rate": 1.0 / s.period if s.period > 0.0 else None,
+        "findings": msgspec.to_builtins(estimate.findings),
         "warnings": list(estimate.warnings),
     }
     whole = _whole(s.transmissions)
@@ -55,6 +56,7 @@ def of_validation(report: Report) -> Iterator[Joint]:
             "rate": 1.0 / joint.period if joint.period > 0.0 else None,
             "sentences": list(joint.sentences),
             "not_independent": joint.not_independent,
+            "findings": msgspec.to_builtins((*joint.reasons, *joint.findings)),
             "warnings": list(joint.warnings),
         }
         if line.score is not None:
@@ -102,6 +104,7 @@ def of_diagnosis(diagnosis: Diagnosis) -> Iterator[Joint]:
                 "unexplained": diagnosis.unexplained.fraction,
                 "sentences": list(diagnosis.sentences),
                 "next_experiment": diagnosis.next_experiment,
+                "findings": [msgspec.to_builtins(f) for f in diagnosis.findings if f.joint == name],
                 "warnings": [],
             },
         )

@@ -50,6 +50,7 @@ class Result:
 
     files: dict[str, tuple[Path, str]] = field(default_factory=dict)
     joints: tuple[Joint, ...] = ()
+    findings: tuple[dict[str, Any], ...] = ()
     warnings: tuple[str, ...] = ()
     device: str = ""
     date: str = ""
@@ -118,6 +119,7 @@ def estimate(log: Log, path: Path, settings: Settings, scratch: Path) -> Result:
                 each(trace)
 
         estimates = job.run(sink)
+        traces.add_findings(e.findings for e in estimates)
     if settings.report:
         write_estimate_page(page, job, plain, estimates, provenance)
         result.files["report"] = (page, f"reports/{name}/estimate.html")
@@ -192,9 +194,10 @@ def diagnose(log: Log, path: Path, settings: Settings, scratch: Path) -> Result:
         end=settings.end,
     )
     outcome = run_diagnosis(path, None, options)
+    diagnosis = diagnosis_words.worded(outcome.diagnosis)
     extended = None if outcome.extended is None else outcome.extended.to_toml()
     outputs = diagnose_files.write_diagnosis(
-        outcome.diagnosis,
+        diagnosis,
         outcome.evidence,
         extended,
         diagnose_files.Outputs.within(scratch / "report"),
@@ -205,11 +208,13 @@ def diagnose(log: Log, path: Path, settings: Settings, scratch: Path) -> Result:
     result.files["report"] = (outputs.page, f"{where}/diagnosis.html")
     if outputs.rig_is == "written":
         result.files["rig"] = (outputs.rig, f"{where}/extended.rig.toml")
-    result.device, result.joints = _device(outcome.rig), tuple(of_diagnosis(outcome.diagnosis))
-    result.warnings = outcome.diagnosis.warnings
-    result.rig_sha256 = hashlib.sha256(outcome.diagnosis.rig.encode()).hexdigest()
-    result.input_sha256 = outcome.diagnosis.log_sha256
-    result.met = not settings.fail_on_cause or outcome.diagnosis.verdict.startswith("consistent")
+    result.device, result.joints = _device(outcome.rig), tuple(of_diagnosis(diagnosis))
+    own = {joint.joint for joint in result.joints}
+    result.findings = tuple(msgspec.to_builtins(f) for f in diagnosis.findings if f.joint not in own)
+    result.warnings = diagnosis.warnings
+    result.rig_sha256 = hashlib.sha256(diagnosis.rig.encode()).hexdigest()
+    result.input_sha256 = diagnosis.log_sha256
+    result.met = not settings.fail_on_cause or diagnosis.verdict.startswith("consistent")
     return result
 
 

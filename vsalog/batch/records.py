@@ -119,7 +119,7 @@ class Record(msgspec.Struct, frozen=True, kw_only=True):
     device, date : partitions of the trace
     outputs : what was written, by what it is: trace, model, report, document, rig
     joints : figures, joint by joint
-    warnings : of the log as a whole
+    findings, warnings : of the log as a whole
     met : whether the thresholds asked for were met
     run_seconds : how long it took
     """
@@ -139,6 +139,7 @@ class Record(msgspec.Struct, frozen=True, kw_only=True):
     date: str = ""
     outputs: dict[str, Output] = {}
     joints: tuple[Joint, ...] = ()
+    findings: tuple[dict[str, Any], ...] = ()
     warnings: tuple[str, ...] = ()
     met: bool = True
     run_seconds: float = 0.0

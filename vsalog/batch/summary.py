@@ -110,7 +110,7 @@ def summary_schema(do: Do) -> pa.Schema:
     fields = [pa.field(name, _TEXT) for name in plain]
     fields.append(pa.field("date", pa.date32()))
     fields += [pa.field(n, kind, metadata={"unit": unit} if unit else None) for n, kind, unit in FIGURES[do]]
-    fields.append(pa.field("warnings", pa.list_(_TEXT)))
+    fields += [pa.field(name, pa.list_(_TEXT)) for name in ("codes", "warnings")]
     fields.append(pa.field("input_sha256", _TEXT))
     fields.append(pa.field("input_bytes", _WHOLE, metadata={"unit": "B"}))
     fields += [pa.field(name, _TEXT) for name in ("rig_sha256", "key", "vsalog")]
@@ -136,13 +136,18 @@ def rows_of(records: Iterable[Record]) -> Iterator[dict[str, Any]]:
             "key": record.key or None,
             "vsalog": record.vsalog,
             "run_seconds": record.run_seconds,
+            "codes": [finding["code"] for finding in record.findings],
             "warnings": list(record.warnings),
         }
         log |= {what: record.outputs[what].name if what in record.outputs else None for what in FILES}
         if not record.joints:
             yield log | {"joint": None}
         for joint in record.joints:
-            own = {"warnings": [*record.warnings, *joint.figures.get("warnings", ())]}
+            codes = (finding["code"] for finding in joint.figures.get("findings", ()))
+            own = {
+                "codes": [*log["codes"], *codes],
+                "warnings": [*record.warnings, *joint.figures.get("warnings", ())],
+            }
             yield log | joint.figures | own | {"joint": joint.joint}
 
 

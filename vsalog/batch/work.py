@@ -112,7 +112,8 @@ def _explaining(run: Callable[[], Result], path: Path, log: Log) -> Result:
     except VsalogError as error:
         raise type(error)(told(str(error))) from error
     joints = tuple(Joint(joint=told(j.joint), figures=told(j.figures)) for j in result.joints)
-    return replaced(result, warnings=tuple(told(result.warnings)), joints=joints)
+    findings, warnings = tuple(told(result.findings)), tuple(told(result.warnings))
+    return replaced(result, findings=findings, warnings=warnings, joints=joints)
 
 
 def _key(task: Task, path: Path, digest: str) -> str:
@@ -137,6 +138,7 @@ def _record(task: Task, key: str, result: Result, outputs: dict[str, Output], se
         date=result.date,
         outputs=outputs,
         joints=result.joints,
+        findings=result.findings,
         warnings=result.warnings,
         met=result.met,
         run_seconds=seconds,

@@ -45,7 +45,7 @@ def compare(
     from vsalog.cli.faults import bug, debugging
     from vsalog.comparison.run import compare as run
     from vsalog.estimation.job import Options
-    from vsalog.report.compare import print_comparison, print_json, write_comparison_page
+    from vsalog.report.compare import print_comparison, print_json, worded, write_comparison_page
     from vsalog.report.estimate import Progress
     from vsalog.report.validate_files import inputs_of, keep_inputs
 
@@ -58,6 +58,7 @@ def compare(
         with progress.saying_when_compiling():
             options = Options(rig, joints, "auto", {}, settings, rate, time, start, end)
             found, runs, references = run(logs, options, asked, progress.say, keep_going=not debugging())
+        found = worded(found)
         if report is not None:
             progress.say("writing the report")
             write_comparison_page(report, found, runs, references)

@@ -69,6 +69,7 @@ def diagnose(
     from vsalog.diagnosis.run import diagnose as run
     from vsalog.report.diagnose import print_json, print_report
     from vsalog.report.diagnose_files import Outputs, write_diagnosis
+    from vsalog.report.diagnosis_words import worded
     from vsalog.report.estimate import Progress
     from vsalog.report.validate_files import inputs_of, keep_inputs
 
@@ -80,11 +81,12 @@ def diagnose(
     with Progress() as progress:
         with progress.saying_when_compiling():
             outcome = run(log, holdout, options, progress.say)
+        diagnosis = worded(outcome.diagnosis)
         progress.say("writing the report")
         extended = None if outcome.extended is None else outcome.extended.to_toml()
-        outputs = write_diagnosis(outcome.diagnosis, outcome.evidence, extended, outputs, outcome.scenario)
-    (print_json if as_json else print_report)(outcome.diagnosis, outputs)
-    verdict = outcome.diagnosis.verdict
+        outputs = write_diagnosis(diagnosis, outcome.evidence, extended, outputs, outcome.scenario)
+    (print_json if as_json else print_report)(diagnosis, outputs)
+    verdict = diagnosis.verdict
     unchecked = verdict == "consistent as far as checked"
     if (fail_on_unchecked and unchecked) or (fail_on_cause and not unchecked and verdict != "consistent"):
         context.exit(3)

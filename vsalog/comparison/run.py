@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from vsalog.comparison.references import References, references_of
 from vsalog.core.errors import BindingError, EstimatorError, FilterError, OtherKindError, VsalogError
+from vsalog.core.finding import Finding
 from vsalog.core.trace import Trace
 from vsalog.estimation.job import Job, Options, prepare
 from vsalog.estimation.joint import PAPER, PRESET, JointEstimate, no_preset
@@ -126,14 +127,16 @@ class Comparison(msgspec.Struct, frozen=True, kw_only=True):
     rows : all of them
     left_out : estimators that cannot run on the logs, with the reason
     failed : estimators that a fault of ours ended, with its words
-    warnings : of all estimators
+    findings : of all estimators, each once
+    warnings : the findings, in words
     """
 
     logs: tuple[str, ...]
     rows: tuple[Row, ...]
     left_out: dict[str, str]
     failed: dict[str, str] = {}
-    warnings: tuple[str, ...]
+    findings: tuple[Finding, ...]
+    warnings: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True, slots=True)
@@ -199,9 +202,10 @@ def compare(
     joints = {e.joint: runs[0].job.rig.joints[e.joint] for run in runs for e in run.estimates}
     references = references_of(logs[0], options, joints) if len(logs) == 1 else References()
     rows = [row for run in runs for estimate in run.estimates for row in _rows(run, estimate, runs[0], references)]
-    warnings = dict.fromkeys(
-        w for run in runs for w in (*run.job.warnings, *(w for e in run.estimates for w in e.warnings))
-    )
+    findings: list[Finding] = []
+    for finding in (f for run in runs for e in run.estimates for f in e.findings):
+        if finding not in findings:
+            findings.append(finding)
     return (
         Comparison(
             logs=tuple(log.name for log in logs),
@@ -209,7 +213,8 @@ def compare(
             # Nobody who asks for all that is possible wants to hear of methods for other joints.
             left_out={label: why for label, why in left_out.items() if asked or label not in other_kind},
             failed={label: f"{type(fault).__name__}: {fault}" for label, fault in faults.items()},
-            warnings=tuple(warnings),
+            findings=tuple(findings),
+            warnings=tuple(dict.fromkeys(w for run in runs for w in run.job.warnings)),
         ),
         runs,
         references,

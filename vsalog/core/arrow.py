@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from typing import Any
 
 import numpy as np
 import pyarrow as pa
 from numpy.typing import NDArray
+
+from vsalog.core.documents import json_text
+from vsalog.core.finding import Finding
 
 _TYPES = {"f8": pa.float64(), "i8": pa.int64(), "i4": pa.int32(), "b1": pa.bool_()}
 
@@ -30,3 +33,8 @@ def arrow_texts(texts: Sequence[str]) -> pa.Array[Any]:
     encoded = [text.encode() for text in texts]
     ends = np.cumsum([0, *map(len, encoded)], dtype=np.int32)
     return pa.Array.from_buffers(pa.string(), len(encoded), [None, pa.py_buffer(ends), pa.py_buffer(b"".join(encoded))])
+
+
+def findings_entry(findings: Iterable[Iterable[Finding]]) -> dict[str, str]:
+    """Return what a file's own metadata has of the findings of all joints: it is known last."""
+    return {"vsalog.findings": json_text([finding for of_joint in findings for finding in of_joint])}

@@ -16,11 +16,15 @@ def document_text(document: Any) -> str:
     ----------
     document : structure, or what msgspec can write
     """
+    return msgspec.json.format(json_text(document), indent=2) + "\n"
+
+
+def json_text(document: Any) -> str:
+    """Return a document as JSON in one line, with such names written alike."""
     try:
-        raw = msgspec.json.encode(document)
+        return msgspec.json.encode(document).decode()
     except UnicodeEncodeError:
-        raw = msgspec.json.encode(_readable(msgspec.to_builtins(document)))
-    return msgspec.json.format(raw, indent=2).decode() + "\n"
+        return msgspec.json.encode(_readable(msgspec.to_builtins(document))).decode()
 
 
 def toml_tables(structure: Any) -> dict[str, Any]:

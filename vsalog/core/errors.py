@@ -83,8 +83,8 @@ def words_of(error: VsalogError | OSError) -> str:
     return str(error) if isinstance(error, VsalogError) else f"{error.filename or 'output'}: {error.strerror}"
 
 
-def did_you_mean(name: str, known: Iterable[str], count: int = 3) -> str:
-    """Return ", did you mean 'a' or 'b'?" for the known names nearest to `name`, or "" when none is near.
+def near_names(name: str, known: Iterable[str], count: int = 3) -> list[str]:
+    """Return the known names nearest to `name`.
 
     Also matches when one name is the tail of another, since channel names are long and people remember their ends.
     """
@@ -94,7 +94,10 @@ def did_you_mean(name: str, known: Iterable[str], count: int = 3) -> str:
     tail = name.lower().rsplit(".", 1)[-1].rsplit("/", 1)[-1]
     if len(tail) > 2:
         near += [n for n in names if tail in n.lower() and n not in near]
-    near = near[:count]
-    if not near:
-        return ""
-    return ", did you mean " + " or ".join(f"'{n}'" for n in near) + "?"
+    return near[:count]
+
+
+def did_you_mean(name: str, known: Iterable[str], count: int = 3) -> str:
+    """Return ", did you mean 'a' or 'b'?" for the known names nearest to `name`, or "" when none is near."""
+    near = " or ".join(f"'{n}'" for n in near_names(name, known, count))
+    return f", did you mean {near}?" if near else ""

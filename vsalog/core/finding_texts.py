@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from functools import cache
 from importlib.metadata import entry_points
 from string import Formatter
@@ -494,6 +494,59 @@ TEXTS: Mapping[str, Text] = {
         "the error grows with the torque, and changes over time: the stiffness drifts, or the torque sensor's gain.",
         DIAGNOSE,
     ),
+    "channel.missing": Text(
+        "there is no channel '{channel}', which the rig names for {part}, and the joint was looked at without."
+    ),
+    "channel.misnamed": Text(
+        "there is no channel '{channel}', which the rig names for {part}, and the joint was looked at without.",
+        "Did you mean {near}?",
+    ),
+    "channel.empty": Text(
+        "channel '{channel}', which the rig names for {part}, has no row, and the joint was looked at without."
+    ),
+    "rig.sign": Text(
+        "with the sign of {part} put right the equations would close some {value:.0f} times better.",
+        "Look at that in the rig first; nothing else was looked for.",
+    ),
+    "rig.unit": Text(
+        "with the unit of {part} put right, which is recorded {factor:.4g} times too large, the equations would close some"
+        " {value:.0f} times better; degrees are 57.3 times as large as radians.",
+        "Look at that in the rig first; nothing else was looked for.",
+    ),
+    "rig.exchanged": Text(
+        "with {part} exchanged the equations would close some {value:.0f} times better.",
+        "Look at that in the rig first; nothing else was looked for.",
+    ),
+    "diagnosis.joint_left_out": Text("left out: {reason}."),
+    "diagnosis.nothing_measured": Text(
+        "without a torque that was measured no equation can be checked.", "Nothing else was looked for."
+    ),
+    "diagnosis.link_of_chain": Text(
+        "what its link does depends on the others of the chain, so it was not judged, and taken as it was measured."
+    ),
+    "diagnosis.spring_fitted": Text(
+        "the rig does not say what its spring is, so a smooth one was fitted to the log together with the causes, and the torque"
+        " at zero deflection was taken for an offset of {part}, {value:.3g} {unit}.",
+        "What is told is what no smooth spring explains; stiffness itself, its asymmetry, encoders' gains and offsets were not"
+        " judged, nor the torque sensor's offset.",
+    ),
+    "diagnosis.equation_unchecked": Text(
+        "the equation '{part}' can be formed nowhere in this log, and was not checked."
+    ),
+    "diagnosis.search_unsettled": Text(
+        "begun from the causes that are reported the search finds others, about as probable.",
+        "Record a longer log or a richer motion.",
+    ),
+    "diagnosis.simulation_off": Text(
+        "though the equations close, the simulation of {part} is off by {value:.3g} times its noise.",
+        "Something moves the joint that the rig does not have, or its inputs are not the whole of what drives it.",
+    ),
+    "diagnosis.holdout_contradicts": Text(
+        "with what was found the log itself is simulated within its noise and the held-out log is not.",
+        "It is of another machine, or the machine was changed, or one log moves it as the other never does.",
+    ),
+    "diagnosis.not_simulated": Text("it could not be simulated, so nothing was measured of the gain: {reason}."),
+    "diagnosis.no_experiment": Text("no experiment is proposed: {reason}."),
 }
 
 
@@ -524,6 +577,16 @@ def sentence(finding: Finding, joint: bool = True) -> str:
     words = _filled(f"{text.says} {text.advice}".strip(), finding)
     name = f"joint '{finding.joint}'" if finding.joint and joint else ""
     return ": ".join(filter(None, (finding.log, name, words)))
+
+
+def sentences_of(findings: Iterable[Finding]) -> tuple[str, ...]:
+    """Return a sentence per finding; what was found alike of several joints, or runs, is said of all in one."""
+    joints: dict[str, dict[str, None]] = {}
+    for finding in findings:
+        own = joints.setdefault(sentence(finding, joint=False), {})
+        own |= {finding.joint: None} if finding.joint else {}
+    quoted = ((", ".join(f"'{name}'" for name in names), len(names), words) for words, names in joints.items())
+    return tuple(f"joint{'s' if n > 1 else ''} {names}: {words}" if n else words for names, n, words in quoted)
 
 
 def _filled(text: str, finding: Finding) -> str:

@@ -6,6 +6,8 @@ from typing import Literal
 
 import msgspec
 
+from vsalog.core.finding import Finding
+
 VERSION = 2
 SCHEMA = ("Diagnosis", "vsalog diagnosis", "What 'vsalog diagnose' found.")
 
@@ -210,7 +212,7 @@ class Diagnosis(_Part, frozen=True):
     rig : as it stands, TOML
     settings : of this run
     verdict : in a word
-    sentences : what was found, as a colleague would say it
+    sentences : what was found, as a colleague would say it; what makes a search of causes pointless first
     p_values : joint → probability of a log whose equations contradict the rig at least as much, were the rig right
     simulation_error : of the rig as it stands, on the log
     equations : what is left over in each
@@ -218,7 +220,8 @@ class Diagnosis(_Part, frozen=True):
     gain : of the extended rig
     unexplained : what is left
     next_experiment : what would tell more; empty where nothing is open
-    warnings : what a person should know
+    findings : what a person should know
+    warnings : the findings, in words
     """
 
     version: int
@@ -238,4 +241,5 @@ class Diagnosis(_Part, frozen=True):
     gain: Gains
     unexplained: Unexplained
     next_experiment: str
-    warnings: tuple[str, ...]
+    findings: tuple[Finding, ...]
+    warnings: tuple[str, ...] = ()

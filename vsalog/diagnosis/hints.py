@@ -4,33 +4,30 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import replace
+from functools import partial
 from itertools import combinations
 from typing import Any
 
 import numpy as np
+from msgspec.structs import replace as replace_struct
 
 from vsalog.binding.joint import offered_roles
+from vsalog.core.finding import Finding
 from vsalog.diagnosis.causes.base import with_part, with_signal
 from vsalog.residuals.channels import Channels
 from vsalog.residuals.sensing import motors_of, torque_role
 from vsalog.residuals.system import System
 
-# What a sign or a unit makes of a signal, and what a person would have meant by it.
-FACTORS = {
-    -1.0: "the sign",
-    180.0 / np.pi: "the unit (degrees for radians?)",
-    np.pi / 180.0: "the unit (radians for degrees?)",
-    1e3: "the unit (a thousand times too large)",
-    1e-3: "the unit (a thousand times too small)",
-}
+# What a wrong sign or unit makes of a signal.
+FACTORS = (-1.0, 180.0 / np.pi, np.pi / 180.0, 1e3, 1e-3)
 ANGLES = (-1.0, 180.0 / np.pi, np.pi / 180.0)
 # It is said where the equations would close with so much of what they leave now, in squares, and to this mean square: motions
 # made small leave less as well.
 CLOSES, NEAR = 0.05, 100.0
 
 
-def hint_of(name: str, joint: Any, system: System) -> str | None:
-    """Say which signal's sign or unit, or which two exchanged, would close most of the equations; None where none would.
+def hint_of(name: str, joint: Any, system: System) -> Finding | None:
+    """Find which signal's sign or unit, or which two exchanged, would close most of the equations; None where none would.
 
     Parameters
     ----------
@@ -38,16 +35,13 @@ def hint_of(name: str, joint: Any, system: System) -> str | None:
     system : of the log
     """
     now = _left(joint, system)
-    best, said = min(CLOSES * now, NEAR * system.count), None
-    for what, changed, there in _changed(joint, system):
+    best, found = min(CLOSES * now, NEAR * system.count), None
+    for about, changed, there in _changed(joint, system):
         left = _left(changed, there)
         if left < best:
             best = left
-            said = (
-                f"joint '{name}': with {what} the equations would close some {min((now / left) ** 0.5, 100.0):.0f} times better:"
-                " look at that in the rig first; nothing else was looked for"
-            )
-    return said
+            found = replace_struct(about, joint=name, value=min((now / left) ** 0.5, 100.0), severity="invalidates")
+    return found
 
 
 def _left(joint: Any, system: System) -> float:
@@ -57,27 +51,28 @@ def _left(joint: Any, system: System) -> float:
     return float(np.sum(rows**2 / (noise + np.diag(system.exact))))
 
 
-def _changed(joint: Any, system: System) -> Iterator[tuple[str, Any, System]]:
-    """Yield what is put right, and the joint and the log with that."""
+def _changed(joint: Any, system: System) -> Iterator[tuple[Finding, Any, System]]:
+    """Yield what may be wrong, and the joint and the log with that put right."""
     # What stands still has neither sign nor unit.
     roles = {role for role, values in system.channels.roles.items() if np.nanmax(values[0]) > np.nanmin(values[0])}
     positions = [r for r in roles if "position" in r or r.startswith("deflection")]
     sensed = [r for r in roles if r.startswith("torque_sensor") or r in positions]
     gains = {role: signal.gain for role, signal in offered_roles(joint).items()}
-    for factor, words in FACTORS.items():
+    for factor in FACTORS:
+        wrong = partial(Finding, code="rig.sign" if factor < 0.0 else "rig.unit", evidence={"factor": factor})
         own = [[r] for r in sensed if r not in positions or factor in ANGLES]
         for those in own + ([positions] if len(positions) > 1 and factor in ANGLES else []):
             changed = joint
             for role in those:
                 changed = with_signal(changed, role, gain=factor * gains[role])
-            yield f"{words} of {'all positions' if len(those) > 1 else those[0]} put right", changed, system
+            yield wrong(part="all positions" if len(those) > 1 else those[0]), changed, system
         for motor in motors_of(joint):
             if (role := torque_role(motor)) in roles:
                 # What acts is the recorded torque times the gain: one that is recorded too large acts with less.
                 gain = getattr(joint, motor).torque_gain / factor
-                yield f"{words} of {role} put right", with_part(joint, motor, torque_gain=gain), system
+                yield wrong(part=role), with_part(joint, motor, torque_gain=gain), system
     for a, b in (*combinations(sorted(positions), 2), *combinations(sorted(r for r in roles if "torque" in r), 2)):
-        yield f"{a} and {b} exchanged", joint, _exchanged(system, a, b)
+        yield Finding(code="rig.exchanged", part=f"{a} and {b}"), joint, _exchanged(system, a, b)
 
 
 def _exchanged(system: System, a: str, b: str) -> System:

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Mapping
-from dataclasses import dataclass, field, replace
+from collections.abc import Callable, Collection, Iterator, Mapping
+from dataclasses import dataclass, replace
+from functools import partial
 from types import MappingProxyType
 from typing import Any
 
@@ -25,7 +26,7 @@ from vsalog.diagnosis.setting import setting_of
 from vsalog.diagnosis.sides import side_of
 from vsalog.diagnosis.smooth import SmoothSite
 from vsalog.diagnosis.trajectory import refined
-from vsalog.diagnosis.unknown import ENCODERS, TAKEN_UP, with_springs, words_of
+from vsalog.diagnosis.unknown import ENCODERS, TAKEN_UP, spring_findings, with_springs
 from vsalog.diagnosis.words import ALL_OF_IT
 from vsalog.residuals.balance import Motion
 from vsalog.residuals.channels import Channels, channels_of, span_of
@@ -60,8 +61,7 @@ class JointDiagnosis:
     gain : simulations before and after; none where nothing can be simulated
     held_out : what the gain was measured on, in words
     fraction : of what the rig left over that no cause explains
-    warnings : what a person should know
-    hint : which sign or unit would close the equations, turned round; empty where none would
+    findings : what a person should know
     """
 
     name: str
@@ -75,8 +75,7 @@ class JointDiagnosis:
     gain: Compared | None
     held_out: str
     fraction: float
-    warnings: tuple[str, ...] = field(default=())
-    hint: str = ""
+    findings: tuple[Finding, ...] = ()
 
     def extended_without(self, cause: Found) -> Any:
         """Return the extended joint as it is without a cause, at all parts that share it."""
@@ -165,9 +164,11 @@ def diagnose_joint(
         if loss_of(system, other) < loss_of(system, joint) - 2.0 * APART:
             joint, fitted = other, whose
             system = build_system(joint, channels.thinned(), balance_for(joint), 0.5 * signals.period)
-    warnings = list[str]()
+    about = partial(Finding, joint=name)
     if not system.count and computed:
-        return _only_computed(name, joint, system, computed, warnings)
+        nothing = nothing_found(system, joint, setting_of(joint, system))
+        told = (about(code="diagnosis.nothing_measured"),)
+        return JointDiagnosis(name, joint, joint, system, nothing, (), computed, None, None, "", 0.0, told)
     holdout = None if holdout is None else without(holdout, computed)
     if not system.count and system.names:
         raise DiagnosisError(
@@ -182,6 +183,7 @@ def diagnose_joint(
             " torque and an inertia"
         )
     setting, hint = setting_of(joint, system, fitted), hint_of(name, joint, system)
+    findings = [] if hint is None else [hint]
     if hint is None:
         progress(f"joint {name}: looking for causes")
         selection = select(system, joint, setting, TAKEN_UP if fitted else frozenset[str](), stated)
@@ -204,19 +206,16 @@ def diagnose_joint(
         if holdout is not None and not gain.within(gain.after):
             itself = compared(joint, extended, own)
             if itself.within(itself.after):
-                warnings.append(
-                    f"joint '{name}': with what was found the log itself is simulated within its noise and {HELD_OUT} is"
-                    " not: it is of another machine, or the machine was changed, or one log moves it as the other never does"
-                )
+                findings.append(about(code="diagnosis.holdout_contradicts"))
     except SimulationError as error:
         # In a simulation of its own it has no name.
         why = str(error).replace("joint 'joint': ", "").replace("joint 'joint'", "it")
-        warnings.append(f"joint '{name}' could not be simulated, so nothing was measured of the gain: {why}")
+        findings.append(about(code="diagnosis.not_simulated", evidence={"reason": why}))
     done = JointDiagnosis(
         name, joint, extended, selection.system, selection, tuple(found_by(selection, joint)), computed, stands, gain, held_out,
-        _fraction(selection.system, joint, extended), (*words_of(name, plain, extended, fitted), *warnings), hint or "",
+        _fraction(selection.system, joint, extended), (*spring_findings(name, plain, extended, fitted), *findings),
     )  # fmt: skip
-    return replace(done, warnings=(*done.warnings, *_doubts(done)))
+    return replace(done, findings=(*done.findings, *_doubts(done)))
 
 
 def _held_out(joint: Any, own: Windows, holdout: JointSignals | None) -> tuple[Windows, str]:
@@ -229,27 +228,19 @@ def _held_out(joint: Any, own: Windows, holdout: JointSignals | None) -> tuple[W
         raise SimulationError(f"{HELD_OUT}: {error}") from error
 
 
-def _doubts(found: JointDiagnosis) -> list[str]:
-    """Return what speaks against what was found."""
-    said = [
-        f"joint '{found.name}': the equation '{equation}' can be formed nowhere in this log, and was not checked"
-        for equation in found.unchecked
-    ]
+def _doubts(found: JointDiagnosis) -> Iterator[Finding]:
+    """Yield what speaks against what was found."""
+    about = partial(Finding, joint=found.name)
+    for equation in found.unchecked:
+        yield about(code="diagnosis.equation_unchecked", part=equation)
     if not found.selection.settled:
-        said.append(
-            f"joint '{found.name}': begun from the causes that are reported the search finds others, about as probable: record a"
-            " longer log or a richer motion"
-        )
+        yield about(code="diagnosis.search_unsettled")
     stands = found.standing
     if stands is not None and found.closed and not found.found:
         errors = ((stands.rmse(role) / noise, role) for role, noise in stands.floor.items() if noise > 0.0)
         off, role = max(errors, default=(0.0, ""))
         if off > WITHIN:
-            said.append(
-                f"joint '{found.name}': though the equations close, the simulation of {role} is off by {off:.3g} times its noise:"
-                " something moves the joint that the rig does not have, or its inputs are not the whole of what drives it"
-            )
-    return said
+            yield about(code="diagnosis.simulation_off", part=role, value=off, limit=WITHIN)
 
 
 def _require_motion(name: str, channels: Channels) -> None:
@@ -265,17 +256,6 @@ def _require_motion(name: str, channels: Channels) -> None:
         raise DiagnosisError(
             f"joint '{name}': no position changes in this log; at rest nothing can be told from anything"
         )
-
-
-def _only_computed(
-    name: str, joint: Any, system: System, computed: Mapping[str, Finding], warnings: list[str]
-) -> JointDiagnosis:
-    """Return the diagnosis of a log whose only torque is none: there is nothing else to be checked with."""
-    nothing = nothing_found(system, joint, setting_of(joint, system))
-    warnings.append(
-        f"joint '{name}': without a torque that was measured no equation can be checked: nothing else was looked for"
-    )
-    return JointDiagnosis(name, joint, joint, system, nothing, (), computed, None, None, "", 0.0, tuple(warnings))
 
 
 def without(signals: JointSignals, roles: Collection[str]) -> JointSignals:

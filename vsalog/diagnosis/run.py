@@ -14,8 +14,9 @@ from msgspec.structs import replace
 
 from vsalog._version import __version__
 from vsalog.binding.joint import bind, offered_roles, wanted_channels
-from vsalog.core.errors import BindingError, DiagnosisError, RigError, VsalogError, did_you_mean
-from vsalog.core.finding_texts import sentence
+from vsalog.core.errors import BindingError, DiagnosisError, RigError, VsalogError, near_names
+from vsalog.core.finding import Finding
+from vsalog.core.finding_texts import sentences_of
 from vsalog.core.recording import Recording
 from vsalog.core.signals import JointSignals
 from vsalog.diagnosis.describe import causes_of, equation_errors, evidence_of, gains_of, signal_errors, unexplained_of
@@ -25,7 +26,7 @@ from vsalog.diagnosis.joint import HELD_OUT, JointDiagnosis, Progress, diagnose_
 from vsalog.diagnosis.priors import felt
 from vsalog.diagnosis.stiffness_gain import stiffness_gains
 from vsalog.diagnosis.suggest import Suggestion, suggest
-from vsalog.diagnosis.words import gathered, sentences
+from vsalog.diagnosis.words import sentences
 from vsalog.estimation.job import sha256
 from vsalog.estimation.joint import pick_joints
 from vsalog.estimation.modalities import Traces, stiffness_change, stiffness_traces
@@ -114,11 +115,10 @@ def diagnose(log: Path, holdout: Path | None, options: Options, progress: Progre
     progress(f"reading {log.name}")
     recording = _read(log, usable, options)
     second = None if holdout is None else _read(holdout, usable, dataclasses.replace(options, start=None, end=None))
-    found, warnings = list[JointDiagnosis](), [f"{log.name}: {note}" for note in recording.notes]
-    left_out = list[tuple[str, tuple[str, ...]]]()
+    found, findings, left_out = list[JointDiagnosis](), list[Finding](), list[Finding]()
     for name, joint in usable.items():
         lacking = _lacking(log, options, recording, name, joint)
-        warnings += lacking
+        findings += lacking
         try:
             signals = _bound(recording, name, joint)
             if isinstance(joint, RigidJoint) and name in _chained(rig) and "torque_sensor" not in signals.roles:
@@ -126,22 +126,24 @@ def diagnose(log: Path, holdout: Path | None, options: Options, progress: Progre
                     f"joint '{name}': is one with a link that the others of the chain move, and no torque sensor says how"
                 )
             other = None if second is None else _bound(second, name, joint, set(signals.roles))
-            warnings += map(sentence, signals.findings)
+            findings += signals.findings
             stated = felt(joint, rig.tolerances[name])
             found += [
                 diagnose_joint(label, joint, part, other, progress, stated) for label, part in _runs(name, signals)
             ]
         except VsalogError as error:
             if len(usable) == 1:
-                raise DiagnosisError("; ".join([str(error), *lacking[:2]])) from error
-            left_out.append((name, (f"left out: {error}",)))
+                raise DiagnosisError("; ".join([str(error), *sentences_of(lacking[:2])])) from error
+            reason = str(error).removeprefix(f"joint '{name}': ")
+            left_out.append(Finding(code="diagnosis.joint_left_out", joint=name, evidence={"reason": reason}))
     if not found:
-        reasons = gathered(warnings, left_out)
+        reasons = sentences_of((*findings, *left_out))
         raise DiagnosisError(f"{log.name}: no joint of the rig can be diagnosed: {'; '.join(reasons)}")
-    apart = "what its link does depends on the others of the chain, so it was not judged, and taken as it was measured"
-    left_out += [(f.name, (f"joint '{f.name}': {apart}",)) for f in found if f.name in _chained(rig)]
-    warnings += gathered([], left_out)
-    proposed = _proposed(rig, found, warnings, progress) if options.suggest else None
+    chained = (f.name for f in found if f.name in _chained(rig))
+    findings += [*left_out, *(Finding(code="diagnosis.link_of_chain", joint=name, severity="info") for name in chained)]
+    proposed = _proposed(rig, found, findings, progress) if options.suggest else None
+    findings += [finding for f in found for finding in f.findings]
+    notes = tuple(f"{log.name}: {note}" for note in recording.notes)
     left = max((unexplained_of(f) for f in found), key=lambda u: u.fraction)
     verdict = min((f.verdict for f in found), key=WORST_FIRST.index)
     # What is not believed is no rig to go on with.
@@ -151,7 +153,9 @@ def diagnose(log: Path, holdout: Path | None, options: Options, progress: Progre
         gains, changes = _stiffness(one, rig, extended, measured, progress)
         causes += causes_of(one, changes)
         stiffness += gains
-    return _outcome(log, holdout, options, rig, extended, found, causes, left, verdict, stiffness, warnings, proposed)
+    return _outcome(
+        log, holdout, options, rig, extended, found, causes, left, verdict, stiffness, findings, notes, proposed
+    )
 
 
 def _chained(rig: Rig) -> frozenset[str]:
@@ -164,25 +168,27 @@ def _alone(rig: Rig, name: str, joint: Any) -> Any:
     return replace(joint, link=None) if name in _chained(rig) else joint
 
 
-def _lacking(log: Path, options: Options, recording: Recording, name: str, joint: Any) -> list[str]:
-    """Say which channels the rig names that the log does not have."""
+def _lacking(log: Path, options: Options, recording: Recording, name: str, joint: Any) -> list[Finding]:
+    """Return which channels the rig names that the log does not have."""
     named = {r: wanted_channels(joint, log.name, [r]) - set(recording.channels) for r in offered_roles(joint)}
     missing = [(role, channel) for role, channels in named.items() for channel in sorted(channels)]
     known = list(open_reader(log, options.rate).catalogue().channels) if missing else []
-    return [
-        f"{log.name}: {'channel' if channel in known else 'there is no channel'} '{channel}', which the rig names for {role} of"
-        f" joint '{name}',{' has no row,' if channel in known else ''} and it was looked at"
-        f" without{'' if channel in known else did_you_mean(channel, known)}"
-        for role, channel in missing
-    ]
+    found = []
+    for role, channel in missing:
+        near = " or ".join(f"'{n}'" for n in near_names(channel, known)) if channel not in known else ""
+        code = "channel.empty" if channel in known else "channel.misnamed" if near else "channel.missing"
+        found.append(Finding(code=code, joint=name, part=role, evidence={"channel": channel, "near": near}))
+    return found
 
 
-def _proposed(rig: Rig, found: Sequence[JointDiagnosis], warnings: list[str], progress: Progress) -> Suggestion | None:
+def _proposed(
+    rig: Rig, found: Sequence[JointDiagnosis], findings: list[Finding], progress: Progress
+) -> Suggestion | None:
     """Look for the next experiment; where there is none, say why."""
     try:
         return suggest(rig, found, progress)
     except VsalogError as error:
-        warnings.append(f"no experiment is proposed: {error}")
+        findings.append(Finding(code="diagnosis.no_experiment", severity="info", evidence={"reason": str(error)}))
     return None
 
 
@@ -197,14 +203,14 @@ def _outcome(
     left: Unexplained,
     verdict: Verdict,
     stiffness: Sequence[Gain],
-    warnings: list[str],
+    findings: Sequence[Finding],
+    notes: tuple[str, ...],
     proposed: Suggestion | None,
 ) -> Outcome:
     gains = [g for f in found for g in gains_of(f)]
     where = next((f.held_out for f in found if f.gain is not None), "the log" if holdout is None else HELD_OUT)
     simulation_error = tuple(e for f in found for e in signal_errors(f))
-    hints = [f"{f.hint[0].upper()}{f.hint[1:]}." for f in found if f.hint]
-    advice = "" if hints else _next(causes, left)
+    advice = "" if any(f.severity == "invalidates" for f in findings) else _next(causes, left)
     document = Diagnosis(
         version=VERSION,
         vsalog=__version__,
@@ -215,7 +221,7 @@ def _outcome(
         rig=rig.to_toml(),
         settings=_settings(options),
         verdict=verdict,
-        sentences=(*hints, *sentences(verdict, causes, gains, where, left, len(found), bool(simulation_error))),
+        sentences=sentences(verdict, causes, gains, where, left, len(found), bool(simulation_error)),
         p_values={f.name: f.selection.p_value for f in found if f.selection.p_value is not None},
         simulation_error=simulation_error,
         equations=tuple(e for f in found for e in equation_errors(f)),
@@ -223,7 +229,8 @@ def _outcome(
         gain=Gains(holdout=holdout is not None, where=where, signals=(*gains, *stiffness)),
         unexplained=left,
         next_experiment=advice if proposed is None else _both(advice, proposed, left),
-        warnings=gathered(warnings, [(f.name, f.warnings) for f in found]),
+        findings=tuple(findings),
+        warnings=notes,
     )
     measured = log if holdout is None else holdout
     evidence = tuple(evidence_of(f, measured.name) for f in found)

@@ -11,6 +11,7 @@ from msgspec.structs import replace
 from numpy.typing import NDArray
 
 from vsalog.binding.joint import offered_roles
+from vsalog.core.finding import Finding
 from vsalog.core.signals import JointSignals
 from vsalog.diagnosis.causes.base import Parameter, Setting, Site, with_signal
 from vsalog.residuals.channels import channels_of
@@ -98,8 +99,8 @@ def _refitted(name: str, role: str, torque: float, off: float, joint: Any, value
     return _with_offset(replace(joint, **{name: replace(spring, coefficients=coefficients)}), role, off * values[-1])
 
 
-def words_of(name: str, joint: Any, extended: Any, fitted: Mapping[str, str]) -> list[str]:
-    """Say what was assumed of springs that the rig does not know.
+def spring_findings(name: str, joint: Any, extended: Any, fitted: Mapping[str, str]) -> list[Finding]:
+    """Return what was assumed of springs that the rig does not know.
 
     Parameters
     ----------
@@ -107,11 +108,11 @@ def words_of(name: str, joint: Any, extended: Any, fitted: Mapping[str, str]) ->
     joint, extended : as the rig has it, without a spring, and with what was found
     fitted : of `with_springs`
     """
+    about = partial(Finding, code="diagnosis.spring_fitted", joint=name, severity="info")
     return [
-        f"joint '{name}': the rig does not say what its spring is, so a smooth one was fitted to the log together with the"
-        " causes: what is told below is what no smooth spring explains; stiffness itself, its asymmetry, encoders' gains and"
-        " offsets were not judged, nor the torque sensor's offset: the torque at zero deflection was taken for an offset of"
-        f" {role}, {_offset(extended, role) - _offset(joint, role):.3g} {'rad' if 'position' in role else 'N*m'}"
+        about(
+            part=role, value=_offset(extended, role) - _offset(joint, role), unit="rad" if "position" in role else "N*m"
+        )
         for role in fitted.values()
     ]
 

@@ -113,24 +113,6 @@ def _lower(title: str) -> str:
     return title[0].lower() + title[1:]
 
 
-def gathered(warnings: Sequence[str], of_joints: Sequence[tuple[str, Sequence[str]]]) -> tuple[str, ...]:
-    """Return warnings, each once; what is said alike of several joints or runs is said of all in one.
-
-    Parameters
-    ----------
-    warnings : of the whole
-    of_joints : name and warnings of each joint or run
-    """
-    told, names = list(dict.fromkeys(warnings)), dict[str, list[str]]()
-    for name, own_warnings in of_joints:
-        for warning in own_warnings:
-            names.setdefault(warning.replace(f"joint '{name}'", "{joint}"), []).append(name)
-    for text, own in names.items():
-        quoted = ", ".join(f"'{n}'" for n in own)
-        told.append(text.replace("{joint}", f"joint{'s' if len(own) > 1 else ''} {quoted}"))
-    return tuple(dict.fromkeys(told))
-
-
 def numbers(cause: FoundCause) -> str:
     """Return a cause's parameters with their 95 % intervals."""
     parts = []

@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from msgspec.structs import replace
 from numpy.typing import NDArray
 from rich.console import Console
 from rich.markup import escape
@@ -16,6 +17,7 @@ from rich.table import Table
 from vsalog.comparison.references import References
 from vsalog.comparison.run import Comparison, Run
 from vsalog.core.documents import document_text
+from vsalog.core.finding_texts import sentences_of
 from vsalog.core.printable import printable
 from vsalog.estimation.joint import JointEstimate
 from vsalog.report.page import Part, Section, assembled, columns_for, joint_charts
@@ -23,6 +25,11 @@ from vsalog.report.page_comparison import comparison_charts
 from vsalog.report.page_tables import summary_table, warnings_box
 from vsalog.validation.evidence import JointEvidence, TransmissionEvidence, setpoint_unit
 from vsalog.writers.atomic import write_text
+
+
+def worded(found: Comparison) -> Comparison:
+    """Return a comparison with the words that people read beside its findings."""
+    return replace(found, warnings=(*found.warnings, *sentences_of(found.findings)))
 
 
 def print_comparison(found: Comparison) -> None:

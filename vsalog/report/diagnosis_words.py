@@ -4,6 +4,9 @@ from __future__ import annotations
 
 import math
 
+from msgspec.structs import replace
+
+from vsalog.core.finding_texts import sentences_of
 from vsalog.diagnosis.document import Diagnosis, FoundCause, Gain, Number, Unexplained
 from vsalog.report.page_tables import unit_text
 from vsalog.report.page_text import number
@@ -15,6 +18,14 @@ LITTLE, LEAST_REDUCTION = 0.005, -9.99
 # Decimal exponents that are printed without a power of ten.
 PLAIN = range(-4, 6)
 SUPERSCRIPTS = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
+
+
+def worded(diagnosis: Diagnosis) -> Diagnosis:
+    """Return a diagnosis with the words that people read beside its findings; what made a search pointless leads them."""
+    first = sentences_of(f for f in diagnosis.findings if f.severity == "invalidates")
+    rest = sentences_of(f for f in diagnosis.findings if f.severity != "invalidates")
+    led = (f"{words[0].upper()}{words[1:]}" for words in first)
+    return replace(diagnosis, sentences=(*led, *diagnosis.sentences), warnings=(*diagnosis.warnings, *rest))
 
 
 def unit_of(unit: str) -> str:

@@ -106,6 +106,7 @@ def write_results(job: Job, outputs: Outputs, progress: Callable[[str], None] = 
                 kept.append(trace)
 
         estimates = job.run(sink, progress)
+        writer.add_findings(e.findings for e in estimates)
         model.write_text(job.model_file(estimates, provenance).to_toml(), encoding="utf-8")
         if log is not None:
             progress("writing the MCAP log")

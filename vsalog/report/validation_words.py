@@ -5,7 +5,7 @@ from __future__ import annotations
 from msgspec.structs import replace
 
 from vsalog.core.finding import Finding
-from vsalog.core.finding_texts import says, sentence
+from vsalog.core.finding_texts import says, sentence, sentences_of
 from vsalog.validation.document import Dependence, JointReport, Report
 
 
@@ -22,7 +22,7 @@ def _joint(joint: JointReport) -> JointReport:
         transmissions=tuple(parts),
         sentences=tuple(map(_reason, joint.reasons)),
         not_independent=computed[0] if computed else None,
-        warnings=(*joint.warnings, *map(sentence, joint.findings)),
+        warnings=(*joint.warnings, *sentences_of(joint.findings)),
     )
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import shutil
 import tempfile
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from contextlib import ExitStack
 from pathlib import Path
 from types import TracebackType
@@ -13,6 +13,8 @@ from typing import Any
 import pyarrow as pa
 import pyarrow.parquet as pq
 
+from vsalog.core.arrow import findings_entry
+from vsalog.core.finding import Finding
 from vsalog.core.trace import Trace, trace_columns, trace_schema, trace_tables
 from vsalog.writers.atomic import atomic_path
 
@@ -47,6 +49,7 @@ class TraceWriter:
         self._columns: list[str] = []
         self._schema: pa.Schema | None = None
         self._pending: list[Trace] = []
+        self._findings: dict[str, str] = {}
 
     def __enter__(self) -> TraceWriter:
         self._temporary = self._stack.enter_context(atomic_path(self.path))
@@ -69,10 +72,16 @@ class TraceWriter:
         """The file that is written to until all is there; to be read once `finish` was called."""
         return self._temporary
 
+    def add_findings(self, findings: Iterable[Iterable[Finding]]) -> None:
+        """Have the findings of the joints written into the file's metadata."""
+        self._findings = findings_entry(findings)
+
     def finish(self) -> None:
         """Write what is pending and the footer; nothing can be written after that."""
         self._flush()
         if self._writer is not None:
+            if self._writer.is_open:
+                self._writer.add_key_value_metadata(self._findings)
             self._writer.close()
             if not self._file.closed:
                 self._file.flush()
