@@ -62,4 +62,5 @@ def acting_findings(joint: str, motors: Mapping[str, Motor]) -> Iterator[Finding
             *([f"{1e3 * motor.torque_delay:.4g} ms later"] if motor.torque_delay else []),
         ]
         if made:
-            yield Finding(code="torque.acting", joint=joint, part=role, evidence={"made": ", ".join(made)})
+            evidence = {"made": ", ".join(made)}
+            yield Finding(code="torque.acting", joint=joint, part=role, severity="info", evidence=evidence)

@@ -74,11 +74,12 @@ def binding_findings(
     gaps = len(segments) - 1
     if gaps > 0:
         lost = (segments[-1][1] - segments[0][0] - sum(b - a for a, b in segments)) * 1e-9
-        found.append(Finding(code="recording.gaps", joint=joint, value=float(gaps), evidence={"seconds": lost}))
+        of_log = partial(Finding, joint=joint, severity="info")
+        found.append(of_log(code="recording.gaps", value=float(gaps), evidence={"seconds": lost}))
     for role, t in tallies.items():
         of_role = partial(Finding, joint=joint, part=role)
         if (places := t.lost - gaps) > 0:
-            found.append(of_role(code="recording.samples_lost", value=float(places)))
+            found.append(of_role(code="recording.samples_lost", severity="info", value=float(places)))
         if t.alone:
             first = (t.first_alone - origin) * 1e-9
             evidence = {"samples": t.samples, "first": first}

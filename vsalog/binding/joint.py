@@ -279,7 +279,7 @@ def _on_one_grid(recording: Recording, joint: str, bound: Mapping[str, Bound], r
 def turned_findings(joint: str, turned: Collection[str]) -> Iterator[Finding]:
     """Yield of roles that they were turned by whole turns."""
     for role in turned:
-        yield Finding(code="encoder.other_turn", joint=joint, part=role)
+        yield Finding(code="encoder.other_turn", joint=joint, part=role, severity="info")
 
 
 def less_series(

@@ -8,7 +8,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping, Sequence
 from importlib.metadata import entry_points
 
-from vsalog.checks.check import Check, Context, Watch
+from vsalog.checks.check import Check, Context, OfSignals, Watch
 from vsalog.checks.cross_check import ReferenceSensors
 from vsalog.checks.nominal import NominalSpring
 from vsalog.checks.position_shape import ShapeOverPosition
@@ -41,6 +41,10 @@ class Checks:
         self.supersedes: Mapping[str, Sequence[str]] = {
             code: superseded for kind in kinds for code, superseded in kind.supersedes.items()
         }
+
+    def of_signals(self) -> list[Finding]:
+        """Return what the signals alone show, which is known before anything is estimated."""
+        return [finding for watch in self.watches if isinstance(watch, OfSignals) for finding in watch.found]
 
     def add(self, trace: Trace) -> None:
         """Take a block of the trace into account."""

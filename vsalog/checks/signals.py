@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
+from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
@@ -89,8 +90,16 @@ def signal_findings(device: Device, signals: JointSignals) -> tuple[Finding, ...
             found += _computed(signals, sensor, "deflection q − θ", deflection_of(signals.roles, view))
     for view in device.transmissions:
         if has_deflection(signals.roles, view) and _still(deflection_of(signals.roles, view)):
-            found.append(Finding(code="deflection.still", joint=signals.joint, part=view.name))
+            still = partial(Finding, joint=signals.joint, severity="invalidates")
+            found.append(still(code="deflection.still", part=view.name))
     return first_of_each((*found, *implausible(device, signals)))
+
+
+def invalidated(device: Device, findings: Iterable[Finding]) -> frozenset[str]:
+    """Return the transmissions, and with any of them the total, whose estimate is not to be used by what was found."""
+    parts = {finding.part for finding in findings if finding.severity == "invalidates"}
+    own = {view.name for view in device.transmissions if parts & {view.name, view.torque_sensor}}
+    return frozenset({"total", *(own or (view.name for view in device.transmissions))}) if parts else frozenset()
 
 
 def passing_findings(device: Device, signals: LongSignals) -> Iterator[Finding]:
@@ -117,9 +126,8 @@ def _computed(signals: JointSignals, sensor: str, name: str, x: Array) -> Iterat
     left = float(np.sqrt(np.mean((b - factor * a) ** 2) / np.mean(b**2)))
     if left <= COMPUTED:
         evidence: Evidence = {"factor": factor, "source": name}
-        yield Finding(
-            code="torque.computed", joint=signals.joint, part=sensor, value=left, limit=COMPUTED, evidence=evidence
-        )
+        computed = partial(Finding, joint=signals.joint, part=sensor, severity="invalidates")
+        yield computed(code="torque.computed", value=left, limit=COMPUTED, evidence=evidence)
 
 
 def whole_windows(signals: JointSignals, window: int) -> float:

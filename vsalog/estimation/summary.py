@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Collection, Iterator
 from dataclasses import dataclass, field
 from functools import partial
 
@@ -168,27 +168,29 @@ def _known(x: float) -> float | None:
     return float(x) if np.isfinite(x) else None
 
 
-def findings_of(summary: JointSummary, device: Device, whole: float) -> Iterator[Finding]:
+def findings_of(summary: JointSummary, device: Device, whole: float, void: Collection[str] = ()) -> Iterator[Finding]:
     """Yield what the key figures show.
 
     Parameters
     ----------
     summary, device : of a joint
     whole : the share of the filters' windows in which no sample is missing
+    void : transmissions of which another finding says that their estimate is not to be used
     """
     odd = 0 not in device.basis.powers
     for p in (p for p in summary.transmissions if p.transmission != "total"):
         found = partial(Finding, joint=summary.joint, part=p.transmission)
         if p.excited_share < TORN and whole < TORN:
             yield found(code="estimate.torn", value=whole, limit=TORN)
-        elif p.excited_share == 0.0 and p.negative_share < NEGATIVE:
+        elif p.excited_share == 0.0 and p.negative_share < NEGATIVE and p.transmission not in void:
             yield found(
                 code="estimate.never_excited" if p.fit_rms is None else "estimate.fit_never_excited",
+                severity="invalidates",
                 value=p.excited_share,
                 limit=0.0,
             )
         elif 0.0 < p.excited_share < PARTLY:
-            yield found(code="estimate.partly_excited", value=p.excited_share, limit=PARTLY)
+            yield found(code="estimate.partly_excited", severity="info", value=p.excited_share, limit=PARTLY)
         if odd and p.fit_mean and p.fit_rms and p.fit_share:
             limit = max(0.5, OFFSET / p.fit_share) * p.fit_rms
             if abs(p.fit_mean) > limit:

@@ -192,6 +192,7 @@ class AccelerationFold:
                 Finding(
                     code="acceleration.masked",
                     joint=joint,
+                    severity="info",
                     value=state.masked / state.seen,
                     limit=MASKED,
                     evidence={"reach": self.tuning.reach},
@@ -277,7 +278,14 @@ class AccelerationFold:
                 " or leave it out"
             )
         return (
-            Finding(code="deflection.below_noise", joint=self.device.joint, value=noise, limit=float(most), unit="rad"),
+            Finding(
+                code="deflection.below_noise",
+                joint=self.device.joint,
+                severity="invalidates",
+                value=noise,
+                limit=float(most),
+                unit="rad",
+            ),
         )
 
     def _plain_arm(self) -> Arm:

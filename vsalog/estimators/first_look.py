@@ -27,13 +27,15 @@ FEWEST_STEPS, EVENED_OUT = 4.0, 40.0
 
 @dataclass(frozen=True, slots=True)
 class FirstLook:
-    """What was found, the transmissions whose stiffness cannot be estimated (a deflection too small for its encoders, say), and
-    steps of the sensors that have any [rad].
-    """
+    """What was found, and the steps of the sensors that have any [rad]."""
 
     findings: tuple[Finding, ...] = ()
-    blind: frozenset[str] = frozenset()
     steps: Mapping[str, float] = field(default_factory=dict)
+
+    @property
+    def blind(self) -> frozenset[str]:
+        """The transmissions whose stiffness cannot be estimated: a deflection is too small for its encoders, say."""
+        return frozenset(finding.part for finding in self.findings if finding.severity == "invalidates")
 
     def step(self, views: Sequence[TransmissionView]) -> float:
         """Return the step of deflections [rad], that of both their sensors; 0 where they have none."""
@@ -41,7 +43,7 @@ class FirstLook:
 
     def and_also(self, other: FirstLook) -> FirstLook:
         """Return what was found in either look."""
-        return FirstLook(self.findings + other.findings, self.blind | other.blind, {**self.steps, **other.steps})
+        return FirstLook(self.findings + other.findings, {**self.steps, **other.steps})
 
 
 NOTHING_SEEN = FirstLook()
@@ -50,13 +52,20 @@ NOTHING_SEEN = FirstLook()
 def first_look(device: Device, signals: JointSignals, tuning: Tuning) -> FirstLook:
     """Look at a log as it is bound, with the window that was asked for."""
     spans = {view.name: _span(view, signals) for view in device.transmissions}
-    blind = {name: span for name, span in spans.items() if span < FEWEST_STEPS}
     small = [
-        Finding(code="deflection.too_small", joint=device.joint, part=name, value=span, limit=FEWEST_STEPS)
-        for name, span in blind.items()
+        Finding(
+            code="deflection.too_small",
+            joint=device.joint,
+            part=name,
+            severity="invalidates",
+            value=span,
+            limit=FEWEST_STEPS,
+        )
+        for name, span in spans.items()
+        if span < FEWEST_STEPS
     ]
     steps = encoder_steps(signals.roles, device.transmissions)
-    return FirstLook((*small, *_smoothed_away(device, signals, tuning)), frozenset(blind), steps)
+    return FirstLook((*small, *_smoothed_away(device, signals, tuning)), steps)
 
 
 def _span(view: TransmissionView, signals: JointSignals) -> float:

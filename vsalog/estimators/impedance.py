@@ -108,5 +108,5 @@ class ImpedanceFold(ObserverFold):
         """Return what the link's filter could not estimate, too."""
         found = super().findings(state)
         if self.link is None:
-            return (*found, Finding(code="link.inertia_not_estimated", joint=self.device.joint))
+            return (*found, Finding(code="link.inertia_not_estimated", joint=self.device.joint, severity="info"))
         return (*found, *self.link.findings(state.beside))

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Collection, Mapping
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import Annotated, Any, Literal
 
 import numpy as np
@@ -297,7 +298,8 @@ class PamEstimate:
         found, joint = list(self.noticed), self.device.joint
         if state.anywhere:
             share = state.anywhere / state.seen
-            found.append(Finding(code="pressure.angle_unknown", joint=joint, value=share, limit=0.0))
+            unknown = partial(Finding, joint=joint, severity="info")
+            found.append(unknown(code="pressure.angle_unknown", value=share, limit=0.0))
         if state.diverged:
             share = state.diverged / state.seen
             found.append(Finding(code="pressure.not_explained", joint=joint, value=share, limit=0.0))

@@ -37,7 +37,7 @@ def look_for_ramps(
     """
     if 0 in device.basis.powers:
         return FirstLook()
-    findings, blind = [], set()
+    findings = []
     _, blocks = conditioner.step(conditioner.start(), signals[:ENOUGH])
     for equation in equations:
         parts, slopes, inner = [], [], equation.start()
@@ -52,12 +52,17 @@ def look_for_ramps(
         chosen = _longest(use, fresh)
         offset = _offset(F[chosen], y[chosen], np.concatenate(slopes)[chosen], chosen, equation)
         if offset is not None:
-            name = equation.view.name
-            blind.add(name)
             findings.append(
-                Finding(code="torque.offset_as_ramp", joint=device.joint, part=name, value=offset, unit="N*m")
+                Finding(
+                    code="torque.offset_as_ramp",
+                    joint=device.joint,
+                    part=equation.view.name,
+                    severity="invalidates",
+                    value=offset,
+                    unit="N*m",
+                )
             )
-    return FirstLook(tuple(findings), frozenset(blind))
+    return FirstLook(tuple(findings))
 
 
 def _slopes(device: Device, equation: IntegratedMotorEquation, block: Conditioned) -> Array:

@@ -265,6 +265,7 @@ class RegressionFold:
                 code="friction.unknown_direction",
                 joint=self.device.joint,
                 part=names,
+                severity="info",
                 value=count / state.seen,
                 limit=DOUBTED_SHARE,
             )
@@ -284,7 +285,7 @@ class RegressionFold:
             step = self.look.step(equation.transmissions)
             found += residual_findings(self.device.joint, equation, state.left_over[names], claimed, step)
         if found and self.device.has_setpoint and all(region.one_setpoint() for region in state.regions.values()):
-            found.append(Finding(code="setpoint.constant", joint=self.device.joint))
+            found.append(Finding(code="setpoint.constant", joint=self.device.joint, severity="info"))
         return found
 
     def model(self, state: FoldState) -> JointModel:
