@@ -1,9 +1,12 @@
 """Writes docs/findings.md from the catalogue of findings: ``python docs/make_findings.py``."""
 
+import ast
 import re
+from collections import defaultdict
 from itertools import groupby
 from pathlib import Path
 
+import vsalog
 from vsalog.core.finding_texts import texts
 from vsalog.core.printable import plural
 
@@ -16,28 +19,54 @@ def plain(words: str) -> str:
     return FIELD.sub(r"⟨\1⟩", COUNTED.sub(lambda found: f"⟨{found[1]}⟩ {plural(2, found[2])[2:]}", words))
 
 
+def severities() -> dict[str, list[str]]:
+    """Return code → the severities that the package raises it with, as `Finding` or a `partial` of one says."""
+    found = defaultdict[str, set[str]](set)
+    for path in Path(vsalog.__file__).parent.rglob("*.py"):
+        nodes = list(ast.walk(ast.parse(path.read_text(encoding="utf-8"))))
+        partials = {
+            target.id: _severity(node.value, {})
+            for node in nodes
+            if isinstance(node, ast.Assign) and isinstance(node.value, ast.Call)
+            for target in node.targets
+            if isinstance(target, ast.Name)
+        }
+        for call in (node for node in nodes if isinstance(node, ast.Call)):
+            for code in (c for k in call.keywords if k.arg == "code" for c in ast.walk(k.value)):
+                if isinstance(code, ast.Constant) and code.value in texts():
+                    found[code.value].add(_severity(call, partials))
+    return {code: sorted(found[code]) or ["warning"] for code in texts()}
+
+
+def _severity(call: ast.Call, partials: dict[str, str]) -> str:
+    """Return the severity that a call gives, or the `partial` that it completes."""
+    given = (k.value.value for k in call.keywords if k.arg == "severity" and isinstance(k.value, ast.Constant))
+    return str(next(given, partials.get(call.func.id, "warning") if isinstance(call.func, ast.Name) else "warning"))
+
+
+HEAD = """# Findings
+
+Written by `python docs/make_findings.py` from the catalogue in `vsalog/core/finding_texts.py`.
+
+A finding has a `code`, the `log`, the `joint` and the `part` (a transmission, roles, a stream, a column, a file) that it is about, a
+`severity`, the `value` that was compared with a `limit`, their `unit`, and `evidence`, what else was measured, by name. Codes are stable; the words may change. The severity is `info`
+where something is good to know, `invalidates` where the result is not to be used, and `warning` else: of an estimate that is
+invalidated nothing counts as excited, and a model cannot be judged by what invalidates a validation.
+
+`--json` of `estimate`, `validate`, `diagnose`, `compare` and `inspect` lists them under `findings`, and a validation those that its
+verdict rests on under `reasons`; `report.json` and `diagnosis.json` have the same. A trace's Parquet file has them as JSON in
+its own metadata (`vsalog.findings`), the summary of a batch their codes in the column `codes`.
+"""
+
+
 def reference() -> str:
     """Return the catalogue as Markdown."""
-    parts = [
-        "# Findings",
-        "",
-        "Written by `python docs/make_findings.py` from the catalogue in `vsalog/core/finding_texts.py`.",
-    ]
-    parts += [
-        "",
-        "A finding has a `code`, the `log`, the `joint` and the `part` (a transmission, roles, a stream, a column, a file) that",
-        "it is about, a `severity` (`info`, `warning`, or `invalidates`: the estimate is not to be used), the `value` that was",
-        "compared with a `limit`, their `unit`, and `evidence`, what else was measured, by name. `vsalog estimate --json` lists",
-        "those of the logs and the rig under `findings`, those of a joint under `findings` of the joint; `vsalog inspect --json`",
-        "those of each log. Codes are stable; the words may change.",
-        "",
-    ]
-    catalogue = texts()
+    parts, raised, catalogue = [HEAD], severities(), texts()
     for family, codes in groupby(catalogue, key=lambda code: code.split(".")[0]):
         parts += [f"## {family}", ""]
         for code in codes:
             text = catalogue[code]
-            parts += [f"### {code}", "", plain(text.says), ""]
+            parts += [f"### {code}", "", f"Severity: {', '.join(raised[code])}.", "", plain(text.says), ""]
             parts += [plain(text.advice), ""] if text.advice else []
     return "\n".join(parts)
 

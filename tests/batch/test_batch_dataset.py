@@ -1,5 +1,6 @@
 """The data set: the same columns whatever wrote it, the same numbers as `estimate`, and one line to read it with."""
 
+import json
 import re
 from pathlib import Path
 
@@ -39,6 +40,13 @@ def test_all_files_have_the_same_columns(data):
     schemas = [pq.read_schema(path) for path in data.rglob("part.parquet")]
     assert len(schemas) == 3
     assert all(schema.equals(schemas[0]) for schema in schemas)  # metadata aside
+
+
+def test_findings_stand_in_the_traces_and_their_codes_in_the_summary(data):
+    codes = {row["log"]: row["codes"] for row in pq.read_table(data / "summary.parquet").to_pylist()}
+    for path in data.rglob("part.parquet"):
+        found = json.loads(pq.read_metadata(path).metadata[b"vsalog.findings"])
+        assert codes[path.parent.name.removeprefix("log=")] == [finding["code"] for finding in found]
 
 
 def test_the_numbers_are_those_of_estimate(data, samples, tmp_path):

@@ -31,6 +31,8 @@ def test_all_that_the_log_allows_side_by_side(run, log):
     for row in found["rows"]:
         assert row["against_truth"]["msrep"]["value"] < 1.0
         assert (row["difference"] is None) == (row["estimator"] == names[0])
+    assert len(found["warnings"]) >= len(found["findings"])
+    assert all(finding["joint"] for finding in found["findings"])
 
 
 def test_the_figures_are_those_of_estimate(run, log):

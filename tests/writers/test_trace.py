@@ -1,10 +1,12 @@
 """The trace's Parquet file: joints with columns of their own share it."""
 
+import msgspec
 import numpy as np
 import pyarrow.parquet as pq
 import pytest
 
 from vsalog.core.errors import WriteError
+from vsalog.core.finding import Finding
 from vsalog.core.trace import UNITS, Trace
 from vsalog.writers.trace import TraceWriter
 
@@ -39,6 +41,18 @@ def test_columns_that_only_a_later_joint_has_are_written_too(tmp_path, count):
                 np.testing.assert_array_equal(own[name], np.arange(length) + 0.25 + i)
     assert rows[rows.joint != "b"].residual.isna().all()
     assert rows[rows.joint != "c"].motor_inertia.isna().all()
+
+
+def test_findings_stand_in_the_metadata_of_the_file(tmp_path):
+    path = tmp_path / "a.parquet"
+    found = Finding(code="encoder.zero", joint="a", part="motor_position", value=0.2, evidence={"half_range": 0.01})
+    with TraceWriter(path, {"key": "text"}) as writer:
+        writer.write(block("a", 0, 5))
+        writer.add_findings([(found,), ()])
+        writer.write(block("b", 0, 5, "residual"))
+    told = pq.read_metadata(path).metadata[b"vsalog.findings"]
+    assert msgspec.json.decode(told, type=list[Finding]) == [found]
+    assert pq.read_schema(path).metadata[b"key"] == b"text"
 
 
 def test_nothing_is_left_behind_when_a_later_joint_fails(tmp_path):

@@ -40,7 +40,7 @@ def hint_of(name: str, joint: Any, system: System) -> Finding | None:
         left = _left(changed, there)
         if left < best:
             best = left
-            found = replace_struct(about, joint=name, value=min((now / left) ** 0.5, 100.0), severity="invalidates")
+            found = replace_struct(about, joint=name, value=min((now / left) ** 0.5, 100.0))
     return found
 
 
@@ -59,7 +59,12 @@ def _changed(joint: Any, system: System) -> Iterator[tuple[Finding, Any, System]
     sensed = [r for r in roles if r.startswith("torque_sensor") or r in positions]
     gains = {role: signal.gain for role, signal in offered_roles(joint).items()}
     for factor in FACTORS:
-        wrong = partial(Finding, code="rig.sign" if factor < 0.0 else "rig.unit", evidence={"factor": factor})
+        wrong = partial(
+            Finding,
+            code="rig.sign" if factor < 0.0 else "rig.unit",
+            severity="invalidates",
+            evidence={"factor": factor},
+        )
         own = [[r] for r in sensed if r not in positions or factor in ANGLES]
         for those in own + ([positions] if len(positions) > 1 and factor in ANGLES else []):
             changed = joint
@@ -72,7 +77,11 @@ def _changed(joint: Any, system: System) -> Iterator[tuple[Finding, Any, System]
                 gain = getattr(joint, motor).torque_gain / factor
                 yield wrong(part=role), with_part(joint, motor, torque_gain=gain), system
     for a, b in (*combinations(sorted(positions), 2), *combinations(sorted(r for r in roles if "torque" in r), 2)):
-        yield Finding(code="rig.exchanged", part=f"{a} and {b}"), joint, _exchanged(system, a, b)
+        yield (
+            Finding(code="rig.exchanged", part=f"{a} and {b}", severity="invalidates"),
+            joint,
+            _exchanged(system, a, b),
+        )
 
 
 def _exchanged(system: System, a: str, b: str) -> System:

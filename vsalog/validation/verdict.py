@@ -8,7 +8,7 @@ from functools import partial
 
 from msgspec.structs import replace
 
-from vsalog.core.finding import Finding, Severity
+from vsalog.core.finding import Finding
 from vsalog.core.signals import JointSignals
 from vsalog.validation.dependence import CODES, LEAST_SHARE
 from vsalog.validation.document import (
@@ -57,7 +57,10 @@ def joint_report(
     found = partial(Finding, joint=signals.joint)
     standing: Verdict = "cannot be judged" if worst is None else _verdict(parts, worst)
     if judged.not_independent is not None:
-        reasons = [judged.not_independent, *_error(found, "validation.compared_only", worst)]
+        reasons = [
+            judged.not_independent,
+            *_error(partial(found, code="validation.compared_only", severity="info"), worst),
+        ]
     elif worst is None:
         reasons = [_nothing_judged(found, parts)]
     elif standing != "fails" and (missing := _unjudged(parts)):
@@ -65,10 +68,10 @@ def joint_report(
         names = " and ".join(t.transmission for t in missing if t.transmission != "total")
         reasons = [found(code="validation.part_unjudged", part=names, severity="invalidates")]
     elif standing != "fails" and learnt_from:
-        reasons = [*_error(found, "validation.own_log", worst, "invalidates")]
+        reasons = [*_error(partial(found, code="validation.own_log", severity="invalidates"), worst)]
     else:
         reasons = [
-            *_error(found, "validation.error", worst),
+            *_error(partial(found, code="validation.error", severity="info"), worst),
             *_off_gains(found, parts),
             _region(found, worst),
             *_why(found, _telling(parts, worst), standing),
@@ -209,9 +212,7 @@ def _gain_is_off(part: TransmissionReport) -> bool:
     return part.gain is not None and abs(part.gain - 1.0) > GAIN
 
 
-def _error(
-    found: partial[Finding], code: str, worst: TransmissionReport | None, severity: Severity = "info"
-) -> Iterator[Finding]:
+def _error(found: partial[Finding], worst: TransmissionReport | None) -> Iterator[Finding]:
     """Yield the error of the transmission that is predicted worst, with its 95 % interval."""
     score = None if worst is None else _main(worst)
     if worst is None or score is None or score.nrmse.value is None:
@@ -219,9 +220,7 @@ def _error(
     nrmse = score.nrmse
     low, high = (nrmse.value if end is None else end for end in (nrmse.low, nrmse.high))
     yield found(
-        code=code,
         part=worst.transmission,
-        severity=severity,
         value=nrmse.value,
         limit=HOLDS,
         unit="%",
