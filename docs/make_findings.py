@@ -48,13 +48,14 @@ HEAD = """# Findings
 
 Written by `python docs/make_findings.py` from the catalogue in `vsalog/core/finding_texts.py`.
 
-A finding has a `code`, the `log`, the `joint` and the `part` (a transmission, roles, a stream, a column, a file) that it is about, a
-`severity`, the `value` that was compared with a `limit`, their `unit`, and `evidence`, what else was measured, by name. Codes are stable; the words may change. The severity is `info`
-where something is good to know, `invalidates` where the result is not to be used, and `warning` else: of an estimate that is
-invalidated nothing counts as excited, and a model cannot be judged by what invalidates a validation.
+A finding has a `code`, the `log`, the `joint` and the `part` (a transmission, roles, a stream, a column, a file) that it is
+about, a `severity`, the `value` that was compared with a `limit`, their `unit`, and `evidence`, what else was measured, by
+name. Codes are stable; the words may change. The severity is `info` where something is good to know, `invalidates` where the
+result is not to be used, and `warning` else: of an estimate that is invalidated nothing counts as excited, and a model cannot
+be judged by what invalidates a validation.
 
-`--json` of `estimate`, `validate`, `diagnose`, `compare` and `inspect` lists them under `findings`, and a validation those that its
-verdict rests on under `reasons`; `report.json` and `diagnosis.json` have the same. A trace's Parquet file has them as JSON in
+`--json` of `estimate`, `validate`, `diagnose`, `compare` and `inspect` lists them under `findings`, and a validation those
+that its verdict rests on under `reasons`; `report.json` and `diagnosis.json` have the same. A trace's Parquet file has them as JSON in
 its own metadata (`vsalog.findings`), the summary of a batch their codes in the column `codes`.
 """
 

@@ -201,10 +201,11 @@ def test_a_computed_torque_is_called_so_loudly(run, tmp_path):
     phi = 0.01 * np.sin(2 * np.pi * t) + 0.002 * np.sin(9.0 * t)
     rows = [f"{a:.6f},{np.float32(b):.9g},{np.float32(-40.0 * b):.9g}" for a, b in zip(t, phi, strict=True)]
     (tmp_path / "log.csv").write_text("\n".join(["time,deflection,effort", *rows]))
-    done = run("estimate", "log.csv")
+    done = run("estimate", "log.csv", "--json")
     assert done.returncode == 0, done.stderr
-    assert "computed from it, not measured" in done.stderr
-    assert "roles are guessed" in done.stderr
+    found = json.loads(done.stdout)
+    assert "torque.computed" in [finding["code"] for finding in found["joints"][0]["findings"]]
+    assert found["rig"]["guessed"]
 
 
 def test_stiffness_in_the_readme_units_by_the_python_call(samples):
@@ -228,15 +229,16 @@ def test_an_offset_that_the_basis_cannot_follow_is_named(run, tmp_path):
         '[joint.a.signals]\ndeflection = "deflection"\ntorque_sensor = "joint_torque"\n'
     )
     (tmp_path / "rig.toml").write_text(rig.format("true"))
-    done = run("estimate", "log.csv")
-    assert "an offset that odd powers of the deflection cannot follow" in done.stderr
+    found = json.loads(run("estimate", "log.csv", "--json").stdout)
+    (offset,) = (f for f in found["joints"][0]["findings"] if f["code"] == "fit.offset")
+    assert offset["value"] == pytest.approx(2.0, rel=0.05)
     trace = columns(tmp_path / "log.stiffness.parquet", "1")
     trace = trace[trace.excited.astype(bool)]
     # Of one deterministic motion: the band tells how far off the estimate is, not more often than that.
     assert np.mean(np.abs(trace.stiffness - 50.0) < 3.0 * trace.stiffness_std) > 0.9
     (tmp_path / "rig.toml").write_text(rig.format("false"))
-    done = run("estimate", "log.csv")
-    assert "offset" not in done.stderr
+    found = json.loads(run("estimate", "log.csv", "--json").stdout)
+    assert "fit.offset" not in [finding["code"] for finding in found["joints"][0]["findings"]]
     trace = columns(tmp_path / "log.stiffness.parquet", "1")
     np.testing.assert_allclose(trace.stiffness[trace.time > 5.0], 50.0, rtol=1e-2)
 

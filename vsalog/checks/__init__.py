@@ -5,10 +5,10 @@ Third parties add a check by an entry point in the group ``vsalog.checks`` that 
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from importlib.metadata import entry_points
 
-from vsalog.checks.check import Check, Context, OfSignals, Watch
+from vsalog.checks.check import Check, Context, Watch
 from vsalog.checks.cross_check import ReferenceSensors
 from vsalog.checks.nominal import NominalSpring
 from vsalog.checks.position_shape import ShapeOverPosition
@@ -42,15 +42,11 @@ class Checks:
             code: superseded for kind in kinds for code, superseded in kind.supersedes.items()
         }
 
-    def of_signals(self) -> list[Finding]:
-        """Return what the signals alone show, which is known before anything is estimated."""
-        return [finding for watch in self.watches if isinstance(watch, OfSignals) for finding in watch.found]
-
     def add(self, trace: Trace) -> None:
         """Take a block of the trace into account."""
         for watch in self.watches:
             watch.add(trace)
 
-    def findings(self) -> Iterable[Finding]:
+    def findings(self) -> list[Finding]:
         """Return what was found when the log has ended, in the order of the checks."""
         return [finding for watch in self.watches for finding in watch.findings()]

@@ -95,13 +95,6 @@ def signal_findings(device: Device, signals: JointSignals) -> tuple[Finding, ...
     return first_of_each((*found, *implausible(device, signals)))
 
 
-def invalidated(device: Device, findings: Iterable[Finding]) -> frozenset[str]:
-    """Return the transmissions, and with any of them the total, whose estimate is not to be used by what was found."""
-    parts = {finding.part for finding in findings if finding.severity == "invalidates"}
-    own = {view.name for view in device.transmissions if parts & {view.name, view.torque_sensor}}
-    return frozenset({"total", *(own or (view.name for view in device.transmissions))}) if parts else frozenset()
-
-
 def passing_findings(device: Device, signals: LongSignals) -> Iterator[Finding]:
     """Yield what befell a sensor at any time of a log of which only stretches were looked at."""
     return (finding for block in signals.blocks(WHILE) for finding in passing(device, block))
@@ -126,8 +119,9 @@ def _computed(signals: JointSignals, sensor: str, name: str, x: Array) -> Iterat
     left = float(np.sqrt(np.mean((b - factor * a) ** 2) / np.mean(b**2)))
     if left <= COMPUTED:
         evidence: Evidence = {"factor": factor, "source": name}
-        computed = partial(Finding, joint=signals.joint, part=sensor, severity="invalidates")
-        yield computed(code="torque.computed", value=left, limit=COMPUTED, evidence=evidence)
+        yield Finding(
+            code="torque.computed", joint=signals.joint, part=sensor, value=left, limit=COMPUTED, evidence=evidence
+        )
 
 
 def whole_windows(signals: JointSignals, window: int) -> float:

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -87,12 +87,6 @@ class Trace:
 
     def __getitem__(self, transmission: str) -> Mapping[str, NDArray[np.generic]]:
         return self.transmissions[transmission]
-
-    def unexcited(self, names: Collection[str]) -> Trace:
-        """Return the trace with an estimate of these transmissions that nothing counts as excited."""
-        nowhere = np.zeros(len(self), dtype=np.bool_)
-        parts = {n: {**c, "excited": nowhere} if n in names else c for n, c in self.transmissions.items()}
-        return replace(self, transmissions=parts) if names else self
 
     @classmethod
     def of_rows(cls, rows: JointSignals, transmissions: Mapping[str, Mapping[str, NDArray[np.generic]]]) -> Trace:

@@ -13,7 +13,7 @@ from vsalog.binding.long_joint import bind_long
 from vsalog.binding.neighbours import Neighbours, own_and_others
 from vsalog.checks import Checks
 from vsalog.checks.check import Context, without_superseded
-from vsalog.checks.signals import invalidated, refuse_dead_sensors, whole_windows
+from vsalog.checks.signals import refuse_dead_sensors, whole_windows
 from vsalog.core.errors import EstimatorError, VsalogError, did_you_mean
 from vsalog.core.finding import Finding
 from vsalog.core.finding_texts import sentence
@@ -248,7 +248,6 @@ def estimate_joint(
         fold = choice.method.build(device, look, choice.tuning)
         fold.conditioner.check_length(signals.longest_run)
         checks = Checks(Context(recordings, setpoints, device, joint, choice.name, choice.roles, signals, look, fold))
-        void = invalidated(device, checks.of_signals())
         pass_on = kept.append if sink is None else sink
         subject = Subject(choice.method, device, look, choice.tuning, fold)
         # A short log is estimated once, and its trace kept until it is known how far perturbations move it.
@@ -259,7 +258,7 @@ def estimate_joint(
 
         def give(trace: Trace) -> None:
             nonlocal rows
-            trace = trials.widened(trace, rows).unexcited(void)
+            trace = trials.widened(trace, rows)
             rows += len(trace)
             summarizer.add(trace)
             checks.add(trace)
@@ -273,13 +272,14 @@ def estimate_joint(
             state = short.state
         summary = summarizer.result(signals)
         whole = whole_windows(look, fold.conditioner.window)
-        learnt = fold.findings(state)
+        learnt, checked = fold.findings(state), checks.findings()
+        void = {finding.part for finding in (*checked, *learnt) if finding.severity == "invalidates"}
         found = (
             *signals.findings,
-            *findings_of(summary, device, whole, invalidated(device, (*checks.of_signals(), *learnt))),
+            *findings_of(summary, device, whole, void),
             *learnt,
             *trials.findings(),
-            *checks.findings(),
+            *checked,
         )
         return JointEstimate(
             name,
