@@ -55,8 +55,8 @@ result is not to be used, and `warning` else: of an estimate that is invalidated
 be judged by what invalidates a validation.
 
 `--json` of `estimate`, `validate`, `diagnose`, `compare` and `inspect` lists them under `findings`, and a validation those
-that its verdict rests on under `reasons`; `report.json` and `diagnosis.json` have the same. A trace's Parquet file has them as JSON in
-its own metadata (`vsalog.findings`), the summary of a batch their codes in the column `codes`.
+that its verdict rests on under `reasons`; `report.json` and `diagnosis.json` have the same. A trace's Parquet file has them
+as JSON in its own metadata (`vsalog.findings`), the summary of a batch their codes in the column `codes`.
 """
 
 

@@ -1,0 +1,59 @@
+"""The verdict follows from numbers and from what findings say of them."""
+
+import numpy as np
+import pytest
+
+from vsalog.core.finding import Finding
+from vsalog.core.signals import JointSignals
+from vsalog.validation.document import Comparison, Dependence, Figure, Score, TransmissionReport
+from vsalog.validation.joint import Judged
+from vsalog.validation.verdict import joint_report
+
+N = 5000
+STAMPS = np.arange(N) * 10**6
+SIGNALS = JointSignals("arm", 1e-3, STAMPS, STAMPS * 1e-9, {}, STAMPS == 0, np.zeros(N, np.int32))
+
+
+def judged(nrmse, not_independent=None):
+    error, other = Figure(value=nrmse, low=0.9 * nrmse, high=1.1 * nrmse), Figure(value=0.0)
+    score = Score(
+        samples=N, effective_samples=500.0, span=1.0, mse=other, rmse=other, nrmse=error, msrep=other, r2=other, bias=other,
+        largest=0.0,
+    )  # fmt: skip
+    depends = Dependence(on="torque", share=0.9, p_value=0.0, slope=0.1, code="error.gain", evidence={"gain": 0.9})
+    compared = Comparison(quantity="flexibility_torque", unit="N*m", reference="sensor", inside=score, outside=None)
+    part = TransmissionReport(
+        transmission="1", judged_on="sensor", comparisons=(compared,), inside_share=1.0, dependence=(depends,)
+    )
+    return Judged((part,), not_independent)
+
+
+@pytest.mark.parametrize(
+    ("nrmse", "severity", "verdict"),
+    [
+        (1.0, "warning", "holds"),
+        (5.0, "warning", "undecided"),
+        (20.0, "warning", "fails"),
+        (1.0, "invalidates", "cannot be judged"),
+        (20.0, "invalidates", "fails"),
+    ],
+)
+def test_signals_that_tell_nothing_speak_for_no_model(nrmse, severity, verdict):
+    doubt = Finding(code="deflection.still", joint="arm", severity=severity)
+    report = joint_report(judged(nrmse), SIGNALS, {}, [doubt])
+    assert report.verdict == verdict
+    assert [finding.code for finding in report.reasons] == [
+        "validation.error",
+        "validation.inside_region",
+        "error.gain",
+    ]
+    assert report.findings == (doubt,)
+
+
+def test_a_model_is_judged_by_no_computed_torque_and_not_by_its_own_log():
+    computed = Finding(code="torque.function", joint="arm", part="torque_sensor", severity="invalidates")
+    report = joint_report(judged(20.0, computed), SIGNALS, {}, [])
+    assert (report.verdict, report.reasons[0]) == ("cannot be judged", computed)
+    for nrmse, verdict, code in ((1.0, "cannot be judged", "validation.own_log"), (20.0, "fails", "validation.error")):
+        report = joint_report(judged(nrmse), SIGNALS, {}, [], learnt_from=True)
+        assert (report.verdict, report.reasons[0].code) == (verdict, code)
