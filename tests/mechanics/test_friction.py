@@ -1,4 +1,4 @@
-"""Friction and cogging told from a motion: closed forms, and bristles against scipy's integrator."""
+"""Friction told from a motion: closed forms, and bristles against scipy's integrator."""
 
 import numpy as np
 import pytest
@@ -6,8 +6,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.integrate import solve_ivp
 
-from vsalog.mechanics.friction import cogging_torque, friction_block, friction_start, rubs
-from vsalog.rig.schema import Cogging, Friction, Motor
+from vsalog.mechanics.friction import friction_block, friction_start, rubs
+from vsalog.rig.schema import Friction
 
 T = 1e-3
 TIME = np.arange(4000) * T
@@ -106,11 +106,3 @@ def test_blocks_of_any_size_give_the_same_bits(stiffness):
             state, *out = friction_block(state, friction, v[k : k + size], load[k : k + size], 0.1, 1.0, T)
             parts.append(np.stack(out))
         np.testing.assert_array_equal(np.hstack(parts), whole)
-
-
-def test_cogging_counts_turns_of_the_rotor():
-    cogging = (Cogging(torque=0.01, order=3.0, phase=0.4), Cogging(torque=0.002, order=12.0))
-    theta = np.linspace(-1.0, 1.0, 50)
-    expected = 20.0 * (0.01 * np.sin(3.0 * 20.0 * theta + 0.4) + 0.002 * np.sin(12.0 * 20.0 * theta))
-    found = cogging_torque(Motor(side="rotor", gear_ratio=20.0, cogging=cogging), theta)
-    np.testing.assert_allclose(found, expected, atol=1e-12)

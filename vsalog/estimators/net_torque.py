@@ -12,11 +12,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vsalog.core.signals import JointSignals
+from vsalog.effects.cogging import cogging_torque
 from vsalog.estimators.device import TransmissionView
 from vsalog.filters.conditioning import FINEST, FilterName
 from vsalog.filters.kinematic import PAPER_TRACKING_INDEX, KinematicSettings, kinematic_filter
 from vsalog.filters.savitzky_golay import savgol_filter, savgol_lag, savgol_weights
-from vsalog.mechanics.friction import cogging_torque, friction_block, friction_start, rubs
+from vsalog.mechanics.friction import friction_block, friction_start, rubs
 from vsalog.rig.schema import Motor
 
 Array = NDArray[np.float64]
@@ -138,7 +139,8 @@ class NetTorque:
         roles = dict(rows.roles)
         for v in self.views:
             motor, tau = self.motors[v.name], rows.roles[v.motor_torque]
-            net = tau + cogging_torque(motor, rows.roles[v.motor_position]) if motor.cogging else tau
+            theta = rows.roles[v.motor_position]
+            net = tau + cogging_torque(motor.cogging, motor.gear_ratio, theta) if motor.cogging else tau
             if rubs(motor.friction):
                 before = frictions.get(v.name)
                 # The transmitted torque is about the motor's own; the estimator puts in what it finds for it.

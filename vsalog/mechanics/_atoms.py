@@ -9,6 +9,8 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
+from vsalog.effects import cogging
+
 Array = NDArray[np.float64]
 
 LINEAR, CUBIC, POLYNOMIAL, EXPONENTIAL, VSA2, AWAS = range(6)
@@ -19,6 +21,11 @@ LOOP_TORQUE, LOOP_WIDTH, LOOP_EXPONENT, LOOP_SHAPE, SPRING = range(6, 11)
 
 # What stands where in a row that describes friction.
 VISCOUS, COULOMB, STATIC, STRIBECK, LOAD, BRISTLE, BRISTLE_DAMPING = range(7)
+
+
+# Formulas of effects, which stand as plain functions in `vsalog.effects`.
+_compiled = njit(error_model="numpy", forceinline=True)
+wave = _compiled(cogging.wave)
 
 
 @njit(error_model="numpy", forceinline=True)

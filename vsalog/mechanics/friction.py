@@ -1,4 +1,4 @@
-"""Dry friction and cogging of a motor, told from how it was seen to move.
+"""Dry friction of a motor, told from how it was seen to move.
 
 What friction does is known as far as the motion is: where the velocity is too small for its sign to be told, ideal friction
 may be anything between minus and plus its level, and bristles begin anywhere between their extremes. So both extremes are
@@ -11,7 +11,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from vsalog.rig.parts import Friction, Motor
+from vsalog.rig.parts import Friction
 
 Array = NDArray[np.float64]
 
@@ -19,14 +19,6 @@ Array = NDArray[np.float64]
 def rubs(friction: Friction) -> bool:
     """Tell whether there is any dry friction."""
     return friction.breakaway > 0.0 or friction.load > 0.0
-
-
-def cogging_torque(motor: Motor, theta: Array) -> Array:
-    """Return Σ torque · sin(order · θ_rotor + phase) on the joint's side of the gear [N·m], shape of `theta` [rad]."""
-    motor, out = motor.reflected, np.zeros_like(theta)
-    for c in motor.cogging:
-        out += c.torque * np.sin(c.order * motor.gear_ratio * theta + c.phase)
-    return out
 
 
 def friction_start() -> Array:

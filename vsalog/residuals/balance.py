@@ -20,6 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vsalog.binding.joint import offered_roles
+from vsalog.effects.cogging import wave
 from vsalog.mechanics import flexibility_torque, reaction_torque
 from vsalog.mechanics.links import link_inertia, link_weight
 from vsalog.mechanics.transmissions import coded
@@ -314,7 +315,7 @@ def cogged(motor: Motor, theta: Array, torque: Array | float) -> Array | float:
     """Return a torque that a motor has to overcome, less its cogging."""
     motor = motor.reflected
     for c in motor.cogging:
-        torque = torque - c.torque * np.sin(c.order * motor.gear_ratio * theta[0] + c.phase)
+        torque = torque - wave(*c.row(motor.gear_ratio), theta[0])
     return torque
 
 

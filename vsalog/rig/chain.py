@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from vsalog.rig.quantities import (
+from vsalog.core.quantities import (
     Acceleration,
     Angle,
     Base,

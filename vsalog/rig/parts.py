@@ -7,7 +7,7 @@ from typing import Annotated, Literal
 from msgspec import Meta
 from msgspec.structs import replace
 
-from vsalog.rig.quantities import (
+from vsalog.core.quantities import (
     AddedCubicStiffness,
     Angle,
     AngleRange,
@@ -22,7 +22,6 @@ from vsalog.rig.quantities import (
     LengthPerAngle,
     LinearStiffness,
     Mass,
-    Order,
     Rate,
     Ratio,
     Share,
@@ -34,6 +33,7 @@ from vsalog.rig.quantities import (
     TorqueConstant,
     TorqueLevel,
 )
+from vsalog.effects.cogging import Cogging
 
 
 class Friction(Base, frozen=True):
@@ -73,21 +73,6 @@ class Friction(Base, frozen=True):
             presliding_stiffness=None if stiffness is None else stiffness * ratio**2,
             presliding_damping=self.presliding_damping * ratio**2,
         )
-
-
-class Cogging(Base, frozen=True):
-    """A torque that repeats over the rotor's turn: torque · sin(order · θ_rotor + phase), acting along with the motor's torque.
-
-    Attributes
-    ----------
-    torque : amplitude [N·m]
-    order : periods per turn of the rotor
-    phase : at θ = 0 [rad]
-    """
-
-    torque: Torque
-    order: Order
-    phase: Angle = 0.0
 
 
 class Motor(Base, frozen=True):
@@ -134,7 +119,7 @@ class Motor(Base, frozen=True):
             inertia=None if self.inertia is None else self.inertia * ratio**2,
             damping=self.damping * ratio**2,
             friction=self.friction.geared(ratio),
-            cogging=tuple(replace(c, torque=c.torque * ratio) for c in self.cogging),
+            cogging=tuple(c.geared(ratio) for c in self.cogging),
             torque_offset=self.torque_offset * ratio,
             torque_step=self.torque_step * ratio,
         )

@@ -10,7 +10,7 @@ from typing import Annotated
 
 from msgspec import Meta
 
-from vsalog.rig.quantities import (
+from vsalog.core.quantities import (
     Acceleration,
     Angle,
     AngularReturn,

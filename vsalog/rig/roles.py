@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Literal
 
-from vsalog.rig.quantities import (
+from vsalog.core.quantities import (
     Angle,
     AngleWidth,
     Base,

@@ -1,6 +1,7 @@
 """The structures of `rig.toml`: everything a log does not say about the joints it was recorded on.
 
-Every quantity is SI inside; `quantities` has the types, `parts` what joints are made of, `roles` where they are recorded.
+Every quantity is SI inside; `core.quantities` has the types, `effects` the keys of effects, `parts` what joints are made of,
+`roles` where they are recorded.
 """
 
 from __future__ import annotations
@@ -9,11 +10,12 @@ from typing import Annotated
 
 from msgspec import Meta, field
 
+from vsalog.core.quantities import Base, DeflectionScale, SetpointScale
+from vsalog.effects.cogging import Cogging
 from vsalog.rig.chain import Accelerometer, Chain, ChainLink, Coupling
 from vsalog.rig.parts import (
     AwasTransmission,
     BoucWen,
-    Cogging,
     Contact,
     CubicTransmission,
     ExponentialTransmission,
@@ -48,7 +50,6 @@ from vsalog.rig.pneumatic import (
     TonduFriction,
     Valve,
 )
-from vsalog.rig.quantities import Base, DeflectionScale, SetpointScale
 from vsalog.rig.roles import (
     AntagonisticSignals,
     Eccentricity,

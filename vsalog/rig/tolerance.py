@@ -6,44 +6,10 @@
 from __future__ import annotations
 
 import re
-from typing import NamedTuple
 
-from vsalog.core.units import parse_unit, split_number
+from vsalog.effects import effects
+from vsalog.effects.base import Default
 from vsalog.rig.uncertain import HALF_WIDTH_IN_DEVIATIONS
-
-
-class Default(NamedTuple):
-    """Half-width of the 95 % interval of a kind of quantity: the largest of three parts.
-
-    Attributes
-    ----------
-    names : the keys it holds for, or the ends of their paths
-    reason : why it is as wide
-    share : of the nominal value [1]
-    share_of_scale : of the size that would matter, for what may be absent [1]
-    least : with its unit
-    """
-
-    names: tuple[str, ...]
-    reason: str
-    share: float = 0.0
-    share_of_scale: float = 0.0
-    least: str = "0"
-
-    def half_width(self, nominal: float, scale: float) -> float:
-        """Return it in SI."""
-        number, unit = split_number(self.least)
-        least = number * parse_unit(unit).factor if unit else number
-        return max(self.share * abs(nominal), self.share_of_scale * abs(scale), least)
-
-    @property
-    def words(self) -> str:
-        """The half-width as text, such as "± 50 %, at least 10 % of scale"."""
-        parts = [f"± {100.0 * self.share:g} %"] if self.share else []
-        parts += [f"± {100.0 * self.share_of_scale:g} % of scale"] if self.share_of_scale else []
-        parts += [f"± {self.least}"] if self.least != "0" else []
-        return ", at least ".join(parts[:1] + [part.removeprefix("± ") for part in parts[1:]]) or "exact"
-
 
 # A key that is an encoder's is named with its role: an angle is measured better than anything else.
 _ENCODERS = ("motor_position", "link_position", "deflection")
@@ -54,6 +20,7 @@ def _of_encoders(key: str) -> tuple[str, ...]:
 
 
 DEFAULTS = (
+    *(default for effect in effects().values() for default in effect.tolerances),
     Default(("inertia",), "from CAD or a data sheet, which leave out couplings, screws and cables", share=0.2),
     Default(("mass", "distance"), "a load is seldom weighed, its centre of mass guessed", share=0.2),
     Default(
@@ -89,8 +56,7 @@ DEFAULTS = (
         share=2.0,
     ),
     Default(("load", "shaft_coefficient"), "a gear's efficiency is known to 5 points", share=0.5, least="0.05"),
-    Default(("cogging.torque",), "varies from motor to motor", share=0.5, share_of_scale=0.02),
-    Default(("cogging.phase", "eccentricity.phase"), "nothing is known before it is measured", least="180 deg"),
+    Default(("eccentricity.phase",), "nothing is known before it is measured", least="180 deg"),
     Default(
         ("stiffness", "spring_stiffness", "series_stiffness", "return_stiffness"),
         "manufacturers' tolerance of springs",

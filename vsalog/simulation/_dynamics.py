@@ -31,6 +31,7 @@ from vsalog.mechanics._atoms import (
     loop_rate,
     nominal_spring,
     spring,
+    wave,
 )
 from vsalog.mechanics._rigid_body import DDQ, DQ, TAU, Q, inverse_dynamics
 
@@ -211,7 +212,7 @@ def derivative(p: Array, at: Integers, t: float, x: Array, tau: Array, modes: In
     for c in range(at[COGGINGS]):
         row = at[COGGING] + 4 * c
         i = int(p[row])
-        w[FORCE, i] += p[row + 1] * np.sin(p[row + 2] * x[i] + p[row + 3])
+        w[FORCE, i] += wave(p[row + 1], p[row + 2], p[row + 3], x[i])
     _transmit(p, at, t, x, modes, w)
     _rub(p, at, x, modes, w)
     for i in range(n):

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vsalog.core.errors import SimulationError
+from vsalog.effects.cogging import steepness
 from vsalog.mechanics.links import link_inertia, link_weight
 from vsalog.mechanics.rigid_body import bodies, mass_matrix
 from vsalog.mechanics.rigid_joint import as_one
@@ -176,7 +177,7 @@ class Machine:
             # A chain's weight grows with its inertia.
             load[j] += 0.0 if self.chained or joint.link is None else abs(_gravity(joint.link)[0])
         for m in self.motors:
-            load[m.index] += sum(c.torque * c.order * m.motor.gear_ratio for c in m.motor.cogging)
+            load[m.index] += steepness(m.motor.cogging, m.motor.gear_ratio)
         friction = self.numbers[self.at[d.FRICTION] :][: 7 * n].reshape(n, 7)
         viscous, static, bristle, bristle_damping = friction[:, [0, 2, 5, 6]].T
         load += bristle
@@ -264,9 +265,7 @@ def _coded(
     payloads = {name: link.payload for name, link in zip(names, links, strict=True) if link.payload is not None}
     rows = [coded(s.transmission) for s in slots]
     width = max((row.size for row in rows), default=0)
-    cogging = [
-        (float(m.index), c.torque, c.order * m.motor.gear_ratio, c.phase) for m in motors for c in m.motor.cogging
-    ]
+    cogging = [(float(m.index), *c.row(m.motor.gear_ratio)) for m in motors for c in m.motor.cogging]
     tables: list[Array] = [  # in the order of `_dynamics`
         np.array(
             [*(link_inertia(k) if chain is None else 0.0 for k in links), *(m.motor.inertia or 0.0 for m in moving)]

@@ -6,7 +6,7 @@ from typing import Annotated, Literal
 
 from msgspec import Meta, field
 
-from vsalog.rig.quantities import (
+from vsalog.core.quantities import (
     Angle,
     Base,
     Damping,

@@ -1,0 +1,23 @@
+"""Effects: one physical or sensing effect per file, and the table of them.
+
+Third parties add one by an entry point in the group ``vsalog.effects`` that names a module with an `EFFECT`.
+"""
+
+from __future__ import annotations
+
+from functools import cache
+from importlib import import_module
+from importlib.metadata import entry_points
+from pkgutil import iter_modules
+
+from vsalog.effects.base import Effect
+
+
+@cache
+def effects() -> dict[str, Effect]:
+    """Return name → effect, those of third parties last."""
+    own = sorted(m.name for m in iter_modules(__path__) if m.name != "base")
+    found: dict[str, Effect] = {name: import_module(f"{__name__}.{name}").EFFECT for name in own}
+    for point in entry_points(group="vsalog.effects"):
+        found.setdefault(point.name, import_module(point.value).EFFECT)
+    return found

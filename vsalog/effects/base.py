@@ -1,0 +1,148 @@
+"""What an effect is: its tolerances and its causes as data. Its formulas are functions of its module, on plain numbers."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Literal, NamedTuple
+
+from vsalog.core.units import parse_unit, split_number
+
+# Filters and averages tell no number better than to this part of it; one of a short wave not that well, and one of what has
+# corners, as dry friction, loops and gaps have, which are also rounder in a machine than in any rig, still less.
+SMOOTH, WAVY, CORNERED = 5e-4, 2e-3, 1e-2
+
+
+class Default(NamedTuple):
+    """Half-width of the 95 % interval of a kind of quantity: the largest of three parts.
+
+    Attributes
+    ----------
+    names : the keys it holds for, or the ends of their paths
+    reason : why it is as wide
+    share : of the nominal value [1]
+    share_of_scale : of the size that would matter, for what may be absent [1]
+    least : with its unit
+    """
+
+    names: tuple[str, ...]
+    reason: str
+    share: float = 0.0
+    share_of_scale: float = 0.0
+    least: str = "0"
+
+    def half_width(self, nominal: float, scale: float) -> float:
+        """Return it in SI."""
+        number, unit = split_number(self.least)
+        least = number * parse_unit(unit).factor if unit else number
+        return max(self.share * abs(nominal), self.share_of_scale * abs(scale), least)
+
+    @property
+    def words(self) -> str:
+        """The half-width as text, such as "± 50 %, at least 10 % of scale"."""
+        parts = [f"± {100.0 * self.share:g} %"] if self.share else []
+        parts += [f"± {100.0 * self.share_of_scale:g} % of scale"] if self.share_of_scale else []
+        parts += [f"± {self.least}"] if self.least != "0" else []
+        return ", at least ".join(parts[:1] + [part.removeprefix("± ") for part in parts[1:]]) or "exact"
+
+
+@dataclass(frozen=True, slots=True)
+class Sizes:
+    """What a cause may know of the log at the place where it sits.
+
+    Attributes
+    ----------
+    value : of the cause's key in the rig, SI
+    torque : size of the torque there [N·m]
+    speed : size of the velocity there [rad/s]
+    deflection : the largest of the transmission but for a few [rad]
+    period, duration : of the log [s]
+    one_clock : whether one encoder and the motor's torque are all that has a time
+    one_body : whether motor and link are seen moving as one, in one equation
+    rotor : whether the rig gives that motor an inertia
+    computable : whether the torque sensor's reading may have been computed from a deflection that is not in the log
+    """
+
+    value: float
+    torque: float
+    speed: float
+    deflection: float
+    period: float
+    duration: float
+    one_clock: bool = False
+    one_body: bool = False
+    rotor: bool = True
+    computable: bool = False
+
+
+Rule = float | Callable[[Sizes], float]
+Place = Literal["motor", "transmission", "link", "torque sensor", "encoder", "clock"]
+
+
+def _always(_: Sizes) -> bool:
+    return True
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class OneNumber:
+    """A cause that is one number of the rig: a row of the catalogue of causes.
+
+    Attributes
+    ----------
+    name : in the catalogue
+    title, says, confirm, reference, signature : for people; `{part}` stands for the part
+    place : the kind of part where it sits
+    key : of the rig, below the part
+    number, unit : as the diagnosis reports it, SI
+    step : small enough for the equations to be straight over it
+    low, high : bounds
+    reach : as far as one step of a fit may go
+    blur : what of it nothing tells, one standard deviation
+    scale : the value that would matter in the log
+    starts : where a search begins; at the rig's value when absent
+    where : whether it is looked for in a log
+    doubles : causes that look the same, where `doubled`
+    order : in the catalogue, before the name
+    exact : part of the value to which equations tell it at best
+    """
+
+    name: str
+    title: str
+    says: str
+    confirm: str
+    reference: str
+    signature: str
+    place: Place
+    key: str
+    number: str
+    unit: str
+    step: Rule
+    low: Rule = -float("inf")
+    high: Rule = float("inf")
+    reach: Rule = float("inf")
+    blur: Rule = 0.0
+    scale: Rule = 0.0
+    starts: tuple[Rule, ...] = ()
+    where: Callable[[Sizes], bool] = _always
+    doubles: tuple[str, ...] = ()
+    doubled: Callable[[Sizes], bool] = _always
+    order: int = 0
+    exact: float = SMOOTH
+
+
+class Effect(NamedTuple):
+    """A physical or sensing effect, as the registry knows it.
+
+    Attributes
+    ----------
+    tolerances : how well its quantities are known where the rig does not say
+    causes : that are one number of the rig
+    """
+
+    tolerances: tuple[Default, ...] = ()
+    causes: tuple[OneNumber, ...] = ()
+
+
+def valued(rule: Rule, sizes: Sizes) -> float:
+    """Return a number that may depend on the log."""
+    return rule(sizes) if callable(rule) else rule
