@@ -9,7 +9,7 @@ import numpy as np
 from vsalog.checks.torque_independence import computed_from
 from vsalog.core.finding import Finding
 from vsalog.core.signals import JointSignals
-from vsalog.diagnosis.causes.sensor import TORQUES
+from vsalog.diagnosis.causes.one_number import TORQUES
 from vsalog.residuals.sensing import at_joint, each_sensor
 from vsalog.rig.schema import AwasTransmission
 

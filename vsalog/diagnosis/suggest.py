@@ -29,7 +29,7 @@ from vsalog.diagnosis.suggest_candidates import Candidate, Played, candidates
 from vsalog.diagnosis.suggest_questions import Hypothesis, Questions, ordinary_causes, questions_of, shown
 from vsalog.diagnosis.suggest_range import Seen, seen_in
 from vsalog.diagnosis.suggest_words import TELLS, scenario_text, words_of
-from vsalog.mechanics.links import GRAVITY
+from vsalog.effects.gravity import GRAVITY
 from vsalog.residuals.channels import channels_of
 from vsalog.residuals.kinds import balance_for
 from vsalog.residuals.sensing import bare

@@ -16,6 +16,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
+from vsalog.effects.delay import LATEST
 from vsalog.residuals.balance import Equation
 from vsalog.residuals.channels import Channels
 from vsalog.residuals.memory import remembered
@@ -32,8 +33,6 @@ STILL, ENOUGH = 3.0, 0.9
 # Filters are exact to about this part of the torques they pass.
 EXACT = 1e-3
 SEEDS = (1, 2)
-# No channel is later, or earlier, than this [s].
-LATEST = 0.05
 
 Balance = Callable[[Any, Mapping[str, Array], Array, Mapping[str, float]], list[Equation]]
 

@@ -18,9 +18,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vsalog.core.errors import SimulationError
+from vsalog.effects.delay import LATEST
 from vsalog.residuals.channels import Channels, span_of
 from vsalog.residuals.sensing import known, said, true_roles
-from vsalog.residuals.system import LATEST
 from vsalog.residuals.windows_bench import BenchPlayer
 from vsalog.residuals.windows_mechanical import MechanicalPlayer, free_motors, link_told, movable, remembers
 from vsalog.residuals.windows_pneumatic import PneumaticPlayer

@@ -21,7 +21,6 @@ from vsalog.core.quantities import (
     Length,
     LengthPerAngle,
     LinearStiffness,
-    Mass,
     Rate,
     Ratio,
     Share,
@@ -34,6 +33,7 @@ from vsalog.core.quantities import (
     TorqueLevel,
 )
 from vsalog.effects.cogging import Cogging
+from vsalog.effects.gravity import Payload
 
 
 class Friction(Base, frozen=True):
@@ -254,19 +254,6 @@ KnownTransmission = (
     | AwasTransmission
 )
 Transmission = KnownTransmission | UnknownTransmission
-
-
-class Payload(Base, frozen=True):
-    """A point mass on the link, in line with its centre of mass: inertia m d², gravity torque m g d.
-
-    Attributes
-    ----------
-    mass : m [kg]
-    distance : d from the joint's axis [m]
-    """
-
-    mass: Mass
-    distance: Length
 
 
 class Contact(Base, frozen=True):

@@ -5,8 +5,6 @@ from __future__ import annotations
 from typing import Literal
 
 from vsalog.core.quantities import (
-    Angle,
-    AngleWidth,
     Base,
     Fraction,
     Ratio,
@@ -18,6 +16,7 @@ from vsalog.core.quantities import (
     Time,
     TimeSpan,
 )
+from vsalog.effects.eccentricity import Eccentricity
 
 # What a role may be measured in, before torque constant and lever make a current a torque and an angle a lever arm.
 ROLE_UNITS: dict[str, tuple[str, ...]] = {
@@ -41,19 +40,6 @@ ROLE_UNITS: dict[str, tuple[str, ...]] = {
 def role_units(role: str) -> tuple[str, ...]:
     """Return the SI units of what a role may be measured in; ``motor_position_1`` is a ``motor_position``."""
     return ROLE_UNITS[role.removesuffix("_1").removesuffix("_2")]
-
-
-class Eccentricity(Base, frozen=True):
-    """An encoder disc off its axis: amplitude · sin(x + phase) is added to the true angle x.
-
-    Attributes
-    ----------
-    amplitude : [rad]
-    phase : [rad]
-    """
-
-    amplitude: AngleWidth
-    phase: Angle = 0.0
 
 
 class Signal(Base, frozen=True):

@@ -12,6 +12,8 @@ from msgspec import Meta, field
 
 from vsalog.core.quantities import Base, DeflectionScale, SetpointScale
 from vsalog.effects.cogging import Cogging
+from vsalog.effects.eccentricity import Eccentricity
+from vsalog.effects.gravity import Payload
 from vsalog.rig.chain import Accelerometer, Chain, ChainLink, Coupling
 from vsalog.rig.parts import (
     AwasTransmission,
@@ -25,7 +27,6 @@ from vsalog.rig.parts import (
     LinearTransmission,
     Link,
     Motor,
-    Payload,
     PolynomialTransmission,
     SlipElement,
     Transmission,
@@ -52,7 +53,6 @@ from vsalog.rig.pneumatic import (
 )
 from vsalog.rig.roles import (
     AntagonisticSignals,
-    Eccentricity,
     Run,
     SerialSignals,
     Signal,

@@ -1,20 +1,30 @@
-"""The catalogue of causes: every module of this package may hold some, and each is found by itself."""
+"""The catalogue of causes: rows of the effects' tables, and classes of the modules of this package.
+
+Third parties add causes by an entry point in the group ``vsalog.causes`` that names a module with subclasses of `Cause`, or rows
+by one in the group ``vsalog.effects``.
+"""
 
 from __future__ import annotations
 
 from functools import cache
 from importlib import import_module
+from importlib.metadata import entry_points
 from pkgutil import iter_modules
 
 from vsalog.diagnosis.causes.base import Cause
+from vsalog.diagnosis.causes.one_number import OneNumberCause
+from vsalog.effects import effects
 
 
 @cache
 def catalogue() -> dict[str, Cause]:
     """Return name → cause, all there are."""
-    for module in iter_modules(__path__):
-        import_module(f"{__name__}.{module.name}")
-    return {c.name: c for c in sorted((kind() for kind in _kinds(Cause)), key=lambda c: (c.order, c.name))}
+    modules = [f"{__name__}.{module.name}" for module in iter_modules(__path__)]
+    for module in (*modules, *(point.value for point in entry_points(group="vsalog.causes"))):
+        import_module(module)
+    rows = [OneNumberCause(row) for effect in effects().values() for row in effect.causes]
+    causes = (*rows, *(kind() for kind in _kinds(Cause)))
+    return {c.name: c for c in sorted(causes, key=lambda c: (c.order, c.name))}
 
 
 def _kinds(base: type[Cause]) -> list[type[Cause]]:

@@ -4,14 +4,15 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Any, ClassVar
+from typing import Any
 
 import numpy as np
 from msgspec.structs import replace
 from numpy.typing import NDArray
 
 from vsalog.binding.joint import signal_of
-from vsalog.residuals.sensing import position_role
+from vsalog.effects.base import SMOOTH
+from vsalog.residuals.sensing import motors_of, position_role, torque_role
 from vsalog.rig.schema import RigidJoint
 
 Array = NDArray[np.float64]
@@ -36,6 +37,9 @@ class Parameter:
     blur : what of it nothing tells, one standard deviation
     rounded : part of the value that filters may take off where equations tell it, one standard deviation; trajectories keep it
     shape : whether it says what an effect looks like, not how strong it is: nothing is known of it before a log is seen
+    key : of the rig below the cause's part; the name when absent
+    scale : the value that would matter in the log
+    nominal : what the rig has, where the search does not begin there
     """
 
     name: str
@@ -49,6 +53,9 @@ class Parameter:
     blur: float = 0.0
     rounded: float = 0.0
     shape: bool = False
+    key: str = ""
+    scale: float = 0.0
+    nominal: float | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -189,11 +196,6 @@ class Setting:
         return (size(values[1]) if values is not None else 0.0) or 1.0
 
 
-# Filters and averages tell no number better than to this part of it; one of a short wave not that well, and one of what has
-# corners, as dry friction, loops and gaps have, which are also rounder in a machine than in any rig, still less.
-SMOOTH, WAVY, CORNERED = 5e-4, 2e-3, 1e-2
-
-
 class Cause:
     """A physical or sensing effect that a rig's simulation may lack or have wrong.
 
@@ -201,14 +203,14 @@ class Cause:
     which the equations tell it at best.
     """
 
-    name: ClassVar[str]
-    title: ClassVar[str]
-    says: ClassVar[str]
-    confirm: ClassVar[str]
-    reference: ClassVar[str]
-    signature: ClassVar[str]
-    order: ClassVar[int] = 0
-    exact: ClassVar[float] = SMOOTH
+    name: str
+    title: str
+    says: str
+    confirm: str
+    reference: str
+    signature: str
+    order: int = 0
+    exact: float = SMOOTH
 
     def sites(self, setting: Setting) -> Iterator[Site]:
         """Yield where in the joint the cause may sit, given its roles."""
@@ -284,3 +286,35 @@ def transmissions_of(joint: Any) -> tuple[str, ...]:
     """Return the names under which a mechanical joint has transmissions of a known type."""
     names = [n for n in ("transmission", "transmission_1", "transmission_2") if hasattr(joint, n)]
     return tuple(n for n in names if hasattr(getattr(joint, n), "damping"))
+
+
+def moved_motors(setting: Setting) -> Iterator[str]:
+    """Yield the motors whose equation can be formed, and those whose equation tells the torque of a transmission."""
+    for name in motors_of(setting.joint):
+        motor = getattr(setting.joint, name)
+        heavy = motor.inertia is not None or link_equation(setting) == "motor"
+        if not heavy or torque_role(name) not in setting.roles:
+            continue
+        if name in setting.equations or (name != "secondary_motor" and "link" in setting.equations):
+            yield name
+
+
+def scale_of(setting: Setting, name: str) -> tuple[float, float]:
+    """Return the sizes of a motor's torque and of its speed."""
+    role = position_of(setting, name)
+    if role not in setting.roles:
+        role = "link_position"
+    speed = setting.speed(role)
+    if name == "secondary_motor" and setting.joint.lever is not None:
+        speed /= setting.joint.lever.travel
+    return setting.torque_size(torque_role(name)), speed
+
+
+def recorded(setting: Setting, roles: Sequence[str]) -> Iterator[tuple[str, Any]]:
+    """Yield the roles that are recorded, with their signals."""
+    for role in roles:
+        spec = getattr(setting.joint.signals, role, None)
+        if spec is not None and role in setting.roles and setting.equations:
+            signal = signal_of(spec)
+            if signal.constant is None:
+                yield role, signal

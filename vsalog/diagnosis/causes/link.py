@@ -10,20 +10,18 @@ from numpy.typing import NDArray
 from scipy.ndimage import uniform_filter1d
 
 from vsalog.diagnosis.causes.base import (
-    CORNERED,
-    WAVY,
     Cause,
     Parameter,
     Remainder,
     Setting,
     Site,
     link_equation,
-    one_field,
     with_part,
 )
 from vsalog.diagnosis.causes.motor_friction import with_bristles, with_level
-from vsalog.mechanics.links import GRAVITY
-from vsalog.rig.schema import Contact, Payload
+from vsalog.effects.base import CORNERED, WAVY
+from vsalog.effects.gravity import Payload
+from vsalog.rig.schema import Contact
 
 Array = NDArray[np.float64]
 
@@ -51,25 +49,6 @@ class _OfLink(Cause):
         raise NotImplementedError
 
 
-class LinkInertia(_OfLink):
-    """Another inertia of the link."""
-
-    name = "link.inertia"
-    title = "The inertia of the link is not what the rig says"
-    says = "the link's equation is off in proportion to its acceleration"
-    confirm = "Clamp the motor and let the link swing on the spring: its frequency tells the inertia."
-    reference = "Flacco 2012 eq. 3, M"
-    signature = "link equation: q̈"
-    order = -1
-
-    def of_link(self, setting: Setting, link: Any) -> Iterator[Site]:
-        """Yield the cause in the link."""
-        parameter = Parameter("inertia", "kg*m^2", link.inertia, 0.01 * link.inertia, 1e-3 * link.inertia)
-        # What moves as one has one inertia.
-        one = link_equation(setting) == "motor" and setting.joint.motor.inertia is not None
-        yield one_field(self.name, "link", parameter, "inertia", doubles=("motor.inertia",) if one else ())
-
-
 class LinkPayload(_OfLink):
     """A mass on the link."""
 
@@ -84,14 +63,22 @@ class LinkPayload(_OfLink):
         """Yield the cause in the link; without gravity it is an inertia like any other."""
         if not link.gravity_torque:
             return
-        there = link.payload
-        inertia, weight = (
-            (there.mass * there.distance**2, there.mass * GRAVITY * there.distance) if there else (0.0, 0.0)
-        )
-        inertia, weight = max(inertia, 1e-6 * link.inertia), max(weight, 1e-6 * abs(link.gravity_torque))
+        there, heavy, weighty = link.payload, link.inertia, abs(link.gravity_torque)
+        inertia, weight = (there.inertia, there.weight) if there else (0.0, 0.0)
+        inertia, weight = max(inertia, 1e-6 * heavy), max(weight, 1e-6 * weighty)
+        # A load is anything up to the link itself.
         parameters = (
-            Parameter("inertia", "kg*m^2", inertia, 0.01 * link.inertia, 1e-6 * link.inertia),
-            Parameter("weight", "N*m", weight, 0.01 * abs(link.gravity_torque), 1e-6 * abs(link.gravity_torque)),
+            Parameter("inertia", "kg*m^2", inertia, 0.01 * heavy, 1e-6 * heavy, scale=heavy, nominal=heavy),
+            Parameter(
+                "weight",
+                "N*m",
+                weight,
+                0.01 * weighty,
+                1e-6 * weighty,
+                key="gravity_torque",
+                scale=weighty,
+                nominal=weighty,
+            ),
         )
 
         def apply(joint: Any, values: Sequence[float]) -> Any:
@@ -103,43 +90,8 @@ class LinkPayload(_OfLink):
 
 def _payload(values: Sequence[float]) -> dict[str, tuple[float, str]]:
     inertia, weight = max(float(values[0]), 1e-12), max(float(values[1]), 1e-12)
-    distance = inertia * GRAVITY / weight
-    return {"mass": (weight / (GRAVITY * distance), "kg"), "distance": (distance, "m")}
-
-
-class LinkGravity(_OfLink):
-    """Another weight of the link."""
-
-    name = "link.gravity"
-    title = "The gravity torque of the link is not what the rig says"
-    says = "the link's equation is off in proportion to the sine of its position"
-    confirm = "Hold the link still in several positions and compare the torque that holds it."
-    reference = "Flacco 2012 eq. 3, g(q)"
-    signature = "link equation: sin(q − q₀)"
-
-    def of_link(self, setting: Setting, link: Any) -> Iterator[Site]:
-        """Yield the cause in the link."""
-        step = 0.01 * (abs(link.gravity_torque) or setting.torque_size())
-        parameter = Parameter("torque", "N*m", link.gravity_torque, step)
-        yield one_field(self.name, "link", parameter, "gravity_torque")
-
-
-class LinkViscousFriction(_OfLink):
-    """Friction that grows with the link's speed."""
-
-    of_both = False  # it is the motor's
-    name = "link.viscous_friction"
-    title = "The friction of the link that grows with its speed is not what the rig says"
-    says = "the link's equation is off in proportion to its velocity"
-    confirm = "Clamp the motor, let the link ring and see how fast the ringing fades."
-    reference = "Flacco 2012 eq. 3, D_q"
-    signature = "link equation: q̇"
-
-    def of_link(self, setting: Setting, link: Any) -> Iterator[Site]:
-        """Yield the cause in the link."""
-        step = 0.01 * setting.torque_size() / setting.speed("link_position")
-        parameter = Parameter("damping", "N*m*s/rad", link.damping, step, 0.0)
-        yield one_field(self.name, "link", parameter, "damping")
+    load = Payload.of(inertia, weight)
+    return {"mass": (load.mass, "kg"), "distance": (load.distance, "m")}
 
 
 class LinkCoulombFriction(_OfLink):
@@ -159,7 +111,10 @@ class LinkCoulombFriction(_OfLink):
 
     def of_link(self, setting: Setting, link: Any) -> Iterator[Site]:
         """Yield the cause in the link."""
-        parameter = Parameter("torque", "N*m", link.friction.coulomb, 1e-3 * setting.torque_size(), 0.0)
+        torque = setting.torque_size()
+        parameter = Parameter(
+            "torque", "N*m", link.friction.coulomb, 1e-3 * torque, 0.0, key="friction.coulomb", scale=torque
+        )
         yield from with_bristles(Site(self.name, "link", (parameter,), with_level("link")), setting)
 
 
@@ -176,10 +131,11 @@ class LinkContact(_OfLink):
 
     def of_link(self, setting: Setting, link: Any) -> Iterator[Site]:
         """Yield the cause in the link."""
+        torque = setting.torque_size()
         parameters = (
             Parameter("start", "s", 0.0, 0.005, 0.0, setting.duration, 0.1, shape=True),
             Parameter("duration", "s", 0.3, 0.005, 0.03, 3.0, 0.1, shape=True),
-            Parameter("torque", "N*m", 0.0, 1e-3 * setting.torque_size()),
+            Parameter("torque", "N*m", 0.0, 1e-3 * torque, key="friction.coulomb", scale=torque),
         )
 
         def apply(joint: Any, values: Sequence[float]) -> Any:

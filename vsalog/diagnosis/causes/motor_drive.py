@@ -9,102 +9,24 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vsalog.diagnosis.causes.base import (
-    WAVY,
     Cause,
     Parameter,
     Remainder,
     Setting,
     Site,
     angle_of,
-    link_equation,
-    one_clock,
-    one_field,
+    moved_motors,
     position_of,
+    scale_of,
     with_part,
 )
-from vsalog.diagnosis.causes.motor_friction import moved_motors, scale_of
-from vsalog.residuals.system import LATEST
-from vsalog.rig.schema import Cogging
+from vsalog.effects.base import WAVY
+from vsalog.effects.cogging import Cogging
 
 Array = NDArray[np.float64]
 
 # Periods per turn of the rotor that are looked for, and how many of the best are tried.
 ORDERS, TRIED = 72, 3
-
-
-class MotorInertia(Cause):
-    """Another inertia of the motor."""
-
-    name = "motor.inertia"
-    title = "The inertia of the {part} is not what the rig says"
-    says = "its motor equation is off in proportion to the motor's acceleration"
-    confirm = "Accelerate the motor with the link free, or taken off: the torque it needs is its inertia times the acceleration."
-    reference = "Flacco 2012 eq. 4, B"
-    signature = "motor equation: θ̈"
-
-    def sites(self, setting: Setting) -> Iterator[Site]:
-        """Yield one per motor."""
-        for name in moved_motors(setting):
-            if link_equation(setting) == "motor":
-                continue  # the link's: what moves as one has one inertia
-            inertia = getattr(setting.joint, name).inertia
-            parameter = Parameter("inertia", "kg*m^2", inertia, 0.01 * inertia, 1e-3 * inertia)
-            yield one_field(self.name, name, parameter, "inertia")
-
-
-class MotorTorqueConstant(Cause):
-    """A torque constant other than the rig's."""
-
-    name = "motor.torque_constant"
-    title = "The {part} makes another torque than is recorded of it: its torque constant is off"
-    says = "its motor equation is off in proportion to the motor's torque"
-    confirm = "Hold the link against a force gauge and command several torques: compare."
-    reference = "Flacco 2012 eq. 4, τ"
-    signature = "motor equation: τ"
-
-    def sites(self, setting: Setting) -> Iterator[Site]:
-        """Yield one per motor."""
-        for name in moved_motors(setting):
-            parameter = Parameter("gain", "1", getattr(setting.joint, name).torque_gain, 0.01, 0.05, 20.0)
-            yield one_field(self.name, name, parameter, "torque_gain")
-
-
-class MotorTorqueOffset(Cause):
-    """A torque that acts when none is recorded."""
-
-    name = "motor.torque_offset"
-    title = "The {part} makes a torque when none is recorded: its drive has an offset"
-    says = "its motor equation is off by a constant"
-    confirm = "Command no torque and see on which side the joint comes to rest, or which torque holds it still."
-    reference = "Flacco 2012 eq. 4, τ"
-    signature = "motor equation: 1"
-
-    def sites(self, setting: Setting) -> Iterator[Site]:
-        """Yield one per motor."""
-        for name in moved_motors(setting):
-            torque, _ = scale_of(setting, name)
-            parameter = Parameter("torque", "N*m", getattr(setting.joint, name).torque_offset, 1e-3 * torque)
-            yield one_field(self.name, name, parameter, "torque_offset")
-
-
-class MotorTorqueDelay(Cause):
-    """A torque that acts later than its record says."""
-
-    name = "motor.torque_delay"
-    title = "The torque of the {part} acts later than it is recorded"
-    says = "its motor equation is off in proportion to the rate of the motor's torque"
-    confirm = "Command a step of torque and look at when the motor begins to accelerate."
-    reference = "a drive's current loop and its bus"
-    signature = "motor equation: dτ/dt"
-
-    def sites(self, setting: Setting) -> Iterator[Site]:
-        """Yield one per motor."""
-        for name in () if one_clock(setting) else moved_motors(setting):
-            start = getattr(setting.joint, name).torque_delay
-            # Whether torques were held from sample to sample few logs tell: half a sample either way.
-            blur = setting.period / 12.0**0.5
-            parameter = Parameter("delay", "s", start, 0.25 * setting.period, 0.0, LATEST, blur=blur)
-            yield one_field(self.name, name, parameter, "torque_delay")
 
 
 class MotorCogging(Cause):
@@ -129,8 +51,8 @@ class MotorCogging(Cause):
             theta = angle_of(setting.joint, setting.roles[role], name)
             span = float(np.nanmax(theta) - np.nanmin(theta)) * ratio or 1.0
             parameters = (
-                Parameter("cosine", "N*m", 0.0, 1e-3 * torque),
-                Parameter("sine", "N*m", 0.0, 1e-3 * torque),
+                Parameter("cosine", "N*m", 0.0, 1e-3 * torque, key="cogging.torque", scale=torque),
+                Parameter("sine", "N*m", 0.0, 1e-3 * torque, key="cogging.torque", scale=torque),
                 Parameter("order", "1", 1.0, 0.01 / span, 0.1, 1.2 * ORDERS, 1.0 / span, shape=True),
             )
             yield Site(self.name, name, parameters, _cogging(name), _waves(setting.joint, name, role), _cogging_report)

@@ -10,7 +10,6 @@ import numpy as np
 from msgspec.structs import replace
 
 from vsalog.diagnosis.causes.base import (
-    CORNERED,
     Apply,
     Cause,
     Parameter,
@@ -19,14 +18,14 @@ from vsalog.diagnosis.causes.base import (
     Site,
     angle_of,
     is_rigid,
-    link_equation,
-    one_field,
+    moved_motors,
     position_of,
+    scale_of,
     size,
     with_part,
 )
+from vsalog.effects.base import CORNERED
 from vsalog.mechanics.links import link_weight
-from vsalog.residuals.sensing import motors_of, torque_role
 
 DRY = frozenset({"motor.coulomb_friction", "motor.stribeck_friction"})
 # Stribeck speeds to begin with, as parts of the motor's speed.
@@ -85,54 +84,10 @@ def with_bristles(plain: Site, setting: Setting) -> Iterator[Site]:
     yield Site(plain.cause, plain.part, (*plain.parameters, way), apply, starts, report, plain.excludes)
 
 
-def moved_motors(setting: Setting) -> Iterator[str]:
-    """Yield the motors whose equation can be formed, and those whose equation tells the torque of a transmission."""
-    for name in motors_of(setting.joint):
-        motor = getattr(setting.joint, name)
-        heavy = motor.inertia is not None or link_equation(setting) == "motor"
-        if not heavy or torque_role(name) not in setting.roles:
-            continue
-        if name in setting.equations or (name != "secondary_motor" and "link" in setting.equations):
-            yield name
-
-
-def scale_of(setting: Setting, name: str) -> tuple[float, float]:
-    """Return the sizes of a motor's torque and of its speed."""
-    role = position_of(setting, name)
-    if role not in setting.roles:
-        role = "link_position"
-    speed = setting.speed(role)
-    if name == "secondary_motor" and setting.joint.lever is not None:
-        speed /= setting.joint.lever.travel
-    return setting.torque_size(torque_role(name)), speed
-
-
 def carries(setting: Setting) -> bool:
     """Tell whether the gear of a rigid joint is known to transmit a torque: its sensor says it, or the link has a weight."""
     link = setting.joint.link
     return bool(setting.torques) or (link is not None and link_weight(link) != 0.0)
-
-
-class MotorViscousFriction(Cause):
-    """Friction that grows with the motor's speed."""
-
-    name = "motor.viscous_friction"
-    title = "The friction of the {part} that grows with its speed is not what the rig says"
-    says = "its motor equation is off in proportion to the motor's velocity"
-    confirm = (
-        "Let the motor turn at several constant speeds without load: the torque it needs rises in a straight line."
-    )
-    reference = "Flacco 2012 eq. 4, D_θ"
-    signature = "motor equation: θ̇"
-
-    def sites(self, setting: Setting) -> Iterator[Site]:
-        """Yield one per motor."""
-        for name in moved_motors(setting):
-            torque, speed = scale_of(setting, name)
-            parameter = Parameter(
-                "damping", "N*m*s/rad", getattr(setting.joint, name).damping, 0.01 * torque / speed, 0.0
-            )
-            yield one_field(self.name, name, parameter, "damping")
 
 
 class MotorCoulombFriction(Cause):
@@ -153,7 +108,7 @@ class MotorCoulombFriction(Cause):
         for name in moved_motors(setting):
             torque, _ = scale_of(setting, name)
             start = getattr(setting.joint, name).friction.coulomb
-            parameter = Parameter("torque", "N*m", start, 1e-3 * torque, 0.0)
+            parameter = Parameter("torque", "N*m", start, 1e-3 * torque, 0.0, key="friction.coulomb", scale=torque)
             yield from with_bristles(Site(self.name, name, (parameter,), with_level(name), excludes=DRY), setting)
 
 
@@ -189,8 +144,17 @@ class MotorStribeckFriction(Cause):
             friction = getattr(setting.joint, name).friction
             falling = friction.stribeck_velocity or 0.1 * speed
             parameters = (
-                Parameter("torque", "N*m", friction.coulomb, 1e-3 * torque, 0.0),
-                Parameter("excess", "N*m", friction.breakaway - friction.coulomb, 1e-3 * torque, 0.0, rounded=ROUNDED),
+                Parameter("torque", "N*m", friction.coulomb, 1e-3 * torque, 0.0, key="friction.coulomb", scale=torque),
+                Parameter(
+                    "excess",
+                    "N*m",
+                    friction.breakaway - friction.coulomb,
+                    1e-3 * torque,
+                    0.0,
+                    rounded=ROUNDED,
+                    key="friction.static",
+                    scale=torque,
+                ),
                 Parameter(
                     "velocity",
                     "rad/s",
@@ -248,7 +212,7 @@ class MotorLoadDependentFriction(Cause):
             if is_rigid(setting.joint) and not carries(setting):
                 continue
             start = getattr(setting.joint, name).friction.load
-            parameter = Parameter("share", "1", start, 1e-3, 0.0, 0.9)
+            parameter = Parameter("share", "1", start, 1e-3, 0.0, 0.9, key="friction.load")
 
             def apply(joint: Any, values: Sequence[float], name: str = name) -> Any:
                 friction = replace(getattr(joint, name).friction, load=max(float(values[0]), 0.0))

@@ -9,7 +9,8 @@ import numpy as np
 from msgspec.structs import replace
 
 from vsalog.binding.joint import signal_of
-from vsalog.diagnosis.causes.base import CORNERED, Cause, Parameter, Setting, Site, one_field, with_part, with_signal
+from vsalog.diagnosis.causes.base import Cause, Parameter, Setting, Site, one_field, with_part, with_signal
+from vsalog.effects.base import CORNERED
 from vsalog.rig.schema import PneumaticJoint, PressureFriction, SimpleFriction, TonduFriction
 
 TWINS = ("_1", "_2")
@@ -58,7 +59,7 @@ class PneumaticLeak(_OfMuscles):
         name, valve = f"muscle{twin}", getattr(setting.joint, f"valve{twin}")
         most = max(valve.inflow_area, valve.outflow_area) * valve.area_scale or 1e-8
         start = getattr(setting.joint, name).leak_area
-        parameter = Parameter("area", "m^2", start, 1e-4 * most, 0.0, 100.0 * most)
+        parameter = Parameter("area", "m^2", start, 1e-4 * most, 0.0, 100.0 * most, key="leak_area", scale=most)
         yield one_field(self.name, name, parameter, "leak_area")
 
 
@@ -77,7 +78,7 @@ class PneumaticOrificeArea(_OfMuscles):
         if not _filled(setting, twin):
             return
         name = f"valve{twin}"
-        parameter = Parameter("scale", "1", getattr(setting.joint, name).area_scale, 1e-3, 0.02, 50.0)
+        parameter = Parameter("scale", "1", getattr(setting.joint, name).area_scale, 1e-3, 0.02, 50.0, key="area_scale")
         yield one_field(self.name, name, parameter, "area_scale")
 
 
@@ -99,7 +100,7 @@ class PneumaticValveOffset(_OfMuscles):
         valve = getattr(setting.joint, name)
         span = valve.voltage[-1] - valve.voltage[0]
         # The map has corners: a step no longer than the distance between them.
-        parameter = Parameter("offset", "V", valve.offset, 1e-4 * span, -span, span, 0.1 * span)
+        parameter = Parameter("offset", "V", valve.offset, 1e-4 * span, -span, span, 0.1 * span, scale=span)
         yield one_field(self.name, name, parameter, "offset")
 
 
@@ -128,7 +129,8 @@ class PneumaticPressureOffset(_OfMuscles):
         most = 0.5 * (air.supply_pressure - air.outside_pressure)
         # A pressure that becomes less than nothing is none.
         least = float(np.nanmin(setting.roles[role][0])) - 0.2 * air.outside_pressure
-        parameter = Parameter("offset", "Pa", signal.offset, 1e-4 * most, -most, max(min(most, least), 1e-3 * most))
+        highest = max(min(most, least), 1e-3 * most)
+        parameter = Parameter("offset", "Pa", signal.offset, 1e-4 * most, -most, highest, scale=most)
 
         def apply(joint: Any, values: Sequence[float]) -> Any:
             return with_signal(joint, role, offset=float(values[0]))
@@ -151,7 +153,7 @@ class PneumaticForceGain(_OfMuscles):
         if not _pulls(setting, "seesaw", "transmission"):
             return
         name = f"muscle{twin}"
-        parameter = Parameter("gain", "1", getattr(setting.joint, name).force_gain, 1e-3, 0.05, 20.0)
+        parameter = Parameter("gain", "1", getattr(setting.joint, name).force_gain, 1e-3, 0.05, 20.0, key="force_gain")
         yield one_field(self.name, name, parameter, "force_gain")
 
 
@@ -176,14 +178,22 @@ class PneumaticMuscleFriction(Cause):
         if "seesaw" not in setting.equations and ("torque_sensor" in setting.roles or not _pulls(setting)):
             return
         friction = setting.joint.friction
-        torque = 1e-3 * setting.torque_size()
+        torque = setting.torque_size()
         if isinstance(friction, PressureFriction):
             # Of two muscles at half of what the supply gives.
             tube = 2.0 * (0.5 * (setting.joint.air.supply_pressure - setting.joint.air.outside_pressure)) ** -2.0
-            parameter = Parameter("muscle", "N*m*Pa^2", friction.muscle, torque / tube, 0.0)
+            parameter = Parameter(
+                "muscle",
+                "N*m*Pa^2",
+                friction.muscle,
+                1e-3 * torque / tube,
+                0.0,
+                key="friction.muscle",
+                scale=torque / tube,
+            )
         else:
             level = friction.kinetic if isinstance(friction, TonduFriction) else friction.level if friction else 0.0
-            parameter = Parameter("torque", "N*m", level, torque, 0.0)
+            parameter = Parameter("torque", "N*m", level, 1e-3 * torque, 0.0, key="coulomb", scale=torque)
         yield Site(self.name, "friction", (parameter,), _rubbed)
 
 

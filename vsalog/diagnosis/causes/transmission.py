@@ -9,18 +9,17 @@ import numpy as np
 from msgspec.structs import replace
 
 from vsalog.diagnosis.causes.base import (
-    CORNERED,
     Cause,
     Parameter,
     Remainder,
     Setting,
     Site,
-    one_field,
     suffix_of,
     transmissions_of,
     with_part,
 )
 from vsalog.diagnosis.causes.motor_friction import NARROW
+from vsalog.effects.base import CORNERED
 from vsalog.rig.schema import (
     AwasTransmission,
     BoucWen,
@@ -29,8 +28,8 @@ from vsalog.rig.schema import (
     SlipElement,
 )
 
-# Widths of loops and gaps to begin with, as parts of the deflection.
-WIDTHS, GAPS = (5e-4, 4e-3, 0.02, 0.06, 0.2, 0.5), (0.02, 0.1, 0.3)
+# Widths of loops to begin with, as parts of the deflection.
+WIDTHS = (5e-4, 4e-3, 0.02, 0.06, 0.2, 0.5)
 
 
 def scaled(transmission: Any, factor: float) -> Any:
@@ -71,64 +70,12 @@ class TransmissionStiffness(_OfTransmission):
 
     def site(self, setting: Setting, name: str, transmission: Any) -> Site:
         """Return the cause in one transmission."""
-        parameter = Parameter("factor", "1", 1.0, 0.01, 0.05, 20.0)
+        parameter = Parameter("factor", "1", 1.0, 0.01, 0.05, 20.0, key="stiffness")
 
         def apply(joint: Any, values: Sequence[float]) -> Any:
             return replace(joint, **{name: scaled(getattr(joint, name), float(values[0]))})
 
         return Site(self.name, name, (parameter,), apply)
-
-
-class TransmissionNonlinearity(_OfTransmission):
-    """A spring of another shape."""
-
-    name = "transmission.nonlinearity"
-    title = "The spring of the {part} hardens or softens with its deflection otherwise than the rig says"
-    says = "the torque it transmits is off by the cube of the deflection"
-    confirm = "Clamp the link and load the joint slowly up to the largest deflection: the curve bends."
-    reference = "Flacco 2012 eq. 25: higher powers of φ"
-    signature = "transmission equation: φ³"
-
-    def site(self, setting: Setting, name: str, transmission: Any) -> Site:
-        """Return the cause in one transmission."""
-        suffix = suffix_of(name)
-        scale = setting.torque_size() / setting.deflection_size(suffix) ** 3
-        parameter = Parameter("cubic", "N*m/rad^3", transmission.added_cubic, 1e-3 * scale)
-        return one_field(self.name, name, parameter, "added_cubic")
-
-
-class TransmissionAsymmetry(_OfTransmission):
-    """A spring that is stiffer one way than the other."""
-
-    name = "transmission.asymmetry"
-    title = "The spring of the {part} is stiffer one way than the other, and the rig has it alike"
-    says = "the torque it transmits is off by opposite factors at positive and negative deflection"
-    confirm = "Clamp the link and load the joint slowly both ways: compare the two slopes."
-    reference = "Flacco 2014 eq. 7: even powers of φ"
-    signature = "transmission equation: |τ_e(φ)|"
-
-    def site(self, setting: Setting, name: str, transmission: Any) -> Site:
-        """Return the cause in one transmission."""
-        parameter = Parameter("asymmetry", "1", transmission.asymmetry, 1e-3, -0.95, 0.95)
-        return one_field(self.name, name, parameter, "asymmetry")
-
-
-class TransmissionDamping(_OfTransmission):
-    """A transmission that damps."""
-
-    name = "transmission.damping"
-    title = "The {part} damps its deflection otherwise than the rig says"
-    says = "the torque it transmits is off in proportion to the deflection's rate"
-    confirm = "Clamp the motor, deflect the link and let go: see how fast the ringing fades, with the link's own friction known."
-    reference = "De Luca 2007 eq. 1, D"
-    signature = "transmission equation: φ̇"
-
-    def site(self, setting: Setting, name: str, transmission: Any) -> Site:
-        """Return the cause in one transmission."""
-        suffix = suffix_of(name)
-        stiffness = setting.torque_size() / setting.deflection_size(suffix)
-        parameter = Parameter("damping", "N*m*s/rad", transmission.damping, 1e-4 * stiffness, 0.0)
-        return one_field(self.name, name, parameter, "damping")
 
 
 class TransmissionHysteresis(_OfTransmission):
@@ -152,7 +99,7 @@ class TransmissionHysteresis(_OfTransmission):
         # A loop may be as narrow as dry friction is.
         low, high = float(np.log(NARROW * phi)), float(np.log(2.0 * phi))
         parameters = (
-            Parameter("torque", "N*m", height, 1e-3 * torque, 0.0),
+            Parameter("torque", "N*m", height, 1e-3 * torque, 0.0, key="bouc_wen.torque", scale=torque),
             Parameter("width", "1", float(np.log(width)), 0.02, low, high, 1.0, shape=True),
         )
 
@@ -200,44 +147,9 @@ def _beside_friction(loop: Site, setting: Setting) -> Site:
         limit, travel = float(values[own]), float(np.exp(values[own + 1]))
         return loop.reported(values[:own]) | {"slip_limit": (limit, "N*m"), "slip_travel": (travel, "rad")}
 
-    parameters = (*loop.parameters, Parameter("slip_limit", "N*m", 0.0, step, 0.0), travel)
+    parameters = (
+        *loop.parameters,
+        Parameter("slip_limit", "N*m", 0.0, step, 0.0, key="slip.limit", scale=loop.parameters[0].scale),
+        travel,
+    )
     return Site(loop.cause, name, parameters, apply, starts, report)
-
-
-class TransmissionBacklash(_OfTransmission):
-    """A gap in which nothing is transmitted."""
-
-    name = "transmission.backlash"
-    exact = CORNERED
-    title = "The {part} has a gap in which it transmits nothing (backlash), and the rig does not have it"
-    says = "it transmits nothing at small deflections, and less than the rig says at all others"
-    confirm = "Hold the motor and move the link to and fro by hand: between the two stops it goes freely."
-    reference = "Nordin and Gutman (2002), Controlling mechanical systems with backlash, Automatica 38(10)"
-    signature = "transmission equation: τ_e(φ) less the gap"
-
-    def site(self, setting: Setting, name: str, transmission: Any) -> Site:
-        """Return the cause in one transmission."""
-        phi = setting.deflection_size(suffix_of(name))
-        parameter = Parameter("gap", "rad", transmission.backlash, 2e-3 * phi, 0.0, 1.5 * phi, 0.3 * phi)
-
-        def starts(_: Remainder) -> list[tuple[float, ...]]:
-            return [(share * phi,) for share in GAPS]
-
-        return one_field(self.name, name, parameter, "backlash", starts=starts)
-
-
-class TransmissionStiffnessDrift(_OfTransmission):
-    """A spring that becomes stiffer or softer in the course of the log."""
-
-    name = "transmission.stiffness_drift"
-    title = "The spring of the {part} becomes stiffer or softer in the course of the log, and the rig has it constant"
-    says = "the torque it transmits is off by a factor that grows with time"
-    confirm = "Repeat the same slow loading in the beginning and at the end: compare the slopes."
-    reference = "creep and warming of elastomers"
-    signature = "transmission equation: t τ_e(φ)"
-
-    def site(self, setting: Setting, name: str, transmission: Any) -> Site:
-        """Return the cause in one transmission."""
-        most = 0.9 / setting.duration
-        parameter = Parameter("rate", "1/s", transmission.drift, 0.01 * most, -most, 10.0 * most)
-        return one_field(self.name, name, parameter, "drift")

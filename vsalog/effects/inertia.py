@@ -1,0 +1,34 @@
+"""Inertia of a motor and of its link."""
+
+from __future__ import annotations
+
+from vsalog.effects.base import Default, Effect, OneNumber
+
+EFFECT = Effect(
+    tolerances=(
+        Default(("inertia",), "from CAD or a data sheet, which leave out couplings, screws and cables", share=0.2),
+    ),
+    causes=(
+        # What moves as one has one inertia: it is the link's.
+        OneNumber(
+            name="motor.inertia", place="motor", key="inertia", number="inertia", unit="kg*m^2",
+            step=lambda s: 0.01 * s.value, low=lambda s: 1e-3 * s.value, where=lambda s: not s.one_body,
+            title="The inertia of the {part} is not what the rig says",
+            says="its motor equation is off in proportion to the motor's acceleration",
+            confirm="Accelerate the motor with the link free, or taken off: the torque it needs is its inertia times the "
+            "acceleration.",
+            reference="Flacco 2012 eq. 4, B",
+            signature="motor equation: θ̈",
+        ),
+        OneNumber(
+            name="link.inertia", place="link", key="inertia", number="inertia", unit="kg*m^2",
+            step=lambda s: 0.01 * s.value, low=lambda s: 1e-3 * s.value, doubles=("motor.inertia",),
+            doubled=lambda s: s.one_body and s.rotor, order=-1,
+            title="The inertia of the link is not what the rig says",
+            says="the link's equation is off in proportion to its acceleration",
+            confirm="Clamp the motor and let the link swing on the spring: its frequency tells the inertia.",
+            reference="Flacco 2012 eq. 3, M",
+            signature="link equation: q̈",
+        ),
+    ),
+)  # fmt: skip
