@@ -7,8 +7,9 @@ from scipy.optimize import brentq
 from written_out import ELASTIC, joint_of, signals
 
 from vsalog.diagnosis.causes.base import with_part, with_signal
+from vsalog.effects.delay import shifted
 from vsalog.residuals.channels import Channels
-from vsalog.residuals.sensing import at_joint, bare, motors_of, said, sensors_as_written, shifted, true_roles
+from vsalog.residuals.sensing import at_joint, bare, motors_of, said, sensors_as_written, true_roles
 from vsalog.rig import Rig
 from vsalog.rig.schema import Eccentricity
 

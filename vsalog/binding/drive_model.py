@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from vsalog.binding.grid import Bound
 from vsalog.core.finding import Finding
 from vsalog.core.resolution import resolution_of
+from vsalog.effects.drive import delivered
 from vsalog.rig.schema import Motor
 
 Array = NDArray[np.float64]
@@ -43,12 +44,7 @@ def acting_torque(bound: Bound, motor: Motor) -> Bound:
 
 def made_of(recorded: Array, motor: Motor) -> Array:
     """Return what a drive makes of recorded torques, on the same side of the gear as `motor`; its delay aside."""
-    step, made = motor.torque_step, recorded
-    if step > 0.0:
-        made = np.asarray(np.round(made / step) * step)
-    if motor.torque_gain != 1.0:
-        made = motor.torque_gain * made
-    return made + motor.torque_offset if motor.torque_offset else made
+    return delivered(recorded, motor.torque_gain, motor.torque_offset, motor.torque_step)
 
 
 def acting_findings(joint: str, motors: Mapping[str, Motor]) -> Iterator[Finding]:

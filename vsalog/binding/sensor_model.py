@@ -6,6 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vsalog.core.resolution import resolution_of
+from vsalog.effects.calibration import zeroed
 from vsalog.rig.roles import Signal
 
 Array = NDArray[np.float64]
@@ -27,14 +28,9 @@ def seen_by(m: Array, signal: Signal, time: Array | None) -> tuple[Array, float 
     if resolution is None and (time is not None or disc is not None):
         # What is taken out here hides the steps.
         resolution = resolution_of(m)
-    if signal.offset:
-        m = m - signal.offset
-    if time is not None:
-        m = m - signal.drift * time
-    x = m / signal.gain if signal.gain != 1.0 else m
+    m = zeroed(m, time, signal.offset, signal.drift)
     if disc is not None:
-        for _ in range(ROUNDS):
-            last, x = x, (m - disc.amplitude * np.sin(x + disc.phase)) / signal.gain
-            if not np.fmax.reduce(np.abs(x - last)) > LEFT * max(1.0, float(np.fmax.reduce(np.abs(x)))):
-                break
-    return x, None if resolution is None else resolution / signal.gain
+        m = disc.centred(m, signal.gain, ROUNDS, LEFT)
+    elif signal.gain != 1.0:
+        m = m / signal.gain
+    return m, None if resolution is None else resolution / signal.gain

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from vsalog.core.errors import EstimatorError
 from vsalog.core.signals import JointSignals
+from vsalog.effects.backlash import engaged
 from vsalog.estimators.device import Device, TransmissionView, deflection_of, spread
 from vsalog.estimators.net_torque import NetTorque, doubt_role, extended, way_role
 from vsalog.estimators.tuning import Tuning
@@ -37,7 +38,7 @@ class Known:
     ----------
     view : the transmission
     damping : of the transmission [N·m·s/rad]
-    half_gap : inside which it does not damp [rad]
+    gap : inside which it does not damp [rad]
     loops : whether it has hysteresis
     slack : what noise may move the deflection by [rad]
     rubs : whether the motor has dry friction
@@ -47,7 +48,7 @@ class Known:
 
     view: TransmissionView
     damping: float
-    half_gap: float
+    gap: float
     loops: bool
     slack: float
     rubs: bool
@@ -72,8 +73,7 @@ class Known:
         beside, doubt = np.zeros(len(block.rows)), np.zeros(len(block.rows))
         phi = deflection_of(block.fit, self.view)
         if self.damping > 0.0:
-            moving = np.abs(phi) > self.half_gap if self.half_gap > 0.0 else True
-            beside += np.where(moving, self.damping * _rate(block, self.view), 0.0)
+            beside += engaged(phi, self.gap, self.damping * _rate(block, self.view))
         if self.loops:
             begun = loop_start(self.view.nominal) if block.rows.starts[0] else state
             state, torque, unsure = loop_block(begun, self.view.nominal, phi, self.slack)
@@ -130,7 +130,7 @@ def known_of(
     )
     steps = [signals.resolution.get(role, 0.0) for role in view.deflection_roles(signals.roles)]
     slack = SLACK[tuning.filter] * float(np.linalg.norm(steps)) / 12.0**0.5
-    return Known(view, damping, 0.5 * gap, loops > 0.0, slack, rubbing, load, *limits)
+    return Known(view, damping, gap, loops > 0.0, slack, rubbing, load, *limits)
 
 
 def conditioner_of(

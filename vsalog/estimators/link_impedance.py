@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from vsalog.core.finding import Finding
 from vsalog.core.resolution import sensor_noise
 from vsalog.core.signals import JointSignals
+from vsalog.effects.gravity import holding_torque
 from vsalog.estimators.device import Device, spread
 from vsalog.estimators.equation import SUPPORTED_SHARE
 from vsalog.estimators.following import Columns
@@ -143,7 +144,7 @@ class LinkImpedance:
             u = u + rows.roles["external_torque"]
         link = self.device.link
         if link is not None and link.gravity_torque:
-            u = u - link_weight(link) * np.sin(rows.roles["link_position"] - link.gravity_angle)
+            u = u - holding_torque(link_weight(link), link.gravity_angle, rows.roles["link_position"])
         return np.asarray(u)
 
     def _bent(self, part: JointSignals, window: int) -> Array:

@@ -9,7 +9,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from vsalog.effects import cogging
+from vsalog.effects import backlash, cogging, gravity
 
 Array = NDArray[np.float64]
 
@@ -26,6 +26,8 @@ VISCOUS, COULOMB, STATIC, STRIBECK, LOAD, BRISTLE, BRISTLE_DAMPING = range(7)
 # Formulas of effects, which stand as plain functions in `vsalog.effects`.
 _compiled = njit(error_model="numpy", forceinline=True)
 wave = _compiled(cogging.wave)
+beyond_gap = _compiled(backlash.beyond_gap)
+holding_torque = _compiled(gravity.holding_torque)
 
 
 @njit(error_model="numpy", forceinline=True)
@@ -103,18 +105,6 @@ def spring(
         factor * (torque + cubic * squared * u),
         factor * (stiffness + 3.0 * cubic * squared),
     )
-
-
-@njit(error_model="numpy", forceinline=True)
-def beyond_gap(phi: float, half_gap: float) -> tuple[float, float]:
-    """Return the deflection less the gap, and the side: +1, −1, 0 inside the gap."""
-    if half_gap <= 0.0:
-        return phi, 1.0 if phi >= 0.0 else -1.0
-    if phi > half_gap:
-        return phi - half_gap, 1.0
-    if phi < -half_gap:
-        return phi + half_gap, -1.0
-    return (np.nan if np.isnan(phi) else 0.0), 0.0
 
 
 @njit(error_model="numpy", forceinline=True)

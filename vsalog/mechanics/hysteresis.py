@@ -11,6 +11,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
+from vsalog.mechanics._atoms import beyond_gap
 from vsalog.rig.parts import Transmission, UnknownTransmission
 
 Array = NDArray[np.float64]
@@ -87,7 +88,7 @@ def _follow(
         if np.isnan(x):
             out[0, k], out[1, k] = np.nan, np.nan
             continue
-        u = x - half_gap if x > half_gap else x + half_gap if x < -half_gap else 0.0
+        u = beyond_gap(x, half_gap)[0]
         begin = np.isnan(state[0, 0])
         du = 0.0 if begin else u - state[0, 0]
         kept = begin or abs(du) > slack

@@ -6,7 +6,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from vsalog.mechanics._atoms import HALF_GAP, LOOP_EXPONENT, LOOP_SHAPE, LOOP_TORQUE, LOOP_WIDTH
+from vsalog.mechanics._atoms import HALF_GAP, LOOP_EXPONENT, LOOP_SHAPE, LOOP_TORQUE, LOOP_WIDTH, beyond_gap
 
 Array = NDArray[np.float64]
 
@@ -48,7 +48,7 @@ def _run(
         if np.isnan(x):
             out[k] = np.nan
             continue
-        u = x - half_gap if x > half_gap else x + half_gap if x < -half_gap else 0.0
+        u = beyond_gap(x, half_gap)[0]
         if np.isnan(last):
             last = u
         du = u - last

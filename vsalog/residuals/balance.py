@@ -20,7 +20,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vsalog.binding.joint import offered_roles
+from vsalog.effects.backlash import engaged
 from vsalog.effects.cogging import wave
+from vsalog.effects.gravity import holding_torque
 from vsalog.mechanics import flexibility_torque, reaction_torque
 from vsalog.mechanics.links import link_inertia, link_weight
 from vsalog.mechanics.transmissions import coded
@@ -230,8 +232,7 @@ def transmitted(
     """
     torque = flexibility_torque(transmission, phi[0], arm, time)
     if transmission.damping:
-        rate = np.where(np.abs(phi[0]) > 0.5 * transmission.backlash, phi[1], 0.0)
-        torque = torque + transmission.damping * rate
+        torque = torque + transmission.damping * engaged(phi[0], transmission.backlash, phi[1])
     if transmission.bouc_wen is not None or transmission.slip:
         elements = np.array([(e.stiffness, e.limit) for e in transmission.slip]).reshape(-1, 2)
         torque = torque + loop_torque(coded(transmission), elements, phi[0], slack)
@@ -335,9 +336,8 @@ def rubbing(friction: Friction, x: Array, load: Array | None, slack: float) -> A
 
 def driven(link: Link, q: Array, torque: Array, external: Array | None) -> Array:
     """Return M q̈ + D q̇ + g(q) + τ_T − τ_ext."""
-    carried = (
-        link_inertia(link) * q[2] + link.damping * q[1] + link_weight(link) * np.sin(q[0] - link.gravity_angle) + torque
-    )
+    weight = holding_torque(link_weight(link), link.gravity_angle, q[0])
+    carried = link_inertia(link) * q[2] + link.damping * q[1] + weight + torque
     return np.asarray(carried if external is None else carried - external[0])
 
 

@@ -15,6 +15,7 @@ from collections.abc import Mapping
 import numpy as np
 from numpy.typing import NDArray
 
+from vsalog.effects.gravity import holding_torque
 from vsalog.mechanics.links import link_weight
 from vsalog.mechanics.rigid_joint import as_one
 from vsalog.residuals.balance import (
@@ -98,4 +99,4 @@ def _value(x: Array) -> Array:
 
 def _weight(link: Link, q: Array) -> Array:
     """Return the torque that holds the link."""
-    return np.asarray(link_weight(link) * np.sin(q[0] - link.gravity_angle))
+    return np.asarray(holding_torque(link_weight(link), link.gravity_angle, q[0]))

@@ -12,6 +12,10 @@ from numpy.typing import NDArray
 from vsalog.binding.joint import offered_roles
 from vsalog.binding.sensor_model import seen_by
 from vsalog.core.signals import JointSignals
+from vsalog.effects.calibration import reading, zeroed
+from vsalog.effects.delay import late, shifted
+from vsalog.effects.drive import delivered
+from vsalog.effects.eccentricity import Eccentricity
 from vsalog.residuals.channels import Channels
 from vsalog.residuals.memory import remembered
 from vsalog.rig.schema import AntagonisticJoint, Joint, Motor, PneumaticJoint, SerialJoint, Signal
@@ -178,7 +182,7 @@ def true_roles(joint: Joint, channels: Channels, hold: float = 0.0) -> dict[str,
     true = {
         role: values
         if role in BOUND
-        else remembered(_true, values, _said_of(offered.get(role, Signal())), channels.time, channels.period)
+        else remembered(_true, values, offered.get(role, Signal()), channels.time, channels.period)
         for role, values in channels.roles.items()
     }
     for name in motors_of(joint):
@@ -234,59 +238,29 @@ def _without_series(deflection: Array, torque: Array, stiffness: float) -> Array
     return deflection - torque / stiffness
 
 
-def _said_of(signal: Signal) -> tuple[float, ...]:
-    """Return what a rig says of a sensor, as numbers: offset, gain, drift, delay, and amplitude and phase of an eccentricity."""
-    e = signal.eccentricity
-    return signal.offset, signal.gain, signal.drift, signal.delay, e.amplitude if e else 0.0, e.phase if e else 0.0
-
-
-def _true(m: Array, said: tuple[float, ...], time: Array, period: float) -> Array:
+def _true(m: Array, signal: Signal, time: Array, period: float) -> Array:
     """Undo m(t) = gain · x(t − delay) + offset + drift · t + eccentricity."""
-    offset, gain, drift, delay, amplitude, phase = said
-    if offset or drift:
-        m = np.stack([m[0] - offset - drift * time, m[1] - drift, m[2]])
-    if amplitude:
-        m = _centred(m, gain, amplitude, phase)
+    gain, disc = signal.gain, signal.eccentricity
+    if signal.offset or signal.drift:
+        m = np.stack([zeroed(m[0], time, signal.offset, signal.drift), m[1] - signal.drift, m[2]])
+    if disc is not None and disc.amplitude:
+        m = _centred(m, gain, disc)
     elif gain != 1.0:
         m = m / gain
-    return shifted(m, delay / period) if delay else m
+    return shifted(m, signal.delay / period) if signal.delay else m
 
 
 def _acting(commanded: Array, late: float, gain: float, offset: float) -> Array:
-    """Return the torque that acts, so many samples after it is commanded."""
-    acting = shifted(commanded, -late)
-    if gain != 1.0:
-        acting = acting * gain
-    return np.stack([acting[0] + offset, acting[1], acting[2]]) if offset else acting
+    """Return the torque that acts, so many samples after it is commanded, with its derivatives."""
+    made = delivered(shifted(commanded, -late), gain, 0.0)
+    return np.stack([delivered(made[0], 1.0, offset), made[1], made[2]]) if offset else made
 
 
-def _centred(m: Array, gain: float, amplitude: float, phase: float) -> Array:
-    x = m[0] / gain
-    for _ in range(ROUNDS):
-        x = (m[0] - amplitude * np.sin(x + phase)) / gain
-    slope = gain + amplitude * np.cos(x + phase)
+def _centred(m: Array, gain: float, disc: Eccentricity) -> Array:
+    x = disc.centred(m[0], gain, ROUNDS, 0.0)
+    slope = disc.slope(x, gain)
     rate = m[1] / slope
-    return np.stack([x, rate, (m[2] + amplitude * np.sin(x + phase) * rate**2) / slope])
-
-
-def shifted(values: Array, samples: float) -> Array:
-    """Return what is found `samples` later, shape (3, N): the cubic through four samples carries a fraction of one.
-
-    A straight line between two would take a part in a hundred off what swings at a twentieth of the sample rate. Beyond the ends
-    the last sample stands.
-    """
-    if samples == 0.0:
-        return values
-    whole = int(np.floor(samples))
-    part, last = samples - whole, values.shape[1] - 1
-    there = values.take(np.arange(whole - 1, last + whole + 3), axis=1, mode="clip")
-    before, here, after, beyond = (there[:, k : k + last + 1] for k in range(4))
-    if part == 0.0:
-        return np.asarray(here)
-    # Lagrange's weights, p of the way from here to after.
-    p, q = part, 1.0 - part
-    outer, inner = -p * q / 6.0, (1.0 + p) * (1.0 + q) / 2.0
-    return np.asarray(inner * (q * here + p * after) + outer * ((1.0 + q) * before + (1.0 + p) * beyond))
+    return np.stack([x, rate, (m[2] + disc.error(x) * rate**2) / slope])
 
 
 def said(joint: Any, role: str, truth: Mapping[str, Array], time: Array) -> Array:
@@ -314,25 +288,9 @@ def said(joint: Any, role: str, truth: Mapping[str, Array], time: Array) -> Arra
     if role.startswith("deflection") and signal.series_stiffness is not None:
         x = x + truth[f"transmission_torque{suffix}"] / signal.series_stiffness
     if signal.delay:
-        x = _late(x, time, signal.delay)
-    told = signal.gain * x + signal.offset + signal.drift * time
-    if signal.eccentricity is not None:
-        told = told + signal.eccentricity.amplitude * np.sin(x + signal.eccentricity.phase)
-    return told
-
-
-def _late(x: Array, time: Array, delay: float) -> Array:
-    """Return x(t − delay), shape (N,); beyond the ends it goes on as it does there, with its velocity and acceleration."""
-    asked = time - delay
-    late = np.interp(asked, time, x)
-    period = time[1] - time[0]
-    for end, inner, beyond in ((0, (1, 2), asked < time[0]), (-1, (-2, -3), asked > time[-1])):
-        # The parabola through the last three samples, Newton's form.
-        u = np.abs(asked[beyond] - time[end]) / period
-        first = x[inner[0]] - x[end]
-        second = x[inner[1]] - 2.0 * x[inner[0]] + x[end]
-        late[beyond] = x[end] - u * first + 0.5 * u * (u + 1.0) * second
-    return np.asarray(late)
+        x = late(x, time, signal.delay)
+    told = reading(x, time, signal.gain, signal.offset, signal.drift)
+    return told if signal.eccentricity is None else told + signal.eccentricity.error(x)
 
 
 def known(roles: Mapping[str, Array], *names: str) -> bool:

@@ -28,6 +28,7 @@ from vsalog.mechanics._atoms import (
     VISCOUS,
     bristle_rate,
     friction_level,
+    holding_torque,
     loop_rate,
     nominal_spring,
     spring,
@@ -205,7 +206,7 @@ def derivative(p: Array, at: Integers, t: float, x: Array, tau: Array, modes: In
     for j in range(at[LINKS]):
         weight = p[at[GRAVITY] + 2 * j]
         if weight != 0.0:
-            carried = weight * np.sin(x[j] - p[at[GRAVITY] + 2 * j + 1])
+            carried = holding_torque(weight, p[at[GRAVITY] + 2 * j + 1], x[j])
             w[FORCE, j] -= carried
             if at[TRANSMISSIONS] == 0:  # motor and link are one, and the gear transmits what holds the link
                 w[TRANSMITTED, j] = abs(carried)

@@ -17,6 +17,8 @@ from scipy.interpolate import make_interp_spline
 from vsalog.core.errors import SimulationError
 from vsalog.core.live_estimator import Said
 from vsalog.core.recording import Recording
+from vsalog.effects.drive import commanded_for
+from vsalog.effects.gravity import holding_torque
 from vsalog.mechanics.links import link_inertia, link_weight
 from vsalog.mechanics.rigid_body import inverse_dynamics, mass_matrix
 from vsalog.rig.schema import ElasticJoint, LinearTransmission, RigFile
@@ -101,7 +103,7 @@ class StateLoop:
 
     def _command(self, torque: Any) -> Any:
         """Return what the drive has to be told for a torque to act, at most the limit."""
-        told = (torque - self.motor.torque_offset) / self.motor.torque_gain
+        told = commanded_for(torque, self.motor.torque_gain, self.motor.torque_offset)
         return np.clip(told, -self.control.limit, self.control.limit)
 
 
@@ -201,7 +203,7 @@ def _link_torque(rig: RigFile, name: str, references: Mapping[str, Array], time:
     chain = rig.chain
     if chain is None or name not in [part.joint for part in chain.link]:
         inertia = link_inertia(link)
-        torque = inertia * ddq + link.damping * dq + link_weight(link) * np.sin(q - link.gravity_angle)
+        torque = inertia * ddq + link.damping * dq + holding_torque(link_weight(link), link.gravity_angle, q)
         return np.asarray(torque), inertia
     still = np.zeros(time.size)
     motion = []

@@ -11,6 +11,8 @@ from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline
 
 from vsalog.core.errors import SimulationError
+from vsalog.effects.backlash import engaged
+from vsalog.effects.drive import delivered, stepped
 from vsalog.mechanics import flexibility_torque, reaction_torque, stiffness
 from vsalog.rig.schema import AntagonisticJoint, AwasTransmission, Contact, SerialJoint
 from vsalog.simulation._integrate import integrate
@@ -156,7 +158,7 @@ class _Drives:
             if i in self.torques:
                 torque = _over(self.torques[i], grid, self.time, motor.torque_delay)
                 # Beside what pushes the link, where motor and link are one.
-                inputs[..., i] += motor.torque_gain * _stepped(torque, motor.torque_step) + motor.torque_offset
+                inputs[..., i] += delivered(torque, motor.torque_gain, motor.torque_offset, motor.torque_step)
         for i, spline in self.splines.items():
             inputs[..., i] = spline(grid, 2)
         prescribed = np.zeros((time.size, 2, n))
@@ -173,7 +175,7 @@ class _Drives:
         for k, (servo_slot, _, _) in enumerate(self.servos):
             if servo_slot.index == slot.index:
                 return self.commands[:, k]
-        return _stepped(at_samples(self.torques[slot.index], self.time), slot.motor.torque_step)
+        return stepped(at_samples(self.torques[slot.index], self.time), slot.motor.torque_step)
 
     def beginning(self, slot: MotorSlot) -> float | None:
         """Return where a motor under a servo or a prescribed motion begins."""
@@ -243,10 +245,6 @@ def _over(torque: TorqueInput, grid: Array, time: Array, delay: float) -> Array:
     return np.repeat((this + share * (following - this))[..., None], 3, axis=-1)
 
 
-def _stepped(values: Array, step: float) -> Array:
-    return np.asarray(np.round(values / step) * step + 0.0) if step > 0.0 else values
-
-
 def _first_state(machine: Machine, drives: _Drives, start: Mapping[str, Array]) -> Array:
     x = np.zeros(machine.state_size)
     for j, (name, joint) in enumerate(machine.joints.items()):
@@ -299,9 +297,7 @@ def _transmitted(
     """Return what a transmission did, by the names of its signals."""
     t, s = slot.transmission, slot.suffix
     phi = own["link_position"] - own[f"motor_position{s}"]
-    rate = own["link_velocity"] - own[f"motor_velocity{s}"]
-    if t.backlash > 0.0:
-        rate = np.where(np.abs(phi) > 0.5 * t.backlash, rate, 0.0)
+    rate = engaged(phi, t.backlash, own["link_velocity"] - own[f"motor_velocity{s}"])
     arm, found = None, {}
     joint = machine.joints[slot.joint]
     if isinstance(joint, SerialJoint) and joint.lever is not None:

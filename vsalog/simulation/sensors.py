@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline
 
 from vsalog.core.errors import SimulationError
+from vsalog.effects.calibration import reading
 from vsalog.mechanics.kinematics import LinkMotion, chain_motion, specific_force
 from vsalog.rig.schema import Chain, Joint, RigFile, Signal
 from vsalog.simulation.channels import is_lever_arm, named_signals
@@ -174,9 +175,9 @@ def _resolution(joint: Joint, role: str) -> float:
 
 
 def _reading(signal: Signal, x: Array, time: Array, random: np.random.Generator, ideal: bool) -> Array:
-    m = signal.gain * x + signal.offset + signal.drift * time
+    m = reading(x, time, signal.gain, signal.offset, signal.drift)
     if signal.eccentricity is not None:
-        m += signal.eccentricity.amplitude * np.sin(x + signal.eccentricity.phase)
+        m += signal.eccentricity.error(x)
     if ideal:
         return np.asarray(m)
     if signal.noise > 0.0:
