@@ -6,7 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.integrate import solve_ivp
 
-from vsalog.mechanics.friction import friction_block, friction_start, rubs
+from vsalog.mechanics.friction import friction_block, friction_start
 from vsalog.rig.schema import Friction
 
 T = 1e-3
@@ -44,9 +44,9 @@ def test_samples_beside_a_change_of_sign_are_in_doubt():
 
 
 def test_no_friction_is_none():
-    assert not rubs(Friction())
-    assert rubs(Friction(load=0.1))
-    assert rubs(Friction(static=0.1, stribeck_velocity=1.0))
+    assert not Friction().rubs
+    assert Friction(load=0.1).rubs
+    assert Friction(static=0.1, stribeck_velocity=1.0).rubs
 
 
 def speed(t):

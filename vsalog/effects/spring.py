@@ -4,6 +4,12 @@ from __future__ import annotations
 
 from vsalog.effects.base import Default, Effect, OneNumber
 
+
+def stiffened(drift: float, t: float, side: float, asymmetry: float) -> float:
+    """Return how many times its nominal torque a spring has: (1 + drift t) (1 ± asymmetry); `side` is +1 or −1."""
+    return (1.0 + drift * t) * (1.0 + side * asymmetry)
+
+
 EFFECT = Effect(
     tolerances=(
         Default(("added_cubic",), "a spring keeps to its law within 10 %", share=0.5, share_of_scale=0.1),

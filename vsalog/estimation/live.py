@@ -10,6 +10,7 @@ import numpy as np
 from vsalog.binding.drive_model import made_of
 from vsalog.binding.joint import bind, offered_roles
 from vsalog.binding.neighbours import own_and_others
+from vsalog.binding.sensor_model import seen_by
 from vsalog.core.errors import EstimatorError
 from vsalog.core.live_estimator import Said
 from vsalog.core.recording import Recording
@@ -56,7 +57,7 @@ class LiveEstimate:
             offered = offered_roles(self.rig.joint[name])
             for role in wanted:
                 sensor, value = offered[role], said[name][role]
-                true = np.array([(value - sensor.offset - sensor.drift * k * self.period) / sensor.gain])
+                true = seen_by(np.array([value]), sensor, np.array([k * self.period]) if sensor.drift else None)[0]
                 if role == "motor_torque":
                     driven: Any = self.rig.joint[name]
                     true = made_of(true, driven.motor.reflected)

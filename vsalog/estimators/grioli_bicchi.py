@@ -26,7 +26,6 @@ from vsalog.estimators.needs import require
 from vsalog.estimators.net_torque import NetTorque, doubt_role, extended, way_role
 from vsalog.estimators.windows import noisy_rates, suitable_windows, with_window
 from vsalog.filters.derivatives import Derivatives
-from vsalog.mechanics.friction import rubs
 from vsalog.uncertainty.sensor_error import ENOUGH
 from vsalog.uncertainty.shift import change
 
@@ -147,7 +146,7 @@ class GrioliBicchiFold(ObserverFold):
         found, joint, link = list(super().findings(state)), self.device.joint, self.device.link
         if self.side == "link" and not self.pushed:
             found.append(Finding(code="external_torque.missing", joint=joint))
-        if self.side == "link" and link is not None and rubs(link.friction):
+        if self.side == "link" and link is not None and link.friction.rubs:
             found.append(Finding(code="link.friction_left_in", joint=joint))
         return (*found, *self.of_filter, *effects_left_in(NAME, self.device))
 
@@ -197,7 +196,7 @@ def motor_torque(
             " give the link's (--tune side=link), or use --estimator qr-rls, which estimates the motor's"
         )
     friction = None
-    if rubs(motor.friction):
+    if motor.friction.rubs:
         known = known_of(device, view, signals, tuning, view.motor_torque, motor=True)
         assert known is not None
         friction = LoadFriction(way_role(view), doubt_role(view), motor.friction.load, known.friction_limit)

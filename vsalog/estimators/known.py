@@ -15,7 +15,6 @@ from vsalog.estimators.device import Device, TransmissionView, deflection_of, sp
 from vsalog.estimators.net_torque import NetTorque, doubt_role, extended, way_role
 from vsalog.estimators.tuning import Tuning
 from vsalog.filters.conditioning import Conditioned, Conditioner
-from vsalog.mechanics.friction import rubs
 from vsalog.mechanics.hysteresis import loop_block, loop_level, loop_start
 from vsalog.rig.schema import UnknownTransmission
 
@@ -114,7 +113,7 @@ def known_of(
         Friction grows as fast as the torque it is told from.
     """
     t, friction = view.nominal, view.motor.reflected.friction
-    rubbing, loops = motor and rubs(friction), loop_level(t)
+    rubbing, loops = motor and friction.rubs, loop_level(t)
     if rubbing and friction.load >= 1.0:
         raise EstimatorError(
             f"joint '{device.joint}': with a motor's friction.load of {friction.load:g} friction grows as fast as the transmitted"

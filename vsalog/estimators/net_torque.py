@@ -17,7 +17,7 @@ from vsalog.estimators.device import TransmissionView
 from vsalog.filters.conditioning import FINEST, FilterName
 from vsalog.filters.kinematic import PAPER_TRACKING_INDEX, KinematicSettings, kinematic_filter
 from vsalog.filters.savitzky_golay import savgol_filter, savgol_lag, savgol_weights
-from vsalog.mechanics.friction import friction_block, friction_start, rubs
+from vsalog.mechanics.friction import friction_block, friction_start
 from vsalog.rig.schema import Motor
 
 Array = NDArray[np.float64]
@@ -34,7 +34,7 @@ REACH = 2.0
 
 def extended(motor: Motor) -> bool:
     """Tell whether the rig gives a motor dry friction or cogging."""
-    return rubs(motor.friction) or bool(motor.cogging)
+    return motor.friction.rubs or bool(motor.cogging)
 
 
 def way_role(view: TransmissionView) -> str:
@@ -76,7 +76,7 @@ class NetTorque:
     ) -> None:
         self.views, self.period = views, signals.period
         self.motors = {v.name: v.motor.reflected for v in views}
-        self.roles = tuple(role for v in views if rubs(v.motor.friction) for role in (way_role(v), doubt_role(v)))
+        self.roles = tuple(role for v in views if v.motor.friction.rubs for role in (way_role(v), doubt_role(v)))
         self.centred = kind == "savitzky-golay"
         self.lag = savgol_lag(WINDOW) if self.centred else 0
         steps = {v.name: signals.resolution.get(v.motor_position) or FINEST for v in views}
@@ -141,7 +141,7 @@ class NetTorque:
             motor, tau = self.motors[v.name], rows.roles[v.motor_torque]
             theta = rows.roles[v.motor_position]
             net = tau + cogging_torque(motor.cogging, motor.gear_ratio, theta) if motor.cogging else tau
-            if rubs(motor.friction):
+            if motor.friction.rubs:
                 before = frictions.get(v.name)
                 # The transmitted torque is about the motor's own; the estimator puts in what it finds for it.
                 frictions[v.name], torque, roles[way_role(v)], roles[doubt_role(v)] = friction_block(

@@ -9,7 +9,8 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from vsalog.effects import backlash, cogging, gravity
+from vsalog.effects import backlash, cogging, friction, gravity, hysteresis
+from vsalog.effects import spring as shape
 
 Array = NDArray[np.float64]
 
@@ -26,6 +27,12 @@ VISCOUS, COULOMB, STATIC, STRIBECK, LOAD, BRISTLE, BRISTLE_DAMPING = range(7)
 # Formulas of effects, which stand as plain functions in `vsalog.effects`.
 _compiled = njit(error_model="numpy", forceinline=True)
 wave = _compiled(cogging.wave)
+stribeck = _compiled(friction.stribeck)
+bristle_rate = _compiled(friction.bristle_rate)
+bristles_after = _compiled(friction.bristles_after)
+loop_slope = _compiled(hysteresis.loop_slope)
+slipped = _compiled(hysteresis.slipped)
+stiffened = _compiled(shape.stiffened)
 beyond_gap = _compiled(backlash.beyond_gap)
 holding_torque = _compiled(gravity.holding_torque)
 
@@ -98,7 +105,7 @@ def spring(
     """
     energy, torque, stiffness = nominal_spring(numbers, at, width, u, arm)
     cubic = numbers[at + ADDED_CUBIC]
-    factor = (1.0 + numbers[at + DRIFT] * t) * (1.0 + side * numbers[at + ASYMMETRY])
+    factor = stiffened(numbers[at + DRIFT], t, side, numbers[at + ASYMMETRY])
     squared = u * u
     return (
         factor * (energy + 0.25 * cubic * squared * squared),
@@ -113,25 +120,16 @@ def friction_level(numbers: Array, at: int, v: float, load: float) -> float:
     coulomb, static = numbers[at + COULOMB], numbers[at + STATIC]
     level: float = coulomb + numbers[at + LOAD] * abs(load)
     if static > coulomb:
-        ratio = v / numbers[at + STRIBECK]
-        level += (static - coulomb) * np.exp(-ratio * ratio)
+        level += stribeck(static - coulomb, numbers[at + STRIBECK], v)
     return level
-
-
-@njit(error_model="numpy", forceinline=True)
-def bristle_rate(stiffness: float, z: float, v: float, speed: float, level: float) -> float:
-    """Return ż of the LuGre model: v − σ₀ |v| z / level. `speed` is |v|."""
-    return v - stiffness * speed * z / level
 
 
 @njit(error_model="numpy", forceinline=True)
 def loop_rate(numbers: Array, at: int, z: float, rate: float, speed: float) -> float:
     """Return ż of the Bouc–Wen loop (normalised, Ikhouane and Rodellar 2007). `speed` is |rate|."""
-    n, shape = numbers[at + LOOP_EXPONENT], numbers[at + LOOP_SHAPE]
-    below = abs(z) ** (n - 1.0)
-    change: float = (rate - shape * speed * below * z + (shape - 1.0) * rate * below * abs(z)) / numbers[
-        at + LOOP_WIDTH
-    ]
+    change: float = (
+        loop_slope(z, rate, speed, numbers[at + LOOP_EXPONENT], numbers[at + LOOP_SHAPE]) / numbers[at + LOOP_WIDTH]
+    )
     return change
 
 

@@ -11,14 +11,10 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from vsalog.rig.parts import Friction
+from vsalog.effects.friction import Friction
+from vsalog.mechanics._atoms import bristles_after, stribeck
 
 Array = NDArray[np.float64]
-
-
-def rubs(friction: Friction) -> bool:
-    """Tell whether there is any dry friction."""
-    return friction.breakaway > 0.0 or friction.load > 0.0
 
 
 def friction_start() -> Array:
@@ -59,17 +55,9 @@ def friction_block(
     return new, out[0], out[1], out[2]
 
 
-@njit(cache=True, error_model="numpy", forceinline=True)
-def _advanced(z: float, dx: float, stiffness: float, level: float) -> float:
-    """Move bristles by `dx` at one level: ż = v − σ₀ |v| z / level, solved exactly."""
-    end = level / stiffness if dx > 0.0 else -level / stiffness
-    moved: float = end + (z - end) * np.exp(-stiffness * abs(dx) / level)
-    return moved
-
-
 @njit(cache=True, error_model="numpy")
 def _rub(
-    velocity: Array, load: Array, coulomb: float, excess: float, stribeck: float, share: float, stiffness: float,
+    velocity: Array, load: Array, coulomb: float, excess: float, slow: float, share: float, stiffness: float,
     damping: float, floor: float, reach: float, period: float, state: Array, out: Array,
 ) -> None:  # fmt: skip
     high, low, last, before = state[0], state[1], state[2], state[3]
@@ -78,8 +66,7 @@ def _rub(
         seen = not np.isnan(v)
         near = floor if np.isnan(last) or not seen else floor + reach * abs(v - last)
         unsure = not (seen and abs(v) > near)
-        ratio = v / stribeck if seen else 0.0
-        base = coulomb + (excess * np.exp(-ratio * ratio) if excess > 0.0 else 0.0)
+        base = coulomb + (stribeck(excess, slow, v if seen else 0.0) if excess > 0.0 else 0.0)
         level = base + share * load[k]
         extra = 0.0
         if stiffness > 0.0 and level > 0.0:
@@ -90,7 +77,11 @@ def _rub(
                 dx = 0.5 * period * (v + last)
                 if dx != 0.0:
                     middle = 0.5 * (level + before)
-                    up, down = _advanced(high, dx, stiffness, middle), _advanced(low, dx, stiffness, middle)
+                    end = middle / stiffness
+                    up, down = (
+                        bristles_after(high, dx, end, stiffness, middle),
+                        bristles_after(low, dx, end, stiffness, middle),
+                    )
                     # What noise alone would wear down is not known to have gone.
                     high, low = (max(high, up), min(low, down)) if unsure else (up, down)
             # Beyond 1 where the level has fallen faster than the bristles, as it does over the Stribeck velocity.

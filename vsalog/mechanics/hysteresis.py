@@ -11,7 +11,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from vsalog.mechanics._atoms import beyond_gap
+from vsalog.mechanics._atoms import beyond_gap, loop_slope, slipped
 from vsalog.rig.parts import Transmission, UnknownTransmission
 
 Array = NDArray[np.float64]
@@ -71,13 +71,6 @@ def loop_block(state: Array, transmission: Transmission, phi: Array, slack: floa
     return new, out[0], out[1]
 
 
-@njit(cache=True, error_model="numpy", forceinline=True)
-def _slope(z: float, h: float, exponent: float, shape: float) -> float:
-    below = abs(z) ** (exponent - 1.0)
-    change: float = h - shape * abs(h) * below * z + (shape - 1.0) * h * below * abs(z)
-    return change
-
-
 @njit(cache=True, error_model="numpy")
 def _follow(
     phi: Array, half_gap: float, torque: float, width: float, exponent: float, shape: float, slack: float, elements: Array,
@@ -102,20 +95,20 @@ def _follow(
                 parts = int(min(1 + abs(du) / (PART * width), PARTS))
                 h = du / parts / width
                 for _ in range(parts):
-                    a = _slope(z, h, exponent, shape)
-                    b = _slope(z + 0.5 * a, h, exponent, shape)
-                    c = _slope(z + 0.5 * b, h, exponent, shape)
-                    d = _slope(z + c, h, exponent, shape)
+                    a = loop_slope(z, h, abs(h), exponent, shape)
+                    b = loop_slope(z + 0.5 * a, h, abs(h), exponent, shape)
+                    c = loop_slope(z + 0.5 * b, h, abs(h), exponent, shape)
+                    d = loop_slope(z + c, h, abs(h), exponent, shape)
                     z = min(max(z + (a + 2.0 * b + 2.0 * c + d) / 6.0, -1.0), 1.0)
                 if kept:
                     state[extreme, 1] = z
                 total += torque * z
             for e in range(elements.shape[0]):
                 limit = elements[e, 1]
-                slipped = min(max(state[extreme, 2 + e] + elements[e, 0] * du, -limit), limit)
+                pulled = slipped(state[extreme, 2 + e], du, elements[e, 0], limit)
                 if kept:
-                    state[extreme, 2 + e] = slipped
-                total += slipped
+                    state[extreme, 2 + e] = pulled
+                total += pulled
             middle += 0.5 * total
             doubt += 0.5 * total if extreme == 0 else -0.5 * total
         out[0, k], out[1, k] = middle, doubt

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from msgspec.structs import replace
 
-from vsalog.rig.parts import Friction, Link, Motor
+from vsalog.rig.parts import Link, Motor
 
 
 def as_one(motor: Motor, link: Link | None) -> Link:
@@ -19,23 +19,5 @@ def as_one(motor: Motor, link: Link | None) -> Link:
         link,
         inertia=link.inertia + (motor.inertia or 0.0),
         damping=link.damping + motor.damping,
-        friction=_both(motor.friction, link.friction),
-    )
-
-
-def _both(one: Friction, other: Friction) -> Friction:
-    """Return two dry frictions at one shaft; of two Stribeck speeds or bristles it has the first one's."""
-    if other == Friction():
-        return one
-    if one == Friction():
-        return other
-    falls = one.static is not None or other.static is not None
-    bristled = one if one.presliding_stiffness is not None else other
-    return Friction(
-        coulomb=one.coulomb + other.coulomb,
-        static=one.breakaway + other.breakaway if falls else None,
-        stribeck_velocity=one.stribeck_velocity if one.stribeck_velocity is not None else other.stribeck_velocity,
-        load=one.load + other.load,
-        presliding_stiffness=bristled.presliding_stiffness,
-        presliding_damping=bristled.presliding_damping,
+        friction=motor.friction.along_with(link.friction),
     )

@@ -15,6 +15,7 @@ from vsalog.mechanics._atoms import (
     LOOP_SHAPE,
     LOOP_TORQUE,
     LOOP_WIDTH,
+    slipped,
     spring,
 )
 from vsalog.residuals._loops import loop_after
@@ -99,7 +100,7 @@ def _follow(
         if abs(torque[k] - felt) > slack:
             z = loop_after(z, u - rest, row[LOOP_WIDTH], row[LOOP_EXPONENT], row[LOOP_SHAPE]) if row[LOOP_TORQUE] else z
             for e in range(elements.shape[0]):
-                slip[e] = min(max(slip[e] + elements[e, 0] * (u - rest), -elements[e, 1]), elements[e, 1])
+                slip[e] = slipped(slip[e], u - rest, elements[e, 0], elements[e, 1])
             rest, felt = u, torque[k]
         past[3], past[2], past[1], past[0] = past[2], past[1], past[0], u
         known += 1

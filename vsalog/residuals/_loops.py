@@ -6,7 +6,17 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from vsalog.mechanics._atoms import HALF_GAP, LOOP_EXPONENT, LOOP_SHAPE, LOOP_TORQUE, LOOP_WIDTH, beyond_gap
+from vsalog.mechanics._atoms import (
+    HALF_GAP,
+    LOOP_EXPONENT,
+    LOOP_SHAPE,
+    LOOP_TORQUE,
+    LOOP_WIDTH,
+    beyond_gap,
+    bristles_after,
+    loop_slope,
+    slipped,
+)
 
 Array = NDArray[np.float64]
 
@@ -58,8 +68,7 @@ def _run(
         torque = height * now
         moved = abs(du) > slack
         for e in range(elements.shape[0]):
-            limit = elements[e, 1]
-            pulled = min(max(slip[e] + elements[e, 0] * du, -limit), limit)
+            pulled = slipped(slip[e], du, elements[e, 0], elements[e, 1])
             torque += pulled
             if moved:
                 slip[e] = pulled
@@ -82,16 +91,9 @@ def loop_after(z: float, du: float, width: float, exponent: float, shape: float)
     h = du / parts / width
     now = z
     for _ in range(parts):
-        middle = now + 0.5 * _slope(now, h, exponent, shape)
-        now += _slope(middle, h, exponent, shape)
+        middle = now + 0.5 * loop_slope(now, h, abs(h), exponent, shape)
+        now += loop_slope(middle, h, abs(h), exponent, shape)
     return now
-
-
-@njit(error_model="numpy", forceinline=True)
-def _slope(z: float, h: float, exponent: float, shape: float) -> float:
-    below = abs(z) ** (exponent - 1.0)
-    change: float = h - shape * abs(h) * below * z + (shape - 1.0) * h * below * abs(z)
-    return change
 
 
 def bristle_torque(x: Array, level: Array, stiffness: float, slack: float) -> Array:
@@ -123,9 +125,7 @@ def _bristles(x: Array, level: Array, stiffness: float, slack: float, out: Array
         if np.isnan(last):
             last = x[k]
         dx = x[k] - last
-        # Exact for a level that does not change over dx: the torque decays towards ± level.
-        end = level[k] if dx > 0.0 else -level[k]
-        now = end + (torque - end) * np.exp(-stiffness * abs(dx) / max(level[k], 1e-300))
+        now = bristles_after(torque, dx, level[k], stiffness, max(level[k], 1e-300))
         out[k] = now
         if abs(dx) > slack:
             torque, last = now, x[k]

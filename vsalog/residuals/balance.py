@@ -22,6 +22,7 @@ from numpy.typing import NDArray
 from vsalog.binding.joint import offered_roles
 from vsalog.effects.backlash import engaged
 from vsalog.effects.cogging import wave
+from vsalog.effects.friction import stribeck
 from vsalog.effects.gravity import holding_torque
 from vsalog.mechanics import flexibility_torque, reaction_torque
 from vsalog.mechanics.links import link_inertia, link_weight
@@ -322,11 +323,11 @@ def cogged(motor: Motor, theta: Array, torque: Array | float) -> Array | float:
 
 def rubbing(friction: Friction, x: Array, load: Array | None, slack: float) -> Array | float:
     """Return the torque of dry friction over a motion, shape (3, N); where it stands still it is not known."""
-    if friction.breakaway == 0.0 and friction.load == 0.0:
+    if not friction.rubs:
         return 0.0
     level = np.full_like(x[1], friction.coulomb)
     if friction.static is not None and friction.stribeck_velocity is not None:
-        level += (friction.static - friction.coulomb) * np.exp(-((x[1] / friction.stribeck_velocity) ** 2))
+        level += stribeck(friction.static - friction.coulomb, friction.stribeck_velocity, x[1])
     if friction.load and load is not None:
         level += friction.load * np.abs(load)
     if friction.presliding_stiffness is not None:
@@ -345,8 +346,7 @@ def pushed(contacts: tuple[Contact, ...], time: Array) -> Array:
     """Return what pushes the link from outside."""
     torque = np.zeros(time.size)
     for push in contacts:
-        u = (time - push.start) / push.duration
-        torque = torque + np.where((u > 0.0) & (u < 1.0), push.torque * np.sin(np.pi * u) ** 2, 0.0)
+        torque = torque + push.at(time)
     return torque
 
 

@@ -16,16 +16,13 @@ from vsalog.core.quantities import (
     CubicStiffness,
     Damping,
     DeflectionScale,
-    Duration,
     Inertia,
     Length,
     LengthPerAngle,
     LinearStiffness,
     Rate,
     Ratio,
-    Share,
     Signed,
-    Speed,
     Stiffness,
     TimeSpan,
     Torque,
@@ -33,46 +30,10 @@ from vsalog.core.quantities import (
     TorqueLevel,
 )
 from vsalog.effects.cogging import Cogging
+from vsalog.effects.contact import Contact
+from vsalog.effects.friction import Friction
 from vsalog.effects.gravity import Payload
-
-
-class Friction(Base, frozen=True):
-    """Dry friction, beside the viscous one of `damping`: level = coulomb + (static − coulomb) exp(−(v/v_s)²) + load |τ_e|.
-
-    Attributes
-    ----------
-    coulomb : level that opposes any motion [N·m]
-    static : break-away level, at least `coulomb` and equal to it when absent [N·m]; needs `stribeck_velocity`
-    stribeck_velocity : v_s, over which the level falls from `static` to `coulomb` [rad/s]
-    load : part of the transmitted torque's size that is added to the level
-    presliding_stiffness : σ₀ of the bristles that give way before sliding (LuGre; Dahl without `static` and
-        `presliding_damping`) [N·m/rad]; ideal stick and slip when absent
-    presliding_damping : σ₁ of the bristles [N·m·s/rad]
-    """
-
-    coulomb: TorqueLevel = 0.0
-    static: TorqueLevel | None = None
-    stribeck_velocity: Speed | None = None
-    load: Share = 0.0
-    presliding_stiffness: Stiffness | None = None
-    presliding_damping: Damping = 0.0
-
-    @property
-    def breakaway(self) -> float:
-        """Level at rest, load aside [N·m]."""
-        return self.coulomb if self.static is None else self.static
-
-    def geared(self, ratio: float) -> Friction:
-        """Return rotor-side friction as the joint feels it through a gear of that ratio."""
-        speed, stiffness = self.stribeck_velocity, self.presliding_stiffness
-        return replace(
-            self,
-            coulomb=self.coulomb * ratio,
-            static=None if self.static is None else self.static * ratio,
-            stribeck_velocity=None if speed is None else speed / ratio,
-            presliding_stiffness=None if stiffness is None else stiffness * ratio**2,
-            presliding_damping=self.presliding_damping * ratio**2,
-        )
+from vsalog.effects.hysteresis import BoucWen, SlipElement
 
 
 class Motor(Base, frozen=True):
@@ -133,38 +94,6 @@ class Motor(Base, frozen=True):
     def reflected_damping(self) -> float:
         """D_θ [N·m·s/rad] as the joint feels it."""
         return self.reflected.damping
-
-
-class BoucWen(Base, frozen=True):
-    """Hysteresis with a smooth loop: τ_h = torque · z, ż = (φ̇ − shape |φ̇| |z|^(n−1) z + (shape − 1) φ̇ |z|^n) / width.
-
-    The normalised form of Ikhouane and Rodellar (2007): |z| ≤ 1, so `torque` is half the loop's height.
-
-    Attributes
-    ----------
-    torque : half the height of the loop [N·m]
-    width : deflection over which the loop changes sides [rad]
-    exponent : n, how sharply it does
-    shape : 1 gives the same way up and down; at least 0.5
-    """
-
-    torque: TorqueLevel
-    width: AngleRange
-    exponent: Annotated[float, Meta(description="n of the loop", ge=1.0)] = 1.0
-    shape: Annotated[float, Meta(description="shape of the loop", ge=0.5)] = 1.0
-
-
-class SlipElement(Base, frozen=True):
-    """A spring in series with dry friction; several in parallel make a loop of any shape (Maxwell slip).
-
-    Attributes
-    ----------
-    stiffness : of the spring [N·m/rad]
-    limit : torque at which it begins to slip [N·m]
-    """
-
-    stiffness: Stiffness
-    limit: TorqueLevel
 
 
 class TransmissionEffects(Base, frozen=True):
@@ -254,21 +183,6 @@ KnownTransmission = (
     | AwasTransmission
 )
 Transmission = KnownTransmission | UnknownTransmission
-
-
-class Contact(Base, frozen=True):
-    """A push from outside: a torque on the link that swells and fades, torque · sin²(π (t − start) / duration).
-
-    Attributes
-    ----------
-    start : [s]
-    duration : [s]
-    torque : at its height [N·m]
-    """
-
-    start: TimeSpan
-    duration: Duration
-    torque: Torque
 
 
 class Link(Base, frozen=True):

@@ -12,23 +12,22 @@ from msgspec import Meta, field
 
 from vsalog.core.quantities import Base, DeflectionScale, SetpointScale
 from vsalog.effects.cogging import Cogging
+from vsalog.effects.contact import Contact
 from vsalog.effects.eccentricity import Eccentricity
+from vsalog.effects.friction import Friction
 from vsalog.effects.gravity import Payload
+from vsalog.effects.hysteresis import BoucWen, SlipElement
 from vsalog.rig.chain import Accelerometer, Chain, ChainLink, Coupling
 from vsalog.rig.parts import (
     AwasTransmission,
-    BoucWen,
-    Contact,
     CubicTransmission,
     ExponentialTransmission,
-    Friction,
     KnownTransmission,
     Lever,
     LinearTransmission,
     Link,
     Motor,
     PolynomialTransmission,
-    SlipElement,
     Transmission,
     TransmissionEffects,
     UnknownTransmission,

@@ -15,18 +15,6 @@ DEFAULTS = (
     *(default for effect in effects().values() for default in effect.tolerances),
     Default(("gear_ratio",), "teeth are counted"),
     Default(
-        ("coulomb", "static", "kinetic", "level", "friction.muscle"),
-        "temperature, load and wear change dry friction by half; a gear loses 10 % unless more is known",
-        share=0.5,
-        share_of_scale=0.1,
-    ),
-    Default(
-        ("stribeck_velocity", "friction.speed", "presliding_stiffness", "bouc_wen.width"),
-        "a factor of 3 upwards: seldom measured",
-        share=2.0,
-    ),
-    Default(("load", "shaft_coefficient"), "a gear's efficiency is known to 5 points", share=0.5, least="0.05"),
-    Default(
         ("stiffness", "spring_stiffness", "series_stiffness", "return_stiffness"),
         "manufacturers' tolerance of springs",
         share=0.1,
@@ -35,10 +23,6 @@ DEFAULTS = (
     Default(("transmission.scale",), "a shape, measured like stiffness", share=0.1),
     Default(("cubic",), "a curvature is measured less well than a slope", share=0.2),
     Default(("geometry",), "machined lengths of a mechanism", share=0.01),
-    Default(
-        ("bouc_wen.torque", "slip.limit"), "hysteresis of springs, cables and belts", share=0.5, share_of_scale=0.05
-    ),
-    Default(("slip.stiffness",), "fitted to a loop, not measured", share=0.5),
     Default(("lever.start", "lever.travel"), "machined lengths and the pitch of a screw", share=0.01),
     Default(("force_gain",), "muscles of one make differ in length and diameter", share=0.1),
     Default(("inflow_area", "outflow_area", "area_scale"), "effective areas from flow curves", share=0.2),

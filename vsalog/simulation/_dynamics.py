@@ -32,6 +32,7 @@ from vsalog.mechanics._atoms import (
     loop_rate,
     nominal_spring,
     spring,
+    stiffened,
     wave,
 )
 from vsalog.mechanics._rigid_body import DDQ, DQ, TAU, Q, inverse_dynamics
@@ -96,7 +97,7 @@ def _transmit(p: Array, at: Integers, t: float, x: Array, modes: Integers, w: Ar
         w[TRANSMITTED, motor] += torque
         if secondary >= 0:
             # ∂U/∂θ_c = −b ∂U/∂r, and U goes with r² (Flacco 2012 eq. 52).
-            factor = (1.0 + p[row + DRIFT] * t) * (1.0 + side * p[row + ASYMMETRY])
+            factor = stiffened(p[row + DRIFT], t, side, p[row + ASYMMETRY])
             w[FORCE, secondary] += 2.0 * travel / arm * factor * nominal_spring(p, row, width, u, arm)[0]
 
 

@@ -258,7 +258,7 @@ def _coded(
     frictions = [*(k.friction for k in links), *(m.motor.friction for m in moving)]
     damping = [*(k.damping for k in links), *(m.motor.damping for m in moving)]
     bristled = np.array([f.presliding_stiffness is not None for f in frictions])
-    dry = ~bristled & np.array([f.breakaway > 0.0 or f.load > 0.0 for f in frictions])
+    dry = ~bristled & np.array([f.rubs for f in frictions])
     looped = np.array([s.transmission.bouc_wen is not None for s in slots])
     slips = [(float(s.index), e.stiffness, e.limit) for s in slots for e in s.transmission.slip]
     split = any(s.transmission.backlash > 0.0 or s.transmission.asymmetry for s in slots)

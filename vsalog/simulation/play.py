@@ -218,8 +218,7 @@ def _with_contacts(torque: TorqueInput, contacts: tuple[Contact, ...]) -> Torque
     def pushed(t: Array) -> Array:
         total = np.asarray(torque(t) if callable(torque) else torque, dtype=np.float64) + np.zeros_like(t)
         for c in contacts:
-            u = (t - c.start) / c.duration
-            total = total + np.where((u > 0.0) & (u < 1.0), c.torque * np.sin(np.pi * u) ** 2, 0.0)
+            total = total + c.at(t)
         return total
 
     if not callable(torque) and np.ndim(torque) > 0:

@@ -12,7 +12,6 @@ from vsalog.estimators.net_torque import way_role
 from vsalog.estimators.residual_rls import sensor_role
 from vsalog.estimators.torque import lag_block, loaded_residual_block, residual_block
 from vsalog.filters.conditioning import Conditioned
-from vsalog.mechanics.friction import rubs
 from vsalog.validation.references import BANDWIDTH, Smoothed, runs_of, tuning_of
 
 Array = NDArray[np.float64]
@@ -35,7 +34,7 @@ def residual(device: Device, view: TransmissionView, s: Smoothed, signals: Joint
     if inertia is None or not set(needed) <= set(s.roles):
         return None
     friction = view.motor.reflected.friction
-    if rubs(friction) and friction.load >= 1.0:
+    if friction.rubs and friction.load >= 1.0:
         return None
     theta, rate, tau = s.roles[needed[0]], s.roles[f"velocity:{needed[0]}"], s.roles[needed[1]]
     use = np.isfinite(theta) & np.isfinite(rate) & np.isfinite(tau)
