@@ -5,10 +5,15 @@ The rest of `mechanics` and the simulation call them. A transmission is a row of
 
 from __future__ import annotations
 
+import sys
+from collections.abc import Callable
+from typing import Any
+
 import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
+from vsalog.core.source_stamp import source_stamp
 from vsalog.effects import backlash, cogging, friction, gravity, hysteresis
 from vsalog.effects import spring as shape
 
@@ -25,6 +30,7 @@ VISCOUS, COULOMB, STATIC, STRIBECK, LOAD, BRISTLE, BRISTLE_DAMPING = range(7)
 
 
 # Formulas of effects, which stand as plain functions in `vsalog.effects`.
+STAMP = source_stamp(sys.modules[__name__], backlash, cogging, friction, gravity, hysteresis, shape)
 _compiled = njit(error_model="numpy", forceinline=True)
 wave = _compiled(cogging.wave)
 stribeck = _compiled(friction.stribeck)
@@ -133,12 +139,21 @@ def loop_rate(numbers: Array, at: int, z: float, rate: float, speed: float) -> f
     return change
 
 
-@njit(cache=True, error_model="numpy")
-def springs(row: Array, phi: Array, arm: Array, t: Array, out: Array) -> None:
-    """Fill `out`, shape (3, N), with energy, torque and stiffness for arrays of shape (N,)."""
-    for k in range(phi.shape[0]):
-        u, side = beyond_gap(phi[k], row[HALF_GAP])
-        energy, torque, stiffness = spring(row, 0, row.shape[0], u, side, arm[k], t[k])
-        out[0, k], out[1, k], out[2, k] = energy, torque, stiffness
-        if side == 0.0 and u == 0.0:
-            out[2, k] = 0.0
+def _compiled_springs(stamp: str) -> Callable[..., Any]:
+    """Compile it anew where a formula that it calls has changed, which numba's cache does not see."""
+
+    @njit(cache=True, error_model="numpy")
+    def springs(row: Array, phi: Array, arm: Array, t: Array, out: Array) -> None:
+        """Fill `out`, shape (3, N), with energy, torque and stiffness for arrays of shape (N,)."""
+        stamp  # noqa: B018  numba's cache tells functions apart by what they close over
+        for k in range(phi.shape[0]):
+            u, side = beyond_gap(phi[k], row[HALF_GAP])
+            energy, torque, stiffness = spring(row, 0, row.shape[0], u, side, arm[k], t[k])
+            out[0, k], out[1, k], out[2, k] = energy, torque, stiffness
+            if side == 0.0 and u == 0.0:
+                out[2, k] = 0.0
+
+    return springs  # type: ignore[no-any-return]
+
+
+springs = _compiled_springs(STAMP)

@@ -7,12 +7,15 @@ followed; their middle is what is taken for the friction, and half of what lies 
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from typing import Any
+
 import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
 from vsalog.effects.friction import Friction
-from vsalog.mechanics._atoms import bristles_after, stribeck
+from vsalog.mechanics._atoms import STAMP, bristles_after, stribeck
 
 Array = NDArray[np.float64]
 
@@ -55,43 +58,52 @@ def friction_block(
     return new, out[0], out[1], out[2]
 
 
-@njit(cache=True, error_model="numpy")
-def _rub(
-    velocity: Array, load: Array, coulomb: float, excess: float, slow: float, share: float, stiffness: float,
-    damping: float, floor: float, reach: float, period: float, state: Array, out: Array,
-) -> None:  # fmt: skip
-    high, low, last, before = state[0], state[1], state[2], state[3]
-    for k in range(velocity.shape[0]):
-        v = velocity[k]
-        seen = not np.isnan(v)
-        near = floor if np.isnan(last) or not seen else floor + reach * abs(v - last)
-        unsure = not (seen and abs(v) > near)
-        base = coulomb + (stribeck(excess, slow, v if seen else 0.0) if excess > 0.0 else 0.0)
-        level = base + share * load[k]
-        extra = 0.0
-        if stiffness > 0.0 and level > 0.0:
-            limit = level / stiffness
-            if not seen or np.isnan(high):
-                high, low = limit, -limit
-            elif not np.isnan(last):
-                dx = 0.5 * period * (v + last)
-                if dx != 0.0:
-                    middle = 0.5 * (level + before)
-                    end = middle / stiffness
-                    up, down = (
-                        bristles_after(high, dx, end, stiffness, middle),
-                        bristles_after(low, dx, end, stiffness, middle),
-                    )
-                    # What noise alone would wear down is not known to have gone.
-                    high, low = (max(high, up), min(low, down)) if unsure else (up, down)
-            # Beyond 1 where the level has fallen faster than the bristles, as it does over the Stribeck velocity.
-            top, bottom = high / limit, low / limit
-            if seen:
-                extra = damping * (v - abs(v) * 0.5 * (top + bottom))
-        else:
-            top, bottom = (1.0, -1.0) if unsure else (np.sign(v), np.sign(v))
-        last, before = v, level
-        out[0, k] = base * 0.5 * (top + bottom) + extra
-        out[1, k] = 0.5 * (top + bottom)
-        out[2, k] = level * 0.5 * (top - bottom)
-    state[0], state[1], state[2], state[3] = high, low, last, before
+def _compiled_rub(stamp: str) -> Callable[..., Any]:
+    """Compile it anew where a formula that it calls has changed, which numba's cache does not see."""
+
+    @njit(cache=True, error_model="numpy")
+    def rub(
+        velocity: Array, load: Array, coulomb: float, excess: float, slow: float, share: float, stiffness: float,
+        damping: float, floor: float, reach: float, period: float, state: Array, out: Array,
+    ) -> None:  # fmt: skip
+        stamp  # noqa: B018  numba's cache tells functions apart by what they close over
+        high, low, last, before = state[0], state[1], state[2], state[3]
+        for k in range(velocity.shape[0]):
+            v = velocity[k]
+            seen = not np.isnan(v)
+            near = floor if np.isnan(last) or not seen else floor + reach * abs(v - last)
+            unsure = not (seen and abs(v) > near)
+            base = coulomb + (stribeck(excess, slow, v if seen else 0.0) if excess > 0.0 else 0.0)
+            level = base + share * load[k]
+            extra = 0.0
+            if stiffness > 0.0 and level > 0.0:
+                limit = level / stiffness
+                if not seen or np.isnan(high):
+                    high, low = limit, -limit
+                elif not np.isnan(last):
+                    dx = 0.5 * period * (v + last)
+                    if dx != 0.0:
+                        middle = 0.5 * (level + before)
+                        end = middle / stiffness
+                        up, down = (
+                            bristles_after(high, dx, end, stiffness, middle),
+                            bristles_after(low, dx, end, stiffness, middle),
+                        )
+                        # What noise alone would wear down is not known to have gone.
+                        high, low = (max(high, up), min(low, down)) if unsure else (up, down)
+                # Beyond 1 where the level has fallen faster than the bristles, as it does over the Stribeck velocity.
+                top, bottom = high / limit, low / limit
+                if seen:
+                    extra = damping * (v - abs(v) * 0.5 * (top + bottom))
+            else:
+                top, bottom = (1.0, -1.0) if unsure else (np.sign(v), np.sign(v))
+            last, before = v, level
+            out[0, k] = base * 0.5 * (top + bottom) + extra
+            out[1, k] = 0.5 * (top + bottom)
+            out[2, k] = level * 0.5 * (top - bottom)
+        state[0], state[1], state[2], state[3] = high, low, last, before
+
+    return rub  # type: ignore[no-any-return]
+
+
+_rub = _compiled_rub(STAMP)

@@ -7,11 +7,14 @@ deflection moves.
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from typing import Any
+
 import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from vsalog.mechanics._atoms import beyond_gap, loop_slope, slipped
+from vsalog.mechanics._atoms import STAMP, beyond_gap, loop_slope, slipped
 from vsalog.rig.parts import Transmission, UnknownTransmission
 
 Array = NDArray[np.float64]
@@ -71,44 +74,53 @@ def loop_block(state: Array, transmission: Transmission, phi: Array, slack: floa
     return new, out[0], out[1]
 
 
-@njit(cache=True, error_model="numpy")
-def _follow(
-    phi: Array, half_gap: float, torque: float, width: float, exponent: float, shape: float, slack: float, elements: Array,
-    state: Array, out: Array,
-) -> None:  # fmt: skip
-    for k in range(phi.shape[0]):
-        x = phi[k]
-        if np.isnan(x):
-            out[0, k], out[1, k] = np.nan, np.nan
-            continue
-        u = beyond_gap(x, half_gap)[0]
-        begin = np.isnan(state[0, 0])
-        du = 0.0 if begin else u - state[0, 0]
-        kept = begin or abs(du) > slack
-        middle, doubt = 0.0, 0.0
-        for extreme in range(2):
-            if kept:
-                state[extreme, 0] = u
-            total = 0.0
-            if torque > 0.0:
-                z = state[extreme, 1]
-                parts = int(min(1 + abs(du) / (PART * width), PARTS))
-                h = du / parts / width
-                for _ in range(parts):
-                    a = loop_slope(z, h, abs(h), exponent, shape)
-                    b = loop_slope(z + 0.5 * a, h, abs(h), exponent, shape)
-                    c = loop_slope(z + 0.5 * b, h, abs(h), exponent, shape)
-                    d = loop_slope(z + c, h, abs(h), exponent, shape)
-                    z = min(max(z + (a + 2.0 * b + 2.0 * c + d) / 6.0, -1.0), 1.0)
+def _compiled_follow(stamp: str) -> Callable[..., Any]:
+    """Compile it anew where a formula that it calls has changed, which numba's cache does not see."""
+
+    @njit(cache=True, error_model="numpy")
+    def follow(
+        phi: Array, half_gap: float, torque: float, width: float, exponent: float, shape: float, slack: float, elements: Array,
+        state: Array, out: Array,
+    ) -> None:  # fmt: skip
+        stamp  # noqa: B018  numba's cache tells functions apart by what they close over
+        for k in range(phi.shape[0]):
+            x = phi[k]
+            if np.isnan(x):
+                out[0, k], out[1, k] = np.nan, np.nan
+                continue
+            u = beyond_gap(x, half_gap)[0]
+            begin = np.isnan(state[0, 0])
+            du = 0.0 if begin else u - state[0, 0]
+            kept = begin or abs(du) > slack
+            middle, doubt = 0.0, 0.0
+            for extreme in range(2):
                 if kept:
-                    state[extreme, 1] = z
-                total += torque * z
-            for e in range(elements.shape[0]):
-                limit = elements[e, 1]
-                pulled = slipped(state[extreme, 2 + e], du, elements[e, 0], limit)
-                if kept:
-                    state[extreme, 2 + e] = pulled
-                total += pulled
-            middle += 0.5 * total
-            doubt += 0.5 * total if extreme == 0 else -0.5 * total
-        out[0, k], out[1, k] = middle, doubt
+                    state[extreme, 0] = u
+                total = 0.0
+                if torque > 0.0:
+                    z = state[extreme, 1]
+                    parts = int(min(1 + abs(du) / (PART * width), PARTS))
+                    h = du / parts / width
+                    for _ in range(parts):
+                        a = loop_slope(z, h, abs(h), exponent, shape)
+                        b = loop_slope(z + 0.5 * a, h, abs(h), exponent, shape)
+                        c = loop_slope(z + 0.5 * b, h, abs(h), exponent, shape)
+                        d = loop_slope(z + c, h, abs(h), exponent, shape)
+                        z = min(max(z + (a + 2.0 * b + 2.0 * c + d) / 6.0, -1.0), 1.0)
+                    if kept:
+                        state[extreme, 1] = z
+                    total += torque * z
+                for e in range(elements.shape[0]):
+                    limit = elements[e, 1]
+                    pulled = slipped(state[extreme, 2 + e], du, elements[e, 0], limit)
+                    if kept:
+                        state[extreme, 2 + e] = pulled
+                    total += pulled
+                middle += 0.5 * total
+                doubt += 0.5 * total if extreme == 0 else -0.5 * total
+            out[0, k], out[1, k] = middle, doubt
+
+    return follow  # type: ignore[no-any-return]
+
+
+_follow = _compiled_follow(STAMP)

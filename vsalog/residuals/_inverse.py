@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 from collections import OrderedDict
+from collections.abc import Callable
+from typing import Any
 
 import numpy as np
 from numba import njit
@@ -15,6 +17,7 @@ from vsalog.mechanics._atoms import (
     LOOP_SHAPE,
     LOOP_TORQUE,
     LOOP_WIDTH,
+    STAMP,
     slipped,
     spring,
 )
@@ -74,79 +77,101 @@ def deflection_under(
     return out
 
 
-@njit(cache=True, error_model="numpy")
-def _follow(
-    row: Array, elements: Array, torque: Array, arm: Array, time: Array, period: float, limit: float, slack: float,
-    near: float, rates: Array, slip: Array, out: Array,
-) -> None:  # fmt: skip
-    half, damping = row[HALF_GAP], row[DAMPING]
-    past = np.zeros(4)
-    z, rest, felt, known = 0.0, 0.0, np.nan, 0
-    for k in range(torque.shape[0]):
-        if np.isnan(torque[k]) or np.isnan(arm[k]):
-            out[k], known = np.nan, 0
-            continue
-        # What is known of the rate is told by the samples before; a fresh start is at rest.
-        order = min(known, 4)
-        own, before = damping * rates[order, 0] / period, 0.0
-        for j in range(order):
-            before += damping * rates[order, j + 1] / period * past[j]
-        guess = past[0] if order else 0.0
-        if np.isnan(felt):
-            guess, rest, felt = _solve(row, elements, slip, False, z, 0.0, torque[k], arm[k], time[k], 0.0, 0.0, 0.0,
-                                       limit, near), 0.0, torque[k]  # fmt: skip
-            rest = guess
-        u = _solve(row, elements, slip, True, z, rest, torque[k], arm[k], time[k], own, before, guess, limit, near)
-        if abs(torque[k] - felt) > slack:
-            z = loop_after(z, u - rest, row[LOOP_WIDTH], row[LOOP_EXPONENT], row[LOOP_SHAPE]) if row[LOOP_TORQUE] else z
-            for e in range(elements.shape[0]):
-                slip[e] = slipped(slip[e], u - rest, elements[e, 0], elements[e, 1])
-            rest, felt = u, torque[k]
-        past[3], past[2], past[1], past[0] = past[2], past[1], past[0], u
-        known += 1
-        out[k] = u + half if u > 0.0 else u - half if u < 0.0 else 0.0
+def _compiled_follow(stamp: str) -> Callable[..., Any]:
+    """Compile it anew where a formula that it calls has changed, which numba's cache does not see."""
+
+    @njit(cache=True, error_model="numpy")
+    def follow(
+        row: Array, elements: Array, torque: Array, arm: Array, time: Array, period: float, limit: float, slack: float,
+        near: float, rates: Array, slip: Array, out: Array,
+    ) -> None:  # fmt: skip
+        stamp  # noqa: B018  numba's cache tells functions apart by what they close over
+        half, damping = row[HALF_GAP], row[DAMPING]
+        past = np.zeros(4)
+        z, rest, felt, known = 0.0, 0.0, np.nan, 0
+        for k in range(torque.shape[0]):
+            if np.isnan(torque[k]) or np.isnan(arm[k]):
+                out[k], known = np.nan, 0
+                continue
+            # What is known of the rate is told by the samples before; a fresh start is at rest.
+            order = min(known, 4)
+            own, before = damping * rates[order, 0] / period, 0.0
+            for j in range(order):
+                before += damping * rates[order, j + 1] / period * past[j]
+            guess = past[0] if order else 0.0
+            if np.isnan(felt):
+                guess, rest, felt = _solve(row, elements, slip, False, z, 0.0, torque[k], arm[k], time[k], 0.0, 0.0, 0.0,
+                                           limit, near), 0.0, torque[k]  # fmt: skip
+                rest = guess
+            u = _solve(row, elements, slip, True, z, rest, torque[k], arm[k], time[k], own, before, guess, limit, near)
+            if abs(torque[k] - felt) > slack:
+                z = (
+                    loop_after(z, u - rest, row[LOOP_WIDTH], row[LOOP_EXPONENT], row[LOOP_SHAPE])
+                    if row[LOOP_TORQUE]
+                    else z
+                )
+                for e in range(elements.shape[0]):
+                    slip[e] = slipped(slip[e], u - rest, elements[e, 0], elements[e, 1])
+                rest, felt = u, torque[k]
+            past[3], past[2], past[1], past[0] = past[2], past[1], past[0], u
+            known += 1
+            out[k] = u + half if u > 0.0 else u - half if u < 0.0 else 0.0
+
+    return follow  # type: ignore[no-any-return]
 
 
-@njit(cache=True, error_model="numpy")
-def _solve(
-    row: Array, elements: Array, slip: Array, loops: bool, z: float, rest: float, torque: float, arm: float, t: float,
-    own: float, before: float, guess: float, limit: float, near: float,
-) -> float:  # fmt: skip
-    """Return the deflection beyond the gap at which the torques balance: Newton's steps, halved between known bounds."""
-    width = row.shape[0]
-    soft = max(spring(row, 0, width, 0.0, 1.0, arm, t)[2], 1e-9)
-    low, high, u = -limit, limit, min(max(guess, -limit), limit)
-    for _ in range(ROUNDS):
-        _, off, slope = spring(row, 0, width, u, 1.0 if u >= 0.0 else -1.0, arm, t)
-        # At its singularity a mechanism's torque is no number: far too much.
-        if np.isnan(off):
-            off, slope = np.copysign(1e12, u), 0.0
-        off += own * u + before - torque
-        slope = max(slope, LEAST * soft) + own
-        if loops and row[LOOP_TORQUE] != 0.0:
-            du = u - rest
-            now = loop_after(z, du, row[LOOP_WIDTH], row[LOOP_EXPONENT], row[LOOP_SHAPE])
-            off += row[LOOP_TORQUE] * now
-            # Going on it bends towards ±1, turning back it has the full slope.
-            way = 1.0 if du >= 0.0 else -1.0
-            slope += row[LOOP_TORQUE] / row[LOOP_WIDTH] * max(1.0 - way * now, 0.0)
-        if loops:
-            for e in range(elements.shape[0]):
-                pulled = slip[e] + elements[e, 0] * (u - rest)
-                bounded = min(max(pulled, -elements[e, 1]), elements[e, 1])
-                off += bounded
-                slope += elements[e, 0] if bounded == pulled else 0.0
-        if abs(off) <= near:
-            break
-        if off > 0.0:
-            high = min(high, u)
-        else:
-            low = max(low, u)
-        trial = u - off / slope
-        # A bound that was never reached tells nothing of where the deflection is: half way to it is too far at first.
-        if not (low < trial < high):
-            trial = 0.5 * (low + high)
-        if trial == u:
-            break
-        u = trial
-    return u
+_follow = _compiled_follow(STAMP)
+
+
+def _compiled_solve(stamp: str) -> Callable[..., Any]:
+    """Compile it anew where a formula that it calls has changed, which numba's cache does not see."""
+
+    @njit(cache=True, error_model="numpy")
+    def solve(
+        row: Array, elements: Array, slip: Array, loops: bool, z: float, rest: float, torque: float, arm: float, t: float,
+        own: float, before: float, guess: float, limit: float, near: float,
+    ) -> float:  # fmt: skip
+        """Return the deflection beyond the gap at which the torques balance: Newton's steps, halved between known bounds."""
+        stamp  # noqa: B018  numba's cache tells functions apart by what they close over
+        width = row.shape[0]
+        soft = max(spring(row, 0, width, 0.0, 1.0, arm, t)[2], 1e-9)
+        low, high, u = -limit, limit, min(max(guess, -limit), limit)
+        for _ in range(ROUNDS):
+            _, off, slope = spring(row, 0, width, u, 1.0 if u >= 0.0 else -1.0, arm, t)
+            # At its singularity a mechanism's torque is no number: far too much.
+            if np.isnan(off):
+                off, slope = np.copysign(1e12, u), 0.0
+            off += own * u + before - torque
+            slope = max(slope, LEAST * soft) + own
+            if loops and row[LOOP_TORQUE] != 0.0:
+                du = u - rest
+                now = loop_after(z, du, row[LOOP_WIDTH], row[LOOP_EXPONENT], row[LOOP_SHAPE])
+                off += row[LOOP_TORQUE] * now
+                # Going on it bends towards ±1, turning back it has the full slope.
+                way = 1.0 if du >= 0.0 else -1.0
+                slope += row[LOOP_TORQUE] / row[LOOP_WIDTH] * max(1.0 - way * now, 0.0)
+            if loops:
+                for e in range(elements.shape[0]):
+                    pulled = slip[e] + elements[e, 0] * (u - rest)
+                    bounded = min(max(pulled, -elements[e, 1]), elements[e, 1])
+                    off += bounded
+                    slope += elements[e, 0] if bounded == pulled else 0.0
+            if abs(off) <= near:
+                break
+            if off > 0.0:
+                high = min(high, u)
+            else:
+                low = max(low, u)
+            trial = u - off / slope
+            # A bound that was never reached tells nothing of where the deflection is: half way to it is too far at first.
+            if not (low < trial < high):
+                trial = 0.5 * (low + high)
+            if trial == u:
+                break
+            u = trial
+        return u
+
+    return solve  # type: ignore[no-any-return]
+
+
+_solve = _compiled_solve(STAMP)

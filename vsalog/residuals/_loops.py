@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from typing import Any
+
 import numpy as np
 from numba import njit
 from numpy.typing import NDArray
@@ -12,6 +15,7 @@ from vsalog.mechanics._atoms import (
     LOOP_SHAPE,
     LOOP_TORQUE,
     LOOP_WIDTH,
+    STAMP,
     beyond_gap,
     bristles_after,
     loop_slope,
@@ -47,53 +51,71 @@ def loop_torque(row: Array, elements: Array, phi: Array, slack: float = 0.0) -> 
     return out
 
 
-@njit(cache=True, error_model="numpy")
-def _run(
-    phi: Array, half_gap: float, height: float, width: float, exponent: float, shape: float, slack: float,
-    elements: Array, slip: Array, out: Array,
-) -> None:  # fmt: skip
-    z, last = 0.0, np.nan
-    for k in range(phi.shape[0]):
-        x = phi[k]
-        if np.isnan(x):
-            out[k] = np.nan
-            continue
-        u = beyond_gap(x, half_gap)[0]
-        if np.isnan(last):
-            last = u
-        du = u - last
-        now = z
-        if height != 0.0:
-            now = loop_after(z, du, width, exponent, shape)
-        torque = height * now
-        moved = abs(du) > slack
-        for e in range(elements.shape[0]):
-            pulled = slipped(slip[e], du, elements[e, 0], elements[e, 1])
-            torque += pulled
+def _compiled_run(stamp: str) -> Callable[..., Any]:
+    """Compile it anew where a formula that it calls has changed, which numba's cache does not see."""
+
+    @njit(cache=True, error_model="numpy")
+    def run(
+        phi: Array, half_gap: float, height: float, width: float, exponent: float, shape: float, slack: float,
+        elements: Array, slip: Array, out: Array,
+    ) -> None:  # fmt: skip
+        stamp  # noqa: B018  numba's cache tells functions apart by what they close over
+        z, last = 0.0, np.nan
+        for k in range(phi.shape[0]):
+            x = phi[k]
+            if np.isnan(x):
+                out[k] = np.nan
+                continue
+            u = beyond_gap(x, half_gap)[0]
+            if np.isnan(last):
+                last = u
+            du = u - last
+            now = z
+            if height != 0.0:
+                now = loop_after(z, du, width, exponent, shape)
+            torque = height * now
+            moved = abs(du) > slack
+            for e in range(elements.shape[0]):
+                pulled = slipped(slip[e], du, elements[e, 0], elements[e, 1])
+                torque += pulled
+                if moved:
+                    slip[e] = pulled
             if moved:
-                slip[e] = pulled
-        if moved:
-            z, last = now, u
-        out[k] = torque
+                z, last = now, u
+            out[k] = torque
+
+    return run  # type: ignore[no-any-return]
 
 
-@njit(cache=True, error_model="numpy")
-def loop_after(z: float, du: float, width: float, exponent: float, shape: float) -> float:
-    """Return what a change of the deflection makes of a loop's state z.
+_run = _compiled_run(STAMP)
 
-    The normalised Bouc–Wen loop over the deflection (Ikhouane and Rodellar 2007), by the midpoint rule; one with exponent and
-    shape 1 decays towards ±1.
-    """
-    if exponent == 1.0 and shape == 1.0:
-        end = 1.0 if du > 0.0 else -1.0
-        return float(end + (z - end) * np.exp(-abs(du) / width))
-    parts = min(1 + int(abs(du) / (PART * width)), 1000)
-    h = du / parts / width
-    now = z
-    for _ in range(parts):
-        middle = now + 0.5 * loop_slope(now, h, abs(h), exponent, shape)
-        now += loop_slope(middle, h, abs(h), exponent, shape)
-    return now
+
+def _compiled_loop_after(stamp: str) -> Callable[..., Any]:
+    """Compile it anew where a formula that it calls has changed, which numba's cache does not see."""
+
+    @njit(cache=True, error_model="numpy")
+    def loop_after(z: float, du: float, width: float, exponent: float, shape: float) -> float:
+        """Return what a change of the deflection makes of a loop's state z.
+
+        The normalised Bouc–Wen loop over the deflection (Ikhouane and Rodellar 2007), by the midpoint rule; one with exponent and
+        shape 1 decays towards ±1.
+        """
+        stamp  # noqa: B018  numba's cache tells functions apart by what they close over
+        if exponent == 1.0 and shape == 1.0:
+            end = 1.0 if du > 0.0 else -1.0
+            return float(end + (z - end) * np.exp(-abs(du) / width))
+        parts = min(1 + int(abs(du) / (PART * width)), 1000)
+        h = du / parts / width
+        now = z
+        for _ in range(parts):
+            middle = now + 0.5 * loop_slope(now, h, abs(h), exponent, shape)
+            now += loop_slope(middle, h, abs(h), exponent, shape)
+        return now
+
+    return loop_after  # type: ignore[no-any-return]
+
+
+loop_after = _compiled_loop_after(STAMP)
 
 
 def bristle_torque(x: Array, level: Array, stiffness: float, slack: float) -> Array:
@@ -115,17 +137,26 @@ def bristle_torque(x: Array, level: Array, stiffness: float, slack: float) -> Ar
     return out
 
 
-@njit(cache=True, error_model="numpy")
-def _bristles(x: Array, level: Array, stiffness: float, slack: float, out: Array) -> None:
-    torque, last = 0.0, np.nan
-    for k in range(x.shape[0]):
-        if np.isnan(x[k]):
-            out[k] = np.nan
-            continue
-        if np.isnan(last):
-            last = x[k]
-        dx = x[k] - last
-        now = bristles_after(torque, dx, level[k], stiffness, max(level[k], 1e-300))
-        out[k] = now
-        if abs(dx) > slack:
-            torque, last = now, x[k]
+def _compiled_bristles(stamp: str) -> Callable[..., Any]:
+    """Compile it anew where a formula that it calls has changed, which numba's cache does not see."""
+
+    @njit(cache=True, error_model="numpy")
+    def bristles(x: Array, level: Array, stiffness: float, slack: float, out: Array) -> None:
+        stamp  # noqa: B018  numba's cache tells functions apart by what they close over
+        torque, last = 0.0, np.nan
+        for k in range(x.shape[0]):
+            if np.isnan(x[k]):
+                out[k] = np.nan
+                continue
+            if np.isnan(last):
+                last = x[k]
+            dx = x[k] - last
+            now = bristles_after(torque, dx, level[k], stiffness, max(level[k], 1e-300))
+            out[k] = now
+            if abs(dx) > slack:
+                torque, last = now, x[k]
+
+    return bristles  # type: ignore[no-any-return]
+
+
+_bristles = _compiled_bristles(STAMP)
