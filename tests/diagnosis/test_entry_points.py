@@ -1,4 +1,4 @@
-"""Packages of third parties: an effect with a cause, and a cause with code of its own, in the catalogue, the manual and a diagnosis."""
+"""Packages of third parties: an effect with a cause, and a cause with code of its own, in the manual and in a diagnosis."""
 
 import json
 import os
@@ -8,7 +8,7 @@ import sys
 import pytest
 from written_out import ELASTIC, Truth, log, write_csv
 
-EFFECT = '''
+EFFECT = """
 from vsalog.effects.base import Effect, OneNumber
 
 EFFECT = Effect(causes=(OneNumber(
@@ -19,7 +19,7 @@ EFFECT = Effect(causes=(OneNumber(
     reference="a base that is not level",
     signature="link equation: cos(q - q0)",
 ),))
-'''
+"""
 CAUSE = '''
 from vsalog.diagnosis.causes.base import Cause
 

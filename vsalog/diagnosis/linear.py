@@ -160,7 +160,7 @@ def _deviation(site: Site, parameter: Parameter, setting: Setting, stated: Mappi
     if not site.named:
         return 1.0
     if not parameter.shape:
-        return deviation_of(site.members[0] if site.members else site, parameter, setting, stated)
+        return deviation_of(site, parameter, setting, stated)
     return parameter.reach if np.isfinite(parameter.reach) else parameter.high - parameter.low
 
 

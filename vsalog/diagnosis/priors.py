@@ -27,10 +27,10 @@ def deviation_of(site: Site, parameter: Parameter, setting: Setting, stated: Map
     stated : key's path below the joint → one standard deviation that the rig states, as the joint feels it
     """
     key = parameter.key or parameter.name
-    path = f"signals.{site.part}.{key}" if site.cause.startswith("sensor.") else f"{site.part}.{key}"
+    part = (site.members[0] if site.members else site).part
+    path = f"signals.{part}.{key}" if site.cause.startswith("sensor.") else f"{part}.{key}"
     if key == "stiffness":
         # A factor on a whole spring is known as well as its stiffness is.
-        part = (site.members[0] if site.members else site).part
         name, value = _stiffness(getattr(setting.joint, part))
         if f"{part}.{name}" in stated:
             return stated[f"{part}.{name}"] / value

@@ -1,4 +1,4 @@
-"""Cogging: a torque that repeats over the rotor's turn. What looks for its order is `diagnosis.causes.motor_drive`."""
+"""Cogging: a torque that repeats over the rotor's turn. What looks for its order is `diagnosis.causes.cogging`."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What sensors may do otherwise than the rig says: gain, offset, drift, delay, an encoder off its axis."""
+"""What sensors may do that is more than one number of the rig: an encoder off its axis, a torque that was computed."""
 
 from __future__ import annotations
 

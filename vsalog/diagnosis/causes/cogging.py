@@ -1,4 +1,4 @@
-"""What a motor's rotor and drive may have other than the rig says: inertia, cogging, torque constant, offset, delay."""
+"""Cogging that a rig does not have: where in its residual a search for waves begins."""
 
 from __future__ import annotations
 
