@@ -6,6 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vsalog.effects.base import Default, Effect, OneNumber
+from vsalog.effects.quantisation import rounded
 
 Array = NDArray[np.float64]
 
@@ -20,16 +21,10 @@ def delivered(commanded: Array, gain: float, offset: float, step: float = 0.0) -
     offset : torque made when none is recorded [N·m]
     step : least step of a command [N·m]; none when 0
     """
-    made = stepped(commanded, step)
+    made: Array = rounded(commanded, step)
     if gain != 1.0:
         made = gain * made
     return made + offset if offset else made
-
-
-def stepped(commanded: Array, step: float) -> Array:
-    """Return commands as a drive of that resolution takes them [N·m]."""
-    # The sum turns −0 into 0.
-    return np.asarray(np.round(commanded / step) * step + 0.0) if step > 0.0 else commanded
 
 
 def commanded_for(torque: Array, gain: float, offset: float) -> Array:

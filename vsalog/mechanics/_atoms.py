@@ -14,7 +14,7 @@ from numba import njit
 from numpy.typing import NDArray
 
 from vsalog.core.source_stamp import source_stamp
-from vsalog.effects import backlash, cogging, friction, gravity, hysteresis
+from vsalog.effects import backlash, cogging, friction, gravity, hysteresis, quantisation
 from vsalog.effects import spring as shape
 
 Array = NDArray[np.float64]
@@ -30,7 +30,7 @@ VISCOUS, COULOMB, STATIC, STRIBECK, LOAD, BRISTLE, BRISTLE_DAMPING = range(7)
 
 
 # Formulas of effects, which stand as plain functions in `vsalog.effects`.
-STAMP = source_stamp(sys.modules[__name__], backlash, cogging, friction, gravity, hysteresis, shape)
+STAMP = source_stamp(sys.modules[__name__], backlash, cogging, friction, gravity, hysteresis, quantisation, shape)
 _compiled = njit(error_model="numpy", forceinline=True)
 wave = _compiled(cogging.wave)
 stribeck = _compiled(friction.stribeck)
@@ -40,6 +40,7 @@ loop_slope = _compiled(hysteresis.loop_slope)
 slipped = _compiled(hysteresis.slipped)
 stiffened = _compiled(shape.stiffened)
 beyond_gap = _compiled(backlash.beyond_gap)
+rounded = _compiled(quantisation.rounded)
 holding_torque = _compiled(gravity.holding_torque)
 
 

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from vsalog.core.source_stamp import source_stamp
 from vsalog.mechanics import _atoms, _rigid_body
-from vsalog.mechanics._atoms import HALF_GAP
+from vsalog.mechanics._atoms import HALF_GAP, rounded
 from vsalog.simulation import _dynamics
 from vsalog.simulation._dynamics import (
     BRISTLES,
@@ -269,8 +269,7 @@ def _command(
         i = int(servos[k, 0])
         torque = servos[k, 1] * (reference[period, 0, k] - x[i]) + servos[k, 2] * (reference[period, 1, k] - x[n + i])
         torque = min(max(torque, -servos[k, 3]), servos[k, 3])
-        if servos[k, 4] > 0.0:
-            torque = np.round(torque / servos[k, 4]) * servos[k, 4]
+        torque = rounded(torque, servos[k, 4])
         now = past + period
         commands[now, k] = torque
         for s in range(steps):

@@ -12,7 +12,8 @@ from scipy.interpolate import CubicSpline
 
 from vsalog.core.errors import SimulationError
 from vsalog.effects.backlash import engaged
-from vsalog.effects.drive import delivered, stepped
+from vsalog.effects.drive import delivered
+from vsalog.effects.quantisation import rounded
 from vsalog.mechanics import flexibility_torque, reaction_torque, stiffness
 from vsalog.rig.schema import AntagonisticJoint, AwasTransmission, Contact, SerialJoint
 from vsalog.simulation._integrate import integrate
@@ -175,7 +176,7 @@ class _Drives:
         for k, (servo_slot, _, _) in enumerate(self.servos):
             if servo_slot.index == slot.index:
                 return self.commands[:, k]
-        return stepped(at_samples(self.torques[slot.index], self.time), slot.motor.torque_step)
+        return np.asarray(rounded(at_samples(self.torques[slot.index], self.time), slot.motor.torque_step))
 
     def beginning(self, slot: MotorSlot) -> float | None:
         """Return where a motor under a servo or a prescribed motion begins."""

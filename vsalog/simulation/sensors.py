@@ -11,6 +11,7 @@ from scipy.interpolate import CubicSpline
 
 from vsalog.core.errors import SimulationError
 from vsalog.effects.calibration import reading
+from vsalog.effects.quantisation import rounded
 from vsalog.mechanics.kinematics import LinkMotion, chain_motion, specific_force
 from vsalog.rig.schema import Chain, Joint, RigFile, Signal
 from vsalog.simulation.channels import is_lever_arm, named_signals
@@ -165,7 +166,7 @@ def _seen(
         steps = [_resolution(joint, encoder) for encoder in ("link_position", motor)]
         if any(steps):
             q, theta = (_delayed(truth[encoder], time, signal.delay) for encoder in ("link_position", motor))
-            return _stepped(q, steps[0]) - _stepped(theta, steps[1]), steps[0] if steps[0] == steps[1] else 0.0
+            return rounded(q, steps[0]) - rounded(theta, steps[1]), steps[0] if steps[0] == steps[1] else 0.0
     return _delayed(truth[name], time, signal.delay, held=role.startswith(HELD)), step
 
 
@@ -182,7 +183,7 @@ def _reading(signal: Signal, x: Array, time: Array, random: np.random.Generator,
         return np.asarray(m)
     if signal.noise > 0.0:
         m += signal.noise * random.standard_normal(m.shape)
-    return _stepped(m, signal.resolution or 0.0)
+    return np.asarray(rounded(m, signal.resolution or 0.0))
 
 
 def _delayed(x: Array, time: Array, delay: float, held: bool = False) -> Array:
@@ -191,11 +192,6 @@ def _delayed(x: Array, time: Array, delay: float, held: bool = False) -> Array:
         return x
     then = np.clip(time - delay, time[0], time[-1])
     return np.asarray(np.interp(then, time, x) if held else CubicSpline(time, x)(then))
-
-
-def _stepped(values: Array, step: float) -> Array:
-    # The sum turns −0 into 0.
-    return np.asarray(np.round(values / step) * step + 0.0) if step > 0.0 else values
 
 
 def _topic_of(signal: Signal) -> str:
