@@ -56,6 +56,7 @@ class Sizes:
     torque : size of the torque there [N·m]
     speed : size of the velocity there [rad/s]
     deflection : the largest of the transmission but for a few [rad]
+    range : of a valve's voltage [V], or of the areas that fill a muscle [m²]
     period, duration : of the log [s]
     one_clock : whether one encoder and the motor's torque are all that has a time
     one_body : whether motor and link are seen moving as one, in one equation
@@ -67,6 +68,7 @@ class Sizes:
     torque: float
     speed: float
     deflection: float
+    range: float
     period: float
     duration: float
     one_clock: bool = False
@@ -76,7 +78,9 @@ class Sizes:
 
 
 Rule = float | Callable[[Sizes], float]
-Place = Literal["motor", "transmission", "link", "torque sensor", "encoder", "clock"]
+Place = Literal[
+    "motor", "transmission", "link", "torque sensor", "encoder", "clock", "valve", "filled muscle", "pulling muscle"
+]  # fmt: skip
 
 
 def _always(_: Sizes) -> bool:

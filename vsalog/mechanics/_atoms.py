@@ -154,7 +154,7 @@ def _compiled_springs(stamp: str) -> Callable[..., Any]:
             if side == 0.0 and u == 0.0:
                 out[2, k] = 0.0
 
-    return springs  # type: ignore[no-any-return]
+    return springs
 
 
 springs = _compiled_springs(STAMP)

@@ -103,7 +103,7 @@ def _compiled_rub(stamp: str) -> Callable[..., Any]:
             out[2, k] = level * 0.5 * (top - bottom)
         state[0], state[1], state[2], state[3] = high, low, last, before
 
-    return rub  # type: ignore[no-any-return]
+    return rub
 
 
 _rub = _compiled_rub(STAMP)

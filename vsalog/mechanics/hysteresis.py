@@ -120,7 +120,7 @@ def _compiled_follow(stamp: str) -> Callable[..., Any]:
                 doubt += 0.5 * total if extreme == 0 else -0.5 * total
             out[0, k], out[1, k] = middle, doubt
 
-    return follow  # type: ignore[no-any-return]
+    return follow
 
 
 _follow = _compiled_follow(STAMP)

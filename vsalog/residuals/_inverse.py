@@ -117,7 +117,7 @@ def _compiled_follow(stamp: str) -> Callable[..., Any]:
             known += 1
             out[k] = u + half if u > 0.0 else u - half if u < 0.0 else 0.0
 
-    return follow  # type: ignore[no-any-return]
+    return follow
 
 
 _follow = _compiled_follow(STAMP)
@@ -171,7 +171,7 @@ def _compiled_solve(stamp: str) -> Callable[..., Any]:
             u = trial
         return u
 
-    return solve  # type: ignore[no-any-return]
+    return solve
 
 
 _solve = _compiled_solve(STAMP)

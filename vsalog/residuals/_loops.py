@@ -84,7 +84,7 @@ def _compiled_run(stamp: str) -> Callable[..., Any]:
                 z, last = now, u
             out[k] = torque
 
-    return run  # type: ignore[no-any-return]
+    return run
 
 
 _run = _compiled_run(STAMP)
@@ -112,7 +112,7 @@ def _compiled_loop_after(stamp: str) -> Callable[..., Any]:
             now += loop_slope(middle, h, abs(h), exponent, shape)
         return now
 
-    return loop_after  # type: ignore[no-any-return]
+    return loop_after
 
 
 loop_after = _compiled_loop_after(STAMP)
@@ -156,7 +156,7 @@ def _compiled_bristles(stamp: str) -> Callable[..., Any]:
             if abs(dx) > slack:
                 torque, last = now, x[k]
 
-    return bristles  # type: ignore[no-any-return]
+    return bristles
 
 
 _bristles = _compiled_bristles(STAMP)

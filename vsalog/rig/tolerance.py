@@ -24,9 +24,6 @@ DEFAULTS = (
     Default(("cubic",), "a curvature is measured less well than a slope", share=0.2),
     Default(("geometry",), "machined lengths of a mechanism", share=0.01),
     Default(("lever.start", "lever.travel"), "machined lengths and the pitch of a screw", share=0.01),
-    Default(("force_gain",), "muscles of one make differ in length and diameter", share=0.1),
-    Default(("inflow_area", "outflow_area", "area_scale"), "effective areas from flow curves", share=0.2),
-    Default(("leak_area",), "holes nobody knows of, to 1 % of a valve's area", share=1.0, share_of_scale=0.01),
     Default(("supply_pressure", "outside_pressure"), "a gauge of class 2.5; the weather", share=0.03),
 )
 _BY_NAME = {name: default for default in DEFAULTS for name in default.names}

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
-from typing import Any
+from typing import Any, NamedTuple
 
 from vsalog.diagnosis.causes.base import (
     Cause,
@@ -22,16 +22,26 @@ from vsalog.diagnosis.causes.base import (
     with_part,
     with_signal,
 )
+from vsalog.diagnosis.causes.pneumatic import TWINS, filled, pulls
 from vsalog.effects.base import OneNumber, Place, Sizes, valued
 from vsalog.mechanics.links import link_weight
+from vsalog.rig.schema import PneumaticJoint
 
 TORQUES = ("torque_sensor", "torque_sensor_1", "torque_sensor_2")
 ANGLES = ("motor_position", "motor_position_1", "motor_position_2", "link_position")
 ENCODERS = (*ANGLES, "deflection", "deflection_1", "deflection_2")
 CLOCKED = (*ENCODERS, "pressure_1", "pressure_2", "valve_1", "valve_2")
 
-# A part, what the rig has there, and the sizes of torque, velocity and deflection.
-Found = tuple[str, Any, float, float, float]
+
+class Found(NamedTuple):
+    """A part of a joint, what the rig has there, and sizes as `Sizes` has them."""
+
+    part: str
+    there: Any
+    torque: float = 0.0
+    speed: float = 0.0
+    deflection: float = 0.0
+    range: float = 0.0
 
 
 class OneNumberCause(Cause):
@@ -44,11 +54,11 @@ class OneNumberCause(Cause):
 
     def sites(self, setting: Setting) -> Iterator[Site]:
         """Yield one per part of its kind."""
-        for part, there, torque, speed, deflection in PLACES[self.row.place](setting):
+        for part, there, torque, speed, deflection, span in PLACES[self.row.place](setting):
             suffix = suffix_of(part)
             seen = {f"deflection{suffix}", "link_position"} & set(setting.roles)
             sizes = Sizes(
-                getattr(there, self.row.key), torque, speed, deflection, setting.period, setting.duration,
+                getattr(there, self.row.key), torque, speed, deflection, span, setting.period, setting.duration,
                 one_clock=one_clock(setting),
                 one_body=link_equation(setting) == "motor",
                 rotor=is_rigid(setting.joint) and setting.joint.motor.inertia is not None,
@@ -80,7 +90,7 @@ class OneNumberCause(Cause):
 
 def _motors(setting: Setting) -> Iterator[Found]:
     for name in moved_motors(setting):
-        yield name, getattr(setting.joint, name), *scale_of(setting, name), 0.0
+        yield Found(name, getattr(setting.joint, name), *scale_of(setting, name))
 
 
 def _transmissions(setting: Setting) -> Iterator[Found]:
@@ -88,27 +98,27 @@ def _transmissions(setting: Setting) -> Iterator[Found]:
         if suffix_of(name) in setting.deflections:
             deflection = setting.deflection_size(suffix_of(name))
             torque, speed = setting.torque_size(), setting.speed("link_position")
-            yield name, getattr(setting.joint, name), torque, speed, deflection
+            yield Found(name, getattr(setting.joint, name), torque, speed, deflection)
 
 
 def _link(setting: Setting) -> Iterator[Found]:
     if link_equation(setting) is not None:
-        yield "link", setting.joint.link, setting.torque_size(), setting.speed("link_position"), 0.0
+        yield Found("link", setting.joint.link, setting.torque_size(), setting.speed("link_position"))
 
 
 def _torque_sensors(setting: Setting) -> Iterator[Found]:
     for role, signal in recorded(setting, TORQUES):
-        yield role, signal, setting.torque_size(role), 0.0, 0.0
+        yield Found(role, signal, setting.torque_size(role))
 
 
 def _encoders(setting: Setting) -> Iterator[Found]:
     for role, signal in recorded(setting, ENCODERS) if _has_places(setting) else ():
-        yield role, signal, 0.0, 0.0, setting.deflection_size(suffix_of(role))
+        yield Found(role, signal, deflection=setting.deflection_size(suffix_of(role)))
 
 
 def _clocks(setting: Setting) -> Iterator[Found]:
     for role, signal in recorded(setting, CLOCKED):
-        yield role, signal, 0.0, 0.0, 0.0
+        yield Found(role, signal)
 
 
 def _has_places(setting: Setting) -> bool:
@@ -119,6 +129,27 @@ def _has_places(setting: Setting) -> bool:
     return bool(joint.motor.cogging) or (joint.link is not None and link_weight(joint.link) != 0.0)
 
 
+def _valves(setting: Setting) -> Iterator[Found]:
+    for twin in TWINS:
+        if filled(setting, twin):
+            valve = getattr(setting.joint, f"valve{twin}")
+            yield Found(f"valve{twin}", valve, range=valve.voltage[-1] - valve.voltage[0])
+
+
+def _filled_muscles(setting: Setting) -> Iterator[Found]:
+    for twin in TWINS:
+        if filled(setting, twin):
+            valve = getattr(setting.joint, f"valve{twin}")
+            most = max(valve.inflow_area, valve.outflow_area) * valve.area_scale or 1e-8
+            yield Found(f"muscle{twin}", getattr(setting.joint, f"muscle{twin}"), range=most)
+
+
+def _pulling_muscles(setting: Setting) -> Iterator[Found]:
+    if isinstance(setting.joint, PneumaticJoint) and pulls(setting, "seesaw", "transmission"):
+        for twin in TWINS:
+            yield Found(f"muscle{twin}", getattr(setting.joint, f"muscle{twin}"))
+
+
 PLACES: dict[Place, Callable[[Setting], Iterator[Found]]] = {
     "motor": _motors,
     "transmission": _transmissions,
@@ -126,5 +157,8 @@ PLACES: dict[Place, Callable[[Setting], Iterator[Found]]] = {
     "torque sensor": _torque_sensors,
     "encoder": _encoders,
     "clock": _clocks,
+    "valve": _valves,
+    "filled muscle": _filled_muscles,
+    "pulling muscle": _pulling_muscles,
 }
 SENSORS = frozenset({"torque sensor", "encoder", "clock"})

@@ -9,7 +9,7 @@ import numpy as np
 from msgspec.structs import replace
 
 from vsalog.binding.joint import signal_of
-from vsalog.diagnosis.causes.base import Cause, Parameter, Setting, Site, one_field, with_part, with_signal
+from vsalog.diagnosis.causes.base import Cause, Parameter, Setting, Site, with_part, with_signal
 from vsalog.effects.base import CORNERED
 from vsalog.rig.schema import PneumaticJoint, PressureFriction, SimpleFriction, TonduFriction
 
@@ -17,94 +17,19 @@ TWINS = ("_1", "_2")
 PRESSURES = ("pressure_1", "pressure_2")
 
 
-class _OfMuscles(Cause):
-    """A cause that sits at each of the two muscles."""
-
-    def sites(self, setting: Setting) -> Iterator[Site]:
-        """Yield one per muscle that has the equations for it."""
-        if isinstance(setting.joint, PneumaticJoint):
-            for twin in TWINS:
-                yield from self.of_muscle(setting, twin)
-
-    def of_muscle(self, setting: Setting, twin: str) -> Iterator[Site]:
-        """Yield the cause at one muscle."""
-        raise NotImplementedError
-
-
-def _pulls(setting: Setting, *equations: str) -> bool:
+def pulls(setting: Setting, *equations: str) -> bool:
     """Tell whether one of the equations that hold the muscles' torque is there, or told an angle or a pressure to the others."""
     pulled = PRESSURES if setting.joint.seesaw.held_at is not None else ("link_position", *PRESSURES)
     told = "" in setting.torques and bool(setting.equations) and any(role not in setting.roles for role in pulled)
     return told or bool(set(equations) & set(setting.equations))
 
 
-def _filled(setting: Setting, twin: str) -> bool:
+def filled(setting: Setting, twin: str) -> bool:
+    """Tell whether the equation of a muscle's pressure is there."""
     return f"pressure{twin}" in setting.equations
 
 
-class PneumaticLeak(_OfMuscles):
-    """A hole in a muscle."""
-
-    name = "pneumatic.leak"
-    title = "Air leaks out of {part}, and the rig has it tight"
-    says = "its pressure falls faster than the rig says, the more so the higher it is, whatever the valve does"
-    confirm = "Fill the muscle, shut its valve or pinch the hose, and see how fast the pressure falls; listen, or use soap water."
-    reference = "Shin 2021 eq. 4 and 5, with one more orifice to the outside"
-    signature = "pressure equation: the flow of an orifice to the outside, over V"
-
-    def of_muscle(self, setting: Setting, twin: str) -> Iterator[Site]:
-        """Yield the cause at one muscle."""
-        if not _filled(setting, twin):
-            return
-        name, valve = f"muscle{twin}", getattr(setting.joint, f"valve{twin}")
-        most = max(valve.inflow_area, valve.outflow_area) * valve.area_scale or 1e-8
-        start = getattr(setting.joint, name).leak_area
-        parameter = Parameter("area", "m^2", start, 1e-4 * most, 0.0, 100.0 * most, key="leak_area", scale=most)
-        yield one_field(self.name, name, parameter, "leak_area")
-
-
-class PneumaticOrificeArea(_OfMuscles):
-    """A valve whose orifices are wider or narrower."""
-
-    name = "pneumatic.orifice_area"
-    title = "The orifices of {part} let more or less air through than the rig says, by one factor in and out"
-    says = "its muscle's pressure changes faster or more slowly than the rig says, by one factor"
-    confirm = "Step the valve's voltage with the joint clamped: the pressure ends where it should, but sooner or later."
-    reference = "Shin 2021 §II-B2, A₁ and A₂"
-    signature = "pressure equation: the valve's flow, over V"
-
-    def of_muscle(self, setting: Setting, twin: str) -> Iterator[Site]:
-        """Yield the cause at one muscle."""
-        if not _filled(setting, twin):
-            return
-        name = f"valve{twin}"
-        parameter = Parameter("scale", "1", getattr(setting.joint, name).area_scale, 1e-3, 0.02, 50.0, key="area_scale")
-        yield one_field(self.name, name, parameter, "area_scale")
-
-
-class PneumaticValveOffset(_OfMuscles):
-    """A valve whose middle is at another voltage."""
-
-    name = "pneumatic.valve_offset"
-    title = "The middle of {part} is at another voltage than the rig says"
-    says = "its muscle's pressure is off as if another voltage had been commanded"
-    confirm = "Hold the voltage at which the valve should be half open, and see which pressure its muscle ends at."
-    reference = "Shin 2021 §II-B2, Fig. 5c: the map κ"
-    signature = "pressure equation: the flow's change with the voltage, over V"
-
-    def of_muscle(self, setting: Setting, twin: str) -> Iterator[Site]:
-        """Yield the cause at one muscle."""
-        if not _filled(setting, twin):
-            return
-        name = f"valve{twin}"
-        valve = getattr(setting.joint, name)
-        span = valve.voltage[-1] - valve.voltage[0]
-        # The map has corners: a step no longer than the distance between them.
-        parameter = Parameter("offset", "V", valve.offset, 1e-4 * span, -span, span, 0.1 * span, scale=span)
-        yield one_field(self.name, name, parameter, "offset")
-
-
-class PneumaticPressureOffset(_OfMuscles):
+class PneumaticPressureOffset(Cause):
     """A pressure sensor whose zero is elsewhere."""
 
     name = "pneumatic.pressure_offset"
@@ -116,9 +41,12 @@ class PneumaticPressureOffset(_OfMuscles):
     reference = "Shin 2021 eq. 4 and 6: pressures are absolute"
     signature = "torque equations: ∂τ/∂P; pressure equation: the flow's change with the pressure"
 
-    def of_muscle(self, setting: Setting, twin: str) -> Iterator[Site]:
-        """Yield the cause at one muscle."""
-        role = f"pressure{twin}"
+    def sites(self, setting: Setting) -> Iterator[Site]:
+        """Yield one per pressure that is recorded."""
+        for role in PRESSURES if isinstance(setting.joint, PneumaticJoint) else ():
+            yield from self._of(setting, role)
+
+    def _of(self, setting: Setting, role: str) -> Iterator[Site]:
         spec = getattr(setting.joint.signals, role)
         if spec is None or role not in setting.roles or not setting.equations:
             return
@@ -136,25 +64,6 @@ class PneumaticPressureOffset(_OfMuscles):
             return with_signal(joint, role, offset=float(values[0]))
 
         yield Site(self.name, role, (parameter,), apply)
-
-
-class PneumaticForceGain(_OfMuscles):
-    """A muscle that pulls more or less strongly."""
-
-    name = "pneumatic.force_gain"
-    title = "{part} pulls more or less strongly than the rig says, by one factor"
-    says = "the joint's torque is off in proportion to that muscle's pull"
-    confirm = "Hang a known weight on that muscle alone and see which pressure holds it at a given length."
-    reference = "Shin 2021 eq. 6 and 7: v and w are fitted, and rubber ages"
-    signature = "torque equations: r cos ψ F of that muscle"
-
-    def of_muscle(self, setting: Setting, twin: str) -> Iterator[Site]:
-        """Yield the cause at one muscle."""
-        if not _pulls(setting, "seesaw", "transmission"):
-            return
-        name = f"muscle{twin}"
-        parameter = Parameter("gain", "1", getattr(setting.joint, name).force_gain, 1e-3, 0.05, 20.0, key="force_gain")
-        yield one_field(self.name, name, parameter, "force_gain")
 
 
 class PneumaticMuscleFriction(Cause):
@@ -175,7 +84,7 @@ class PneumaticMuscleFriction(Cause):
         """Yield one where the seesaw's equation can be formed."""
         if not isinstance(setting.joint, PneumaticJoint) or setting.joint.seesaw.held_at is not None:
             return
-        if "seesaw" not in setting.equations and ("torque_sensor" in setting.roles or not _pulls(setting)):
+        if "seesaw" not in setting.equations and ("torque_sensor" in setting.roles or not pulls(setting)):
             return
         friction = setting.joint.friction
         torque = setting.torque_size()
