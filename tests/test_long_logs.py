@@ -23,6 +23,7 @@ from vsalog.core import long_signals, spool
 from vsalog.core.errors import ReadError, WriteError
 from vsalog.core.finding import Findings
 from vsalog.core.long_signals import LongSignals
+from vsalog.core.resolution import STRETCHES
 from vsalog.estimation import job
 from vsalog.estimation.job import Options, prepare
 from vsalog.estimators.device import device_of
@@ -305,7 +306,7 @@ def test_a_look_has_the_whole_range_and_is_bounded(monkeypatch):
     signals.append(np.arange(q.size) * MS, {"link_position": q, "motor_position": theta}, starts)
     signals.period = 1e-3
     look = signals.look()
-    assert len(look) <= 100 * (long_signals.STRETCHES + 3 + 6)
+    assert len(look) <= 100 * (STRETCHES + 3 + 6)
     for role, values in (("link_position", q), ("motor_position", theta)):
         assert np.nanmin(look.roles[role]) == np.nanmin(values)
         assert np.nanmax(look.roles[role]) == np.nanmax(values)

@@ -15,10 +15,10 @@ from io import BytesIO
 from pathlib import Path
 
 from mcap.data_stream import ReadDataStream
+from mcap.opcode import Opcode
 from mcap.records import Attachment, Metadata
 
 from vsalog.readers.mcap_file import McapContainer
-from vsalog.readers.mcap_walk import METADATA
 from vsalog.writers.repair import _attachments
 
 
@@ -58,7 +58,7 @@ def read(path):
     metadata = [
         Metadata.read(ReadDataStream(BytesIO(content)))
         for op, content in McapContainer(path).records()
-        if op == METADATA
+        if op == Opcode.METADATA
     ]
     return {
         "messages": messages,

@@ -12,7 +12,8 @@ from rosbags import rosbag1
 from write_logs import JOINT_STATE, MS, START, McapLog, joint_state, serialised
 
 from vsalog.readers import open_reader, read, read_within, streams
-from vsalog.readers.frames import MOST, Frames, header_frames
+from vsalog.readers.base import MOST_PARTS
+from vsalog.readers.frames import Frames, header_frames
 from vsalog.readers.json_messages import JsonDecoder
 from vsalog.readers.packets import Messages
 
@@ -179,10 +180,10 @@ def test_frames_by_turns_are_streams_of_their_own(tmp_path, sent, json):
 
 @pytest.mark.parametrize("more", [1, 4])
 def test_frames_beyond_those_told_apart_are_alone_or_said_to_be_mixed(tmp_path, more):
-    names = [f"imu{k}" for k in range(MOST + more)]
+    names = [f"imu{k}" for k in range(MOST_PARTS + more)]
     sent = in_time(*(at(name, np.arange(6) + k / 1000, 100 * k) for k, name in enumerate(names)))
     recording = read(framed(tmp_path / "log", sent))
-    assert set(recording.streams) == {*(f"/j@{name}" for name in names[:MOST]), "/j"}
+    assert set(recording.streams) == {*(f"/j@{name}" for name in names[:MOST_PARTS]), "/j"}
     assert values_of(recording, "recording.frames_mixed") == [more] * (more > 1)
 
 

@@ -18,6 +18,7 @@ from rosbags.rosbag2 import Writer as Rosbag2Writer
 from write_logs import JOINT_STATE, MS, START, STORES, McapLog, joint_state, joints_mcap, serialised
 
 from vsalog.core.errors import ReadError
+from vsalog.core.resolution import STRETCHES
 from vsalog.readers import read, sampling, sampling_pieces, sampling_tables
 from vsalog.readers.sniff import sniff
 
@@ -231,7 +232,7 @@ def test_a_header_between_the_stretches_of_a_table_is_heeded(tmp_path, again, at
     (tmp_path / "log").write_text("".join([",".join(names) + "\n", *text[:cut], again, *text[cut:]]))
     part, sample = sampling.read_sample(tmp_path / "log")
     assert sample is not None
-    assert sample.stretches == sampling_pieces.STRETCHES
+    assert sample.stretches == STRETCHES
     for name, begin in (("motor", 1000), ("link", 50_000)):
         channel = part.channel(name)
         np.testing.assert_array_equal(channel.values, begin + channel.stamps // MS)

@@ -86,7 +86,7 @@ def test_rows_of_any_kind(tmp_path_factory, odd, columns, count, ids):
     path = write(tmp_path_factory.getbasetemp() / "any.db3", sound(count) + odd, columns)
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(sqlite_ranges, "FIRST_ROWS", 3)
-        patch.setattr(sqlite_ranges, "PACKED", 7)
+        patch.setattr(sqlite_ranges, "BLOCK_ROWS", 7)
         container = SqliteContainer(path)
         rows = sqlite3.connect(path).execute("SELECT topic_id, timestamp, data FROM messages ORDER BY rowid").fetchall()
         proper = [row for row in rows if tuple(map(type, row)) == (int, int, bytes)]

@@ -12,8 +12,8 @@ from write_logs import MS, START, McapLog, joint_state, serialised
 
 from vsalog.core.errors import ReadError
 from vsalog.readers import read, read_within
-from vsalog.readers.bad_stamps import ONE_DAY
 from vsalog.readers.long_recording import LongRecording
+from vsalog.readers.time_written import DAY
 from vsalog.readers.timing import choose_clock, implausible, put_in_order
 
 
@@ -32,8 +32,8 @@ def log_of(tmp_path, stamps, values=None, log_times=None):
         ([0, 0, 0, 0], "clock.stamps_zero", 4),
         ([START, 0, START + 2 * MS, START], "clock.stamps_zero", 1),
         ([10 * MS, 11 * MS, 12 * MS, 13 * MS], "clock.stamps_before_2000", None),
-        ([START - 2 * ONE_DAY + i for i in range(4)], "clock.stamps_far", 4),
-        ([START, START - 2 * ONE_DAY, START + MS, START], "clock.stamps_far", 1),
+        ([START - 2 * DAY + i for i in range(4)], "clock.stamps_far", 4),
+        ([START, START - 2 * DAY, START + MS, START], "clock.stamps_far", 1),
         ([START] * 4, "clock.stamps_all_same", None),
     ],
 )
@@ -185,7 +185,7 @@ def ahead_for_a_while(stamps):
 )
 def test_a_clock_that_is_set_gives_way_to_log_time_in_memory_and_on_disk(tmp_path, monkeypatch, change, way, size):
     monkeypatch.setattr("vsalog.core.spool.PART", 301)
-    monkeypatch.setattr("vsalog.readers.clock_steps._PIECE", 1000)
+    monkeypatch.setattr("vsalog.readers.clock_steps.PART", 1000)
     path = log_of(tmp_path, stamps_that(change))
     short, long = read(path), read_within(0, path)
     assert isinstance(long, LongRecording)
@@ -300,7 +300,7 @@ def slower_network(stamps):
 @pytest.mark.parametrize("change", [swapped, late, blocks_swapped, two_clocks, slower_network])
 def test_samples_that_come_late_are_no_step_of_the_clock(tmp_path, monkeypatch, change):
     monkeypatch.setattr("vsalog.core.spool.PART", 301)
-    monkeypatch.setattr("vsalog.readers.clock_steps._PIECE", 1000)
+    monkeypatch.setattr("vsalog.readers.clock_steps.PART", 1000)
     path = log_of(tmp_path, stamps_that(change))
     assert read(path).streams["/j"].time_source == "header"
     assert read_within(0, path).look.streams["/j"].time_source == "header"

@@ -9,15 +9,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vsalog.core.finding import Finding
+from vsalog.core.resolution import STRETCHES
 from vsalog.core.signals import JointSignals
 from vsalog.core.spool import PART, Spool, SpooledColumn
 
 Array = NDArray[np.float64]
 Rows = NDArray[np.int64]
 
-# Stretches that are looked at: their number, spread evenly, beside the longest run's beginning and those with an extreme.
-STRETCHES = 8
-# Of so many rows each, which is as much as methods look at in one piece, and as the longest window needs for the longest run.
+
+# Rows of a stretch that is looked at, as many as methods look at in one piece, and of the longest run, as the longest window needs.
 STRETCH, LONGEST = PART, 2 * PART
 
 

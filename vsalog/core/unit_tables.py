@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from math import pi
 
+from scipy import constants
+
 # Exponents of length, mass, time, current, temperature, amount, luminosity; and of the angle, which counts as 1.
 Dimension = tuple[float, ...]
 
@@ -37,11 +39,6 @@ VOLTAGE = _dimension(length=2.0, mass=1.0, time=-3.0, current=-1.0)
 RESISTANCE = _dimension(length=2.0, mass=1.0, time=-3.0, current=-2.0)
 FLUX_DENSITY = _dimension(mass=1.0, time=-2.0, current=-1.0)
 
-POUND = 0.45359237
-STANDARD_GRAVITY = 9.80665
-POUND_FORCE = POUND * STANDARD_GRAVITY
-INCH = 0.0254
-FOOT = 0.3048
 
 ATOMS: dict[str, tuple[float, Dimension]] = {
     **dict.fromkeys(("rad", "radian", "radians"), (1.0, ANGLE)),
@@ -60,13 +57,13 @@ ATOMS: dict[str, tuple[float, Dimension]] = {
     "cm": (1e-2, LENGTH),
     "um": (1e-6, LENGTH),
     "km": (1e3, LENGTH),
-    **dict.fromkeys(("inch", "inches", "in"), (INCH, LENGTH)),
-    **dict.fromkeys(("ft", "foot", "feet"), (FOOT, LENGTH)),
+    **dict.fromkeys(("inch", "inches", "in"), (constants.inch, LENGTH)),
+    **dict.fromkeys(("ft", "foot", "feet"), (constants.foot, LENGTH)),
     **dict.fromkeys(("kg", "kilogram", "kilograms"), (1.0, MASS)),
     **dict.fromkeys(("g", "gram", "grams"), (1e-3, MASS)),
     "mg": (1e-6, MASS),
-    "lb": (POUND, MASS),
-    "oz": (POUND / 16.0, MASS),
+    "lb": (constants.pound, MASS),
+    "oz": (constants.pound / 16.0, MASS),
     **dict.fromkeys(("s", "sec", "second", "seconds"), (1.0, TIME)),
     "ms": (1e-3, TIME),
     "us": (1e-6, TIME),
@@ -81,10 +78,10 @@ ATOMS: dict[str, tuple[float, Dimension]] = {
     **dict.fromkeys(("N", "newton", "newtons"), (1.0, FORCE)),
     "mN": (1e-3, FORCE),
     "kN": (1e3, FORCE),
-    "kgf": (STANDARD_GRAVITY, FORCE),
-    "gf": (STANDARD_GRAVITY * 1e-3, FORCE),
-    "lbf": (POUND_FORCE, FORCE),
-    "ozf": (POUND_FORCE / 16.0, FORCE),
+    "kgf": (constants.g, FORCE),
+    "gf": (constants.g * 1e-3, FORCE),
+    "lbf": (constants.lbf, FORCE),
+    "ozf": (constants.lbf / 16.0, FORCE),
     **dict.fromkeys(("Nm", "newtonmeter", "newtonmeters"), (1.0, TORQUE)),
     "mNm": (1e-3, TORQUE),
     "Nmm": (1e-3, TORQUE),
@@ -99,7 +96,7 @@ ATOMS: dict[str, tuple[float, Dimension]] = {
     "MPa": (1e6, PRESSURE),
     "bar": (1e5, PRESSURE),
     "mbar": (1e2, PRESSURE),
-    "psi": (POUND_FORCE / INCH**2, PRESSURE),
+    "psi": (constants.lbf / constants.inch**2, PRESSURE),
     "atm": (101325.0, PRESSURE),
     "W": (1.0, POWER),
     "mW": (1e-3, POWER),
@@ -109,7 +106,7 @@ ATOMS: dict[str, tuple[float, Dimension]] = {
     **dict.fromkeys(("Ω", "ohm", "ohms"), (1.0, RESISTANCE)),
     "T": (1.0, FLUX_DENSITY),
     "K": (1.0, TEMPERATURE),
-    "g_n": (STANDARD_GRAVITY, ACCELERATION),
+    "g_n": (constants.g, ACCELERATION),
     "%": (1e-2, ONE),
 }
 

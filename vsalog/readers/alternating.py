@@ -13,10 +13,11 @@ import numpy as np
 
 from vsalog.core.finding import Finding
 from vsalog.core.recording import Values
+from vsalog.core.resolution import STRETCHES
 from vsalog.core.spool import Column
 
-STRETCHES, LENGTH = 8, 512
-"""So many stretches of a channel are looked at, and how many samples each has."""
+LENGTH = 512
+"""Samples of a stretch that is looked at."""
 
 _CHANNELS = 16  # of a stream that are looked at, of more these are spread over it
 LEAST = 64  # samples of a stretch that tell anything

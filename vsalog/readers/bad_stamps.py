@@ -14,14 +14,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vsalog.core.recording import Stamps
+from vsalog.core.spool import PART
 from vsalog.readers.clock_steps import AHEAD, NEAR
 from vsalog.readers.reach import NEVER
+from vsalog.readers.time_written import DAY
 
 _FAR = 4  # times farther from where it belongs than those around it
-_TOGETHER = 2**16  # rows that are looked at at once
 
-ONE_DAY = 86_400_000_000_000
-COUNTED = 20 * 365 * ONE_DAY
+
+COUNTED = 20 * 365 * DAY
 """Stamps below it are counted from some start; dates that go back are those of logs that were put together in another order."""
 
 FEW = 20
@@ -51,16 +52,16 @@ def bad_stamps(header: Stamps, log: Stamps) -> NDArray[np.bool_]:
         Header stamps and log times [ns].
     """
     delay = log - header
-    if not delay.size or (delay.max() - delay.min() <= NEAR and abs(int(delay[0])) <= ONE_DAY - NEAR):
+    if not delay.size or (delay.max() - delay.min() <= NEAR and abs(int(delay[0])) <= DAY - NEAR):
         return np.zeros(delay.size, np.bool_)
-    bad: NDArray[np.bool_] = np.abs(delay) > ONE_DAY
+    bad: NDArray[np.bool_] = np.abs(delay) > DAY
     if delay.size > 2 * REACH and delay.max() - delay.min() > AHEAD:
         # At either end those beside the last are looked at twice, lest it vouch for itself.
         around = np.lib.stride_tricks.sliding_window_view(np.pad(delay, REACH, mode="reflect"), 2 * REACH + 1)
         bad |= np.abs(delay - np.median(around, axis=1)) > AHEAD
     rows = _near_jumps(delay)
-    for first in range(0, rows.size, _TOGETHER):
-        some = rows[first : first + _TOGETHER]
+    for first in range(0, rows.size, PART):
+        some = rows[first : first + PART]
         bad[some] |= _are_off(header, delay, some)
     return bad
 

@@ -20,12 +20,11 @@ from vsalog.readers.definitions import DefinitionError, normal_type
 from vsalog.readers.delays import LEAST_BYTES, Delays, Promise
 from vsalog.readers.frames import Frames
 from vsalog.readers.messages import Decoder
-from vsalog.readers.packets import Integers, Messages, Packet
+from vsalog.readers.packets import PACKED_BYTES, Integers, Messages, Packet
 from vsalog.readers.plain_messages import plain, plain_packets
 from vsalog.readers.publishers import FrameWatch, mixed_up, publisher_stream
 from vsalog.readers.streams import Named, Streams
 
-BLOCK_BYTES = 16 * 2**20
 # Of wide streams, fewer messages make a block; how wide a stream is, its first block tells.
 BLOCK_VALUES, FIRST_ROWS, LEAST_ROWS = 2**20, 512, 64
 # So many messages of a stream that lie together in the file are decoded where they lie; fewer wait for others.
@@ -78,7 +77,7 @@ class _Batch:
         self.size += self.messages[-1].data.size
 
     def full(self) -> bool:
-        return self.count >= self.rows or self.size >= BLOCK_BYTES
+        return self.count >= self.rows or self.size >= PACKED_BYTES
 
     def clear(self) -> None:
         self.log, self.publish, self.messages, self.count, self.size = [], [], [], 0, 0
@@ -336,7 +335,7 @@ def _shared_out(packet: Packet, batches: Mapping[int, _Batch]) -> Iterator[tuple
 
 def _fitting(length: Integers, batch: _Batch) -> int:
     """Return how many of the next messages go into a batch before it is full; at least one."""
-    by_size = int(np.searchsorted(np.cumsum(length), BLOCK_BYTES - batch.size)) + 1
+    by_size = int(np.searchsorted(np.cumsum(length), PACKED_BYTES - batch.size)) + 1
     return max(1, min(batch.rows - batch.count, by_size))
 
 

@@ -14,19 +14,17 @@ from numpy.typing import NDArray
 
 from vsalog.core.finding import Evidence, Finding
 from vsalog.core.recording import Values
-from vsalog.core.spool import ABSENT_BITS, Column
+from vsalog.core.spool import ABSENT_BITS, PART, Column
+from vsalog.readers.base import MOST_PARTS
 
 MOSTLY = 0.75
 """Values come together that share this part of the messages that have either; the others of these lack it, NaN."""
 
-MOST_PARTS = 256
-"""Parts of a stream that are told apart; what comes in few messages is one part beyond."""
 
 LEAST, STRAYS, FEW = 1000, 2, 8
 """Of so many messages, what only so few of them carry may be a damaged name, unless there are many of these."""
 
 _Bits = NDArray[np.uint8]
-_PIECE = 2**16  # rows, a multiple of eight
 
 
 @dataclass(frozen=True, slots=True)
@@ -57,12 +55,12 @@ class Together:
 
     def pieces(self) -> Iterator[tuple[int, int, NDArray[np.bool_]]]:
         """Yield first row, last row, that one excluded, and which of the rows there are of the part, piece by piece."""
-        for first in range(0, self.messages, _PIECE):
-            last = min(first + _PIECE, self.messages)
+        for first in range(0, self.messages, PART):
+            last = min(first + PART, self.messages)
             if self.bits is None:
                 yield first, last, np.ones(last - first, np.bool_)
             else:
-                bits = self.bits[first // 8 : first // 8 + _PIECE // 8]
+                bits = self.bits[first // 8 : first // 8 + PART // 8]
                 yield first, last, np.unpackbits(bits, count=last - first).astype(np.bool_)
 
 
@@ -73,8 +71,8 @@ def lacks_any(values: Values) -> bool:
 
 def carried(column: Column) -> _Bits:
     """Return in which messages a value is, a bit each."""
-    begins = range(0, len(column), _PIECE)
-    return np.concatenate([np.packbits(column[k : k + _PIECE].view(np.int64) != ABSENT_BITS) for k in begins])
+    begins = range(0, len(column), PART)
+    return np.concatenate([np.packbits(column[k : k + PART].view(np.int64) != ABSENT_BITS) for k in begins])
 
 
 def together(columns: Sequence[str], partial: Mapping[str, _Bits], messages: int) -> list[Together]:

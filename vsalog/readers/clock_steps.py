@@ -12,6 +12,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from vsalog.core.recording import Stamps
+from vsalog.core.spool import PART
 
 AHEAD = 60_000_000_000
 """A clock that leaps farther ahead of the log's time [ns] was set; less may be messages that were lost on the way."""
@@ -19,10 +20,12 @@ AHEAD = 60_000_000_000
 NEAR = 1_000_000_000
 """So much [ns] do the delays of samples vary by themselves."""
 
-_LEAST = 4  # samples that a step moves among others; fewer are jitter
+
+LEAST = 4
+"""Samples that a step moves among others; fewer are jitter."""
 _LEVEL = 64  # samples that tell how far stamps are from the log's times
 _SPREAD = (10, 50, 90)  # percentiles of that: steps are beyond what it varies
-_PIECE = 2**16  # samples that are looked at together, however they come
+
 _KEPT = 4 * _LEVEL  # samples of a piece that are seen again with the next one, for steps at its end
 _EVEN, _GAP = 2, 4  # intervals differ by such a factor at most, and one of the log's may be so many times longer
 _JUDGED = 64  # places in a piece that are looked at, the largest steps first
@@ -44,13 +47,13 @@ class ClockSteps:
         self._headers.append(header)
         self._logs.append(log)
         self._waiting += header.size
-        if self._waiting <= _PIECE:
+        if self._waiting <= PART:
             return
         header, log = np.concatenate(self._headers), np.concatenate(self._logs)
-        while header.size > _PIECE:
-            self._look(header[:_PIECE], log[:_PIECE], 2 * _LEVEL)
-            self._lowest = self._lowest_before(log[:_PIECE] - header[:_PIECE], _PIECE - _KEPT)
-            header, log = header[_PIECE - _KEPT :], log[_PIECE - _KEPT :]
+        while header.size > PART:
+            self._look(header[:PART], log[:PART], 2 * _LEVEL)
+            self._lowest = self._lowest_before(log[:PART] - header[:PART], PART - _KEPT)
+            header, log = header[PART - _KEPT :], log[PART - _KEPT :]
         self._headers, self._logs, self._waiting = [header], [log], header.size
 
     def end(self) -> None:
@@ -60,7 +63,7 @@ class ClockSteps:
 
     def _look(self, header: Stamps, log: Stamps, waiting: int) -> None:
         """Look for steps; those in as many samples at the end as are `waiting` are left for later."""
-        if header.size <= _LEAST:
+        if header.size <= LEAST:
             return
         steps = np.diff(header)
         if steps.min() < 0:
@@ -69,7 +72,7 @@ class ClockSteps:
         places = np.flatnonzero((steps > NEAR) & (leads > NEAR))
         for k in places[np.argsort(-leads[places], kind="stable")[:_JUDGED]].tolist():
             size = _moved(log - header, k, slice(k + 1, k + 1 + _LEVEL))
-            if header.size - k <= max(waiting, _LEAST) or -size <= leads[k] // 2:
+            if header.size - k <= max(waiting, LEAST) or -size <= leads[k] // 2:
                 continue
             if leads[k] > AHEAD or (_goes_on_evenly(header, log, k) and self._is_new(log - header, k)):
                 self.ahead = max(self.ahead, -size)
@@ -93,7 +96,7 @@ class ClockSteps:
         depths = latest[begins] - header[begins]
         # A clock that was set back needs as long to catch up; late samples come all at once.
         lasts = np.minimum(ends, header.size - 1)
-        long = (ends - begins >= _LEAST) & (begins < until)
+        long = (ends - begins >= LEAST) & (begins < until)
         long &= (log[lasts] - log[begins - 1] > depths // 2) | (ends == header.size)
         places = np.flatnonzero(long)
         for k in places[np.argsort(-depths[places], kind="stable")[:_JUDGED]].tolist():
@@ -114,7 +117,7 @@ def _moved(delay: Stamps, last: int, after: slice) -> int:
 def _goes_on_evenly(header: Stamps, log: Stamps, last: int) -> bool:
     """Tell whether stamps and log times follow one another as before behind the `last` sample ahead of a step."""
     before, after = slice(max(0, last + 1 - _LEVEL), last + 1), slice(last + 1, last + 1 + _LEVEL)
-    if last < _LEAST or header[after].size <= _LEAST:
+    if last < LEAST or header[after].size <= LEAST:
         return False
     usual = [float(np.median(np.diff(stamps[part]))) for stamps in (header, log) for part in (before, after)]
     leap = header[last + 1] - header[last]

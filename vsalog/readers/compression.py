@@ -8,6 +8,9 @@ from typing import Any
 MAX_BYTES = 256 * 2**20
 """Largest chunk that is read: recorders write a few megabytes, and a chunk has to fit in memory whole."""
 
+FILE_RATIO = 200
+"""Tables and MATLAB files become ten times smaller; what becomes so much smaller, and is large, is no recording but a bomb."""
+
 FREE_BYTES, MAX_RATIO = 16 * 2**20, 1000
 """Beyond so many bytes, what grows more than so many times is no recording but a bomb."""
 

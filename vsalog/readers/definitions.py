@@ -7,9 +7,11 @@ from __future__ import annotations
 
 import re
 from dataclasses import dataclass
+from enum import IntEnum
 from functools import cache, lru_cache
 from typing import Any
 
+from vsalog.readers.base import MAX_DEPTH
 from vsalog.readers.fields import LONG_NAMES, MAX_NAME
 
 # Seconds and nanoseconds in ROS 1, where a date is unsigned and a duration signed, and in ROS 2.
@@ -35,11 +37,15 @@ SCALARS = {
     "float64": "f8",
 }
 
-# The kinds of field a parsed definition distinguishes; anything else is an array of varying length.
-_BASIC, _MESSAGE, _FIXED_ARRAY = 1, 2, 3
+
+class Kind(IntEnum):
+    """Kinds of field that a parsed definition distinguishes; anything else is an array of varying length."""
+
+    BASIC, MESSAGE, FIXED_ARRAY = range(1, 4)
+
 
 _LONGEST = 2**17  # characters of a definition: the longest that ROS ships have a tenth of it
-_DEEPEST = 50  # messages within messages
+
 
 # What the parser passes over or misunderstands, and what it means nothing in.
 _REMARK = {
@@ -225,7 +231,7 @@ class _Builder:
             return self.built[name]
         if name in outer:
             raise DefinitionError(f"{name} contains itself")
-        if len(outer) > _DEEPEST:
+        if len(outer) > MAX_DEPTH:
             raise DefinitionError(f"{outer[0]} is nested too deeply")
         if name not in self.table:
             raise DefinitionError(f"the log does not hold the definition of {name or 'its messages'}")
@@ -245,11 +251,11 @@ class _Builder:
 
     def node(self, description: Any, outer: tuple[str, ...]) -> Node:
         kind, detail = int(description[0]), description[1]
-        if kind == _BASIC:
+        if kind == Kind.BASIC:
             return self.basic(detail[0])
-        if kind == _MESSAGE:
+        if kind == Kind.MESSAGE:
             return Time(*TIMES[detail][0 if self.ros1 else 1]) if detail in TIMES else self.struct(detail, outer)
-        return Array(self.node(detail[0], outer), detail[1] if kind == _FIXED_ARRAY else None)
+        return Array(self.node(detail[0], outer), detail[1] if kind == Kind.FIXED_ARRAY else None)
 
     def basic(self, name: str) -> Node:
         if name == "string":

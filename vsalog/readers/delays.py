@@ -15,7 +15,8 @@ import numpy as np
 
 from vsalog.core.errors import ReadError
 from vsalog.core.recording import Stamps
-from vsalog.readers.bad_stamps import ONE_DAY
+from vsalog.readers.reach import FARTHEST
+from vsalog.readers.time_written import DAY
 
 LEAST_BYTES = 64 * 2**20
 """Of less than this all is read: that is done at once, and needs no promise."""
@@ -28,8 +29,6 @@ STEP = 100_000_000
 
 LEAST_SEEN = 8
 """Streams that are in fewer samples are read throughout."""
-
-_LARGEST = 2**63 - 2
 
 
 @dataclass(slots=True)
@@ -53,7 +52,7 @@ class Delays:
         if not stamps.size:
             return True
         delay = log - stamps
-        if delay.max() > ONE_DAY or delay.min() < -ONE_DAY:
+        if delay.max() > DAY or delay.min() < -DAY:
             return False
         self.least, self.most = min(self.least, int(delay.min())), max(self.most, int(delay.max()))
         before, self.level[stream] = self.level.get(stream), int(np.median(delay))
@@ -75,7 +74,7 @@ class Delays:
 
     def widened(self, low: int, high: int) -> tuple[int, int]:
         """Return between which log times [ns] all messages lie whose stamps are in a window."""
-        return max(low + self.least - MARGIN, -_LARGEST), min(high + self.most + MARGIN, _LARGEST)
+        return max(low + self.least - MARGIN, -FARTHEST), min(high + self.most + MARGIN, FARTHEST)
 
 
 class Promise:

@@ -7,11 +7,10 @@ from collections.abc import Sequence
 import numpy as np
 from numba import njit
 
+from vsalog.readers.base import MOST_PARTS
 from vsalog.readers.definitions import Scalar, Struct, Text, Time
+from vsalog.readers.fields import MAX_NAME
 from vsalog.readers.packets import Bytes, Integers, Messages
-
-MOST, LONGEST = 256, 256
-"""Frames of a channel that are told apart, and bytes of one; more are a counter."""
 
 _FEW = 4  # frames that there is room for at first
 
@@ -56,7 +55,11 @@ class Frames:
     """
 
     def __init__(self, known: Sequence[str] = ()) -> None:
-        self._pool, self._sizes, self._count = np.zeros((_FEW, LONGEST), np.uint8), np.zeros(_FEW, np.int64), len(known)
+        self._pool, self._sizes, self._count = (
+            np.zeros((_FEW, MAX_NAME), np.uint8),
+            np.zeros(_FEW, np.int64),
+            len(known),
+        )
         while self._count > len(self._sizes):
             self._grow()
         for k, name in enumerate(known):
@@ -83,7 +86,7 @@ class Frames:
 
     def _grow(self) -> None:
         more = 3 * len(self._sizes)
-        self._pool = np.concatenate((self._pool, np.zeros((more, LONGEST), np.uint8)))
+        self._pool = np.concatenate((self._pool, np.zeros((more, MAX_NAME), np.uint8)))
         self._sizes = np.concatenate((self._sizes, np.zeros(more, np.int64)))
 
 
@@ -112,7 +115,7 @@ def _numbers(
     """Write down which frame each message has, from one on; returns how far there was room for them, and how many are known."""
     for k in range(begin, start.size):
         at, size = start[k], length[k]
-        if size < 0 or size > LONGEST:
+        if size < 0 or size > MAX_NAME:
             continue
         for j in range(count):
             i = 0
@@ -121,7 +124,7 @@ def _numbers(
             if sizes[j] == size and i == size:
                 out[k] = j
                 break
-        if out[k] >= 0 or count == MOST:
+        if out[k] >= 0 or count == MOST_PARTS:
             continue
         if count == sizes.size:
             return k, count

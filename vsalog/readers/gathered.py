@@ -10,11 +10,11 @@ from numpy.typing import NDArray
 
 from vsalog.core.finding import Finding
 from vsalog.core.spool import ABSENT, Column, Kind, Spool, SpooledColumn, parts
-from vsalog.readers.base import Block
+from vsalog.readers.base import BLOCK_ROWS, Block
 from vsalog.readers.carried import Together, carried, lacks_any, together
 
-# So many samples are made room for at once where a log promises them; the room is no memory before it is filled.
-_MOST_ROOM, _PIECE = 2**22, 2**13
+# Samples that room is made for at once where a log promises them; the room is no memory before it is filled.
+_MOST_ROOM = 2**22
 
 HEADER = ".header."
 """In names of what is in a message's header."""
@@ -48,8 +48,8 @@ class _Column(Generic[T]):
         end = at + len(new)
         if end > self.values.size:
             smaller, self.values = self.values, np.zeros(max(end, 2 * self.values.size), dtype=self.values.dtype)
-            for begin in range(0, self.filled, _PIECE):
-                self._put(begin, smaller[begin : min(begin + _PIECE, self.filled)])
+            for begin in range(0, self.filled, BLOCK_ROWS):
+                self._put(begin, smaller[begin : min(begin + BLOCK_ROWS, self.filled)])
         if self.filled < at:
             self.values[self.filled : at] = ABSENT
         self._put(at, new)

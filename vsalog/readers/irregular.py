@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
+from enum import IntEnum
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,7 +19,12 @@ from vsalog.readers.message_scan import Found, scatter
 from vsalog.readers.packets import Messages
 
 _ROOM = 2**17  # numbers that are found at once
-_NEW, _LEFT_OUT = -2, -1
+
+
+class Kind(IntEnum):
+    """What a number is that has no column (yet)."""
+
+    NEW, LEFT_OUT = range(-2, 0)
 
 
 @dataclass(frozen=True, slots=True)
@@ -74,7 +80,7 @@ class IrregularDecoder:
         self._codes = sorted({place.code for place in program.places if place.code})
         self._memory = Memory()
         self._paths: dict[int, str] = {0: ""}
-        self._kind = np.full(len(self._memory.keys), _NEW, dtype=np.int64)  # by number: which of the codes
+        self._kind = np.full(len(self._memory.keys), Kind.NEW, dtype=np.int64)  # by number: which of the codes
         self._found = Found(np.empty(_ROOM, np.int64), np.empty(_ROOM, np.int64), np.empty(_ROOM, np.int64))
 
     def decode(self, messages: Messages) -> Iterator[Numbers]:
@@ -96,11 +102,11 @@ class IrregularDecoder:
 
     def _learn(self, number: Integers, at: Integers) -> None:
         """Tell what was met for the first time; what is no signal is noted."""
-        new = np.flatnonzero(self._kind[number] == _NEW)
+        new = np.flatnonzero(self._kind[number] == Kind.NEW)
         for one, k in zip(*(part.tolist() for part in np.unique(number[new], return_index=True)), strict=True):
             _, place, name = self._memory.keys[one].tolist()
             path, detail = self._path(one), self._places[place]
-            self._kind[one] = _LEFT_OUT
+            self._kind[one] = Kind.LEFT_OUT
             if detail.array and not name:
                 self.unread.setdefault(path, f"array of {int(at[new[k]])} values")
             elif not detail.code:

@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import IO
 
 from vsalog.core.finding import Finding, Findings
+from vsalog.readers.base import PIECE_BYTES
 from vsalog.readers.container import Container
 from vsalog.readers.mcap_file import McapContainer
 from vsalog.readers.mcap_walk import MAGIC
@@ -19,7 +20,6 @@ from vsalog.readers.rosbag1_walk import VERSION
 from vsalog.readers.several import SeveralContainer
 
 _MCAP_BEGINS = MAGIC + b"\x01"  # with a header
-_PIECE = 2**20
 
 
 def opened_mcap(path: Path) -> Container:
@@ -66,14 +66,14 @@ def _places(file: IO[bytes], mark: bytes) -> Iterator[int]:
     start, piece = 0, b""
     while True:
         file.seek(start)
-        piece = file.read(_PIECE + len(mark) - 1)
+        piece = file.read(PIECE_BYTES + len(mark) - 1)
         if len(piece) < len(mark):
             return
         at = piece.find(mark)
         while at >= 0:
             yield start + at
             at = piece.find(mark, at + 1)
-        start += _PIECE
+        start += PIECE_BYTES
 
 
 def _is_attached(file: IO[bytes], at: int) -> bool:

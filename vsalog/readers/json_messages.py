@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from vsalog.core.printable import printable
-from vsalog.readers.base import MAX_ARRAY
+from vsalog.readers.base import MAX_ARRAY, MAX_DEPTH
 from vsalog.readers.fields import LARGE_MESSAGES, LONG_NAMES, MAX_BYTES, MAX_FIELDS, MAX_NAME, Fields
 from vsalog.readers.frames import stated_frames
 from vsalog.readers.labels import (
@@ -30,7 +30,7 @@ from vsalog.readers.reach import FARTHEST, NEVER
 if TYPE_CHECKING:
     import msgspec
 
-MAX_DEPTH = 32
+
 _FRAME = b"frame_id"
 MAX_PARTS = 4 * MAX_FIELDS
 """Members and elements of a message that are looked at."""

@@ -15,7 +15,7 @@ from vsalog.readers.bad_stamps import FEW, REACH, are_few, bad_stamps, looked_at
 from vsalog.readers.base import Reader
 from vsalog.readers.collect import Placed, assembled, gather, recording_of, summary
 from vsalog.readers.gathered import Gathered
-from vsalog.readers.long_recording import LongChannel, LongRecording
+from vsalog.readers.long_recording import STRETCHES, LongChannel, LongRecording
 from vsalog.readers.table_stamps import stamps_that_are_none
 from vsalog.readers.timing import (
     MANY_BAD,
@@ -31,8 +31,8 @@ from vsalog.readers.timing import (
 
 # So many samples of a stream may wait for others that are late before the log is sorted in memory.
 MOST_WAITING = 2**22
-# Stretches of a stream that tell how much later the log's time is than the header's, and their length.
-DELAYS, DELAY_ROWS = 16, 4096
+# Samples of a stretch that tells how much later the log's time is than the header's.
+DELAY_ROWS = 4096
 
 _NONE = np.empty(0, np.int64)
 
@@ -136,7 +136,7 @@ def _chosen(
         return seen.doubt() or otherwise
 
     source, reason = choose_source(clocks, time, doubt)
-    begins = np.unique(np.linspace(0, max(0, count - DELAY_ROWS), DELAYS).astype(np.int64)).tolist()
+    begins = np.unique(np.linspace(0, max(0, count - DELAY_ROWS), STRETCHES).astype(np.int64)).tolist()
     some = {k: np.concatenate([stamps[i : i + DELAY_ROWS] for i in begins]) for k, stamps in clocks.items()}
     if source == "none":
         reason = timeless

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Mapping
+from datetime import date
 
 import numpy as np
 
@@ -20,7 +21,8 @@ _RISING = 0.9
 
 # Days since the year 0, as MATLAB's datenum and now give them, from 1900 to 2100. In seconds, steps as short as
 # such days have would be of 10 kHz and more, a little over eight days after the clock began.
-_DAYS, _SHORT = (693_962, 767_011), 1e-4
+_DAYS = [date(year, 1, 1).toordinal() + 366 for year in (1900, 2100)]
+_SHORT = 1e-4
 
 
 def find_clock(vectors: Mapping[str, Values]) -> tuple[str | None, Finding | None]:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 import struct
 from collections.abc import Iterator
+from enum import IntEnum
 from pathlib import Path
 from typing import IO, Any, NamedTuple
 
@@ -12,12 +13,18 @@ import numpy as np
 
 from vsalog.core.errors import ReadError
 from vsalog.core.finding import Finding, Findings
+from vsalog.readers.fields import MAX_NAME
 
-_HEAD = 20
-_MOST_NAME = 256
+_HEAD = struct.Struct("5i").size
+
 _NAME = re.compile(rb"[A-Za-z]\w*\0+", re.ASCII)
 _TYPES = ("f8", "f4", "i4", "i2", "u2", "u1")
-_NUMBERS, _TEXT, _SPARSE = 0, 1, 2
+
+
+class Kind(IntEnum):
+    """Kinds of matrices (MAT-File Format, level 4: T)."""
+
+    NUMBERS, TEXT, SPARSE = range(3)
 
 
 class _Matrix(NamedTuple):
@@ -83,8 +90,8 @@ def _variables(file: IO[bytes]) -> Iterator[tuple[str, Any]]:
 
 def _value(matrix: _Matrix, parts: list[np.ndarray[Any, Any]]) -> Any:
     """Return numbers, a text, which is left empty, or None for a sparse matrix."""
-    if matrix.kind != _NUMBERS:
-        return "" if matrix.kind == _TEXT else None
+    if matrix.kind != Kind.NUMBERS:
+        return "" if matrix.kind == Kind.TEXT else None
     values = parts[0] + 1j * parts[1] if matrix.is_complex else parts[0]
     return values.reshape(matrix.shape, order="F")
 
@@ -97,7 +104,9 @@ def _matrix(head: bytes) -> _Matrix | None:
         kind, rows, columns, imaginary, name_length = struct.unpack_from(f"{order}5i", head)
         machine, rest = divmod(kind, 1000)
         precision, what = divmod(rest, 10)
-        right = machine == "<>".index(order) and precision < len(_TYPES) and what in (_NUMBERS, _TEXT, _SPARSE)
-        if right and min(rows, columns) >= 0 and imaginary in (0, 1) and 1 < name_length <= _MOST_NAME:
+        right = (
+            machine == "<>".index(order) and precision < len(_TYPES) and what in (Kind.NUMBERS, Kind.TEXT, Kind.SPARSE)
+        )
+        if right and min(rows, columns) >= 0 and imaginary in (0, 1) and 1 < name_length <= MAX_NAME:
             return _Matrix(np.dtype(order + _TYPES[precision]), what, (rows, columns), bool(imaginary), name_length)
     return None

@@ -7,20 +7,25 @@ import re
 import struct
 import zlib
 from collections.abc import Iterator
+from enum import IntEnum
 from pathlib import Path
 from typing import Any
 
 from vsalog.core.errors import ReadError
 from vsalog.core.finding import Finding, Findings
-from vsalog.readers.compression import MAX_BYTES
-from vsalog.readers.matlab_v5_parts import MATRIX, variable
+from vsalog.readers.compression import FILE_RATIO, MAX_BYTES
+from vsalog.readers.matlab_v5_parts import DataType, variable
 
-_HEADER, _TAG = 128, 8
-_COMPRESSED = 15
+
+class Size(IntEnum):
+    """Bytes of a file's header and of an element's tag (MAT-File Format, level 5)."""
+
+    HEADER = 128
+    TAG = 8
+
+
 Content = mmap.mmap
 _MOST_SEARCHES = 30
-_MOST_RATIO = 200
-"""What becomes so many times larger in all, and more than `MAX_BYTES`, is no recording but a bomb."""
 
 
 def load(path: Path, findings: Findings) -> dict[str, Any]:
@@ -35,7 +40,7 @@ def load(path: Path, findings: Findings) -> dict[str, Any]:
     damage: dict[int, str] = {}
     try:
         with path.open("rb") as file, mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ) as content:
-            if len(content) < _HEADER:
+            if len(content) < Size.HEADER:
                 raise ReadError("the MATLAB file is cut off within its header; there are no variables in it", path)
             order = ">" if content[126:128] == b"MI" else "<"
             for begin, element in _elements(content, order, damage):
@@ -70,21 +75,21 @@ def _variable(element: bytes, order: str) -> tuple[str, Any]:
     if len(element) < 8:
         raise ValueError("it is cut off")
     kind, length = struct.unpack_from(order + "II", element)
-    if kind != MATRIX:
+    if kind != DataType.MATRIX:
         raise ValueError(f"an element of type {kind} with {length} bytes is no variable")
     return variable(memoryview(element)[8 : 8 + length], order)
 
 
 def _elements(content: Content, order: str, damage: dict[int, str]) -> Iterator[tuple[int, bytes]]:
     """Yield where each variable begins, and the element that it is, which is not compressed any more."""
-    allowed = max(MAX_BYTES, _MOST_RATIO * len(content))
+    allowed = max(MAX_BYTES, FILE_RATIO * len(content))
     for begin, end in _places(content, order, damage):
         kind, _ = _tag(content, begin, order)
-        if kind != _COMPRESSED:
+        if kind != DataType.COMPRESSED:
             yield begin, content[begin:end]
             continue
         try:
-            element = _decompressed(content[begin + _TAG : end], allowed, end > len(content))
+            element = _decompressed(content[begin + Size.TAG : end], allowed, end > len(content))
         except (zlib.error, ValueError) as error:
             damage[begin] = str(error)
             continue
@@ -94,9 +99,9 @@ def _elements(content: Content, order: str, damage: dict[int, str]) -> Iterator[
 
 def _places(content: Content, order: str, damage: dict[int, str]) -> Iterator[tuple[int, int]]:
     """Yield where each variable begins, and where it ends, by what it says; behind one that is wrong, the next are looked for."""
-    begin, searches = _HEADER, 0
+    begin, searches = Size.HEADER.value, 0
     while begin < len(content) and searches <= _MOST_SEARCHES:
-        end = begin + _TAG + _tag(content, begin, order)[1]
+        end = begin + Size.TAG + _tag(content, begin, order)[1]
         yield begin, end
         if _begins(content, end, order):
             begin = end
@@ -109,15 +114,17 @@ def _places(content: Content, order: str, damage: dict[int, str]) -> Iterator[tu
 
 def _tag(content: Content, at: int, order: str) -> tuple[int, int]:
     """Return kind and length of an element; of what is left of one, a length beyond the end."""
-    head = content[at : at + _TAG]
-    kind, length = struct.unpack(order + "II", head) if len(head) == _TAG else (0, _TAG)
+    head = content[at : at + Size.TAG]
+    kind, length = struct.unpack(order + "II", head) if len(head) == Size.TAG else (0, Size.TAG)
     return kind, length
 
 
 def _begins(content: Content, at: int, order: str) -> bool:
     """Tell whether a variable may begin somewhere, or the file ends there."""
     kind, length = _tag(content, at, order)
-    return at == len(content) or (kind in (MATRIX, _COMPRESSED) and length <= len(content) - at - _TAG)
+    return at == len(content) or (
+        kind in (DataType.MATRIX, DataType.COMPRESSED) and length <= len(content) - at - Size.TAG
+    )
 
 
 def _next_begin(content: Content, begin: int, order: str) -> int:
@@ -128,8 +135,8 @@ def _next_begin(content: Content, begin: int, order: str) -> int:
 
     # Flags, two dimensions, and a name, which parts of variables do not have: short ones lie in the tag.
     name = b"|".join([*(words(size << 16 | 1) for size in range(1, 5)), words(1) + b"(?!" + words(0) + b")"])
-    plain = words(MATRIX) + b".{4}" + words(6, 8) + b".{8}" + words(5, 8) + b".{8}(?:" + name + b")"
-    compressed = words(_COMPRESSED) + b".{4}\x78[\x01\x5e\x9c\xda]"
+    plain = words(DataType.MATRIX) + b".{4}" + words(6, 8) + b".{8}" + words(5, 8) + b".{8}(?:" + name + b")"
+    compressed = words(DataType.COMPRESSED) + b".{4}\x78[\x01\x5e\x9c\xda]"
     found = re.compile(plain + b"|" + compressed, re.DOTALL).finditer(content, begin)
     return next((match.start() for match in found if _begins(content, match.start(), order)), len(content))
 

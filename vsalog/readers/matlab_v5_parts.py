@@ -8,20 +8,33 @@ from __future__ import annotations
 
 import struct
 from collections.abc import Iterator
+from enum import IntEnum
 from math import prod
 from typing import Any
 
 import numpy as np
 
-from vsalog.readers.base import MAX_ARRAY
+from vsalog.readers.base import MAX_ARRAY, MAX_DEPTH
 
-MATRIX = 14
-_MOST_DEPTH = 32
-_CELL, _STRUCT, _CHAR, _FIRST_NUMBER, _LAST_NUMBER = 1, 2, 4, 6, 15
+
+class Class(IntEnum):
+    """Classes of arrays (MAT-File Format, Table 1-3); those from DOUBLE on are numbers."""
+
+    CELL, STRUCT, OBJECT, CHAR, SPARSE, DOUBLE = range(1, 7)
+    UINT64 = 15
+
+
+class DataType(IntEnum):
+    """Types of data elements (MAT-File Format, Table 1-1)."""
+
+    INT32 = 5
+    MATRIX, COMPRESSED = 14, 15
+
+
 _COMPLEX = 0x0800
-_INT32 = 5
+
 _NUMBERS = {
-    1: "i1", 2: "u1", 3: "i2", 4: "u2", _INT32: "i4", 6: "u4", 7: "f4", 9: "f8", 12: "i8", 13: "u8",
+    1: "i1", 2: "u1", 3: "i2", 4: "u2", 5: "i4", 6: "u4", 7: "f4", 9: "f8", 12: "i8", 13: "u8",
 }  # fmt: skip
 
 
@@ -52,23 +65,23 @@ def variable(data: memoryview, order: str) -> tuple[str, Any]:
 
 
 def _matrix(data: memoryview, order: str, depth: int) -> tuple[str, Any]:
-    if depth > _MOST_DEPTH:
+    if depth > MAX_DEPTH:
         raise ValueError("it is nested too deeply")
     if not data:
         return "", np.zeros((0, 0))
     parts = _parts(data, order)
     flags, kind = _flags(parts, order)
-    if not (kind in (_CELL, _STRUCT, _CHAR) or _FIRST_NUMBER <= kind <= _LAST_NUMBER):
+    if not (kind in (Class.CELL, Class.STRUCT, Class.CHAR) or Class.DOUBLE <= kind <= Class.UINT64):
         return _name_of_other(parts), None
-    shape = tuple(_numbers(*_next(parts), order, _INT32).tolist())
+    shape = tuple(_numbers(*_next(parts), order, DataType.INT32).tolist())
     if len(shape) < 2 or min(shape) < 0:
         raise ValueError("its dimensions are none")
     name = _text(_next(parts)[1])
-    if kind == _CHAR:
+    if kind == Class.CHAR:
         return name, ""
-    if kind == _CELL:
+    if kind == Class.CELL:
         return name, list(_inner_ones(parts, order, depth, min(prod(shape), MAX_ARRAY)))
-    if kind == _STRUCT:
+    if kind == Class.STRUCT:
         return name, _structures(parts, order, depth, prod(shape))
     values = _numbers(*_next(parts), order)
     if flags & _COMPLEX:
@@ -80,7 +93,7 @@ def _matrix(data: memoryview, order: str, depth: int) -> tuple[str, Any]:
 
 def _structures(parts: Iterator[tuple[int, memoryview]], order: str, depth: int, count: int) -> Any:
     """Return a structure, or the first structures of an array."""
-    (width,) = _numbers(*_next(parts), order, _INT32).tolist()
+    (width,) = _numbers(*_next(parts), order, DataType.INT32).tolist()
     names = bytes(_next(parts)[1])
     if width < 1 or len(names) % width:
         raise ValueError("the names of its fields are damaged")
@@ -109,7 +122,7 @@ def _inner_ones(parts: Iterator[tuple[int, memoryview]], order: str, depth: int,
                 raise
             yield error  # cut off: what is ahead is whole
             return
-        if kind != MATRIX:
+        if kind != DataType.MATRIX:
             raise ValueError(f"it holds an element of type {kind} where an array should be")
         try:
             yield _matrix(content, order, depth + 1)[1]

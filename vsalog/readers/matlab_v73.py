@@ -13,12 +13,11 @@ import numpy as np
 
 from vsalog.core.errors import ReadError
 from vsalog.core.finding import Finding, Findings
-from vsalog.readers.base import MAX_ARRAY
-from vsalog.readers.compression import MAX_BYTES
+from vsalog.readers.base import MAX_ARRAY, MAX_DEPTH
+from vsalog.readers.compression import FILE_RATIO, MAX_BYTES
 
-_MOST_DEPTH = 16
 _MOST_OBJECTS = 100_000
-_MOST_RATIO = 200
+
 _TYPES = {
     b"double": "IEEE_F64LE",
     b"single": "IEEE_F32LE",
@@ -76,7 +75,7 @@ class _Walk:
     def __init__(self, h5py: Any, size: int) -> None:
         self.damage: list[str] = []
         self._h5py = h5py
-        self._allowed = max(MAX_BYTES, _MOST_RATIO * size)
+        self._allowed = max(MAX_BYTES, FILE_RATIO * size)
         self._objects = 0
 
     def members(self, group: Any, depth: int) -> dict[str, Any]:
@@ -98,7 +97,7 @@ class _Walk:
 
     def _value(self, node: Any, depth: int) -> Any:
         self._objects += 1
-        if depth > _MOST_DEPTH or self._objects > _MOST_OBJECTS:
+        if depth > MAX_DEPTH or self._objects > _MOST_OBJECTS:
             raise ValueError("it is nested too deeply, or has too many parts")
         kind = node.attrs.get("MATLAB_class", b"")
         if isinstance(node, self._h5py.Group):

@@ -16,29 +16,30 @@ from typing import IO
 import numpy as np
 from mcap.data_stream import ReadDataStream
 from mcap.exceptions import McapError
+from mcap.opcode import Opcode
 from mcap.records import Channel, Metadata, MetadataIndex, Schema, Statistics
 from numpy.typing import NDArray
 
 from vsalog.core.errors import ReadError
 from vsalog.core.finding import Evidence, Finding, Findings
-from vsalog.readers.chunk_index import Chunk, Needed, Part, some_of
+from vsalog.readers.base import BLOCK_ROWS
+from vsalog.readers.chunk_index import GLIMPSE_BYTES, Chunk, Needed, Part, some_of
 from vsalog.readers.compression import DamagedDataError, beginning, decompress
 from vsalog.readers.container import Connection
 from vsalog.readers.mcap_scan import ends_whole, messages_in, others_in
 from vsalog.readers.mcap_summary import chunk_in, states_checksum, summary_records, vouched
-from vsalog.readers.mcap_walk import CHANNEL, CHUNK, MAGIC, MESSAGE, METADATA, SCHEMA, Walk
+from vsalog.readers.mcap_walk import MAGIC, Walk
 from vsalog.readers.opened import FilePart
-from vsalog.readers.packets import PACKED, Packet, RawMessage, ahead, packet_of
+from vsalog.readers.packets import Packet, RawMessage, ahead, packet_of
 
 RIG_METADATA = "vsalog.rig"
 RIG_KEY = "toml"
 
-_CHUNK_INDEX, _STATISTICS, _METADATA_INDEX = 8, 11, 13
+
 _LANGUAGES = {"ros1msg": "msg", "ros2msg": "msg", "ros2idl": "idl", "omgidl": "idl", "protobuf": "protobuf"}
 _MOST_TEXT = 64 * 2**20
 _HEAD = struct.Struct("<BQ")
 _MESSAGE_HEAD = struct.Struct("<HIQQ")
-_GLIMPSE = 128 * 1024
 _CHUNK_HEAD = struct.Struct("<QQQII")
 
 
@@ -141,9 +142,9 @@ class McapContainer:
         with self.open() as file:
             for position in some_of(self._chunks, ids):
                 file.seek(position + _HEAD.size)
-                head = _chunk_head(file.read(_GLIMPSE))
+                head = _chunk_head(file.read(GLIMPSE_BYTES))
                 if head is not None:
-                    yield messages_in(np.frombuffer(beginning(*head, _GLIMPSE), np.uint8), wanted)
+                    yield messages_in(np.frombuffer(beginning(*head, GLIMPSE_BYTES), np.uint8), wanted)
 
     def packets(self, ids: Collection[int], needed: Needed | None = None) -> Iterator[Packet]:
         """Yield the messages of some channels in the order of the file; what is damaged is skipped and noted."""
@@ -153,15 +154,15 @@ class McapContainer:
         loose: list[RawMessage] = []  # outside of chunks
         count = 0
         for record, content in self.records(needed):
-            if loose and (record == CHUNK or len(loose) >= PACKED):
+            if loose and (record == Opcode.CHUNK or len(loose) >= BLOCK_ROWS):
                 yield packet_of(loose)
                 loose = []
-            if record == CHUNK:
+            if record == Opcode.CHUNK:
                 packet = messages_in(np.frombuffer(content, np.uint8), wanted)
                 count += len(packet.messages)
                 if len(packet.messages):
                     yield packet
-            elif record == MESSAGE:
+            elif record == Opcode.MESSAGE:
                 channel, _, log, publish = _MESSAGE_HEAD.unpack_from(content)
                 if wanted[channel]:
                     count += 1
@@ -200,7 +201,7 @@ class McapContainer:
             return
         self.schemas, self.channels, self._counts, self._chunks = {}, {}, {}, {}
         for record, content in self.records():
-            if record == CHUNK:
+            if record == Opcode.CHUNK:
                 for inner, own in others_in(np.frombuffer(content, np.uint8)):
                     self._keep(inner, own)
             else:
@@ -212,12 +213,12 @@ class McapContainer:
         metadata: list[MetadataIndex] = []
         with self.open() as file:
             for kind, content in summary_records(file) or ():
-                if kind == _STATISTICS:
+                if kind == Opcode.STATISTICS:
                     statistics = Statistics.read(ReadDataStream(BytesIO(content)))
-                elif kind == _CHUNK_INDEX:
+                elif kind == Opcode.CHUNK_INDEX:
                     position, chunk = chunk_in(content)
                     self._chunks[position] = chunk
-                elif kind == _METADATA_INDEX:
+                elif kind == Opcode.METADATA_INDEX:
                     metadata.append(MetadataIndex.read(ReadDataStream(BytesIO(content))))
                 else:
                     self._keep(kind, content)
@@ -239,16 +240,16 @@ class McapContainer:
         """Remember a channel, a schema or the rig."""
         stream = ReadDataStream(BytesIO(content))
         try:
-            if record == SCHEMA:
+            if record == Opcode.SCHEMA:
                 schema = Schema.read(stream)
                 self.schemas[schema.id] = schema
                 self._text += len(schema.data)
                 if self._text > _MOST_TEXT:
                     raise ReadError(f"has more than {_MOST_TEXT} bytes of message definitions", self.path)
-            elif record == CHANNEL:
+            elif record == Opcode.CHANNEL:
                 channel = Channel.read(stream)
                 self.channels[channel.id] = channel
-            elif record == METADATA:
+            elif record == Opcode.METADATA:
                 metadata = Metadata.read(stream)
                 if metadata.name == RIG_METADATA:
                     self._rig_text = metadata.metadata.get(RIG_KEY)
@@ -272,7 +273,7 @@ class McapContainer:
                 chunked=bool(self._chunks),
             )
             for record, content, position in walk.records():
-                if record != CHUNK:
+                if record != Opcode.CHUNK:
                     yield record, content
                     continue
                 chunks += 1
@@ -298,7 +299,9 @@ class McapContainer:
             if chunk.last and self._part.leaves_out(chunk):
                 file.seek(position)
                 head = file.read(_HEAD.size + 16)
-                if head[:1] == bytes([CHUNK]) and head[_HEAD.size :] == struct.pack("<QQ", chunk.first, chunk.last):
+                if head[:1] == bytes([Opcode.CHUNK]) and head[_HEAD.size :] == struct.pack(
+                    "<QQ", chunk.first, chunk.last
+                ):
                     found.append(position)
         return frozenset(found)
 

@@ -3,21 +3,27 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from enum import IntEnum
 
 import numpy as np
+from mcap.opcode import Opcode
 from numba import njit
 from numpy.typing import NDArray
 
+from vsalog.readers.container import ZSTD_MAGIC
 from vsalog.readers.packets import Bytes, Integers, Messages, Packet
 
-MESSAGE = 5
-# Opcode and length; channel, sequence, log time and publish time of a message (mcap.dev/spec).
-_HEAD, _MESSAGE_HEAD = 9, 22
-_CHUNK, _MESSAGE_INDEX, _DATA_END = 6, 7, 15
-# How what zstd made begins.
-_ZSTD_FIRST, _ZSTD_NUMBER = 0x28, 0xFD2FB528
-# Bytes of a chunk's beginning, up to the length of its records; compressions have short names.
-_CHUNK_HEAD, _LONGEST_NAME = 9 + 28 + 4 + 16 + 8, 16
+
+class Size(IntEnum):
+    """Bytes that parts of fixed length take (mcap.dev/spec)."""
+
+    HEAD = 1 + 8  # opcode and length
+    MESSAGE = 2 + 4 + 8 + 8  # channel, sequence, log time and publish time
+    LONGEST_COMPRESSION = 16  # names are "zstd" and "lz4"
+    CHUNK = HEAD + 28 + 4 + LONGEST_COMPRESSION + 8  # a chunk's beginning, up to the length of its records
+
+
+_ZSTD = int.from_bytes(ZSTD_MAGIC, "little")
 
 
 def messages_in(data: Bytes, wanted: NDArray[np.bool_]) -> Packet:
@@ -64,10 +70,10 @@ def _number(data: Bytes, at: int, width: int) -> int:
 @njit(cache=True, nogil=True)
 def _record(data: Bytes, at: int) -> int:
     """Return the length of the record's content; -1 where it does not end within the data."""
-    if at + _HEAD > data.size:
+    if at + Size.HEAD > data.size:
         return -1
     length = _number(data, at + 1, 8)
-    return length if 0 <= length <= data.size - at - _HEAD else -1
+    return length if 0 <= length <= data.size - at - Size.HEAD else -1
 
 
 @njit(cache=True, nogil=True)
@@ -78,7 +84,7 @@ def _end(data: Bytes) -> int:
         length = _record(data, at)
         if length < 0:
             break
-        at += _HEAD + length
+        at += Size.HEAD + length
     return at
 
 
@@ -89,9 +95,9 @@ def _count(data: Bytes, wanted: NDArray[np.bool_]) -> int:
         length = _record(data, at)
         if length < 0:
             break
-        if data[at] == MESSAGE and length >= _MESSAGE_HEAD and wanted[_number(data, at + _HEAD, 2)]:
+        if data[at] == Opcode.MESSAGE and length >= Size.MESSAGE and wanted[_number(data, at + Size.HEAD, 2)]:
             count += 1
-        at += _HEAD + length
+        at += Size.HEAD + length
     return count
 
 
@@ -109,16 +115,16 @@ def _fill(
     at, compressed = 0, False
     for k in range(channel.size):
         size = _record(data, at)
-        while not (data[at] == MESSAGE and size >= _MESSAGE_HEAD and wanted[_number(data, at + _HEAD, 2)]):
-            at += _HEAD + size
+        while not (data[at] == Opcode.MESSAGE and size >= Size.MESSAGE and wanted[_number(data, at + Size.HEAD, 2)]):
+            at += Size.HEAD + size
             size = _record(data, at)
-        head = at + _HEAD
+        head = at + Size.HEAD
         channel[k] = _number(data, head, 2)
         log[k] = _number(data, head + 6, 8)
         publish[k] = _number(data, head + 14, 8)
-        start[k], length[k] = head + _MESSAGE_HEAD, size - _MESSAGE_HEAD
-        if length[k] >= 4 and data[start[k]] == _ZSTD_FIRST:
-            compressed |= _number(data, start[k], 4) == _ZSTD_NUMBER
+        start[k], length[k] = head + Size.MESSAGE, size - Size.MESSAGE
+        if length[k] >= 4 and data[start[k]] == _ZSTD & 0xFF:
+            compressed |= _number(data, start[k], 4) == _ZSTD
         at = head + size
     return compressed
 
@@ -130,9 +136,9 @@ def _next_other(data: Bytes, at: int) -> tuple[int, int, int]:
         length = _record(data, at)
         if length < 0:
             break
-        if data[at] != MESSAGE:
-            return int(data[at]), at + _HEAD, length
-        at += _HEAD + length
+        if data[at] != Opcode.MESSAGE:
+            return int(data[at]), at + Size.HEAD, length
+        at += Size.HEAD + length
     return -1, 0, 0
 
 
@@ -153,24 +159,24 @@ def next_sure_record(data: Bytes, rest: int, loose: bool) -> int:
 
 @njit(cache=True, nogil=True)
 def _next_sure(data: Bytes, rest: int, loose: bool) -> int:
-    for at in range(data.size - _HEAD):
+    for at in range(data.size - Size.HEAD):
         length = _number(data, at + 1, 8)
-        if not 0 < length <= rest - at - _HEAD:
+        if not 0 < length <= rest - at - Size.HEAD:
             continue
-        content, whole = at + _HEAD, at + _CHUNK_HEAD <= data.size
-        if data[at] == _CHUNK and whole:
+        content, whole = at + Size.HEAD, at + Size.CHUNK <= data.size
+        if data[at] == Opcode.CHUNK and whole:
             name = _number(data, content + 28, 4)
-            if name <= _LONGEST_NAME and length == 40 + name + _number(data, content + 32 + name, 8):
+            if name <= Size.LONGEST_COMPRESSION and length == 40 + name + _number(data, content + 32 + name, 8):
                 return at
-        elif data[at] == _MESSAGE_INDEX and whole:
+        elif data[at] == Opcode.MESSAGE_INDEX and whole:
             entries = _number(data, content + 2, 4)
             if entries and entries % 16 == 0 and length == 6 + entries:
                 return at
-        elif data[at] == _DATA_END and length == 4:
+        elif data[at] == Opcode.DATA_END and length == 4:
             return at
-        elif loose and data[at] == MESSAGE and length >= _MESSAGE_HEAD:
+        elif loose and data[at] == Opcode.MESSAGE and length >= Size.MESSAGE:
             following = content + length
-            if following + _HEAD <= data.size and _next_fits(data, following, rest):
+            if following + Size.HEAD <= data.size and _next_fits(data, following, rest):
                 return at
     return -1
 
@@ -179,6 +185,6 @@ def _next_sure(data: Bytes, rest: int, loose: bool) -> int:
 def _next_fits(data: Bytes, at: int, rest: int) -> bool:
     """Tell whether a message or the end of the data can be at a place."""
     length = _number(data, at + 1, 8)
-    if data[at] == MESSAGE:
-        return _MESSAGE_HEAD <= length <= rest - at - _HEAD
-    return bool(data[at] == _DATA_END and length == 4)
+    if data[at] == Opcode.MESSAGE:
+        return Size.MESSAGE <= length <= rest - at - Size.HEAD
+    return bool(data[at] == Opcode.DATA_END and length == 4)

@@ -8,16 +8,17 @@ from collections.abc import Iterator
 from typing import IO
 
 import numpy as np
+from mcap.opcode import Opcode
 
 from vsalog.readers.chunk_index import Chunk
+from vsalog.readers.compression import MAX_BYTES
 from vsalog.readers.mcap_scan import ends_whole, others_in
-from vsalog.readers.mcap_walk import DATA_END, FOOTER, MAGIC
+from vsalog.readers.mcap_walk import MAGIC
 
 _HEAD = struct.Struct("<BQ")
 _FOOTER = struct.Struct("<BQQQI")
 _CHUNK_INDEX = struct.Struct("<QQQQI")
 _OFFSET = struct.Struct("<HQ")
-_MOST_BYTES = 256 * 2**20
 
 
 def summary_records(file: IO[bytes]) -> Iterator[tuple[int, bytes]] | None:
@@ -32,7 +33,7 @@ def summary_records(file: IO[bytes]) -> Iterator[tuple[int, bytes]] | None:
     if found is None:
         return None
     position, start, checksum = found
-    if not 0 < start <= position or position - start > _MOST_BYTES:
+    if not 0 < start <= position or position - start > MAX_BYTES:
         return None
     file.seek(start)
     section = file.read(position - start + _FOOTER.size)
@@ -68,7 +69,11 @@ def states_checksum(file: IO[bytes]) -> bool:
         return True
     file.seek(at)
     end = file.read(_HEAD.size + 4)
-    return len(end) < _HEAD.size + 4 or end[: _HEAD.size] != _HEAD.pack(DATA_END, 4) or end[_HEAD.size :] != bytes(4)
+    return (
+        len(end) < _HEAD.size + 4
+        or end[: _HEAD.size] != _HEAD.pack(Opcode.DATA_END, 4)
+        or end[_HEAD.size :] != bytes(4)
+    )
 
 
 def _footer(file: IO[bytes]) -> tuple[int, int, int] | None:
@@ -78,4 +83,4 @@ def _footer(file: IO[bytes]) -> tuple[int, int, int] | None:
         return None
     file.seek(position)
     kind, length, start, _, checksum = _FOOTER.unpack(file.read(_FOOTER.size))
-    return (position, start, checksum) if kind == FOOTER and length == _FOOTER.size - _HEAD.size else None
+    return (position, start, checksum) if kind == Opcode.FOOTER and length == _FOOTER.size - _HEAD.size else None

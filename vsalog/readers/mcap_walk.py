@@ -12,38 +12,38 @@ from collections.abc import Callable, Collection, Iterator
 from typing import IO
 
 import numpy as np
+from mcap.opcode import Opcode
 
 from vsalog.core.finding import Finding
+from vsalog.readers.base import PIECE_BYTES
 from vsalog.readers.compression import MAX_BYTES
 from vsalog.readers.mcap_scan import next_sure_record
 from vsalog.readers.walk_findings import walk_findings
 
 MAGIC = b"\x89MCAP0\r\n"
-HEADER, FOOTER, SCHEMA, CHANNEL, MESSAGE, CHUNK = 1, 2, 3, 4, 5, 6
-MESSAGE_INDEX, ATTACHMENT, ATTACHMENT_INDEX, METADATA, DATA_END = 7, 9, 10, 12, 15
-FIRST_PRIVATE = 128
 
-KEPT = (SCHEMA, CHANNEL, MESSAGE, CHUNK, METADATA)
+FIRST_PRIVATE = 128
+"""Kinds of records from here on are not of the format (mcap.dev/spec)."""
+KEPT = (Opcode.SCHEMA, Opcode.CHANNEL, Opcode.MESSAGE, Opcode.CHUNK, Opcode.METADATA)
 """Records that are handed over if nothing else is asked for."""
 
 # The parts of each record: so many bytes, or (negative) as many as a number of so many bytes says.
-_PARTS = {
-    HEADER: (-4, -4),
-    FOOTER: (20,),
-    SCHEMA: (2, -4, -4, -4),
-    CHANNEL: (4, -4, -4, -4),
-    MESSAGE: (22,),
-    CHUNK: (28, -4, -8),
-    MESSAGE_INDEX: (2, -4),
-    ATTACHMENT: (16, -4, -4, -8, 4),
-    METADATA: (-4, -4),
-    DATA_END: (4,),
+_PARTS: dict[int, tuple[int, ...]] = {
+    Opcode.HEADER: (-4, -4),
+    Opcode.FOOTER: (20,),
+    Opcode.SCHEMA: (2, -4, -4, -4),
+    Opcode.CHANNEL: (4, -4, -4, -4),
+    Opcode.MESSAGE: (22,),
+    Opcode.CHUNK: (28, -4, -8),
+    Opcode.MESSAGE_INDEX: (2, -4),
+    Opcode.ATTACHMENT: (16, -4, -4, -8, 4),
+    Opcode.METADATA: (-4, -4),
+    Opcode.DATA_END: (4,),
 }
 _HEAD = struct.Struct("<BQ")
-_LAST_KNOWN = 15
 _MOST_SPARE = 1024  # records may have grown by parts that are not known yet
 _BEGINNING = 4096  # of a record's content, to look at its parts
-_PIECE = 2**20
+
 _OVERLAP = 2**16
 
 
@@ -100,7 +100,7 @@ class Walk:
         position = len(MAGIC)
         while True:
             kind, length = self._sound(position)
-            if kind in (DATA_END, FOOTER):
+            if kind in (Opcode.DATA_END, Opcode.FOOTER):
                 self._end(kind, position)
                 return
             if kind < 0:
@@ -112,16 +112,16 @@ class Walk:
                 self.skipped.append((position, following))
                 position = following
                 continue
-            if kind == CHUNK and self._passed(position):
+            if kind == Opcode.CHUNK and self._passed(position):
                 position += _HEAD.size + length
                 continue
-            keep = kind in self._kept and (kind != ATTACHMENT or length <= MAX_BYTES)
+            keep = kind in self._kept and (kind != Opcode.ATTACHMENT or length <= MAX_BYTES)
             content = self._read(position, length, keep)
             if keep and len(content) < length:  # the file has become shorter meanwhile
                 self.cut = (position, self._size)
                 return
-            self._chunked |= kind == CHUNK
-            self.unknown += _LAST_KNOWN < kind < FIRST_PRIVATE
+            self._chunked |= kind == Opcode.CHUNK
+            self.unknown += Opcode.DATA_END < kind < FIRST_PRIVATE
             if keep:
                 yield kind, content, position
             position += _HEAD.size + length
@@ -140,10 +140,10 @@ class Walk:
         kind, length = self._head(position)
         if kind < 0:
             return -1, 0
-        least = _least_length(kind, self._file.read(min(length, _BEGINNING)) if kind != MESSAGE else b"")
-        if least == length and kind != MESSAGE:
+        least = _least_length(kind, self._file.read(min(length, _BEGINNING)) if kind != Opcode.MESSAGE else b"")
+        if least == length and kind != Opcode.MESSAGE:
             return kind, length
-        if least > length or (kind == CHUNK and length - least > _MOST_SPARE):
+        if least > length or (kind == Opcode.CHUNK and length - least > _MOST_SPARE):
             return -1, 0
         end = position + _HEAD.size + length
         return (kind, length) if end == self._size or self._head(end)[0] > 0 else (-1, 0)
@@ -155,7 +155,7 @@ class Walk:
         if len(head) < _HEAD.size:
             return False
         kind, length = _HEAD.unpack_from(head)
-        return bool(kind == CHUNK or length == _least_length(CHUNK, head[_HEAD.size :]))
+        return bool(kind == Opcode.CHUNK or length == _least_length(Opcode.CHUNK, head[_HEAD.size :]))
 
     def _head(self, position: int) -> tuple[int, int]:
         """Return kind and length as a record's head has them; kind -1 where they cannot be right."""
@@ -179,7 +179,7 @@ class Walk:
                 self._checksum = zlib.crc32(content, zlib.crc32(head, self._checksum))
             return content
         self._checksum = zlib.crc32(head, self._checksum)
-        while length > 0 and (piece := self._file.read(min(length, _PIECE))):
+        while length > 0 and (piece := self._file.read(min(length, PIECE_BYTES))):
             self._checksum = zlib.crc32(piece, self._checksum)
             length -= len(piece)
         return b""
@@ -187,7 +187,7 @@ class Walk:
     def _end(self, kind: int, position: int) -> None:
         """Compare the checksum with the one at the end of the data section, 0 for none."""
         self._file.seek(position + _HEAD.size)
-        stated = struct.unpack("<I", self._file.read(4))[0] if kind == DATA_END else 0
+        stated = struct.unpack("<I", self._file.read(4))[0] if kind == Opcode.DATA_END else 0
         self.changed = bool(self._verify and stated and not self.skipped and stated != self._checksum)
 
     def _resume(self, position: int) -> int:
@@ -198,11 +198,11 @@ class Walk:
         start = position + 1
         while start < self._size:
             self._file.seek(start)
-            data = np.frombuffer(self._file.read(_PIECE + _OVERLAP), np.uint8)
+            data = np.frombuffer(self._file.read(PIECE_BYTES + _OVERLAP), np.uint8)
             found = next_sure_record(data, self._size - start, not self._chunked)
             if found >= 0:
                 return start + found
-            start += _PIECE
+            start += PIECE_BYTES
         return -1
 
 

@@ -5,11 +5,14 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from vsalog.readers.message_scan import Found, Tables, Work, scan
+from vsalog.readers.base import MAX_ARRAY, MAX_DEPTH
+from vsalog.readers.fields import MAX_NAME
+from vsalog.readers.labels import MAX_LABELS
+from vsalog.readers.message_scan import Found, Limits, Tables, Work, scan
 from vsalog.readers.packets import Bytes, Integers
 
-# Room for what is numbered, for labels and their characters, for texts of a message, and for loops within loops.
-_IDS, _LABELS, _POOL, _HELD, _DEEPEST = 2**15, 2**13, 2**18, 4096, 64
+# Room for what is numbered, for labels and their characters, and for texts of a message.
+_IDS, _LABELS, _POOL, _HELD = 2**15, 2**13, 2**18, 4096
 
 
 class Memory:
@@ -27,7 +30,10 @@ class Memory:
         counters = np.array([1, 1, 0, 0], np.int64)
         tables = np.full(4 * _IDS, -1, np.int64), np.zeros((_LABELS, 3), np.int64), np.full(4 * _LABELS, -1, np.int64)
         self._tables = Tables(self.keys, counters, *tables, np.zeros(_POOL, np.uint8))
-        self._work = Work(*(np.zeros(shape, np.int64) for shape in ((_HELD, 3), (_DEEPEST, 5), (_HELD, 4), _HELD)))
+        limits = Limits(MAX_LABELS, MAX_NAME, MAX_ARRAY)
+        self._work = Work(
+            limits, *(np.zeros(shape, np.int64) for shape in ((_HELD, 3), (2 * MAX_DEPTH, 5), (_HELD, 4), _HELD))
+        )
 
     def label(self, number: int) -> str:
         """Return a label by its number."""

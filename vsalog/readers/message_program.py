@@ -10,18 +10,13 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from vsalog.readers.base import MAX_DEPTH
 from vsalog.readers.definitions import Array, Node, Scalar, Struct, Text, Time
 from vsalog.readers.known_units import unit_of
 from vsalog.readers.labels import LABEL_FIELDS, MAX_ARRAYS, tells_its_name
-
-STRUCT, END, NUMBER, TIME, STAMP, TEXT, TEXTS, NUMBERS, LOOP, NEXT, UNUSED, DONE = range(12)
-"""Steps. Each has numbers a, b, c and d, of which b is the place, a count is -1 where the message says it, and d how many arrays
-of texts may name the elements. `NUMBER`: a bytes. `TEXTS`: a count, c rank among the arrays of texts of the struct, -1
-where they can name nothing. `NUMBERS`: a count, c bytes. `LOOP`: a count, c the step behind its `NEXT`; `NEXT`: a its step.
-`STRUCT`, `END`: a how many arrays of texts may name something; `UNUSED`, for those that did not: a the same, c rank."""
+from vsalog.readers.message_scan import Step
 
 _MOST_STEPS = 2000
-_DEEPEST = 32
 
 
 @dataclass(frozen=True, slots=True)
@@ -74,7 +69,7 @@ def program_of(root: Struct) -> Program | None:
     writer = _Writer()
     try:
         writer.struct(root, "", None)
-        writer.add(DONE)
+        writer.add(Step.DONE)
     except _TooLargeError:
         return None
     return Program(np.array(writer.steps, dtype=np.int64), tuple(writer.places), writer.stamp)
@@ -100,7 +95,7 @@ class _Writer:
     def struct(self, node: Struct, path: str, unit: str | None) -> None:
         ranks = _ranks(node) if node.named else {}
         if ranks:
-            self.add(STRUCT, len(ranks))
+            self.add(Step.STRUCT, len(ranks))
         for field, child in node.fields:
             child_path = f"{path}.{field}" if path or self.depth else field
             child_unit = unit_of(node.name, field) or unit
@@ -110,21 +105,21 @@ class _Writer:
                 self.node(child, child_path, child_unit)
         for field, rank in ranks.items():
             own = f"{path}.{field}" if path or self.depth else field
-            self.add(UNUSED, len(ranks), self.place(own, "", None), rank)
+            self.add(Step.UNUSED, len(ranks), self.place(own, "", None), rank)
         if ranks:
-            self.add(END, len(ranks))
+            self.add(Step.END, len(ranks))
 
     def node(self, node: Node, path: str, unit: str | None) -> None:
         if isinstance(node, Scalar):
-            self.add(NUMBER, node.size, self.place(path, "<" + node.code, unit))
+            self.add(Step.NUMBER, node.size, self.place(path, "<" + node.code, unit))
         elif isinstance(node, Time):
             code = node.code("<")
             is_stamp = path in ("header.stamp", "stamp") and not self.depth and not self.stamp
             self.stamp = code if is_stamp else self.stamp
-            self.add(STAMP if is_stamp else TIME, 0, self.place(path, code, "s"))
+            self.add(Step.STAMP if is_stamp else Step.TIME, 0, self.place(path, code, "s"))
         elif isinstance(node, Text):
             silent = path in ("header.frame_id", "frame_id") and not self.depth
-            self.add(TEXT, 0, -1 if silent else self.place(path, "", None))
+            self.add(Step.TEXT, 0, -1 if silent else self.place(path, "", None))
         elif isinstance(node, Struct):
             self.struct(node, path, unit)
         else:
@@ -133,20 +128,20 @@ class _Writer:
     def array(self, node: Array, path: str, unit: str | None, rank: int, ranks: int) -> None:
         count = -1 if node.count is None else node.count
         if isinstance(node.element, Text):
-            self.add(TEXTS, count, self.place(path, "", None) if rank < 0 else -1, rank, ranks)
+            self.add(Step.TEXTS, count, self.place(path, "", None) if rank < 0 else -1, rank, ranks)
         elif isinstance(node.element, Scalar):
             place = self.place(path, "<" + node.element.code, unit, array=True)
-            self.add(NUMBERS, count, place, node.element.size, ranks)
+            self.add(Step.NUMBERS, count, place, node.element.size, ranks)
         elif tells_its_name(node.element):
             raise _TooLargeError  # the names come with the elements
         else:
-            at = self.add(LOOP, count, self.place(path, "", None, array=True), 0, ranks)
+            at = self.add(Step.LOOP, count, self.place(path, "", None, array=True), 0, ranks)
             self.depth += 1
-            if self.depth > _DEEPEST:
+            if self.depth > MAX_DEPTH:
                 raise _TooLargeError
             self.node(node.element, "", unit)
             self.depth -= 1
-            self.add(NEXT, at, self.steps[at][2])
+            self.add(Step.NEXT, at, self.steps[at][2])
             self.steps[at] = (*self.steps[at][:3], len(self.steps), ranks)
 
 

@@ -6,6 +6,7 @@ What is odd (damage, another byte order, names that are not plain, more parts th
 
 from __future__ import annotations
 
+from enum import IntEnum
 from typing import NamedTuple
 
 import numpy as np
@@ -17,14 +18,45 @@ from vsalog.readers.packets import Bytes, Integers
 MOST_FOUND = 4096
 """Numbers of one message that are found, at most."""
 
-_MOST_LABELS, _LONGEST_LABEL, _MOST_INDEXED = 1024, 256, 64  # as in vsalog.readers.labels, .fields and .base
+
 _MOST_TAKEN = 8192  # steps; MAX_STEPS of vsalog.readers.layout counts in another way, and much further
-_STRUCT, _END, _NUMBER, _TIME, _STAMP, _TEXT, _TEXTS, _NUMBERS, _LOOP, _NEXT, _UNUSED, _DONE = range(12)
-# Columns of the arrays below.
-_COUNT, _INDEX, _OUTER, _SILENT, _NAMED = range(5)
-_SIZE, _AT, _USABLE, _USED = range(4)
-_N_IDS, _N_LABELS, _N_POOL, _SERIAL = range(4)
-_UNKNOWN = 2
+
+
+class Step(IntEnum):
+    """What a step of a program does.
+
+    Each has numbers a, b, c and d, of which b is the place, a count is -1 where the message says it, and d how many
+    arrays of texts may name the elements. `NUMBER`: a bytes. `TEXTS`: a count, c rank among the arrays of texts of the
+    struct, -1 where they can name nothing. `NUMBERS`: a count, c bytes. `LOOP`: a count, c the step behind its `NEXT`;
+    `NEXT`: a its step. `STRUCT`, `END`: a how many arrays of texts may name something; `UNUSED`, for those that did not:
+    a the same, c rank.
+    """
+
+    STRUCT, END, NUMBER, TIME, STAMP, TEXT, TEXTS, NUMBERS, LOOP, NEXT, UNUSED, DONE = range(12)
+
+
+class Loop(IntEnum):
+    """Columns of the loops a walk is in."""
+
+    COUNT, INDEX, OUTER, SILENT, NAMED = range(5)
+
+
+class Texts(IntEnum):
+    """Columns of the arrays of texts a walk has met."""
+
+    SIZE, AT, USABLE, USED = range(4)
+
+
+class Counter(IntEnum):
+    """How many numbers, labels and characters are known, and how many arrays of texts were looked through."""
+
+    IDS, LABELS, POOL, SERIAL = range(4)
+
+
+class Usable(IntEnum):
+    """Whether an array's texts may name elements."""
+
+    NO, YES, UNKNOWN = range(3)
 
 
 # These are here, and not where they are made, so that numba's cache sees when they change.
@@ -60,8 +92,18 @@ class Tables(NamedTuple):
     pool: Bytes
 
 
+class Limits(NamedTuple):
+    """How many texts an array has that name something, how long they are, and how many values an array of signals has."""
+
+    labels: int
+    label: int
+    array: int
+
+
 class Work(NamedTuple):
     """What a walk keeps: texts that may be names, the loops and the arrays of texts it is in, and how many texts were held."""
+
+    limits: Limits
 
     held: Integers
     loops: Integers
@@ -117,41 +159,41 @@ def _walk(
         op, a, place, c = steps[step, 0], steps[step, 1], steps[step, 2], steps[step, 3]
         noted, unheard = -1, silent  # where something lies that was found; it is not to be told
         step += 1
-        if op == _DONE:
+        if op == Step.DONE:
             return (count if 0 <= end - at <= (3 if cdr else 0) else -1), stamp
-        if op in (_NUMBER, _TIME, _STAMP):
-            at = _aligned(at, origin, a if op == _NUMBER else 4, cdr)
-            if op == _STAMP:
+        if op in (Step.NUMBER, Step.TIME, Step.STAMP):
+            at = _aligned(at, origin, a if op == Step.NUMBER else 4, cdr)
+            if op == Step.STAMP:
                 stamp = at
             else:
                 noted = at
-            at += a if op == _NUMBER else 8
-        elif op == _TEXT:
+            at += a if op == Step.NUMBER else 8
+        elif op == Step.TEXT:
             at, _ = _text(data, at, origin, end, cdr)
             noted = 0 if place >= 0 else -1
-        elif op == _STRUCT and not silent:
+        elif op == Step.STRUCT and not silent:
             if n_texts + a > work.texts.shape[0]:
                 return -1, -1
             work.tops[n_tops] = n_held
             n_texts, n_tops = n_texts + a, n_tops + 1
-        elif op == _UNUSED and not silent:
+        elif op == Step.UNUSED and not silent:
             text = work.texts[n_texts - a + c]
-            noted = 0 if text[_SIZE] and not text[_USED] else -1
-        elif op == _END and not silent:
+            noted = 0 if text[Texts.SIZE] and not text[Texts.USED] else -1
+        elif op == Step.END and not silent:
             n_texts, n_tops = n_texts - a, n_tops - 1
             n_held = work.tops[n_tops]
-        elif op == _NEXT:
+        elif op == Step.NEXT:
             loop = work.loops[depth - 1]
-            loop[_INDEX] += 1
-            if loop[_INDEX] < loop[_COUNT]:
+            loop[Loop.INDEX] += 1
+            if loop[Loop.INDEX] < loop[Loop.COUNT]:
                 step = a + 1
                 if not silent:
-                    name = _name(work, loop[_NAMED], loop[_INDEX])
-                    outer = _number_of(tables, loop[_OUTER], place, name)
+                    name = _name(work, loop[Loop.NAMED], loop[Loop.INDEX])
+                    outer = _number_of(tables, loop[Loop.OUTER], place, name)
             else:
                 depth -= 1
-                outer, silent = loop[_OUTER], loop[_SILENT] != 0
-        elif op in (_TEXTS, _NUMBERS, _LOOP):
+                outer, silent = loop[Loop.OUTER], loop[Loop.SILENT] != 0
+        elif op in (Step.TEXTS, Step.NUMBERS, Step.LOOP):
             n = a
             if n < 0:
                 at = _aligned(at, origin, 4, cdr)
@@ -160,13 +202,13 @@ def _walk(
             if n < 0 or n > end - begin:
                 return -1, -1
             base = n_texts - steps[step - 1, 4]
-            if op == _TEXTS:
+            if op == Step.TEXTS:
                 named = c >= 0 and not silent  # they may name elements of other arrays
                 at, n_held = _hold(data, at, origin, end, cdr, n, work, n_held, named)
                 if named and at >= 0:
                     text = work.texts[base + c]
-                    text[_SIZE], text[_AT], text[_USED] = n, n_held - n, 0
-                    text[_USABLE] = _UNKNOWN if n <= _MOST_LABELS else 0
+                    text[Texts.SIZE], text[Texts.AT], text[Texts.USED] = n, n_held - n, 0
+                    text[Texts.USABLE] = Usable.UNKNOWN if n <= work.limits.labels else Usable.NO
                 elif n and c < 0:
                     noted = 0
             else:
@@ -175,26 +217,32 @@ def _walk(
                     by = _named(data, n, base, n_texts, tables, work)
                     if by < -1:
                         return -1, -1
-                    if by < 0 and n > _MOST_INDEXED:
+                    if by < 0 and n > work.limits.array:
                         quiet, noted = True, n
-                if op == _NUMBERS and n:
+                if op == Step.NUMBERS and n:
                     at = _aligned(at, origin, c, cdr)
                     if at + n * c > end:
                         return -1, -1
                     if not quiet:
                         names = work.held[:0]
                         if by >= 0:
-                            names = work.held[work.texts[by, _AT] : work.texts[by, _AT] + n]
+                            names = work.held[work.texts[by, Texts.AT] : work.texts[by, Texts.AT] + n]
                         count = _add_all(found, count, tables, outer, place, names, n, at, c)
                     at += n * c
-                elif op == _LOOP and n:
+                elif op == Step.LOOP and n:
                     loop = work.loops[depth]
-                    loop[_COUNT], loop[_INDEX], loop[_NAMED], loop[_OUTER], loop[_SILENT] = n, -1, by, outer, silent
+                    loop[Loop.COUNT], loop[Loop.INDEX], loop[Loop.NAMED], loop[Loop.OUTER], loop[Loop.SILENT] = (
+                        n,
+                        -1,
+                        by,
+                        outer,
+                        silent,
+                    )
                     depth += 1
                     step = c - 1
-                elif op == _LOOP:
+                elif op == Step.LOOP:
                     step = c
-                silent = quiet if op == _LOOP and n else silent
+                silent = quiet if op == Step.LOOP and n else silent
         if noted >= 0 and not unheard:
             count = _add(found, count, tables, outer, place, noted)
         if at < 0 or at > end or count < 0 or outer < 0:
@@ -253,15 +301,15 @@ def _named(data: Bytes, n: int, base: int, top: int, tables: Tables, work: Work)
     found = -1
     for k in range(base, top):
         text = work.texts[k]
-        if text[_SIZE] != n or not n:
+        if text[Texts.SIZE] != n or not n:
             continue
-        text[_USED] = 1
-        if found < 0 and text[_USABLE] == _UNKNOWN:
+        text[Texts.USED] = 1
+        if found < 0 and text[Texts.USABLE] == Usable.UNKNOWN:
             usable = _usable(data, text, tables, work)
             if usable < 0:
                 return -2
-            text[_USABLE] = usable
-        if found < 0 and text[_USABLE] == 1:
+            text[Texts.USABLE] = usable
+        if found < 0 and text[Texts.USABLE] == Usable.YES:
             found = k
     return found
 
@@ -269,15 +317,15 @@ def _named(data: Bytes, n: int, base: int, top: int, tables: Tables, work: Work)
 @njit(cache=True, nogil=True)
 def _usable(data: Bytes, text: Integers, tables: Tables, work: Work) -> int:
     """Tell whether texts can name the elements of an array; -1 where one is not plain, empty or there twice."""
-    tables.counters[_SERIAL] += 1
-    held = work.held[text[_AT] : text[_AT] + text[_SIZE]]
+    tables.counters[Counter.SERIAL] += 1
+    held = work.held[text[Texts.AT] : text[Texts.AT] + text[Texts.SIZE]]
     # Taken out of the tuple once: that counts references.
     counters, spans, labels, pool = tables.counters, tables.spans, tables.labels, tables.pool
     for i in range(held.shape[0]):
-        label = _label_of(data, held[i, 0], held[i, 1], counters, spans, labels, pool)
-        if label < 0 or held[i, 1] == 0 or spans[label, 2] == counters[_SERIAL]:
+        label = _label_of(data, held[i, 0], held[i, 1], work.limits.label, counters, spans, labels, pool)
+        if label < 0 or held[i, 1] == 0 or spans[label, 2] == counters[Counter.SERIAL]:
             return -1
-        spans[label, 2] = counters[_SERIAL]
+        spans[label, 2] = counters[Counter.SERIAL]
         held[i, 2] = label
     return 1
 
@@ -285,7 +333,7 @@ def _usable(data: Bytes, text: Integers, tables: Tables, work: Work) -> int:
 @njit(cache=True, nogil=True)
 def _name(work: Work, named: int, i: int) -> int:
     """Return the name of an array's element: the number of its label, or of its index."""
-    return int(work.held[work.texts[named, _AT] + i, 2]) if named >= 0 else -1 - i
+    return int(work.held[work.texts[named, Texts.AT] + i, 2]) if named >= 0 else -1 - i
 
 
 @njit(cache=True, nogil=True)
@@ -331,21 +379,28 @@ def _number_in(keys: Integers, counters: Integers, found: Integers, outer: int, 
         if keys[k, 0] == outer and keys[k, 1] == place and keys[k, 2] == name:
             return int(k)
         at = (at + 1) & mask
-    k = counters[_N_IDS]
+    k = counters[Counter.IDS]
     if k == keys.shape[0]:
         return -1
     keys[k, 0], keys[k, 1], keys[k, 2] = outer, place, name
-    counters[_N_IDS] = k + 1
+    counters[Counter.IDS] = k + 1
     found[at] = k
     return int(k)
 
 
 @njit(cache=True, nogil=True)
 def _label_of(
-    data: Bytes, begin: int, length: int, counters: Integers, spans: Integers, labels: Integers, pool: Bytes
+    data: Bytes,
+    begin: int,
+    length: int,
+    longest: int,
+    counters: Integers,
+    spans: Integers,
+    labels: Integers,
+    pool: Bytes,
 ) -> int:
     """Return the number of a text; -1 where it is not plain, too long or there is no room."""
-    if length > _LONGEST_LABEL:
+    if length > longest:
         return -1
     mixed = np.int64(2166136261)
     for i in range(begin, begin + length):
@@ -359,12 +414,12 @@ def _label_of(
         if spans[k, 1] == length and _same(pool, spans[k, 0], data, begin, length):
             return int(k)
         slot = (slot + 1) & mask
-    k, at = counters[_N_LABELS], counters[_N_POOL]
+    k, at = counters[Counter.LABELS], counters[Counter.POOL]
     if k == spans.shape[0] or at + length > pool.size:
         return -1
     spans[k, 0], spans[k, 1] = at, length
     pool[at : at + length] = data[begin : begin + length]
-    counters[_N_LABELS], counters[_N_POOL] = k + 1, at + length
+    counters[Counter.LABELS], counters[Counter.POOL] = k + 1, at + length
     labels[slot] = k
     return int(k)
 

@@ -5,16 +5,45 @@ Arrow knows it too, but its Python part ends the whole process where a footer co
 
 from __future__ import annotations
 
+from enum import IntEnum
 from pathlib import Path
 from typing import NamedTuple
 
 from vsalog.readers.thrift import Compact, Fields, integer, structure, structures
 
-_GROUPS = 4
-_CHUNKS, _GROUP_ROWS = 1, 3
-_CHUNK = 3
-_PATH, _VALUES, _UNCOMPRESSED, _COMPRESSED, _DATA, _DICTIONARY, _STATISTICS = 3, 5, 6, 7, 9, 11, 12
-_NULLS = 3
+
+class FileMetaData(IntEnum):
+    """Fields (parquet.thrift)."""
+
+    ROW_GROUPS = 4
+
+
+class RowGroup(IntEnum):
+    """Fields (parquet.thrift)."""
+
+    COLUMNS = 1
+    ROWS = 3
+
+
+class ColumnChunk(IntEnum):
+    """Fields (parquet.thrift)."""
+
+    META_DATA = 3
+
+
+class ColumnMetaData(IntEnum):
+    """Fields (parquet.thrift)."""
+
+    PATH = 3
+    VALUES, UNCOMPRESSED, COMPRESSED = range(5, 8)
+    DATA_PAGE = 9
+    DICTIONARY_PAGE, STATISTICS = range(11, 13)
+
+
+class Statistics(IntEnum):
+    """Fields (parquet.thrift)."""
+
+    NULLS = 3
 
 
 class Chunk(NamedTuple):
@@ -54,8 +83,11 @@ def row_groups(path: Path) -> list[Group]:
     except (IndexError, ValueError) as error:
         raise OSError("its footer, which tells where everything lies, is damaged") from error
     return [
-        Group(integer(group, _GROUP_ROWS, 0), [_chunk(structure(one, _CHUNK)) for one in structures(group, _CHUNKS)])
-        for group in structures(footer, _GROUPS)
+        Group(
+            integer(group, RowGroup.ROWS, 0),
+            [_chunk(structure(one, ColumnChunk.META_DATA)) for one in structures(group, RowGroup.COLUMNS)],
+        )
+        for group in structures(footer, FileMetaData.ROW_GROUPS)
     ]
 
 
@@ -76,9 +108,13 @@ def footer_trouble(path: Path) -> str:
 
 
 def _chunk(fields: Fields) -> Chunk:
-    names = fields.get(_PATH)
+    names = fields.get(ColumnMetaData.PATH)
     path = ".".join(name.decode("utf-8", "replace") for name in names or () if isinstance(name, bytes))
-    data, dictionary = integer(fields, _DATA), integer(fields, _DICTIONARY)
+    data, dictionary = integer(fields, ColumnMetaData.DATA_PAGE), integer(fields, ColumnMetaData.DICTIONARY_PAGE)
     begin = dictionary if 0 < dictionary < data else data
-    sizes = (integer(fields, _COMPRESSED), integer(fields, _UNCOMPRESSED), integer(fields, _VALUES))
-    return Chunk(path, begin, *sizes, integer(structure(fields, _STATISTICS), _NULLS))
+    sizes = (
+        integer(fields, ColumnMetaData.COMPRESSED),
+        integer(fields, ColumnMetaData.UNCOMPRESSED),
+        integer(fields, ColumnMetaData.VALUES),
+    )
+    return Chunk(path, begin, *sizes, integer(structure(fields, ColumnMetaData.STATISTICS), Statistics.NULLS))

@@ -6,17 +6,31 @@ The header of a page is a structure in Thrift's compact protocol, of which the s
 from __future__ import annotations
 
 from collections.abc import Iterator
+from enum import IntEnum
 from typing import IO, NamedTuple
 
+from vsalog.readers.base import PIECE_BYTES
 from vsalog.readers.compression import MAX_BYTES, MAX_RATIO
 from vsalog.readers.parquet_footer import Chunk
 from vsalog.readers.thrift import Compact, Fields, integer, structure
 
-_TYPE, _UNCOMPRESSED, _COMPRESSED = 1, 2, 3
+
+class PageHeader(IntEnum):
+    """Fields (parquet.thrift)."""
+
+    TYPE, UNCOMPRESSED, COMPRESSED = range(1, 4)
+
+
+class DataPageHeader(IntEnum):
+    """Fields of either version (parquet.thrift)."""
+
+    VALUES = 1
+
+
 _OF_DATA = {0: 5, 3: 8}
 """Which field of a header is that of a page of data, by the type of the page; its first field is the number of values."""
-_VALUES = 1
-_HEADER, _MOST_HEADER = 512, 2**20
+
+_HEADER = 512
 
 
 class Page(NamedTuple):
@@ -62,7 +76,7 @@ def pages(file: IO[bytes], chunk: Chunk) -> Iterator[Page]:
 def _header(file: IO[bytes], at: int) -> tuple[int, Page] | None:
     """Return how long a page's header is, and what it says; None where there is none."""
     size = _HEADER
-    while size <= _MOST_HEADER:
+    while size <= PIECE_BYTES:
         file.seek(at)
         raw = file.read(size)
         reader = Compact(raw)
@@ -87,8 +101,8 @@ def _page(header: Fields) -> Page:
     ValueError
         It is no header of a page.
     """
-    uncompressed, compressed = integer(header, _UNCOMPRESSED), integer(header, _COMPRESSED)
-    values = integer(structure(header, _OF_DATA.get(integer(header, _TYPE), -1)), _VALUES, 0)
+    uncompressed, compressed = integer(header, PageHeader.UNCOMPRESSED), integer(header, PageHeader.COMPRESSED)
+    values = integer(structure(header, _OF_DATA.get(integer(header, PageHeader.TYPE), -1)), DataPageHeader.VALUES, 0)
     if min(uncompressed, compressed, values) < 0:
         raise ValueError("no header of a page")
     return Page(uncompressed, compressed, values)

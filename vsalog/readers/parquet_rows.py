@@ -10,15 +10,14 @@ import pyarrow as pa
 from vsalog.core.errors import ReadError
 from vsalog.core.finding import Finding, Findings
 from vsalog.core.printable import plural, printable
-from vsalog.readers.base import BLOCK_ROWS
+from vsalog.core.spool import PART
+from vsalog.readers.base import BLOCK_ROWS, SAMPLE_ROWS
 from vsalog.readers.compression import MAX_BYTES, MAX_RATIO
 from vsalog.readers.headers import printable_cell
 from vsalog.readers.parquet_footer import row_groups
 from vsalog.readers.parquet_opened import open_parquet
 from vsalog.readers.parquet_pages import trouble_with_pages
 
-BATCH_ROWS = 65_536
-SAMPLE_ROWS = 200
 _UNREADABLE = (pa.ArrowException, OSError)
 
 
@@ -105,7 +104,7 @@ class ParquetRows:
         row = begin
         if not any((number, name) in self._bad for name in columns):
             try:
-                for batch in self._read(number, columns, BATCH_ROWS):
+                for batch in self._read(number, columns, PART):
                     yield batch
                     row += batch.num_rows
             except _UNREADABLE:

@@ -9,10 +9,7 @@ import numpy as np
 
 from vsalog.readers.compression import DamagedDataError, decompress_message, unfolded_size
 from vsalog.readers.container import ZSTD_MAGIC
-from vsalog.readers.packets import Messages, Packet
-
-TOGETHER = 16 * 2**20
-"""Bytes of messages that are decompressed at once."""
+from vsalog.readers.packets import PACKED_BYTES, Messages, Packet
 
 
 def plain(packet: Packet) -> Packet:
@@ -32,7 +29,7 @@ def plain_packets(packets: Iterator[Packet]) -> Iterator[Packet]:
             continue
         sizes = np.array([unfolded_size(message) for message in packet.messages], dtype=np.int64)
         rows = np.arange(sizes.size)
-        for group in np.split(rows, np.flatnonzero(np.diff(np.cumsum(sizes) // TOGETHER)) + 1):
+        for group in np.split(rows, np.flatnonzero(np.diff(np.cumsum(sizes) // PACKED_BYTES)) + 1):
             yield plain(
                 Packet(packet.connection[group], packet.log[group], packet.publish[group], packet.messages.some(group))
             )

@@ -4,13 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Collection
 from dataclasses import dataclass
+from enum import IntEnum
 from itertools import islice
 from typing import Any
 
 import numpy as np
 
 from vsalog.core.printable import printable
-from vsalog.readers.base import MAX_ARRAY
+from vsalog.readers.base import MAX_ARRAY, MAX_DEPTH
 from vsalog.readers.fields import LARGE_MESSAGES, LONG_NAMES, MAX_BYTES, MAX_FIELDS, MAX_NAME, Fields
 from vsalog.readers.frames import stated_frames
 from vsalog.readers.labels import ELEMENT_NAME, MAX_LABELS, best_label_field, labels_of, naming_texts
@@ -19,9 +20,12 @@ from vsalog.readers.packets import Messages
 from vsalog.readers.protobuf_types import message_class
 from vsalog.readers.reach import FARTHEST, NEVER
 
-MAX_DEPTH = 32
 
-NUMBER, TIME, MESSAGE, TEXT, OTHER = range(5)
+class Kind(IntEnum):
+    """What a field is."""
+
+    NUMBER, TIME, MESSAGE, TEXT, OTHER = range(5)
+
 
 _TIMES = ("google.protobuf.Timestamp", "google.protobuf.Duration")
 _STAMPS = (("timestamp",), ("stamp",), ("header", "stamp"), ("header", "timestamp"))
@@ -140,7 +144,7 @@ class ProtobufDecoder:
                 continue
             here = f"{path}.{field.name}"
             if field.number not in present:
-                if not (field.optional or field.repeated or field.reason) and field.kind == NUMBER:
+                if not (field.optional or field.repeated or field.reason) and field.kind == Kind.NUMBER:
                     found[here] = 0.0
                 continue
             if field.reason:
@@ -155,7 +159,7 @@ class ProtobufDecoder:
         self, field: _Field, values: Any, path: str, texts: dict[str, list[str]], found: dict[str, float], depth: int
     ) -> None:
         key = best_label_field(texts, len(values))
-        labels = labels_of(texts[key]) if key else _own_names(values) if field.kind == MESSAGE else []
+        labels = labels_of(texts[key]) if key else _own_names(values) if field.kind == Kind.MESSAGE else []
         if not labels and len(values) > MAX_ARRAY:
             self._taken.leave(path, f"array of {len(values)} values")
             return
@@ -165,9 +169,9 @@ class ProtobufDecoder:
     def _value(self, kind: int, value: Any, path: str, found: dict[str, float], depth: int) -> None:
         if len(found) >= MAX_FIELDS:
             self._taken.leave(self.prefix, f"more than {MAX_FIELDS} values")
-        elif kind == NUMBER:
+        elif kind == Kind.NUMBER:
             found[path] = float(value)
-        elif kind == TIME:
+        elif kind == Kind.TIME:
             if not (depth == 1 and self._is_stamp(path)):
                 found[path] = (value.seconds * 1_000_000_000 + value.nanos) * 1e-9
         elif depth >= MAX_DEPTH:
@@ -196,13 +200,13 @@ def _field(one: Any) -> _Field:
     part = one.message_type
     is_map = part is not None and part.GetOptions().map_entry
     if part is not None:
-        kind, reason = (TIME if part.full_name in _TIMES else MESSAGE), "a map" if is_map else ""
+        kind, reason = (Kind.TIME if part.full_name in _TIMES else Kind.MESSAGE), "a map" if is_map else ""
     elif one.type == one.TYPE_STRING:
-        kind, reason = TEXT, "text"
+        kind, reason = Kind.TEXT, "text"
     elif one.type == one.TYPE_BYTES:
-        kind, reason = OTHER, "bytes"
+        kind, reason = Kind.OTHER, "bytes"
     else:
-        kind, reason = NUMBER, ""
+        kind, reason = Kind.NUMBER, ""
     return _Field(one.name, one.number, kind, bool(one.is_repeated), bool(one.has_presence), reason)
 
 
@@ -217,7 +221,7 @@ def _own_names(values: Any) -> list[str]:
 
 
 def _may_label(field: _Field) -> bool:
-    return field.repeated and field.kind == TEXT
+    return field.repeated and field.kind == Kind.TEXT
 
 
 def _stamp_path(descriptor: Any) -> tuple[str, ...]:

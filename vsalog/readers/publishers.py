@@ -15,14 +15,13 @@ import numpy as np
 from vsalog.core.finding import Finding
 from vsalog.core.printable import printable
 from vsalog.core.recording import Stamps
-from vsalog.readers.container import Connection
+from vsalog.readers.container import CATALOGUE_MESSAGES, Connection
 from vsalog.readers.decoders import decoder_of
 from vsalog.readers.definitions import DefinitionError
 from vsalog.readers.frames import Frames
 from vsalog.readers.messages import Decoder
 from vsalog.readers.packets import Integers, Messages, Packet
 
-_DECODED = 20  # messages of a packet that tell which values a connection gives
 # What comes by turns is of two publishers. A publisher that is set up anew changes its frame fewer times, and a frame that is so
 # many times rarer than another may be its slip: then it stands where one of the other would have been.
 _LEAST_RUNS, _RARE = 3, 20
@@ -109,7 +108,7 @@ def clashing(streams: Mapping[str, Collection[Connection]], packets: Iterable[Pa
             one = seen[stream].setdefault(connection.publisher, _Publisher(int(log[0]), int(log[0]), set()))
             one.add(log)
             if number not in told:
-                one.paths |= _paths(connection, packet.messages.some(rows[:_DECODED]))
+                one.paths |= _paths(connection, packet.messages.some(rows[:CATALOGUE_MESSAGES]))
                 told.add(number)
     return {stream: mixed for stream, publishers in seen.items() if (mixed := _clashing(publishers))}
 
@@ -146,7 +145,7 @@ class FrameWatch:
             one.runs += int(np.count_nonzero(numbers[begins] == number))
         for number, own in rows.items() if len(self._seen) > 1 else ():
             if not self._seen[number].paths:
-                self._seen[number].paths = _paths(connection, messages.some(own[:_DECODED]))
+                self._seen[number].paths = _paths(connection, messages.some(own[:CATALOGUE_MESSAGES]))
 
     def mixed(self) -> list[str]:
         """Return the frames that have to be streams of their own."""

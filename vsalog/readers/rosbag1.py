@@ -10,24 +10,21 @@ from pathlib import Path
 from typing import IO
 
 import numpy as np
+from rosbags.rosbag1.reader import RecordType
 
 from vsalog.core.errors import ReadError
 from vsalog.core.finding import Finding, Findings
 from vsalog.core.printable import printable
-from vsalog.readers.chunk_index import Chunk, Needed, Part, some_of
+from vsalog.readers.base import BLOCK_ROWS
+from vsalog.readers.chunk_index import GLIMPSE_BYTES, Chunk, Needed, Part, some_of
 from vsalog.readers.compression import beginning
-from vsalog.readers.container import CATALOGUE_MESSAGES, Connection
+from vsalog.readers.container import CATALOGUE_MESSAGES, MOST_CONNECTIONS, Connection
 from vsalog.readers.definitions import DefinitionError, ros1_checksum
 from vsalog.readers.opened import FilePart
-from vsalog.readers.packets import PACKED, Packet, RawMessage, ahead, packet_of
+from vsalog.readers.packets import Packet, RawMessage, ahead, packet_of
 from vsalog.readers.rosbag1_index import IndexCheck, chunk_told
 from vsalog.readers.rosbag1_scan import connections_in, messages_in
 from vsalog.readers.rosbag1_walk import (
-    BAG_HEADER,
-    CHUNK,
-    CHUNK_INFO,
-    CONNECTION,
-    MESSAGE,
     VERSION,
     Header,
     Walk,
@@ -38,8 +35,7 @@ from vsalog.readers.rosbag1_walk import (
 from vsalog.readers.walk_findings import walk_findings
 
 MAGIC = b"#ROSBAG V"
-_MOST_CONNECTIONS = 2**16
-_GLIMPSE = 128 * 1024
+
 
 Found = dict[int, tuple[Connection, bool]]
 """Connections by number, and whether what a bag tells twice of each agrees."""
@@ -113,9 +109,9 @@ class Rosbag1Container:
         with self._open() as file:
             walk = Walk(file)
             for position in some_of(self._chunks, ids):
-                found = walk.beginning(position, _GLIMPSE)
+                found = walk.beginning(position, GLIMPSE_BYTES)
                 if found is not None:
-                    yield messages_in(np.frombuffer(beginning(*found, _GLIMPSE), np.uint8), wanted)[0]
+                    yield messages_in(np.frombuffer(beginning(*found, GLIMPSE_BYTES), np.uint8), wanted)[0]
 
     def packets(self, ids: Collection[int], needed: Needed | None = None) -> Iterator[Packet]:
         """Yield the messages of some connections in the order of the file; what is damaged is skipped and noted.
@@ -144,10 +140,10 @@ class Rosbag1Container:
             for header, data in walk.records():
                 kind = op(header)
                 check.damaged(walk.damage)
-                if loose and (kind == CHUNK or len(loose) >= PACKED):
+                if loose and (kind == RecordType.CHUNK or len(loose) >= BLOCK_ROWS):
                     yield packet_of(loose)
                     loose = []
-                if kind == CHUNK:
+                if kind == RecordType.CHUNK:
                     packet, sound, connections = messages_in(np.frombuffer(data, np.uint8), wanted)
                     if connections:
                         self._compare(data)
@@ -156,12 +152,12 @@ class Rosbag1Container:
                         walk.lose(len(packet.messages), "some of its records cannot be read")
                     if len(packet.messages):
                         yield packet
-                elif kind == MESSAGE:
+                elif kind == RecordType.MSGDATA:
                     one = number(header, b"conn")
                     if one in ids:
                         seconds, fraction = struct.unpack("<II", header[b"time"])
                         loose.append((one, seconds * 1_000_000_000 + fraction, 0, data))
-                elif kind == BAG_HEADER:
+                elif kind == RecordType.BAGHEADER:
                     self._note_index(struct.unpack("<Q", header[b"index_pos"])[0])
                 elif walk.passing:
                     check.passed(header, data)
@@ -181,7 +177,7 @@ class Rosbag1Container:
         """Compare the connections that a chunk tells with what is known of them."""
         known = self._connections or {}
         found: Found = {}
-        self._keep_all(found, {b"op": bytes([CHUNK])}, chunk)
+        self._keep_all(found, {b"op": bytes([RecordType.CHUNK])}, chunk)
         for identity, (connection, _) in found.items():
             if known.get(identity, connection) != connection:
                 topic = printable(known[identity].topic)
@@ -195,13 +191,13 @@ class Rosbag1Container:
         ReadError
             There are more than any bag has.
         """
-        if op(header) == CONNECTION:
+        if op(header) == RecordType.CONNECTION:
             _keep(found, header, data)
-        elif op(header) == CHUNK:
+        elif op(header) == RecordType.CHUNK:
             for start, stop, end in connections_in(np.frombuffer(data, np.uint8)):
                 _keep(found, fields(data[start:stop]) or {}, data[stop + 4 : end])
-        if len(found) > _MOST_CONNECTIONS:
-            raise ReadError(f"has more than {_MOST_CONNECTIONS} connections; no such bag is read", self.path)
+        if len(found) > MOST_CONNECTIONS:
+            raise ReadError(f"has more than {MOST_CONNECTIONS} connections; no such bag is read", self.path)
 
     def _open(self) -> IO[bytes]:
         try:
@@ -235,12 +231,12 @@ class Rosbag1Container:
             return {}
         walk = Walk(file)
         for inner, data in walk.records(struct.unpack("<Q", index)[0]):
-            if op(inner) == CHUNK_INFO:
+            if op(inner) == RecordType.CHUNK_INFO:
                 for connection, number_of in struct.iter_unpack("<II", data):
                     self._counts[connection] += number_of
                 if told := chunk_told(inner, data):
                     self._chunks[told[0]] = told[1]
-            elif op(inner) == CONNECTION:
+            elif op(inner) == RecordType.CONNECTION:
                 self._keep_all(found, inner, data)
             else:
                 break
@@ -253,7 +249,7 @@ class Rosbag1Container:
 def begins_bag(file: IO[bytes], at: int) -> bool:
     """Tell whether a bag begins at a place in a file: its first record follows its version."""
     header, _ = next(Walk(file).records(at + len(VERSION)), ({}, b""))
-    return op(header) == BAG_HEADER
+    return op(header) == RecordType.BAGHEADER
 
 
 def _keep(found: Found, header: Header, data: bytes) -> None:

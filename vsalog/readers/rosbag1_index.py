@@ -6,11 +6,12 @@ import struct
 from collections.abc import Callable, Sequence
 
 import numpy as np
+from rosbags.rosbag1.reader import RecordType
 
 from vsalog.core.finding import Evidence, Finding
 from vsalog.readers.chunk_index import Chunk, IndexContradictsError
 from vsalog.readers.packets import Integers, Packet
-from vsalog.readers.rosbag1_walk import CHUNK_INFO, INDEX, Damage, Header, number, op
+from vsalog.readers.rosbag1_walk import Damage, Header, number, op
 
 _TIME = _COUNT = struct.Struct("<II")
 
@@ -45,12 +46,12 @@ class IndexCheck:
 
     def record(self, header: Header, data: bytes) -> None:
         """Take note of a record of the index."""
-        if op(header) == INDEX and self._last is not None:
+        if op(header) == RecordType.IDXDATA and self._last is not None:
             connection = number(header, b"conn")
             if connection in self._wanted:
                 own = self._last.log[self._last.connection == connection]
                 self._differing += _differing(own, _times(data))
-        elif op(header) == CHUNK_INFO:
+        elif op(header) == RecordType.CHUNK_INFO:
             count = np.frombuffer(data, "<u4").reshape(-1, 2).astype(np.int64)
             position = int.from_bytes(header[b"chunk_pos"], "little")
             self._told[position] = int(count[np.isin(count[:, 0], self._wanted), 1].sum())
@@ -64,7 +65,7 @@ class IndexCheck:
         IndexContradictsError
             A message that is not to be passed by is in it.
         """
-        if op(header) != INDEX or self._leaves_out is None:
+        if op(header) != RecordType.IDXDATA or self._leaves_out is None:
             return
         connection, times = number(header, b"conn"), _times(data)
         own = Chunk(int(times.min()), int(times.max()), frozenset([connection])) if times.size else None

@@ -6,16 +6,22 @@ Behind a record that makes no sense, the walk goes on at the next message that d
 from __future__ import annotations
 
 from collections.abc import Iterator
+from enum import IntEnum
 
 import numpy as np
 from numba import njit
+from rosbags.rosbag1.reader import RecordType
 
 from vsalog.readers.packets import Bytes, Integers, Messages, Packet
 
-_MESSAGE, _CONNECTION = 2, 7
-# Bytes that a message takes at least: lengths of header and data, and the fields op, conn and time.
-_LEAST_HEADER = (4 + 4) + (4 + 9) + (4 + 13)
-_LEAST = 4 + 4 + _LEAST_HEADER
+
+class Least(IntEnum):
+    """Bytes that a message takes at least: lengths of header and data, and in the header the fields op, conn and time."""
+
+    HEADER = (4 + 4) + (4 + 9) + (4 + 13)
+    MESSAGE = 4 + 4 + HEADER
+
+
 _MOST_HEADER = 1024  # those that recorders write are hardly longer than need be
 _OP, _CONN, _TIME = (np.frombuffer(name, np.uint8) for name in (b"op=", b"conn=", b"time="))
 
@@ -30,7 +36,7 @@ def messages_in(data: Bytes, wanted: Integers) -> tuple[Packet, bool, bool]:
     wanted : int64 array, sorted
         Connections.
     """
-    most = data.size // _LEAST + 1
+    most = data.size // Least.MESSAGE + 1
     connection, log, start, length = (np.empty(most, dtype=np.int64) for _ in range(4))
     count, whole, connections = _walk(data, wanted, connection, log, start, length)
     messages = Messages(data, start[:count], length[:count])
@@ -106,7 +112,7 @@ def _record(data: Bytes, at: int) -> tuple[int, int, int, int, int]:
         return 0, -1, -1, -1, -1
     sound, op, connection, time = _fields(data, at + 4, stop)
     end = stop + 4 + _word(data, stop)
-    known = op == _CONNECTION or (op == _MESSAGE and connection >= 0 and time >= 0)
+    known = op == RecordType.CONNECTION or (op == RecordType.MSGDATA and connection >= 0 and time >= 0)
     if not sound or not known or end > data.size:
         return 0, -1, -1, -1, -1
     return stop + 4, end, op, connection, time
@@ -115,11 +121,11 @@ def _record(data: Bytes, at: int) -> tuple[int, int, int, int, int]:
 @njit(cache=True, nogil=True)
 def _resume(data: Bytes, at: int) -> int:
     """Return where the next message surely begins, which is followed by another record or the chunk's end; the end for none."""
-    for place in range(at, data.size - _LEAST + 1):
-        if not _LEAST_HEADER <= _word(data, place) <= _MOST_HEADER:
+    for place in range(at, data.size - Least.MESSAGE + 1):
+        if not Least.HEADER <= _word(data, place) <= _MOST_HEADER:
             continue
         _, end, op, _, _ = _record(data, place)
-        if end >= 0 and op == _MESSAGE and (end == data.size or _record(data, end)[1] >= 0):
+        if end >= 0 and op == RecordType.MSGDATA and (end == data.size or _record(data, end)[1] >= 0):
             return place
     return int(data.size)
 
@@ -135,13 +141,13 @@ def _walk(
         if end < 0:
             at, whole = _resume(data, at + 1), False
             continue
-        if op == _MESSAGE:
+        if op == RecordType.MSGDATA:
             k = np.searchsorted(wanted, number)
             if k < wanted.size and wanted[k] == number:
                 connection[count], log[count] = number, time
                 start[count], length[count] = begin, end - begin
                 count += 1
-        connections += op == _CONNECTION
+        connections += op == RecordType.CONNECTION
         at = end
     return count, whole, connections
 
@@ -154,7 +160,7 @@ def _next_connection(data: Bytes, at: int) -> tuple[int, int, int]:
         if end < 0:
             at = _resume(data, at + 1)
             continue
-        if op == _CONNECTION:
+        if op == RecordType.CONNECTION:
             return at + 4, begin - 4, end
         at = end
     return 0, 0, -1

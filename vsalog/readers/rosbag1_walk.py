@@ -12,26 +12,27 @@ import struct
 from collections.abc import Callable, Iterator
 from typing import IO, NamedTuple
 
+from rosbags.rosbag1.reader import RecordType
+
+from vsalog.readers.base import PIECE_BYTES
 from vsalog.readers.compression import MAX_BYTES, DamagedDataError, decompress
 
 VERSION = b"#ROSBAG V2.0\n"
-MESSAGE, BAG_HEADER, INDEX, CHUNK, CHUNK_INFO, CONNECTION = 2, 3, 4, 5, 6, 7
-
 Header = dict[bytes, bytes]
 
 # The fields that a record of each kind has, and their lengths (0 where they vary).
-_FIELDS = {
-    MESSAGE: {b"conn": 4, b"time": 8},
-    BAG_HEADER: {b"index_pos": 8},
-    INDEX: {b"ver": 4, b"conn": 4, b"count": 4},
-    CHUNK: {b"compression": 0, b"size": 4},
-    CHUNK_INFO: {b"ver": 4, b"chunk_pos": 8, b"count": 4},
-    CONNECTION: {b"conn": 4, b"topic": 0},
+_FIELDS: dict[int, dict[bytes, int]] = {
+    RecordType.MSGDATA: {b"conn": 4, b"time": 8},
+    RecordType.BAGHEADER: {b"index_pos": 8},
+    RecordType.IDXDATA: {b"ver": 4, b"conn": 4, b"count": 4},
+    RecordType.CHUNK: {b"compression": 0, b"size": 4},
+    RecordType.CHUNK_INFO: {b"ver": 4, b"chunk_pos": 8, b"count": 4},
+    RecordType.CONNECTION: {b"conn": 4, b"topic": 0},
 }
 # How many bytes each counted item takes in the data.
-_ITEM = {INDEX: 12, CHUNK_INFO: 8}
-_MAX_HEADER = 2**20
-_PIECE = 2**20
+_ITEM: dict[int, int] = {RecordType.IDXDATA: 12, RecordType.CHUNK_INFO: 8}
+MAX_HEADER = 2**20
+
 _OVERLAP = 2**12
 _LENGTH = struct.Struct("<I")
 _CHUNK_MARK = re.compile(rb"\x04\0\0\0op=\x05")
@@ -91,7 +92,7 @@ class Walk:
             record = self._record(position)
             if record is not None:
                 header, data, end = record
-                if op(header) != CHUNK:
+                if op(header) != RecordType.CHUNK:
                     yield header, data
                     position = end
                     continue
@@ -123,7 +124,7 @@ class Walk:
     def beginning(self, position: int, size: int) -> tuple[str, bytes] | None:
         """Return the compression and the first bytes of the data of the chunk at a position; None where there is none."""
         found = self._header(position)
-        if found is None or op(found[0]) != CHUNK:
+        if found is None or op(found[0]) != RecordType.CHUNK:
             return None
         header, start, length = found
         self._file.seek(start)
@@ -132,7 +133,7 @@ class Walk:
     def _chunk_end(self, position: int) -> int:
         """Return where the chunk at a position ends, 0 where there is none or nothing follows it."""
         found = self._header(position)
-        if found is None or op(found[0]) != CHUNK:
+        if found is None or op(found[0]) != RecordType.CHUNK:
             return 0
         end = found[1] + found[2]
         return end if self._header(end) is not None else 0
@@ -145,23 +146,23 @@ class Walk:
         header, start, length = found
         end = start + length
         kind = op(header)
-        if kind == CHUNK and max(length, number(header, b"size")) > MAX_BYTES:
+        if kind == RecordType.CHUNK and max(length, number(header, b"size")) > MAX_BYTES:
             return header, b"", end
         self._file.seek(start)
         data = self._file.read(length)
         if kind in _ITEM:
             sound = length == _ITEM[kind] * number(header, b"count")
-        elif kind == CONNECTION:
+        elif kind == RecordType.CONNECTION:
             sound = fields(data) is not None
         else:
-            sound = kind == CHUNK or end == self._size or self._header(end) is not None
+            sound = kind == RecordType.CHUNK or end == self._size or self._header(end) is not None
         return (header, data, end) if sound else None
 
     def _header(self, position: int) -> tuple[Header, int, int] | None:
         """Return the header at a position, where its data start and how long they are; None where there is none."""
         self._file.seek(position)
         head = self._file.read(4)
-        if len(head) < 4 or _LENGTH.unpack(head)[0] > _MAX_HEADER:
+        if len(head) < 4 or _LENGTH.unpack(head)[0] > MAX_HEADER:
             return None
         length = _LENGTH.unpack(head)[0]
         header = fields(self._file.read(length))
@@ -180,15 +181,19 @@ class Walk:
         """Return where the next chunk begins, -1 where there is none."""
         while position < self._size:
             self._file.seek(position)
-            data = self._file.read(_PIECE + _OVERLAP)
+            data = self._file.read(PIECE_BYTES + _OVERLAP)
             for mark in _CHUNK_MARK.finditer(data):
                 # The header's length lies ahead of the field op, or of others before it.
                 for start in range(mark.start() - 4, max(mark.start() - 80, -1), -1):
                     if mark.end() <= start + 4 + _LENGTH.unpack_from(data, start)[0] <= start + 256:
                         found = self._header(position + start)
-                        if found is not None and op(found[0]) == CHUNK and _compression(found[0]) in _COMPRESSIONS:
+                        if (
+                            found is not None
+                            and op(found[0]) == RecordType.CHUNK
+                            and _compression(found[0]) in _COMPRESSIONS
+                        ):
                             return position + start
-            position += _PIECE
+            position += PIECE_BYTES
         return -1
 
 

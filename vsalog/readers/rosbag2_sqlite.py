@@ -15,10 +15,11 @@ import numpy as np
 from vsalog.core.errors import ReadError
 from vsalog.core.finding import Finding, Findings
 from vsalog.core.printable import printable
+from vsalog.readers.base import BLOCK_ROWS
 from vsalog.readers.chunk_index import GLIMPSES, Needed, Part
 from vsalog.readers.compression import MAX_BYTES
-from vsalog.readers.container import CATALOGUE_MESSAGES, Connection
-from vsalog.readers.packets import PACKED, PACKED_BYTES, Messages, Packet
+from vsalog.readers.container import CATALOGUE_MESSAGES, MOST_CONNECTIONS, Connection
+from vsalog.readers.packets import PACKED_BYTES, Messages, Packet
 from vsalog.readers.sqlite_cut import cut_row
 from vsalog.readers.sqlite_opened import connect, left_log
 from vsalog.readers.sqlite_ranges import bounded, ranges
@@ -30,13 +31,13 @@ SQLITE_MAGIC = b"SQLite format 3\0"
 _DAMAGE = (sqlite3.DatabaseError, UnicodeDecodeError)
 _LANGUAGES = {"ros2msg": "msg", "ros2idl": "idl"}
 _COLUMNS = {"topic_id", "timestamp", "data"}
-_MOST_TOPICS = 2**16
+
 # Behind a stretch of rows that cannot be read, the next is looked for this part of the stretch farther on.
 _STEP = 200
 _LAST_ROW = 2**62
 # To read a row takes SQLite some thirty steps, and a row takes more than ten bytes.
 _STEPS_PER_BYTE = 30
-# So many rows are read at once, to begin with and at most.
+# Rows that are read at once, to begin with and at most.
 _FIRST_AT_ONCE, _MOST_AT_ONCE = 16, 256
 
 _Rows = tuple[tuple[Any, ...], tuple[int, ...], tuple[bytes, ...]]
@@ -323,18 +324,18 @@ class SqliteContainer:
         """Return number, name, type and encoding of the topics."""
         query = "SELECT id, name, type, serialization_format FROM topics"
         try:
-            rows = self._database.execute(query).fetchmany(_MOST_TOPICS + 1)
+            rows = self._database.execute(query).fetchmany(MOST_CONNECTIONS + 1)
         except _DAMAGE as error:
             raise ReadError(f"the table of topics cannot be read: {error}", self.path) from error
-        if len(rows) > _MOST_TOPICS:
-            raise ReadError(f"has more than {_MOST_TOPICS} topics; no such bag is read", self.path)
+        if len(rows) > MOST_CONNECTIONS:
+            raise ReadError(f"has more than {MOST_CONNECTIONS} topics; no such bag is read", self.path)
         return [row for row in rows if isinstance(row[0], int)]
 
     def _definitions(self) -> dict[str, tuple[str, str]]:
         """Return language and text of the message definitions by type; bags of before 2023 have none."""
         query = "SELECT topic_type, encoding, encoded_message_definition FROM message_definitions"
         try:
-            rows = self._database.execute(query).fetchmany(_MOST_TOPICS)
+            rows = self._database.execute(query).fetchmany(MOST_CONNECTIONS)
         except _DAMAGE:
             return {}
         return {str(kind): (_LANGUAGES.get(str(encoding), ""), str(text)) for kind, encoding, text in rows}
@@ -370,7 +371,7 @@ def _together(rows: Iterator[_Rows]) -> Iterator[Packet]:
         log += times
         content += messages
         size += sum(map(len, messages))
-        if len(content) >= PACKED or size >= PACKED_BYTES:
+        if len(content) >= BLOCK_ROWS or size >= PACKED_BYTES:
             yield _packet(connection, log, content)
             connection, log, content, size = [], [], [], 0
     if content:

@@ -16,22 +16,21 @@ from rosbags.rosbag1.reader import Header, ReaderError, RecordType
 
 from vsalog.core.finding import Finding, Findings
 from vsalog.core.printable import printable
+from vsalog.core.resolution import STRETCHES
 from vsalog.readers.joined import opened_rosbag1
 from vsalog.readers.opened import for_sqlite
+from vsalog.readers.rosbag1_walk import MAX_HEADER
 from vsalog.readers.rosbag2 import METADATA
 from vsalog.readers.sampling_mcap import MAGIC as MCAP_MAGIC
 from vsalog.readers.sampling_mcap import cut_mcap
-from vsalog.readers.sampling_pieces import STRETCHES, Cut, Piece, chosen_pieces, copy_pieces
+from vsalog.readers.sampling_pieces import MOST_RECORDS, Cut, Piece, chosen_pieces, copy_pieces
 from vsalog.readers.several import SeveralContainer
 from vsalog.readers.sqlite_opened import attach
 
 _VERSION = b"#ROSBAG V2.0\n"
 _SQLITE = b"SQLite format 3\0"
 _LENGTH = struct.Struct("<I")
-_MOST_HEADER = 2**16
-"""Bytes of a record's header: a topic's name and a few numbers."""
-_MOST_RECORDS = 500_000
-"""A bag without an index is walked so far, which takes some seconds."""
+
 
 Record = tuple[Header, Piece]
 """A record's header and where the whole record lies."""
@@ -44,7 +43,7 @@ def cut_rosbag1(source: Path, target: Path, budget: int) -> Cut | None:
     with source.open("rb") as file:
         index = _index(file)
         walked = index or [
-            record for record, _ in zip(_records(file, len(_VERSION)), range(_MOST_RECORDS), strict=False)
+            record for record, _ in zip(_records(file, len(_VERSION)), range(MOST_RECORDS), strict=False)
         ]
         chunks = sorted(
             _chunks(file, index) if index else (p for header, p in walked if _op(header) == RecordType.CHUNK)
@@ -177,7 +176,7 @@ def _records(file: BinaryIO, position: int) -> Iterator[Record]:
     while position + 8 <= size:
         file.seek(position)
         length = _LENGTH.unpack(file.read(4))[0]
-        if length > min(_MOST_HEADER, size - position - 8):
+        if length > min(MAX_HEADER, size - position - 8):
             return
         file.seek(position)
         try:

@@ -9,18 +9,18 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import IO, Any
 
+from mcap.opcode import Opcode
+
 from vsalog.core.finding import Finding
 from vsalog.core.printable import printable
 from vsalog.readers.joined import opened_mcap
-from vsalog.readers.sampling_pieces import Cut, Piece, chosen_pieces, copy_pieces
+from vsalog.readers.sampling_pieces import MOST_RECORDS, Cut, Piece, chosen_pieces, copy_pieces
 from vsalog.readers.several import SeveralContainer
 
 MAGIC = b"\x89MCAP0\r\n"
-_FOOTER, _SCHEMA, _CHANNEL, _CHUNK, _METADATA, _DATA_END = 2, 3, 4, 6, 12, 15
+
 _HEAD = struct.Struct("<BQ")
-_END = _HEAD.pack(_DATA_END, 4) + bytes(4) + _HEAD.pack(_FOOTER, 20) + bytes(20) + MAGIC
-_MOST_RECORDS = 500_000
-"""A file without an index is walked so far, which takes about a second."""
+_END = _HEAD.pack(Opcode.DATA_END, 4) + bytes(4) + _HEAD.pack(Opcode.FOOTER, 20) + bytes(20) + MAGIC
 
 
 @dataclass(frozen=True, slots=True)
@@ -78,7 +78,9 @@ def _by_summary(file: IO[bytes]) -> _Plan | None:
             return None
         chunks = [Piece(index.chunk_start_offset, index.chunk_length) for index in summary.chunk_indexes]
         metadata = [Piece(index.offset, index.length) for index in summary.metadata_indexes]
-        if not all(_is(file, piece, _CHUNK) for piece in chunks) or not all(_is(file, p, _METADATA) for p in metadata):
+        if not all(_is(file, piece, Opcode.CHUNK) for piece in chunks) or not all(
+            _is(file, p, Opcode.METADATA) for p in metadata
+        ):
             return None
         first = next(record_heads(file))[1]
         return _Plan(sorted(chunks), [first, *metadata], _serialised(summary), _totals(summary))
@@ -110,10 +112,10 @@ def _totals(summary: Any) -> dict[str, int]:
 def _by_walk(file: IO[bytes]) -> _Plan:
     """Plan by the heads of the records, as far as they are sound."""
     plan = _Plan([], [], b"", {})
-    for _, (kind, piece) in zip(range(_MOST_RECORDS), record_heads(file), strict=False):
-        if kind == _CHUNK:
+    for _, (kind, piece) in zip(range(MOST_RECORDS), record_heads(file), strict=False):
+        if kind == Opcode.CHUNK:
             plan.chunks.append(piece)
-        elif piece.position == len(MAGIC) or kind in (_SCHEMA, _CHANNEL, _METADATA):
+        elif piece.position == len(MAGIC) or kind in (Opcode.SCHEMA, Opcode.CHANNEL, Opcode.METADATA):
             plan.others.append(piece)
     return plan
 
@@ -138,7 +140,7 @@ def record_heads(file: IO[bytes]) -> Iterator[tuple[int, Piece]]:
             return
         kind, length = _HEAD.unpack(head)
         end = position + _HEAD.size + length
-        if kind in (0, _FOOTER, _DATA_END) or end > size:
+        if kind in (0, Opcode.FOOTER, Opcode.DATA_END) or end > size:
             return
         yield kind, Piece(position, end - position)
         position = end

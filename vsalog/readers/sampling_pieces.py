@@ -9,10 +9,11 @@ from typing import IO, NamedTuple
 import numpy as np
 
 from vsalog.core.finding import Finding
+from vsalog.core.resolution import STRETCHES
+from vsalog.readers.base import PIECE_BYTES
 
-STRETCHES = 8
-"""In so many pieces: enough to meet what a log does at its beginning, in the middle and at its end."""
-_COPIED = 2**20
+MOST_RECORDS = 500_000
+"""A file without an index is walked so far, which takes a second or a few."""
 
 
 class Piece(NamedTuple):
@@ -77,6 +78,6 @@ def copy_pieces(source: IO[bytes], pieces: Sequence[Piece], target: IO[bytes]) -
     for piece in pieces:
         source.seek(piece.position)
         left = piece.size
-        while left > 0 and (part := source.read(min(left, _COPIED))):
+        while left > 0 and (part := source.read(min(left, PIECE_BYTES))):
             target.write(part)
             left -= len(part)

@@ -10,11 +10,11 @@ import pyarrow.compute as pc
 from numpy.typing import NDArray
 
 from vsalog.core.finding import Finding
+from vsalog.readers.base import SAMPLE_ROWS
 
 MOSTLY_BLANK = 0.25
 """From this fraction of blank cells on, columns are taken as a log of their own."""
-_ROWS = 200
-"""So many rows are looked at where a column begins."""
+
 _MOST = 16
 """So many such places are looked at."""
 
@@ -164,7 +164,7 @@ def _rows_from(begins: Sequence[int], columns: Sequence[int], whole: Whole) -> I
     for part in whole(columns):
         while left and left[0] < row + len(part[0]):
             at = left.pop(0) - row
-            yield {i: cells.slice(at, _ROWS) for i, cells in zip(columns, part, strict=True)}
+            yield {i: cells.slice(at, SAMPLE_ROWS) for i, cells in zip(columns, part, strict=True)}
         if not left:
             return
         row += len(part[0])

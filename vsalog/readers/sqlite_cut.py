@@ -8,10 +8,19 @@ beyond it have no columns any more, and are no messages.
 
 from __future__ import annotations
 
+from enum import IntEnum
 from pathlib import Path
 
-_LEAF, _OVERFLOW = 13, 0
-_LARGEST = 65536
+
+class PageType(IntEnum):
+    """What a page's first byte says; what did not fit into a row goes on in a page that begins with another page's number."""
+
+    OVERFLOW, TABLE_LEAF = 0, 13
+
+
+def page_size(head: bytes) -> int:
+    """Return how large a database's pages are by its header, where 2¹⁶ stands as 1; 0 where the header is cut off."""
+    return (head[16] << 8 | head[17] << 16) if len(head) > 17 else 0
 
 
 def cut_row(path: Path) -> int | None:
@@ -21,16 +30,15 @@ def cut_row(path: Path) -> int | None:
     """
     with path.open("rb") as file:
         head = file.read(100)
-        page = int.from_bytes(head[16:18], "big")
-        page = _LARGEST if page == 1 else page
+        page = page_size(head)
         there = path.stat().st_size % page if page >= 512 else 0
         if len(head) < 100 or not there or path.stat().st_size < page:
             return None
         file.seek(-there, 2)
         rest = file.read(there)
-    if rest[0] == _OVERFLOW:
+    if rest[0] == PageType.OVERFLOW:
         return -1
-    return _across(rest, page - head[20]) if rest[0] == _LEAF else None
+    return _across(rest, page - head[20]) if rest[0] == PageType.TABLE_LEAF else None
 
 
 def _across(rest: bytes, usable: int) -> int | None:

@@ -18,8 +18,8 @@ from vsalog.readers.opened import for_sqlite
 _LOGGED = b"\2\2"
 """At byte 18 of a database that is written by way of a log."""
 
-_GET_LOCK, _LOCK = 36, "hhqqi"
-"""Linux: the request to tell who would be in the way of a lock (F_OFD_GETLK), and what a lock is (struct flock)."""
+_LOCK = "hhqqi"
+"""Linux: what a lock is (struct flock)."""
 _kept_open: list[IO[bytes]] = []
 
 _IN_PLACE = "mode=ro"
@@ -78,7 +78,7 @@ def _is_in_use(shared: Path) -> bool:
 
     try:
         file = shared.open("rb")
-        found = fcntl.fcntl(file, _GET_LOCK, struct.pack(_LOCK, fcntl.F_WRLCK, os.SEEK_SET, 0, 0, 0))
+        found = fcntl.fcntl(file, fcntl.F_OFD_GETLK, struct.pack(_LOCK, fcntl.F_WRLCK, os.SEEK_SET, 0, 0, 0))
     except OSError:
         return True
     if struct.unpack(_LOCK, found)[0] != fcntl.F_UNLCK:

@@ -11,7 +11,8 @@ from typing import Any
 import numpy as np
 from numba import njit
 
-from vsalog.readers.packets import PACKED, PACKED_BYTES, Bytes, Integers, Messages, Packet
+from vsalog.readers.base import BLOCK_ROWS
+from vsalog.readers.packets import PACKED_BYTES, Bytes, Integers, Messages, Packet
 
 FIRST_ROWS = 64
 """So many rows are asked for at first, more when it is known how large they are."""
@@ -61,7 +62,7 @@ def ranges(database: sqlite3.Connection, first: int, last: int, only: str) -> It
             return
         yield end, packet
         mean = packet.messages.data.size // max(1, len(packet.messages))
-        first, rows = end + 1, max(1, min(PACKED, PACKED_BYTES // (mean + 1)))
+        first, rows = end + 1, max(1, min(BLOCK_ROWS, PACKED_BYTES // (mean + 1)))
 
 
 def _asked(database: sqlite3.Connection, query: str, first: int, end: int) -> tuple[Any, ...]:

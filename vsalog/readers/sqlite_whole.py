@@ -7,6 +7,7 @@ takes what comes ahead of the first frame that does not match its checksum, as i
 
 from __future__ import annotations
 
+from enum import IntEnum
 from pathlib import Path
 
 import numpy as np
@@ -14,13 +15,16 @@ from numba import njit
 from numpy.typing import NDArray
 
 from vsalog.core.finding import Finding
+from vsalog.readers.compression import MAX_BYTES
+from vsalog.readers.sqlite_cut import page_size
 
-MOST_BYTES = 256 * 2**20
-"""Of a log of changes that is looked through; those of recorders have a few megabytes."""
 
-_LARGEST = 65536
-_MAGIC = 0x377F0682  # or one more where sums are of numbers with their most significant byte first
-_HEAD, _FRAME_HEAD = 8, 6  # words of four bytes
+class Log(IntEnum):
+    """How a log of changes is laid out."""
+
+    MAGIC = 0x377F0682  # or one more where sums are of numbers with their most significant byte first
+    HEAD, FRAME_HEAD = 8, 6  # words of four bytes
+
 
 _Words = NDArray[np.uint32]
 
@@ -30,8 +34,7 @@ def missing_bytes(path: Path) -> list[Finding]:
     with path.open("rb") as file:
         head = file.read(100)
         size = file.seek(0, 2)
-    page = int.from_bytes(head[16:18], "big")
-    page = _LARGEST if page == 1 else page
+    page = page_size(head)
     if len(head) < 100 or page < 512:
         return []
     # How many pages there are is only told where the counters of changes agree.
@@ -44,15 +47,15 @@ def missing_bytes(path: Path) -> list[Finding]:
 
 def damaged_changes(log: Path) -> list[Finding]:
     """Return how much of a log of changes is lost behind damage; nothing where it is sound."""
-    data = np.fromfile(log, np.uint8, MOST_BYTES)
+    data = np.fromfile(log, np.uint8, MAX_BYTES)
     data = data[: data.size // 4 * 4]
     big: _Words = data.view(">u4").astype(np.uint32)
-    if big.size <= _HEAD:
+    if big.size <= Log.HEAD:
         return []
     summed: _Words = big if big[0] & 1 else data.view("<u4").astype(np.uint32)
     lost = -1
-    if int(big[0]) & ~1 == _MAGIC:
-        lost = int(_lost_frames(summed, big, _FRAME_HEAD + int(big[2]) // 4))
+    if int(big[0]) & ~1 == Log.MAGIC:
+        lost = int(_lost_frames(summed, big, Log.FRAME_HEAD + int(big[2]) // 4))
     if lost < 0:
         return [Finding(code="recording.changes_unreadable", part=log.name)]
     return [Finding(code="recording.changes_damaged", part=log.name, value=lost)] if lost else []
@@ -68,11 +71,11 @@ def _lost_frames(summed: _Words, big: _Words, frame: int) -> int:
     if first != big[6] or second != big[7]:
         return -1
     sound, behind, lost = True, 0, 0
-    for at in range(_HEAD, big.size - frame + 1, frame):
+    for at in range(Log.HEAD, big.size - frame + 1, frame):
         own = big[at + 2] == big[4] and big[at + 3] == big[5]
         if sound:
             first, second = _sum(summed, at, at + 2, first, second)
-            first, second = _sum(summed, at + _FRAME_HEAD, at + frame, first, second)
+            first, second = _sum(summed, at + Log.FRAME_HEAD, at + frame, first, second)
             sound = own and first == big[at + 4] and second == big[at + 5]
         if own and not sound:
             behind += 1

@@ -8,6 +8,7 @@ from collections.abc import Iterator, Sequence
 from dataclasses import replace
 
 from vsalog.core.finding import Finding
+from vsalog.readers.base import SAMPLE_ROWS
 from vsalog.readers.headers import printable_cell, unique_names
 from vsalog.readers.sniff import without_holes
 from vsalog.readers.table_again import own_rows
@@ -16,8 +17,6 @@ from vsalog.readers.table_header import find_header, join_torn_names, split_name
 from vsalog.readers.table_labels import labels_of, without_label
 from vsalog.readers.table_notation import Notation, find_notations
 from vsalog.readers.table_text import SEPARATORS, WHITESPACE, is_comment, is_value, most_common_width, split
-
-SAMPLE_LINES = 200
 
 _WHOLE = re.compile(r"^[+-]?\d+$")
 _STATED_SEPARATOR = re.compile(r"^sep=(.)$")
@@ -39,7 +38,7 @@ def detect(head: bytes, whole: bool) -> Dialect:
     lines = re.split(r"\r\n|\n|\r", text)
     if not whole and len(lines) > 1:
         lines.pop()
-    lines = lines[:SAMPLE_LINES]
+    lines = lines[:SAMPLE_ROWS]
     stated = _STATED_SEPARATOR.match(lines[0])
     if stated:
         lines[0] = ""

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from vsalog.core.recording import Stamps, Values
 from vsalog.readers.bad_stamps import COUNTED
+from vsalog.readers.base import MOST_PARTS
 from vsalog.readers.table_cells import numbers_and_words
 from vsalog.readers.time_columns import ClockColumn, ClockPlan, nanoseconds
 from vsalog.readers.time_dates import trimmed
@@ -22,15 +23,14 @@ from vsalog.readers.time_numbers import floats
 
 MOST = 64
 """A column with more values than this in its first rows does not name parts of a machine."""
-MOST_PARTS = 256
-"""So many streams one table has at most."""
+
 _MOST_KEYS = 3
 _MOST_CANDIDATES = 8
 _NAMED = re.compile(
     r"(^|[_.])(robot|joint|motor|axis|actuator|sensor|device|node|link|part|channel|topic|source|signal|variable|quantity|id|name)"
     r"(_?(id|name|no|nr|index))?$"
 )
-_TELLING = 0.9
+TELLING = 0.9
 """Fraction of rows for which a rule must hold."""
 _APART = 3.0
 """Values of two that take turns differ so many times as much from row to row as each one's own do."""
@@ -143,7 +143,7 @@ class _FirstRows:
         return bool(np.mean(np.diff(self._times) == 0) > 1 / (2 * count))
 
     def _tell_apart(self, who: Numbers) -> bool:
-        return len(np.unique(np.stack([self._times, who]), axis=1).T) > _TELLING * len(who)
+        return len(np.unique(np.stack([self._times, who]), axis=1).T) > TELLING * len(who)
 
     def take_turns(self, candidate: _Candidate, keys: Sequence[int]) -> bool:
         """Tell whether rows of few parts of a machine alternate, among those that other columns say to be of one."""
@@ -161,7 +161,7 @@ class _FirstRows:
         changes = np.mean(np.diff(who) != 0)
         if candidate.called and changes > 0.5:
             return True
-        in_turn = np.mean(who[count:] == who[:-count]) > _TELLING and changes > _TELLING
+        in_turn = np.mean(who[count:] == who[:-count]) > TELLING and changes > TELLING
         return bool(in_turn) and any(_jump(values[rows], who) for values in self._values(candidate.column))
 
     def _values(self, but: int) -> Iterator[Values]:

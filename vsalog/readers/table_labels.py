@@ -9,8 +9,9 @@ from collections.abc import Sequence
 import pyarrow as pa
 import pyarrow.compute as pc
 
+from vsalog.readers.table_keys import TELLING
+
 _LABELLED = re.compile(r"^\s*([A-Za-z_][^:=\"{}]*?)\s*[:=]\s*(.*)$")
-_TELLING = 0.9
 
 
 def labels_of(rows: Sequence[Sequence[str]], width: int) -> tuple[str, ...]:
@@ -19,7 +20,7 @@ def labels_of(rows: Sequence[Sequence[str]], width: int) -> tuple[str, ...]:
     for cells in zip(*(row for row in rows if len(row) == width), strict=True):
         found = Counter(match[1] for cell in cells if (match := _LABELLED.match(cell)))
         (label, count), *_ = found.most_common(1) or [("", 0)]
-        if count < _TELLING * len(cells):
+        if count < TELLING * len(cells):
             return ()
         labels.append(label)
     return tuple(labels) if len(set(labels)) == width else ()

@@ -7,12 +7,11 @@ from dataclasses import replace
 from itertools import islice
 from pathlib import Path
 
+from vsalog.readers.base import PIECE_BYTES
 from vsalog.readers.table_dialect import Dialect, has_quotes
 from vsalog.readers.table_notation import Notation
 from vsalog.readers.table_text import split
 
-_PIECE = 1 << 17  # stays within the processor's cache
-_TEXT = 1 << 20
 _LINES = 20
 _WHOLE = re.compile(r"^[+-]?\d+$")
 
@@ -38,12 +37,12 @@ def _lines_with_quotes(path: Path, skipped: int) -> list[bytes]:
         for _ in islice(file, skipped):
             pass
         position = file.tell()
-        while (piece := file.read(_PIECE)) and b'"' not in piece:
+        while (piece := file.read(PIECE_BYTES)) and b'"' not in piece:
             position += len(piece)
         if not piece:
             return []
         file.seek(position + max(piece.rfind(b"\n", 0, piece.index(b'"')), 0))
-        text = file.read(_TEXT)
+        text = file.read(PIECE_BYTES)
     return [line for line in text.splitlines() if b'"' in line][:_LINES]
 
 

@@ -11,7 +11,8 @@ from typing import IO, cast
 
 from vsalog.core.errors import ReadError
 from vsalog.core.finding import Finding
-from vsalog.readers.compression import FREE_BYTES
+from vsalog.readers.base import PIECE_BYTES
+from vsalog.readers.compression import FILE_RATIO, FREE_BYTES
 from vsalog.readers.table_tail import TAIL, may_be_cut
 from vsalog.readers.table_text import WHITESPACE
 
@@ -21,13 +22,11 @@ DAMAGE = (EOFError, zlib.error)
 _CHECKS = ("data check", "length check")
 """What zlib, which has one kind of error, calls the checksum and the length at the end."""
 
-_PIECE, _COMPRESSED_PIECE = 1 << 20, 1 << 16
+_COMPRESSED_PIECE = 1 << 16
 _GZIP = b"\x1f\x8b"
 _WITH_HEAD = 16 + zlib.MAX_WBITS
 """Tells zlib that there is gzip's header, and its checksum behind."""
-_LONGEST_LINE = 1 << 24
-_MOST_RATIO = 200
-"""Tables become ten times smaller; what becomes so much smaller is no recording but a bomb."""
+LONGEST_LINE = 1 << 24
 
 
 def open_text(path: Path) -> IO[bytes]:
@@ -81,9 +80,9 @@ class BoundedGzip(io.RawIOBase):
         while not data and self._more():
             data = self._some(len(buffer))
         self._size += len(data)
-        if self._size > max(FREE_BYTES, _MOST_RATIO * self._compressed.tell()):
+        if self._size > max(FREE_BYTES, FILE_RATIO * self._compressed.tell()):
             raise ReadError(
-                f"becomes more than {_MOST_RATIO} times larger when it is decompressed, as no recording does;"
+                f"becomes more than {FILE_RATIO} times larger when it is decompressed, as no recording does;"
                 " if it is one, decompress it first",
                 self._path,
             )
@@ -129,7 +128,7 @@ def is_utf8(file: IO[bytes]) -> bool:
     """Tell whether all of a file, which is read from its beginning and left there, is UTF-8, as far as bytes tell."""
     decoder = codecs.getincrementaldecoder("utf-8")()
     try:
-        while raw := file.read(_PIECE):
+        while raw := file.read(PIECE_BYTES):
             decoder.decode(raw)
         decoder.decode(b"", final=True)
     except UnicodeDecodeError:
@@ -162,7 +161,7 @@ def trouble_at_end(path: Path) -> str:
     """
     try:
         with open_text(path) as file:
-            while file.read(_PIECE):
+            while file.read(PIECE_BYTES):
                 pass
     except zlib.error:
         return "changed"
@@ -220,7 +219,7 @@ class TextSource(io.RawIOBase):
 
     def _fill(self) -> None:
         try:
-            raw = self._file.read(_PIECE)
+            raw = self._file.read(PIECE_BYTES)
         except DAMAGE as error:
             raw, self.damage = b"", _damage(error)
         self._ended = not raw
@@ -231,7 +230,7 @@ class TextSource(io.RawIOBase):
         end = text.rfind("\n") if self._squeeze else max(text.rfind("\n"), text.rfind("\r"))
         # A line that is not whole waits for its end, which never comes where the file is damaged: half a number is another one.
         whole = self._ended and not self.damage
-        cut = len(text) if whole or len(text) > _LONGEST_LINE else end + 1
+        cut = len(text) if whole or len(text) > LONGEST_LINE else end + 1
         if whole and may_be_cut(
             re.split(r"\r\n|\n|\r", self._tail + text[: end + 1]), text[end + 1 :], self._separator
         ):

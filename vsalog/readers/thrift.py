@@ -2,11 +2,17 @@
 
 from __future__ import annotations
 
+from enum import IntEnum
 from typing import Any
 
-_TRUE, _FALSE, _BYTE, _DOUBLE, _BINARY, _LISTS, _STRUCT = 1, 2, 3, 7, 8, (9, 10), 12
-_INTEGERS = (4, 5, 6)
-_DEEPEST = 16
+from vsalog.readers.base import MAX_DEPTH
+
+
+class Type(IntEnum):
+    """Types of fields (thrift-compact-protocol.md)."""
+
+    TRUE, FALSE, BYTE, I16, I32, I64, DOUBLE, BINARY, LIST, SET, MAP, STRUCT = range(1, 13)
+
 
 Fields = dict[int, Any]
 """A structure by the numbers of its fields: integers, bytes, lists, structures; None for what nobody needs."""
@@ -41,7 +47,7 @@ class Compact:
 
     def struct(self, depth: int = 0) -> Fields:
         """Return a structure."""
-        if depth > _DEEPEST:
+        if depth > MAX_DEPTH:
             raise ValueError("structures too deep within each other")
         found: Fields = {}
         field = 0
@@ -49,28 +55,28 @@ class Compact:
             step, kind = head >> 4, head & 15
             field = field + step if step else self._integer()
             # A boolean is told by its kind.
-            found[field] = int(kind == _TRUE) if kind in (_TRUE, _FALSE) else self._value(kind, depth)
+            found[field] = int(kind == Type.TRUE) if kind in (Type.TRUE, Type.FALSE) else self._value(kind, depth)
         return found
 
     def _value(self, kind: int, depth: int) -> Any:
-        if kind in _INTEGERS:
+        if kind in (Type.I16, Type.I32, Type.I64):
             return self._integer()
-        if kind == _STRUCT:
+        if kind == Type.STRUCT:
             return self.struct(depth + 1)
-        if kind == _BINARY:
+        if kind == Type.BINARY:
             return self._bytes(self._varint())
-        if kind in _LISTS:
+        if kind in (Type.LIST, Type.SET):
             return self._list(depth + 1)
-        if kind == _DOUBLE:
+        if kind == Type.DOUBLE:
             self._bytes(8)
-        elif kind in (_BYTE, _TRUE, _FALSE):
+        elif kind in (Type.BYTE, Type.TRUE, Type.FALSE):
             self._byte()
         else:
             raise ValueError(f"there is no kind {kind}")
         return None
 
     def _list(self, depth: int) -> list[Any]:
-        if depth > _DEEPEST:
+        if depth > MAX_DEPTH:
             raise ValueError("lists too deep within each other")
         head = self._byte()
         count = self._varint() if head >> 4 == 15 else head >> 4

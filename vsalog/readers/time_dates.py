@@ -10,7 +10,7 @@ import pyarrow.compute as pc
 from numpy.typing import NDArray
 
 from vsalog.core.recording import Stamps
-from vsalog.readers.time_written import moments, times_of_day
+from vsalog.readers.time_written import DAY, moments, times_of_day
 
 _SHAPE = r"^\d{4}-\d\d-\d\d([T ]\d\d(:?\d\d(:?\d\d([.]\d{1,9})?)?)?)?([+-]\d\d:?\d\d)?$"
 _ZONED = r":?\d\d(\.\d+)?[+-]\d\d:?\d\d$"
@@ -60,7 +60,6 @@ def integers(array: pa.Array) -> tuple[Stamps, NDArray[np.bool_]]:
 
 # How many nanoseconds the units of Arrow's types have.
 _FACTORS = {"s": 10**9, "ms": 10**6, "us": 10**3, "ns": 1}
-_DAY = 86_400 * 10**9
 
 
 def in_nanoseconds(array: pa.Array) -> tuple[Stamps, NDArray[np.bool_]]:
@@ -70,7 +69,7 @@ def in_nanoseconds(array: pa.Array) -> tuple[Stamps, NDArray[np.bool_]]:
     """
     kind = array.type
     if pa.types.is_date32(kind):
-        numbers, factor = pc.cast(array, pa.int32()), _DAY
+        numbers, factor = pc.cast(array, pa.int32()), DAY
     elif pa.types.is_date64(kind):
         numbers, factor = pc.cast(array, pa.int64()), 10**6
     else:

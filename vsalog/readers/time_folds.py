@@ -8,10 +8,9 @@ from numpy.typing import NDArray
 from vsalog.core.finding import Finding
 from vsalog.core.recording import Stamps
 from vsalog.readers.bad_stamps import COUNTED
+from vsalog.readers.time_steps import FEW
 from vsalog.readers.time_written import DAY, HOUR
 
-_FEW = 10
-"""A clock that is set back goes on within so many of its steps."""
 _FULL = tuple(2**32 * unit for unit in (1, 10**3, 10**6))
 """How far counters of nanoseconds, microseconds and milliseconds reach that have 32 bits [ns]."""
 _SET_BACK = (1, 12)
@@ -84,7 +83,7 @@ class Folds:
     def _hours_back(self, steps: Stamps) -> Stamps:
         """Return by how many hours the clock is set back at each sample."""
         hours = np.zeros(len(steps), np.int64)
-        near = min(_FEW * self._step, HOUR // 60)
+        near = min(FEW * self._step, HOUR // 60)
         for size in _SET_BACK if self._period == DAY else ():
             back = (steps > -size * HOUR) & (steps <= near - size * HOUR)
             hours[back] = size
@@ -129,7 +128,7 @@ class Restarts:
         """Return by how much each sample is put later."""
         assert self._first is not None
         steps = np.clip(times - before, -COUNTED, COUNTED)
-        few = _FEW * int(np.median(steps[steps > 0])) if (steps > 0).any() else 0
+        few = FEW * int(np.median(steps[steps > 0])) if (steps > 0).any() else 0
         earlier, later = np.append(self._step, steps[:-1]), np.append(steps[1:], 0)
         # The clock goes on from the first stamps; a single stamp that is wrong, before or here, is left where it is.
         anew = falls & (-steps > few) & (times <= self._first + few) & (np.maximum(earlier, later) < -steps // 2)

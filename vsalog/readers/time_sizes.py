@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from datetime import UTC, datetime
 
 import numpy as np
 from numpy.typing import NDArray
@@ -29,9 +30,9 @@ SINCE = {
 _SERIAL_STEP = 2e-5  # days; as seconds they would be samples of more than 50 kHz
 
 # Epoch seconds between 2000 and 2100; in other units by powers of a thousand.
-EPOCH = (946_684_800, 4_102_444_800)
+EPOCH = tuple(int(datetime(year, 1, 1, tzinfo=UTC).timestamp()) for year in (2000, 2100))
 
-_LABVIEW = 2_082_844_800
+_LABVIEW = -int(datetime(1904, 1, 1, tzinfo=UTC).timestamp())
 """Seconds from 1904 to 1970."""
 
 

@@ -14,15 +14,14 @@ from numpy.typing import NDArray
 from vsalog.core.finding import Finding
 from vsalog.core.recording import Stamps, Values
 from vsalog.readers.bad_stamps import COUNTED
+from vsalog.readers.clock_steps import LEAST
+from vsalog.readers.reach import FARTHEST
 
-_FEW = 10
+FEW = 10
 """A clock that is set back goes back by more than so many of its steps; rows that are less late are sorted."""
-_LEAST = 4
-"""So many rows at least follow one another behind a step."""
 _MOST_STEPS, _MOST_GAPS = 16, 4096
 """So many steps of a block are looked at, and so many gaps remembered."""
-_FAR = 4 * 10**18
-"""Stamps beyond it are not looked at [ns]: the difference of any two that are nearer fits into 64 bits."""
+
 
 Marks = Callable[[], Values]
 """Gives a number for each row of a block that other values would change."""
@@ -56,7 +55,7 @@ class StepsBack:
         marks : callable
             Called only where rows may be copies of others.
         """
-        good = good & (stamps > -_FAR) & (stamps < _FAR)
+        good = good & (stamps > -FARTHEST) & (stamps < FARTHEST)
         times = stamps[good] + self._shift
         if not times.size:
             return stamps
@@ -64,12 +63,12 @@ class StepsBack:
             self._first = self._last = self._latest = int(times[0])
         steps = np.diff(times, prepend=self._last)
         forward = steps[steps > 0]
-        few = _FEW * int(np.median(forward)) if forward.size else 0
+        few = FEW * int(np.median(forward)) if forward.size else 0
         for k in np.flatnonzero(steps < -few)[:_MOST_STEPS].tolist() if few else ():
             if self._shift - steps[k] > COUNTED:
                 break
             if self._is_set_back(times, steps, k, few) and not self._are_copies(times, k, good, marks):
-                size = few // _FEW - int(steps[k])
+                size = few // FEW - int(steps[k])
                 times[k:] += size
                 self._shift += size
                 self.sizes.append(size)
@@ -91,7 +90,7 @@ class StepsBack:
         latest = max(self._latest, int(times[:k].max(initial=self._latest)))
         leaps = np.flatnonzero((steps[k + 1 :] < -few) | (steps[k + 1 :] > max(few, -steps[k] // 2)))
         end = k + 1 + int(leaps[0]) if leaps.size else times.size
-        if end - k < _LEAST or (end < times.size and times[end - 1] < latest):
+        if end - k < LEAST or (end < times.size and times[end - 1] < latest):
             return False
         begin, reach = max(int(times[k]), self._first), min(int(times[end - 1]), latest)
         gaps = np.concatenate([self._gaps, _gaps(times[:k], self._last, few)])

@@ -13,10 +13,11 @@ from numpy.typing import NDArray
 from vsalog.core.finding import Finding
 from vsalog.core.recording import Stamps
 from vsalog.core.spool import Column, parts
-from vsalog.readers.bad_stamps import FEW, ONE_DAY, are_few, bad_stamps, looked_at
+from vsalog.readers.bad_stamps import FEW, are_few, bad_stamps, looked_at
 from vsalog.readers.base import CLOCKS
 from vsalog.readers.clock_steps import ClockSteps
 from vsalog.readers.table_stamps import stamps_that_are_none
+from vsalog.readers.time_written import DAY
 
 YEAR_2000 = 946_684_800_000_000_000
 """Nanoseconds since the epoch; stamps before it are not dates."""
@@ -197,7 +198,7 @@ class HeaderStamps:
         self.zero += int(np.count_nonzero(header == 0))
         self.all_same = self.all_same and bool(np.all(header == self.first[0]))
         self.log_same = self.log_same and bool(np.all(log == self.first[1]))
-        far = np.abs(header - log) > ONE_DAY
+        far = np.abs(header - log) > DAY
         self.distant += int(np.count_nonzero(far))
         self.steps.add(header, log)
         if self.far is None and far.any():

@@ -15,7 +15,7 @@ from vsalog.core.errors import ReadError, UnitError
 from vsalog.core.recording import Channel, Recording, Stamps
 from vsalog.core.units import parse_quantity, shown
 from vsalog.readers.base import Reader
-from vsalog.readers.reach import within_reach
+from vsalog.readers.reach import FARTHEST, within_reach
 from vsalog.readers.time_columns import nanoseconds
 from vsalog.readers.time_sizes import epoch_unit
 from vsalog.readers.timing import YEAR_2000, choose_clock
@@ -24,7 +24,7 @@ HOW = (
     "give seconds from the log's beginning, a number with a unit such as '2 min', a date such as 2026-01-31T12:00:05.5Z,"
     " or a time since the epoch"
 )
-_LARGEST = 2**63 - 2
+
 _MOST_DIGITS = 100
 NO_SAMPLE = "no sample lies between the start and the end that were given"
 
@@ -128,7 +128,7 @@ class Window:
         )
         if low is not None and high is not None and high <= low:
             raise ReadError(f"the end, {said(high)}, is not after the start, {said(low)}", path)
-        return -_LARGEST if low is None else low, _LARGEST if high is None else high
+        return -FARTHEST if low is None else low, FARTHEST if high is None else high
 
 
 def cut(recording: Recording, low: int, high: int, known: Collection[str] = ()) -> Recording:
@@ -172,8 +172,8 @@ def _nothing(recording: Recording, low: int, high: int) -> str:
     stamps = [c.stamps for c in recording.channels.values() if c.stamps.size]
     first, last = min((int(s[0]) for s in stamps), default=0), max((int(s[-1]) for s in stamps), default=0)
     there = f"; its samples are from {said(first)} to {said(last)}"
-    since = f" from {said(low)}" if low > -_LARGEST else ""
-    until = f" to {said(high)}" if high < _LARGEST else ""
+    since = f" from {said(low)}" if low > -FARTHEST else ""
+    until = f" to {said(high)}" if high < FARTHEST else ""
     return f"has no sample{since}{until}{there if stamps else ''}"
 
 
@@ -212,6 +212,6 @@ def _with_unit(text: str, name: str) -> Moment:
 
 
 def _whole(nanoseconds: Decimal, text: str, name: str) -> int:
-    if not nanoseconds.is_finite() or abs(nanoseconds) > _LARGEST or nanoseconds < 0:
+    if not nanoseconds.is_finite() or abs(nanoseconds) > FARTHEST or nanoseconds < 0:
         raise ReadError(f"{name} '{shown(text)}' is no time within any log: {HOW}")
     return int(nanoseconds.to_integral_value())

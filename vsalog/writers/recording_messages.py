@@ -10,12 +10,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vsalog.core.recording import Stamps, Values
+from vsalog.readers.base import BLOCK_ROWS
 from vsalog.writers.recording_topics import FLOAT64, JOINT_FIELDS, JOINT_STATE, Topic
 
 Bytes = NDArray[np.uint8]
 
-# Messages that are encoded at once.
-BLOCK = 4096
 
 _RULE = "=" * 80
 
@@ -52,8 +51,8 @@ def merged_messages(topics: Sequence[Topic], cdr: bool) -> Iterator[tuple[int, i
 
 def _messages(index: int, topic: Topic, cdr: bool) -> Iterator[tuple[int, int, int, bytes]]:
     template = _Template(topic, cdr)
-    for first in range(0, topic.stamps.shape[0], BLOCK):
-        stamps = topic.stamps[first : first + BLOCK]
+    for first in range(0, topic.stamps.shape[0], BLOCK_ROWS):
+        stamps = topic.stamps[first : first + BLOCK_ROWS]
         rows = template.fill(topic, first, stamps)
         for i, stamp in enumerate(stamps.tolist()):
             yield stamp, index, first + i, rows[i].tobytes()

@@ -11,13 +11,13 @@ import pyarrow.parquet as pq
 
 from vsalog.core.errors import WriteError
 from vsalog.core.recording import Channel, Recording, Stamps
+from vsalog.core.spool import PART
 from vsalog.core.units import split_header
 from vsalog.writers.atomic import atomic_path
 from vsalog.writers.recording_csv import all_stamps
 
 STAMP = "stamp"
 RIG_KEY = "vsalog.rig"
-ROW_GROUP = 65_536
 
 
 def write_parquet(recording: Recording, path: Path | str, rig_text: str | None = None) -> None:
@@ -49,7 +49,7 @@ def write_parquet(recording: Recording, path: Path | str, rig_text: str | None =
         pq.write_table(
             table,
             file,
-            row_group_size=ROW_GROUP,
+            row_group_size=PART,
             compression="zstd",
             use_dictionary=False,
             column_encoding=encodings,

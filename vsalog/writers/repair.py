@@ -14,6 +14,7 @@ from pathlib import Path
 import numpy as np
 from mcap.data_stream import ReadDataStream
 from mcap.exceptions import McapError
+from mcap.opcode import Opcode
 from mcap.records import Attachment, Header, Metadata
 from mcap.writer import CompressionType, Writer
 from msgspec import structs
@@ -26,9 +27,9 @@ from vsalog.readers.bag import BagReader
 from vsalog.readers.compression import MAX_BYTES
 from vsalog.readers.container import Connection, Container
 from vsalog.readers.mcap_file import McapContainer
-from vsalog.readers.mcap_scan import messages_in
+from vsalog.readers.mcap_scan import Size, messages_in
 from vsalog.readers.mcap_summary import summary_records
-from vsalog.readers.mcap_walk import ATTACHMENT, ATTACHMENT_INDEX, CHUNK, HEADER, MESSAGE, METADATA, Walk
+from vsalog.readers.mcap_walk import Walk
 from vsalog.readers.plain_messages import plain
 from vsalog.readers.remote import local
 from vsalog.readers.rosbag2 import CompressedContainer
@@ -40,7 +41,6 @@ from vsalog.writers.recording_mcap import write_mcap
 from vsalog.writers.recording_topics import topics_of
 from vsalog.writers.repaired import Repaired
 
-_HEAD_SIZE = 9
 _MESSAGE_HEAD = struct.Struct("<HIQQ")
 _SCHEMA_LANGUAGES = {("ros1", "msg"): "ros1msg", ("cdr", "msg"): "ros2msg", ("cdr", "idl"): "ros2idl"}
 _TABLES = ("table", "parquet", "matlab")
@@ -127,7 +127,7 @@ def _profile(parts: list[Container]) -> str:
     first = parts[0]
     if not isinstance(first, McapContainer):
         return "ros1" if first.format == "rosbag1" else "ros2"
-    header = next(_side_records(first, HEADER), b"")
+    header = next(_side_records(first, Opcode.HEADER), b"")
     try:
         return str(Header.read(ReadDataStream(BytesIO(header))).profile)
     except (ValueError, struct.error, McapError):
@@ -195,7 +195,7 @@ def _mcap_messages(
             findings.add(Finding(code="repair.attachment_damaged"))
     unknown = 0
     for record, content in part.records():
-        if record == METADATA:
+        if record == Opcode.METADATA:
             with suppress(ValueError, struct.error, McapError):  # noted when the channels were looked for
                 metadata = Metadata.read(ReadDataStream(BytesIO(content)))
                 writer.add_metadata(metadata.name, metadata.metadata)
@@ -219,9 +219,9 @@ def _copy_attachment(writer: Writer, content: bytes) -> None:
 
 def _in_record(record: int, content: bytes) -> Iterator[RawMessage]:
     """Yield the messages in a chunk, or the one that a record is."""
-    if record == MESSAGE:
+    if record == Opcode.MESSAGE:
         yield *_MESSAGE_HEAD.unpack_from(content), content[_MESSAGE_HEAD.size :]
-    if record == CHUNK:
+    if record == Opcode.CHUNK:
         found = messages_in(np.frombuffer(content, np.uint8), np.ones(2**16, dtype=np.bool_)).messages
         for start, length in zip(found.start.tolist(), found.length.tolist(), strict=True):
             head = _MESSAGE_HEAD.unpack_from(content, start - _MESSAGE_HEAD.size)
@@ -232,16 +232,19 @@ def _attachments(part: McapContainer) -> Iterator[bytes]:
     """Yield the contents of the attachments: those between other records, and those only the summary tells of."""
     found = set()
     with part.open() as file:
-        for _, content, position in Walk(file, verify=False, kept=(ATTACHMENT,)).records():
+        for _, content, position in Walk(file, verify=False, kept=(Opcode.ATTACHMENT,)).records():
             found.add(position)
             yield content
         for kind, content in summary_records(file) or ():
-            position, length = struct.unpack_from("<QQ", content) if kind == ATTACHMENT_INDEX else (0, 0)
-            if _HEAD_SIZE < length <= MAX_BYTES and position not in found:
+            position, length = struct.unpack_from("<QQ", content) if kind == Opcode.ATTACHMENT_INDEX else (0, 0)
+            if Size.HEAD < length <= MAX_BYTES and position not in found:
                 file.seek(position)
                 record = file.read(length)
-                if record[:_HEAD_SIZE] == struct.pack("<BQ", ATTACHMENT, length - _HEAD_SIZE) and len(record) == length:
-                    yield record[_HEAD_SIZE:]
+                if (
+                    record[: Size.HEAD] == struct.pack("<BQ", Opcode.ATTACHMENT, length - Size.HEAD)
+                    and len(record) == length
+                ):
+                    yield record[Size.HEAD :]
 
 
 def _side_records(part: McapContainer, kind: int) -> Iterator[bytes]:
@@ -249,8 +252,8 @@ def _side_records(part: McapContainer, kind: int) -> Iterator[bytes]:
     with part.open() as file:
         for found, piece in record_heads(file):
             if found == kind and piece.size <= MAX_BYTES:
-                file.seek(piece.position + _HEAD_SIZE)
-                yield file.read(piece.size - _HEAD_SIZE)
+                file.seek(piece.position + Size.HEAD)
+                yield file.read(piece.size - Size.HEAD)
 
 
 def _repair_table(source: Path, target: Path, rate: float | None) -> Repaired:

@@ -15,11 +15,9 @@ import pyarrow.parquet as pq
 
 from vsalog.core.arrow import findings_entry
 from vsalog.core.finding import Finding
+from vsalog.core.spool import PART
 from vsalog.core.trace import Trace, trace_columns, trace_schema, trace_tables
 from vsalog.writers.atomic import atomic_path
-
-# Rows per row group: large enough to compress well, small enough not to weigh in memory.
-ROW_GROUP = 65536
 
 
 def _widened(table: pa.Table, schema: pa.Schema) -> pa.Table:
@@ -94,7 +92,7 @@ class TraceWriter:
             self._flush()
             self._add(added)
         self._pending.append(trace)
-        if sum(map(len, self._pending)) >= ROW_GROUP:
+        if sum(map(len, self._pending)) >= PART:
             self._flush()
 
     def _add(self, columns: list[str]) -> None:
