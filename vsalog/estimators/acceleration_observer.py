@@ -29,13 +29,10 @@ from vsalog.estimators.unfiltered import Unfiltered
 from vsalog.estimators.windows import rms
 from vsalog.filters.acceleration_arm import LOST, Arm, ArmState, arm_start, axis_rows, observe_arm
 from vsalog.filters.acceleration_observer import (
-    ENCODER,
-    LINK_POSITION,
-    LINK_VELOCITY,
-    MOTOR_POSITION,
-    MOTOR_VELOCITY,
     ElasticMotor,
+    Input,
     SampledObserver,
+    State,
     characteristic,
     error_powers,
     error_variances,
@@ -213,7 +210,7 @@ class AccelerationFold:
         place, known = self.group.place, since >= 0
         std = self._deviations(deviation, since)
         K, nothing = self.group.members[place].motor.K, np.full(len(x), np.nan)
-        phi = x[:, LINK_POSITION] - x[:, MOTOR_POSITION]
+        phi = x[:, State.LINK_POSITION] - x[:, State.MOTOR_POSITION]
         columns = {
             "deflection": phi,
             "flexibility_torque": K * phi,
@@ -227,10 +224,10 @@ class AccelerationFold:
             "flexibility_torque_std": K * std[:, 4],
         }
         states = (
-            ("link_position", LINK_POSITION),
-            ("link_velocity", LINK_VELOCITY),
-            ("motor_position", MOTOR_POSITION),
-            ("motor_velocity", MOTOR_VELOCITY),
+            ("link_position", State.LINK_POSITION),
+            ("link_velocity", State.LINK_VELOCITY),
+            ("motor_position", State.MOTOR_POSITION),
+            ("motor_velocity", State.MOTOR_VELOCITY),
         )
         for name, i in states:
             columns |= {name: x[:, i], f"{name}_std": std[:, i]}
@@ -393,9 +390,9 @@ class AccelerationFold:
         # An encoder's steps are no white noise where the motion takes them slowly.
         rounding = sensor_error(theta[:ENOUGH], 2 * few + 1).rounding
         if rounding:
-            powers = np.mean([error_powers(observer, ENCODER, added) for added in rounding], axis=0)
-            white = table[-1, ENCODER] * self.noise[own.view.motor_position] ** 2
-            table[:, ENCODER] *= np.fmax(powers / white, 1.0)
+            powers = np.mean([error_powers(observer, Input.ENCODER, added) for added in rounding], axis=0)
+            white = table[-1, Input.ENCODER] * self.noise[own.view.motor_position] ** 2
+            table[:, Input.ENCODER] *= np.fmax(powers / white, 1.0)
         return table
 
 

@@ -19,17 +19,7 @@ from vsalog.estimators.equation import SUPPORTED_SHARE
 from vsalog.estimators.following import Columns
 from vsalog.estimators.link_beside import NOTHING, what_else_acts
 from vsalog.estimators.windows import LOUD, most_moved, rms
-from vsalog.filters.link_ekf import (
-    DECAY,
-    MOBILITY,
-    MOST_LOST,
-    VELOCITY,
-    LinkNoise,
-    LinkState,
-    anew,
-    estimate_link,
-    link_start,
-)
+from vsalog.filters.link_ekf import MOST_LOST, LinkNoise, LinkState, State, anew, estimate_link, link_start
 from vsalog.filters.savitzky_golay import savgol_filter
 from vsalog.mechanics.links import link_weight
 from vsalog.uncertainty.sensor_error import ENOUGH, LEAST_NOISE, sensor_error
@@ -94,8 +84,12 @@ class LinkImpedance:
             anew(state) if begins else state, rows.roles["link_position"], self._acting(rows),
             self.period, self.noise, self.memory,
         )  # fmt: skip
-        a, b = x[:, MOBILITY], x[:, DECAY]
-        var_a, var_b, both = P[:, MOBILITY, MOBILITY], P[:, DECAY, DECAY], P[:, MOBILITY, DECAY]
+        a, b = x[:, State.MOBILITY], x[:, State.DECAY]
+        var_a, var_b, both = (
+            P[:, State.MOBILITY, State.MOBILITY],
+            P[:, State.DECAY, State.DECAY],
+            P[:, State.MOBILITY, State.DECAY],
+        )
         with np.errstate(divide="ignore", invalid="ignore"):
             known = (a > KNOWN * np.sqrt(var_a)) & (excess <= MOST_EXCESS)
             inertia, damping = 1.0 / a, b / a
@@ -109,7 +103,7 @@ class LinkImpedance:
             # A link that is surely driven by its damping is not understood.
             known &= damping > -KNOWN * damping_std
         told = {"link_inertia": (inertia, inertia_std, 0), "link_damping": (damping, damping_std, 1)}
-        columns = {"link_velocity": x[:, VELOCITY]}
+        columns = {"link_velocity": x[:, State.VELOCITY]}
         for name, (value, std, i) in told.items():
             given = known & bool(self.doubt[i] < SUPPORTED_SHARE)
             columns |= {name: np.where(given, value, np.nan), f"{name}_std": np.where(given, std, np.nan)}
@@ -173,7 +167,7 @@ class LinkImpedance:
             q, u = position[run], torque[run]
             *_, state = estimate_link(anew(state), q, u, self.period, self.noise, self.memory)
         with np.errstate(divide="ignore", invalid="ignore"):
-            return np.asarray(np.array([1.0, state.x[DECAY]]) / state.x[MOBILITY])
+            return np.asarray(np.array([1.0, state.x[State.DECAY]]) / state.x[State.MOBILITY])
 
 
 def _between(position: Array, weights: Array, acceleration: Array) -> float:

@@ -7,6 +7,7 @@ solution of all axes (eq. 11), with T and W at the positions and velocities that
 
 from __future__ import annotations
 
+from enum import IntEnum
 from typing import NamedTuple
 
 import numpy as np
@@ -126,8 +127,12 @@ def axis_rows(arm: Arm, q: Array, dq: Array) -> tuple[Array, Array]:
 
 # `since` of a sample at which an observer has run away.
 LOST = -2
-# Columns of a row of `frames`: rotation (9, by rows), position, ω, ω̇ and p̈ − g with all q̈ zero, axis of the joint, its position.
-ROTATION, POSITION, OMEGA, ALPHA, FELT, AXIS, PIVOT = 0, 9, 12, 15, 18, 21, 24
+
+
+class Frame(IntEnum):
+    """Columns of a row of `frames`: rotation (9), position, ω, ω̇, p̈ − g with all q̈ zero, the joint's axis and its position."""
+
+    ROTATION, POSITION, OMEGA, ALPHA, FELT, AXIS, PIVOT = 0, 9, 12, 15, 18, 21, 24
 
 
 @njit(cache=True, error_model="numpy")
@@ -138,11 +143,11 @@ def _crossed(a0: float, a1: float, a2: float, b0: float, b1: float, b2: float) -
 @njit(cache=True, error_model="numpy")
 def _felt(f: Array, k: int, r0: float, r1: float, r2: float) -> tuple[float, float, float]:
     """Return p̈ − g at r from the origin of frame `k`: tangential and centripetal added to the origin's."""
-    w0, w1, w2 = f[k, OMEGA], f[k, OMEGA + 1], f[k, OMEGA + 2]
-    t0, t1, t2 = _crossed(f[k, ALPHA], f[k, ALPHA + 1], f[k, ALPHA + 2], r0, r1, r2)
+    w0, w1, w2 = f[k, Frame.OMEGA], f[k, Frame.OMEGA + 1], f[k, Frame.OMEGA + 2]
+    t0, t1, t2 = _crossed(f[k, Frame.ALPHA], f[k, Frame.ALPHA + 1], f[k, Frame.ALPHA + 2], r0, r1, r2)
     v0, v1, v2 = _crossed(w0, w1, w2, r0, r1, r2)
     c0, c1, c2 = _crossed(w0, w1, w2, v0, v1, v2)
-    return f[k, FELT] + t0 + c0, f[k, FELT + 1] + t1 + c1, f[k, FELT + 2] + t2 + c2
+    return f[k, Frame.FELT] + t0 + c0, f[k, Frame.FELT + 1] + t1 + c1, f[k, Frame.FELT + 2] + t2 + c2
 
 
 @njit(cache=True, error_model="numpy")
@@ -151,7 +156,7 @@ def _move(links: Array, gravity: Array, q: Array, dq: Array, f: Array) -> None:
     before = np.zeros(27)
     before[0], before[4], before[8] = 1.0, 1.0, 1.0
     for i in range(3):
-        before[FELT + i] = -gravity[i]
+        before[Frame.FELT + i] = -gravity[i]
     for k in range(q.size):
         length, offset, ca, sa, angle = links[k]
         c, s = np.cos(q[k] + angle), np.sin(q[k] + angle)
@@ -161,23 +166,27 @@ def _move(links: Array, gravity: Array, q: Array, dq: Array, f: Array) -> None:
             f[k, 3 * i] = x * c + y * s
             f[k, 3 * i + 1] = (y * c - x * s) * ca + z * sa
             f[k, 3 * i + 2] = (x * s - y * c) * sa + z * ca
-            f[k, PIVOT + i] = before[POSITION + i]
-            f[k, FELT + i] = before[FELT + i]
-        w0, w1, w2 = before[OMEGA], before[OMEGA + 1], before[OMEGA + 2]
-        f[k, AXIS], f[k, AXIS + 1], f[k, AXIS + 2] = z0, z1, z2
-        f[k, OMEGA], f[k, OMEGA + 1], f[k, OMEGA + 2] = w0 + dq[k] * z0, w1 + dq[k] * z1, w2 + dq[k] * z2
+            f[k, Frame.PIVOT + i] = before[Frame.POSITION + i]
+            f[k, Frame.FELT + i] = before[Frame.FELT + i]
+        w0, w1, w2 = before[Frame.OMEGA], before[Frame.OMEGA + 1], before[Frame.OMEGA + 2]
+        f[k, Frame.AXIS], f[k, Frame.AXIS + 1], f[k, Frame.AXIS + 2] = z0, z1, z2
+        f[k, Frame.OMEGA], f[k, Frame.OMEGA + 1], f[k, Frame.OMEGA + 2] = (
+            w0 + dq[k] * z0,
+            w1 + dq[k] * z1,
+            w2 + dq[k] * z2,
+        )
         t0, t1, t2 = _crossed(w0, w1, w2, z0, z1, z2)
-        f[k, ALPHA] = before[ALPHA] + dq[k] * t0
-        f[k, ALPHA + 1] = before[ALPHA + 1] + dq[k] * t1
-        f[k, ALPHA + 2] = before[ALPHA + 2] + dq[k] * t2
+        f[k, Frame.ALPHA] = before[Frame.ALPHA] + dq[k] * t0
+        f[k, Frame.ALPHA + 1] = before[Frame.ALPHA + 1] + dq[k] * t1
+        f[k, Frame.ALPHA + 2] = before[Frame.ALPHA + 2] + dq[k] * t2
         # The frame sits at the link's far end.
         r0 = f[k, 0] * length + z0 * offset
         r1 = f[k, 3] * length + z1 * offset
         r2 = f[k, 6] * length + z2 * offset
-        f[k, FELT], f[k, FELT + 1], f[k, FELT + 2] = _felt(f, k, r0, r1, r2)
-        f[k, POSITION] = before[POSITION] + r0
-        f[k, POSITION + 1] = before[POSITION + 1] + r1
-        f[k, POSITION + 2] = before[POSITION + 2] + r2
+        f[k, Frame.FELT], f[k, Frame.FELT + 1], f[k, Frame.FELT + 2] = _felt(f, k, r0, r1, r2)
+        f[k, Frame.POSITION] = before[Frame.POSITION] + r0
+        f[k, Frame.POSITION + 1] = before[Frame.POSITION + 1] + r1
+        f[k, Frame.POSITION + 2] = before[Frame.POSITION + 2] + r2
         before = f[k]
 
 
@@ -202,10 +211,10 @@ def _rows(link: Integers, direct: Integers, point: Array, axis: Array, f: Array,
         b0, b1, b2 = _felt(f, k, r0, r1, r2)
         W[m] = v0 * b0 + v1 * b1 + v2 * b2
         for j in range(k + 1):
-            l0 = f[k, POSITION] + r0 - f[j, PIVOT]
-            l1 = f[k, POSITION + 1] + r1 - f[j, PIVOT + 1]
-            l2 = f[k, POSITION + 2] + r2 - f[j, PIVOT + 2]
-            t0, t1, t2 = _crossed(f[j, AXIS], f[j, AXIS + 1], f[j, AXIS + 2], l0, l1, l2)
+            l0 = f[k, Frame.POSITION] + r0 - f[j, Frame.PIVOT]
+            l1 = f[k, Frame.POSITION + 1] + r1 - f[j, Frame.PIVOT + 1]
+            l2 = f[k, Frame.POSITION + 2] + r2 - f[j, Frame.PIVOT + 2]
+            t0, t1, t2 = _crossed(f[j, Frame.AXIS], f[j, Frame.AXIS + 1], f[j, Frame.AXIS + 2], l0, l1, l2)
             T[m, j] = v0 * t0 + v1 * t1 + v2 * t2
 
 

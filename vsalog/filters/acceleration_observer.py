@@ -18,6 +18,7 @@ to be compensated; its viscous part D_θ is kept here. Eq. 9 adds g₀, which ha
 
 from __future__ import annotations
 
+from enum import IntEnum
 from typing import NamedTuple
 
 import numpy as np
@@ -26,8 +27,18 @@ from scipy.linalg import expm
 
 Array = NDArray[np.float64]
 
-MOTOR_POSITION, LINK_POSITION, MOTOR_VELOCITY, LINK_VELOCITY = range(4)  # of the state
-ENCODER, TORQUE, ACCELERATION, CARRIED = range(4)  # of the inputs: θ, τ, q̈ and Sᵀ q̈
+
+class State(IntEnum):
+    """Of motor and link."""
+
+    MOTOR_POSITION, LINK_POSITION, MOTOR_VELOCITY, LINK_VELOCITY = range(4)
+
+
+class Input(IntEnum):
+    """θ, τ, q̈ and Sᵀ q̈."""
+
+    ENCODER, TORQUE, ACCELERATION, CARRIED = range(4)
+
 
 # Positions, velocities and the deflection, as rows over the state.
 TOLD = np.vstack((np.eye(4), [-1.0, 1.0, 0.0, 0.0]))
@@ -93,7 +104,7 @@ def error_matrix(motor: ElasticMotor, gains: Array) -> Array:
     """Return A − L C, shape (4, 4), by which the error decays (De Luca 2007, theorem 1)."""
     a, b, c = motor.K / motor.B, motor.D / motor.B, (motor.D + motor.D_theta) / motor.B
     A = np.array([[0.0, 0.0, 1.0, 0.0], [0.0, 0.0, 0.0, 1.0], [-a, a, -c, b], [0.0, 0.0, 0.0, 0.0]])
-    A[:, MOTOR_POSITION] -= gains
+    A[:, State.MOTOR_POSITION] -= gains
     return A
 
 
@@ -110,16 +121,16 @@ def sampled_observer(motor: ElasticMotor, gains: Array, period: float, held: boo
     """
     whole = np.zeros((12, 12))
     whole[:4, :4] = error_matrix(motor, gains)
-    whole[:4, 4 + ENCODER] = gains
-    whole[MOTOR_VELOCITY, 4 + TORQUE] = 1.0 / motor.B
-    whole[LINK_VELOCITY, 4 + ACCELERATION] = 1.0
-    whole[MOTOR_VELOCITY, 4 + CARRIED] = -1.0 / motor.B
+    whole[:4, 4 + Input.ENCODER] = gains
+    whole[State.MOTOR_VELOCITY, 4 + Input.TORQUE] = 1.0 / motor.B
+    whole[State.LINK_VELOCITY, 4 + Input.ACCELERATION] = 1.0
+    whole[State.MOTOR_VELOCITY, 4 + Input.CARRIED] = -1.0 / motor.B
     whole[4:8, 8:] = np.eye(4) / period
     moved = expm(whole * period)
     before, after = moved[:4, 4:8] - moved[:4, 8:], moved[:4, 8:].copy()
     if held:
-        before[:, TORQUE] += after[:, TORQUE]
-        after[:, TORQUE] = 0.0
+        before[:, Input.TORQUE] += after[:, Input.TORQUE]
+        after[:, Input.TORQUE] = 0.0
     return SampledObserver(moved[:4, :4], before, after)
 
 

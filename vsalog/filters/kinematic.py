@@ -8,6 +8,7 @@ falls with speed, since quantisation disturbs a slow signal more than a fast one
 from __future__ import annotations
 
 from dataclasses import dataclass
+from enum import IntEnum
 
 import numpy as np
 from numba import njit
@@ -17,8 +18,12 @@ from vsalog.core.errors import FilterError
 
 Array = NDArray[np.float64]
 
-# State vector: position, velocity, covariance (3 values), and 1.0 once a first sample has been seen.
-_POSITION, _VELOCITY, _P11, _P12, _P22, _STARTED = range(6)
+
+class State(IntEnum):
+    """Position, velocity, their covariance, and 1.0 once a first sample has been seen."""
+
+    POSITION, VELOCITY, P11, P12, P22, STARTED = range(6)
+
 
 # The tracking index T² √(V_a / R) of the papers' tuning at T = 1 ms (V_a = 1e10, R = 10 at rest and 0.1 at speed).
 PAPER_TRACKING_INDEX = 1e-6 * (1e10 / 10.0) ** 0.5
@@ -141,9 +146,9 @@ def _run(
     position: Array,
     velocity: Array,
 ) -> None:
-    x, v = state[_POSITION], state[_VELOCITY]
-    p11, p12, p22 = state[_P11], state[_P12], state[_P22]
-    started = state[_STARTED] > 0.0
+    x, v = state[State.POSITION], state[State.VELOCITY]
+    p11, p12, p22 = state[State.P11], state[State.P12], state[State.P22]
+    started = state[State.STARTED] > 0.0
     for k in range(z.shape[0]):
         if not started:
             if np.isnan(z[k]):
@@ -174,6 +179,6 @@ def _run(
                 p11 = p11 * r / s
         position[k] = x
         velocity[k] = v
-    state[_POSITION], state[_VELOCITY] = x, v
-    state[_P11], state[_P12], state[_P22] = p11, p12, p22
-    state[_STARTED] = 1.0 if started else 0.0
+    state[State.POSITION], state[State.VELOCITY] = x, v
+    state[State.P11], state[State.P12], state[State.P22] = p11, p12, p22
+    state[State.STARTED] = 1.0 if started else 0.0

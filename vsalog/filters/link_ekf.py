@@ -13,6 +13,7 @@ the wrong sign.
 
 from __future__ import annotations
 
+from enum import IntEnum
 from typing import NamedTuple
 
 import numpy as np
@@ -21,8 +22,13 @@ from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
 
-# Order of the state: position, velocity, a = 1/I, b = N/I.
-POSITION, VELOCITY, MOBILITY, DECAY = range(4)
+
+class State(IntEnum):
+    """Position, velocity, a = 1/I, b = N/I."""
+
+    POSITION, VELOCITY, MOBILITY, DECAY = range(4)
+
+
 # The mean of the innovations begins as if it were of so many that are as large as noise makes them.
 FIRST = 20.0
 # A filter may lose its way so often before the link is known; what does so more often is no such link.

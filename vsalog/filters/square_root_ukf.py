@@ -21,6 +21,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from enum import IntEnum
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -36,8 +37,11 @@ Array = NDArray[np.float64]
 # `WATCHED` of them; the filter is taken for lost where it is more than `LOST`: single outliers are not enough.
 BEYOND, WATCHED, LOST = 1000, 100, 0.5
 
-# Positions in the array of weights that the compiled functions take.
-_SPREAD, _MEAN, _COVARIANCE, _OTHER = range(4)
+
+class Weight(IntEnum):
+    """What stands where in the weights that the compiled functions take."""
+
+    SPREAD, MEAN, COVARIANCE, OTHER = range(4)
 
 
 @dataclass(frozen=True, slots=True)
@@ -266,13 +270,18 @@ def unscented_filter(
         x: Array, S: Array, u: Any, p: Any, weights: Array, SQ: Array, room: tuple[Array, Array, Array, Array]
     ) -> bool:
         X, Y, A, d = room
-        n, spread, root, middle = x.shape[0], weights[_SPREAD], np.sqrt(weights[_OTHER]), weights[_COVARIANCE]
-        first = 1 if weights[_MEAN] == 0.0 and middle == 0.0 else 0
+        n, spread, root, middle = (
+            x.shape[0],
+            weights[Weight.SPREAD],
+            np.sqrt(weights[Weight.OTHER]),
+            weights[Weight.COVARIANCE],
+        )
+        first = 1 if weights[Weight.MEAN] == 0.0 and middle == 0.0 else 0
         _draw(x, S, spread, X)
         transition(X, first, u, p, Y)
         share, rows = np.sqrt(abs(middle)), 3 * n
         for k in range(n):
-            x[k] = _average(Y, k, first, weights[_OTHER])
+            x[k] = _average(Y, k, first, weights[Weight.OTHER])
             for i in range(2 * n):
                 A[k, i] = root * (Y[k, i + 1] - x[k])
             for i in range(n):
@@ -293,7 +302,7 @@ def unscented_filter(
     ) -> tuple[float, int, bool]:
         X, Y, A, d = room
         n, m, spread, root, middle = (
-            x.shape[0], z.shape[0], weights[_SPREAD], np.sqrt(weights[_OTHER]), weights[_COVARIANCE],
+            x.shape[0], z.shape[0], weights[Weight.SPREAD], np.sqrt(weights[Weight.OTHER]), weights[Weight.COVARIANCE],
         )  # fmt: skip
         used = 0
         for k in range(m):
@@ -301,7 +310,7 @@ def unscented_filter(
                 used += 1
         if used == 0:
             return 0.0, 0, True
-        first = 1 if weights[_MEAN] == 0.0 and middle == 0.0 else 0
+        first = 1 if weights[Weight.MEAN] == 0.0 and middle == 0.0 else 0
         _draw(x, S, spread, X)
         observation(X, first, u, p, Y)
         share, columns, rows, c = np.sqrt(abs(middle)), used + n, n + m, 0
@@ -311,7 +320,7 @@ def unscented_filter(
         for k in range(m):
             if np.isnan(z[k]):
                 continue
-            mean = _average(Y, k, first, weights[_OTHER])
+            mean = _average(Y, k, first, weights[Weight.OTHER])
             for j in range(n):
                 up, down = Y[k, 2 * j + 1] - mean, Y[k, 2 * j + 2] - mean
                 Y[k, 2 * j + 1] = half * (up - down)
