@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import sys
 from collections.abc import Callable
+from enum import IntEnum
 from typing import Any
 
 import numpy as np
@@ -19,14 +20,24 @@ from vsalog.effects import spring as shape
 
 Array = NDArray[np.float64]
 
-LINEAR, CUBIC, POLYNOMIAL, EXPONENTIAL, VSA2, AWAS = range(6)
 
-# What stands where in a transmission's row; its spring's own parameters come last, as many as it has.
-CODE, ADDED_CUBIC, ASYMMETRY, HALF_GAP, DRIFT, DAMPING = range(6)
-LOOP_TORQUE, LOOP_WIDTH, LOOP_EXPONENT, LOOP_SHAPE, SPRING = range(6, 11)
+class Law(IntEnum):
+    """Laws of springs."""
 
-# What stands where in a row that describes friction.
-VISCOUS, COULOMB, STATIC, STRIBECK, LOAD, BRISTLE, BRISTLE_DAMPING = range(7)
+    LINEAR, CUBIC, POLYNOMIAL, EXPONENTIAL, VSA2, AWAS = range(6)
+
+
+class Element(IntEnum):
+    """What stands where in a transmission's row; its spring's own parameters come last, as many as it has."""
+
+    LAW, ADDED_CUBIC, ASYMMETRY, HALF_GAP, DRIFT, DAMPING = range(6)
+    LOOP_TORQUE, LOOP_WIDTH, LOOP_EXPONENT, LOOP_SHAPE, SPRING = range(6, 11)
+
+
+class Friction(IntEnum):
+    """What stands where in a row that describes friction."""
+
+    VISCOUS, COULOMB, STATIC, STRIBECK, LOAD, BRISTLE, BRISTLE_DAMPING = range(7)
 
 
 # Formulas of effects, which stand as plain functions in `vsalog.effects`.
@@ -68,27 +79,27 @@ def four_bar(phi: float, c: float) -> tuple[float, float, float]:
 @njit(error_model="numpy", forceinline=True)
 def nominal_spring(numbers: Array, at: int, width: int, u: float, arm: float) -> tuple[float, float, float]:
     """Return energy U [J], torque ∂U/∂u [N·m] and stiffness ∂²U/∂u² [N·m/rad] of the bare spring at deflection `u`."""
-    code = int(numbers[at + CODE])
-    p, s = numbers[at + SPRING], numbers[at + SPRING + 1]
-    if code == LINEAR:
+    code = int(numbers[at + Element.LAW])
+    p, s = numbers[at + Element.SPRING], numbers[at + Element.SPRING + 1]
+    if code == Law.LINEAR:
         return 0.5 * p * u * u, p * u, p
-    if code == CUBIC:
+    if code == Law.CUBIC:
         return (0.5 * p + 0.25 * s * u * u) * u * u, (p + s * u * u) * u, p + 3.0 * s * u * u
-    if code == VSA2:
+    if code == Law.VSA2:
         beta, slope, curvature = four_bar(u, s)
         return p * beta * beta, 2.0 * p * beta * slope, 2.0 * p * (slope * slope + beta * curvature)
-    if code == AWAS:
+    if code == Law.AWAS:
         k = p * arm * arm
         sine = np.sin(u)
         return k * sine * sine, k * np.sin(2.0 * u), 2.0 * k * np.cos(2.0 * u)
-    if code == EXPONENTIAL:
+    if code == Law.EXPONENTIAL:
         x = u / s
         return p * s * s * (np.cosh(x) - 1.0), p * s * np.sinh(x), p * np.cosh(x)
     # The polynomial's scale comes first, then its coefficients c₁, c₂, …
     x = u / p
     energy, torque, stiffness, power = 0.0, 0.0, 0.0, 1.0
-    for order in range(1, width - SPRING):
-        c = numbers[at + SPRING + order]
+    for order in range(1, width - Element.SPRING):
+        c = numbers[at + Element.SPRING + order]
         stiffness += c * order * power / p
         power *= x
         torque += c * power
@@ -111,8 +122,8 @@ def spring(
     t : time from the start [s]
     """
     energy, torque, stiffness = nominal_spring(numbers, at, width, u, arm)
-    cubic = numbers[at + ADDED_CUBIC]
-    factor = stiffened(numbers[at + DRIFT], t, side, numbers[at + ASYMMETRY])
+    cubic = numbers[at + Element.ADDED_CUBIC]
+    factor = stiffened(numbers[at + Element.DRIFT], t, side, numbers[at + Element.ASYMMETRY])
     squared = u * u
     return (
         factor * (energy + 0.25 * cubic * squared * squared),
@@ -124,19 +135,18 @@ def spring(
 @njit(error_model="numpy", forceinline=True)
 def friction_level(numbers: Array, at: int, v: float, load: float) -> float:
     """Return the level of dry friction at velocity `v` [rad/s] under the transmitted torque `load` [N·m]."""
-    coulomb, static = numbers[at + COULOMB], numbers[at + STATIC]
-    level: float = coulomb + numbers[at + LOAD] * abs(load)
+    coulomb, static = numbers[at + Friction.COULOMB], numbers[at + Friction.STATIC]
+    level: float = coulomb + numbers[at + Friction.LOAD] * abs(load)
     if static > coulomb:
-        level += stribeck(static - coulomb, numbers[at + STRIBECK], v)
+        level += stribeck(static - coulomb, numbers[at + Friction.STRIBECK], v)
     return level
 
 
 @njit(error_model="numpy", forceinline=True)
 def loop_rate(numbers: Array, at: int, z: float, rate: float, speed: float) -> float:
     """Return ż of the Bouc–Wen loop (normalised, Ikhouane and Rodellar 2007). `speed` is |rate|."""
-    change: float = (
-        loop_slope(z, rate, speed, numbers[at + LOOP_EXPONENT], numbers[at + LOOP_SHAPE]) / numbers[at + LOOP_WIDTH]
-    )
+    slope = loop_slope(z, rate, speed, numbers[at + Element.LOOP_EXPONENT], numbers[at + Element.LOOP_SHAPE])
+    change: float = slope / numbers[at + Element.LOOP_WIDTH]
     return change
 
 
@@ -148,7 +158,7 @@ def _compiled_springs(stamp: str) -> Callable[..., Any]:
         """Fill `out`, shape (3, N), with energy, torque and stiffness for arrays of shape (N,)."""
         stamp  # noqa: B018  numba's cache tells functions apart by what they close over
         for k in range(phi.shape[0]):
-            u, side = beyond_gap(phi[k], row[HALF_GAP])
+            u, side = beyond_gap(phi[k], row[Element.HALF_GAP])
             energy, torque, stiffness = spring(row, 0, row.shape[0], u, side, arm[k], t[k])
             out[0, k], out[1, k], out[2, k] = energy, torque, stiffness
             if side == 0.0 and u == 0.0:

@@ -12,17 +12,32 @@ This file imports no other compiled file, since numba's cache does not see chang
 
 from __future__ import annotations
 
+from enum import IntEnum
+
 import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
 
-LINEAR_FORCE, BRAID_FORCE, EXPONENTIAL_FORCE, SPRING_FORCE = 0.0, 1.0, 2.0, 3.0
-NO_FRICTION, PRESSURE_FRICTION, SIMPLE_FRICTION, TONDU_FRICTION = 0.0, 1.0, 2.0, 3.0
 
-# How the seesaw moves: against friction towards positive or negative angles, not at all, or without any friction.
-FORWARD, BACKWARD, STICK, FREE = 1, -1, 0, 2
+class Pull(IntEnum):
+    """Laws of the force of muscles."""
+
+    LINEAR, BRAID, EXPONENTIAL, SPRING = range(4)
+
+
+class Friction(IntEnum):
+    """Laws of friction."""
+
+    NONE, PRESSURE, SIMPLE, TONDU = range(4)
+
+
+class Way(IntEnum):
+    """How the seesaw moves: against friction towards positive or negative angles, not at all, or without any friction."""
+
+    BACKWARD, STICK, FORWARD, FREE = range(-1, 3)
+
 
 # Halvings of a step until its length at an event is known to the last bit, and changes within one step after which the
 # joint sticks for what is left of it (there are two or three where anything happens at all).
@@ -53,14 +68,14 @@ def _flow_down(high: float, low: float, air: Array) -> float:
 @njit(cache=True, error_model="numpy")
 def _force(i: int, pressure: float, length: float, muscles: Array, outside: float) -> float:
     """Return the pull of the i-th muscle; see `contraction_force`."""
-    code, p = muscles[i, 8], pressure - outside
+    code, p = int(muscles[i, 8]), pressure - outside
     c0, c1, c2, c3 = muscles[i, 9], muscles[i, 10], muscles[i, 11], muscles[i, 12]
     rest = muscles[i, 15]
-    if code == LINEAR_FORCE:
+    if code == Pull.LINEAR:
         force = (c0 * length + c1) * pressure + c2 * length + c3
-    elif code == BRAID_FORCE:
+    elif code == Pull.BRAID:
         force = c0 * p * (c1 * (length / rest) ** 2 - c2)
-    elif code == EXPONENTIAL_FORCE:
+    elif code == Pull.EXPONENTIAL:
         contraction = 1.0 - length / rest
         force = (c0 * p + c1) * np.exp(c2 * contraction) + (c3 * contraction + muscles[i, 13]) * p + muscles[i, 14]
     else:
@@ -83,12 +98,12 @@ def _level(
     speed: float, p1: float, p2: float, f1: float, f2: float, air: Array, seesaw: Array, friction: Array
 ) -> float:
     """Return the dry friction's level; see `friction_level`."""
-    if friction[0] == PRESSURE_FRICTION:
+    if int(friction[0]) == Friction.PRESSURE:
         g1, g2 = max(abs(p1 - air[1]), friction[4]), max(abs(p2 - air[1]), friction[4])
         return float(friction[2] * abs(f1 + f2 - seesaw[3]) + friction[3] * (1.0 / (g1 * g1) + 1.0 / (g2 * g2)))
-    if friction[0] == SIMPLE_FRICTION:
+    if int(friction[0]) == Friction.SIMPLE:
         return float(friction[2])
-    if friction[0] == TONDU_FRICTION:
+    if int(friction[0]) == Friction.TONDU:
         level: float = (friction[2] - friction[3]) * np.exp(-abs(speed) / friction[4]) + friction[3]
         return level
     return 0.0
@@ -107,12 +122,12 @@ def _derivative(
 ) -> None:
     """Write ẋ of x = (ψ, ψ̇, P₁, P₂) into `out`; `inputs` is (α₁, α₂, τ_ext)."""
     sine, cosine = np.sin(x[0]), np.cos(x[0])
-    if way == STICK:
+    if way == Way.STICK:
         out[0], out[1] = 0.0, 0.0
     else:
         f1, f2 = _pulls(x, air, muscles, seesaw)
         torque = _drive(x, inputs[2], f1, f2, seesaw)
-        if way != FREE:
+        if way != Way.FREE:
             torque -= friction[1] * x[1] + way * _level(x[1], x[2], x[3], f1, f2, air, seesaw, friction)
         out[0], out[1] = x[1], torque / seesaw[1]
     for i in range(2):
@@ -182,9 +197,9 @@ def _ended(
     x: Array, way: int, external: float, air: Array, muscles: Array, seesaw: Array, friction: Array, held: bool
 ) -> bool:
     """Tell whether what the seesaw does has come to its end: slipping where ψ̇ has turned, sticking where torque wins."""
-    if way == FREE or held:
+    if way == Way.FREE or held:
         return False
-    if way != STICK:
+    if way != Way.STICK:
         return bool(way * x[1] < 0.0)
     f1, f2 = _pulls(x, air, muscles, seesaw)
     return abs(_drive(x, external, f1, f2, seesaw)) > _level(x[1], x[2], x[3], f1, f2, air, seesaw, friction)
@@ -196,8 +211,8 @@ def _way_from_rest(x: Array, external: float, air: Array, muscles: Array, seesaw
     f1, f2 = _pulls(x, air, muscles, seesaw)
     drive = _drive(x, external, f1, f2, seesaw)
     if abs(drive) <= _level(x[1], x[2], x[3], f1, f2, air, seesaw, friction):
-        return STICK
-    return FORWARD if drive > 0.0 else BACKWARD
+        return Way.STICK.value
+    return Way.FORWARD.value if drive > 0.0 else Way.BACKWARD.value
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
@@ -230,21 +245,21 @@ def integrate_pam(
     at_event = np.empty(3)
     if held:
         x[1] = 0.0
-    way = FREE
+    way = Way.FREE.value
     if held:
-        way = STICK
-    elif friction[0] != NO_FRICTION:
-        way = STICK if x[1] == 0.0 else FORWARD if x[1] > 0.0 else BACKWARD
+        way = Way.STICK.value
+    elif int(friction[0]) != Friction.NONE:
+        way = Way.STICK.value if x[1] == 0.0 else int(np.sign(x[1]))
     out[0] = x
     for p in range(periods):
         for s in range(steps):
             nodes = inputs[:, p, 2 * s : 2 * s + 3]
-            if way == STICK and not held:
+            if way == Way.STICK and not held:
                 way = _way_from_rest(x, nodes[2, 0], air, muscles, seesaw, friction)
             begin = 0.0
             for event in range(MOST_EVENTS + 1):
                 if event == MOST_EVENTS:
-                    way, x[1] = STICK, 0.0
+                    way, x[1] = Way.STICK.value, 0.0
                 share = 1.0 - begin
                 _advance(x, way, nodes, begin, share, step, air, muscles, seesaw, friction, work, trial)
                 if event == MOST_EVENTS or not _ended(trial, way, nodes[2, 2], air, muscles, seesaw, friction, held):

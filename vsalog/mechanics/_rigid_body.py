@@ -5,19 +5,31 @@ A link is 18 numbers, laid out by `rigid_body.bodies`; its frame sits at its far
 
 from __future__ import annotations
 
+from enum import IntEnum
+
 import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
 
-LENGTH, OFFSET, COS_TWIST, SIN_TWIST, ANGLE, MASS, CENTRE, INERTIA = 0, 1, 2, 3, 4, 5, 6, 9
-BODY = 18
 
-# Rows of the work array: position, velocity, acceleration and torque of the joints, then one row for the base and one per
-# link, with what the way out leaves for the way back: rotation (9), ω, ω̇, v̇, force, moment, arm (3 each).
-Q, DQ, DDQ, TAU, BASE = range(5)
-COLUMNS = 27
+class Body(IntEnum):
+    """What stands where in a link's numbers; the centre of mass has 3, the inertia about it 9."""
+
+    LENGTH, OFFSET, COS_TWIST, SIN_TWIST, ANGLE, MASS, CENTRE, INERTIA, END = 0, 1, 2, 3, 4, 5, 6, 9, 18
+
+
+class Row(IntEnum):
+    """Rows of the work array: position, velocity, acceleration and torque of the joints, then the base and the links."""
+
+    Q, DQ, DDQ, TAU, BASE = range(5)
+
+
+class Left(IntEnum):
+    """What the way out leaves in a link's row for the way back: rotation (9), ω, ω̇, v̇, force, moment, arm (3 each)."""
+
+    ROTATION, OMEGA, ALPHA, ACCELERATION, FORCE, MOMENT, ARM, END = 0, 9, 12, 15, 18, 21, 24, 27
 
 
 @njit(error_model="numpy")
@@ -38,8 +50,8 @@ def _add_centripetal(w: Array, k: int, r0: float, r1: float, r2: float, at: int)
 @njit(error_model="numpy")
 def _outwards(numbers: Array, at: int, w: Array, k: int, q: float, dq: float, ddq: float) -> None:
     """Move on from ω, ω̇, v̇ of row k − 1 to those of row k, and to the force and moment its link takes."""
-    c, s = np.cos(q + numbers[at + ANGLE]), np.sin(q + numbers[at + ANGLE])
-    ca, sa = numbers[at + COS_TWIST], numbers[at + SIN_TWIST]
+    c, s = np.cos(q + numbers[at + Body.ANGLE]), np.sin(q + numbers[at + Body.ANGLE])
+    ca, sa = numbers[at + Body.COS_TWIST], numbers[at + Body.SIN_TWIST]
     w[k, 0], w[k, 1], w[k, 2] = c, -s * ca, s * sa
     w[k, 3], w[k, 4], w[k, 5] = s, c * ca, -c * sa
     w[k, 6], w[k, 7], w[k, 8] = 0.0, sa, ca
@@ -50,19 +62,23 @@ def _outwards(numbers: Array, at: int, w: Array, k: int, q: float, dq: float, dd
         w[k, 9 + i] = w[k, i] * o0 + w[k, 3 + i] * o1 + w[k, 6 + i] * o2
         w[k, 12 + i] = w[k, i] * d0 + w[k, 3 + i] * d1 + w[k, 6 + i] * d2
         w[k, 15 + i] = w[k, i] * w[b, 15] + w[k, 3 + i] * w[b, 16] + w[k, 6 + i] * w[b, 17]
-    p0, p1, p2 = numbers[at + LENGTH], numbers[at + OFFSET] * sa, numbers[at + OFFSET] * ca
+    p0, p1, p2 = numbers[at + Body.LENGTH], numbers[at + Body.OFFSET] * sa, numbers[at + Body.OFFSET] * ca
     _add_centripetal(w, k, p0, p1, p2, 15)
     w[k, 24], w[k, 25], w[k, 26] = p0, p1, p2
     for i in range(3):
         w[k, 18 + i] = w[k, 15 + i]
-    _add_centripetal(w, k, numbers[at + CENTRE], numbers[at + CENTRE + 1], numbers[at + CENTRE + 2], 18)
+    _add_centripetal(w, k, numbers[at + Body.CENTRE], numbers[at + Body.CENTRE + 1], numbers[at + Body.CENTRE + 2], 18)
     h0, h1, h2, n0, n1, n2 = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
     for i in range(3):
         o, d = w[k, 9 + i], w[k, 12 + i]
-        i0, i1, i2 = numbers[at + INERTIA + i], numbers[at + INERTIA + 3 + i], numbers[at + INERTIA + 6 + i]
+        i0, i1, i2 = (
+            numbers[at + Body.INERTIA + i],
+            numbers[at + Body.INERTIA + 3 + i],
+            numbers[at + Body.INERTIA + 6 + i],
+        )
         h0, h1, h2 = h0 + i0 * o, h1 + i1 * o, h2 + i2 * o
         n0, n1, n2 = n0 + i0 * d, n1 + i1 * d, n2 + i2 * d
-        w[k, 18 + i] *= numbers[at + MASS]
+        w[k, 18 + i] *= numbers[at + Body.MASS]
     w[k, 21], w[k, 22], w[k, 23] = n0, n1, n2
     _add_cross(w[k, 9], w[k, 10], w[k, 11], h0, h1, h2, w, k, 21)
 
@@ -77,16 +93,24 @@ def inverse_dynamics(numbers: Array, at: int, count: int, field: int, weight: fl
     field, weight : gravity in the base's frame [m/s²] stands in numbers[field : field + 3] and is multiplied with `weight`
     w, first : work array, shape (first + 5 + count or more, 27 or more); its rows Q, DQ, DDQ count from `first`
     """
-    base = first + BASE
-    for i in range(COLUMNS):
+    base = first + Row.BASE
+    for i in range(Left.END):
         w[base, i] = 0.0
     for i in range(3):
         w[base, 15 + i] = -weight * numbers[field + i]
     for k in range(count):
-        _outwards(numbers, at + BODY * k, w, base + 1 + k, w[first + Q, k], w[first + DQ, k], w[first + DDQ, k])
+        _outwards(
+            numbers,
+            at + Body.END * k,
+            w,
+            base + 1 + k,
+            w[first + Row.Q, k],
+            w[first + Row.DQ, k],
+            w[first + Row.DDQ, k],
+        )
     f0, f1, f2, m0, m1, m2 = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
     for k in range(count - 1, -1, -1):
-        r, c = base + 1 + k, at + BODY * k + CENTRE
+        r, c = base + 1 + k, at + Body.END * k + Body.CENTRE
         # Force and moment of the links beyond come in this link's frame, about its frame's origin.
         p0, p1, p2 = w[r, 24], w[r, 25], w[r, 26]
         s0, s1, s2 = p0 + numbers[c], p1 + numbers[c + 1], p2 + numbers[c + 2]
@@ -105,17 +129,17 @@ def inverse_dynamics(numbers: Array, at: int, count: int, field: int, weight: fl
             w[r, 3] * m0 + w[r, 4] * m1 + w[r, 5] * m2,
             w[r, 7] * m1 + w[r, 8] * m2,
         )
-        w[first + TAU, k] = m2
+        w[first + Row.TAU, k] = m2
 
 
 @njit(cache=True, error_model="numpy")
 def inverse_dynamics_over_time(numbers: Array, field: int, q: Array, dq: Array, ddq: Array, tau: Array) -> None:
     """`inverse_dynamics` for arrays of shape (T, N)."""
     count = q.shape[1]
-    w = np.zeros((BASE + 1 + count, max(COLUMNS, count)))
+    w = np.zeros((Row.BASE + 1 + count, max(Left.END.value, count)))
     for t in range(q.shape[0]):
         for k in range(count):
-            w[Q, k], w[DQ, k], w[DDQ, k] = q[t, k], dq[t, k], ddq[t, k]
+            w[Row.Q, k], w[Row.DQ, k], w[Row.DDQ, k] = q[t, k], dq[t, k], ddq[t, k]
         inverse_dynamics(numbers, 0, count, field, 1.0, w, 0)
         for k in range(count):
-            tau[t, k] = w[TAU, k]
+            tau[t, k] = w[Row.TAU, k]

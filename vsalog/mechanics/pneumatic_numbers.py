@@ -5,16 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from vsalog.mechanics._pneumatic_joint import (
-    BRAID_FORCE,
-    EXPONENTIAL_FORCE,
-    LINEAR_FORCE,
-    NO_FRICTION,
-    PRESSURE_FRICTION,
-    SIMPLE_FRICTION,
-    SPRING_FORCE,
-    TONDU_FRICTION,
-)
+from vsalog.mechanics._pneumatic_joint import Friction, Pull
 from vsalog.mechanics.muscle_forces import braid_numbers
 from vsalog.mechanics.pneumatic_friction import LEAST_GAUGE
 from vsalog.mechanics.pneumatics import critical_ratio, orifice_flow
@@ -55,13 +46,13 @@ def muscle_numbers(muscle: Muscle, valve: Valve) -> list[float]:
 def _coded(muscle: Muscle) -> tuple[float, list[float], float]:
     match muscle.force:
         case LinearForce() as m:
-            return LINEAR_FORCE, [m.area_slope, m.area, m.passive_slope, m.passive], 1.0
+            return Pull.LINEAR, [m.area_slope, m.area, m.passive_slope, m.passive], 1.0
         case BraidForce() as m:
-            return BRAID_FORCE, [*braid_numbers(m)], m.rest_length
+            return Pull.BRAID, [*braid_numbers(m)], m.rest_length
         case ExponentialForce() as m:
-            return EXPONENTIAL_FORCE, [m.a1, m.a2, m.a3, m.a4, m.a5, m.a6], m.rest_length
+            return Pull.EXPONENTIAL, [m.a1, m.a2, m.a3, m.a4, m.a5, m.a6], m.rest_length
         case SpringForce() as m:
-            return SPRING_FORCE, [m.c0, m.c1, m.c2, m.c3], m.rest_length
+            return Pull.SPRING, [m.c0, m.c1, m.c2, m.c3], m.rest_length
 
 
 def seesaw_numbers(joint: PneumaticJoint) -> Array:
@@ -74,9 +65,9 @@ def friction_numbers(joint: PneumaticJoint) -> Array:
     """Return the code of the friction model and its numbers."""
     match joint.friction:
         case PressureFriction() as m:
-            return np.array([PRESSURE_FRICTION, m.viscous, m.shaft_radius * m.shaft_coefficient, m.muscle, LEAST_GAUGE])
+            return np.array([Friction.PRESSURE, m.viscous, m.shaft_radius * m.shaft_coefficient, m.muscle, LEAST_GAUGE])
         case SimpleFriction() as m:
-            return np.array([SIMPLE_FRICTION, 0.0, m.level, 0.0, 0.0])
+            return np.array([Friction.SIMPLE, 0.0, m.level, 0.0, 0.0])
         case TonduFriction() as m:
-            return np.array([TONDU_FRICTION, 0.0, m.static, m.kinetic, m.speed])
-    return np.array([NO_FRICTION, 0.0, 0.0, 0.0, 0.0])
+            return np.array([Friction.TONDU, 0.0, m.static, m.kinetic, m.speed])
+    return np.array([Friction.NONE, 0.0, 0.0, 0.0, 0.0])

@@ -106,17 +106,17 @@ def coded(transmission: KnownTransmission) -> Array:
     own: tuple[float, ...]
     match transmission:
         case LinearTransmission(stiffness=k):
-            code, own = _atoms.LINEAR, (k, 0.0)
+            code, own = _atoms.Law.LINEAR, (k, 0.0)
         case CubicTransmission(stiffness=k1, cubic=k3):
-            code, own = _atoms.CUBIC, (k1, k3)
+            code, own = _atoms.Law.CUBIC, (k1, k3)
         case PolynomialTransmission(coefficients=c, scale=s):
-            code, own = _atoms.POLYNOMIAL, (s, *c)
+            code, own = _atoms.Law.POLYNOMIAL, (s, *c)
         case ExponentialTransmission(stiffness=k, scale=s):
-            code, own = _atoms.EXPONENTIAL, (k, s)
+            code, own = _atoms.Law.EXPONENTIAL, (k, s)
         case Vsa2Transmission(stiffness=k, geometry=c):
-            code, own = _atoms.VSA2, (k, c)
+            code, own = _atoms.Law.VSA2, (k, c)
         case AwasTransmission(spring_stiffness=k):
-            code, own = _atoms.AWAS, (k, 0.0)
+            code, own = _atoms.Law.AWAS, (k, 0.0)
     t, loop = transmission, transmission.bouc_wen
     effects = (t.added_cubic, t.asymmetry, 0.5 * t.backlash, t.drift, t.damping)
     shape = (0.0, 1.0, 1.0, 1.0) if loop is None else (loop.torque, loop.width, loop.exponent, loop.shape)

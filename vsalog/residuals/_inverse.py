@@ -11,13 +11,8 @@ from numba import njit
 from numpy.typing import NDArray
 
 from vsalog.mechanics._atoms import (
-    DAMPING,
-    HALF_GAP,
-    LOOP_EXPONENT,
-    LOOP_SHAPE,
-    LOOP_TORQUE,
-    LOOP_WIDTH,
     STAMP,
+    Element,
     slipped,
     spring,
 )
@@ -86,7 +81,7 @@ def _compiled_follow(stamp: str) -> Callable[..., Any]:
         near: float, rates: Array, slip: Array, out: Array,
     ) -> None:  # fmt: skip
         stamp  # noqa: B018  numba's cache tells functions apart by what they close over
-        half, damping = row[HALF_GAP], row[DAMPING]
+        half, damping = row[Element.HALF_GAP], row[Element.DAMPING]
         past = np.zeros(4)
         z, rest, felt, known = 0.0, 0.0, np.nan, 0
         for k in range(torque.shape[0]):
@@ -106,8 +101,10 @@ def _compiled_follow(stamp: str) -> Callable[..., Any]:
             u = _solve(row, elements, slip, True, z, rest, torque[k], arm[k], time[k], own, before, guess, limit, near)
             if abs(torque[k] - felt) > slack:
                 z = (
-                    loop_after(z, u - rest, row[LOOP_WIDTH], row[LOOP_EXPONENT], row[LOOP_SHAPE])
-                    if row[LOOP_TORQUE]
+                    loop_after(
+                        z, u - rest, row[Element.LOOP_WIDTH], row[Element.LOOP_EXPONENT], row[Element.LOOP_SHAPE]
+                    )
+                    if row[Element.LOOP_TORQUE]
                     else z
                 )
                 for e in range(elements.shape[0]):
@@ -143,13 +140,13 @@ def _compiled_solve(stamp: str) -> Callable[..., Any]:
                 off, slope = np.copysign(1e12, u), 0.0
             off += own * u + before - torque
             slope = max(slope, LEAST * soft) + own
-            if loops and row[LOOP_TORQUE] != 0.0:
+            if loops and row[Element.LOOP_TORQUE] != 0.0:
                 du = u - rest
-                now = loop_after(z, du, row[LOOP_WIDTH], row[LOOP_EXPONENT], row[LOOP_SHAPE])
-                off += row[LOOP_TORQUE] * now
+                now = loop_after(z, du, row[Element.LOOP_WIDTH], row[Element.LOOP_EXPONENT], row[Element.LOOP_SHAPE])
+                off += row[Element.LOOP_TORQUE] * now
                 # Going on it bends towards ±1, turning back it has the full slope.
                 way = 1.0 if du >= 0.0 else -1.0
-                slope += row[LOOP_TORQUE] / row[LOOP_WIDTH] * max(1.0 - way * now, 0.0)
+                slope += row[Element.LOOP_TORQUE] / row[Element.LOOP_WIDTH] * max(1.0 - way * now, 0.0)
             if loops:
                 for e in range(elements.shape[0]):
                     pulled = slip[e] + elements[e, 0] * (u - rest)

@@ -10,12 +10,8 @@ from numba import njit
 from numpy.typing import NDArray
 
 from vsalog.mechanics._atoms import (
-    HALF_GAP,
-    LOOP_EXPONENT,
-    LOOP_SHAPE,
-    LOOP_TORQUE,
-    LOOP_WIDTH,
     STAMP,
+    Element,
     beyond_gap,
     bristles_after,
     loop_slope,
@@ -43,9 +39,10 @@ def loop_torque(row: Array, elements: Array, phi: Array, slack: float = 0.0) -> 
     shape (N,) [N·m]; the loops begin relaxed
     """
     out = np.empty_like(phi)
-    width = float(row[LOOP_WIDTH]) if row[LOOP_TORQUE] else 0.0
+    width = float(row[Element.LOOP_WIDTH]) if row[Element.LOOP_TORQUE] else 0.0
     _run(
-        phi, float(row[HALF_GAP]), float(row[LOOP_TORQUE]), width, float(row[LOOP_EXPONENT]), float(row[LOOP_SHAPE]),
+        phi, float(row[Element.HALF_GAP]), float(row[Element.LOOP_TORQUE]), width,
+        float(row[Element.LOOP_EXPONENT]), float(row[Element.LOOP_SHAPE]),
         slack, elements, np.zeros(elements.shape[0]), out,
     )  # fmt: skip
     return out

@@ -13,19 +13,15 @@ where a mode ends. Where it ends a guard becomes negative; `_integrate` finds th
 
 from __future__ import annotations
 
+from enum import IntEnum
+
 import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
 from vsalog.mechanics._atoms import (
-    ASYMMETRY,
-    BRISTLE,
-    BRISTLE_DAMPING,
-    DAMPING,
-    DRIFT,
-    HALF_GAP,
-    LOOP_TORQUE,
-    VISCOUS,
+    Element,
+    Friction,
     bristle_rate,
     friction_level,
     holding_torque,
@@ -35,37 +31,52 @@ from vsalog.mechanics._atoms import (
     stiffened,
     wave,
 )
-from vsalog.mechanics._rigid_body import DDQ, DQ, TAU, Q, inverse_dynamics
+from vsalog.mechanics._rigid_body import Row, inverse_dynamics
 
 Array = NDArray[np.float64]
 Integers = NDArray[np.int64]
 
-NO_FRICTION = 2
 
-# A machine is two arrays: numbers, and integers `at` that say where among the numbers each table begins. Structures of arrays
-# would be easier to read, but every access counts a reference, which costs more than the arithmetic. Counts and flags first:
-DOFS, LINKS, TRANSMISSIONS, SLIPS, COGGINGS, CHAIN, WIDTH, GUARDED, FIRST_SLIP = range(9)
-# then where the tables of numbers begin: (n,) inertia, 0 in a chain; (n, 7) friction; (LINKS, 2) m g l and angle; (·, 4) degree
-# of freedom, amplitude, order, phase; (·, WIDTH) transmissions; (·, 2) levers; (·, 3) transmission, stiffness, limit; (·, 18)
-# links of the chain; (3,) gravity; (n, n) S and its transpose
-INERTIA, FRICTION, GRAVITY, COGGING, ROWS, LEVERS, ELEMENTS, BODIES, FIELD, COUPLING = range(9, 19)
-# and where the tables of integers begin in `at` itself: (·, 3) link, motor, secondary motor or −1; state of each bristle and each
-# loop or −1; whether ideal friction acts; whether the motion is prescribed.
-ENDS, BRISTLES, LOOPS, DRY, FIXED = range(19, 24)
-HEADER = 24
+class Mode(IntEnum):
+    """Modes of the friction of a degree of freedom."""
 
-# Rows of the work array: applied force, transmitted torque, level of friction, torque that would hold at rest; the rigid
-# bodies' rows, the mass matrix with its right-hand side and a copy of it follow.
-FORCE, TRANSMITTED, LEVEL, HOLDING, FIRST_BODY = range(5)
+    BACKWARD, STICK, FORWARD, FREE = range(-1, 3)
+
+
+class At(IntEnum):
+    """What stands where in a machine's integers.
+
+    A machine is two arrays: numbers, and integers `at` that say where among the numbers each table begins. Structures of
+    arrays would be easier to read, but every access counts a reference, which costs more than the arithmetic.
+    """
+
+    # Counts and flags.
+    DOFS, LINKS, TRANSMISSIONS, SLIPS, COGGINGS, CHAIN, WIDTH, GUARDED, FIRST_SLIP = range(9)
+    # Where the tables of numbers begin: (n,) inertia, 0 in a chain; (n, 7) friction; (LINKS, 2) m g l and angle; (·, 4)
+    # degree of freedom, amplitude, order, phase; (·, WIDTH) transmissions; (·, 2) levers; (·, 3) transmission, stiffness,
+    # limit; (·, 18) links of the chain; (3,) gravity; (n, n) S and its transpose.
+    INERTIA, FRICTION, GRAVITY, COGGING, ROWS, LEVERS, ELEMENTS, BODIES, FIELD, COUPLING = range(9, 19)
+    # Where the tables of integers begin in `at` itself: (·, 3) link, motor, secondary motor or −1; state of each bristle
+    # and each loop or −1; whether ideal friction acts; whether the motion is prescribed. They follow from END on.
+    ENDS, BRISTLES, LOOPS, DRY, FIXED, END = range(19, 25)
+
+
+class Work(IntEnum):
+    """Rows of the work array: applied force, transmitted torque, level of friction, torque that would hold at rest.
+
+    The rigid bodies' rows, the mass matrix with its right-hand side and a copy of it follow.
+    """
+
+    FORCE, TRANSMITTED, LEVEL, HOLDING, FIRST_BODY = range(5)
 
 
 @njit(error_model="numpy", forceinline=True)
 def deflection(p: Array, at: Integers, i: int, x: Array, modes: Integers) -> tuple[float, float]:
     """Return deflection less the gap, and its rate, as the mode of transmission `i` has them."""
-    n, ends = at[DOFS], at[ENDS] + 3 * i
+    n, ends = at[At.DOFS], at[At.ENDS] + 3 * i
     link, motor = at[ends], at[ends + 1]
     phi, rate = x[link] - x[motor], x[n + link] - x[n + motor]
-    gap = p[at[ROWS] + at[WIDTH] * i + HALF_GAP]
+    gap = p[at[At.ROWS] + at[At.WIDTH] * i + Element.HALF_GAP]
     if gap <= 0.0:
         return phi, rate
     side = modes[n + i]
@@ -75,51 +86,51 @@ def deflection(p: Array, at: Integers, i: int, x: Array, modes: Integers) -> tup
 @njit(error_model="numpy", forceinline=True)
 def _transmit(p: Array, at: Integers, t: float, x: Array, modes: Integers, w: Array) -> None:
     """Add what the transmissions do to links and motors."""
-    width = at[WIDTH]
-    for i in range(at[TRANSMISSIONS]):
-        row, ends = at[ROWS] + width * i, at[ENDS] + 3 * i
+    width = at[At.WIDTH]
+    for i in range(at[At.TRANSMISSIONS]):
+        row, ends = at[At.ROWS] + width * i, at[At.ENDS] + 3 * i
         link, motor, secondary = at[ends], at[ends + 1], at[ends + 2]
         u, rate = deflection(p, at, i, x, modes)
-        arm, travel = p[at[LEVERS] + 2 * i], p[at[LEVERS] + 2 * i + 1]
+        arm, travel = p[at[At.LEVERS] + 2 * i], p[at[At.LEVERS] + 2 * i + 1]
         if secondary >= 0:
             arm -= travel * x[secondary]
-        side = modes[at[DOFS] + i]
-        torque = spring(p, row, width, u, side, arm, t)[1] + p[row + DAMPING] * rate
-        loop = at[at[LOOPS] + i]
+        side = modes[at[At.DOFS] + i]
+        torque = spring(p, row, width, u, side, arm, t)[1] + p[row + Element.DAMPING] * rate
+        loop = at[at[At.LOOPS] + i]
         if loop >= 0:
-            torque += p[row + LOOP_TORQUE] * x[loop]
-        for e in range(at[SLIPS]):
-            if p[at[ELEMENTS] + 3 * e] == i:
-                torque += x[at[FIRST_SLIP] + e]
-        w[FORCE, link] -= torque
-        w[FORCE, motor] += torque
-        w[TRANSMITTED, link] += abs(torque)
-        w[TRANSMITTED, motor] += torque
+            torque += p[row + Element.LOOP_TORQUE] * x[loop]
+        for e in range(at[At.SLIPS]):
+            if p[at[At.ELEMENTS] + 3 * e] == i:
+                torque += x[at[At.FIRST_SLIP] + e]
+        w[Work.FORCE, link] -= torque
+        w[Work.FORCE, motor] += torque
+        w[Work.TRANSMITTED, link] += abs(torque)
+        w[Work.TRANSMITTED, motor] += torque
         if secondary >= 0:
             # ∂U/∂θ_c = −b ∂U/∂r, and U goes with r² (Flacco 2012 eq. 52).
-            factor = stiffened(p[row + DRIFT], t, side, p[row + ASYMMETRY])
-            w[FORCE, secondary] += 2.0 * travel / arm * factor * nominal_spring(p, row, width, u, arm)[0]
+            factor = stiffened(p[row + Element.DRIFT], t, side, p[row + Element.ASYMMETRY])
+            w[Work.FORCE, secondary] += 2.0 * travel / arm * factor * nominal_spring(p, row, width, u, arm)[0]
 
 
 @njit(error_model="numpy", forceinline=True)
 def _rub(p: Array, at: Integers, x: Array, modes: Integers, w: Array) -> None:
     """Add viscous and dry friction; leaves in HOLDING the force that ideal friction would have to balance at rest."""
-    n = at[DOFS]
+    n = at[At.DOFS]
     for i in range(n):
-        v, row = x[n + i], at[FRICTION] + 7 * i
-        w[FORCE, i] -= p[row + VISCOUS] * v
-        if not at[GUARDED] or modes[i] == NO_FRICTION:
+        v, row = x[n + i], at[At.FRICTION] + 7 * i
+        w[Work.FORCE, i] -= p[row + Friction.VISCOUS] * v
+        if not at[At.GUARDED] or modes[i] == Mode.FREE:
             continue
-        level = friction_level(p, row, v, w[TRANSMITTED, i])
-        w[LEVEL, i] = level
-        bristle = at[at[BRISTLES] + i]
+        level = friction_level(p, row, v, w[Work.TRANSMITTED, i])
+        w[Work.LEVEL, i] = level
+        bristle = at[at[At.BRISTLES] + i]
         if bristle >= 0:
-            z, stiffness = x[bristle], p[row + BRISTLE]
+            z, stiffness = x[bristle], p[row + Friction.BRISTLE]
             rate = bristle_rate(stiffness, z, v, modes[i] * v, level)
-            w[FORCE, i] -= stiffness * z + p[row + BRISTLE_DAMPING] * rate
+            w[Work.FORCE, i] -= stiffness * z + p[row + Friction.BRISTLE_DAMPING] * rate
         else:
-            w[HOLDING, i] = w[FORCE, i]
-            w[FORCE, i] -= modes[i] * level
+            w[Work.HOLDING, i] = w[Work.FORCE, i]
+            w[Work.FORCE, i] -= modes[i] * level
 
 
 @njit(error_model="numpy")
@@ -147,35 +158,40 @@ def _solve(w: Array, first: int, n: int) -> None:
 @njit(error_model="numpy")
 def _accelerate_together(p: Array, at: Integers, x: Array, tau: Array, modes: Integers, w: Array, out: Array) -> None:
     """Accelerations where links of a chain and their motors move one another (De Luca 2007 eq. 1–2)."""
-    n, size, bodies, field = at[DOFS], at[CHAIN], at[BODIES], at[FIELD]
-    first, M = FIRST_BODY + TAU + 2 + size, FIRST_BODY + TAU + 2 + size + n
-    q, dq, ddq, torque = FIRST_BODY + Q, FIRST_BODY + DQ, FIRST_BODY + DDQ, FIRST_BODY + TAU
+    n, size, bodies, field = at[At.DOFS], at[At.CHAIN], at[At.BODIES], at[At.FIELD]
+    first, M = Work.FIRST_BODY + Row.TAU + 2 + size, Work.FIRST_BODY + Row.TAU + 2 + size + n
+    q, dq, ddq, torque = (
+        Work.FIRST_BODY + Row.Q,
+        Work.FIRST_BODY + Row.DQ,
+        Work.FIRST_BODY + Row.DDQ,
+        Work.FIRST_BODY + Row.TAU,
+    )
     for i in range(n):
         for j in range(n):
-            w[first + i, j] = p[at[COUPLING] + n * i + j]
-        w[first + i, i] += p[at[INERTIA] + i]
+            w[first + i, j] = p[at[At.COUPLING] + n * i + j]
+        w[first + i, i] += p[at[At.INERTIA] + i]
     for k in range(size):  # the links are the first degrees of freedom
         w[q, k], w[dq, k], w[ddq, k] = x[k], x[n + k], 0.0
-    inverse_dynamics(p, bodies, size, field, 1.0, w, FIRST_BODY)
+    inverse_dynamics(p, bodies, size, field, 1.0, w, Work.FIRST_BODY)
     for k in range(size):
-        w[FORCE, k] -= w[torque, k]
-        w[HOLDING, k] -= w[torque, k]
+        w[Work.FORCE, k] -= w[torque, k]
+        w[Work.HOLDING, k] -= w[torque, k]
         w[dq, k] = 0.0
     for k in range(size):
         w[ddq, k] = 1.0
-        inverse_dynamics(p, bodies, size, field, 0.0, w, FIRST_BODY)
+        inverse_dynamics(p, bodies, size, field, 0.0, w, Work.FIRST_BODY)
         w[ddq, k] = 0.0
         for i in range(size):
             w[first + i, k] += w[torque, i]
     for i in range(n):
-        w[first + i, n] = w[FORCE, i]
+        w[first + i, n] = w[Work.FORCE, i]
         for j in range(n):
             w[M + i, j] = w[first + i, j]
-        if at[at[FIXED] + i] or modes[i] == 0:
+        if at[at[At.FIXED] + i] or modes[i] == 0:
             for j in range(n):
                 w[first + i, j] = 0.0
             w[first + i, i] = 1.0
-            w[first + i, n] = tau[i] if at[at[FIXED] + i] else 0.0
+            w[first + i, n] = tau[i] if at[at[At.FIXED] + i] else 0.0
     _solve(w, first, n)
     for i in range(n):
         out[n + i] = w[first + i, n]
@@ -183,7 +199,7 @@ def _accelerate_together(p: Array, at: Integers, x: Array, tau: Array, modes: In
         if modes[i] == 0:
             # What holds a joint at rest must also balance what the others' accelerations do to it.
             for j in range(n):
-                w[HOLDING, i] -= w[M + i, j] * out[n + j]
+                w[Work.HOLDING, i] -= w[M + i, j] * out[n + j]
 
 
 @njit(error_model="numpy")
@@ -199,79 +215,79 @@ def derivative(p: Array, at: Integers, t: float, x: Array, tau: Array, modes: In
     modes : see above
     w : work array; afterwards its rows LEVEL and HOLDING are what the guards need
     """
-    n = at[DOFS]
+    n = at[At.DOFS]
     for i in range(n):
-        w[FORCE, i] = tau[i]
-        w[TRANSMITTED, i] = 0.0
-        w[HOLDING, i] = 0.0
-    for j in range(at[LINKS]):
-        weight = p[at[GRAVITY] + 2 * j]
+        w[Work.FORCE, i] = tau[i]
+        w[Work.TRANSMITTED, i] = 0.0
+        w[Work.HOLDING, i] = 0.0
+    for j in range(at[At.LINKS]):
+        weight = p[at[At.GRAVITY] + 2 * j]
         if weight != 0.0:
-            carried = holding_torque(weight, p[at[GRAVITY] + 2 * j + 1], x[j])
-            w[FORCE, j] -= carried
-            if at[TRANSMISSIONS] == 0:  # motor and link are one, and the gear transmits what holds the link
-                w[TRANSMITTED, j] = abs(carried)
-    for c in range(at[COGGINGS]):
-        row = at[COGGING] + 4 * c
+            carried = holding_torque(weight, p[at[At.GRAVITY] + 2 * j + 1], x[j])
+            w[Work.FORCE, j] -= carried
+            if at[At.TRANSMISSIONS] == 0:  # motor and link are one, and the gear transmits what holds the link
+                w[Work.TRANSMITTED, j] = abs(carried)
+    for c in range(at[At.COGGINGS]):
+        row = at[At.COGGING] + 4 * c
         i = int(p[row])
-        w[FORCE, i] += wave(p[row + 1], p[row + 2], p[row + 3], x[i])
+        w[Work.FORCE, i] += wave(p[row + 1], p[row + 2], p[row + 3], x[i])
     _transmit(p, at, t, x, modes, w)
     _rub(p, at, x, modes, w)
     for i in range(n):
         out[i] = x[n + i]
-    if at[CHAIN] > 0:
+    if at[At.CHAIN] > 0:
         _accelerate_together(p, at, x, tau, modes, w, out)
     else:
         for i in range(n):
-            out[n + i] = w[FORCE, i] / p[at[INERTIA] + i]
-            if at[at[FIXED] + i]:
+            out[n + i] = w[Work.FORCE, i] / p[at[At.INERTIA] + i]
+            if at[at[At.FIXED] + i]:
                 out[n + i] = tau[i]
             elif modes[i] == 0:
                 out[n + i] = 0.0
-    if at[GUARDED]:
+    if at[At.GUARDED]:
         _deform(p, at, x, modes, w, out)
 
 
 @njit(error_model="numpy", forceinline=True)
 def _deform(p: Array, at: Integers, x: Array, modes: Integers, w: Array, out: Array) -> None:
     """Rates of bristles, loops and slip elements."""
-    n, count = at[DOFS], at[TRANSMISSIONS]
+    n, count = at[At.DOFS], at[At.TRANSMISSIONS]
     for i in range(n):
-        bristle = at[at[BRISTLES] + i]
+        bristle = at[at[At.BRISTLES] + i]
         if bristle >= 0:
-            v, stiffness = x[n + i], p[at[FRICTION] + 7 * i + BRISTLE]
-            out[bristle] = bristle_rate(stiffness, x[bristle], v, modes[i] * v, w[LEVEL, i])
+            v, stiffness = x[n + i], p[at[At.FRICTION] + 7 * i + Friction.BRISTLE]
+            out[bristle] = bristle_rate(stiffness, x[bristle], v, modes[i] * v, w[Work.LEVEL, i])
     for i in range(count):
-        loop = at[at[LOOPS] + i]
+        loop = at[at[At.LOOPS] + i]
         if loop >= 0:
             rate = deflection(p, at, i, x, modes)[1]
-            out[loop] = loop_rate(p, at[ROWS] + at[WIDTH] * i, x[loop], rate, modes[n + count + i] * rate)
-    for e in range(at[SLIPS]):
-        element = at[ELEMENTS] + 3 * e
+            out[loop] = loop_rate(p, at[At.ROWS] + at[At.WIDTH] * i, x[loop], rate, modes[n + count + i] * rate)
+    for e in range(at[At.SLIPS]):
+        element = at[At.ELEMENTS] + 3 * e
         rate = deflection(p, at, int(p[element]), x, modes)[1]
-        out[at[FIRST_SLIP] + e] = p[element + 1] * rate if modes[n + 2 * count + e] == 0 else 0.0
+        out[at[At.FIRST_SLIP] + e] = p[element + 1] * rate if modes[n + 2 * count + e] == 0 else 0.0
 
 
 @njit(error_model="numpy")
 def friction_guard(at: Integers, i: int, x: Array, modes: Integers, w: Array) -> float:
     """Return what is negative once the friction mode of degree of freedom `i` has ended; call `derivative` before."""
-    if modes[i] == NO_FRICTION or at[at[FIXED] + i]:
+    if modes[i] == Mode.FREE or at[at[At.FIXED] + i]:
         return 1.0
     if modes[i] == 0:
-        spare: float = w[LEVEL, i] - abs(w[HOLDING, i])
+        spare: float = w[Work.LEVEL, i] - abs(w[Work.HOLDING, i])
         return spare
-    guard: float = modes[i] * x[at[DOFS] + i]
+    guard: float = modes[i] * x[at[At.DOFS] + i]
     return guard
 
 
 @njit(error_model="numpy")
 def side_guard(p: Array, at: Integers, i: int, x: Array, modes: Integers) -> float:
     """Return what is negative once the deflection of transmission `i` has changed sides, where that matters."""
-    row, side = at[ROWS] + at[WIDTH] * i, modes[at[DOFS] + i]
-    gap = p[row + HALF_GAP]
-    if gap <= 0.0 and p[row + ASYMMETRY] == 0.0:
+    row, side = at[At.ROWS] + at[At.WIDTH] * i, modes[at[At.DOFS] + i]
+    gap = p[row + Element.HALF_GAP]
+    if gap <= 0.0 and p[row + Element.ASYMMETRY] == 0.0:
         return 1.0
-    phi = x[at[at[ENDS] + 3 * i]] - x[at[at[ENDS] + 3 * i + 1]]
+    phi = x[at[at[At.ENDS] + 3 * i]] - x[at[at[At.ENDS] + 3 * i + 1]]
     guard: float = gap - abs(phi) if side == 0 else side * phi - gap
     return guard
 
@@ -279,18 +295,18 @@ def side_guard(p: Array, at: Integers, i: int, x: Array, modes: Integers) -> flo
 @njit(error_model="numpy")
 def way_guard(p: Array, at: Integers, i: int, x: Array, modes: Integers) -> float:
     """Return what is negative once the deflection of transmission `i` has turned round, where that matters."""
-    if at[at[LOOPS] + i] < 0:
+    if at[at[At.LOOPS] + i] < 0:
         return 1.0
-    guard: float = modes[at[DOFS] + at[TRANSMISSIONS] + i] * deflection(p, at, i, x, modes)[1]
+    guard: float = modes[at[At.DOFS] + at[At.TRANSMISSIONS] + i] * deflection(p, at, i, x, modes)[1]
     return guard
 
 
 @njit(error_model="numpy")
 def slip_guard(p: Array, at: Integers, e: int, x: Array, modes: Integers) -> float:
     """Return what is negative once slip element `e` begins to slip, or stops."""
-    mode, element = modes[at[DOFS] + 2 * at[TRANSMISSIONS] + e], at[ELEMENTS] + 3 * e
+    mode, element = modes[at[At.DOFS] + 2 * at[At.TRANSMISSIONS] + e], at[At.ELEMENTS] + 3 * e
     if mode == 0:
-        stuck: float = p[element + 2] - abs(x[at[FIRST_SLIP] + e])
+        stuck: float = p[element + 2] - abs(x[at[At.FIRST_SLIP] + e])
         return stuck
     guard: float = mode * deflection(p, at, int(p[element]), x, modes)[1]
     return guard
@@ -300,11 +316,11 @@ def slip_guard(p: Array, at: Integers, e: int, x: Array, modes: Integers) -> flo
 def least_guard(p: Array, at: Integers, x: Array, modes: Integers, w: Array) -> float:
     """Return what is negative once any mode has ended: the least of all guards; call `derivative` before."""
     least = 1.0
-    for i in range(at[DOFS]):
+    for i in range(at[At.DOFS]):
         least = min(least, friction_guard(at, i, x, modes, w))
-    for i in range(at[TRANSMISSIONS]):
+    for i in range(at[At.TRANSMISSIONS]):
         least = min(least, side_guard(p, at, i, x, modes), way_guard(p, at, i, x, modes))
-    for e in range(at[SLIPS]):
+    for e in range(at[At.SLIPS]):
         least = min(least, slip_guard(p, at, e, x, modes))
     return least
 
@@ -313,9 +329,9 @@ def least_guard(p: Array, at: Integers, x: Array, modes: Integers, w: Array) -> 
 def stop(at: Integers, x: Array, modes: Integers, w: Array) -> bool:
     """Bring to rest what has stopped sliding, tentatively; tell whether anything has. `release` must follow."""
     stopped = False
-    for i in range(at[DOFS]):
-        if at[at[DRY] + i] and abs(modes[i]) == 1 and friction_guard(at, i, x, modes, w) < 0.0:
-            x[at[DOFS] + i], modes[i] = 0.0, 0
+    for i in range(at[At.DOFS]):
+        if at[at[At.DRY] + i] and abs(modes[i]) == 1 and friction_guard(at, i, x, modes, w) < 0.0:
+            x[at[At.DOFS] + i], modes[i] = 0.0, 0
             stopped = True
     return stopped
 
@@ -323,30 +339,30 @@ def stop(at: Integers, x: Array, modes: Integers, w: Array) -> bool:
 @njit(error_model="numpy")
 def release(at: Integers, modes: Integers, w: Array) -> None:
     """Let slide what friction cannot hold; call `derivative` before."""
-    for i in range(at[DOFS]):
-        if modes[i] == 0 and not at[at[FIXED] + i] and abs(w[HOLDING, i]) > w[LEVEL, i]:
-            modes[i] = 1 if w[HOLDING, i] > 0.0 else -1
+    for i in range(at[At.DOFS]):
+        if modes[i] == 0 and not at[at[At.FIXED] + i] and abs(w[Work.HOLDING, i]) > w[Work.LEVEL, i]:
+            modes[i] = 1 if w[Work.HOLDING, i] > 0.0 else -1
 
 
 @njit(error_model="numpy")
 def turn(p: Array, at: Integers, x: Array, modes: Integers, w: Array) -> None:
     """Change the modes of bristles, gaps, loops and slip elements that have ended."""
-    n, count = at[DOFS], at[TRANSMISSIONS]
+    n, count = at[At.DOFS], at[At.TRANSMISSIONS]
     for i in range(n):
-        if at[at[BRISTLES] + i] >= 0 and friction_guard(at, i, x, modes, w) < 0.0:
+        if at[at[At.BRISTLES] + i] >= 0 and friction_guard(at, i, x, modes, w) < 0.0:
             modes[i] = -modes[i]
     for i in range(count):
         if way_guard(p, at, i, x, modes) < 0.0:
             modes[n + count + i] = -modes[n + count + i]
         if side_guard(p, at, i, x, modes) < 0.0:
-            phi = x[at[at[ENDS] + 3 * i]] - x[at[at[ENDS] + 3 * i + 1]]
-            gap = p[at[ROWS] + at[WIDTH] * i + HALF_GAP]
+            phi = x[at[at[At.ENDS] + 3 * i]] - x[at[at[At.ENDS] + 3 * i + 1]]
+            gap = p[at[At.ROWS] + at[At.WIDTH] * i + Element.HALF_GAP]
             modes[n + i] = (1 if phi > 0.0 else -1) if abs(phi) > gap or gap <= 0.0 else 0
-    for e in range(at[SLIPS]):
+    for e in range(at[At.SLIPS]):
         if slip_guard(p, at, e, x, modes) < 0.0:
-            k, z = n + 2 * count + e, at[FIRST_SLIP] + e
+            k, z = n + 2 * count + e, at[At.FIRST_SLIP] + e
             if modes[k] == 0:
                 modes[k] = 1 if x[z] > 0.0 else -1
-                x[z] = modes[k] * p[at[ELEMENTS] + 3 * e + 2]
+                x[z] = modes[k] * p[at[At.ELEMENTS] + 3 * e + 2]
             else:
                 modes[k] = 0

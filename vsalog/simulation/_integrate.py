@@ -8,6 +8,7 @@ order.
 from __future__ import annotations
 
 from collections.abc import Callable
+from enum import IntEnum
 from typing import Any
 
 import numpy as np
@@ -16,26 +17,9 @@ from numpy.typing import NDArray
 
 from vsalog.core.source_stamp import source_stamp
 from vsalog.mechanics import _atoms, _rigid_body
-from vsalog.mechanics._atoms import HALF_GAP, rounded
+from vsalog.mechanics._atoms import Element, rounded
 from vsalog.simulation import _dynamics
-from vsalog.simulation._dynamics import (
-    BRISTLES,
-    DOFS,
-    DRY,
-    ENDS,
-    FIXED,
-    GUARDED,
-    NO_FRICTION,
-    ROWS,
-    TRANSMISSIONS,
-    WIDTH,
-    deflection,
-    derivative,
-    least_guard,
-    release,
-    stop,
-    turn,
-)
+from vsalog.simulation._dynamics import At, Mode, deflection, derivative, least_guard, release, stop, turn
 
 Array = NDArray[np.float64]
 Integers = NDArray[np.int64]
@@ -71,8 +55,10 @@ COUPLED = np.array(
 )
 
 
-# Rows of the integrators' room, each as long as the state: six stages, then
-STATE, TRIAL, SLOPE, OTHER, TORQUES, FIRST_JACOBIAN = range(6, 12)
+class Room(IntEnum):
+    """Rows of the integrators' room, each as long as the state, behind those of the six stages."""
+
+    STATE, TRIAL, SLOPE, OTHER, TORQUES, FIRST_JACOBIAN = range(6, 12)
 
 
 @njit(error_model="numpy", forceinline=True)
@@ -82,7 +68,7 @@ def _torques(inputs: Array, k: int, fraction: float, room: Array) -> None:
     middle = 4.0 * fraction * (1.0 - fraction)
     end = 2.0 * fraction * (fraction - 0.5)
     for i in range(inputs.shape[2]):
-        room[TORQUES, i] = begin * inputs[k, 0, i] + middle * inputs[k, 1, i] + end * inputs[k, 2, i]
+        room[Room.TORQUES, i] = begin * inputs[k, 0, i] + middle * inputs[k, 1, i] + end * inputs[k, 2, i]
 
 
 @njit(error_model="numpy", forceinline=True)
@@ -91,7 +77,7 @@ def _runge_kutta(
     w: Array, room: Array,
 ) -> None:  # fmt: skip
     """One step from fraction `a` to fraction `b` of the step of length `h` that begins at time `t`, to the row TRIAL."""
-    size, part, tau, state = x.shape[0], (b - a) * h, room[TORQUES], room[STATE]
+    size, part, tau, state = x.shape[0], (b - a) * h, room[Room.TORQUES], room[Room.STATE]
     for stage in range(4):
         c = 0.0 if stage == 0 else 1.0 if stage == 3 else 0.5
         for i in range(size):
@@ -100,19 +86,19 @@ def _runge_kutta(
             _torques(inputs, k, a + c * (b - a), room)
         derivative(p, at, t + (a + c * (b - a)) * h, state, tau, modes, w, room[stage])
     for i in range(size):
-        room[TRIAL, i] = x[i] + part / 6.0 * (room[0, i] + 2.0 * (room[1, i] + room[2, i]) + room[3, i])
+        room[Room.TRIAL, i] = x[i] + part / 6.0 * (room[0, i] + 2.0 * (room[1, i] + room[2, i]) + room[3, i])
 
 
 @njit(error_model="numpy")
 def _factor(room: Array, n: int) -> None:
     """LU decomposition in place of the n rows from FIRST_JACOBIAN on, with partial pivoting; the row after holds the pivots."""
-    last = FIRST_JACOBIAN + n
+    last = Room.FIRST_JACOBIAN + n
     for k in range(n):
-        r, best = FIRST_JACOBIAN + k, FIRST_JACOBIAN + k
+        r, best = Room.FIRST_JACOBIAN + k, Room.FIRST_JACOBIAN + k
         for i in range(r + 1, last):
             if abs(room[i, k]) > abs(room[best, k]):
                 best = i
-        room[last, k] = best - FIRST_JACOBIAN
+        room[last, k] = best - Room.FIRST_JACOBIAN
         if best != r:
             for j in range(n):
                 room[r, j], room[best, j] = room[best, j], room[r, j]
@@ -126,15 +112,15 @@ def _factor(room: Array, n: int) -> None:
 def _back(room: Array, n: int, row: int) -> None:
     """Solve for the right-hand side in a row of the room, in place, with what `_factor` left."""
     for k in range(n):
-        other = int(room[FIRST_JACOBIAN + n, k])
+        other = int(room[Room.FIRST_JACOBIAN + n, k])
         room[row, k], room[row, other] = room[row, other], room[row, k]
     for i in range(n):
         for j in range(i):
-            room[row, i] -= room[FIRST_JACOBIAN + i, j] * room[row, j]
+            room[row, i] -= room[Room.FIRST_JACOBIAN + i, j] * room[row, j]
     for i in range(n - 1, -1, -1):
         for j in range(i + 1, n):
-            room[row, i] -= room[FIRST_JACOBIAN + i, j] * room[row, j]
-        room[row, i] /= room[FIRST_JACOBIAN + i, i]
+            room[row, i] -= room[Room.FIRST_JACOBIAN + i, j] * room[row, j]
+        room[row, i] /= room[Room.FIRST_JACOBIAN + i, i]
 
 
 @njit(error_model="numpy")
@@ -143,8 +129,8 @@ def _rodas(
     w: Array, room: Array,
 ) -> None:  # fmt: skip
     """The same step by Rodas; Jacobian and time derivative come from differences."""
-    size, part, tau, state = x.shape[0], (b - a) * h, room[TORQUES], room[STATE]
-    slope, other = room[SLOPE], room[OTHER]
+    size, part, tau, state = x.shape[0], (b - a) * h, room[Room.TORQUES], room[Room.STATE]
+    slope, other = room[Room.SLOPE], room[Room.OTHER]
     # At the point itself, then along each coordinate, then a little later and a little earlier: exact for parabolic inputs.
     for j in range(-1, size + 2):
         near = 0.01 if j == size else -0.01 if j == size + 1 else 0.0
@@ -160,7 +146,9 @@ def _rodas(
         derivative(p, at, t + (a + near * (b - a)) * h, state, tau, modes, w, slope if j < 0 else other)
         for i in range(size):
             if 0 <= j < size:
-                room[FIRST_JACOBIAN + i, j] = -(other[i] - slope[i]) / width + (1.0 / (part * GAMMA) if i == j else 0.0)
+                room[Room.FIRST_JACOBIAN + i, j] = -(other[i] - slope[i]) / width + (
+                    1.0 / (part * GAMMA) if i == j else 0.0
+                )
             elif j == size:
                 slope[i] = other[i]
             elif j > size:
@@ -180,7 +168,7 @@ def _rodas(
                 room[stage, i] += COUPLED[stage, j] / part * room[j, i]
         _back(room, size, stage)
     for i in range(size):
-        room[TRIAL, i] = state[i] + room[5, i]
+        room[Room.TRIAL, i] = state[i] + room[5, i]
 
 
 @njit(error_model="numpy")
@@ -193,11 +181,11 @@ def _step(
         _rodas(p, at, inputs, k, t, h, a, b, x, modes, w, room)
     else:
         _runge_kutta(p, at, inputs, k, t, h, a, b, x, modes, w, room)
-    if not at[GUARDED]:
+    if not at[At.GUARDED]:
         return 1.0
     _torques(inputs, k, b, room)
-    derivative(p, at, t + b * h, room[TRIAL], room[TORQUES], modes, w, room[SLOPE])
-    least: float = least_guard(p, at, room[TRIAL], modes, w)
+    derivative(p, at, t + b * h, room[Room.TRIAL], room[Room.TORQUES], modes, w, room[Room.SLOPE])
+    least: float = least_guard(p, at, room[Room.TRIAL], modes, w)
     return least
 
 
@@ -206,7 +194,7 @@ def _switch(p: Array, at: Integers, t: float, x: Array, modes: Integers, w: Arra
     """Change the modes that have ended, and with them the state: what stops stands still, what slips is at its limit."""
     turn(p, at, x, modes, w)
     if stop(at, x, modes, w):
-        derivative(p, at, t, x, room[TORQUES], modes, w, room[SLOPE])
+        derivative(p, at, t, x, room[Room.TORQUES], modes, w, room[Room.SLOPE])
     release(at, modes, w)
 
 
@@ -243,7 +231,7 @@ def _advance(
             seeking, before, held, ended, tries, moved = True, done, np.nan, guard, 0, 0
             continue
         for i in range(x.shape[0]):
-            x[i] = room[TRIAL, i]
+            x[i] = room[Room.TRIAL, i]
         if seeking:
             _switch(p, at, t + after * h, x, modes, w, room)
             events += 1
@@ -281,18 +269,18 @@ def _command(
 @njit(error_model="numpy")
 def _first_modes(p: Array, at: Integers, x: Array, modes: Integers) -> None:
     """Set the modes that a state begins in; what could stick does."""
-    n, count = at[DOFS], at[TRANSMISSIONS]
+    n, count = at[At.DOFS], at[At.TRANSMISSIONS]
     for i in range(n):
         v = x[n + i]
-        if at[at[BRISTLES] + i] >= 0:
+        if at[at[At.BRISTLES] + i] >= 0:
             modes[i] = 1 if v >= 0.0 else -1
-        elif at[at[DRY] + i]:
+        elif at[at[At.DRY] + i]:
             modes[i] = 0 if v == 0.0 else 1 if v > 0.0 else -1
         else:
-            modes[i] = NO_FRICTION
+            modes[i] = Mode.FREE
     for i in range(count):
-        phi = x[at[at[ENDS] + 3 * i]] - x[at[at[ENDS] + 3 * i + 1]]
-        gap = p[at[ROWS] + at[WIDTH] * i + HALF_GAP]
+        phi = x[at[at[At.ENDS] + 3 * i]] - x[at[at[At.ENDS] + 3 * i + 1]]
+        gap = p[at[At.ROWS] + at[At.WIDTH] * i + Element.HALF_GAP]
         modes[n + i] = 0 if abs(phi) <= gap and gap > 0.0 else 1 if phi >= 0.0 else -1
         modes[n + count + i] = 1 if deflection(p, at, i, x, modes)[1] >= 0.0 else -1
     modes[n + 2 * count :] = 0
@@ -306,22 +294,22 @@ def _compiled(stamp: str) -> Callable[..., Any]:
         states: Array, accelerations: Array,
     ) -> None:  # fmt: skip
         stamp  # noqa: B018  numba's cache tells functions apart by what they close over
-        n, periods = at[DOFS], states.shape[0]
+        n, periods = at[At.DOFS], states.shape[0]
         steps = inputs.shape[0] // periods
         if fresh:
             _first_modes(p, at, x, modes)
         for period in range(periods):
             for i in range(n):
-                if at[at[FIXED] + i]:
+                if at[at[At.FIXED] + i]:
                     x[i], x[n + i] = prescribed[period, 0, i], prescribed[period, 1, i]
             _command(inputs, period, steps, servos, reference, commands, past, x, n)
             k = period * steps
             for i in range(x.shape[0]):
                 states[period, i] = x[i]
-            plain = not stiff and not at[GUARDED]
+            plain = not stiff and not at[At.GUARDED]
             if not plain:
                 _torques(inputs, k, 0.0, room)
-                derivative(p, at, start_time + k * step, x, room[TORQUES], modes, w, room[0])
+                derivative(p, at, start_time + k * step, x, room[Room.TORQUES], modes, w, room[0])
                 for i in range(n):
                     accelerations[period, i] = room[0, n + i]
             for s in range(steps):

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
+from datetime import UTC, datetime
 from pathlib import Path
 
 import numpy as np
@@ -19,7 +20,7 @@ Flags = NDArray[np.bool_]
 Stamps = NDArray[np.int64]
 
 # 2026-01-01T00:00:00Z: simulated logs carry a plausible epoch, and the same one on every run.
-EPOCH_NS = 1_767_225_600 * 10**9
+EPOCH_NS = int(datetime(2026, 1, 1, tzinfo=UTC).timestamp()) * 10**9
 
 TRUTH_TOPIC = "/truth/"
 FLOAT64 = "std_msgs/msg/Float64"

@@ -101,32 +101,32 @@ class Machine:
     @property
     def chained(self) -> bool:
         """Whether the joints form a chain."""
-        return bool(self.at[d.CHAIN])
+        return bool(self.at[d.At.CHAIN])
 
     @property
     def modes(self) -> int:
         """Number of modes."""
-        return self.freedom + 2 * len(self.transmissions) + int(self.at[d.SLIPS])
+        return self.freedom + 2 * len(self.transmissions) + int(self.at[d.At.SLIPS])
 
     def work(self) -> tuple[Array, Array]:
         """Return the work arrays of the compiled functions: that of the equations of motion and that of the integrators."""
-        n, m, links = self.freedom, self.state_size, int(self.at[d.CHAIN])
+        n, m, links = self.freedom, self.state_size, int(self.at[d.At.CHAIN])
         return np.zeros((9 + links + 2 * n, max(27, n + 1))), np.zeros((12 + m, m))
 
     def moved(self, fixed: Sequence[int]) -> Integers:
         """Return `at` with these degrees of freedom moving as prescribed."""
         at = self.at.copy()
-        at[at[d.FIXED] + np.array(fixed, dtype=np.int64)] = 1
+        at[at[d.At.FIXED] + np.array(fixed, dtype=np.int64)] = 1
         return at
 
     def loop_state(self, transmission: int) -> int:
         """Return where in the state the loop of a transmission stands, −1 for none."""
-        return int(self.at[self.at[d.LOOPS] + transmission])
+        return int(self.at[self.at[d.At.LOOPS] + transmission])
 
     def slip_states(self, transmission: int) -> list[int]:
         """Return where in the state the slip elements of a transmission stand."""
         elements = [s.index for s in self.transmissions for _ in s.transmission.slip]
-        return [int(self.at[d.FIRST_SLIP]) + e for e, owner in enumerate(elements) if owner == transmission]
+        return [int(self.at[d.At.FIRST_SLIP]) + e for e, owner in enumerate(elements) if owner == transmission]
 
     def steps(
         self,
@@ -166,7 +166,7 @@ class Machine:
         n, rates, load, inertia = self.freedom, [], np.zeros(self.freedom), self.inertia.copy()
         inertia[list(fixed)] = np.inf
         for slot in self.transmissions:
-            link, motor, _ = self.at[self.at[d.ENDS] + 3 * slot.index :][:3]
+            link, motor, _ = self.at[self.at[d.At.ENDS] + 3 * slot.index :][:3]
             load[[link, motor]] += self._stiffness(slot)
             rates += [slot.transmission.damping / inertia[link], slot.transmission.damping / inertia[motor]]
             if loop := slot.transmission.bouc_wen:
@@ -178,7 +178,7 @@ class Machine:
             load[j] += 0.0 if self.chained or joint.link is None else abs(_gravity(joint.link)[0])
         for m in self.motors:
             load[m.index] += steepness(m.motor.cogging, m.motor.gear_ratio)
-        friction = self.numbers[self.at[d.FRICTION] :][: 7 * n].reshape(n, 7)
+        friction = self.numbers[self.at[d.At.FRICTION] :][: 7 * n].reshape(n, 7)
         viscous, static, bristle, bristle_damping = friction[:, [0, 2, 5, 6]].T
         load += bristle
         rates += list((viscous + bristle_damping) / inertia)
@@ -234,7 +234,7 @@ def build(joints: Mapping[str, Movable], chain: Chain | None = None) -> Machine:
             levers.append((lever.start, lever.travel) if lever else (0.0, 0.0))
     links = [_moved_link(name, joint) for name, joint in joints.items()]
     numbers, at, size = _coded(links, motors, moving, slots, ends, levers, order, chain)
-    inertia = numbers[at[d.INERTIA] :][: len(joints) + len(moving)].copy()
+    inertia = numbers[at[d.At.INERTIA] :][: len(joints) + len(moving)].copy()
     if chain is not None:
         inertia[: len(joints)] = _least_inertia(chain)
     return Machine(joints, motors, slots, numbers, at, size, inertia)
@@ -291,7 +291,7 @@ def _coded(
     guarded = bool(dry.any() or bristled.any() or looped.any() or slips or split)
     counts = [n, len(links), len(slots), len(slips), len(cogging), 0 if chain is None else len(links), width, guarded]
     first_numbers = np.cumsum([0, *(t.size for t in tables)])
-    first_integers = d.HEADER + np.cumsum([0, *(t.size for t in integers)])
+    first_integers = d.At.END + np.cumsum([0, *(t.size for t in integers)])
     header = [*counts, first_slip, *first_numbers[:-1], *first_integers[:-1]]
     at = np.concatenate([np.array(header, dtype=np.int64), *integers])
     return np.concatenate([t.ravel() for t in tables]), at, first_slip + len(slips)

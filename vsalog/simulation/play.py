@@ -15,6 +15,7 @@ from vsalog.effects.backlash import engaged
 from vsalog.effects.drive import delivered
 from vsalog.effects.quantisation import rounded
 from vsalog.mechanics import flexibility_torque, reaction_torque, stiffness
+from vsalog.readers.base import BLOCK_ROWS
 from vsalog.rig.schema import AntagonisticJoint, AwasTransmission, Contact, SerialJoint
 from vsalog.simulation._integrate import integrate
 from vsalog.simulation.inputs import Input, Motion, Servo, TorqueInput, at_samples
@@ -24,9 +25,6 @@ Array = NDArray[np.float64]
 
 # Told sample and joint → name → truth of it.
 Control = Callable[[int, Mapping[str, Mapping[str, Array]]], None]
-
-# Inputs are prepared for so many sample periods at a time, so that memory does not grow with steps and inputs.
-CHUNK = 4096
 
 
 def play(
@@ -71,7 +69,7 @@ def play(
     x, modes = _first_state(machine, drives, start or {}), np.zeros(machine.modes, dtype=np.int64)
     work, room = machine.work()
     states, accelerations = np.empty((time.size, x.size)), np.empty((time.size, machine.freedom))
-    edges = sorted({*range(0, time.size, CHUNK if control is None else 1), *(restarts or {}), time.size})
+    edges = sorted({*range(0, time.size, BLOCK_ROWS if control is None else 1), *(restarts or {}), time.size})
     for first, last in pairwise(edges):
         part = slice(first, last)
         if control is not None and first > 0:

@@ -29,6 +29,7 @@ from vsalog.rig.schema import (
     PneumaticJoint,
 )
 from vsalog.simulation.inputs import TorqueInput, at_samples, at_steps
+from vsalog.simulation.machine import MOST_STEPS
 
 Array = NDArray[np.float64]
 
@@ -37,7 +38,7 @@ INPUTS = ("valve_1", "valve_2", "external_torque")
 # Per step the seesaw may swing by this angle [rad] and what is damped or fills may settle by this much.
 ANGLE_PER_STEP, DECAY_PER_STEP = 0.03, 0.3
 COARSE = 0.25, 0.6
-FEWEST_STEPS, MOST_STEPS = 4, 2000
+FEWEST_STEPS = 4
 
 # A joint whose drive is this little above the friction's level is told to stick, since its velocity is exactly zero [N·m].
 ROUNDING = 1e-12

@@ -15,7 +15,7 @@ from vsalog.core.errors import RigError, SimulationError, UnitError, VsalogError
 from vsalog.core.units import parse_quantity, parse_unit, shown, split_quantity
 from vsalog.rig.decode import Path as KeyPath
 from vsalog.rig.decode import decode, key_path, refuse
-from vsalog.rig.load import Rig, presets
+from vsalog.rig.load import MAX_BYTES, Rig, presets
 from vsalog.rig.schema import AntagonisticJoint, Joint, RigFile, RigidJoint, SerialJoint
 from vsalog.simulation.control import Controller, controller_of
 from vsalog.simulation.inputs import Input, Motion, Servo
@@ -35,7 +35,6 @@ from vsalog.simulation.scenario_schema import (
     Trapezoid,
 )
 
-MAX_BYTES = 1_000_000
 MOST_LINES = 2000
 
 # The SI unit of what drives a role, by how the role's name begins or ends.
