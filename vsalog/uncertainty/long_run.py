@@ -33,6 +33,7 @@ batches in them, at which noise that was differentiated would seem larger than i
 
 from __future__ import annotations
 
+from enum import IntEnum
 from typing import NamedTuple
 
 import numpy as np
@@ -69,16 +70,39 @@ _TAPS = _LOW.size
 # From this octave on increments have a fit of their own.
 SLOW_OCTAVE = 4
 
-# In `sums`: samples in the box, last residual, samples, Σ e, Σ e², boxes, Σ box², samples in the increment, samples in a whole
-# box.
-_FILLED, _LAST, _SAMPLES, _SUM, _SQUARES, _BOXES, _BOXED, _SINCE, _BOX = range(9)
-# In `vectors`: sum of the box that fills, regressors and residual; regressors and y where the increment began, for an integral;
-# sum of the regressors, of the run's where the equation is an integral; and three for the loops.
-_IN_BOX, _MARK, _TOTAL, _VALUE, _DETAIL, _ROW = range(6)
-# In `octaves`: inputs of an octave's filters; coefficients; squares of the residuals' and of those of the fit to increments.
-_SEEN, _COUNT, _OF_FIT, _OF_INCREMENTS = range(4)
-# In `energy`: of this run, and of those before it. In `found`: for stationary noise, and for uneven noise.
-_RUN, _CLOSED, _STATIONARY, _UNEVEN = 0, 1, 0, 1
+
+class Sum(IntEnum):
+    """In `sums`: samples in the box, last residual, samples, Σ e, Σ e², boxes, Σ box², samples in the increment, in a box."""
+
+    FILLED, LAST, SAMPLES, TOTAL, SQUARES, BOXES, BOXED, SINCE, BOX = range(9)
+
+
+class Vector(IntEnum):
+    """Rows of `vectors`.
+
+    Sum of the box that fills, regressors and residual; regressors and y where the increment began, for an integral; sum of
+    the regressors, of the run's where the equation is an integral; and three for the loops.
+    """
+
+    IN_BOX, MARK, TOTAL, VALUE, DETAIL, ROW = range(6)
+
+
+class Octave(IntEnum):
+    """Columns of `octaves`: inputs of its filters; coefficients; squares of the residuals' and of the fit's to increments."""
+
+    SEEN, COUNT, OF_FIT, OF_INCREMENTS = range(4)
+
+
+class Run(IntEnum):
+    """In `energy`: of this run, and of those before it."""
+
+    THIS, CLOSED = range(2)
+
+
+class Noise(IntEnum):
+    """In `found`: for stationary noise, and for uneven noise."""
+
+    STATIONARY, UNEVEN = range(2)
 
 
 class LongRunState(NamedTuple):
@@ -86,9 +110,9 @@ class LongRunState(NamedTuple):
 
     Attributes
     ----------
-    sums, vectors : shapes (9,) and (6, n + 2), see above
+    sums, vectors : shapes (9,) and (6, n + 2), see `Sum` and `Vector`
     Rp : shape (n, n + 1), triangular factor and data vector of the fit to slow increments
-    octaves : shape (OCTAVES, 4), see above
+    octaves : shape (OCTAVES, 4), see `Octave`
     rings : shape (OCTAVES, 8, n + 2), the last inputs of each octave's filters: regressors and both residuals
     energy : shape (2, OCTAVES + 1, n, n), of the regressors' coefficients, and of all boxes
     scores : shape (BATCH_LENGTHS, n + 1), of the batches in progress, and how many are complete
@@ -109,7 +133,7 @@ class LongRunState(NamedTuple):
     @property
     def samples(self) -> float:
         """Number of residuals seen."""
-        return float(self.sums[_SAMPLES])
+        return float(self.sums[Sum.SAMPLES])
 
     def copied(self) -> LongRunState:
         """Return an independent copy."""
@@ -120,7 +144,7 @@ def long_run_start(size: int, box: int = BOX) -> LongRunState:
     """Return the state before the first sample, for n = `size` unknowns and so many samples in a box."""
     n = size
     return LongRunState(
-        sums=np.append(np.zeros(_BOX), float(box)),
+        sums=np.append(np.zeros(Sum.BOX), float(box)),
         vectors=np.zeros((6, n + 2)),
         Rp=np.zeros((n, n + 1)),
         octaves=np.zeros((OCTAVES, 4)),
@@ -177,8 +201,8 @@ def long_run_covariance(
     new = state.copied()
     if state.samples >= least:
         _look(integral, new.sums, new.vectors, new.octaves, new.energy, new.scores, new.products, new.found)
-    samples, squares = state.sums[[_SAMPLES, _SQUARES]]
-    return new.found[_STATIONARY], new.found[_UNEVEN], float(squares / samples) if samples else float("nan")
+    samples, squares = state.sums[[Sum.SAMPLES, Sum.SQUARES]]
+    return new.found[Noise.STATIONARY], new.found[Noise.UNEVEN], float(squares / samples) if samples else float("nan")
 
 
 @njit(cache=True, error_model="numpy", nogil=True)
@@ -188,39 +212,39 @@ def _run(
     products: Array, found: Array,
 ) -> None:  # fmt: skip
     count, asked, n = T.shape
-    kept = discount ** (2.0 * sums[_BOX])
+    kept = discount ** (2.0 * sums[Sum.BOX])
     for k in range(count):
         e = residual[k]
         if use[k] and not np.isnan(e):
             step = e
             if integral:
-                step = e - sums[_LAST]
-                if fresh[k] or sums[_SAMPLES] == 0.0:
+                step = e - sums[Sum.LAST]
+                if fresh[k] or sums[Sum.SAMPLES] == 0.0:
                     _close(F, y, k, sums, vectors, octaves, energy)
                     step = 0.0
-                sums[_LAST] = e
-                sums[_SINCE] += 1.0
+                sums[Sum.LAST] = e
+                sums[Sum.SINCE] += 1.0
             for i in range(n):
-                vectors[_TOTAL, i] = discount * vectors[_TOTAL, i] + F[k, i]
-                vectors[_IN_BOX, i] += vectors[_TOTAL, i] if integral else F[k, i]
-            vectors[_IN_BOX, n] += step
-            sums[_FILLED] += 1.0
-            sums[_SAMPLES] += 1.0
-            sums[_SUM] += e
-            sums[_SQUARES] += e * e
-            if sums[_FILLED] == sums[_BOX]:
-                sums[_FILLED] = 0.0
+                vectors[Vector.TOTAL, i] = discount * vectors[Vector.TOTAL, i] + F[k, i]
+                vectors[Vector.IN_BOX, i] += vectors[Vector.TOTAL, i] if integral else F[k, i]
+            vectors[Vector.IN_BOX, n] += step
+            sums[Sum.FILLED] += 1.0
+            sums[Sum.SAMPLES] += 1.0
+            sums[Sum.TOTAL] += e
+            sums[Sum.SQUARES] += e * e
+            if sums[Sum.FILLED] == sums[Sum.BOX]:
+                sums[Sum.FILLED] = 0.0
                 _end_batches(kept, scores, products)
                 _transform(F, y, k, integral, kept, sums, vectors, Rp, octaves, rings, energy, scores)
-            if sums[_SAMPLES] % EVERY == 0.0 and sums[_SAMPLES] >= least:
+            if sums[Sum.SAMPLES] % EVERY == 0.0 and sums[Sum.SAMPLES] >= least:
                 _look(integral, sums, vectors, octaves, energy, scores, products, found)
         for m in range(asked):
             variance, other = 0.0, 0.0
             for i in range(n):
                 a, b = 0.0, 0.0
                 for j in range(n):
-                    a += found[_STATIONARY, i, j] * T[k, m, j]
-                    b += found[_UNEVEN, i, j] * T[k, m, j]
+                    a += found[Noise.STATIONARY, i, j] * T[k, m, j]
+                    b += found[Noise.UNEVEN, i, j] * T[k, m, j]
                 variance += a * T[k, m, i]
                 other += b * T[k, m, i]
             # Below zero is what rounding makes of what nothing tells.
@@ -236,28 +260,28 @@ def _transform(
 ) -> None:  # fmt: skip
     """Hand a full box on, from octave to octave; it is empty then."""
     n = F.shape[1]
-    vectors[_VALUE, n + 1] = 0.0
+    vectors[Vector.VALUE, n + 1] = 0.0
     for i in range(n + 1):
-        vectors[_VALUE, i] = vectors[_IN_BOX, i] / np.sqrt(sums[_BOX])
-        vectors[_IN_BOX, i] = 0.0
+        vectors[Vector.VALUE, i] = vectors[Vector.IN_BOX, i] / np.sqrt(sums[Sum.BOX])
+        vectors[Vector.IN_BOX, i] = 0.0
     if kept != 1.0:
         for octave in range(OCTAVES + 1):
             for i in range(n):
                 for j in range(n):
-                    energy[_RUN, octave, i, j] *= kept
-                    energy[_CLOSED, octave, i, j] *= kept
-    sums[_BOXES] += 1.0
-    sums[_BOXED] += vectors[_VALUE, n] ** 2
+                    energy[Run.THIS, octave, i, j] *= kept
+                    energy[Run.CLOSED, octave, i, j] *= kept
+    sums[Sum.BOXES] += 1.0
+    sums[Sum.BOXED] += vectors[Vector.VALUE, n] ** 2
     for i in range(n):
         for j in range(n):
-            energy[_RUN, OCTAVES, i, j] += vectors[_VALUE, i] * vectors[_VALUE, j]
+            energy[Run.THIS, OCTAVES, i, j] += vectors[Vector.VALUE, i] * vectors[Vector.VALUE, j]
     for octave in range(OCTAVES):
-        last = int(octaves[octave, _SEEN])
+        last = int(octaves[octave, Octave.SEEN])
         if octave == SLOW_OCTAVE and integral:
-            vectors[_VALUE, n + 1] = _increment(F, y, k, kept ** (2**SLOW_OCTAVE), sums, vectors, Rp)
+            vectors[Vector.VALUE, n + 1] = _increment(F, y, k, kept ** (2**SLOW_OCTAVE), sums, vectors, Rp)
         for i in range(n + 2):
-            rings[octave, last % _TAPS, i] = vectors[_VALUE, i]
-        octaves[octave, _SEEN] += 1.0
+            rings[octave, last % _TAPS, i] = vectors[Vector.VALUE, i]
+        octaves[octave, Octave.SEEN] += 1.0
         if last + 1 < _TAPS or (last + 1) % 2:
             return
         for i in range(n + 2):
@@ -266,14 +290,14 @@ def _transform(
                 x = rings[octave, (last + 1 + tap) % _TAPS, i]
                 low += _LOW[tap] * x
                 high += _HIGH[tap] * x
-            vectors[_VALUE, i], vectors[_DETAIL, i] = low, high
-        octaves[octave, _COUNT] += 1.0
-        octaves[octave, _OF_FIT] += vectors[_DETAIL, n] ** 2
-        octaves[octave, _OF_INCREMENTS] += vectors[_DETAIL, n + 1] ** 2
+            vectors[Vector.VALUE, i], vectors[Vector.DETAIL, i] = low, high
+        octaves[octave, Octave.COUNT] += 1.0
+        octaves[octave, Octave.OF_FIT] += vectors[Vector.DETAIL, n] ** 2
+        octaves[octave, Octave.OF_INCREMENTS] += vectors[Vector.DETAIL, n + 1] ** 2
         for i in range(n):
-            scores[0, i] += vectors[_DETAIL, n] * vectors[_DETAIL, i]
+            scores[0, i] += vectors[Vector.DETAIL, n] * vectors[Vector.DETAIL, i]
             for j in range(n):
-                energy[_RUN, octave, i, j] += vectors[_DETAIL, i] * vectors[_DETAIL, j]
+                energy[Run.THIS, octave, i, j] += vectors[Vector.DETAIL, i] * vectors[Vector.DETAIL, j]
 
 
 @njit(cache=True, error_model="numpy", nogil=True)
@@ -303,25 +327,25 @@ def _end_batches(kept: float, scores: Array, products: Array) -> None:
 @njit(cache=True, error_model="numpy", nogil=True)
 def _increment(F: Array, y: Array, k: int, kept: float, sums: Array, vectors: Array, Rp: Array) -> float:
     """Rotate what changed since the last call into the fit to increments, and return its recursive residual."""
-    n, size = F.shape[1], np.sqrt(sums[_SINCE])
-    sums[_SINCE] = 0.0
+    n, size = F.shape[1], np.sqrt(sums[Sum.SINCE])
+    sums[Sum.SINCE] = 0.0
     for i in range(n + 1):
         now = F[k, i] if i < n else y[k]
-        vectors[_ROW, i] = (now - vectors[_MARK, i]) / size
-        vectors[_MARK, i] = now
+        vectors[Vector.ROW, i] = (now - vectors[Vector.MARK, i]) / size
+        vectors[Vector.MARK, i] = now
     for i in range(n):
         for j in range(i, n + 1):
             Rp[i, j] *= np.sqrt(kept)
-        x = vectors[_ROW, i]
+        x = vectors[Vector.ROW, i]
         if x == 0.0:  # as the constant's
             continue
         h = np.hypot(Rp[i, i], x)
         cos, sin = Rp[i, i] / h, x / h
         for j in range(i, n + 1):
-            a, b = Rp[i, j], vectors[_ROW, j]
+            a, b = Rp[i, j], vectors[Vector.ROW, j]
             Rp[i, j] = cos * a + sin * b
-            vectors[_ROW, j] = cos * b - sin * a
-    return float(vectors[_ROW, n])
+            vectors[Vector.ROW, j] = cos * b - sin * a
+    return float(vectors[Vector.ROW, n])
 
 
 @njit(cache=True, error_model="numpy", nogil=True)
@@ -329,28 +353,28 @@ def _close(F: Array, y: Array, k: int, sums: Array, vectors: Array, octaves: Arr
     """End a run, and begin the next: the noise of an integral does not go on into it."""
     n = F.shape[1]
     for octave in range(OCTAVES + 1):
-        if vectors[_TOTAL, 0] != 0.0:
+        if vectors[Vector.TOTAL, 0] != 0.0:
             for i in range(n):
                 for j in range(n):
-                    energy[_CLOSED, octave, i, j] += _centred(energy, vectors, octave, i, j)
+                    energy[Run.CLOSED, octave, i, j] += _centred(energy, vectors, octave, i, j)
         for i in range(n):
             for j in range(n):
-                energy[_RUN, octave, i, j] = 0.0
+                energy[Run.THIS, octave, i, j] = 0.0
     for octave in range(OCTAVES):
-        octaves[octave, _SEEN] = 0.0
+        octaves[octave, Octave.SEEN] = 0.0
     for i in range(n):
-        vectors[_TOTAL, i] = vectors[_IN_BOX, i] = 0.0
-        vectors[_MARK, i] = F[k, i]
-    vectors[_IN_BOX, n] = sums[_FILLED] = sums[_SINCE] = 0.0
-    vectors[_MARK, n] = y[k]
+        vectors[Vector.TOTAL, i] = vectors[Vector.IN_BOX, i] = 0.0
+        vectors[Vector.MARK, i] = F[k, i]
+    vectors[Vector.IN_BOX, n] = sums[Sum.FILLED] = sums[Sum.SINCE] = 0.0
+    vectors[Vector.MARK, n] = y[k]
 
 
 @njit(cache=True, error_model="numpy", nogil=True)
 def _centred(energy: Array, vectors: Array, octave: int, i: int, j: int) -> float:
     """Return an energy of sums of regressors less their mean; the first, which is one, counts the samples."""
-    a, b = vectors[_TOTAL, i] / vectors[_TOTAL, 0], vectors[_TOTAL, j] / vectors[_TOTAL, 0]
-    off = a * energy[_RUN, octave, 0, j] + b * energy[_RUN, octave, i, 0]
-    return float(energy[_RUN, octave, i, j] - off + a * b * energy[_RUN, octave, 0, 0])
+    a, b = vectors[Vector.TOTAL, i] / vectors[Vector.TOTAL, 0], vectors[Vector.TOTAL, j] / vectors[Vector.TOTAL, 0]
+    off = a * energy[Run.THIS, octave, 0, j] + b * energy[Run.THIS, octave, i, 0]
+    return float(energy[Run.THIS, octave, i, j] - off + a * b * energy[Run.THIS, octave, 0, 0])
 
 
 @njit(cache=True, error_model="numpy", nogil=True)
@@ -371,13 +395,13 @@ def _look(
         if scores[length, n] >= ENOUGH_BATCHES:
             enough = length
     # The variance of the residuals in each octave and beyond the last.
-    last, slope = np.log(max(sums[_BOXED] / sums[_BOXES], NO_VARIANCE)), 0.0
+    last, slope = np.log(max(sums[Sum.BOXED] / sums[Sum.BOXES], NO_VARIANCE)), 0.0
     for octave in range(OCTAVES + 1):
         now = last + 0.5 * slope
-        if octave < OCTAVES and octaves[octave, _OF_FIT] > 0.0:
-            count, squares = octaves[octave, _COUNT], octaves[octave, _OF_FIT]
+        if octave < OCTAVES and octaves[octave, Octave.OF_FIT] > 0.0:
+            count, squares = octaves[octave, Octave.COUNT], octaves[octave, Octave.OF_FIT]
             if integral and octave >= SLOW_OCTAVE:
-                squares = max(min(squares, octaves[octave, _OF_INCREMENTS]), NO_VARIANCE)
+                squares = max(min(squares, octaves[octave, Octave.OF_INCREMENTS]), NO_VARIANCE)
             now = (count * np.log(squares / count) + TAILS + EXPECTED * now) / (count + EXPECTED)
         slope = min(max(now - last, STEEPEST_FALL), STEEPEST_RISE) if octave else 0.0
         last = now
@@ -387,16 +411,16 @@ def _look(
     for octave in range(OCTAVES):
         p = min(max(np.log2(v[octave] / v[octave + 1]), -STEEPEST_POWER), STEEPEST_POWER)
         v[octave] *= (p + 1.0) / np.expm1((p + 1.0) * np.log(2.0)) if p != -1.0 else 1.0 / np.log(2.0)
-    mean = 0.0 if integral else sums[_SUM] / sums[_SAMPLES]
+    mean = 0.0 if integral else sums[Sum.TOTAL] / sums[Sum.SAMPLES]
     for i in range(n):
         for j in range(n):
-            found[_UNEVEN, i, j] = products[enough, i, j] if enough >= 0 else 0.0
-            covariance = mean * mean * vectors[_TOTAL, i] * vectors[_TOTAL, j]
+            found[Noise.UNEVEN, i, j] = products[enough, i, j] if enough >= 0 else 0.0
+            covariance = mean * mean * vectors[Vector.TOTAL, i] * vectors[Vector.TOTAL, j]
             for octave in range(OCTAVES + 1):
                 # What is in no octave lies beyond the last.
                 share = v[octave] if octave == OCTAVES else v[octave] - v[OCTAVES]
-                own = energy[_RUN, octave, i, j]
+                own = energy[Run.THIS, octave, i, j]
                 if integral:
-                    own = _centred(energy, vectors, octave, i, j) + energy[_CLOSED, octave, i, j]
+                    own = _centred(energy, vectors, octave, i, j) + energy[Run.CLOSED, octave, i, j]
                 covariance += share * own
-            found[_STATIONARY, i, j] = covariance
+            found[Noise.STATIONARY, i, j] = covariance
