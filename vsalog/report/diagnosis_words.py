@@ -10,9 +10,8 @@ from vsalog.core.finding_texts import sentences_of
 from vsalog.diagnosis.document import Diagnosis, FoundCause, Gain, Number, Unexplained
 from vsalog.report.page_tables import unit_text
 from vsalog.report.page_text import number
+from vsalog.rig.uncertain import HALF_WIDTH_IN_DEVIATIONS
 
-# A parameter is printed with an interval of so many standard deviations: 95 % of a normal distribution.
-HALF = 1.96
 # Below so much of what was wrong, what is left is not spoken of; reductions beyond these are no numbers people use.
 LITTLE, LEAST_REDUCTION = 0.005, -9.99
 # Decimal exponents that are printed without a power of ten.
@@ -66,7 +65,7 @@ def parameter_text(found: Number) -> str:
     """Return a parameter with its 95 % interval and unit, and what the rig has."""
     if not found.determined:
         return "undetermined"
-    half = None if found.std is None else HALF * found.std
+    half = None if found.std is None else HALF_WIDTH_IN_DEVIATIONS * found.std
     rig = "" if found.rig is None else f" (rig: {number(found.rig)})"
     return f"{with_interval(found.value, half)}{unit_of(found.unit)}{rig}"
 

@@ -7,7 +7,7 @@ from collections.abc import Collection
 from vsalog.core.model import ModelFile
 from vsalog.report.page import JointCharts, charts_of, columns_for
 from vsalog.report.page_charts import Chart
-from vsalog.report.paper_figures import COLUMNS
+from vsalog.report.page_diagnosis_causes import COLUMNS
 from vsalog.validation.evidence import JointEvidence
 
 # Per log: joint → transmission → figures.

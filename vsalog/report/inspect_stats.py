@@ -7,11 +7,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from vsalog.binding.grid import GAP
+
 Array = NDArray[np.float64]
 Stamps = NDArray[np.int64]
-
-# A longer step than this many median steps is a gap: as binding sees it.
-GAP = 2.5
 
 
 @dataclass(frozen=True, slots=True)

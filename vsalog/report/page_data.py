@@ -13,9 +13,6 @@ from vsalog.report.page_text import label
 
 Array = NDArray[np.float64]
 
-# What single precision rounds, and the largest number it has room for.
-ROUNDING, LARGEST = 6e-8, 1e37
-
 
 def chart_data(chart: Chart) -> dict[str, Any]:
     """Return a chart as plain data."""
@@ -92,8 +89,10 @@ def array(values: Array) -> dict[str, str]:
         steps = np.abs(np.diff(known))
         steps = steps[steps > 0.0]
         # A twentieth of a usual step is finer than any screen shows.
-        coarse = steps.size > 0 and ROUNDING * float(np.abs(known).max()) > 0.05 * float(np.median(steps))
-        if coarse or float(np.abs(known).max()) > LARGEST:
+        coarse = steps.size > 0 and float(np.finfo(np.float32).eps) / 2.0 * float(np.abs(known).max()) > 0.05 * float(
+            np.median(steps)
+        )
+        if coarse or float(np.abs(known).max()) > float(np.finfo(np.float32).max):
             kind = "f8"
     return {"dtype": kind, "bdata": base64.b64encode(values.astype(f"<{kind}").tobytes()).decode("ascii")}
 

@@ -10,7 +10,8 @@ from scipy import special
 
 from vsalog.report.page_characteristic import setpoint_label
 from vsalog.report.page_charts import Axes, Chart, Curve
-from vsalog.report.page_decimate import gaps_of
+from vsalog.report.page_decimate import LOOKED_AT, gaps_of
+from vsalog.report.page_diagnosis_causes import BINS
 from vsalog.report.page_figures import DEFLECTION
 from vsalog.report.page_text import number
 from vsalog.validation.document import Figure
@@ -20,9 +21,8 @@ from vsalog.validation.scores import bins_of
 Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]
 
-BARS, QUANTILES, LEAST_SAMPLES = 60, 200, 20
-# Densities and quantiles are taken of so many samples or a few more, spread over the log.
-ENOUGH = 200_000
+QUANTILES, LEAST_SAMPLES = 200, 20
+
 ERROR = "error [N·m]"
 
 
@@ -45,11 +45,11 @@ def error_charts(joint: JointEvidence, part: TransmissionEvidence) -> list[Chart
 
 def _distribution(error: Array, of: str) -> Chart:
     mean, std = float(error.mean()), float(error.std())
-    few = error[:: max(1, error.size // ENOUGH)]
+    few = error[:: max(1, error.size // LOOKED_AT)]
     low, high = np.quantile(few, [0.001, 0.999])
     if high <= low:
         low, high = mean - 1e-12, mean + 1e-12
-    counts, edges = np.histogram(few, bins=BARS, range=(float(low), float(high)))
+    counts, edges = np.histogram(few, bins=BINS, range=(float(low), float(high)))
     density = counts / (few.size * (edges[1] - edges[0]))
     x = np.linspace(float(low), float(high), 200)
     shares = (np.arange(QUANTILES) + 0.5) / QUANTILES
@@ -85,7 +85,7 @@ def _distribution(error: Array, of: str) -> Chart:
 
 def _dependence(joint: JointEvidence, part: TransmissionEvidence, error: Array, use: Flags, of: str) -> Chart:
     few = np.flatnonzero(use)
-    few = few[:: max(1, few.size // ENOUGH)]
+    few = few[:: max(1, few.size // LOOKED_AT)]
     error = error[few]
     variables: list[tuple[str, str, Array]] = []
     if np.isfinite(part.deflection).any():

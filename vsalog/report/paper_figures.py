@@ -13,6 +13,7 @@ from vsalog.estimation.job import Job
 from vsalog.estimation.joint import JointEstimate
 from vsalog.report.page import JointCharts, joint_charts
 from vsalog.report.page_charts import Axes, Chart, Curve, Surface
+from vsalog.report.page_diagnosis_causes import COLUMNS
 from vsalog.report.page_estimate import evidence_of
 from vsalog.report.page_text import plain
 from vsalog.validation.document import Report
@@ -20,8 +21,7 @@ from vsalog.validation.evidence import setpoint_unit
 from vsalog.writers.atomic import write_text
 
 FORMATS = ("svg", "png", "pdf")
-# Pixel columns of a figure over time: an SVG holds every point.
-COLUMNS = 800
+
 # Okabe and Ito's colours; dashes tell curves apart in print.
 PALETTE = ("#0072B2", "#D55E00", "#009E73", "#E69F00", "#CC79A7", "#56B4E9", "#000000")
 COLOURS = {"model": "#0072B2", "measured": "#D55E00", "truth": "#009E73", "error": "#5F5F5F"}

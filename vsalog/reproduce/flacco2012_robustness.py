@@ -24,6 +24,7 @@ from vsalog.reproduce.flacco2012 import (
     VSA2_CONDITIONS,
     VSA2_PAPER,
 )
+from vsalog.reproduce.flacco2012_arm import AFTER
 from vsalog.reproduce.measure import Setting, Study, assemble, estimate, msrep, stiffness_errors, with_noise
 from vsalog.reproduce.rows import Curve, Figure, Panel, Result, Row, Spread
 from vsalog.simulation.experiment import Experiment
@@ -182,7 +183,7 @@ def _rls(F: Array, y: Array, slope: Array, use: NDArray[np.bool_], a: float | No
 # Settings of the sweep beside the paper's.
 LONGER = Setting("vsalog, window of 0.5 s", "residual-rls", {"window": 0.5})
 DEFAULT = Setting("vsalog's default", "residual-rls", {})
-VSA2_TRUTH, VSA2_AFTER = "stiffness_total", 2.0
+VSA2_TRUTH = "stiffness_total"
 TOO_COARSE = (
     "with such encoders the deflection is no larger than a step or two, and the trace supports hardly any of it"
 )
@@ -191,8 +192,8 @@ TOO_COARSE = (
 def sweep_vsa2(study: Study) -> Result:
     """Fig. 23: MSREP of the VSA-II over the encoders' resolution."""
     motion = vsa2_experiment(ideal=True)
-    common = _common("flacco2012-fig23", "Fig. 23", VSA2_CONDITIONS, VSA2_CHOSEN, VSA2_AFTER)
-    rows, figure, _ = _sweep(common, "VSA-II", motion, VSA2_TRUTH, VSA2_AFTER, VSA2_PAPER, study)
+    common = _common("flacco2012-fig23", "Fig. 23", VSA2_CONDITIONS, VSA2_CHOSEN, AFTER)
+    rows, figure, _ = _sweep(common, "VSA-II", motion, VSA2_TRUTH, AFTER, VSA2_PAPER, study)
     return Result(rows, [figure])
 
 
@@ -205,8 +206,7 @@ def sweep_awas(study: Study) -> Result:
     other = vsa2_experiment(ideal=True)
     setting = replace(VSA2_PAPER.with_tune(modality="RESIDUAL"), kalman=COARSE)
     beside = [
-        _msrep(with_noise(_with_pulses(other, p), study.seeds[:1]), setting, VSA2_TRUTH, VSA2_AFTER).median
-        for p in PULSES
+        _msrep(with_noise(_with_pulses(other, p), study.seeds[:1]), setting, VSA2_TRUTH, AFTER).median for p in PULSES
     ]
     higher = [f"{p}" for p, own, vsa in zip(PULSES, residual, beside, strict=True) if own.median > vsa]
     row = common.with_values(

@@ -23,7 +23,7 @@ Array = NDArray[np.float64]
 
 PAPER = "Serio 2011"
 # Fig. 4: mean relative errors [%].
-STIFFNESS, DAMPING, INERTIA = 5.1, 6.7, 9.8
+PRINTED = {"stiffness": 5.1, "damping": 6.7, "inertia": 9.8}
 
 OBSERVER = Planned("the decoupled impedance observer", ("impedance",))
 CONDITIONS = "AwAS, sinusoidal torques of both motors, 20 s at 1 kHz from rest; the mean of |x̂ − x|/x over the run"
@@ -65,9 +65,9 @@ def simulated(study: Study) -> Result:
             study,
         )
         for what, printed, column, truth in (
-            ("stiffness", STIFFNESS, "stiffness", _stiffness),
-            ("damping", DAMPING, "link_damping", _damping),
-            ("inertia", INERTIA, "link_inertia", _inertia),
+            ("stiffness", PRINTED["stiffness"], "stiffness", _stiffness),
+            ("damping", PRINTED["damping"], "link_damping", _damping),
+            ("inertia", PRINTED["inertia"], "link_inertia", _inertia),
         )
     ]
     time, sigma = experiments[0].time, experiments[0].truth["stiffness"]
@@ -88,7 +88,7 @@ def simulated(study: Study) -> Result:
                 of=f"{name} instead",
                 settings=setting.label,
                 estimator=name,
-                printed=STIFFNESS,
+                printed=PRINTED["stiffness"],
                 ours=Spread.of([mean_relative(t, sigma) for t in traces]),
                 compare="none",
                 remark=OTHER_METHOD.format(why),
