@@ -4,17 +4,19 @@
 # make fuzz SECONDS=3600   hostile logs, rigs and models without end: no crash, no hang, no memory beyond 1 GB
 # make battery SEED=1   hidden effects, and how many of them the diagnosis finds
 # make battery FAMILY=messy SEED=3 [ENGINE=mujoco] [CASES=60]   the table of one family
+# make limits [ONLY=readers/] [WORKERS=2]   each number that a module names, doubled and halved: which changes a test notices
 
 PYTHON ?= python3
 VENV ?= .venv
 SEED ?= 1
 SECONDS ?= 3600
+WORKERS ?= 1
 BIN = $(VENV)/bin
 BATTERY = --out battery$(addprefix /,$(firstword $(FAMILY))$(ENGINE:%=-%)) $(FAMILY:%=--kind %) $(ENGINE:%=--engine %) $(CASES:%=--cases %)
 IMPORTED = numba llvmlite numpy scipy pyarrow pandas msgspec rosbags distributed dask
 MAKEFLAGS += --no-print-directory
 
-.PHONY: demo test lint bench battery fuzz samples clean
+.PHONY: demo test lint bench battery fuzz limits samples clean
 
 demo: $(VENV)/.demo
 	@$(BIN)/vsalog inspect sample_logs/vsa2_exp1.mcap
@@ -42,11 +44,14 @@ battery: $(VENV)/.test
 fuzz: $(VENV)/.fuzz
 	$(BIN)/python tests/fuzz/run_fuzz.py --seconds $(SECONDS)
 
+limits: $(VENV)/.test
+	$(BIN)/python -m tests.limits.run --only '$(ONLY)' --workers $(WORKERS)
+
 samples: $(VENV)/.test
 	$(BIN)/python -m vsalog.simulation.samples sample_logs
 
 clean:
-	rm -rf $(VENV) demo battery .fuzz build dist *.egg-info .pytest_cache .mypy_cache .import_linter_cache .ruff_cache .hypothesis
+	rm -rf $(VENV) demo battery .fuzz .limits build dist *.egg-info .pytest_cache .mypy_cache .import_linter_cache .ruff_cache .hypothesis
 
 $(VENV)/bin/python:
 	@$(PYTHON) -c 'import sys; sys.exit("vsalog needs Python 3.11 or newer; name one: make PYTHON=python3.12" if sys.version_info < (3, 11) else 0)'
