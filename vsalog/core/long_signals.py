@@ -17,7 +17,7 @@ Array = NDArray[np.float64]
 Rows = NDArray[np.int64]
 
 
-# Rows of a stretch that is looked at, as many as methods look at in one piece, and of the longest run, as the longest window needs.
+# Rows of a stretch that is looked at, as many as methods take in one piece, and of the longest run, as the longest window needs.
 STRETCH, LONGEST = PART, 2 * PART
 
 

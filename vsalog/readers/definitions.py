@@ -11,7 +11,6 @@ from enum import IntEnum
 from functools import cache, lru_cache
 from typing import Any
 
-from vsalog.readers.base import MAX_DEPTH
 from vsalog.readers.fields import LONG_NAMES, MAX_NAME
 
 # Seconds and nanoseconds in ROS 1, where a date is unsigned and a duration signed, and in ROS 2.
@@ -45,6 +44,7 @@ class Kind(IntEnum):
 
 
 _LONGEST = 2**17  # characters of a definition: the longest that ROS ships have a tenth of it
+_DEEPEST = 50  # messages within messages: a definition is followed further down than a message
 
 
 # What the parser passes over or misunderstands, and what it means nothing in.
@@ -231,7 +231,7 @@ class _Builder:
             return self.built[name]
         if name in outer:
             raise DefinitionError(f"{name} contains itself")
-        if len(outer) > MAX_DEPTH:
+        if len(outer) > _DEEPEST:
             raise DefinitionError(f"{outer[0]} is nested too deeply")
         if name not in self.table:
             raise DefinitionError(f"the log does not hold the definition of {name or 'its messages'}")
