@@ -170,8 +170,8 @@ def smoothed_away(fold: ObserverFold, shorter: ObserverFold, signals: JointSigna
     before, after = estimated(fold, signals), estimated(shorter, signals)
     sizes = [0.0]
     for name, columns in before.transmissions.items():
-        squares, noise = change(columns, after[name], slice(None))
-        beyond = (squares - noise)[np.asarray(columns["excited"], dtype=np.bool_)]
+        moved, noise = change(columns, after[name], slice(None))
+        beyond = (moved**2 - noise)[np.asarray(columns["excited"], dtype=np.bool_)]
         if name != "total" and np.isfinite(beyond).any():
             share = max(0.0, float(np.nanmedian(beyond))) ** 0.5
             sizes.append(share * float(np.nanmedian(np.asarray(columns["stiffness"], dtype=np.float64))))

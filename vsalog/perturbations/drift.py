@@ -27,7 +27,9 @@ class Drift:
     name = "drift"
     # At the end of the log the fit lags by half of the change.
     scale = 0.5 * CHANGE_PER_SHIFT
+    uniform = True
     own_noise = 0.5
+    while_learning = False
 
     def trials(self, subject: Subject) -> Sequence[Trial] | None:
         """Return one trial, of methods that fit a model to the whole log."""

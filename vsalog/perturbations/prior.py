@@ -27,7 +27,9 @@ class WeakerPrior:
 
     name = "prior"
     scale = 1.0
+    uniform = False
     own_noise = 1.0
+    while_learning = True
 
     def trials(self, subject: Subject) -> Sequence[Trial] | None:
         """Return one trial, where the method has a prior that is not weak already."""

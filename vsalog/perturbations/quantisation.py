@@ -33,7 +33,9 @@ class Quantisation:
 
     name = "quantisation"
     scale = STUDENT * float((COARSER**2 - 1.0) ** -0.5)
+    uniform = False
     own_noise = 0.0
+    while_learning = False
 
     def trials(self, subject: Subject) -> Iterator[Trial] | None:
         """Return a trial per grid, where some deflection spans few steps."""

@@ -26,7 +26,9 @@ class SamplingRate:
 
     name = "sampling_rate"
     scale = 1.0
+    uniform = False
     own_noise = 1.0
+    while_learning = False
 
     def trials(self, subject: Subject) -> Iterator[Trial] | None:
         """Return a trial per half; none of a half that the method refuses, nor of muscles, whose state is filtered."""

@@ -27,6 +27,7 @@ from vsalog.estimators.tuning import Tuning
 from vsalog.uncertainty.shift import DEVIATIONS, Spread, beyond_noise, change, spread_over
 
 Array = NDArray[np.float64]
+Flags = NDArray[np.bool_]
 
 # Samples that are tried, 33 s at 1 kHz: what is in no residual repeats with the motion, and shows as soon as the motion has.
 TRIED_SAMPLES = 1 << 15
@@ -59,12 +60,16 @@ class Perturbation(Protocol):
     ----------
     name : one noun, unique
     scale : what of a trial's shift the estimate itself is off by
+    while_learning : whether a shift falls while the recursion learns, so that it is counted sample by sample
+    uniform : whether it moves a stiffness by the same part everywhere, so that one number tells
     own_noise : which part of a trial's variance its difference from the estimate has by noise alone
     """
 
     name: str
     scale: float
+    uniform: bool
     own_noise: float
+    while_learning: bool
 
     def trials(self, subject: Subject) -> Iterable[Trial] | None:
         """Return the trials, empty where the method refuses them all; None where the error cannot matter."""
@@ -82,7 +87,8 @@ class Shift:
     spreads : of each stiffness that moves, transmission by transmission and of the total
     surely : by which part at most, beyond what noise may do
     overall : by which part, in the median of all samples, and what of that noise makes, one standard deviation
-    samples : the square of the part by which each tried sample surely moves, shape (N,); of trials that have noise of their own
+    samples : the square of the part by which each tried sample surely moves, shape (N,); where shifts fall while the recursion
+        learns
     covariance : of the coefficients of each transmission's model
     supported : whether some trial supports a stiffness where the estimate does; true where this supports none
     """
@@ -98,7 +104,8 @@ class Shift:
         """Return the square of the part by which a stiffness is off in rows of a trace, the first of them of that number."""
         if name not in self.spreads:
             return 0.0
-        found = self.spreads[name].at(*_places(columns)) ** 2
+        spread = self.spreads[name]
+        found = spread.at(*_places(columns)[: len(spread.places)], count=len(columns["stiffness"])) ** 2
         # What a recursion has not learnt yet it may know later, at the same deflection.
         own = self.samples.get(name, np.empty(0))[first : first + found.size]
         found[: own.size] = np.maximum(found[: own.size], own)
@@ -195,8 +202,10 @@ def _shift(perturbation: Perturbation, subject: Subject, base: Estimated, trials
             continue
         places = _places(before[name])
         excited = np.asarray(before[name]["excited"], dtype=np.bool_)
-        shifted, noise = (np.array(part) * scale**2 for part in zip(*pairs, strict=True))
-        noise *= perturbation.own_noise
+        changes, noise = (np.array(part) for part in zip(*pairs, strict=True))
+        if perturbation.uniform:
+            places, changes = [], _middles(changes, excited)
+        shifted, noise = (scale * changes) ** 2, scale**2 * perturbation.own_noise * noise
         known = excited & np.isfinite(shifted).any(axis=0)
         if known.any():
             middle = (float(np.sqrt(np.nanmedian(x[:, known]))) for x in (shifted, noise))
@@ -207,9 +216,16 @@ def _shift(perturbation: Perturbation, subject: Subject, base: Estimated, trials
             surely_shifted = shifted - DEVIATIONS**2 * noise
             beyond = spread_over(places, excited, surely_shifted)
             surely[name] = 0.0 if beyond is None else beyond.most
-            if perturbation.own_noise:
+            if perturbation.while_learning:
                 samples[name] = np.nanmax(surely_shifted, axis=0, initial=0.0)
     return Shift(spreads, surely, overall, samples, {name: np.mean(m, axis=0) for name, m in moved.items()}, supported)
+
+
+def _middles(changes: Array, excited: Flags) -> Array:
+    """Return the median of each trial's changes where it has any and the estimate is excited, shape (n, N)."""
+    known = np.isfinite(changes) & excited
+    middles = [np.median(row[there]) if there.any() else np.nan for row, there in zip(changes, known, strict=True)]
+    return np.where(np.isfinite(changes), np.array(middles)[:, None], np.nan)
 
 
 def _places(columns: Mapping[str, NDArray[np.generic]]) -> list[Array]:

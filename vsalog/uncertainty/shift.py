@@ -42,8 +42,13 @@ class Spread:
         """The largest part."""
         return float(self.share.max())
 
-    def at(self, *values: Array) -> Array:
-        """Return the part at places, shape (N,) each; between the middles of ranges it is interpolated, linearly."""
+    def at(self, *values: Array, count: int = 1) -> Array:
+        """Return the part at places, shape (N,) each; between the middles of ranges it is interpolated, linearly.
+
+        Where it depends on nothing it is the same for all of so many samples.
+        """
+        if not self.places:
+            return np.full(count, self.most)
         from scipy.ndimage import map_coordinates
 
         where = [ranges.number(x) - 0.5 for ranges, x in zip(self.places, values, strict=True)]
@@ -75,7 +80,7 @@ class Ranges(NamedTuple):
 
 
 def change(before: Columns, after: Columns, every: slice) -> tuple[Array, Array]:
-    """Return the square of how far a stiffness moves, as a part of it, and the variance of the second estimate, likewise.
+    """Return how far a stiffness moves, as a part of it, and the variance of the second estimate, as a part of its square.
 
     Parameters
     ----------
@@ -92,7 +97,7 @@ def change(before: Columns, after: Columns, every: slice) -> tuple[Array, Array]
     )
     found = np.full((2, sigma.size), np.nan)
     with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
-        found[:, every] = (now - sigma[every]) ** 2 / sigma[every] ** 2, std**2 / sigma[every] ** 2
+        found[:, every] = now / sigma[every] - 1.0, (std / sigma[every]) ** 2
     found[:, ~np.isfinite(found).all(axis=0)] = np.nan
     return found[0], found[1]
 
@@ -116,6 +121,9 @@ def spread_over(places: Sequence[Array], counts: Flags, squares: Array) -> Sprea
     counts = counts & ~np.isnan(squares).all(axis=0)
     if not counts.any():
         return None
+    if not places:
+        medians = [np.median(trial[there]) for trial in squares if (there := counts & ~np.isnan(trial)).any()]
+        return Spread((), np.array(max(0.0, float(np.mean(medians))) ** 0.5))
     ranges = tuple(Ranges.of(x[counts]) for x in places)
     cells = tuple(np.minimum(r.number(x), RANGES - 1).astype(np.int64) for r, x in zip(ranges, places, strict=True))
     share = np.full([RANGES if r.span else 1 for r in ranges], np.nan)
