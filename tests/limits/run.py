@@ -227,21 +227,23 @@ def try_all(constants: Sequence[Constant], record: Mapping[str, dict], workers: 
     """Try all constants, each worker in a copy of its own; yields results as they come."""
     package = ROOT / "vsalog"
     known = imports(package)
+    # All is chosen ahead, and copied: the checkout may change meanwhile.
+    chosen = [(constant, tests_for(constant, record, package, known)) for constant in constants]
     with tempfile.TemporaryDirectory() as temporary:
         copies: SimpleQueue[Path] = SimpleQueue()
         for k in range(workers):
             (Path(temporary) / str(k)).mkdir()
             copies.put(copy_of(Path(temporary) / str(k)))
 
-        def one(constant: Constant) -> Result:
+        def one(task: tuple[Constant, list[str]]) -> Result:
             folder = copies.get()
             try:
-                return tried(folder, constant, tests_for(constant, record, package, known), limit)
+                return tried(folder, *task, limit)
             finally:
                 copies.put(folder)
 
         with ThreadPoolExecutor(workers) as pool:
-            yield from pool.map(one, constants)
+            yield from pool.map(one, chosen)
 
 
 def main() -> None:
