@@ -8,6 +8,7 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.compute as pc
 
+from vsalog.core.arrow import arrow_texts
 from vsalog.core.finding import Evidence, Finding
 from vsalog.core.recording import Values
 from vsalog.readers.headers import printable_cell
@@ -15,12 +16,12 @@ from vsalog.readers.table_text import LIKE_NUMBERS, NUMBER
 
 _CELL = NUMBER.replace("^", "^(", 1)[:-1] + r"|[+-]?(?i:inf|infinity)|[+-]?(?i:nan))$"
 
-_EMPTY = pa.array(["", *LIKE_NUMBERS])
+_EMPTY = arrow_texts(["", *LIKE_NUMBERS])
 _FEW = 16
 _MANY = 100
 _EXACT = 2.0**53
 _WHOLE = re.compile(r"^[+-]?\d{1,40}$")
-_NOTHING = pa.scalar(None, pa.string())
+_NOTHING = pa.nulls(1, pa.string())[0]
 
 
 class Cells:
