@@ -41,7 +41,9 @@ class _Ratios:
     def add(self, trace: Trace) -> None:
         """Take a block of the estimates into account."""
         for view in self.views:
-            columns = trace[view.name]
+            columns = trace.transmissions.get(view.name)
+            if columns is None:  # of a method that estimates no stiffness
+                continue
             phi, found = (np.asarray(columns[k], dtype=np.float64) for k in ("deflection", "stiffness"))
             c = np.asarray(columns["setpoint"], dtype=np.float64) if "setpoint" in columns else None
             known = (
