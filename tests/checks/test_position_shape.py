@@ -60,7 +60,8 @@ def estimated(folder, estimator):
 def test_a_link_encoder_that_errs_several_times_a_turn_is_found(tmp_path, estimator, most, times):
     log(tmp_path, link=lambda q: q + most * np.sin(times * q))
     wrong, found = estimated(tmp_path, estimator)
-    assert wrong > 0.02
+    # Else there would be nothing to find.
+    assert wrong > 0.01
     # Where the motion happens to be alike it is the motor's acceleration that it is taken for.
     assert SHAPE in found or FOLLOWS in found
 

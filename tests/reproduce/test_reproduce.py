@@ -64,7 +64,7 @@ def test_printed_values_of_the_other_papers():
     assert [v[0] for v in flacco2014.NOISY_MOTOR.values()] == [7.2360, 7.3022, 0.9731, 0.9980]
     assert list(flacco2014.CUBIC.values()) == [(1.2583, 1.6936), (4.2, 0.7)]
     assert [v[0] for v in flacco2014.CUBIC_MOTOR.values()] == [0.0023, 7.1942e-4, 1.2843, 1.2706]
-    assert (serio2011.STIFFNESS, serio2011.DAMPING, serio2011.INERTIA) == (5.1, 6.7, 9.8)
+    assert serio2011.PRINTED == {"stiffness": 5.1, "damping": 6.7, "inertia": 9.8}
     assert shin.MODEL_ALONE == {"angle": (1.053, 3.50, 8.87), "torque": (0.162, 0.494, 10.23)}
     assert shin.UKF == {"angle": (0.838, 2.42, 6.13), "torque": (0.108, 0.238, 4.94)}
 
