@@ -40,21 +40,30 @@ def together() -> Iterator[None]:
         return
     ready: list[tuple[Path, Path]] = []
     try:
-        _group.ready = ready
-        yield
-        with _uninterrupted():
-            while ready:
-                temporary, path = ready[0]
-                try:
-                    temporary.replace(path)
-                except OSError as error:
-                    raise WriteError(f"{path}: cannot be written: {error.strerror or error}") from error
-                del ready[0]
+        try:
+            _group.ready = ready
+            yield
+            with _uninterrupted():
+                while ready:
+                    temporary, path = ready[0]
+                    try:
+                        temporary.replace(path)
+                    except OSError as error:
+                        raise WriteError(f"{path}: cannot be written: {error.strerror or error}") from error
+                    del ready[0]
+        finally:
+            _end_group(ready)
     finally:
-        _group.ready = None
-        for temporary, _ in ready:
-            with suppress(OSError):
-                temporary.unlink()
+        # An interrupt may come before or amid the first time.
+        _end_group(ready)
+
+
+def _end_group(ready: list[tuple[Path, Path]]) -> None:
+    """Remove what is left of a group, and begin without one."""
+    _group.ready = None
+    for temporary, _ in ready:
+        with suppress(OSError):
+            temporary.unlink()
 
 
 @contextmanager
