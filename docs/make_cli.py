@@ -19,7 +19,7 @@ def reference() -> str:
         "",
         "0: done. 2: the input or the command line is at fault; one line on stderr says what, where and what to do, and",
         "nothing was written. 3: done, but a threshold that was asked for was missed (`validate --max-nrmse`,",
-        "`diagnose --fail-on-cause`). 1: a bug in vsalog; `vsalog --debug …` shows a traceback.",
+        "`diagnose --fail-on-cause`, `--fail-on-unchecked`). 1: a bug in vsalog; `vsalog --debug …` shows a traceback.",
         "",
         "Where there is more than one, the others are done all the same: `batch` and `inspect` end with 2 where some of the logs",
         "failed, `compare` with 1 where a bug ended one of the estimators.",
