@@ -8,8 +8,8 @@ from pathlib import Path
 import pytest
 
 from vsalog.core.trace import EXTRA_UNITS, UNITS
-from vsalog.estimators import BUILT_IN, method
 from vsalog.estimators.device import device_of
+from vsalog.estimators.registry import built_in, method
 from vsalog.rig.load import Rig
 
 ROOT = Path(__file__).parent.parent
@@ -64,24 +64,24 @@ def anchors(path):
 
 
 def test_every_estimator_has_a_page_and_every_page_an_estimator():
-    assert {path.stem for path in PAGES.glob("*.md")} == {*BUILT_IN, "README"}
+    assert {path.stem for path in PAGES.glob("*.md")} == {*built_in(), "README"}
 
 
-@pytest.mark.parametrize("name", BUILT_IN)
+@pytest.mark.parametrize("name", built_in())
 def test_a_page_has_the_sections_of_all_pages(name):
     text = page(name)
     assert text.startswith(f"# {name}\n")
     assert tuple(re.findall(r"^## (.*)$", text, re.M)) == SECTIONS
 
 
-@pytest.mark.parametrize("name", BUILT_IN)
+@pytest.mark.parametrize("name", built_in())
 def test_a_page_tells_all_there_is_to_tune_and_nothing_else(name):
     told = [n for row in table(section(page(name), "Tuning")) for n in names(row[0])]
     kind = method(name).TUNING
     assert sorted(told) == sorted(set(kind.__struct_fields__) - set(kind.unused))
 
 
-@pytest.mark.parametrize("name", BUILT_IN)
+@pytest.mark.parametrize("name", built_in())
 def test_a_page_s_default_values_are_those_of_the_code(name):
     """Where a default is a plain number, word or truth value; one that is derived from the log is said in words."""
     kind = method(name).TUNING
@@ -102,7 +102,7 @@ def test_a_page_s_default_values_are_those_of_the_code(name):
     assert checked
 
 
-@pytest.mark.parametrize("name", BUILT_IN)
+@pytest.mark.parametrize("name", built_in())
 def test_a_page_has_what_the_paper_prints(name):
     """Each printed value stands in its row; a page of a method that offers none says that `--preset-tuning paper` is refused."""
     printed = getattr(method(name), "printed", None)
@@ -124,7 +124,7 @@ def _equal(value, word):
         return False
 
 
-@pytest.mark.parametrize("name", BUILT_IN)
+@pytest.mark.parametrize("name", built_in())
 def test_a_page_s_columns_exist_and_have_their_units(name):
     for row in table(section(page(name), "Columns it adds")):
         for column in names(row[0]):
@@ -136,11 +136,11 @@ def test_a_page_s_columns_exist_and_have_their_units(name):
 
 
 def test_every_further_column_stands_on_a_page():
-    told = {c for name in BUILT_IN for row in table(section(page(name), "Columns it adds")) for c in names(row[0])}
+    told = {c for name in built_in() for row in table(section(page(name), "Columns it adds")) for c in names(row[0])}
     assert {column.removesuffix("_std") for column in EXTRA_UNITS} <= {column.removesuffix("_std") for column in told}
 
 
-@pytest.mark.parametrize("name", BUILT_IN)
+@pytest.mark.parametrize("name", built_in())
 def test_an_example_runs_the_estimator_on_what_comes_with_vsalog(name):
     commands = re.findall(r"^    vsalog (.*)$", section(page(name), "Example"), re.M)
     assert any(f"-e {name}" in command for command in commands)
@@ -148,7 +148,7 @@ def test_an_example_runs_the_estimator_on_what_comes_with_vsalog(name):
         assert (ROOT / log).exists(), log
 
 
-@pytest.mark.parametrize("name", BUILT_IN)
+@pytest.mark.parametrize("name", built_in())
 def test_the_table_of_methods_and_the_readme_have_it(name):
     assert f"[{name}]({name}.md)" in page("README")
     assert f"`{name}`" in (ROOT / "README.md").read_text(encoding="utf-8")
@@ -169,7 +169,7 @@ def test_relative_links_lead_somewhere(path):
             assert anchor in anchors(target), link
 
 
-@pytest.mark.parametrize("name", BUILT_IN)
+@pytest.mark.parametrize("name", built_in())
 def test_the_example_does_what_it_says(name, run, tmp_path, samples):
     text = section(page(name), "Example")
     (tmp_path / "sample_logs").symlink_to(samples)

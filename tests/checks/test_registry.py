@@ -1,9 +1,6 @@
-"""The registry of checks: what third parties add, and what one finding says in place of another."""
+"""The registry of checks, and what one finding says in place of another."""
 
 import json
-import os
-import subprocess
-import sys
 
 import numpy as np
 import pytest
@@ -15,41 +12,6 @@ from vsalog.checks import BUILT_IN
 from vsalog.checks.check import without_superseded
 from vsalog.core.finding import Finding
 from vsalog.core.finding_texts import TEXTS
-
-THIRD_PARTY = """
-from vsalog.checks.check import OfSignals
-from vsalog.core.finding import Finding
-from vsalog.core.finding_texts import Text
-
-TEXTS = {"bench.humid": Text("the bench is humid: {value:.0f} %.", "Dry it.")}
-
-
-class Humidity:
-    name = "humidity"
-    supersedes = {}
-
-    def start(self, context):
-        joint = context.device.joint
-        humid = Finding(code="bench.humid", joint=joint, value=float(len(context.look)), limit=60.0, unit="%")
-        return OfSignals([humid])
-
-
-HUMIDITY = Humidity()
-"""
-
-
-@pytest.fixture
-def installed(tmp_path):
-    """Return a folder with a package of a third party, as pip would install it."""
-    folder = tmp_path / "site"
-    info = folder / "humidity-1.0.dist-info"
-    info.mkdir(parents=True)
-    (folder / "humidity.py").write_text(THIRD_PARTY)
-    (info / "METADATA").write_text("Metadata-Version: 2.1\nName: humidity\nVersion: 1.0\n")
-    (info / "entry_points.txt").write_text(
-        "[vsalog.checks]\nhumidity = humidity:HUMIDITY\n[vsalog.findings]\nhumidity = humidity:TEXTS\n"
-    )
-    return folder
 
 
 def test_names_are_unique_and_what_is_superseded_has_a_text():
@@ -63,20 +25,6 @@ def test_names_are_unique_and_what_is_superseded_has_a_text():
 def test_a_finding_says_what_others_would_say_again(codes):
     left = [f.code for f in without_superseded([Finding(code=c) for c in codes], {"a": ("b", "c")})]
     assert left == [c for c in codes if "a" not in codes or c not in ("b", "c")]
-
-
-def test_a_third_party_adds_a_check(installed, tmp_path):
-    done = vsalog_run("simulate", "sea", "--duration", "3 s", "-o", "log.csv", cwd=tmp_path)
-    assert done.returncode == 0, done.stderr
-    path = os.pathsep.join([str(installed), *filter(None, sys.path)])
-    command = [sys.executable, "-m", "vsalog", "estimate", "log.csv", "--rig", "sea", "--json"]
-    done = subprocess.run(command, cwd=tmp_path, env=os.environ | {"PYTHONPATH": path}, capture_output=True, text=True)
-    assert done.returncode == 0, done.stderr
-    joint = json.loads(done.stdout)["joints"][0]
-    (found,) = (f for f in joint["findings"] if f["code"] == "bench.humid")
-    # Three seconds at 500 Hz, both ends included.
-    assert (found["value"], found["unit"]) == (1501.0, "%")
-    assert any("the bench is humid: 1501 %" in words for words in joint["warnings"])
 
 
 @pytest.mark.parametrize(

@@ -12,9 +12,9 @@ from vsalog.binding.joint import bind
 from vsalog.core.errors import EstimatorError, FilterError
 from vsalog.core.recording import Channel, Recording
 from vsalog.core.trace import Trace
-from vsalog.estimators import method
-from vsalog.estimators.algebraic import fir_weights
 from vsalog.estimators.device import device_of
+from vsalog.estimators.methods.algebraic import fir_weights
+from vsalog.estimators.registry import method
 from vsalog.estimators.tuning import read_tuning
 from vsalog.rig import Rig
 

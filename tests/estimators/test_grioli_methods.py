@@ -14,10 +14,10 @@ import vsalog
 from vsalog.binding.joint import bind, offered_roles
 from vsalog.cli import cli
 from vsalog.core.trace import Trace
-from vsalog.estimators import method
 from vsalog.estimators.borne_torque import BorneTorque, LoadFriction, Weight
 from vsalog.estimators.device import device_of
 from vsalog.estimators.rates import RateNoise
+from vsalog.estimators.registry import method
 from vsalog.estimators.tuning import Tuning, read_tuning
 from vsalog.estimators.windows import WINDOWS, noisy_rates, suitable_windows
 from vsalog.filters.derivative_weights import derivative_weights

@@ -14,8 +14,8 @@ from vsalog.cli import cli
 from vsalog.core.errors import EstimatorError
 from vsalog.core.trace import Trace
 from vsalog.estimation.joint import choose, estimate_joint
-from vsalog.estimators import method
 from vsalog.estimators.device import device_of
+from vsalog.estimators.registry import method
 from vsalog.estimators.torque import loaded_residual_block, residual_block
 from vsalog.estimators.tuning import read_tuning
 from vsalog.rig import Rig

@@ -10,8 +10,8 @@ from vsalog.binding.joint import bind, offered_roles
 from vsalog.core.errors import EstimatorError, FilterError
 from vsalog.core.trace import Trace
 from vsalog.estimation.summary import Summarizer
-from vsalog.estimators import method
 from vsalog.estimators.device import device_of
+from vsalog.estimators.registry import method
 from vsalog.estimators.tuning import read_tuning
 from vsalog.rig.schema import AntagonisticJoint, LinearTransmission
 from vsalog.simulation.experiments import awas_experiment, elastic_experiment, vsa2_experiment

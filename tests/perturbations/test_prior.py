@@ -9,8 +9,8 @@ import pytest
 from command_line import vsalog_run
 
 from vsalog.core.signals import JointSignals
-from vsalog.estimators import direct, qr_rls, residual_rls
 from vsalog.estimators.device import device_of
+from vsalog.estimators.methods import direct, qr_rls, residual_rls
 from vsalog.estimators.tuning import LEAST_USUAL, usual_regressor
 from vsalog.perturbations.prior import LEAST_WEIGHT, WEAKER, weaker
 from vsalog.perturbations.trials import Subject

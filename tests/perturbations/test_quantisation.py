@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 
 from vsalog.core.signals import JointSignals
-from vsalog.estimators import direct, residual_rls
 from vsalog.estimators.device import device_of
 from vsalog.estimators.folding import run
+from vsalog.estimators.methods import direct, residual_rls
 from vsalog.perturbations.quantisation import Quantisation
 from vsalog.perturbations.trials import Subject, run_trials
 from vsalog.rig import Rig

@@ -10,9 +10,9 @@ from hypothesis import strategies as st
 from scipy.linalg import expm
 
 from vsalog.core.signals import JointSignals
-from vsalog.estimators import algebraic, qr_rls, residual_rls
 from vsalog.estimators.device import device_of
 from vsalog.estimators.folding import estimated, run
+from vsalog.estimators.methods import algebraic, qr_rls, residual_rls
 from vsalog.perturbations.sampling_rate import SamplingRate, every_second
 from vsalog.perturbations.trials import REPORTED_SHIFT, Shift, Subject, run_trials, tried
 from vsalog.rig import Rig

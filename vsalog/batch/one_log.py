@@ -24,7 +24,7 @@ from vsalog.diagnosis.run import diagnose as run_diagnosis
 from vsalog.estimation.job import Options as EstimateOptions
 from vsalog.estimation.job import prepare
 from vsalog.estimation.joint import PRESET, choose_all, pick_joints
-from vsalog.estimators import method
+from vsalog.estimators.registry import method
 from vsalog.estimators.tuning import read_tuning
 from vsalog.readers.window import Window
 from vsalog.report import diagnose_files, diagnosis_words, validate_files, validation_words

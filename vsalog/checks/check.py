@@ -11,8 +11,8 @@ from vsalog.core.long_signals import LongSignals
 from vsalog.core.recording import Recording
 from vsalog.core.signals import JointSignals
 from vsalog.core.trace import Trace
-from vsalog.estimators import Fold
 from vsalog.estimators.device import Device
+from vsalog.estimators.fold import Fold
 from vsalog.readers.long_recording import LongRecording
 from vsalog.rig.schema import Joint
 

@@ -8,8 +8,9 @@ from vsalog.binding.joint import offered_roles
 from vsalog.core.errors import VsalogError
 from vsalog.core.signals import JointSignals
 from vsalog.core.trace import Trace
-from vsalog.estimators import method, residual_rls
 from vsalog.estimators.device import Device
+from vsalog.estimators.methods import residual_rls
+from vsalog.estimators.registry import method
 from vsalog.perturbations.quantisation import Quantisation
 from vsalog.perturbations.trials import Subject, tried
 from vsalog.rig.schema import Joint

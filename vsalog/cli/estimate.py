@@ -8,6 +8,7 @@ import rich_click as click
 
 from vsalog.cli.options import LogPath, reading_options, rig_options
 from vsalog.cli.pairs import pairs
+from vsalog.estimators.registry import methods
 
 
 @click.command()
@@ -23,8 +24,7 @@ from vsalog.cli.pairs import pairs
     default="auto",
     show_default=True,
     metavar="NAME",
-    help="residual-rls, qr-rls, batch-ls, direct, algebraic, impedance, impedance-coupled, grioli-bicchi, grioli-parametric,"
-    " acceleration-observer, pam-ukf, pam-model, or auto: what the signals allow.",
+    help=f"{', '.join(methods())}, or auto: what the signals allow.",
 )
 @click.option(
     "--preset-tuning",

@@ -16,7 +16,7 @@ from vsalog.core.finding import Finding
 from vsalog.core.trace import Trace
 from vsalog.estimation.job import Job, Options, prepare
 from vsalog.estimation.joint import PAPER, PRESET, JointEstimate, no_preset
-from vsalog.estimators import method
+from vsalog.estimators.registry import method
 from vsalog.estimators.tuning import read_tuning
 from vsalog.validation.document import Score
 from vsalog.validation.scores import score

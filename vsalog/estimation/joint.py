@@ -23,12 +23,13 @@ from vsalog.core.recording import Recording
 from vsalog.core.signals import JointSignals
 from vsalog.core.trace import Trace
 from vsalog.estimation.summary import JointSummary, Summarizer, findings_of
-from vsalog.estimators import Fold, Method, method
 from vsalog.estimators.acceleration_group import senses_acceleration
 from vsalog.estimators.device import Device, device_of
+from vsalog.estimators.fold import Fold, Method
 from vsalog.estimators.folding import BLOCK, fold_over, run
-from vsalog.estimators.grioli_bicchi import told_by_the_link
+from vsalog.estimators.methods.grioli_bicchi import told_by_the_link
 from vsalog.estimators.needs import meaning
+from vsalog.estimators.registry import method
 from vsalog.estimators.tuning import Tuning, read_tuning
 from vsalog.perturbations import PERTURBATIONS
 from vsalog.perturbations.trials import TRIED_SAMPLES, Subject, run_trials

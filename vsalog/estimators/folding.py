@@ -12,7 +12,7 @@ from vsalog.core.signals import JointSignals
 from vsalog.core.trace import Trace
 
 if TYPE_CHECKING:  # the package imports the estimators, which import this
-    from vsalog.estimators import Fold
+    from vsalog.estimators.fold import Fold
 
 # Rows an estimator works on at a time.
 BLOCK = 8192

@@ -19,9 +19,9 @@ from vsalog.core.finding import Finding
 from vsalog.core.model import JointModel
 from vsalog.core.signals import JointSignals
 from vsalog.core.trace import Trace
-from vsalog.estimators import Fold, Method
 from vsalog.estimators.device import Device
 from vsalog.estimators.equation import SUPPORTED_SHARE
+from vsalog.estimators.fold import Fold, Method
 from vsalog.estimators.folding import Estimated, run
 from vsalog.estimators.tuning import Tuning
 from vsalog.uncertainty.shift import DEVIATIONS, Spread, beyond_noise, change, spread_over

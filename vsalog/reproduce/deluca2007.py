@@ -11,7 +11,7 @@ from scipy.linalg import eig
 from scipy.optimize import brentq
 
 from vsalog.estimators.acceleration_group import NAME
-from vsalog.estimators.acceleration_observer import PAPER_FREQUENCY, AccelerationFold
+from vsalog.estimators.methods.acceleration_observer import PAPER_FREQUENCY, AccelerationFold
 from vsalog.filters.acceleration_arm import arm_start, observe_arm
 from vsalog.filters.acceleration_observer import characteristic, error_matrix, observer_gains
 from vsalog.mechanics.kinematics import chain_motion, point_position, specific_force

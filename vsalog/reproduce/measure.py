@@ -12,9 +12,10 @@ from vsalog.binding.joint import bind, offered_roles
 from vsalog.binding.neighbours import own_and_others
 from vsalog.core.signals import JointSignals
 from vsalog.core.trace import Trace
-from vsalog.estimators import Fold, method
 from vsalog.estimators.device import device_of
+from vsalog.estimators.fold import Fold
 from vsalog.estimators.folding import estimated
+from vsalog.estimators.registry import method
 from vsalog.estimators.regression import RegressionFold
 from vsalog.estimators.tuning import read_tuning
 from vsalog.filters.kinematic import KinematicSettings

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vsalog.core.errors import VsalogError
-from vsalog.estimators import methods
+from vsalog.estimators.registry import methods
 from vsalog.reproduce.measure import Setting, Study, estimate
 from vsalog.reproduce.rows import Row, Spread
 from vsalog.simulation.experiment import Experiment

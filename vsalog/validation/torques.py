@@ -8,8 +8,8 @@ from numpy.typing import NDArray
 from vsalog.core.signals import JointSignals
 from vsalog.estimators.device import Device, TransmissionView
 from vsalog.estimators.known import Known, known_of
+from vsalog.estimators.methods.residual_rls import sensor_role
 from vsalog.estimators.net_torque import way_role
-from vsalog.estimators.residual_rls import sensor_role
 from vsalog.estimators.torque import lag_block, loaded_residual_block, residual_block
 from vsalog.filters.conditioning import Conditioned
 from vsalog.validation.references import BANDWIDTH, Smoothed, runs_of, tuning_of

@@ -15,9 +15,9 @@ from vsalog.core.signals import JointSignals
 from vsalog.estimators.device import Device
 from vsalog.estimators.first_look import first_look
 from vsalog.estimators.known import conditioner_of
+from vsalog.estimators.methods.residual_rls import sensor_equations, sensor_role
 from vsalog.estimators.needs import deflection_roles, require
 from vsalog.estimators.regression import RegressionFold
-from vsalog.estimators.residual_rls import sensor_equations, sensor_role
 from vsalog.estimators.solvers import QrSolver, RlsSolver, least_samples
 from vsalog.estimators.tuning import RlsTuning
 from vsalog.estimators.windows import keeping_window

@@ -9,9 +9,9 @@ from collections.abc import Collection
 
 from vsalog.core.signals import JointSignals
 from vsalog.estimators.device import Device
+from vsalog.estimators.methods.pam_ukf import PRESSURES, PamEstimate, PamTuning, estimate_of
+from vsalog.estimators.methods.pam_ukf import roles as filter_roles
 from vsalog.estimators.needs import require
-from vsalog.estimators.pam_ukf import PRESSURES, PamEstimate, PamTuning, estimate_of
-from vsalog.estimators.pam_ukf import roles as filter_roles
 
 NAME = "pam-model"
 SUMMARY = "the model of pneumatic muscles alone, driven by the valves; the pressures only begin it (Shin 2021)"

@@ -9,11 +9,11 @@ from __future__ import annotations
 from collections.abc import Collection
 
 from vsalog.core.signals import JointSignals
-from vsalog.estimators import qr_rls
 from vsalog.estimators.device import Device
 from vsalog.estimators.equations import IntegratedMotorEquation
 from vsalog.estimators.first_look import first_look
 from vsalog.estimators.known import conditioner_of
+from vsalog.estimators.methods import qr_rls
 from vsalog.estimators.ramp import look_for_ramps
 from vsalog.estimators.solvers import QrSolver, least_samples
 from vsalog.estimators.tuning import Tuning

@@ -22,10 +22,10 @@ from vsalog.estimators.device import Device, TransmissionView, deflection_of
 from vsalog.estimators.equation import EquationRows
 from vsalog.estimators.first_look import first_look
 from vsalog.estimators.fold_state import FoldState
+from vsalog.estimators.methods.residual_rls import sensor_role
 from vsalog.estimators.needs import deflection_roles, require
 from vsalog.estimators.regression import RegressionFold
 from vsalog.estimators.regressor_noise import noise_behind_filters
-from vsalog.estimators.residual_rls import sensor_role
 from vsalog.estimators.solvers import QrSolver, least_samples
 from vsalog.estimators.tuning import Positive, Tuning, usual_regressor
 from vsalog.estimators.windows import noisy_rates, suitable_windows, with_window

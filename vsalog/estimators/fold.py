@@ -1,0 +1,73 @@
+"""What an estimator is, and what the module of a method offers."""
+
+from __future__ import annotations
+
+from collections.abc import Collection
+from typing import Any, Protocol
+
+from vsalog.core.finding import Finding
+from vsalog.core.model import JointModel
+from vsalog.core.signals import JointSignals
+from vsalog.core.trace import Trace
+from vsalog.estimators.device import Device
+from vsalog.estimators.tuning import Tuning
+
+
+class Filters(Protocol):
+    """What an estimator does to signals before it learns from them.
+
+    Attributes
+    ----------
+    window : samples that it looks at together
+    """
+
+    window: int
+
+    def check_length(self, longest: int) -> None:
+        """Refuse signals whose longest stretch without a gap has too few samples."""
+
+
+class Fold(Protocol):
+    """An assembled estimator: a fold over blocks of signals. States are its own affair."""
+
+    passes: int
+
+    @property
+    def conditioner(self) -> Filters:
+        """The filters before it."""
+
+    @property
+    def derived(self) -> dict[str, float]:
+        """What was derived from the log where the tuning left it open."""
+
+    def start(self) -> Any:
+        """Return the state before the first sample."""
+
+    def freeze(self, state: Any) -> Any:
+        """Go back to the first sample with what was learnt."""
+
+    def step(self, state: Any, block: JointSignals) -> tuple[Any, list[Trace]]:
+        """Take a block of samples; give the new state and the trace of the rows that are ready."""
+
+    def finish(self, state: Any) -> tuple[Any, list[Trace]]:
+        """Give out the rows that are still held back."""
+
+    def findings(self, state: Any) -> tuple[Finding, ...]:
+        """Return what a person should know of what was learnt."""
+
+    def model(self, state: Any) -> JointModel:
+        """Freeze what has been learnt into a model."""
+
+
+class Method(Protocol):
+    """What the module of a method offers."""
+
+    NAME: str
+    SUMMARY: str
+    TUNING: type[Tuning]
+
+    def roles(self, device: Device, offered: Collection[str], tuning: Tuning) -> tuple[str, ...]:
+        """Return the roles the method reads, or raise EstimatorError for a missing one."""
+
+    def build(self, device: Device, signals: JointSignals, tuning: Tuning) -> Fold:
+        """Assemble the estimator for a joint's signals."""

@@ -1,0 +1,1 @@
+"""Published methods, one per file, named as `--estimator` names them."""
