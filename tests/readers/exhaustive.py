@@ -50,10 +50,7 @@ class _Topic:
         except DefinitionError:
             self._decoders = None
             return
-        self._decoders = [
-            RosDecoder(root, not self._ros1, "t", None, remember, one_by_one)
-            for remember, one_by_one in ((True, False), (True, True), (False, False))
-        ]
+        self._decoders = [RosDecoder(root, not self._ros1, "t", None, remember) for remember in (True, False)]
         types = dict(STORES[self._ros1].fielddefs)
         if text.strip():
             for part in [get_types_from_msg(text, self._name)] if language == "msg" else _idl(text):

@@ -8,7 +8,6 @@ import numpy as np
 import pytest
 from random_messages import STORES, make, numbers, same_number, stamp_of
 
-from vsalog.readers import messages
 from vsalog.readers.definitions import DefinitionError, parse_definition
 from vsalog.readers.layout import DamagedMessageError, learn
 from vsalog.readers.messages import MAX_LAYOUTS, MAX_NUMBERS, RosDecoder
@@ -147,11 +146,7 @@ def test_only_wanted_fields_are_kept():
     assert list(decoded.columns) == ["/imu.orientation.w"]
 
 
-def test_names_in_another_order_in_every_message_are_not_learnt_one_by_one(monkeypatch):
-    """Each message has a shape of its own, so none pays to be remembered; rosbags would be ten times as fast then."""
-    learnt = []
-    own = messages.learn
-    monkeypatch.setattr(messages, "learn", lambda *args: learnt.append(0) or own(*args))
+def test_names_in_another_order_in_every_message():
     store, name, rng = STORES[False], "sensor_msgs/msg/JointState", np.random.default_rng(6)
     log = []
     for _ in range(400):
@@ -163,22 +158,21 @@ def test_names_in_another_order_in_every_message_are_not_learnt_one_by_one(monke
     raws = [serialise(store, message, name, False) for message in log]
     decoded = RosDecoder(root, True, "j", None).decode(Messages.of([*raws[:300], raws[0][:-9], *raws[300:]]))
     assert np.flatnonzero(~decoded.good).tolist() == [300]
-    assert len(learnt) < 60
     for i, message in zip((*range(300), *range(301, 401)), log, strict=True):
         expected = numbers(store, message, name)
         assert all(same_number(decoded.columns[f"j.{path}"][i], value) for path, value in expected.items())
         assert np.isfinite([values[i] for values in decoded.columns.values()]).sum() == len(expected)
 
 
-@pytest.mark.parametrize("one_by_one", [False, True])
+@pytest.mark.parametrize("remember", [False, True])
 @pytest.mark.parametrize("ros1", [False, True])
-def test_seconds_beyond_2038(ros1, one_by_one):
+def test_seconds_beyond_2038(ros1, remember):
     """ROS 1 counts a date's seconds without a sign, those of a duration and its nanoseconds with one."""
     date, duration = ("time", "duration") if ros1 else ("builtin_interfaces/Time", "builtin_interfaces/Duration")
     root = parse_definition("a/msg/T", f"{date} stamp\n{date} when\n{duration} ago\n", "msg", ros1)
     seconds = 2**31 + 5
     raw = (b"" if ros1 else b"\0\1\0\0") + struct.pack("<IIIIii", seconds, 7, seconds, 500_000_000, -1, -250_000_000)
-    decoded = RosDecoder(root, not ros1, "t", None, one_by_one=one_by_one).decode(Messages.of([raw] * 3))
+    decoded = RosDecoder(root, not ros1, "t", None, remember=remember).decode(Messages.of([raw] * 3))
     shown = seconds if ros1 else seconds - 2**32
     assert decoded.stamps.tolist() == [shown * 10**9 + 7] * 3
     assert decoded.columns["t.when"].tolist() == pytest.approx([shown + 0.5] * 3, abs=1e-6)
@@ -197,12 +191,12 @@ def named_joints(joints):
     return raw + struct.pack("<d", 7)
 
 
-@pytest.mark.parametrize("one_by_one", [False, True])
-def test_elements_that_tell_their_names_are_followed_by_them(one_by_one):
+@pytest.mark.parametrize("remember", [False, True])
+def test_elements_that_tell_their_names_are_followed_by_them(remember):
     orders = [[("b", 10.0), ("a", 20.0)], [("a", 21.0), ("b", 11.0)], [("b", 12.0)], [("c", 30.0), ("a", 23.0)]]
     raws = [named_joints(joints) for joints in orders] * 3
     root = parse_definition("a/msg/T", NAMED, "msg", True)
-    columns = RosDecoder(root, False, "t", None, one_by_one=one_by_one).decode(Messages.of(raws)).columns
+    columns = RosDecoder(root, False, "t", None, remember=remember).decode(Messages.of(raws)).columns
     nan = np.nan
     for name, torque in ("a", [20, 21, nan, 23]), ("b", [10, 11, 12, nan]), ("c", [nan, nan, nan, 30]):
         np.testing.assert_array_equal(columns[f"t.joints[{name}].torque"], torque * 3)

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import struct
 from dataclasses import dataclass
+from typing import Literal, NamedTuple
 
 import numpy as np
 from numba import njit
@@ -42,8 +43,7 @@ class TooManyPartsError(DamagedMessageError):
     """A message has so many parts that no other of its kind should be tried."""
 
 
-@dataclass(frozen=True, slots=True)
-class Field:
+class Field(NamedTuple):
     """One number in a message: its path, where it starts and what it is.
 
     `code` is a NumPy type with byte order, or that of seconds and nanoseconds, ``<i4,<u4``.
@@ -199,7 +199,7 @@ class _Walk:
             if not isinstance(child, Array):
                 self._node(child, "", None)
             elif isinstance(child.element, Text):
-                found = [self._text() for _ in range(self._count(child))]
+                found = self._texts(self._count(child))
                 texts |= naming.naming_texts([(field, found)] if len(texts) < naming.MAX_ARRAYS else [])
             else:
                 start = self.pos
@@ -218,7 +218,7 @@ class _Walk:
         elif isinstance(node, Time):
             self._time(path, node.code(self.order))
         elif isinstance(node, Text):
-            self._text()
+            self._texts(1)
             if self.emitting and path not in ("header.frame_id", "frame_id"):
                 self.unread[path] = "text"
         elif isinstance(node, Struct):
@@ -238,8 +238,7 @@ class _Walk:
         """Walk an array; its elements are named by one of `texts`, or else by their index."""
         count = self._count(node)
         if isinstance(node.element, Text):
-            for _ in range(count):
-                self._text(guard=is_key)
+            self._texts(count, guard=is_key)
             if self.emitting and not is_key and count:
                 self.unread[path] = "text"
             elif self.emitting and is_key and naming.are_bad(path.rpartition(".")[2], texts):
@@ -270,11 +269,11 @@ class _Walk:
             return []
         start, guarding = self.pos, self.guarding
         self.emitting = False
-        names = []
+        names: list[str] = []
         for field, child in node.fields * count:
             self.guarding = guarding and field == naming.ELEMENT_NAME
             if field == naming.ELEMENT_NAME:
-                names.append(printable(self._text(guard=True)))
+                names += map(printable, self._texts(1, guard=True))
             else:
                 self._node(child, "", None)
         self.pos, self.emitting, self.guarding = start, True, guarding
@@ -285,9 +284,8 @@ class _Walk:
             return
         self._align(node.size)
         if self.emitting:
-            code = self.order + node.code
-            for i, label in enumerate(labels):
-                self._emit(f"{path}[{label}]", code, unit, self.pos + i * node.size)
+            code, places = self.order + node.code, range(self.pos, len(self.raw), node.size)
+            self._add([Field(f"{path}[{label}]", at, code, unit) for label, at in zip(labels, places, strict=False)])
         self._advance(count * node.size)
 
     def _elements(self, node: Node, count: int, path: str, unit: str | None, labels: list[str]) -> None:
@@ -311,14 +309,23 @@ class _Walk:
             raise DamagedMessageError(f"it claims an array of {count} values")
         return count
 
-    def _text(self, guard: bool = False) -> str:
-        self._align(4)
-        length = self._word()
-        start = self.pos
-        self._advance(length)
-        if guard and self.guarding:
-            self.guards.append((start, self.pos))
-        return self.raw[start : self.pos].rstrip(b"\0").decode("utf-8", "replace")
+    def _texts(self, count: int, guard: bool = False) -> list[str]:
+        """Pass texts; their lengths are guarded, and what they say where asked for."""
+        raw, pos = self.raw, self.pos
+        order: Literal["little", "big"] = "little" if self.order == "<" else "big"
+        texts = []
+        for _ in range(count):
+            pos = self._aligned(pos, 4)
+            begin = pos + 4
+            end = begin + int.from_bytes(raw[pos:begin], order)
+            if end > len(raw):
+                raise DamagedMessageError("it ends too early")
+            if self.guarding:
+                self.guards.append((pos, end if guard else begin))
+            texts.append(raw[begin:end].rstrip(b"\0").decode("utf-8", "replace"))
+            pos = end
+        self.pos = pos
+        return texts
 
     def _word(self) -> int:
         start = self.pos
@@ -327,19 +334,23 @@ class _Walk:
             self.guards.append((start, self.pos))
         return int(struct.unpack_from(f"{self.order}I", self.raw, start)[0])
 
+    def _aligned(self, pos: int, size: int) -> int:
+        return 4 + ((pos - 4 + size - 1) & -size) if self.cdr else pos
+
     def _align(self, size: int) -> None:
-        if self.cdr:
-            self.pos = 4 + ((self.pos - 4 + size - 1) & -size)
+        self.pos = self._aligned(self.pos, size)
 
     def _advance(self, size: int) -> None:
         self.pos += size
         if self.pos > len(self.raw):
             raise DamagedMessageError("it ends too early")
 
-    def _emit(self, path: str, code: str, unit: str | None, offset: int | None = None) -> None:
-        if not self.emitting or is_placeholder(path.rpartition(".")[2]):
-            return
-        if len(self.fields) >= MAX_FIELDS:
-            self.unread[path.partition(".")[0]] = f"more than {MAX_FIELDS} values"
-            return
-        self.fields.append(Field(path, self.pos if offset is None else offset, code, unit))
+    def _emit(self, path: str, code: str, unit: str | None) -> None:
+        if self.emitting and not is_placeholder(path.rpartition(".")[2]):
+            self._add([Field(path, self.pos, code, unit)])
+
+    def _add(self, fields: list[Field]) -> None:
+        room = MAX_FIELDS - len(self.fields)
+        self.fields += fields[:room]
+        if len(fields) > room:
+            self.unread[fields[room].path.partition(".")[0]] = f"more than {MAX_FIELDS} values"

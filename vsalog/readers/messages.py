@@ -14,27 +14,21 @@ from vsalog.core.spool import ABSENT
 from vsalog.readers.definitions import Struct, Time
 from vsalog.readers.fields import Fields
 from vsalog.readers.frames import has_frame, header_frames
-from vsalog.readers.irregular import IrregularDecoder
 from vsalog.readers.layout import (
     Bytes,
     DamagedMessageError,
     EncodingError,
-    Field,
     Integers,
     Layout,
     TooManyPartsError,
     learn,
 )
-from vsalog.readers.layout_values import column, doubles, stamps
+from vsalog.readers.layout_values import stamps, values
 from vsalog.readers.packets import Messages
 
 MAX_LAYOUTS, MAX_NUMBERS = 64, 2**17
 """Shapes of one length, and numbers in all shapes, that are remembered per message type; beyond, messages of a new shape are
 walked one by one."""
-
-FEW, LONELY, MOST_MISSES = 32, 16, 1
-"""A shape that so few messages of a batch have is not worth its while. After so many of these, messages that few others
-resemble are walked one by one, and no more than so many others in a row are tried among the messages of one length."""
 
 
 @dataclass(slots=True)
@@ -106,15 +100,15 @@ class _Shape:
     ----------
     layout : Layout
         As learnt.
-    fields : tuple of (str, Field, int)
-        Channel, where it lies, and which of `doubles` it is, -1 for other types.
-    doubles : int64 array
-        Offsets of the numbers that need no conversion.
+    names : tuple of (str, str or None)
+        Channels and their units.
+    places : dict of str to (list of int, int64 array), both of length k
+        By type of number: which of the channels, and their offsets.
     """
 
     layout: Layout
-    fields: tuple[tuple[str, Field, int], ...]
-    doubles: Integers
+    names: tuple[tuple[str, str | None], ...]
+    places: dict[str, tuple[list[int], Integers]]
 
 
 class RosDecoder:
@@ -132,8 +126,6 @@ class RosDecoder:
         Channels to decode; None is all of them.
     remember : bool
         For tests: without, every message is walked on its own.
-    one_by_one : bool
-        For tests: every message is walked by compiled loops.
     """
 
     misfit = MISFIT
@@ -145,7 +137,6 @@ class RosDecoder:
         prefix: str,
         wanted: Collection[str] | None,
         remember: bool = True,
-        one_by_one: bool = False,
     ) -> None:
         self.root = root
         self.cdr = cdr
@@ -157,10 +148,6 @@ class RosDecoder:
         self._shapes: dict[int, list[_Shape]] = {}
         self._spare = MAX_NUMBERS if remember else 0
         self._patience = 3
-        self._lonely = LONELY if one_by_one else 0
-        self._few = 2**62 if one_by_one else FEW
-        self._remember = remember
-        self._irregular: IrregularDecoder | None = None
 
     def frames(self, messages: Messages) -> Messages:
         """Return the frames in the headers of messages, which begin with one, as text; length -1 where that is not clear."""
@@ -169,74 +156,27 @@ class RosDecoder:
     def decode(self, messages: Messages) -> Decoded:
         """Decode a batch of messages."""
         result = Decoded(good=np.zeros(len(messages), dtype=bool))
-        left = []
         for rows in messages.by_length():
-            unlike = rows.size < self._few and self._one_by_one()
-            left.append(rows if unlike else self._decode_alike(messages.some(rows), rows, result))
-        rest = np.sort(np.concatenate(left)) if left else np.arange(0)
-        if rest.size:
-            odd = self._decode_unlike(messages.some(rest), rest, result)
-            for part in messages.some(odd).by_length():
-                self._decode_alike(messages.some(odd[part]), odd[part], result, odd=True)
+            self._decode_alike(messages.some(rows), rows, result)
         return result
 
-    def _one_by_one(self) -> bool:
-        """Tell whether messages differ so much in shape that they are better walked one by one, by compiled loops."""
-        if self._irregular is None and self._lonely >= LONELY and self._remember:
-            self._irregular = IrregularDecoder(self.root, self.cdr, self._is_wanted)
-            self._shapes.clear()  # those that are worth their while are soon learnt again
-        return self._irregular is not None and self._irregular.able
-
-    def _is_wanted(self, path: str) -> bool:
-        return self.wanted is None or f"{self.prefix}.{path}" in self.wanted
-
-    def _decode_unlike(self, messages: Messages, rows: Integers, result: Decoded) -> Integers:
-        """Decode messages of any shapes; `rows` tells where they go in the result. Returns the rows of those that are odd."""
-        assert self._irregular is not None
-        for found in self._irregular.decode(messages):
-            own = rows[found.rows]
-            result.good[own] = True
-            if found.stamps is not None:
-                _put_stamps(found.stamps, own, result)
-            for path, values in found.columns.items():
-                name = f"{self.prefix}.{path}"
-                if self._has_room(name, found.units.get(path), result):
-                    _put(name, values, own, result)
-        for path, reason in self._irregular.unread.items():
-            self._fields.leave(f"{self.prefix}.{path}", reason)
-        return rows[~result.good[rows]]
-
-    def _decode_alike(self, messages: Messages, rows: Integers, result: Decoded, odd: bool = False) -> Integers:
-        """Decode messages of equal length; `rows` tells where they go in the result.
-
-        Returns the rows of those that are better walked one by one; none where they are `odd`.
-        """
-        length, start, data, misses = int(messages.length[0]), messages.start, messages.data, 0
-        known = self._shapes.get(length, [])
+    def _decode_alike(self, messages: Messages, rows: Integers, result: Decoded) -> None:
+        """Decode messages of equal length; `rows` tells where they go in the result."""
+        length, start, data = int(messages.length[0]), messages.start, messages.data
+        known = self._shapes.setdefault(length, [])
         for shape in known:
             if len(rows):
                 start, rows = self._take_matching(shape, data, start, rows, result)
         while len(rows):
-            if misses > MOST_MISSES and not odd and self._one_by_one():
-                return rows
             learnt = self._learn(data[start[0] : start[0] + length].tobytes())
-            if learnt is None:
-                start, rows, misses = start[1:], rows[1:], misses + 1
-                continue
-            if len(known) >= MAX_LAYOUTS or self._spare <= 0:
-                self._store(learnt, data, start[:1], rows[:1], result)
-                start, rows, misses = start[1:], rows[1:], misses + 1
-                continue
-            before = len(rows)
-            start, rows = self._take_matching(learnt, data, start, rows, result)
-            lonely = before - len(rows) < self._few
-            self._lonely += lonely
-            misses += lonely
-            if not lonely or not self._one_by_one():
+            if learnt is not None and len(known) < MAX_LAYOUTS and self._spare > 0:
                 self._spare -= 1 + len(learnt.layout.fields)
-                known = self._shapes.setdefault(length, [])
                 known.append(learnt)
-        return rows
+                start, rows = self._take_matching(learnt, data, start, rows, result)
+                continue
+            if learnt is not None:
+                self._store(learnt, data, start[:1], rows[:1], result)
+            start, rows = start[1:], rows[1:]
 
     def _learn(self, raw: bytes) -> _Shape | None:
         if not self._patience:
@@ -253,15 +193,16 @@ class RosDecoder:
             return None
         for path, reason in layout.unread.items():
             self._fields.leave(f"{self.prefix}.{path}", reason)
-        fields: list[tuple[str, Field, int]] = []
-        offsets: list[int] = []
-        for one in layout.fields:
-            name = f"{self.prefix}.{one.path}"
-            if self.wanted is None or name in self.wanted:
-                fields.append((name, one, len(offsets) if one.code == "<f8" else -1))
-                if one.code == "<f8":
-                    offsets.append(one.offset)
-        return _Shape(layout, tuple(fields), np.array(offsets, dtype=np.int64))
+        fields = [(f"{self.prefix}.{one.path}", one) for one in layout.fields]
+        if self.wanted is not None:
+            fields = [(name, one) for name, one in fields if name in self.wanted]
+        places: dict[str, tuple[list[int], list[int]]] = {}
+        for k, (_, one) in enumerate(fields):
+            which, offsets = places.setdefault(one.code, ([], []))
+            which.append(k)
+            offsets.append(one.offset)
+        arrays = {code: (which, np.array(offsets)) for code, (which, offsets) in places.items()}
+        return _Shape(layout, tuple((name, one.unit) for name, one in fields), arrays)
 
     def _take_matching(
         self, shape: _Shape, data: Bytes, start: Integers, rows: Integers, result: Decoded
@@ -281,18 +222,15 @@ class RosDecoder:
         result.whole = rows.size == len(result.good)
         if shape.layout.stamp is not None:
             _put_stamps(stamps(data, start, shape.layout.stamp), rows, result)
-        ready = doubles(data, start, shape.doubles)
-        for name, one, number in shape.fields:
-            if self._has_room(name, one.unit, result):
-                _put(name, column(data, start, one) if number < 0 else ready[number], rows, result)
-
-    def _has_room(self, name: str, unit: str | None, result: Decoded) -> bool:
-        """Tell whether a column can be in the result, and keep its unit; that there are too many is noted."""
-        if not self._fields.take(name):
-            return False
-        if unit is not None:
-            result.units[name] = unit
-        return True
+        columns: dict[int, Values] = {}
+        for code, (which, offsets) in shape.places.items():
+            columns |= zip(which, values(data, start, offsets, code), strict=True)
+        for k, (name, unit) in enumerate(shape.names):
+            if not self._fields.take(name):
+                continue
+            if unit is not None:
+                result.units[name] = unit
+            _put(name, columns[k], rows, result)
 
 
 def _put(name: str, values: Values, rows: Integers, result: Decoded) -> None:
@@ -302,7 +240,10 @@ def _put(name: str, values: Values, rows: Integers, result: Decoded) -> None:
         return
     if name not in result.columns:
         result.columns[name] = np.full(len(result.good), ABSENT)
-    result.columns[name][rows] = values
+    if rows.size == 1:  # much the faster way to put one
+        result.columns[name][rows[0]] = values[0]
+    else:
+        result.columns[name][rows] = values
 
 
 def _put_stamps(stamps: Stamps, rows: Integers, result: Decoded) -> None:
