@@ -7,7 +7,6 @@ many samples, a coarse encoder goes on by single steps, a slow sensor held betwe
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
@@ -40,55 +39,40 @@ def held(stamps: NDArray[np.int64], values: Array, period: int, turn: float | No
     """
     kept = np.isfinite(values)
     known, when = (values, stamps) if kept.all() else (values[kept], stamps[kept])
-    found = np.zeros(known.size, dtype=np.bool_)
-    if not _mark(when, known, APART * period, turn or 0.0, found):
+    # A reading is the same from one change on up to the sample before the next.
+    after = np.flatnonzero(known[1:] != known[:-1]) + 1
+    first = np.append(0, after)[:-1]
+    length = after - 1 - first
+    likely = (length >= FEWEST) & (length <= MOST) & (first >= length) & (after + length < known.size)
+    first, after = first[likely], after[likely]
+    jumps, ahead, behind = (_steps(known, at, turn) for at in (after, first, after + 1))
+    likely = TIMES * np.fmax(np.abs(ahead), np.abs(behind)) <= np.abs(jumps)
+    likely &= when[after] - when[after - 1] <= APART * period
+    pairs = zip(first[likely].tolist(), after[likely].tolist(), strict=True)
+    if not (found := [pair for pair in pairs if _caught_up(known, *pair, turn)]):
         return None
-    out = np.zeros(values.size, dtype=np.bool_)
-    out[kept] = found
+    places, out = np.flatnonzero(kept), np.zeros(values.size, dtype=np.bool_)
+    for begin, end in found:
+        out[places[begin + 1 : end]] = True
     return out
 
 
-@njit(cache=True, error_model="numpy", nogil=True)
-def _mark(stamps: NDArray[np.int64], x: Array, apart: float, turn: float, out: Flags) -> int:
-    """Mark the samples; returns how many."""
-    count, last = 0, 0
-    for k in range(1, x.size):
-        if x[k] == x[k - 1] or np.isnan(x[k] - x[k - 1]):
-            continue
-        # From `last` on the reading was the same, up to the sample before this one.
-        length = k - 1 - last
-        if FEWEST <= length <= MOST and stamps[k] - stamps[k - 1] <= apart and _caught_up(x, last, k, turn):
-            out[last + 1 : k] = True
-            count += length
-        last = k
-    return count
-
-
-@njit(cache=True, error_model="numpy", nogil=True)
-def _caught_up(x: Array, first: int, after: int, turn: float) -> bool:
+def _caught_up(x: Array, first: int, after: int, turn: float | None) -> bool:
     """Tell whether a reading, held from one sample on, goes on in another one where the motion around it would have led it."""
     length = after - 1 - first
-    jump = _step(x, after, turn)
-    if first < length or after + length >= x.size:
+    jump = float(_steps(x, np.array(after), turn))
+    # Nearest first, as far as there are samples.
+    before = _steps(x, np.arange(first, max(first - 2 * length, 0), -1), turn)
+    behind = _steps(x, np.arange(after + 1, min(after + 1 + 2 * length, x.size)), turn)
+    if TIMES * max(np.abs(before).max(initial=0.0), np.abs(behind).max(initial=0.0)) > abs(jump):
         return False
-    before, behind = 0.0, 0.0
-    for i in range(2 * length):
-        for k in (first - i, after + 1 + i):
-            if not 0 < k < x.size:
-                continue
-            step = _step(x, k, turn)
-            if TIMES * abs(step) > abs(jump):
-                return False
-            if i < length and k <= first:
-                before += step
-            elif i < length:
-                behind += step
-    lively = max(before / jump, behind / jump)
-    return min(abs(before), abs(behind)) >= MOVES * abs(jump) and lively >= LIVELY
+    moved = float(before[:length].sum()), float(behind[:length].sum())
+    return min(map(abs, moved)) >= MOVES * abs(jump) and max(way / jump for way in moved) >= LIVELY
 
 
-@njit(cache=True, error_model="numpy", nogil=True, inline="always")
-def _step(x: Array, k: int, turn: float) -> float:
-    """Return the step to a sample, the shorter way round where there is a turn."""
-    step = float(x[k] - x[k - 1])
-    return step - turn * np.round(step / turn) if turn > 0.0 else step
+def _steps(x: Array, k: NDArray[np.int64], turn: float | None) -> Array:
+    """Return the steps to some samples, 0 to those outside, the shorter way round where there is a turn."""
+    inside = (k > 0) & (k < x.size)
+    k = np.where(inside, k, 1)
+    step = np.where(inside, x[k] - x[k - 1], 0.0)
+    return np.asarray(step - turn * np.round(step / turn) if turn else step)

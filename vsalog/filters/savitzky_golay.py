@@ -106,7 +106,8 @@ def _run(x: Array, weights: Array, out: Array) -> None:
     for s in range(out.shape[0]):
         for begin in range(0, out.shape[1], TILE):
             sums = out[s, begin : begin + TILE]
-            sums[:] = 0.0
+            for i in range(sums.size):
+                sums[i] = 0.0
             for j in range(0, whole, 4):
                 a, b, c, d = weights[s, j], weights[s, j + 1], weights[s, j + 2], weights[s, j + 3]
                 at = x[begin + j : begin + j + sums.size + 3]

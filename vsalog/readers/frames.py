@@ -128,7 +128,8 @@ def _numbers(
             continue
         if count == sizes.size:
             return k, count
-        pool[count, :size] = data[at : at + size]
+        for i in range(size):
+            pool[count, i] = data[at + i]
         sizes[count], out[k] = size, count
         count += 1
     return start.size, count

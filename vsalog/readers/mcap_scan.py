@@ -23,6 +23,18 @@ class Size(IntEnum):
     CHUNK = HEAD + 28 + 4 + LONGEST_COMPRESSION + 8  # a chunk's beginning, up to the length of its records
 
 
+class Width(IntEnum):
+    """Bytes of a number. Members have one type: what takes numbers is compiled once more for each that is written out."""
+
+    SHORT, INT, LONG = 2, 4, 8
+
+
+class Found(IntEnum):
+    """Rows of what is found of messages."""
+
+    CHANNEL, LOG, PUBLISH, START, LENGTH = range(5)
+
+
 _ZSTD = int.from_bytes(ZSTD_MAGIC, "little")
 
 
@@ -36,15 +48,20 @@ def messages_in(data: Bytes, wanted: NDArray[np.bool_]) -> Packet:
     wanted : bool array, shape (65536,)
         By channel.
     """
-    count = _count(data, wanted)
-    channel, log, publish, start, length = (np.empty(count, dtype=np.int64) for _ in range(5))
-    compressed = _fill(data, wanted, channel, log, publish, start, length)
+    count, _ = _messages(data, 0, wanted, np.empty((len(Found), 0), dtype=np.int64))
+    found = np.empty((len(Found), count), dtype=np.int64)
+    _, compressed = _messages(data, 0, wanted, found)
+    channel, log, publish, start, length = found
     return Packet(channel, log, publish, Messages(data, start, length), bool(compressed))
 
 
 def ends_whole(data: Bytes) -> bool:
     """Tell whether the last record ends where the chunk does."""
-    return bool(_end(data) == data.size)
+    kind, at = 0, 0
+    while kind >= 0:
+        kind, start, length = _next_other(data, at)
+        at = start + length
+    return bool(at == data.size)
 
 
 def others_in(data: Bytes) -> Iterator[tuple[int, bytes]]:
@@ -59,7 +76,7 @@ def others_in(data: Bytes) -> Iterator[tuple[int, bytes]]:
 
 
 @njit(cache=True, nogil=True)
-def _number(data: Bytes, at: int, width: int) -> int:
+def _number(data: Bytes, at: int, width: Width) -> int:
     """Read an unsigned number, least byte first; beyond int64 it becomes negative."""
     value = 0
     for i in range(width - 1, -1, -1):
@@ -72,66 +89,42 @@ def _record(data: Bytes, at: int) -> int:
     """Return the length of the record's content; -1 where it does not end within the data."""
     if at + Size.HEAD > data.size:
         return -1
-    length = _number(data, at + 1, 8)
+    length = _number(data, at + 1, Width.LONG)
     return length if 0 <= length <= data.size - at - Size.HEAD else -1
 
 
 @njit(cache=True, nogil=True)
-def _end(data: Bytes) -> int:
-    """Return where the last whole record ends."""
-    at = 0
+def _messages(data: Bytes, at: int, wanted: NDArray[np.bool_], found: NDArray[np.int64]) -> tuple[int, bool]:
+    """Write down where the wanted messages are, from a record on and as far as there is room.
+
+    Returns their number, and whether one of them begins as compressed ones do.
+    """
+    count, compressed = 0, False
     while at < data.size:
         length = _record(data, at)
         if length < 0:
             break
-        at += Size.HEAD + length
-    return at
-
-
-@njit(cache=True, nogil=True)
-def _count(data: Bytes, wanted: NDArray[np.bool_]) -> int:
-    at, count = 0, 0
-    while at < data.size:
-        length = _record(data, at)
-        if length < 0:
-            break
-        if data[at] == Opcode.MESSAGE and length >= Size.MESSAGE and wanted[_number(data, at + Size.HEAD, 2)]:
-            count += 1
-        at += Size.HEAD + length
-    return count
-
-
-@njit(cache=True, nogil=True)
-def _fill(
-    data: Bytes,
-    wanted: NDArray[np.bool_],
-    channel: Integers,
-    log: Integers,
-    publish: Integers,
-    start: Integers,
-    length: Integers,
-) -> bool:
-    """Write down where the wanted messages are; tells whether one of them begins as compressed ones do."""
-    at, compressed = 0, False
-    for k in range(channel.size):
-        size = _record(data, at)
-        while not (data[at] == Opcode.MESSAGE and size >= Size.MESSAGE and wanted[_number(data, at + Size.HEAD, 2)]):
-            at += Size.HEAD + size
-            size = _record(data, at)
         head = at + Size.HEAD
-        channel[k] = _number(data, head, 2)
-        log[k] = _number(data, head + 6, 8)
-        publish[k] = _number(data, head + 14, 8)
-        start[k], length[k] = head + Size.MESSAGE, size - Size.MESSAGE
-        if length[k] >= 4 and data[start[k]] == _ZSTD & 0xFF:
-            compressed |= _number(data, start[k], 4) == _ZSTD
-        at = head + size
-    return compressed
+        at = head + length
+        if data[head - Size.HEAD] != Opcode.MESSAGE or length < Size.MESSAGE:
+            continue
+        channel = _number(data, head, Width.SHORT)
+        if not wanted[channel]:
+            continue
+        start = head + Size.MESSAGE
+        if count < found.shape[1]:
+            found[Found.CHANNEL, count] = channel
+            found[Found.LOG, count] = _number(data, head + 6, Width.LONG)
+            found[Found.PUBLISH, count] = _number(data, head + 14, Width.LONG)
+            found[Found.START, count], found[Found.LENGTH, count] = start, at - start
+            compressed |= at - start >= Width.INT and _number(data, start, Width.INT) == _ZSTD
+        count += 1
+    return count, compressed
 
 
 @njit(cache=True, nogil=True)
 def _next_other(data: Bytes, at: int) -> tuple[int, int, int]:
-    """Return kind, start and length of the next record that is no message; kind -1 where there is none."""
+    """Return kind, start and length of the next record that is no message; kind -1 and where the last whole one ends."""
     while at < data.size:
         length = _record(data, at)
         if length < 0:
@@ -139,7 +132,7 @@ def _next_other(data: Bytes, at: int) -> tuple[int, int, int]:
         if data[at] != Opcode.MESSAGE:
             return int(data[at]), at + Size.HEAD, length
         at += Size.HEAD + length
-    return -1, 0, 0
+    return -1, at, 0
 
 
 def next_sure_record(data: Bytes, rest: int, loose: bool) -> int:
@@ -160,16 +153,16 @@ def next_sure_record(data: Bytes, rest: int, loose: bool) -> int:
 @njit(cache=True, nogil=True)
 def _next_sure(data: Bytes, rest: int, loose: bool) -> int:
     for at in range(data.size - Size.HEAD):
-        length = _number(data, at + 1, 8)
+        length = _number(data, at + 1, Width.LONG)
         if not 0 < length <= rest - at - Size.HEAD:
             continue
         content, whole = at + Size.HEAD, at + Size.CHUNK <= data.size
         if data[at] == Opcode.CHUNK and whole:
-            name = _number(data, content + 28, 4)
-            if name <= Size.LONGEST_COMPRESSION and length == 40 + name + _number(data, content + 32 + name, 8):
+            name = _number(data, content + 28, Width.INT)
+            if name <= Size.LONGEST_COMPRESSION and length == 40 + name + _number(data, content + 32 + name, Width.LONG):
                 return at
         elif data[at] == Opcode.MESSAGE_INDEX and whole:
-            entries = _number(data, content + 2, 4)
+            entries = _number(data, content + 2, Width.INT)
             if entries and entries % 16 == 0 and length == 6 + entries:
                 return at
         elif data[at] == Opcode.DATA_END and length == 4:
@@ -184,7 +177,7 @@ def _next_sure(data: Bytes, rest: int, loose: bool) -> int:
 @njit(cache=True, nogil=True)
 def _next_fits(data: Bytes, at: int, rest: int) -> bool:
     """Tell whether a message or the end of the data can be at a place."""
-    length = _number(data, at + 1, 8)
+    length = _number(data, at + 1, Width.LONG)
     if data[at] == Opcode.MESSAGE:
         return Size.MESSAGE <= length <= rest - at - Size.HEAD
     return bool(data[at] == Opcode.DATA_END and length == 4)

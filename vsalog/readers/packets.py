@@ -88,7 +88,10 @@ class Messages:
 
     def beginning_with(self, magic: bytes) -> NDArray[np.bool_]:
         """Tell which messages begin with some bytes."""
-        return _beginning(self.data, self.start, self.length, np.frombuffer(magic, np.uint8))
+        out = self.length >= len(magic)
+        for i, byte in enumerate(magic):
+            out[out] = self.data[self.start[out] + i] == byte
+        return out
 
 
 @dataclass(frozen=True, slots=True)
@@ -140,17 +143,6 @@ def _stamps(times: Sequence[int]) -> Integers:
 
 def _behind_one_another(length: Integers) -> Integers:
     return np.cumsum(length) - length
-
-
-@njit(cache=True, nogil=True)
-def _beginning(data: Bytes, start: Integers, length: Integers, magic: Bytes) -> NDArray[np.bool_]:
-    out = length >= magic.size
-    for k in range(start.size):
-        i = 0
-        while out[k] and i < magic.size:
-            out[k] = data[start[k] + i] == magic[i]
-            i += 1
-    return out
 
 
 @njit(cache=True, nogil=True)
