@@ -11,7 +11,7 @@ from numba import njit
 from numpy.typing import NDArray
 
 from vsalog.readers.container import ZSTD_MAGIC
-from vsalog.readers.packets import Bytes, Integers, Messages, Packet
+from vsalog.readers.packets import Bytes, Messages, Packet
 
 
 class Size(IntEnum):
