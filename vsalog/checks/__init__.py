@@ -11,9 +11,8 @@ from importlib.metadata import entry_points
 from vsalog.checks.check import Check, Context, Watch
 from vsalog.checks.cross_check import ReferenceSensors
 from vsalog.checks.nominal import NominalSpring
-from vsalog.checks.position_shape import ShapeOverPosition
+from vsalog.checks.residual import ShapeOfResidual
 from vsalog.checks.signals import Signals
-from vsalog.checks.spring_shape import ShapeOverDeflection
 from vsalog.core.finding import Finding
 from vsalog.core.trace import Trace
 
@@ -22,8 +21,7 @@ BUILT_IN: tuple[Check, ...] = (
     Signals(),
     NominalSpring(),
     ReferenceSensors(),
-    ShapeOverDeflection(),
-    ShapeOverPosition(),
+    ShapeOfResidual(),
 )
 
 

@@ -1,0 +1,278 @@
+"""Whether a fit's residual has a shape over the deflection or over a position.
+
+Backlash, a stop or a spring that stiffens suddenly are smoothed by a basis of a few terms: the residual is small, and the
+stiffness, which is the torque's slope, is off by a lot. An encoder whose disc is off its centre, or that errs several times a
+turn, makes of the deflection one that is off by a function of a position; so do cogging, a cable and gravity of a torque. The
+residual goes with no speed or acceleration, but at the same place it is the same again: piecewise linear functions of a
+deflection or a position, learnt from some blocks of the log, predict it in others (`core/dependence.py`), beyond what the basis
+can follow.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vsalog.checks.check import Context
+from vsalog.checks.motor_reference import motor_trace
+from vsalog.core.dependence import FALSE_ALARM_RATE, Association, association, least_squares
+from vsalog.core.finding import Finding
+from vsalog.core.signals import JointSignals
+from vsalog.core.trace import Trace
+from vsalog.estimators.device import Device, TransmissionView, deflection_of, has_deflection
+from vsalog.estimators.regression import RegressionFold
+from vsalog.estimators.row_moments import RowMoments, row_moments_block, row_moments_start
+
+Array = NDArray[np.float64]
+Flags = NDArray[np.bool_]
+
+# Knots of a function of any shape, fewer where two would have less than so many of the encoders' steps between them, but no fewer
+# than tell a shape.
+KNOTS, STEPS, FEWEST = 41, 2.0, 8
+# A deflection that spans fewer of the encoders' steps may hide a gap of two of them from a stiffness.
+HIDES = 20.0
+# What is beyond these parts of a deflection or a position is too seldom to count.
+RANGE = (0.005, 0.995)
+# What is reported: a part of the stiffness, and of the torque.
+LACKS, PART = 0.05, 0.006
+# Rounding moves what an encoder reads by this part of its step, root mean square.
+ROUNDED = 12.0**-0.5
+# Samples whose columns are in memory at a time.
+CHUNK = 8192
+DEFLECTION = "deflection"
+
+
+SHAPES = ("residual.shape_over_deflection", "deflection.hides_shape", "residual.shape_over_position")
+
+
+class ShapeOfResidual:
+    """Looks for a shape of the residual over the deflection, and over positions where an estimator fits torques."""
+
+    name = "residual_shape"
+    # What follows the motor's motion has a shape over the deflection, too, where both go together; and that over positions. A
+    # spring that changes leaves shapes over whatever changes along with it.
+    supersedes: Mapping[str, Sequence[str]] = {
+        "residual.follows_motion": SHAPES,
+        "stiffness.drifts": SHAPES,
+        "residual.shape_over_deflection": SHAPES[-1:],
+        "deflection.hides_shape": SHAPES[-1:],
+    }
+
+    def start(self, context: Context) -> ResidualShapes:
+        """Begin with a log."""
+        fold = context.fold
+        return ResidualShapes(context.device, context.look, isinstance(fold, RegressionFold) and fold.fits_torque)
+
+
+@dataclass(slots=True)
+class _Rows:
+    """The moments of a transmission's residual, and sums of what sizes are held against.
+
+    Attributes
+    ----------
+    knots : variable → knots of its functions, shape (k,)
+    moments : over the basis' functions, those of the variables, and the residual
+    over : shape (k, 2), how often the deflection is near each knot, and the stiffness there
+    whole : sums over all samples: how many, torque, its square, stiffness, its relative variance
+    """
+
+    knots: dict[str, Array]
+    moments: RowMoments
+    over: Array
+    whole: Array = field(default_factory=lambda: np.zeros(5))
+
+    def columns(self, name: str) -> list[int]:
+        """Return the columns of a variable's functions."""
+        first = self.moments.row.size - 1 - sum(k.size for k in self.knots.values())
+        for other, knots in self.knots.items():
+            if other == name:
+                return list(range(first, first + knots.size))
+            first += knots.size
+        raise KeyError(name)
+
+
+class ResidualShapes:
+    """The residual of a joint's torques, over deflections and positions.
+
+    Parameters
+    ----------
+    device : of the joint
+    look : as much of the signals as is in memory: ranges are taken from it, and the positions at a trace's rows
+    fits_torque : whether the estimator fits torques; of others no shape over a position is found
+    """
+
+    def __init__(self, device: Device, look: JointSignals, fits_torque: bool) -> None:
+        self.device, self.look = device, look
+        self.rows: dict[str, _Rows] = {}
+        self.spans: dict[str, float] = {}
+        self.steps: dict[str, float] = {}
+        self.excited: set[str] = set()
+        self.knows_torque = False
+        for view in device.transmissions:
+            if has_deflection(look.roles, view):
+                self._begin(view, fits_torque)
+
+    def _begin(self, view: TransmissionView, fits_torque: bool) -> None:
+        name, look = view.name, self.look
+        step = max((look.resolution.get(r, 0.0) for r in view.deflection_roles(look.roles)), default=0.0)
+        phi = _knots(deflection_of(look.roles, view), step)
+        self.steps[name], self.spans[name] = step, _span(deflection_of(look.roles, view), step)
+        knots = {} if phi is None else {DEFLECTION: phi}
+        for role in (view.motor_position, "link_position") if fits_torque else ():
+            if role in look.roles and (own := _knots(look.roles[role], 0.0)) is not None:
+                knots[role] = own
+        if knots:
+            size = self.device.basis.size + sum(k.size for k in knots.values()) + 1
+            self.rows[name] = _Rows(knots, row_moments_start(size), np.zeros((KNOTS if phi is None else phi.size, 2)))
+
+    def add(self, trace: Trace) -> None:
+        """Take a block of the estimates into account."""
+        self.excited |= {name for name, columns in trace.transmissions.items() if np.any(columns["excited"])}
+        for begin in range(0, len(trace), CHUNK):
+            for name in self.rows:
+                if name in trace.transmissions:
+                    self._add(name, trace, slice(begin, begin + CHUNK))
+
+    def _add(self, name: str, trace: Trace, part: slice) -> None:
+        rows, columns = self.rows[name], trace.transmissions[name]
+        phi, torque, fit, stiffness, std = (
+            np.asarray(columns[c], float)[part]
+            for c in ("deflection", "flexibility_torque", "flexibility_torque_fit", "stiffness", "stiffness_std")
+        )
+        setpoint = np.asarray(columns["setpoint"], float)[part] if "setpoint" in columns else None
+        self.knows_torque |= bool(np.isfinite(torque).any())
+        use = np.asarray(columns["excited"], bool)[part] & np.isfinite(torque - fit + phi + stiffness)
+        values = {DEFLECTION: phi}
+        positions = [role for role in rows.knots if role != DEFLECTION]
+        if positions:
+            stamps = trace.stamps[part]
+            place = np.minimum(np.searchsorted(self.look.stamps, stamps), len(self.look) - 1)
+            use &= self.look.stamps[place] == stamps
+            values |= {role: self.look.roles[role][place] for role in positions}
+        for over, knots in rows.knots.items():
+            use &= (values[over] >= knots[0]) & (values[over] <= knots[-1])
+        if not use.any():
+            return
+        # Loaded or unloaded: of a basis with a branch for each.
+        loading = np.gradient(phi) * phi > 0.0 if self.device.basis.branches and phi.size > 1 else None
+        basis = self.device.basis.rows(phi, setpoint if self.device.basis.setpoint_order > 1 else None, 0, loading)[
+            :, 0
+        ]
+        functions = [_hats(values[over], knots) for over, knots in rows.knots.items()]
+        z = np.column_stack((basis, *functions, torque - fit))
+        rows.moments = row_moments_block(rows.moments, z, use, np.zeros_like(use), 1)
+        if DEFLECTION in rows.knots:
+            near = functions[0][use]
+            rows.over += np.stack((near.sum(axis=0), near.T @ stiffness[use]), axis=1)
+        variance = (std[use] / stiffness[use]) ** 2
+        summed = np.ones_like(variance), torque[use], torque[use] ** 2, stiffness[use], variance
+        rows.whole += np.array([values.sum() for values in summed])
+
+    def findings(self) -> list[Finding]:
+        """Return over what the residuals of which transmissions have a shape.
+
+        Of a method that knows no torque but what it fits, the residual of the motor's side shows what the basis cannot follow.
+        """
+        if self.rows and not self.knows_torque and (trace := motor_trace(self.device, self.look)) is not None:
+            self.add(trace)
+        lacking = {name: found for name, rows in self.rows.items() if (found := self._lacks(name, rows)) is not None}
+        uneven = (
+            [] if lacking else [f for name, rows in self.rows.items() if (f := self._uneven(name, rows)) is not None]
+        )
+        hidden = (
+            Finding(code="deflection.hides_shape", joint=self.device.joint, part=name, value=span, limit=HIDES)
+            for name, span in self.spans.items()
+            if span < HIDES and name in self.excited and name not in lacking
+        )
+        return [*(lacking.values() or uneven), *hidden]
+
+    def _depends(self, rows: _Rows, name: str) -> Association | None:
+        """Return how the residual depends on a variable beyond the basis; None where it may be chance."""
+        basis = range(self.device.basis.size)
+        tried = sum(len(other.knots) for other in self.rows.values())
+        found = association(rows.moments.blocks, rows.columns(name), basis)
+        return found if found is not None and found.p_value * tried <= FALSE_ALARM_RATE else None
+
+    def _lacks(self, name: str, rows: _Rows) -> Finding | None:
+        """Return what a stiffness lacks."""
+        if DEFLECTION not in rows.knots or self._depends(rows, DEFLECTION) is None:
+            return None
+        knots, blocks, own = rows.knots[DEFLECTION], rows.moments.blocks, rows.columns(DEFLECTION)
+        count, stiffness = rows.over[1:-1].T
+        with np.errstate(divide="ignore", invalid="ignore"):
+            # What both halves have in common is no noise.
+            one, other = (
+                (f[2:] - f[:-2]) / (knots[2:] - knots[:-2]) / (stiffness / count)
+                for f in (least_squares(blocks[half::2].sum(axis=0), own) for half in range(2))
+            )
+        weights = np.where(np.isfinite(one * other), count, 0.0)
+        one, other = np.nan_to_num(one), np.nan_to_num(other)
+        part = float(np.sqrt(max(weights @ (one * other) / weights.sum(), 0.0)))
+        limit = max(LACKS, float(np.sqrt(rows.whole[4] / rows.whole[0])))
+        if part < limit:
+            return None
+        lacks = 0.5 * (one + other)
+        k = int(np.argmax(np.abs(lacks) * np.sqrt(weights)))
+        evidence = {"deflection": float(knots[1 + k]), "stiffness_change": float(lacks[k])}
+        return Finding(
+            code="residual.shape_over_deflection",
+            joint=self.device.joint,
+            part=name,
+            value=part,
+            limit=limit,
+            evidence=evidence,
+        )
+
+    def _uneven(self, name: str, rows: _Rows) -> Finding | None:
+        """Return the position over which a residual has the largest shape."""
+        samples, torque, squares, stiffness, _ = rows.whole
+        best, size = "", 0.0
+        for role in (r for r in rows.knots if r != DEFLECTION):
+            found = self._depends(rows, role)
+            if found is not None and found.share > 0.0:
+                own = (found.share * float(found.power.sum()) / max(rows.moments.rows, 1)) ** 0.5
+                best, size = max((best, size), (role, own), key=lambda x: x[1])
+        if not best:
+            return None
+        spread = float(np.sqrt(squares / samples - (torque / samples) ** 2))
+        if size < max(PART * spread, ROUNDED * self.steps[name] * stiffness / samples):
+            return None
+        return Finding(
+            code="residual.shape_over_position",
+            joint=self.device.joint,
+            part=name,
+            value=size / spread,
+            limit=PART,
+            evidence={"position": best},
+        )
+
+
+def _span(values: Array, step: float) -> float:
+    """Return how many steps of its encoders a deflection spans."""
+    known = values[np.isfinite(values)]
+    if known.size == 0 or step <= 0.0:
+        return np.inf
+    low, high = np.quantile(known, RANGE)
+    return float(high - low) / step
+
+
+def _knots(values: Array, step: float) -> Array | None:
+    """Return the knots of functions of a deflection or a position [rad]; None where it hardly moves, or is not recorded."""
+    known = values[np.isfinite(values)]
+    if known.size == 0 or np.ptp(known) == 0.0:
+        return None
+    count = int(min(KNOTS, _span(values, step) / STEPS + 1))
+    low, high = np.quantile(known, RANGE)
+    return np.linspace(low, high, count) if count > FEWEST else None
+
+
+def _hats(x: Array, knots: Array) -> Array:
+    """Return piecewise linear functions that are 1 at one of equally distant knots and 0 at the others, shape (N, k)."""
+    at = np.clip(np.nan_to_num((x - knots[0]) / (knots[1] - knots[0])), 0.0, knots.size - 1.0)
+    left = np.minimum(at.astype(np.int64), knots.size - 2)
+    out, rows = np.zeros((x.size, knots.size)), np.arange(x.size)
+    out[rows, left], out[rows, left + 1] = 1.0 - (at - left), at - left
+    return out

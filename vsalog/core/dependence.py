@@ -1,0 +1,221 @@
+"""What a residual depends on: held-out blocks, and a false-alarm rate that is stated.
+
+Rows are cut into blocks of time, and blocks into interleaved folds. The coefficients of a shape (some columns) are learnt by
+least squares from the other folds, and tried in the one that was left out: S = Σ_b (X_b β_{−f(b)})ᵀ e_b, what the held-out
+residual has in common with what is predicted of it. Controls, which may explain the residual as well, are partialled out of
+both first.
+
+S is a quadratic form in the blocks' scores r_b = X_bᵀ e_b, S = Σ r_bᵀ G_{−f(b)}⁻¹ r_b' over pairs of different folds. As each
+block is also among those that the others learn from, its terms are no independent ones, and S over the root of their squares is
+no Student's t: with k columns its standard deviation tends to √2, and at 0.001 ten columns alarm four times too often. So S is
+held against the same form in the scores of what the shape leaves, u_b = X_bᵀ (e_b − X_b β_{−f(b)}), with signs that chance
+gives them (wild bootstrap of clusters; Liu 1988, Cameron, Gelbach and Miller 2008). For normal signs that is Σ λ_i z_i²,
+divided by χ²_ν/ν with ν = B − 1 because u_b are few: Student's t² where X is one column. The tail is Kuonen's saddlepoint
+approximation. Blocks of unlike variance make such tests cautious and not rash (Bakirov and Székely 2005, Ibragimov and Müller
+2010); a residual that remembers longer than a block does not, so that blocks are joined until neighbouring scores are no more
+alike than chance makes them. (A trend over the whole log has no blocks that know nothing of each other: who asks for one has to
+ask more than this.)
+
+Liu, "Bootstrap procedures under some non-i.i.d. models", Ann. Statist. 16, 1988. Cameron, Gelbach, Miller, "Bootstrap-based
+improvements for inference with clustered errors", Rev. Econ. Stat. 90, 2008. Ibragimov, Müller, "t-statistic based correlation
+and heterogeneity robust inference", J. Bus. Econ. Stat. 28, 2010. Bakirov, Székely, "Student's t-test for Gaussian scale
+mixtures", Zap. Nauchn. Sem. POMI 328, 2005. Kuonen, "Saddlepoint approximations for distributions of quadratic forms in normal
+variables", Biometrika 86, 1999. Chernozhukov et al., "Double/debiased machine learning", Econometrics J. 21, 2018 (cross-
+fitting).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import optimize, stats
+
+Array = NDArray[np.float64]
+Integers = NDArray[np.int64]
+
+# How often one log in which nothing depends on anything may be accused, over all shapes that are tried on it.
+FALSE_ALARM_RATE = 1e-3
+# Blocks at most; without as many as the least, nothing is said.
+MOST_BLOCKS, LEAST_BLOCKS = 64, 8
+FOLDS = 4
+# Directions in which columns have less than this part of their power are left alone, as are scores that rounding makes.
+RANK, ROUNDING = 1e-8, 1e-12
+
+
+@dataclass(frozen=True, slots=True)
+class Association:
+    """How a residual depends on a shape.
+
+    Attributes
+    ----------
+    p_value : probability that a residual which does not depend on it has as much in common with what is predicted of it
+    share : of the residual's square, beyond the controls, that is predicted in blocks that were not learnt from; below 0 where
+        the prediction makes it larger
+    coefficients : shape (k,), of the whole log
+    losses : shape (B,), squares that the prediction leaves of each block
+    power : shape (B,), squares of the residual beyond the controls
+    rank : directions that its columns have beyond the controls
+    """
+
+    p_value: float
+    share: float
+    coefficients: Array
+    losses: Array
+    power: Array
+    rank: int
+
+
+def block_index(rows: int) -> Integers:
+    """Return the block of each of so many rows, shape (R,), as many blocks as are allowed."""
+    return np.arange(rows) * min(MOST_BLOCKS, max(rows, 1)) // max(rows, 1)
+
+
+def block_moments(columns: Array, blocks: Integers) -> Array:
+    """Return Σ z zᵀ of each block's rows, shape (B, K, K).
+
+    Parameters
+    ----------
+    columns : shape (R, K), all finite; the residual is one of them
+    blocks : shape (R,), not decreasing
+    """
+    edges = np.flatnonzero(np.diff(blocks, prepend=-1))
+    return np.array([part.T @ part for part in np.split(columns, edges[1:])])
+
+
+def association(
+    moments: Array, shape: Sequence[int], controls: Sequence[int] = (), residual: int = -1, join: bool = True
+) -> Association | None:
+    """Return how the residual depends on a shape; None where the controls leave nothing, or where fewer than
+    `LEAST_BLOCKS` are independent.
+
+    Parameters
+    ----------
+    moments : shape (B, K, K), of `block_moments`, in the order of time
+    shape, controls : columns; controls are partialled out
+    residual : its column
+    join : whether blocks are joined until neighbours are no more alike than chance makes them
+    """
+    while len(moments) >= LEAST_BLOCKS:
+        found, alike = _held_out(moments, list(shape), list(controls), residual)
+        if found is None or not join or alike <= 1.0:
+            return found
+        moments = joined(moments)
+    return None
+
+
+def joined(moments: Array) -> Array:
+    """Join each two neighbouring blocks."""
+    return np.asarray(np.add.reduceat(moments, np.arange(0, len(moments) - len(moments) % 2, 2), axis=0))
+
+
+def worse(one: Association, other: Association) -> float:
+    """Return the probability that chance makes the losses of `one` so much larger than those of `other` (Diebold and Mariano)."""
+    count = min(one.losses.size, other.losses.size)
+    more = _into(one.losses, count) - _into(other.losses, count)
+    size = float(np.sqrt(np.sum((more - more.mean()) ** 2) * count / (count - 1)))
+    if size <= ROUNDING * float(one.power.sum()):
+        return 1.0 if more.sum() <= ROUNDING * float(one.power.sum()) else 0.0
+    return float(stats.t.sf(more.sum() / size, count - 1))
+
+
+def mean_above_zero(scores: Array) -> float:
+    """Return the probability that chance makes the mean of independent scores, shape (B,), so large (Student)."""
+    size = float(np.sqrt(np.sum((scores - scores.mean()) ** 2) * scores.size / (scores.size - 1)))
+    return float(stats.t.sf(scores.sum() / size, scores.size - 1)) if size > 0.0 else float(scores.sum() <= 0.0)
+
+
+def least_squares(moments: Array, columns: Sequence[int], residual: int = -1) -> Array:
+    """Return the coefficients, shape (k,), of columns by the sum of some blocks' moments, shape (K, K)."""
+    columns = list(columns)
+    return _inverse(moments[np.ix_(columns, columns)]) @ moments[columns, residual]
+
+
+def _into(losses: Array, count: int) -> Array:
+    """Join blocks into fewer: a half, a quarter."""
+    while losses.size > count:
+        losses = np.add.reduceat(losses, np.arange(0, losses.size - losses.size % 2, 2))
+    return losses
+
+
+def _held_out(moments: Array, shape: list[int], controls: list[int], residual: int) -> tuple[Association | None, float]:
+    """Return the association at the given blocks, and how alike neighbouring scores are, in what chance makes of that."""
+    G, r, power = _beyond(moments, shape, controls, residual)
+    whole, right, squares = G.sum(axis=0), r.sum(axis=0), float(power.sum())
+    if squares <= ROUNDING * float(moments[:, residual, residual].sum()):
+        return None, 0.0
+    fold = np.arange(len(moments)) % FOLDS
+    learnt = np.empty_like(r)
+    inverses = np.empty((FOLDS, len(shape), len(shape)))
+    for f in range(FOLDS):
+        out = fold == f
+        inverses[f] = _inverse(whole - G[out].sum(axis=0))
+        learnt[out] = inverses[f] @ (right - r[out].sum(axis=0))
+    predicted = np.einsum("bij,bj->bi", G, learnt)
+    left = r - predicted
+    score = float(np.sum(learnt * r))
+    losses = power - 2.0 * np.sum(learnt * r, axis=1) + np.sum(learnt * predicted, axis=1)
+    form = np.einsum("bi,bij->bj", left, inverses[fold]) @ left.T * (fold[:, None] != fold)
+    inverse = _inverse(whole)
+    metric = left @ inverse @ left.T
+    neighbours = np.diagonal(metric, 1)
+    chance = float(np.sqrt(np.sum(neighbours**2)))
+    alike = float(neighbours.sum()) / chance if chance > 0.0 else 0.0
+    p = _tail(np.linalg.eigvalsh(0.5 * (form + form.T)), score, len(moments) - 1, squares)
+    rank = int(np.linalg.matrix_rank(inverse, hermitian=True)) if inverse.any() else 0
+    return Association(p, 1.0 - float(losses.sum()) / squares, inverse @ right, losses, power, rank), alike
+
+
+def _beyond(moments: Array, shape: list[int], controls: list[int], residual: int) -> tuple[Array, Array, Array]:
+    """Partial the controls out: return X̃ᵀX̃ (B, k, k), X̃ᵀẽ (B, k) and ẽᵀẽ (B,) of each block."""
+    use = [*controls, *shape, residual]
+    part = moments[:, use][:, :, use]
+    if controls:
+        c, total = len(controls), part.sum(axis=0)
+        W = np.eye(len(use))[:, c:]
+        W[:c] = -_inverse(total[:c, :c]) @ total[:c, c:]
+        part = W.T @ part @ W
+    return part[:, :-1, :-1], part[:, :-1, -1], part[:, -1, -1]
+
+
+def _inverse(gram: Array) -> Array:
+    """Return the pseudo-inverse of a matrix of squares, of columns of equal size."""
+    size = np.sqrt(np.maximum(np.diagonal(gram), 0.0))
+    size = np.where(size > 0.0, size, 1.0)
+    return np.asarray(np.linalg.pinv(gram / np.outer(size, size), rcond=RANK, hermitian=True) / np.outer(size, size))
+
+
+def _tail(eigenvalues: Array, score: float, freedom: int, scale: float) -> float:
+    """Return P(Σ λ_i z_i² > score · χ²_ν / ν) by a saddlepoint, for eigenvalues that sum to 0 (Kuonen 1999).
+
+    Parameters
+    ----------
+    eigenvalues : λ_i
+    score : of the held-out blocks
+    freedom : ν
+    scale : below this times `ROUNDING` a score is none
+    """
+    if score <= ROUNDING * scale:
+        return 1.0
+    weights = np.append(eigenvalues, -score / freedom)
+    counts = np.append(np.ones(eigenvalues.size), freedom)
+    largest = float(eigenvalues.max())
+    if largest <= ROUNDING * score:
+        return 0.0
+    weights = weights / largest
+
+    def slope(x: float) -> float:
+        return float(np.sum(counts * weights / (1.0 - 2.0 * weights * x)))
+
+    # At ½ the largest weight's term is infinite.
+    high = 0.5 * (1.0 - 1e-13)
+    if slope(high) <= 0.0:
+        return 0.0
+    x = float(optimize.brentq(slope, 0.0, high, xtol=1e-15))
+    terms = 1.0 - 2.0 * weights * x
+    w = np.sqrt(max(float(np.sum(counts * np.log(terms))), 0.0))
+    v = x * np.sqrt(2.0 * float(np.sum(counts * (weights / terms) ** 2)))
+    # Near the mean w and v vanish, and the tail is a half.
+    return float(stats.norm.sf(w + np.log(v / w) / w)) if w > 1e-3 else 0.5
