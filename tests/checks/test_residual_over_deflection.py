@@ -129,6 +129,8 @@ def test_a_spring_that_it_can_follow_is_left_alone(tmp_path, estimator, seed, no
 def test_where_encoders_are_too_coarse_for_a_shape_that_is_a_finding(tmp_path, estimator, pulses, kind):
     """A deflection of 0.16 rad spans 13, 18 and 25 steps; the gap of 0.02 rad is two of them, and half of the stiffness."""
     log(tmp_path, kind, pulses=pulses)
-    hides = found(tmp_path, estimator).get(HIDES)
-    assert (hides is not None) == (pulses < 1000)
+    findings = found(tmp_path, estimator)
+    hides = findings.get(HIDES)
+    # A gap that shows all the same is found instead.
+    assert (hides is not None or (SHAPE in findings and kind != "cubic")) == (pulses < 1000)
     assert hides is None or hides["value"] == pytest.approx(0.16 * pulses / (2 * np.pi), rel=0.1)

@@ -15,7 +15,6 @@ from vsalog.core.dependence import (
     block_moments,
     least_squares,
     mean_above_zero,
-    worse,
 )
 
 ROWS = 640
@@ -121,17 +120,6 @@ def test_what_never_returns_is_not_predicted():
     found = association(block_moments(z, np.arange(640) // 40), range(16))
     assert found.p_value == 1.0
     assert found.share == pytest.approx(0.0, abs=1e-9)
-
-
-def test_a_better_explanation_is_told_from_a_worse_and_not_from_its_like():
-    rng = np.random.default_rng(3)
-    x = motion(rng)
-    z = np.column_stack((x, np.sign(x), 2.0 * x, x + 0.3 * rng.standard_normal(ROWS)))
-    moments = block_moments(z, block_index(ROWS))
-    line, sign, same = (association(moments, [i]) for i in range(3))
-    assert worse(sign, line) < 1e-6
-    assert worse(line, sign) > 0.999
-    assert worse(same, line) > 0.01
 
 
 def test_too_few_blocks_tell_nothing():

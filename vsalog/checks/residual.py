@@ -233,7 +233,7 @@ class ResidualShapes:
         for role in (r for r in rows.knots if r != DEFLECTION):
             found = self._depends(rows, role)
             if found is not None and found.share > 0.0:
-                own = (found.share * float(found.power.sum()) / max(rows.moments.rows, 1)) ** 0.5
+                own = (found.share * found.power / max(rows.moments.rows, 1)) ** 0.5
                 best, size = max((best, size), (role, own), key=lambda x: x[1])
         if not best:
             return None

@@ -55,16 +55,14 @@ class Association:
     share : of the residual's square, beyond the controls, that is predicted in blocks that were not learnt from; below 0 where
         the prediction makes it larger
     coefficients : shape (k,), of the whole log
-    losses : shape (B,), squares that the prediction leaves of each block
-    power : shape (B,), squares of the residual beyond the controls
+    power : squares of the residual beyond the controls
     rank : directions that its columns have beyond the controls
     """
 
     p_value: float
     share: float
     coefficients: Array
-    losses: Array
-    power: Array
+    power: float
     rank: int
 
 
@@ -88,8 +86,7 @@ def block_moments(columns: Array, blocks: Integers) -> Array:
 def association(
     moments: Array, shape: Sequence[int], controls: Sequence[int] = (), residual: int = -1, join: bool = True
 ) -> Association | None:
-    """Return how the residual depends on a shape; None where the controls leave nothing, or where fewer than
-    `LEAST_BLOCKS` are independent.
+    """Return how the residual depends on a shape; None where there are too few blocks or the controls leave nothing.
 
     Parameters
     ----------
@@ -100,7 +97,7 @@ def association(
     """
     while len(moments) >= LEAST_BLOCKS:
         found, alike = _held_out(moments, list(shape), list(controls), residual)
-        if found is None or not join or alike <= 1.0:
+        if found is None or not join or alike <= 1.0 or len(moments) < 2 * LEAST_BLOCKS:
             return found
         moments = joined(moments)
     return None
@@ -111,41 +108,32 @@ def joined(moments: Array) -> Array:
     return np.asarray(np.add.reduceat(moments, np.arange(0, len(moments) - len(moments) % 2, 2), axis=0))
 
 
-def worse(one: Association, other: Association) -> float:
-    """Return the probability that chance makes the losses of `one` so much larger than those of `other` (Diebold and Mariano)."""
-    count = min(one.losses.size, other.losses.size)
-    more = _into(one.losses, count) - _into(other.losses, count)
-    size = float(np.sqrt(np.sum((more - more.mean()) ** 2) * count / (count - 1)))
-    if size <= ROUNDING * float(one.power.sum()):
-        return 1.0 if more.sum() <= ROUNDING * float(one.power.sum()) else 0.0
-    return float(stats.t.sf(more.sum() / size, count - 1))
-
-
 def mean_above_zero(scores: Array) -> float:
     """Return the probability that chance makes the mean of independent scores, shape (B,), so large (Student)."""
     size = float(np.sqrt(np.sum((scores - scores.mean()) ** 2) * scores.size / (scores.size - 1)))
     return float(stats.t.sf(scores.sum() / size, scores.size - 1)) if size > 0.0 else float(scores.sum() <= 0.0)
 
 
+def squares_beyond(moments: Array, controls: Sequence[int], residual: int = -1) -> Array | None:
+    """Return the squares that controls leave of each block, shape (B,); None where there are too few blocks."""
+    return _beyond(moments, [], list(controls), residual)[2] if len(moments) >= LEAST_BLOCKS else None
+
+
 def least_squares(moments: Array, columns: Sequence[int], residual: int = -1) -> Array:
     """Return the coefficients, shape (k,), of columns by the sum of some blocks' moments, shape (K, K)."""
-    columns = list(columns)
-    return _inverse(moments[np.ix_(columns, columns)]) @ moments[columns, residual]
-
-
-def _into(losses: Array, count: int) -> Array:
-    """Join blocks into fewer: a half, a quarter."""
-    while losses.size > count:
-        losses = np.add.reduceat(losses, np.arange(0, losses.size - losses.size % 2, 2))
-    return losses
+    own = list(columns)
+    return np.asarray(_inverse(moments[np.ix_(own, own)]) @ moments[own, residual])
 
 
 def _held_out(moments: Array, shape: list[int], controls: list[int], residual: int) -> tuple[Association | None, float]:
     """Return the association at the given blocks, and how alike neighbouring scores are, in what chance makes of that."""
-    G, r, power = _beyond(moments, shape, controls, residual)
-    whole, right, squares = G.sum(axis=0), r.sum(axis=0), float(power.sum())
-    if squares <= ROUNDING * float(moments[:, residual, residual].sum()):
+    power = _beyond(moments, [], controls, residual)[2]
+    if float(power.sum()) <= ROUNDING * float(moments[:, residual, residual].sum()):
         return None, 0.0
+    # A loud block does not drown the others: signs that chance gives leave such weights as they are.
+    weights = 2.0 * power.mean() / (power + power.mean())
+    G, r, power = _beyond(moments * weights[:, None, None], shape, controls, residual)
+    whole, right, squares = G.sum(axis=0), r.sum(axis=0), float(power.sum())
     fold = np.arange(len(moments)) % FOLDS
     learnt = np.empty_like(r)
     inverses = np.empty((FOLDS, len(shape), len(shape)))
@@ -156,16 +144,21 @@ def _held_out(moments: Array, shape: list[int], controls: list[int], residual: i
     predicted = np.einsum("bij,bj->bi", G, learnt)
     left = r - predicted
     score = float(np.sum(learnt * r))
-    losses = power - 2.0 * np.sum(learnt * r, axis=1) + np.sum(learnt * predicted, axis=1)
+    unpredicted = squares - 2.0 * score + float(np.sum(learnt * predicted))
     form = np.einsum("bi,bij->bj", left, inverses[fold]) @ left.T * (fold[:, None] != fold)
     inverse = _inverse(whole)
     metric = left @ inverse @ left.T
-    neighbours = np.diagonal(metric, 1)
+    neighbours, own = np.diagonal(metric, 1), float(np.trace(metric))
     chance = float(np.sqrt(np.sum(neighbours**2)))
-    alike = float(neighbours.sum()) / chance if chance > 0.0 else 0.0
-    p = _tail(np.linalg.eigvalsh(0.5 * (form + form.T)), score, len(moments) - 1, squares)
+    alike = float(neighbours.sum()) / chance if chance > ROUNDING * squares else 0.0
+    form = 0.5 * (form + form.T)
+    if alike > 1.0:
+        # Where no blocks are left to join: what neighbours share is no prediction, and makes sums vary more.
+        score -= 2.0 * float(np.trace(form, 1))
+        form = form * (1.0 + 2.0 * float(neighbours.sum()) / own)
+    p = _tail(np.linalg.eigvalsh(form), score, len(moments) - 1, squares)
     rank = int(np.linalg.matrix_rank(inverse, hermitian=True)) if inverse.any() else 0
-    return Association(p, 1.0 - float(losses.sum()) / squares, inverse @ right, losses, power, rank), alike
+    return Association(p, 1.0 - unpredicted / squares, inverse @ right, squares, rank), alike
 
 
 def _beyond(moments: Array, shape: list[int], controls: list[int], residual: int) -> tuple[Array, Array, Array]:
@@ -177,6 +170,10 @@ def _beyond(moments: Array, shape: list[int], controls: list[int], residual: int
         W = np.eye(len(use))[:, c:]
         W[:c] = -_inverse(total[:c, :c]) @ total[:c, c:]
         part = W.T @ part @ W
+        # What the controls are made of is rounding now.
+        nothing = np.diagonal(part.sum(axis=0))[:-1] <= RANK * np.diagonal(total)[c:-1]
+        part[:, np.append(nothing, False)] = 0.0
+        part[:, :, np.append(nothing, False)] = 0.0
     return part[:, :-1, :-1], part[:, :-1, -1], part[:, -1, -1]
 
 

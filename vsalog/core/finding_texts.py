@@ -143,8 +143,8 @@ TEXTS: Mapping[str, Text] = {
         "Check the signs of the torque and of the positions in the rig (sign = -1), and whether motor and link are swapped.",
     ),
     "residual.follows_motion": Text(
-        "transmission {part}: the residual follows the motor's {signal} ({value:.0%} of the residual's power), as it does where"
-        " a sensor is late or wrong, or the rig is. What would explain it: {explained_by}.",
+        "transmission {part}: the residual follows the motor's {signal}, as it does where a sensor is late or wrong, or the rig"
+        " is, and the stiffness is {value:.0%} off by that. What would explain it: {explained_by}.",
         "'vsalog diagnose' finds which it is.",
     ),
     "residual.not_noise": Text(

@@ -30,7 +30,7 @@ class EquationRows:
     marks where what the rig knows beside the springs is in doubt, so that nothing is learnt; None where it never can be.
     `noise` is that of the regressors, where it is known, which biases a fit (`errors_in_variables.py`). `walk_step` is the
     variance of a step of the random walk that a torque's noise becomes in an integrated y (`integrated_noise.py`), None where y
-    is no integral. `motion` is the motor's position and speed, as late as F is: the residual may follow these (`left_over.py`).
+    is no integral. `motion` is the motor's position and speed, as late as F: a residual may follow them (`residual_motion.py`).
     `plain` is F and y before they were integrated, None where they are no integrals.
     """
 

@@ -8,8 +8,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from vsalog.estimators.left_over import LeftOverState
 from vsalog.estimators.region import Region
+from vsalog.estimators.residual_motion import MotionRows
 from vsalog.filters.conditioning import ConditionerState
 
 Array = NDArray[np.float64]
@@ -19,7 +19,7 @@ Array = NDArray[np.float64]
 class FoldState:
     """States of the filters, of each equation and its solver, the regions seen so far, the samples seen and doubted, for how many
     samples each stiffness has been supported; the least that has been claimed of a supported stiffness' deviation, as a part of
-    it, and what is left over.
+    it, and rows of the residual.
     """
 
     filters: ConditionerState
@@ -32,4 +32,4 @@ class FoldState:
     doubted: dict[str, int] = field(default_factory=dict)
     supported: dict[str, int] = field(default_factory=dict)
     claimed: dict[str, float] = field(default_factory=dict)
-    left_over: dict[tuple[str, ...], LeftOverState] = field(default_factory=dict)
+    residual_rows: dict[tuple[str, ...], MotionRows] = field(default_factory=dict)

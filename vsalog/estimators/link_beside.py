@@ -1,8 +1,9 @@
 """What acts on a link beside its inertia, its damping and the torques that are measured: dry friction, a constant torque.
 
 Each follows something else than q̈ and q̇ do, and bends both where nobody knows of it: Coulomb friction, which has the sign of
-q̇, looks like damping. So the link's equation is solved with these among its regressors too, averaged over half windows much as in
-`left_over.py`. What is surely there is a finding with its size, and what it moves I and N by is doubt in them.
+q̇, looks like damping. So the link's equation is solved with these among its regressors too, averaged over half windows
+(`row_moments.py`). What predicts the torque in blocks that it was not learnt from is a finding with its size, and what it moves I
+and N by is doubt in them.
 """
 
 from __future__ import annotations
@@ -12,12 +13,14 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from vsalog.core.dependence import FALSE_ALARM_RATE, association, least_squares
 from vsalog.core.finding import Finding
+from vsalog.estimators.row_moments import row_moments_block, row_moments_start
 
 Array = NDArray[np.float64]
 
-# Averages without which nothing is found; how sure a size has to be, in its standard deviations; what counts of I and N.
-AVERAGES, SURE, MOVED = 40, 5.0, 0.01
+# Rows without which nothing is found; what counts of I and N.
+AVERAGES, MOVED = 40, 0.01
 
 
 @dataclass(frozen=True, slots=True)
@@ -70,28 +73,24 @@ def what_else_acts(torque: Array, velocity: Array, acceleration: Array, window: 
     window : samples of that filter
     """
     columns = np.column_stack((acceleration, velocity, np.sign(velocity), np.ones_like(torque), torque))
-    box = max(window // 2, 1)
-    whole = columns[: len(columns) // box * box].reshape(-1, box, columns.shape[1])
-    averages = whole[np.isfinite(whole).all(axis=(1, 2))].mean(axis=1)
-    if len(averages) < AVERAGES:
+    starts = np.zeros(torque.size, dtype=np.bool_)
+    rows = row_moments_block(row_moments_start(5), columns, ~starts, starts, max(window // 2, 1))
+    if rows.rows < AVERAGES:
         return NOTHING
-    known, target = averages[:, :-1], averages[:, -1]
-    size = np.sqrt((known**2).mean(axis=0))
-    plain = np.linalg.lstsq(known[:, :2], target, rcond=None)[0]
-    nothing = Beside(plain, np.zeros(2))
-    if not (size > 0.0).all():
-        return nothing
-    inverse = np.linalg.pinv((known / size).T @ (known / size))
-    every = inverse @ ((known / size).T @ target)
-    left = float(np.sum((target - known / size @ every) ** 2)) / (len(averages) - every.size)
-    sure = np.abs(every) > SURE * np.sqrt(np.maximum(left * np.diagonal(inverse), 0.0))
-    every /= size
-    there = [bool(sure[2] and every[2] > 0.0), bool(sure[3])]
+    whole = rows.blocks.sum(axis=0)
+    plain, nothing = least_squares(whole, [0, 1]), Beside(least_squares(whole, [0, 1]), np.zeros(2))
+    there = [False, False]
+    for i in range(2):
+        shape = association(rows.blocks, [2 + i], [0, 1, 3 - i])
+        there[i] = (
+            shape is not None and 2 * shape.p_value <= FALSE_ALARM_RATE and (i == 1 or shape.coefficients[0] > 0.0)
+        )
     kept = [0, 1, *(i + 2 for i in range(2) if there[i])]
-    found = np.linalg.lstsq(known[:, kept], target, rcond=None)[0]
+    found = least_squares(whole, kept)
     with np.errstate(divide="ignore", invalid="ignore"):
         moved = np.abs(plain / found[:2] - 1.0)
     moved = np.where(np.isfinite(moved), moved, np.inf)
     if not any(there) or moved.max() < MOVED:
         return nothing
-    return Beside(plain, moved, float(every[2]) if there[0] else 0.0, -float(every[3]) if there[1] else 0.0)
+    acts = dict(zip(kept, found, strict=True))
+    return Beside(plain, moved, float(acts.get(2, 0.0)), -float(acts.get(3, 0.0)))

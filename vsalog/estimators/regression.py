@@ -21,8 +21,8 @@ from vsalog.estimators.device import Device, deflection_of
 from vsalog.estimators.equation import SUPPORTED_SHARE, Equation, EquationRows, Solver
 from vsalog.estimators.first_look import NOTHING_SEEN, FirstLook
 from vsalog.estimators.fold_state import FoldState
-from vsalog.estimators.left_over import left_over_block, left_over_start, residual_findings
 from vsalog.estimators.region import Region, lengths
+from vsalog.estimators.residual_motion import motion_rows_block, motion_rows_start, residual_findings
 from vsalog.filters.conditioning import Conditioned, Conditioner, ConditionerState
 from vsalog.filters.direction import direction_start, loading_block
 
@@ -98,7 +98,7 @@ class RegressionFold:
             solvers=state.solvers,
             regions={name: region.whole() for name, region in state.regions.items()},
             learning=False,
-            left_over=state.left_over,
+            residual_rows=state.residual_rows,
         )
 
     def step(self, state: FoldState, block: JointSignals) -> tuple[FoldState, list[Trace]]:
@@ -125,7 +125,7 @@ class RegressionFold:
             dict(state.doubted),
             dict(state.supported),
             dict(state.claimed),
-            dict(state.left_over),
+            dict(state.residual_rows),
         )
         traces = []
         for block in (rows for rows in ready if len(rows.rows)):
@@ -174,8 +174,8 @@ class RegressionFold:
         if rows.motion is not None:
             names = tuple(view.name for view in equation.transmissions)
             F, y = (rows.F, rows.y) if rows.plain is None else rows.plain
-            state.left_over[names] = left_over_block(
-                state.left_over.get(names, left_over_start(equation.size)),
+            state.residual_rows[names] = motion_rows_block(
+                state.residual_rows.get(names, motion_rows_start(equation.size)),
                 F, E[:, 4 * len(names)], y, rows.motion, use, block.rows.starts, self.conditioner.window, block.rows.period,
             )  # fmt: skip
         deviations = np.sqrt(variances)
@@ -279,11 +279,11 @@ class RegressionFold:
         found: list[Finding] = []
         for equation in self.equations:
             names = tuple(view.name for view in equation.transmissions)
-            if names not in state.left_over:
+            if names not in state.residual_rows:
                 continue
             claimed = max(state.claimed.get(name, np.inf) for name in names)
             step = self.look.step(equation.transmissions)
-            found += residual_findings(self.device.joint, equation, state.left_over[names], claimed, step)
+            found += residual_findings(self.device.joint, equation, state.residual_rows[names], claimed, step)
         if found and self.device.has_setpoint and all(region.one_setpoint() for region in state.regions.values()):
             found.append(Finding(code="setpoint.constant", joint=self.device.joint, severity="info"))
         return found

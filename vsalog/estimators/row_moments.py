@@ -46,9 +46,17 @@ class RowMoments(NamedTuple):
         return np.asarray(half + np.tril(half, -1).swapaxes(1, 2))
 
     @property
+    def sizes(self) -> Array:
+        """How many rows each block has, shape (B,)."""
+        sizes = np.full(len(self.blocks), float(self.counts[PER_BLOCK]))
+        if sizes.size > self.counts[BLOCK]:
+            sizes[-1] = self.counts[ROWS]
+        return sizes
+
+    @property
     def rows(self) -> int:
-        """How many rows there are."""
-        return int(self.counts[BLOCK] * self.counts[PER_BLOCK] + self.counts[ROWS])
+        """How many rows the blocks have."""
+        return int(self.sizes.sum())
 
 
 def row_moments_start(columns: int) -> RowMoments:

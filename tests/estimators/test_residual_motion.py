@@ -1,4 +1,4 @@
-"""What the left-overs follow: a late encoder, a wrong inertia, damping nobody knows of; and nothing where nothing is wrong."""
+"""What a residual follows: a late encoder, a wrong inertia, damping nobody knows of; and nothing where nothing is wrong."""
 
 from __future__ import annotations
 
@@ -9,15 +9,15 @@ import numpy as np
 import pytest
 from command_line import vsalog_run
 
-from vsalog.estimators.left_over import (
+from vsalog.estimators.residual_motion import (
     ACCELERATION,
     POSITION,
     SPEED,
     followers,
     following,
-    left_over_block,
-    left_over_start,
     misfit,
+    motion_rows_block,
+    motion_rows_start,
 )
 
 PERIOD, STIFFNESS = 1e-3, 20.0
@@ -36,12 +36,12 @@ def motion():
 
 def look(phi, torque, speed, blocks=(TIME.size,), position=None):
     """The sums over a log of a linear spring, cut into blocks."""
-    F, slopes, state = phi[:, None], np.ones((TIME.size, 1)), left_over_start(1)
+    F, slopes, state = phi[:, None], np.ones((TIME.size, 1)), motion_rows_start(1)
     position = np.zeros(TIME.size) if position is None else position
     use, starts = np.ones(TIME.size, dtype=bool), np.arange(TIME.size) == 0
     for begin, end in pairwise((0, *blocks)):
         cut = slice(begin, end)
-        state = left_over_block(
+        state = motion_rows_block(
             state, F[cut], slopes[cut], torque[cut], (position[cut], speed[cut]), use[cut], starts[cut], 51, PERIOD
         )
     return state
@@ -71,8 +71,8 @@ def test_a_late_encoder_is_found_with_its_delay():
     found = followers(look(q - theta, STIFFNESS * phi + noise(), speed), 0.001, 0.0)
     assert found[0].suspect == SPEED
     assert found[0].coefficient / found[0].stiffness == pytest.approx(late, rel=0.15)
-    finding = following("a", "1", found[:1], None)
-    assert (finding.code, finding.value) == ("residual.follows_motion", found[0].taken)
+    finding = following("a", "1", found[:1], None, 0.001)
+    assert (finding.code, finding.value) == ("residual.follows_motion", found[0].moved)
     assert finding.evidence["signal"] == SPEED
     assert finding.evidence["speed_stiffness_change"] == found[0].moved
     assert "the link's encoder" in finding.evidence["explained_by"]
@@ -94,7 +94,7 @@ def test_a_wrong_gain_of_the_motor_s_encoder_is_found_with_its_size():
     )
     assert found[0].suspect == POSITION
     assert found[0].coefficient / found[0].stiffness == pytest.approx(0.03, rel=0.05)
-    explained_by = following("a", "1", found, None).evidence["explained_by"]
+    explained_by = following("a", "1", found, None, 0.001).evidence["explained_by"]
     assert "the motor's encoder reading 2.9% too far" in explained_by
 
 
@@ -136,7 +136,7 @@ def test_blocks_of_any_size_and_gaps_give_the_same_sums():
     _, speed, _, phi = motion()
     torque = STIFFNESS * phi + noise()
     whole, parts = look(phi, torque, speed), look(phi, torque, speed, (7, 900, 901, 13_000, TIME.size))
-    for a, b in zip(whole, parts, strict=True):
+    for a, b in zip((*whole.short, *whole.long), (*parts.short, *parts.long), strict=True):
         np.testing.assert_array_equal(a, b)
 
 

@@ -1,0 +1,260 @@
+"""Whether the residual of a fit follows the motion, as it does where the rig or a clock is wrong.
+
+A signal that is late by δ makes of the deflection q − θ one that is off by δ times the speed, an encoder whose gain is off by a
+part one that is off by that part of the position; a wrong inertia leaves its error times the acceleration. A fit of the
+stiffness takes for its own what it can of either, and is off without a word. The rest is in the residual: where one of these
+predicts it in blocks of the log that it was not learnt from, beside the regressors (`core/dependence.py`), and would change the
+stiffness by more than its standard deviation says, that is a finding.
+
+Rows are averages over windows (`row_moments.py`). What noise is left there makes residuals follow the acceleration too, but
+less the longer the average: what is found has to be there in averages four times as long as well. And what moves the deflection
+by less than its encoders' rounding is not found, for rounding makes as much.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vsalog.core.dependence import (
+    FALSE_ALARM_RATE,
+    association,
+    least_squares,
+    mean_above_zero,
+    squares_beyond,
+)
+from vsalog.core.finding import Finding
+from vsalog.estimators.row_moments import RowMoments, row_moments_block, row_moments_start
+
+if TYPE_CHECKING:
+    from vsalog.estimators.equation import Equation
+
+Array = NDArray[np.float64]
+Flags = NDArray[np.bool_]
+
+# Samples that are averaged, at least, and rows of a long average.
+BOX, LONG = 25, 4
+# Of noise a long average leaves at most 1/LONG of a coefficient, of an effect all: the middle, on a logarithmic scale.
+LEFT = LONG**-0.5
+# What is reported: a part of the residual's power; of the stiffness, and of its standard deviation; of a torque.
+TAKEN, MOVED, BEYOND, POOR = 0.15, 0.03, 3.0, 0.05
+# Each is right to first order: another that predicts this part of what the best does explains it as well.
+AS_WELL = 0.8
+# Rounding moves what an encoder reads by this part of its step, root mean square.
+ROUNDED = 12.0**-0.5
+SPEED, ACCELERATION, POSITION = "speed", "acceleration", "position"
+SUSPECTS = (SPEED, ACCELERATION, POSITION)
+
+
+class MotionRows(NamedTuple):
+    """Rows of an equation with n regressors: F, the slopes of the stiffness, position, speed, y, and acceleration.
+
+    Attributes
+    ----------
+    short, long : rows of a window, and of `LONG` windows
+    """
+
+    short: RowMoments
+    long: RowMoments
+
+    @property
+    def size(self) -> int:
+        """Number of regressors."""
+        return (self.short.row.size - 4) // 2
+
+    def column(self, suspect: str) -> int:
+        """Return where a suspect is."""
+        return 2 * self.size + {POSITION: 0, SPEED: 1, ACCELERATION: 3}[suspect]
+
+    @property
+    def torque(self) -> int:
+        """Where y is."""
+        return 2 * self.size + 2
+
+
+@dataclass(frozen=True, slots=True)
+class Follower:
+    """What the residual follows.
+
+    Attributes
+    ----------
+    suspect : of `SUSPECTS`
+    taken : part of the residual's power that it predicts in blocks that it was not learnt from
+    coefficient : what multiplies it, in the units of the equation
+    stiffness : root mean square of it with the suspect taken out [N·m/rad]
+    moved : what that changes of the stiffness, as a part
+    """
+
+    suspect: str
+    taken: float
+    coefficient: float
+    stiffness: float
+    moved: float
+
+
+def motion_rows_start(n: int) -> MotionRows:
+    """Return the state before the first sample, for n regressors."""
+    return MotionRows(row_moments_start(2 * n + 4), row_moments_start(2 * n + 4))
+
+
+def motion_rows_block(
+    state: MotionRows, F: Array, slopes: Array, y: Array, motion: tuple[Array, Array], use: Flags, starts: Flags, window: int,
+    period: float,
+) -> MotionRows:  # fmt: skip
+    """Go on with the rows.
+
+    Parameters
+    ----------
+    F, slopes : shape (N, n), regressors and their derivatives by the deflection
+    y : shape (N,), what they add up to
+    motion : shape (N,) each, the motor's position [rad] and speed [rad/s]
+    use, starts : shape (N,), samples that are learnt from, and those before which one is missing
+    window : samples of the filter before
+    period : [s]
+    """
+    columns, window = np.column_stack((F, slopes, *motion, y)), max(window, BOX)
+    speed = 2 * F.shape[1] + 1
+    return MotionRows(
+        row_moments_block(state.short, columns, use, starts, window, period, speed),
+        row_moments_block(state.long, columns, use, starts, LONG * window, period, speed),
+    )
+
+
+def residual_findings(joint: str, equation: Equation, state: MotionRows, claimed: float, step: float) -> list[Finding]:
+    """Return what the residual of an equation follows, or that it is no noise; nothing where neither is the case.
+
+    Parameters
+    ----------
+    claimed, step : as for `followers`
+    """
+    part = " and ".join(view.name for view in equation.transmissions)
+    # What would follow the speed or the acceleration, an equation that has them among its unknowns takes for those.
+    suspects = (POSITION,) if equation.parameters else SUSPECTS
+    if found := followers(state, claimed, step, suspects):
+        return [following(joint, part, found, equation.motor, claimed)]
+    share = misfit(state, step)
+    if share is None:
+        return []
+    return [Finding(code="residual.not_noise", joint=joint, part=part, value=share, limit=POOR)]
+
+
+def least_change(claimed: float) -> float:
+    """Return how much of a stiffness has to change, for what is claimed of its deviation, both as parts of it."""
+    return max(MOVED, BEYOND * claimed)
+
+
+def followers(state: MotionRows, claimed: float, step: float, suspects: tuple[str, ...] = SUSPECTS) -> list[Follower]:
+    """Return what the residual follows, the worst first; nothing where it follows nothing that matters.
+
+    Parameters
+    ----------
+    claimed : standard deviation that is said of the stiffness, as a part of it
+    step : of the deflection's sensors [rad], 0 where they have none
+    suspects : those that are no unknowns of the equation
+    """
+    known, y = range(state.size), state.torque
+    whole, long = state.short.blocks.sum(axis=0), state.long.blocks.sum(axis=0)
+    plain = least_squares(whole, known, y)
+    found: list[Follower] = []
+    for suspect in suspects:
+        place = state.column(suspect)
+        shape = association(state.short.blocks, [place], known, y)
+        if shape is None or shape.p_value * len(suspects) > FALSE_ALARM_RATE or shape.share < TAKEN:
+            continue
+        unknowns, lasting = (least_squares(m, [*known, place], y) for m in (whole, long))
+        now = _stiffness(unknowns[:-1], state)
+        moved = _stiffness(unknowns[:-1] - plain, state) / now if now > 0.0 else np.inf
+        torque = abs(unknowns[-1]) * float(np.sqrt(whole[place, place] / state.short.rows))
+        if (
+            lasting[-1] * np.sign(unknowns[-1]) > LEFT * abs(unknowns[-1])
+            and torque > ROUNDED * step * now
+            and least_change(claimed) < moved < np.inf
+        ):
+            found.append(Follower(suspect, shape.share, float(unknowns[-1]), now, moved))
+    found.sort(key=lambda f: -f.taken)
+    return [f for f in found if f.taken >= AS_WELL * found[0].taken]
+
+
+def misfit(state: MotionRows, step: float) -> float | None:
+    """Return the part of the torque that a fit leaves over and that does not average out; None where that is little.
+
+    Parameters
+    ----------
+    step : of the deflection's sensors [rad], 0 where they have none
+    """
+    known, y, rows = range(state.size), state.torque, state.short.rows
+    short, long = (squares_beyond(rows.blocks, known, y) for rows in state)
+    if short is None or long is None:
+        return None
+    # Of white noise LONG rows leave a part of LONG.
+    whole = state.short.blocks.sum(axis=0)
+    left, torque = float(short.sum()) / rows, float(whole[y, y]) / rows
+    if mean_above_zero(long - left / LONG * state.long.sizes) > FALSE_ALARM_RATE:
+        return None
+    lasting = (float(long.sum()) / state.long.rows - left / LONG) * LONG / (LONG - 1.0)
+    rounding = ROUNDED * step * _stiffness(least_squares(whole, known, y), state)
+    return float(np.sqrt(left / torque)) if lasting > max(POOR**2 * torque, rounding**2) else None
+
+
+def following(
+    joint: str, part: str, found: list[Follower], motor: tuple[float, float] | None, claimed: float
+) -> Finding:
+    """Return the finding that the residual follows the motor's motion, with what would explain it.
+
+    Parameters
+    ----------
+    found : of `followers`, at least one; each alone would do, and so they are alternatives
+    claimed : as for `followers`
+    motor : inertia [kg·m²] and damping [N·m·s/rad] of the motor where the torque is computed from its motion, else None
+    """
+    evidence: dict[str, float | int | str] = {
+        "signal": " or ".join(f.suspect for f in found),
+        "explained_by": "; or ".join(f"{_causes(f, motor)} (stiffness {f.moved:.0%} different)" for f in found),
+    }
+    for f in found:
+        evidence |= {
+            f"{f.suspect}_share": f.taken,
+            f"{f.suspect}_coefficient": f.coefficient,
+            f"{f.suspect}_stiffness": f.stiffness,
+            f"{f.suspect}_stiffness_change": f.moved,
+        }
+    return Finding(
+        code="residual.follows_motion",
+        joint=joint,
+        part=part,
+        value=found[0].moved,
+        limit=least_change(claimed),
+        evidence=evidence,
+    )
+
+
+def _causes(found: Follower, motor: tuple[float, float] | None) -> str:
+    """Name what would explain it, as far as it is possible: no inertia is negative."""
+    k, causes = found.coefficient, []
+    if found.suspect == SPEED:
+        causes.append(f"the {'link' if k > 0.0 else 'motor'}'s encoder {1e3 * abs(k) / found.stiffness:.2g} ms late")
+        if motor is None and k > 0.0:
+            causes.append(f"{k:.3g} N·m·s/rad of damping that the rig does not have")
+        elif motor is not None and motor[1] - k >= 0.0:
+            causes.append(f"a motor's damping of {motor[1] - k:.3g} N·m·s/rad, not {motor[1]:.3g}")
+    elif found.suspect == POSITION:
+        causes.append(
+            f"the motor's encoder reading {abs(k) / found.stiffness:.1%} too {'far' if k > 0.0 else 'little'}"
+        )
+    elif motor is None and k > 0.0:
+        causes.append(f"an inertia of {k:.3g} kg·m² between spring and torque sensor")
+    elif motor is not None and motor[0] - k > 0.0:
+        causes.append(f"a motor's inertia of {motor[0] - k:.3g} kg·m², not {motor[0]:.3g}")
+    else:
+        causes.append(f"the {found.suspect} in the equation")
+    return " or ".join(causes)
+
+
+def _stiffness(unknowns: Array, state: MotionRows) -> float:
+    """Return the root mean square of a stiffness [N·m/rad]."""
+    n = state.size
+    slopes = state.short.blocks[:, n : 2 * n, n : 2 * n].sum(axis=0)
+    return float(np.sqrt(max(float(unknowns @ slopes @ unknowns), 0.0) / state.short.rows))
