@@ -20,6 +20,7 @@ from vsalog.checks.check import Context
 from vsalog.checks.motor_reference import motor_trace
 from vsalog.core.dependence import FALSE_ALARM_RATE, Association, association, least_squares
 from vsalog.core.finding import Finding
+from vsalog.core.resolution import ROUNDED
 from vsalog.core.signals import JointSignals
 from vsalog.core.trace import Trace
 from vsalog.estimators.device import Device, TransmissionView, deflection_of, has_deflection
@@ -38,8 +39,6 @@ HIDES = 20.0
 RANGE = (0.005, 0.995)
 # What is reported: a part of the stiffness, and of the torque.
 LACKS, PART = 0.05, 0.006
-# Rounding moves what an encoder reads by this part of its step, root mean square.
-ROUNDED = 12.0**-0.5
 # Samples whose columns are in memory at a time.
 CHUNK = 8192
 DEFLECTION = "deflection"

@@ -31,7 +31,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import optimize, stats
+from scipy import optimize, special
 
 Array = NDArray[np.float64]
 Integers = NDArray[np.int64]
@@ -111,7 +111,7 @@ def joined(moments: Array) -> Array:
 def mean_above_zero(scores: Array) -> float:
     """Return the probability that chance makes the mean of independent scores, shape (B,), so large (Student)."""
     size = float(np.sqrt(np.sum((scores - scores.mean()) ** 2) * scores.size / (scores.size - 1)))
-    return float(stats.t.sf(scores.sum() / size, scores.size - 1)) if size > 0.0 else float(scores.sum() <= 0.0)
+    return float(special.stdtr(scores.size - 1, -scores.sum() / size)) if size > 0.0 else float(scores.sum() <= 0.0)
 
 
 def squares_beyond(moments: Array, controls: Sequence[int], residual: int = -1) -> Array | None:
@@ -215,4 +215,4 @@ def _tail(eigenvalues: Array, score: float, freedom: int, scale: float) -> float
     w = np.sqrt(max(float(np.sum(counts * np.log(terms))), 0.0))
     v = x * np.sqrt(2.0 * float(np.sum(counts * (weights / terms) ** 2)))
     # Near the mean w and v vanish, and the tail is a half.
-    return float(stats.norm.sf(w + np.log(v / w) / w)) if w > 1e-3 else 0.5
+    return float(special.ndtr(-w - np.log(v / w) / w)) if w > 1e-3 else 0.5

@@ -7,6 +7,9 @@ from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
 
+# Rounding moves what a sensor reads by this part of its step, root mean square.
+ROUNDED = 12.0**-0.5
+
 # Of a long signal some stretches tell as much as the whole: their number and length.
 STRETCHES, STRETCH = 8, 32_768
 # A signal has a step where this share of the differences between its levels are multiples of the smallest.
@@ -24,7 +27,7 @@ def resolution_of(values: Array) -> float:
     span = float(np.ptp(finite)) if finite.size else 0.0
     if span == 0.0:
         return 0.0
-    return step_of(values) or max((noise_of(values) or 0.0) * 12.0**0.5, 1e-12 * span)
+    return step_of(values) or max((noise_of(values) or 0.0) / ROUNDED, 1e-12 * span)
 
 
 def coarser(said: float, values: Array) -> float:
@@ -64,9 +67,7 @@ def sensor_noise(values: Array, step: float, least: float) -> float:
     least : part of the largest value that a sensor without either has all the same
     """
     finite = values[np.isfinite(values)]
-    return float(
-        max(noise_of(finite) or 0.0, step / 12.0**0.5, least * float(np.abs(finite).max(initial=0.0)) or least)
-    )
+    return float(max(noise_of(finite) or 0.0, step * ROUNDED, least * float(np.abs(finite).max(initial=0.0)) or least))
 
 
 def noise_of(values: Array, step: float = 0.0, time: Array | None = None) -> float | None:

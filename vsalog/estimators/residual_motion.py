@@ -27,6 +27,7 @@ from vsalog.core.dependence import (
     squares_beyond,
 )
 from vsalog.core.finding import Finding
+from vsalog.core.resolution import ROUNDED
 from vsalog.estimators.row_moments import RowMoments, row_moments_block, row_moments_start
 
 if TYPE_CHECKING:
@@ -43,8 +44,6 @@ LEFT = LONG**-0.5
 TAKEN, MOVED, BEYOND, POOR = 0.15, 0.03, 3.0, 0.05
 # Each is right to first order: another that predicts this part of what the best does explains it as well.
 AS_WELL = 0.8
-# Rounding moves what an encoder reads by this part of its step, root mean square.
-ROUNDED = 12.0**-0.5
 SPEED, ACCELERATION, POSITION = "speed", "acceleration", "position"
 SUSPECTS = (SPEED, ACCELERATION, POSITION)
 
@@ -189,10 +188,14 @@ def misfit(state: MotionRows, step: float) -> float | None:
     short, long = (squares_beyond(rows.blocks, known, y) for rows in state)
     if short is None or long is None:
         return None
-    # Of white noise LONG rows leave a part of LONG.
     whole = state.short.blocks.sum(axis=0)
     left, torque = float(short.sum()) / rows, float(whole[y, y]) / rows
-    if mean_above_zero(long - left / LONG * state.long.sizes) > FALSE_ALARM_RATE:
+    # Of white noise, however loud it is now and then, a long average leaves a part of LONG.
+    count = min(short.size, long.size)
+    shares = [_mean_squares(r.sizes, squares, count) for r, squares in zip(state, (short, long), strict=True)]
+    with np.errstate(divide="ignore", invalid="ignore"):
+        lasts = np.where(shares[0] > 0.0, shares[1] / shares[0], 1.0 / LONG) - 1.0 / LONG
+    if mean_above_zero(lasts) > FALSE_ALARM_RATE:
         return None
     lasting = (float(long.sum()) / state.long.rows - left / LONG) * LONG / (LONG - 1.0)
     rounding = ROUNDED * step * _stiffness(least_squares(whole, known, y), state)
@@ -251,6 +254,12 @@ def _causes(found: Follower, motor: tuple[float, float] | None) -> str:
     else:
         causes.append(f"the {found.suspect} in the equation")
     return " or ".join(causes)
+
+
+def _mean_squares(sizes: Array, squares: Array, count: int) -> Array:
+    """Return the mean square of each of so many stretches of a log, of blocks that are no fewer."""
+    place = np.arange(sizes.size) * count // sizes.size
+    return np.asarray(np.bincount(place, squares, count) / np.bincount(place, sizes, count))
 
 
 def _stiffness(unknowns: Array, state: MotionRows) -> float:

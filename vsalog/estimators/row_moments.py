@@ -6,6 +6,7 @@ of the noise of differentiated encoders out of both sides alike.
 
 from __future__ import annotations
 
+from enum import IntEnum
 from typing import NamedTuple
 
 import numpy as np
@@ -18,9 +19,11 @@ Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]
 Integers = NDArray[np.int64]
 
-NO_COLUMN = -1
-# Places of `RowMoments.counts`.
-SAMPLES, BLOCK, ROWS, PER_BLOCK = range(4)
+
+class Count(IntEnum):
+    """Places of `RowMoments.counts`: samples of the row, the block that fills, its rows, rows of a block."""
+
+    SAMPLES, BLOCK, ROWS, PER_BLOCK = range(4)
 
 
 class RowMoments(NamedTuple):
@@ -42,15 +45,17 @@ class RowMoments(NamedTuple):
     @property
     def blocks(self) -> Array:
         """Σ z zᵀ of the blocks, shape (B, K, K)."""
-        half = self.moments[: int(self.counts[BLOCK]) + int(2 * self.counts[ROWS] >= self.counts[PER_BLOCK])]
+        half = self.moments[
+            : int(self.counts[Count.BLOCK]) + int(2 * self.counts[Count.ROWS] >= self.counts[Count.PER_BLOCK])
+        ]
         return np.asarray(half + np.tril(half, -1).swapaxes(1, 2))
 
     @property
     def sizes(self) -> Array:
         """How many rows each block has, shape (B,)."""
-        sizes = np.full(len(self.blocks), float(self.counts[PER_BLOCK]))
-        if sizes.size > self.counts[BLOCK]:
-            sizes[-1] = self.counts[ROWS]
+        sizes = np.full(len(self.blocks), float(self.counts[Count.PER_BLOCK]))
+        if sizes.size > self.counts[Count.BLOCK]:
+            sizes[-1] = self.counts[Count.ROWS]
         return sizes
 
     @property
@@ -66,7 +71,7 @@ def row_moments_start(columns: int) -> RowMoments:
 
 
 def row_moments_block(
-    state: RowMoments, columns: Array, use: Flags, starts: Flags, window: int, period: float = 1.0, rate_of: int = NO_COLUMN
+    state: RowMoments, columns: Array, use: Flags, starts: Flags, window: int, period: float = 1.0, rate_of: int = -1
 ) -> RowMoments:  # fmt: skip
     """Go on with the sums.
 
@@ -76,7 +81,7 @@ def row_moments_block(
     use, starts : shape (N,), samples that count, and those before which one is missing
     window : samples of a row
     period : [s]
-    rate_of : the column whose rate of change is the last one: between the ends of a row
+    rate_of : the column whose rate of change between the ends of a row is the last one; −1 for none
     """
     new = RowMoments(state.row.copy(), state.last.copy(), state.moments.copy(), state.counts.copy())
     finite = use & np.isfinite(columns).all(axis=1)
@@ -93,7 +98,7 @@ def _run(
     for k in range(columns.shape[0]):
         if starts[k] or not use[k]:
             row[:] = 0.0
-            counts[SAMPLES] = 0
+            counts[Count.SAMPLES] = 0
             last[0] = np.nan
         if not use[k]:
             continue
@@ -105,25 +110,25 @@ def _run(
             row[m - 1] += (last[0] - before) / period
         for i in range(n):
             row[i] += columns[k, i]
-        counts[SAMPLES] += 1
-        if counts[SAMPLES] < window:
+        counts[Count.SAMPLES] += 1
+        if counts[Count.SAMPLES] < window:
             continue
-        block, weight = counts[BLOCK], 1.0 / (window * window)
+        block, weight = counts[Count.BLOCK], 1.0 / (window * window)
         for i in range(m):
             if row[i] != 0.0:
                 for j in range(i + 1):
                     if row[j] != 0.0:
                         moments[block, i, j] += weight * row[i] * row[j]
         row[:] = 0.0
-        counts[SAMPLES] = 0
-        counts[ROWS] += 1
-        if counts[ROWS] == counts[PER_BLOCK]:
-            counts[ROWS] = 0
-            counts[BLOCK] += 1
-        if counts[BLOCK] == moments.shape[0]:
+        counts[Count.SAMPLES] = 0
+        counts[Count.ROWS] += 1
+        if counts[Count.ROWS] == counts[Count.PER_BLOCK]:
+            counts[Count.ROWS] = 0
+            counts[Count.BLOCK] += 1
+        if counts[Count.BLOCK] == moments.shape[0]:
             half = moments.shape[0] // 2
             for b in range(half):
                 moments[b] = moments[2 * b] + moments[2 * b + 1]
             moments[half:] = 0.0
-            counts[BLOCK] = half
-            counts[PER_BLOCK] *= 2
+            counts[Count.BLOCK] = half
+            counts[Count.PER_BLOCK] *= 2
