@@ -134,3 +134,10 @@ def test_where_encoders_are_too_coarse_for_a_shape_that_is_a_finding(tmp_path, e
     # A gap that shows all the same is found instead.
     assert (hides is not None or (SHAPE in findings and kind != "cubic")) == (pulses < 1000)
     assert hides is None or hides["value"] == pytest.approx(0.16 * pulses / (2 * np.pi), rel=0.1)
+
+
+def test_a_sound_preset_at_another_rate_is_left_alone(tmp_path):
+    """Its residual has, by chance, a shape that both halves of the log seem to share."""
+    done = vsalog_run("simulate", "awas", "--rate", "500", "--seed", "77", "-o", "arm.csv", cwd=tmp_path)
+    assert done.returncode == 0, done.stderr
+    assert not any("shape_over" in code for code in found(tmp_path, "direct"))
