@@ -14,6 +14,7 @@ from vsalog.core.dependence import (
     block_moments,
     least_squares,
     mean_above_zero,
+    one_more_above,
 )
 
 ROWS = 640
@@ -152,3 +153,9 @@ def test_a_mean_above_zero_of_correlated_scores_alarms_as_stated():
         p.append(mean_above_zero(lfilter([1.0], [1.0, -0.5], noise)[MOST_BLOCKS:]))
     assert np.count_nonzero(np.array(p) < 0.01) <= stats.binom.isf(1e-3, len(p), 0.01)
     assert np.count_nonzero(np.array(p) < 0.2) >= 0.1 * len(p)
+
+
+def test_one_more_above_others_is_students_prediction():
+    rng = np.random.default_rng(6)
+    p = np.array([one_more_above(x[0], x[1:]) for x in rng.standard_normal((4000, 9))])
+    assert stats.kstest(p, "uniform").pvalue > 1e-3

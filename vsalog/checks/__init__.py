@@ -13,12 +13,14 @@ from vsalog.checks.cross_check import ReferenceSensors
 from vsalog.checks.nominal import NominalSpring
 from vsalog.checks.residual import ShapeOfResidual
 from vsalog.checks.signals import Signals
+from vsalog.checks.standstill import StandstillOfEncoder
 from vsalog.core.finding import Finding
 from vsalog.core.trace import Trace
 
 # In the order in which findings are listed.
 BUILT_IN: tuple[Check, ...] = (
     Signals(),
+    StandstillOfEncoder(),
     NominalSpring(),
     ReferenceSensors(),
     ShapeOfResidual(),

@@ -7,6 +7,7 @@ warned of.
 from __future__ import annotations
 
 from collections.abc import Collection, Iterator, Sequence
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -45,10 +46,48 @@ ZEROS, CALM, AWAY, LOUD, FEW = 3, 0.2, 0.05, 5.0, 5
 FEWEST, ENOUGH = 50, 100_000
 
 
+@dataclass(frozen=True, slots=True)
+class Standstill:
+    """A stretch in which one encoder of a spring does not change by a single step, while the other one moves.
+
+    Attributes
+    ----------
+    role, other : positions
+    within, stamps : first and last time [s] and stamp [ns]
+    moved, enough : how far the other one moves, and how far it has to at least [rad]
+    spring : how far it has to where nothing else is known: more than the spring gives way elsewhere [rad]
+    """
+
+    role: str
+    other: str
+    within: tuple[float, float]
+    stamps: tuple[int, int]
+    moved: float
+    enough: float
+    spring: float
+
+    def holds(self, stamps: NDArray[np.int64], farther: int = 0) -> Flags:
+        """Return which stamps [ns] lie in it, or in one that reaches farther [ns] at both ends."""
+        return (stamps >= self.stamps[0] - farther) & (stamps <= self.stamps[1] + farther)
+
+    def finding(self, joint: str, limit: float) -> Finding:
+        """Return the finding that the encoder was stuck, as the other one moves farther than so many rad."""
+        begin, end = self.within
+        return Finding(
+            code="encoder.stuck",
+            joint=joint,
+            part=self.role,
+            value=self.moved,
+            limit=limit,
+            unit="rad",
+            evidence={"begin": begin, "end": end, "other": self.other},
+        )
+
+
 def implausible(device: Device, signals: JointSignals) -> Iterator[Finding]:
     """Yield what is possible and not plausible."""
     yield from _off_centre(device, signals)
-    for view in _with_both_positions(device, signals):
+    for view in with_both_positions(device, signals):
         yield from _opposed(signals, view)
     yield from _too_far(device, signals)
     yield from passing(device, signals)
@@ -56,7 +95,7 @@ def implausible(device: Device, signals: JointSignals) -> Iterator[Finding]:
 
 def passing(device: Device, signals: JointSignals) -> Iterator[Finding]:
     """Yield what may befall a sensor for a while, and is found in that while."""
-    for view in _with_both_positions(device, signals):
+    for view in with_both_positions(device, signals):
         yield from _stuck(signals, view)
     yield from _torque_stuck(device, signals)
     for role in signals.roles:
@@ -71,7 +110,8 @@ def passing(device: Device, signals: JointSignals) -> Iterator[Finding]:
             yield from _dropped_to_zero(signals, role)
 
 
-def _with_both_positions(device: Device, signals: JointSignals) -> list[TransmissionView]:
+def with_both_positions(device: Device, signals: JointSignals) -> list[TransmissionView]:
+    """Return the transmissions both of whose ends have an encoder."""
     return [view for view in device.transmissions if {"link_position", view.motor_position} <= set(signals.roles)]
 
 
@@ -350,37 +390,46 @@ def _dropped_to_zero(signals: JointSignals, role: str) -> Iterator[Finding]:
 
 
 def _stuck(signals: JointSignals, view: TransmissionView) -> Iterator[Finding]:
-    for role, other in (("link_position", view.motor_position), (view.motor_position, "link_position")):
-        x, y = signals.roles[role], signals.roles[other]
-        # A run of the log ends where a sample is the first after a gap.
-        same = np.concatenate(([False], np.diff(x) == 0.0)) & ~signals.starts
-        first, after = _runs(same)
-        long = (after - first) * signals.period >= STUCK
-        if not long.any():
-            continue
-        resting = np.zeros(x.shape, dtype=np.bool_)
-        for begin, end in zip(first[long], after[long], strict=True):
-            resting[begin - 1 : end] = True
-        elsewhere = ~resting & np.isfinite(x) & np.isfinite(y)
-        if np.count_nonzero(elsewhere) < FEWEST or not _go_together(x[elsewhere], y[elsewhere]):
-            continue
-        low, high = _span((x - y)[elsewhere])
-        bound = 0.0 if _noisy(x, ~resting) else MORE * (high - low)
-        y_low, y_high = _span(y)
-        enough = max(MOVED * signals.resolution.get(other, 0.0), MOVED_SHARE * (y_high - y_low), bound)
-        for begin, end in zip(first[long] - 1, after[long], strict=True):
-            moved = y[begin:end][np.isfinite(y[begin:end])]
-            if moved.size and float(np.ptp(moved)) > enough:
-                yield Finding(
-                    code="encoder.stuck",
-                    joint=signals.joint,
-                    part=role,
-                    value=float(np.ptp(moved)),
-                    limit=float(enough),
-                    unit="rad",
-                    evidence={"begin": float(signals.time[begin]), "end": float(signals.time[end - 1]), "other": other},
-                )
-                break
+    """Tell of encoders that stand still while the spring would have to give way more than elsewhere."""
+    told = set[str]()
+    for s in standstills(signals, view):
+        if s.moved > s.spring and s.role not in told:
+            told.add(s.role)
+            yield s.finding(signals.joint, max(s.enough, s.spring))
+
+
+def standstills(signals: JointSignals, view: TransmissionView) -> Iterator[Standstill]:
+    """Yield the stretches in which one encoder of a spring does not change by a single step while the other one moves."""
+    yield from _standstills(signals, "link_position", view.motor_position)
+    yield from _standstills(signals, view.motor_position, "link_position")
+
+
+def _standstills(signals: JointSignals, role: str, other: str) -> Iterator[Standstill]:
+    x, y = signals.roles[role], signals.roles[other]
+    # A run of the log ends where a sample is the first after a gap.
+    same = np.concatenate(([False], np.diff(x) == 0.0)) & ~signals.starts
+    first, after = _runs(same)
+    long = (after - first) * signals.period >= STUCK
+    if not long.any():
+        return
+    resting = np.zeros(x.shape, dtype=np.bool_)
+    for begin, end in zip(first[long], after[long], strict=True):
+        resting[begin - 1 : end] = True
+    elsewhere = ~resting & np.isfinite(x) & np.isfinite(y)
+    if np.count_nonzero(elsewhere) < FEWEST:
+        return
+    low, high = _span((x - y)[elsewhere])
+    spring = 0.0 if _noisy(x, ~resting) else MORE * (high - low)
+    if not _go_together(x[elsewhere], y[elsewhere]):
+        spring = np.inf
+    y_low, y_high = _span(y)
+    enough = max(MOVED * signals.resolution.get(other, 0.0), MOVED_SHARE * (y_high - y_low))
+    for begin, end in zip(first[long] - 1, after[long], strict=True):
+        moved = y[begin:end][np.isfinite(y[begin:end])]
+        if moved.size and float(np.ptp(moved)) > enough:
+            within = float(signals.time[begin]), float(signals.time[end - 1])
+            stamps = int(signals.stamps[begin]), int(signals.stamps[end - 1])
+            yield Standstill(role, other, within, stamps, float(np.ptp(moved)), float(enough), float(spring))
 
 
 def _go_together(x: Array, y: Array) -> bool:

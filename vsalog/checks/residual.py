@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 
 from vsalog.checks.check import Context
 from vsalog.checks.motor_reference import motor_trace
+from vsalog.core.basis import PolynomialBasis
 from vsalog.core.dependence import FALSE_ALARM_RATE, Association, association, least_squares
 from vsalog.core.finding import Finding
 from vsalog.core.resolution import ROUNDED
@@ -141,7 +142,6 @@ class ResidualShapes:
             np.asarray(columns[c], float)[part]
             for c in ("deflection", "flexibility_torque", "flexibility_torque_fit", "stiffness", "stiffness_std")
         )
-        setpoint = np.asarray(columns["setpoint"], float)[part] if "setpoint" in columns else None
         self.knows_torque |= bool(np.isfinite(torque).any())
         use = np.asarray(columns["excited"], bool)[part] & np.isfinite(torque - fit + phi + stiffness)
         values = {DEFLECTION: phi}
@@ -155,11 +155,7 @@ class ResidualShapes:
             use &= (values[over] >= knots[0]) & (values[over] <= knots[-1])
         if not use.any():
             return
-        # Loaded or unloaded: of a basis with a branch for each.
-        loading = np.gradient(phi) * phi > 0.0 if self.device.basis.branches and phi.size > 1 else None
-        basis = self.device.basis.rows(phi, setpoint if self.device.basis.setpoint_order > 1 else None, 0, loading)[
-            :, 0
-        ]
+        basis = basis_rows(self.device.basis, columns, part)
         functions = [_hats(values[over], knots) for over, knots in rows.knots.items()]
         z = np.column_stack((basis, *functions, torque - fit))
         rows.moments = row_moments_block(rows.moments, z, use, np.zeros_like(use), 1)
@@ -247,6 +243,15 @@ class ResidualShapes:
             limit=PART,
             evidence={"position": best},
         )
+
+
+def basis_rows(basis: PolynomialBasis, columns: Mapping[str, NDArray[np.generic]], part: slice) -> Array:
+    """Return a basis' functions at some rows of a trace's columns, shape (N, n)."""
+    phi = np.asarray(columns["deflection"], float)[part]
+    setpoint = np.asarray(columns["setpoint"], float)[part] if basis.setpoint_order > 1 else None
+    # Loaded or unloaded: of a basis with a branch for each.
+    loading = np.gradient(phi) * phi > 0.0 if basis.branches and phi.size > 1 else None
+    return basis.rows(phi, setpoint, 0, loading)[:, 0]
 
 
 def _span(values: Array, step: float) -> float:

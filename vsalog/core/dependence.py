@@ -127,6 +127,14 @@ def mean_above_zero(scores: Array) -> float:
     return float(special.stdtr(freedom, -scores.sum() / size)) if size > 0.0 else float(scores.sum() <= 0.0)
 
 
+def one_more_above(new: float, scores: Array) -> float:
+    """Return the probability that one more of independent scores, shape (B,), is so large (Student's prediction interval)."""
+    size = float(scores.std(ddof=1)) * float(np.sqrt(1.0 + 1.0 / scores.size))
+    return (
+        float(special.stdtr(scores.size - 1, (scores.mean() - new) / size)) if size > 0.0 else float(new <= scores[0])
+    )
+
+
 def squares_beyond(moments: Array, controls: Sequence[int], residual: int = -1) -> Array | None:
     """Return the squares that controls leave of each block, shape (B,); None where there are too few blocks."""
     return _beyond(moments, [], list(controls), residual)[2] if len(moments) >= LEAST_BLOCKS else None

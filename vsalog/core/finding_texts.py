@@ -38,8 +38,8 @@ TEXTS: Mapping[str, Text] = {
     "encoder.other_turn": Text("{part} was on another turn than link_position.", "It is turned to it."),
     "encoder.stuck": Text(
         "{part} does not change by a single step from {begin:.4g} s to {end:.4g} s, while {other} moves by {value:.3g} rad;"
-        " elsewhere they move together: its encoder was stuck.",
-        "Leave that stretch out (--start, --end).",
+        " the spring that the rest of the log shows does not allow it: its encoder was stuck.",
+        "Leave that stretch out (--start, --end); so also where a brake or a stop held the joint.",
     ),
     "torque.stuck": Text(
         "{part} does not change by a single step from {begin:.4g} s to {end:.4g} s and is noisy elsewhere: its sensor or its"
