@@ -369,7 +369,7 @@ def test_figures_of_a_long_trace_are_drawn_of_a_part_of_its_rows(monkeypatch, sa
 
     outputs = Outputs(tmp_path / "a.parquet", tmp_path / "a.toml", page=tmp_path / "a.html")
     prepared = prepare([samples / "vsa2_exp1.mcap"], Options())
-    monkeypatch.setattr(page_estimate, "MOST_ROWS", 3000)
+    monkeypatch.setattr(page_estimate, "ROOM", 3000 * 8 * 9)  # nine columns of eight bytes
     (estimate,) = write_results(prepared, outputs)
     every = page_estimate.thinned(estimate)
     assert every == 7

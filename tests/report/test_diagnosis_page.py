@@ -58,13 +58,13 @@ def test_a_friction_curve_is_drawn_over_velocity_and_noise_is_left():
     # Means near zero mix both signs; but there each is the level with the velocity's sign turned.
     away = np.abs(line.x) > 0.1
     assert np.allclose(line.y[away], -LEVEL * np.sign(line.x[away]))
-    points = upper["left over without this cause"]
+    points = upper["residual without this cause"]
     assert points.kind == "points"
     assert np.all(np.abs(np.abs(points.y) - LEVEL) < 6.0 * NOISE)
-    assert np.abs(lower["left over with it"].y).max() < 6.0 * NOISE
+    assert np.abs(lower["residual with it"].y).max() < 6.0 * NOISE
     assert np.nanmax(lower["± 2 standard deviations of noise"].y) == pytest.approx(2.0 * NOISE)
     assert chart.axes[0].x_label == "motor velocity [rad/s]"
-    assert chart.axes[0].y_label == "left over [N·m]"
+    assert chart.axes[0].y_label == "residual [N·m]"
 
 
 def test_a_shape_that_differs_by_direction_is_drawn_as_two_lines():
@@ -129,7 +129,7 @@ def test_signals_before_and_after_and_their_errors():
     rms = [a * np.sqrt(0.5 - np.sin(40.0 * w) / (80.0 * w)) for a, w in ((0.01, 7.0), (1e-4, 70.0))]
     said = re.search(r"([\d.]+) rad with the rig as it stands, ([\d.e−]+) rad with the extended rig", chart.words)
     assert [float(v.replace("−", "-")) for v in said.groups()] == pytest.approx(rms, rel=2e-3)
-    # Beside the signal the error could not be seen: it is drawn itself.
+
     assert expanded.axes[0].y_label == "error of motor position [rad]"
     assert np.nanmax(np.abs(curves_of(expanded)["simulated, rig as it stands"].y)) <= 0.01
 
@@ -139,10 +139,11 @@ def test_the_expanded_view_is_where_the_simulation_is_worst():
     signal = joint.signals["motor_position"]
     spike = signal.before + 0.5 * np.exp(-(((joint.time - 37.0) / 0.1) ** 2))
     joint = replace(joint, signals={"motor_position": SignalEvidence("rad", signal.measured, spike, signal.after)})
-    assert worst_place(in_windows(joint), {}) == pytest.approx(37.0, abs=0.1)
-    line = curves_of(signal_charts(joint, {}, 800)[-1])["measured"]
-    assert line.x[0] < 37.0 < line.x[-1]
-    assert np.allclose(line.y, np.sin(line.x))
+    worst = worst_place(in_windows(joint), {})
+    assert joint.time[worst] == pytest.approx(37.0, abs=0.1)
+    line = curves_of(signal_charts(joint, {}, 800)[-1])["simulated, rig as it stands"]
+    assert line.x.size == 1600
+    np.testing.assert_allclose(line.y, (spike - signal.measured)[worst - 800 : worst + 800])
 
 
 def test_an_unextended_rig_is_drawn_once():
@@ -193,7 +194,7 @@ def test_the_gain_in_multiples_of_the_noise():
 
 def test_the_remainders_curve():
     curves = curves_of(remainder_chart(remainder(), "N*m"))
-    line = curves["mean of what is left over"]
+    line = curves["mean of the residual"]
     assert line.y[(line.x > 0.01) & (line.x < 0.09)].size == 0  # steps: their ends alone
     assert line.y.max() == 0.05
     assert line.x[line.y == 0.05].tolist() == pytest.approx([0.0, 0.1])
@@ -221,7 +222,7 @@ def test_a_consistent_log_and_one_that_was_not_simulated():
     consistent = diagnosis(verdict="consistent", causes=(), gain=Gains(holdout=False, where="", signals=()))
     text = diagnosis_page(consistent, [replace(friction_evidence(), causes=())], None)
     assert "No cause of the catalogue was found" in text
-    assert "Nothing beyond noise is left over in the equations of this log." in text
+    assert "The residuals of this log&#x27;s equations are noise." in text
     assert "The extended rig" not in text
     bare = diagnosis(simulation_error=(), equations=(), causes=(), gain=Gains(holdout=False, where="", signals=()))
     assert "Nothing could be simulated" in diagnosis_page(bare, [], None)

@@ -8,7 +8,10 @@ import pytest
 from diagnosis_evidence import diagnosis, found_cause, position_gain, remainder
 from hypothesis import given
 from hypothesis import strategies as st
+from msgspec.structs import replace
 
+from vsalog.core.finding import Finding
+from vsalog.core.finding_texts import sentence
 from vsalog.diagnosis.document import Gains, Number
 from vsalog.report.diagnose import print_json, print_report
 from vsalog.report.diagnose_files import Outputs
@@ -21,6 +24,8 @@ from vsalog.report.diagnosis_words import (
     with_interval,
 )
 from vsalog.report.page_diagnosis import diagnosis_page
+
+NO_EXPERIMENT = Finding(code="diagnosis.no_experiment", severity="info", evidence={"reason": "Beware of x"})
 
 
 def printed(told, capsys, monkeypatch, columns=160, outputs=None):
@@ -36,7 +41,7 @@ def flat(text):
 
 def full():
     title = "The transmission transmits more torque as it is loaded than as it is unloaded"
-    sentence = "What the simulation gets wrong is explained in a sentence that is longer than eighty columns are wide."
+    account = "What the simulation gets wrong is explained in a sentence that is longer than eighty columns are wide."
     hysteresis = found_cause(
         "transmission.hysteresis", part="transmission", title=title,
         parameters={"torque": Number(value=1.204, std=0.031, unit="N*m"), "width": Number(value=0.0123, std=None, unit="rad")},
@@ -45,9 +50,9 @@ def full():
     )  # fmt: skip
     gains = (position_gain(), position_gain(signal="torque_sensor", unit="N*m", reduction=-0.25, ci95=(-0.4, -0.1)))
     return diagnosis(
-        verdict="partly explained", causes=(found_cause(), hysteresis), unexplained=remainder(), warnings=("Beware of x.",),
+        verdict="partly explained", causes=(found_cause(), hysteresis), unexplained=remainder(), findings=(NO_EXPERIMENT,),
         gain=Gains(holdout=True, where="the held-out log", signals=gains), next_experiment="Sweep it.",
-        sentences=(sentence, "B.", "C."),
+        sentences=(account, "B.", "C."),
     )  # fmt: skip
 
 
@@ -63,7 +68,7 @@ def test_everything_is_said_within_the_width(capsys, monkeypatch, columns):
                  "diagnosis.html", "diagnosis.json", "extended.rig.toml"):  # fmt: skip
         assert part in flat(out), part
     assert "Beware" not in out
-    assert flat(err) == "warning: Beware of x."
+    assert flat(err) == f"note: {sentence(NO_EXPERIMENT)}"
 
 
 def test_words_are_not_cut_in_two_at_80_columns(capsys, monkeypatch):
@@ -78,7 +83,7 @@ def test_a_consistent_log_has_its_errors_beside_the_noise(capsys, monkeypatch):
     told = diagnosis(verdict="consistent", causes=(), gain=Gains(holdout=False, where="", signals=()))
     out, err = printed(told, capsys, monkeypatch, 80, Outputs.within(None))
     assert re.search(r"motor position \[rad\] +0\.008 +0\.0002 +0\.4 %", out)
-    assert "Nothing beyond noise is left over in the equations of this log." in out
+    assert "The residuals of this log's equations are noise." in out
     assert "Causes" not in out
     assert "extended.rig.toml" not in out
     assert err == ""
@@ -103,7 +108,8 @@ def test_what_became_of_the_extended_rig(capsys, monkeypatch):
 def test_names_that_would_act_on_a_terminal_stay_text(capsys, monkeypatch, columns):
     bad = "[bold red]x[/] [/]\x1b[31m\x07"
     told = diagnosis(
-        log=bad, sentences=(bad,), warnings=(bad,), next_experiment=bad,
+        log=bad, sentences=(bad,), findings=(NO_EXPERIMENT, replace(NO_EXPERIMENT, severity="warning", evidence={"reason": bad})),
+        next_experiment=bad,
         causes=(found_cause(joint=bad, title=bad, indistinguishable_from=(bad,), how_to_confirm=bad),
                 found_cause(joint="other")),
         gain=Gains(holdout=False, where=bad, signals=(position_gain(joint=bad, signal=bad, unit=bad),)),
@@ -156,7 +162,8 @@ def test_numbers_in_words():
     member = found_cause(confidence=0.4, class_confidence=0.97, indistinguishable_from=("link.inertia",))
     assert confidence_text(member) == "40 %, its class 97 %"
     assert reduction_text(position_gain(reduction=0.981, ci95=(0.976, 0.985))) == "98.1 % (97.6 … 98.5)"
-    assert reduction_text(position_gain(reduction=-40.0, ci95=(-50.0, -30.0))) == "worse, more than tenfold"
+    worse = position_gain(rmse_after=0.328, reduction=-40.0, ci95=(-50.0, -30.0))
+    assert reduction_text(worse) == "worse, more than tenfold"
     assert reduction_text(position_gain(reduction=float("nan"))) == "–"
 
 

@@ -14,7 +14,8 @@ from rig_logs import DEFLECTION, LINK, MOTOR, MOTOR_TORQUE, TIME, TORQUE, record
 from vsalog.cli import cli
 from vsalog.core.finding import Finding
 from vsalog.core.resolution import noise_of, step_of
-from vsalog.report.inspect import console_for_stdout, print_report
+from vsalog.report.console import console_for_stdout
+from vsalog.report.inspect import print_report
 from vsalog.report.inspect_data import Inspection, LogReport, inspect_recording
 from vsalog.report.inspect_stats import clock_of
 from vsalog.rig import Rig
@@ -234,7 +235,7 @@ def test_inspect_tells_what_is_wrong_with_a_log():
     assert "always 0" in text
     assert "1 %" in text
     assert "0.001" in text
-    assert "note: 12 rows of the database cannot be read" in text
+    assert "warning: 12 rows of the database cannot be read" in text
     assert "not read: comment: text" in text
     report = report_of(log)
     assert isinstance(report, LogReport)

@@ -57,7 +57,8 @@ def inspect(
     from vsalog.core.printable import printable
     from vsalog.readers import read
     from vsalog.readers.sampling import read_sample
-    from vsalog.report.inspect import console_for_stdout, print_reports
+    from vsalog.report.console import console_for_stdout
+    from vsalog.report.inspect import print_reports
     from vsalog.report.inspect_data import Inspection, LogReport, Unreadable, inspect_recording
     from vsalog.report.inspect_repair import told
     from vsalog.rig.guess import guess_roles

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from vsalog.comparison.references import References, references_of
 from vsalog.core.errors import BindingError, EstimatorError, FilterError, OtherKindError, VsalogError
-from vsalog.core.finding import Finding
+from vsalog.core.finding import Finding, Findings
 from vsalog.core.trace import Trace
 from vsalog.estimation.job import Job, Options, prepare
 from vsalog.estimation.joint import PAPER, PRESET, JointEstimate, no_preset
@@ -202,10 +202,9 @@ def compare(
     joints = {e.joint: runs[0].job.rig.joints[e.joint] for run in runs for e in run.estimates}
     references = references_of(logs[0], options, joints) if len(logs) == 1 else References()
     rows = [row for run in runs for estimate in run.estimates for row in _rows(run, estimate, runs[0], references)]
-    findings: list[Finding] = []
-    for finding in (f for run in runs for e in run.estimates for f in e.findings):
-        if finding not in findings:
-            findings.append(finding)
+    findings = Findings()
+    for run in runs:
+        findings.add(*run.job.findings, *(finding for e in run.estimates for finding in e.findings))
     return (
         Comparison(
             logs=tuple(log.name for log in logs),
@@ -214,7 +213,6 @@ def compare(
             left_out={label: why for label, why in left_out.items() if asked or label not in other_kind},
             failed={label: f"{type(fault).__name__}: {fault}" for label, fault in faults.items()},
             findings=tuple(findings),
-            warnings=tuple(dict.fromkeys(w for run in runs for w in run.job.warnings)),
         ),
         runs,
         references,

@@ -6,10 +6,9 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import fft
 
-Array = NDArray[np.float64]
+from vsalog.core.resolution import spread_over
 
-# Autocorrelations are taken of so many samples or a few more, spread over the log.
-LONGEST = 1 << 17
+Array = NDArray[np.float64]
 
 
 def effective_samples(e: Array) -> float:
@@ -19,9 +18,9 @@ def effective_samples(e: Array) -> float:
     that is longer than of e.
     """
     n = e.size
-    step = max(1, n // LONGEST)
-    time = max(_correlation_time(e[::step]), _correlation_time(e[::step] ** 2))
-    return float(np.clip(n / (step * time) if step > 1 else n / time, 1.0, n))
+    some = spread_over(e)
+    time = max(_correlation_time(some), _correlation_time(some**2))
+    return float(np.clip(some.size / time if some.size < n else n / time, 1.0, n))
 
 
 def _correlation_time(x: Array) -> float:

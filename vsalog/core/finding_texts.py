@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Collection, Iterable, Mapping
 from functools import cache
 from importlib.metadata import entry_points
 from string import Formatter
 from typing import Any
 
-from vsalog.core.finding import Finding, Text
+from vsalog.core.finding import Finding, Severity, Text
 from vsalog.core.finding_texts_log import LOG_TEXTS
 from vsalog.core.printable import plural
 
@@ -580,13 +580,22 @@ def sentence(finding: Finding, joint: bool = True) -> str:
 
 
 def sentences_of(findings: Iterable[Finding]) -> tuple[str, ...]:
-    """Return a sentence per finding; what was found alike of several joints, or runs, is said of all in one."""
-    joints: dict[str, dict[str, None]] = {}
+    """Return a sentence per finding; what was found alike of several joints, or runs, is one sentence about all."""
+    return tuple(words for _, words in by_severity(findings))
+
+
+def by_severity(findings: Iterable[Finding]) -> tuple[tuple[Severity, str], ...]:
+    """Return the sentences of `sentences_of`, each with its severity."""
+    joints: dict[tuple[Severity, str], dict[str, None]] = {}
     for finding in findings:
-        own = joints.setdefault(sentence(finding, joint=False), {})
+        own = joints.setdefault((finding.severity, sentence(finding, joint=False)), {})
         own |= {finding.joint: None} if finding.joint else {}
-    quoted = ((", ".join(f"'{name}'" for name in names), len(names), words) for words, names in joints.items())
-    return tuple(f"joint{'s' if n > 1 else ''} {names}: {words}" if n else words for names, n, words in quoted)
+    return tuple((severity, _of_joints(names, words)) for (severity, words), names in joints.items())
+
+
+def _of_joints(names: Collection[str], words: str) -> str:
+    quoted = ", ".join(f"'{name}'" for name in names)
+    return f"joint{'s' if len(names) > 1 else ''} {quoted}: {words}" if names else words
 
 
 def _filled(text: str, finding: Finding) -> str:

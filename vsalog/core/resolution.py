@@ -2,16 +2,20 @@
 
 from __future__ import annotations
 
+from typing import TypeVar
+
 import numpy as np
 from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
+Number = TypeVar("Number", np.float64, np.int64)
 
 # Rounding moves what a sensor reads by this part of its step, root mean square.
 ROUNDED = 12.0**-0.5
-
-# Of a long signal some stretches tell as much as the whole: their number and length.
-STRETCHES, STRETCH = 8, 32_768
+ENOUGH = 2**18
+"""Samples that show a distribution as well as more would: its quantiles are those of the whole to 0.1 %."""
+STRETCHES = 8
+"""Stretches that so many samples are taken in where neighbouring ones are needed: noise may differ over a log."""
 # A signal has a step where this share of the differences between its levels are multiples of the smallest.
 MULTIPLES = 0.95
 # So many steps have to lie within a signal's range before they are believed in place of the rig's: held levels are steps too.
@@ -114,7 +118,13 @@ def _median(sizes: Array, step: float) -> float:
 
 def _sample(values: Array) -> Array:
     """Return the finite values, or stretches of them where there are many."""
-    if values.size > STRETCHES * STRETCH:
-        starts = np.linspace(0, values.size - STRETCH, STRETCHES, dtype=np.int64)
-        values = np.concatenate([values[k : k + STRETCH] for k in starts])
+    if values.size > ENOUGH:
+        length = ENOUGH // STRETCHES
+        starts = np.linspace(0, values.size - length, STRETCHES, dtype=np.int64)
+        values = np.concatenate([values[k : k + length] for k in starts])
     return values[np.isfinite(values)]
+
+
+def spread_over(values: NDArray[Number], most: int = ENOUGH) -> NDArray[Number]:
+    """Return every so manyth value: about `most` of them, spread over the whole."""
+    return values[:: max(1, values.size // most)]

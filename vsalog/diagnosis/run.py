@@ -15,7 +15,7 @@ from msgspec.structs import replace
 from vsalog._version import __version__
 from vsalog.binding.joint import bind, offered_roles, wanted_channels
 from vsalog.core.errors import BindingError, DiagnosisError, RigError, VsalogError, near_names
-from vsalog.core.finding import Finding
+from vsalog.core.finding import Finding, of_log
 from vsalog.core.finding_texts import sentences_of
 from vsalog.core.recording import Recording
 from vsalog.core.signals import JointSignals
@@ -143,7 +143,6 @@ def diagnose(log: Path, holdout: Path | None, options: Options, progress: Progre
     findings += [*left_out, *(Finding(code="diagnosis.link_of_chain", joint=name, severity="info") for name in chained)]
     proposed = _proposed(rig, found, findings, progress) if options.suggest else None
     findings += [finding for f in found for finding in f.findings]
-    notes = tuple(f"{log.name}: {note}" for note in recording.notes)
     left = max((unexplained_of(f) for f in found), key=lambda u: u.fraction)
     verdict = min((f.verdict for f in found), key=WORST_FIRST.index)
     # What is not believed is no rig to go on with.
@@ -153,9 +152,8 @@ def diagnose(log: Path, holdout: Path | None, options: Options, progress: Progre
         gains, changes = _stiffness(one, rig, extended, measured, progress)
         causes += causes_of(one, changes)
         stiffness += gains
-    return _outcome(
-        log, holdout, options, rig, extended, found, causes, left, verdict, stiffness, findings, notes, proposed
-    )
+    findings = [*of_log(log.name, recording.findings), *findings]
+    return _outcome(log, holdout, options, rig, extended, found, causes, left, verdict, stiffness, findings, proposed)
 
 
 def _chained(rig: Rig) -> frozenset[str]:
@@ -204,7 +202,6 @@ def _outcome(
     verdict: Verdict,
     stiffness: Sequence[Gain],
     findings: Sequence[Finding],
-    notes: tuple[str, ...],
     proposed: Suggestion | None,
 ) -> Outcome:
     gains = [g for f in found for g in gains_of(f)]
@@ -230,7 +227,6 @@ def _outcome(
         unexplained=left,
         next_experiment=advice if proposed is None else _both(advice, proposed, left),
         findings=tuple(findings),
-        warnings=notes,
     )
     measured = log if holdout is None else holdout
     evidence = tuple(evidence_of(f, measured.name) for f in found)

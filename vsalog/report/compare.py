@@ -10,7 +10,6 @@ from typing import Any
 import numpy as np
 from msgspec.structs import replace
 from numpy.typing import NDArray
-from rich.console import Console
 from rich.markup import escape
 from rich.table import Table
 
@@ -20,34 +19,33 @@ from vsalog.core.documents import document_text
 from vsalog.core.finding_texts import sentences_of
 from vsalog.core.printable import printable
 from vsalog.estimation.joint import JointEstimate
+from vsalog.report.console import console_for_stdout, print_findings
 from vsalog.report.page import Part, Section, assembled, columns_for, joint_charts
 from vsalog.report.page_comparison import comparison_charts
 from vsalog.report.page_tables import summary_table, warnings_box
+from vsalog.report.page_text import bounded
 from vsalog.validation.evidence import JointEvidence, TransmissionEvidence, setpoint_unit
 from vsalog.writers.atomic import write_text
 
 
 def worded(found: Comparison) -> Comparison:
-    """Return a comparison with the words that people read beside its findings."""
-    return replace(found, warnings=(*found.warnings, *sentences_of(found.findings)))
+    """Return a comparison with its findings in sentences."""
+    return replace(found, warnings=sentences_of(found.findings))
 
 
 def print_comparison(found: Comparison) -> None:
     """Print the table for people."""
-    console, errors = Console(), Console(stderr=True)
-    if not console.is_terminal:
-        console = Console(width=200)
-    for warning in found.warnings:
-        errors.print(f"[yellow]warning:[/] {escape(printable(warning))}", soft_wrap=True)
+    console = console_for_stdout(markup=True)
+    print_findings(found.findings)
     table = Table(box=None, pad_edge=False, padding=(0, 2))
     for heading in ("joint", "transmission", "estimator"):
         table.add_column(heading, no_wrap=True)
     for heading in (
         "stiffness [N·m/rad]",
         "± (1 std)",
-        "torque left [N·m]",
+        "RMS residual [N·m]",
         "off sensor [N·m]",
-        "supported",
+        "excited",
         "agrees",
         "differs",
         "MSREP to truth [%]",
@@ -58,12 +56,12 @@ def print_comparison(found: Comparison) -> None:
         truth = None if row.against_truth is None else row.against_truth.msrep.value
         table.add_row(
             escape(printable(row.joint)), row.transmission, escape(printable(row.estimator)), span, _percent(row.relative_std),
-            _number(row.torque_left), _number(row.off_sensor), _percent(row.excited_share), _percent(row.agrees_share),
-            _percent(row.difference), _number(truth),
+            bounded(row.torque_left), bounded(row.off_sensor), _percent(row.excited_share), _percent(row.agrees_share),
+            _percent(row.difference), bounded(truth),
         )  # fmt: skip
     console.print(table)
     console.print(
-        "torque left: of what was fitted to; off sensor: the fitted torque from the torque sensor; agrees: share of the time"
+        "RMS residual: of the fit; off sensor: the fitted torque from the torque sensor; agrees: share of the time"
         " within 2 standard deviations of the first; differs: root mean square, of the first",
         soft_wrap=True,
     )
@@ -133,10 +131,6 @@ def _part(columns: Mapping[str, NDArray[Any]], modality: str) -> TransmissionEvi
         of("deflection"), fit, np.full(fit.shape, np.nan), of("residual" if lagged else "flexibility_torque"), modality.lower(),
         of("stiffness"), of("stiffness_std"), None, of("excited") > 0.0,
     )  # fmt: skip
-
-
-def _number(value: float | None) -> str:
-    return "–" if value is None else f"{value:.3g}"
 
 
 def _percent(value: float | None) -> str:

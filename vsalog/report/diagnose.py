@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 import sys
 import textwrap
 from collections.abc import Iterator, Sequence
@@ -13,24 +12,21 @@ from rich.table import Table
 
 from vsalog.core.documents import document_text
 from vsalog.diagnosis.document import Diagnosis, FoundCause, Gain, SignalError
+from vsalog.report.console import WORDS, console_for_stdout, print_findings
 from vsalog.report.diagnose_files import Outputs
 from vsalog.report.diagnosis_words import (
-    change_text,
-    confidence_text,
+    confidence_words,
+    further_findings,
     kind_text,
     open_experiment,
     parameter_text,
     reduction_text,
-    share_text,
     signal_name,
-    sure_words,
     unexplained_words,
     unit_of,
 )
 from vsalog.report.page_text import number, plain
 
-# Columns from which on the causes are a table, below which tables stand close, and those of a pipe.
-WIDE, NARROW, PIPE = 120, 100, 160
 _STYLE = {
     "consistent": "green",
     "consistent as far as checked": "green",
@@ -42,12 +38,9 @@ _STYLE = {
 
 def print_report(diagnosis: Diagnosis, outputs: Outputs) -> None:
     """Print what was found for people."""
-    console, errors = Console(highlight=False), Console(stderr=True, highlight=False)
-    if not console.is_terminal and "COLUMNS" not in os.environ:
-        console = Console(width=PIPE, highlight=False)
+    console = console_for_stdout(markup=True)
     several = len({e.joint for e in diagnosis.simulation_error} | {c.joint for c in diagnosis.causes}) > 1
-    for warning in diagnosis.warnings:
-        errors.print(f"[yellow]warning:[/] {escape(plain(warning))}", soft_wrap=True)
+    print_findings(further_findings(diagnosis))
     verdict = f"[{_STYLE[diagnosis.verdict]}]{diagnosis.verdict}[/]"
     console.print(f"[bold]{escape(plain(diagnosis.log))}[/]: {verdict}", soft_wrap=True)
     for sentence in diagnosis.sentences:
@@ -85,40 +78,14 @@ def _causes(console: Console, causes: Sequence[FoundCause], several: bool) -> No
     if not causes:
         return
     console.print("\n[bold]Causes[/]")
-    if console.width < WIDE:
-        for i, cause in enumerate(causes, 1):
-            _block(console, i, cause, several)
-        return
-    table = Table(box=None, pad_edge=False, padding=(0, 2))
-    table.add_column("cause", ratio=5)
-    table.add_column("parameters, 95 %", ratio=5)
-    for heading in ("sure", "error removed", "moves stiffness"):
-        table.add_column(heading, justify="right", no_wrap=True)
-    table.add_column("this log cannot tell it from", ratio=4)
-    for cause in causes:
-        where = f"\n[dim]joint {escape(plain(cause.joint))}[/]" if several else ""
-        title = f"{escape(plain(cause.title))}\n[dim]{escape(plain(kind_text(cause)))}[/]{where}"
-        others = "\n".join(map(plain, cause.indistinguishable_from)) or "–"
-        table.add_row(
-            title,
-            escape("\n".join(_parameters(cause)) or "–"),
-            confidence_text(cause),
-            share_text(cause.error_removed),
-            change_text(cause.stiffness_change),
-            escape(others),
-        )
-    console.print(table)
-
-
-def _block(console: Console, i: int, cause: FoundCause, several: bool) -> None:
-    """A cause where there is no room for a table."""
-    where = f", joint {cause.joint}" if several else ""
-    _say(console, f"{cause.title} ({kind_text(cause)}{where})", f"{i:>2}. ", "    ", "bold")
-    for line in _parameters(cause):
-        _say(console, line, "    ", "      ")
-    _say(console, f"{sure_words(cause)}.", "    ", "    ")
-    if cause.indistinguishable_from:
-        _say(console, f"This log cannot tell it from {', '.join(cause.indistinguishable_from)}.", "    ", "    ")
+    for i, cause in enumerate(causes, 1):
+        where = f", joint {cause.joint}" if several else ""
+        _say(console, f"{cause.title} ({kind_text(cause)}{where})", f"{i:>2}. ", "    ", "bold")
+        for line in _parameters(cause):
+            _say(console, line, "    ", "      ")
+        _say(console, f"{confidence_words(cause)}.", "    ", "    ")
+        if cause.indistinguishable_from:
+            _say(console, f"This log cannot tell it from {', '.join(cause.indistinguishable_from)}.", "    ", "    ")
 
 
 def _parameters(cause: FoundCause) -> Iterator[str]:
@@ -131,15 +98,13 @@ def _errors(console: Console, diagnosis: Diagnosis, several: bool) -> None:
     gains, errors = diagnosis.gain.signals, diagnosis.simulation_error
     if not gains and not errors:
         return
-    table = Table(box=None, pad_edge=False, padding=(0, 2 if console.width >= NARROW else 1))
+    table = Table(box=None, pad_edge=False)
     heads = ["joint"] if several else []
     heads += ["signal"]
     for head in heads:
         table.add_column(head, overflow="fold")
     numbers = (
-        ("error (rmse)", "by noise alone", "less by (95 %)")
-        if gains
-        else ("error (rmse)", "by noise alone", "of its span")
+        ("error (rmse)", "noise floor", "less by (95 %)") if gains else ("error (rmse)", "noise floor", "of its span")
     )
     for head in numbers:
         table.add_column(head, justify="right", no_wrap=True)
@@ -189,4 +154,4 @@ def _files(console: Console, diagnosis: Diagnosis, outputs: Outputs) -> None:
         console.print(f"{what}: {escape(plain(str(path)))}", soft_wrap=True)
     if outputs.rig_is == "old":
         note = f"{outputs.rig} is from before and was left as it is: this diagnosis found nothing to extend the rig by."
-        console.print(f"[yellow]note:[/] {escape(plain(note))}", soft_wrap=True)
+        console.print(f"[yellow]{WORDS['info']}:[/] {escape(plain(note))}", soft_wrap=True)

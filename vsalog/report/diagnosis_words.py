@@ -6,25 +6,30 @@ import math
 
 from msgspec.structs import replace
 
+from vsalog.core.finding import Finding
 from vsalog.core.finding_texts import sentences_of
 from vsalog.diagnosis.document import Diagnosis, FoundCause, Gain, Number, Unexplained
 from vsalog.report.page_tables import unit_text
 from vsalog.report.page_text import number
 from vsalog.rig.uncertain import HALF_WIDTH_IN_DEVIATIONS
 
-# Below so much of what was wrong, what is left is not spoken of; reductions beyond these are no numbers people use.
-LITTLE, LEAST_REDUCTION = 0.005, -9.99
 # Decimal exponents that are printed without a power of ten.
 PLAIN = range(-4, 6)
 SUPERSCRIPTS = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
 
 
 def worded(diagnosis: Diagnosis) -> Diagnosis:
-    """Return a diagnosis with the words that people read beside its findings; what made a search pointless leads them."""
+    """Return a diagnosis with its findings in sentences; what made a search pointless leads its account."""
     first = sentences_of(f for f in diagnosis.findings if f.severity == "invalidates")
-    rest = sentences_of(f for f in diagnosis.findings if f.severity != "invalidates")
     led = (f"{words[0].upper()}{words[1:]}" for words in first)
-    return replace(diagnosis, sentences=(*led, *diagnosis.sentences), warnings=(*diagnosis.warnings, *rest))
+    return replace(
+        diagnosis, sentences=(*led, *diagnosis.sentences), warnings=sentences_of(further_findings(diagnosis))
+    )
+
+
+def further_findings(diagnosis: Diagnosis) -> list[Finding]:
+    """Return the findings that do not lead the account."""
+    return [finding for finding in diagnosis.findings if finding.severity != "invalidates"]
 
 
 def unit_of(unit: str) -> str:
@@ -56,9 +61,8 @@ def with_interval(value: float, half: float | None) -> str:
     places = 1 - math.floor(math.log10(float(f"{half:.1e}")))
     scale = 0 if exponent in PLAIN else exponent
     digits = max(places + scale, 0)
-    told = f"{value / 10**scale:.{digits}f} ± {half / 10**scale:.{digits}f}"
-    told = told.replace("-", "−")
-    return told if scale == 0 else f"({told}) × 10{str(scale).translate(SUPERSCRIPTS)}"
+    text = f"{value / 10**scale:.{digits}f} ± {half / 10**scale:.{digits}f}".replace("-", "−")
+    return text if scale == 0 else f"({text}) × 10{str(scale).translate(SUPERSCRIPTS)}"
 
 
 def parameter_text(found: Number) -> str:
@@ -90,7 +94,7 @@ def change_text(share: float | None) -> str:
 
 
 def confidence_text(cause: FoundCause) -> str:
-    """Return how sure a cause is in per cent, never all of it; of a class also how sure that is."""
+    """Return a cause's confidence in per cent, never all of it; of a class also that of the class."""
     own, together = ("> 99 %" if c > 0.99 else share_text(c) for c in (cause.confidence, cause.class_confidence))
     return f"{own}, its class {together}" if cause.indistinguishable_from else own
 
@@ -100,17 +104,22 @@ def reduction_text(gain: Gain) -> str:
     values = (gain.reduction, *gain.ci95)
     if not all(map(math.isfinite, values)):
         return "–"
-    if gain.reduction < LEAST_REDUCTION:
+    if gain.rmse_after > 10.0 * gain.rmse_before:
         return "worse, more than tenfold"
     digits = 1 if values[2] - values[1] < 0.02 else 0
-    told, low, high = (f"{100.0 * max(v, LEAST_REDUCTION):.{digits}f}".replace("-", "−") for v in values)
-    return f"{told} % ({low} … {high})"
+    middle, low, high = (f"{100.0 * value:.{digits}f}".replace("-", "−") for value in values)
+    return f"{middle} % ({low} … {high})"
+
+
+def nothing_left(left: Unexplained) -> bool:
+    """Tell whether what no cause explains rounds to 0 %."""
+    return round(100.0 * left.fraction) == 0
 
 
 def unexplained_words(left: Unexplained) -> str:
     """Say what no cause explains."""
-    if left.fraction < LITTLE and left.where is None:
-        return "Nothing beyond noise is left over in the equations of this log."
+    if nothing_left(left) and left.where is None:
+        return "The residuals of this log's equations are noise."
     words = f"{share_text(left.fraction)} of what was wrong is left unexplained"
     if left.where is None:
         return f"{words}."
@@ -126,9 +135,9 @@ def unexplained_words(left: Unexplained) -> str:
     return f"{words} {' and '.join(filter(None, (', '.join(names[:-1]), names[-1])))}."
 
 
-def sure_words(cause: FoundCause) -> str:
-    """Say how sure a cause is, what it takes away, and what it does to the stiffness."""
-    said = f"confidence {confidence_text(cause)}; it takes away {share_text(cause.error_removed)} of the error"
+def confidence_words(cause: FoundCause) -> str:
+    """Say a cause's confidence, what error it removes, and what it does to the stiffness."""
+    said = f"confidence {confidence_text(cause)}; it removes {share_text(cause.error_removed)} of the error"
     change = cause.stiffness_change
     return said if change is None else f"{said}, and moves the estimated stiffness by {change_text(change)}"
 

@@ -7,7 +7,7 @@ from collections.abc import Collection
 from vsalog.core.model import ModelFile
 from vsalog.report.page import JointCharts, charts_of, columns_for
 from vsalog.report.page_charts import Chart
-from vsalog.report.page_diagnosis_causes import COLUMNS
+from vsalog.report.page_decimate import FIGURE_COLUMNS
 from vsalog.validation.evidence import JointEvidence
 
 # Per log: joint → transmission → figures.
@@ -38,7 +38,7 @@ class Drawings:
         for name in joint.transmissions:
             self._page[log].setdefault(joint.joint, {})[name] = charts_of(joint, name, self._columns)
             if self._paper_too:
-                self._paper[log].setdefault(joint.joint, {})[name] = charts_of(joint, name, COLUMNS)
+                self._paper[log].setdefault(joint.joint, {})[name] = charts_of(joint, name, FIGURE_COLUMNS)
 
     def page(self) -> list[list[JointCharts]]:
         """Return the figures of the page: per log, its joints."""

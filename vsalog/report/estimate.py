@@ -17,10 +17,9 @@ from vsalog.core.printable import printable
 from vsalog.estimation.job import Job
 from vsalog.estimation.joint import JointEstimate
 from vsalog.estimation.summary import TransmissionSummary
+from vsalog.estimators.equation import SUPPORTED_SHARE
+from vsalog.report.console import console_for_stdout, print_findings
 from vsalog.report.estimate_files import Outputs
-
-# An estimated motor parameter is worth printing when its standard deviation is below this share of it.
-MOTOR_SHARE = 0.2
 
 
 class Progress:
@@ -70,12 +69,9 @@ class Progress:
 
 
 def print_summary(job: Job, estimates: Sequence[JointEstimate], outputs: Outputs) -> None:
-    """Print the summary for people; warnings go to stderr, where a pipe does not lose them."""
-    console, errors = Console(), Console(stderr=True)
-    if not console.is_terminal:
-        console = Console(width=140)
-    for warning in [*job.warnings, *(w for e in estimates for w in e.warnings)]:
-        errors.print(f"[yellow]warning:[/] {escape(printable(warning))}", soft_wrap=True)
+    """Print the summary for people, findings on stderr."""
+    console = console_for_stdout(markup=True)
+    print_findings([*job.findings, *(finding for e in estimates for finding in e.findings)])
     for e in estimates:
         s = e.summary
         console.print(
@@ -107,7 +103,7 @@ def _observed(parts: Sequence[TransmissionSummary]) -> str:
 def _table(parts: Sequence[TransmissionSummary]) -> Table:
     table = Table(box=None, pad_edge=False, padding=(0, 2))
     table.add_column("transmission")
-    for heading in ("stiffness [N·m/rad]", "± (1 std)", "torque left over [N·m]", "of its spread", "supported"):
+    for heading in ("stiffness [N·m/rad]", "± (1 std)", "RMS residual [N·m]", "of the torque", "excited"):
         table.add_column(heading, justify="right")
     for p in parts:
         span = "–" if p.stiffness_low is None else f"{p.stiffness_low:.4g} … {p.stiffness_high:.4g}"
@@ -127,11 +123,9 @@ def _motor(found: Mapping[str, float]) -> Iterator[str]:
     for name in (n for n in found if not n.endswith("_std")):
         value, std = found[name], found[f"{name}_std"]
         unit = "kg·m²" if name.startswith("inertia") else "N·m·s/rad"
-        told = value > 0.0 and std < MOTOR_SHARE * value
-        said = (
-            f"{value:.5g} ± {std:.2g} {unit}" if told else f"this log does not tell it ({value:.3g} ± {std:.2g} {unit})"
-        )
-        yield f"motor {name}: {said}"
+        text = f"{value:.5g} ± {std:.2g} {unit}"
+        known = value > 0.0 and std < SUPPORTED_SHARE * value
+        yield f"motor {name}: {text}" if known else f"motor {name}: this log does not tell it ({text})"
 
 
 def _percent(x: float | None) -> str:

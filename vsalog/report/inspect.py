@@ -10,21 +10,15 @@ from rich.console import Console, RenderableType
 from rich.table import Table
 from rich.text import Text
 
+from vsalog.core.finding import Finding
 from vsalog.core.finding_texts import sentence
 from vsalog.core.printable import printable
 from vsalog.readers.base import DOUBTFUL
+from vsalog.report.console import STYLES, WORDS, fits
 from vsalog.report.inspect_data import ChannelReport, JointReport, LogReport, StreamReport
 from vsalog.report.inspect_head import head_parts
-from vsalog.report.inspect_text import PIPE_WIDTH, fits, headed, seconds, size
-
-# Fields that are no signal: so many are listed on a terminal, all of them in the JSON document.
-MAX_UNREAD = 20
-
-
-def console_for_stdout() -> Console:
-    """Return a console that breaks lines on a terminal only."""
-    console = Console(highlight=False, emoji=False, markup=False)
-    return console if console.is_terminal else Console(highlight=False, emoji=False, markup=False, width=PIPE_WIDTH)
+from vsalog.report.inspect_text import headed, seconds, size
+from vsalog.report.page_text import bounded
 
 
 def print_reports(reports: Sequence[LogReport], console: Console) -> None:
@@ -45,7 +39,7 @@ def _parts(report: LogReport, console: Console) -> Iterator[RenderableType]:
     doubts = [one for one in report.findings if one.code in DOUBTFUL]
     yield _title(report)
     yield from _sample(report)
-    yield from (Text(f"warning: {printable(sentence(doubt))}", style="bold red") for doubt in doubts)
+    yield from (_finding(doubt, "bold red") for doubt in doubts)
     for stream in report.streams:
         yield Text()
         yield _stream_line(stream, bool(doubts))
@@ -56,9 +50,11 @@ def _parts(report: LogReport, console: Console) -> Iterator[RenderableType]:
     yield from _heads(report, console)
     yield from _joints(report)
     yield from _unread(report)
-    for finding in report.findings:
-        if finding not in doubts:
-            yield Text(f"note: {printable(sentence(finding))}", style="yellow")
+    yield from (_finding(finding, STYLES[finding.severity]) for finding in report.findings if finding not in doubts)
+
+
+def _finding(finding: Finding, style: str, indent: str = "") -> Text:
+    return Text(f"{indent}{WORDS[finding.severity]}: {printable(sentence(finding))}", style=style)
 
 
 def _title(report: LogReport) -> Text:
@@ -167,7 +163,7 @@ def _table(stream: StreamReport) -> Table:
         table.add_column("NaN", no_wrap=True, justify="right")
     table.add_column("probably", no_wrap=True)
     for c in stream.channels:
-        cells = [f"  {printable(c.name)}", printable(c.unit or "–"), _range(c), _number(c.resolution), _number(c.noise)]
+        cells = [f"  {printable(c.name)}", printable(c.unit or "–"), _range(c), bounded(c.resolution), bounded(c.noise)]
         if has_nan:
             cells.append(f"{100 * c.nan_share:.3g} %" if c.nan_share else "")
         table.add_row(*(Text(cell) for cell in cells), Text(_role(c), style="green"))
@@ -178,9 +174,9 @@ def _facts(channel: ChannelReport) -> Iterator[str]:
     yield f"unit {printable(channel.unit)}" if channel.unit else "no unit"
     yield f"range {_range(channel)}"
     if channel.resolution is not None:
-        yield f"step {_number(channel.resolution)}"
+        yield f"step {bounded(channel.resolution)}"
     if channel.noise is not None:
-        yield f"noise {_number(channel.noise)}"
+        yield f"noise {bounded(channel.noise)}"
     if channel.nan_share:
         yield f"{100 * channel.nan_share:.3g} % NaN"
     if channel.role is not None:
@@ -211,7 +207,7 @@ def _joints(report: LogReport) -> Iterator[Text]:
         yield headed(head, "bold", f"{joints[0].kind} ({round(100 * joints[0].confidence)} %): {joints[0].reason}")
         yield from (Text(f"  {line}") for line in _reasons(joints[0]))
         yield from (Text(f"  {line}") for line in _missing(joints[0]))
-        yield from (Text(f"  note: {printable(warning)}", style="yellow") for warning in joints[0].warnings)
+        yield from (_finding(finding, STYLES[finding.severity], "  ") for finding in joints[0].findings)
     yield Text("'vsalog init LOG' writes these guesses into a rig file", style="dim")
 
 
@@ -241,15 +237,12 @@ def _missing(joint: JointReport) -> Iterator[str]:
 
 
 def _unread(report: LogReport) -> Iterator[Text]:
-    shown = list(report.unread.items())[:MAX_UNREAD]
-    for name, why in shown:
-        yield Text(f"not read: {printable(name)}: {printable(why)}", style="dim")
-    if len(report.unread) > len(shown):
-        yield Text(f"not read: {len(report.unread) - len(shown)} more (--json lists them all)", style="dim")
-
-
-def _number(value: float | None) -> str:
-    return "–" if value is None else f"{value:.3g}"
+    """Yield a line per reason: the fields of a type that is no signal are many."""
+    names_of: dict[str, list[str]] = {}
+    for name, why in report.unread.items():
+        names_of.setdefault(why, []).append(printable(name))
+    for why, names in names_of.items():
+        yield Text(f"not read: {', '.join(names)}: {printable(why)}", style="dim")
 
 
 def _plural(count: int, noun: str) -> str:

@@ -11,7 +11,8 @@ from rich.text import Text
 
 from vsalog.core.printable import printable
 from vsalog.core.recording import Recording
-from vsalog.report.inspect_text import fits, headed
+from vsalog.report.console import fits
+from vsalog.report.inspect_text import headed
 
 
 class HeadReport(Struct, frozen=True):

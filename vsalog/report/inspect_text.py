@@ -2,18 +2,12 @@
 
 from __future__ import annotations
 
-from rich.console import Console
-from rich.measure import Measurement
-from rich.table import Table
 from rich.text import Text
 
 from vsalog.core.printable import printable
 
 # From how many seconds on a unit reads better than the next smaller one, and how long it is [s].
 _LONG = ((172_800.0, "d", 86_400.0), (7_200.0, "h", 3_600.0), (120.0, "min", 60.0))
-
-# Wide enough that no line of a pipe is ever broken.
-PIPE_WIDTH = 10_000
 
 
 def headed(name: str, style: str, facts: str) -> Text:
@@ -22,12 +16,6 @@ def headed(name: str, style: str, facts: str) -> Text:
     text.append(printable(name), style=style)
     text.append(f"  {facts}")
     return text
-
-
-def fits(table: Table, console: Console) -> bool:
-    """Tell whether the table's natural width is within the console's: rich's own measure is clipped to it."""
-    options = console.options.update(width=PIPE_WIDTH, max_width=PIPE_WIDTH)
-    return Measurement.get(console, options, table).maximum <= console.width
 
 
 def seconds(value: float | None) -> str:

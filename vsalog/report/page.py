@@ -8,6 +8,7 @@ from __future__ import annotations
 import base64
 import gzip
 import hashlib
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cache
@@ -17,7 +18,7 @@ from pathlib import Path
 from vsalog.report.page_characteristic import characteristic_charts
 from vsalog.report.page_charts import Chart
 from vsalog.report.page_data import chart_data
-from vsalog.report.page_decimate import one_after_the_other
+from vsalog.report.page_decimate import FIGURE_COLUMNS, one_after_the_other
 from vsalog.report.page_errors import error_charts
 from vsalog.report.page_figures import convergence_charts, expanded_chart, stiffness_chart, torque_chart
 from vsalog.report.page_tables import (
@@ -34,8 +35,6 @@ from vsalog.validation.document import JointReport, Report, TransmissionReport
 from vsalog.validation.evidence import JointEvidence
 from vsalog.writers.atomic import write_text
 
-# Pixel columns of a figure over time: as many as a wide screen has, fewer where many figures share the page.
-MOST_COLUMNS, LEAST_COLUMNS, ALL_COLUMNS = 1200, 240, 5000
 POLICY = "default-src 'none'; script-src {scripts} 'unsafe-eval'; style-src 'unsafe-inline'; img-src data: blob:"
 """No other script runs than those whose checksums are named, even if one got in; plotly's surfaces make functions of texts."""
 
@@ -106,8 +105,8 @@ def write_page(path: Path, title: str, report: Report | None, drawn: Sequence[Se
 
 
 def columns_for(transmissions: int) -> int:
-    """Return the pixel columns per figure that so many transmissions leave to each."""
-    return max(LEAST_COLUMNS, min(MOST_COLUMNS, ALL_COLUMNS // max(transmissions, 1)))
+    """Return the pixel columns per figure that so many transmissions leave to each: a page grows by the root of their number."""
+    return math.ceil(FIGURE_COLUMNS / math.sqrt(max(transmissions, 1)))
 
 
 def joint_charts(joint: JointEvidence, columns: int) -> JointCharts:
@@ -120,14 +119,14 @@ def charts_of(joint: JointEvidence, name: str, columns: int) -> list[Chart]:
     joint = replace(joint, time=one_after_the_other(joint.time))
     part = joint.transmissions[name]
     charts = [torque_chart(joint, part, columns)]
-    expanded = expanded_chart(joint, part)
+    expanded = expanded_chart(joint, part, columns)
     if expanded is not None:
         charts.append(expanded)
     charts.append(stiffness_chart(joint, part, columns))
     charts += characteristic_charts(joint, name, part)
     charts += error_charts(joint, part)
     if name == next(iter(joint.transmissions)):
-        charts += convergence_charts(joint, min(columns, 500))
+        charts += convergence_charts(joint, columns)
     return charts
 
 

@@ -16,11 +16,8 @@ from vsalog.validation.evidence import JointEvidence, TransmissionEvidence
 
 Array = NDArray[np.float64]
 
-POINTS, SURFACE_POINTS, SLICE_POINTS = 2500, 1500, 800
-GRID, CURVE = 33, 161
-# A slice shows the samples whose set-point is closer than this part of the set-point's span.
-SLICE_WIDTH = 0.02
-SLICES = 3
+NODES = 65
+"""Places per dimension at which a characteristic is evaluated: polynomials of a basis look smooth between them."""
 
 
 def characteristic_charts(joint: JointEvidence, name: str, part: TransmissionEvidence) -> list[Chart]:
@@ -51,15 +48,15 @@ def _over_deflection(
     joint: JointEvidence, part: TransmissionEvidence, model: JointModel | None, fitted: TransmissionModel | None, moving: bool
 ) -> Chart:  # fmt: skip
     torque, label = _data(part)
-    at = scattered(part.deflection, torque, POINTS)
+    at = scattered(part.deflection, torque)
     shade = joint.setpoint[at] if moving and joint.setpoint is not None else None
     points = Curve(label, part.deflection[at], torque[at], "measured", "points", shade=shade)
     curves = [points]
     words = f"Torque ({label}) over a deflection from {span_words(part.deflection, 'rad')}"
     if not moving and model is not None and fitted is not None and fitted.region:
         ends = np.array([p[0] for p in fitted.region])
-        phi = np.linspace(float(ends.min()), float(ends.max()), CURVE)
-        fixed = None if joint.setpoint is None else np.full(CURVE, float(np.nanmedian(joint.setpoint)))
+        phi = np.linspace(float(ends.min()), float(ends.max()), NODES)
+        fixed = None if joint.setpoint is None else np.full(NODES, float(np.nanmedian(joint.setpoint)))
         for curve in _model_curves(model, fitted.name, phi, fixed):
             curves = [curve, *curves] if curve.kind == "area" else [*curves, curve]
         words += ", and the model's characteristic with twice its standard deviation where it was fitted"
@@ -86,13 +83,13 @@ def _surface(joint: JointEvidence, part: TransmissionEvidence, model: JointModel
     assert joint.setpoint is not None
     torque, label = _data(part)
     region = np.array(fitted.region)
-    setpoint = np.linspace(region[:, 1].min(), region[:, 1].max(), GRID)
+    setpoint = np.linspace(region[:, 1].min(), region[:, 1].max(), NODES)
     # Each row of the grid reaches from edge to edge of the region, whose outline is smooth that way.
-    P = np.array([np.linspace(*_reach(region, float(c)), GRID) for c in setpoint])
-    C = np.repeat(setpoint[:, None], GRID, axis=1)
+    P = np.array([np.linspace(*_reach(region, float(c)), NODES) for c in setpoint])
+    C = np.repeat(setpoint[:, None], NODES, axis=1)
     z = model.flexibility_torque(fitted.name, P.ravel(), C.ravel())[0].reshape(P.shape)
     # One sample per cell of (φ, set-point): the data must cover the surface as the log does.
-    at = scattered(part.deflection, joint.setpoint, SURFACE_POINTS)
+    at = scattered(part.deflection, joint.setpoint)
     at = at[np.isfinite(torque[at])]
     data = np.column_stack([part.deflection[at], joint.setpoint[at], torque[at]])
     words = (
@@ -111,18 +108,18 @@ def _slices(joint: JointEvidence, part: TransmissionEvidence, model: JointModel,
     known = np.isfinite(torque) & np.isfinite(part.deflection) & np.isfinite(joint.setpoint)
     # Where there are data: a set-point that is switched between values has none in between.
     values = joint.setpoint[known] if known.any() else np.array(fitted.region)[:, 1]
-    width = SLICE_WIDTH * _span(joint.setpoint)
+    width = _span(joint.setpoint) / (NODES - 1)  # up to the surface's next lines
     panels: list[Axes] = []
     said: list[str] = []
     unit = f" {joint.setpoint_unit}".rstrip()
     for c in _apart(values):
         near = np.flatnonzero(known & (np.abs(joint.setpoint - c) <= width))
-        at = near[scattered(part.deflection[near], torque[near], SLICE_POINTS)] if near.size else near
+        at = near[scattered(part.deflection[near], torque[near])] if near.size else near
         ends = _reach(np.array(fitted.region), c)
         if ends[0] == ends[1]:
             continue
-        phi = np.linspace(*ends, CURVE)
-        curves = _model_curves(model, fitted.name, phi, np.full(CURVE, c))
+        phi = np.linspace(*ends, NODES)
+        curves = _model_curves(model, fitted.name, phi, np.full(NODES, c))
         points = Curve(label, part.deflection[at], torque[at], "measured", "points")
         curves = [curves[0], points, *curves[1:]]
         if panels:
@@ -138,9 +135,8 @@ def _slices(joint: JointEvidence, part: TransmissionEvidence, model: JointModel,
 
 
 def _apart(values: Array) -> list[float]:
-    """Return set-points that occur, spread evenly over their range as far as they do."""
-    low, high = np.quantile(values, [0.02, 0.98])
-    wanted = low + np.linspace(0.1, 0.9, SLICES) * (high - low)
+    """Return three set-points that occur, spread evenly over their range as far as they do."""
+    wanted = values.min() + np.array([0.1, 0.5, 0.9]) * np.ptp(values)
     return [float(c) for c in np.unique([values[np.abs(values - w).argmin()] for w in wanted])]
 
 

@@ -6,14 +6,17 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
+from vsalog.binding.grid import GAP
+from vsalog.core.resolution import spread_over
+
 Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]
 Indices = NDArray[np.int64]
 
-# A step of time this many times the usual one is a gap that no line crosses.
-GAP_PERIODS = 5.0
-# Points are chosen among so many samples or a few more, spread over the log; a usual step is found among as many.
-LOOKED_AT = 100_000
+FIGURE_COLUMNS = 1200
+"""Pixel columns of a figure over time, as many as it has on a wide screen: a line has two samples in each."""
+POINTS = 2000
+"""Points that show the area which samples cover; more lie over one another."""
 
 
 @njit(cache=True, nogil=True)
@@ -36,8 +39,8 @@ def gaps_of(time: Array) -> Indices:
     steps = np.diff(time)
     if steps.size == 0:
         return np.zeros(0, np.int64)
-    usual = float(np.median(steps[:: max(1, steps.size // LOOKED_AT)]))
-    return np.flatnonzero(steps > GAP_PERIODS * max(usual, 1e-12))
+    usual = float(np.median(spread_over(steps)))
+    return np.flatnonzero(steps > GAP * max(usual, 1e-12))
 
 
 def one_after_the_other(time: Array) -> Array:
@@ -45,17 +48,36 @@ def one_after_the_other(time: Array) -> Array:
 
     Parameters
     ----------
-    time : shape (N,), where each run may begin anew [s]
+    time : shape (N,), where each run may begin at zero again [s]
     """
     steps = np.diff(time)
     back = np.flatnonzero(steps < 0.0)
     if back.size == 0:
         return time
-    # Wide enough to be seen, and to be a gap that no line crosses.
-    pause = max(0.01 * float(time.max() - time.min()), 2.0 * GAP_PERIODS * float(np.median(np.abs(steps))))
+    pause = pause_after(time)
     shift = np.zeros(time.size)
     shift[back + 1] = pause - steps[back]
     return np.asarray(time + np.cumsum(shift))
+
+
+def pause_after(time: Array) -> float:
+    """Return a pause between stretches drawn side by side that is wide enough to be seen, and a gap that no line crosses [s]."""
+    return max(0.01 * float(np.ptp(time)), 2.0 * GAP * float(np.median(np.abs(np.diff(time)))))
+
+
+def around(at: int, samples: int, columns: int) -> slice | None:
+    """Return the samples around one of them that a figure shows without leaving any out; None where it shows all.
+
+    Parameters
+    ----------
+    at : index of the sample in the middle
+    samples, columns : of the log, of the figure
+    """
+    length = 2 * columns
+    if samples <= length:
+        return None
+    first = min(max(at - columns, 0), samples - length)
+    return slice(first, first + length)
 
 
 def decimated(x: Array, y: Array, columns: int, gaps: Indices | None = None) -> tuple[Array, Array]:
@@ -235,7 +257,7 @@ def spans(time: Array, flags: Flags, columns: int) -> list[tuple[float, float]]:
     return [(float(a), float(b)) for a, b in zip(begin[apart], end[ends], strict=True)]
 
 
-def scattered(x: Array, y: Array, most: int) -> Indices:
+def scattered(x: Array, y: Array, most: int = POINTS) -> Indices:
     """Choose samples that cover the same area as all: one per cell of a grid, and the extremes.
 
     Parameters
@@ -252,7 +274,7 @@ def scattered(x: Array, y: Array, most: int) -> Indices:
         return known
     a, b = x[known], y[known]
     extremes = known[[a.argmin(), a.argmax(), b.argmin(), b.argmax()]]
-    known = known[:: max(1, known.size // LOOKED_AT)]
+    known = spread_over(known)
     a, b = x[known], y[known]
     side = int(np.sqrt(most))
     while True:

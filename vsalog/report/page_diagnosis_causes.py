@@ -1,7 +1,8 @@
-"""The figures of causes: what is left over in an equation against the variable that reveals it, and what is left in the end."""
+"""The figures of causes: the residual of an equation against the variable that reveals it, and the residual in the end."""
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -12,19 +13,17 @@ from vsalog.diagnosis.document import Bin, Unexplained
 from vsalog.diagnosis.evidence import CauseEvidence, JointEvidence
 from vsalog.report.diagnosis_words import share_text, signal_name, unit_of
 from vsalog.report.page_charts import Axes, Chart, Curve
-from vsalog.report.page_decimate import decimated, gaps_of, one_after_the_other, scattered
+from vsalog.report.page_decimate import FIGURE_COLUMNS, decimated, gaps_of, one_after_the_other, scattered
 from vsalog.report.page_figures import span_words
 from vsalog.report.page_text import number
 
 Array = NDArray[np.float64]
 
-POINTS, BINS, COLUMNS = 1800, 60, 800
-# A shape is drawn as a line where this part of its square follows from the variable, or from it and its direction.
-ALONG, BRANCHES = 0.97, 0.9
+FOLLOWS = 0.95
+"""A shape is drawn as lines where at least this part of its square follows from the variable, or from it and its direction."""
 # Causes with a memory make loops, large ones and small ones, over a variable: of those the path of some rows is drawn.
 LOOPS = {"transmission.hysteresis": "deflection"}
-PATH = 120
-SHAPE = "what this cause makes"
+SHAPE, WITHOUT = "what this cause makes", "residual without this cause"
 
 
 @dataclass(frozen=True, slots=True)
@@ -37,7 +36,7 @@ class Means:
 
 
 def cause_chart(joint: JointEvidence, cause: CauseEvidence) -> Chart | None:
-    """Return what is left over without a cause, the cause's shape through it, and what is left with it.
+    """Return the residual without a cause, the cause's shape through it, and the residual with it.
 
     Parameters
     ----------
@@ -52,18 +51,15 @@ def cause_chart(joint: JointEvidence, cause: CauseEvidence) -> Chart | None:
     equation = joint.equations[cause.equation]
     unit, left = unit_of(equation.unit), cause.without - cause.shape
     x_label = _axis(signal_name(variable), x_unit)
-    y_label = _axis("left over", equation.unit)
+    y_label = _axis("residual", equation.unit)
     if variable == "time":
         x = one_after_the_other(x) if np.isfinite(x).all() else x
-        upper, lower = (
-            _lines(x, cause),
-            [Curve("left over with it", *decimated(x, left, COLUMNS, gaps_of(joint.rows)), "error")],
-        )
-        drawn = "both over time"
+        lower = [Curve("residual with it", *decimated(x, left, FIGURE_COLUMNS, gaps_of(joint.rows)), "error")]
+        upper, drawn = _lines(x, cause), "both over time"
     else:
         upper, drawn = _points(x, cause)
-        at = scattered(x, left, POINTS)
-        lower = [Curve("left over with it", x[at], left[at], "error", "points")]
+        at = scattered(x, left)
+        lower = [Curve("residual with it", x[at], left[at], "error", "points")]
     ends = np.array([np.nanmin(x), np.nanmax(x)])
     high = 2.0 * equation.noise
     if high > 0.0:
@@ -71,7 +67,7 @@ def cause_chart(joint: JointEvidence, cause: CauseEvidence) -> Chart | None:
         lower.insert(0, Curve("± 2 standard deviations of noise", *band, "truth", "area"))
     name = signal_name(cause.equation)
     words = (
-        f"What is left over in the equation of the {name}, over {signal_name(variable)}"
+        f"The residual of the equation of the {name}, over {signal_name(variable)}"
         f" ({span_words(x, unit_of(x_unit).strip())}): above without this cause, {span_words(cause.without, unit.strip())},"
         f" and what this cause makes of it, {span_words(cause.shape, unit.strip())}, {drawn}; below with it. Its root mean"
         f" square goes from {number(_rms(cause.without))} to {number(_rms(left))}{unit}; noise alone makes"
@@ -94,17 +90,17 @@ def _variable(joint: JointEvidence, cause: CauseEvidence) -> str:
 def _lines(time: Array, cause: CauseEvidence) -> list[Curve]:
     gaps = gaps_of(time[np.isfinite(time)]) if np.isfinite(time).all() else None
     return [
-        Curve("left over without this cause", *decimated(time, cause.without, COLUMNS, gaps), "measured"),
-        Curve(SHAPE, *decimated(time, cause.shape, COLUMNS, gaps), "model", dashed=True),
+        Curve(WITHOUT, *decimated(time, cause.without, FIGURE_COLUMNS, gaps), "measured"),
+        Curve(SHAPE, *decimated(time, cause.shape, FIGURE_COLUMNS, gaps), "model", dashed=True),
     ]
 
 
 def _points(x: Array, cause: CauseEvidence) -> tuple[list[Curve], str]:
-    """The remainder as points, and the shape as a line where it is one, else as a loop, else as points; and which in words."""
-    at = scattered(x, cause.without, POINTS)
-    points = Curve("left over without this cause", x[at], cause.without[at], "measured", "points")
+    """The residual as points, and the shape as a line where it is one, else as a loop, else as points; and which in words."""
+    at = scattered(x, cause.without)
+    points = Curve(WITHOUT, x[at], cause.without[at], "measured", "points")
     one = means_over(x, cause.shape)
-    if one.left <= 1.0 - ALONG:
+    if one.left <= 1.0 - FOLLOWS:
         return [points, Curve(SHAPE, one.x, one.y, "model")], "a line"
     branches = _branches(x, cause.shape, one)
     if branches is not None:
@@ -113,33 +109,38 @@ def _points(x: Array, cause: CauseEvidence) -> tuple[list[Curve], str]:
         return [points, *lines], "a loop: one line while the variable rises, one while it falls (means)"
     if cause.cause in LOOPS:
         path = _widest(x)
-        told = f"loops, of which the line follows {path.stop - path.start} averages that are in one piece and wide"
-        return [points, Curve(f"{SHAPE}, for a while", x[path], cause.shape[path], "model")], told
-    at = scattered(x, cause.shape, POINTS // 2)
-    told = f"points, for only {share_text(1.0 - one.left)} of it follows from this variable alone"
-    return [points, Curve(SHAPE, x[at], cause.shape[at], "model", "points")], told
+        words = f"loops, of which the line follows {path.stop - path.start} averages that are in one piece and wide"
+        return [points, Curve(f"{SHAPE}, for a while", x[path], cause.shape[path], "model")], words
+    at = scattered(x, cause.shape)
+    words = f"points, for only {share_text(1.0 - one.left)} of it follows from this variable alone"
+    return [points, Curve(SHAPE, x[at], cause.shape[at], "model", "points")], words
 
 
 def _branches(x: Array, shape: Array, one: Means) -> tuple[Means, Means] | None:
-    """Return a shape's means while a variable rises and while it falls, where these tell the shape; else None."""
+    """Return a shape's means while a variable rises and while it falls, where the shape follows from these; else None."""
     rising = np.gradient(x) > 0.0
     known = np.isfinite(x) & np.isfinite(shape)
     ways = [known & rising, known & ~rising]
     up, down = (means_over(np.where(way, x, np.nan), shape) for way in ways)
     squares = [float(np.sum(shape[way] ** 2)) for way in ways]
     left = (up.left * squares[0] + down.left * squares[1]) / max(sum(squares), 1e-300)
-    return (up, down) if left <= min(1.0 - BRANCHES, 0.5 * one.left) else None
+    return (up, down) if left <= 1.0 - FOLLOWS else None
 
 
 def _widest(x: Array) -> slice:
     """Return rows that follow one another without a gap and in which a variable goes as far as it does."""
-    length = min(PATH, x.size)
+    length = min(2 * bins_for(x.size), x.size)
     reach = [
         (float(np.ptp(x[k : k + length])) if np.isfinite(x[k : k + length]).all() else -1.0, -k)
         for k in range(0, x.size - length + 1, max(length // 4, 1))
     ]
     first = -max(reach)[1]
     return slice(first, first + length)
+
+
+def bins_for(count: int) -> int:
+    """Return how many intervals show a distribution of so many values (Rice's rule)."""
+    return max(2, round(2.0 * math.cbrt(count)))
 
 
 def means_over(x: Array, y: Array) -> Means:
@@ -153,7 +154,7 @@ def means_over(x: Array, y: Array) -> Means:
     v, e = x[good], y[good]
     if v.size < 2:
         return Means(v, e, 1.0)
-    edges = np.unique(np.quantile(v, np.linspace(0.0, 1.0, min(BINS, max(v.size // 4, 2)) + 1)))
+    edges = np.unique(np.quantile(v, np.linspace(0.0, 1.0, bins_for(v.size) + 1)))
     if edges.size < 2:
         return Means(np.array([v.mean()]), np.array([e.mean()]), 1.0)
     index = np.clip(np.searchsorted(edges, v, side="right") - 1, 0, edges.size - 2)
@@ -181,15 +182,15 @@ def remainder_chart(left: Unexplained, equation_unit: str) -> Chart | None:
     on = signal_name(left.depends_on[0])
     top, low = max(left.curve, key=lambda b: b.mean), min(left.curve, key=lambda b: b.mean)
     words = (
-        f"What is left over in the equation of the {signal_name(left.equation or left.where or 'joint')}, mean over intervals of"
+        f"The residual of the equation of the {signal_name(left.equation or left.where or 'joint')}, mean over intervals of"
         f" {on}: most, {number(top.mean)} ± {number(2.0 * top.std, 2)}{unit}, between {number(top.low)} and {number(top.high)}"
         f"{unit_of(left.unit)}; least, {number(low.mean)} ± {number(2.0 * low.std, 2)}{unit}, between {number(low.low)} and"
         f" {number(low.high)}{unit_of(left.unit)}."
     )
-    curves = _steps(left.curve, "mean of what is left over" + (f", {on} rising" if left.curve_back else ""))
+    curves = _steps(left.curve, "mean of the residual" + (f", {on} rising" if left.curve_back else ""))
     if left.curve_back:
         curves += _steps(left.curve_back, f"{on} falling", dashed=True)
-    axes = Axes(_axis(on, left.unit), _axis("left over", equation_unit), tuple(curves))
+    axes = Axes(_axis(on, left.unit), _axis("residual", equation_unit), tuple(curves))
     return Chart("unexplained", f"What is left, over {on}", words, (axes,))
 
 
@@ -206,8 +207,8 @@ def _steps(bins: Sequence[Bin], label: str, dashed: bool = False) -> list[Curve]
 
 
 def _axis(name: str, unit: str) -> str:
-    told = unit_of(unit).strip()
-    return f"{name} [{told}]" if told else name
+    text = unit_of(unit).strip()
+    return f"{name} [{text}]" if text else name
 
 
 def _rms(values: Array) -> float:

@@ -1,4 +1,4 @@
-"""The figures of the gain: errors before and after, in multiples of what noise alone makes."""
+"""The figures of the gain: errors before and after, in multiples of the noise floor."""
 
 from __future__ import annotations
 
@@ -6,14 +6,12 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import ArrayLike, NDArray
 
 from vsalog.diagnosis.document import EquationError, Gain
 from vsalog.report.diagnosis_words import reduction_text, signal_name
 from vsalog.report.page_charts import Axes, Chart, Curve
 from vsalog.report.page_text import number
-
-# An error below this part of the noise cannot be drawn on a logarithmic axis.
-LEAST = 1e-3
 
 
 @dataclass(frozen=True, slots=True)
@@ -27,7 +25,7 @@ class Row:
 
 
 def gain_chart(gains: Sequence[Gain], where: str) -> Chart | None:
-    """Return the simulation errors of a joint's signals, before and after, beside the noise.
+    """Return the simulation errors of a joint's signals, before and after, along with the noise floor.
 
     Parameters
     ----------
@@ -40,25 +38,24 @@ def gain_chart(gains: Sequence[Gain], where: str) -> Chart | None:
         high, low = ((1.0 - end) * g.rmse_before / g.noise_floor for end in g.ci95)
         name = signal_name(g.signal)
         rows.append(Row(name, g.rmse_before / g.noise_floor, g.rmse_after / g.noise_floor, (low, high)))
-    told = "; ".join(
+    each = "; ".join(
         f"{r.name} {number(r.before)} → {number(r.after)} times its noise, less by {reduction_text(g)}"
         for r, g in zip(rows, known, strict=True)
     )
-    words = f"Error of the simulation (root mean square) on {where}, as a multiple of what noise alone makes: {told}."
-    label = "error / what noise makes"
-    return _chart("gain", "Error of the simulation, before and after", words, label, rows)
+    words = f"Error of the simulation (root mean square) on {where}, as a multiple of the noise floor: {each}."
+    return _chart("gain", "Error of the simulation, before and after", words, "error / noise floor", rows)
 
 
 def equations_chart(errors: Sequence[EquationError]) -> Chart | None:
-    """Return what is left over in a joint's equations, before and after, beside the noise."""
+    """Return the RMS residuals of a joint's equations, before and after, along with the noise."""
     rows = [
         Row(signal_name(e.equation), e.rms_before / e.noise, e.rms_after / e.noise)
         for e in errors
         if e.noise > 0.0 and np.isfinite([e.rms_before, e.rms_after]).all()
     ]
-    told = "; ".join(f"{r.name} {number(r.before)} → {number(r.after)} times its noise" for r in rows)
-    words = f"What is left over in each equation of the joint (root mean square), as a multiple of its noise: {told}."
-    return _chart("equations", "Equations of the joint, before and after", words, "left over / noise", rows)
+    each = "; ".join(f"{r.name} {number(r.before)} → {number(r.after)} times its noise" for r in rows)
+    words = f"RMS residual of each equation of the joint, as a multiple of its noise: {each}."
+    return _chart("equations", "Equations of the joint, before and after", words, "RMS residual / noise", rows)
 
 
 def _chart(kind: str, title: str, words: str, label: str, rows: Sequence[Row]) -> Chart | None:
@@ -66,7 +63,7 @@ def _chart(kind: str, title: str, words: str, label: str, rows: Sequence[Row]) -
         return None
     count = len(rows)
     y = -np.arange(count, dtype=np.float64)
-    before, after = (np.maximum([getattr(r, which) for r in rows], LEAST) for which in ("before", "after"))
+    before, after = (_drawable([getattr(r, which) for r in rows]) for which in ("before", "after"))
     hole = np.full(count, np.nan)
     pairs = np.stack([before, after, hole], axis=1).ravel(), np.repeat(y, 3)
     curves = [
@@ -76,7 +73,7 @@ def _chart(kind: str, title: str, words: str, label: str, rows: Sequence[Row]) -
     ]
     if any(r.interval is not None for r in rows):
         ends = np.array([r.interval or (np.nan, np.nan) for r in rows])
-        low, high = np.maximum(ends, LEAST).T
+        low, high = _drawable(ends).T
         # Bars with caps, a little below, where the mark does not hide them.
         at = y - 0.24
         x = np.stack([low, low, low, high, high, high, hole], axis=1).ravel()
@@ -85,3 +82,8 @@ def _chart(kind: str, title: str, words: str, label: str, rows: Sequence[Row]) -
     curves.append(Curve("extended rig", after, y, "model", "points", symbol="circle"))
     axes = Axes(label, "", tuple(curves), rows=tuple(r.name for r in rows), x_log=True)
     return Chart(kind, title, words, (axes,))
+
+
+def _drawable(values: ArrayLike) -> NDArray[np.float64]:
+    """Return values for a logarithmic axis: what is zero or less, as an interval's end may be, is a thousandth of the noise."""
+    return np.maximum(values, 1e-3)

@@ -11,22 +11,14 @@ from numpy.typing import NDArray
 from vsalog.diagnosis.evidence import JointEvidence, SignalEvidence
 from vsalog.report.diagnosis_words import signal_name, unit_of
 from vsalog.report.page_charts import Axes, Chart, Curve
-from vsalog.report.page_decimate import GAP_PERIODS, decimated, gaps_of, one_after_the_other
+from vsalog.report.page_decimate import around, decimated, gaps_of, one_after_the_other, pause_after
 from vsalog.report.page_figures import TIME, span_words
 from vsalog.report.page_text import number
 
 Array = NDArray[np.float64]
 
-# Windows that cover less than this part of a log are drawn side by side: at their own places nothing could be seen of them.
-SPARSE = 0.25
-TICKS = 8
-# An expanded view is this part of what is drawn, within these bounds [s].
-EXPANDED_SHARE, EXPANDED_LEAST, EXPANDED_MOST = 0.05, 1.0, 5.0
-EXPANDED_COLUMNS = 500
-# Where an error is below this part of what a signal does in a stretch, it is drawn itself: beside the signal nobody could see it.
-UNSEEN = 0.05
 BEFORE, AFTER, MEASURED = "simulated, rig as it stands", "simulated, extended rig", "measured"
-BAND = "± 2 × what noise alone makes"
+BAND = "± 2 × noise floor"
 
 
 @dataclass(frozen=True, slots=True)
@@ -62,12 +54,12 @@ def signal_charts(joint: JointEvidence, noise: Mapping[str, float], columns: int
     if stretch.time.size < 2:
         return []
     charts = [_over_time(stretch, role, noise.get(role), columns) for role in stretch.signals]
-    expanded = _expanded(stretch, noise)
+    expanded = _expanded(stretch, noise, columns)
     return charts if expanded is None else [*charts, expanded]
 
 
 def in_windows(joint: JointEvidence) -> Stretch:
-    """Return the samples that windows hold, at the places where they are drawn."""
+    """Return the samples that windows hold, where they are drawn: with time between windows, side by side."""
     known = np.zeros(joint.time.size, dtype=np.bool_)
     for signal in joint.signals.values():
         known |= np.isfinite(signal.measured)
@@ -75,16 +67,13 @@ def in_windows(joint: JointEvidence) -> Stretch:
     time = whole[known]
     signals = {role: _part(signal, known) for role, signal in joint.signals.items()}
     gaps = gaps_of(time)
-    if time.size < 2 or known.sum() >= SPARSE * known.size or gaps.size == 0:
+    if gaps.size == 0:
         return Stretch(time, time, (), TIME, signals)
-    period = float(np.median(np.diff(time)))
-    pause = max(2.0 * GAP_PERIODS * period, 0.002 * period * time.size)
-    shift = np.zeros(time.size)
-    shift[gaps + 1] = time[gaps + 1] - time[gaps] - pause
-    place = time - np.cumsum(shift) - time[0]
-    first = np.r_[0, gaps + 1]
-    marked = first[np.unique(np.linspace(0, first.size - 1, min(TICKS, first.size)).astype(np.int64))]
-    ticks = tuple((float(place[k]), number(float(time[k]), 4)) for k in marked)
+    steps = np.diff(time, prepend=time[0])
+    steps[gaps + 1] = 0.0
+    steps[gaps + 1] = pause_after(np.cumsum(steps))
+    place = np.cumsum(steps)
+    ticks = tuple((float(place[k]), number(float(time[k]), 4)) for k in (0, *(gaps + 1)))
     return Stretch(time, place, ticks, "time [s], windows of the log side by side", signals)
 
 
@@ -109,7 +98,7 @@ def _curves(place: Array, signal: SignalEvidence, columns: int, gaps: NDArray[np
 def _errors(
     place: Array, signal: SignalEvidence, noise: float | None, columns: int, gaps: NDArray[np.int64]
 ) -> list[Curve]:
-    """Simulated − measured, over what noise alone makes."""
+    """Simulated − measured, over the noise floor."""
     curves = []
     for values, label, colour in ((signal.before, BEFORE, "error"), (signal.after, AFTER, "model")):
         if values is not None:
@@ -143,29 +132,22 @@ def _over_time(stretch: Stretch, role: str, noise: float | None, columns: int) -
     return Chart("simulation", f"{name[:1].upper()}{name[1:]} over time", words, tuple(axes), linked=True)
 
 
-def _expanded(stretch: Stretch, noise: Mapping[str, float]) -> Chart | None:
-    """All signals around the place where the rig as it stands is furthest off, every sample of it."""
+def _expanded(stretch: Stretch, noise: Mapping[str, float], columns: int) -> Chart | None:
+    """The errors of all signals around the place where the rig as it stands is furthest off, every sample of it."""
     worst = worst_place(stretch, noise)
-    begin, end = float(stretch.time[0]), float(stretch.time[-1])
-    length = float(np.clip(EXPANDED_SHARE * (end - begin), EXPANDED_LEAST, EXPANDED_MOST))
-    if worst is None or end - begin <= 1.5 * length:
+    seen = None if worst is None else around(worst, stretch.time.size, columns)
+    if worst is None or seen is None:
         return None
-    first = float(np.clip(worst - 0.5 * length, begin, end - length))
-    a, b = np.searchsorted(stretch.time, [first, first + length])
-    gaps, axes, shown = gaps_of(stretch.time[a:b]), list[Axes](), set[str]()
+    time = stretch.time[seen]
+    gaps, axes, shown = gaps_of(time), list[Axes](), set[str]()
     for role, whole in stretch.signals.items():
-        time, signal, unit = stretch.time[a:b], _part(whole, slice(a, b)), unit_of(whole.unit).strip()
-        name = signal_name(role)
-        curves = _curves(time, signal, EXPANDED_COLUMNS, gaps)
-        if _hidden(signal):
-            curves = _errors(time, signal, noise.get(role), EXPANDED_COLUMNS, gaps)
-            name = f"error of {name}"
-        curves = _labelled_once(curves, shown)
+        unit = unit_of(whole.unit).strip()
+        name = f"error of {signal_name(role)}"
+        curves = _labelled_once(_errors(time, _part(whole, seen), noise.get(role), columns, gaps), shown)
         axes.append(Axes(TIME, f"{name} [{unit}]" if unit else name, tuple(curves)))
     words = (
-        f"{number(length)} s around t = {number(worst, 4)} s, where the simulation with the rig as it stands is furthest off, in"
-        " multiples of its noise. Where the difference could not be seen beside the signal, it is drawn itself (simulated −"
-        " measured)."
+        f"Simulated − measured for {number(float(time[-1] - time[0]))} s around t = {number(float(stretch.time[worst]), 4)} s,"
+        " where the simulation with the rig as it stands is furthest off, in multiples of its noise."
     )
     # Not zoomed with the others: their axes may not be time.
     return Chart("simulation_expanded", "Where the simulation is worst", words, tuple(axes), linked=not stretch.ticks)
@@ -173,28 +155,20 @@ def _expanded(stretch: Stretch, noise: Mapping[str, float]) -> Chart | None:
 
 def _labelled_once(curves: list[Curve], shown: set[str]) -> list[Curve]:
     """Take the labels off that the legend has already, and note the others."""
-    told = [replace(c, label="" if c.label in shown else c.label) for c in curves]
+    once = [replace(c, label="" if c.label in shown else c.label) for c in curves]
     shown |= {c.label for c in curves}
-    return told
+    return once
 
 
-def _hidden(signal: SignalEvidence) -> bool:
-    """Tell whether a signal moves so much that its errors cannot be seen beside it."""
-    known = signal.measured[np.isfinite(signal.measured)]
-    if signal.before is None or known.size == 0:
-        return False
-    return float(np.nanmax(np.abs(signal.before - signal.measured))) < UNSEEN * float(np.ptp(known))
-
-
-def worst_place(stretch: Stretch, noise: Mapping[str, float]) -> float | None:
-    """Return the time at which the simulations with the rig as it stands are furthest off [s]; None where there are none."""
+def worst_place(stretch: Stretch, noise: Mapping[str, float]) -> int | None:
+    """Return the sample at which the simulations with the rig as it stands are furthest off; None where there are none."""
     total = np.zeros(stretch.time.size)
     for role, signal in stretch.signals.items():
         if signal.before is None:
             continue
         error = np.nan_to_num(signal.before - signal.measured)
         total += (error / (noise.get(role) or float(np.nanstd(signal.measured)) or 1.0)) ** 2
-    return float(stretch.time[int(np.argmax(total))]) if total.any() else None
+    return int(np.argmax(total)) if total.any() else None
 
 
 def _rms(values: Array) -> float:

@@ -7,9 +7,9 @@ from collections.abc import Sequence
 
 from vsalog.diagnosis.document import Diagnosis, EquationError, FoundCause, Gain, SignalError
 from vsalog.report.diagnosis_words import (
-    LITTLE,
     change_text,
     confidence_text,
+    nothing_left,
     parameter_text,
     reduction_text,
     share_text,
@@ -17,9 +17,6 @@ from vsalog.report.diagnosis_words import (
     unit_of,
 )
 from vsalog.report.page_text import escaped, name, number
-
-# A share below this has no bar that could be seen.
-LEAST_BAR = 0.004
 
 
 def stacking_table(caption: str, heads: Sequence[str], rows: Sequence[Sequence[str]], texts: int = 1) -> str:
@@ -43,13 +40,13 @@ def stacking_table(caption: str, heads: Sequence[str], rows: Sequence[Sequence[s
         )
         body.append(f'<tr><th scope="row">{row[0]}</th>{cells}</tr>')
     return (
-        f'<div class="scroll" tabindex="0" role="region" aria-label="{escaped(caption)}"><table class="scores told">'
+        f'<div class="scroll" tabindex="0" role="region" aria-label="{escaped(caption)}"><table class="scores stacking">'
         f"<caption>{escaped(caption)}</caption><thead><tr>{head}</tr></thead><tbody>{''.join(body)}</tbody></table></div>"
     )
 
 
 def ranking_table(diagnosis: Diagnosis, several: bool) -> str:
-    """Causes: the error they take away, what they do to the stiffness, how sure they are, and their classes."""
+    """Causes: the error they remove, what they do to the stiffness, their confidence, and their classes."""
     rows = []
     for cause in diagnosis.causes:
         others = ", ".join(f"<code>{escaped(o)}</code>" for o in cause.indistinguishable_from)
@@ -62,10 +59,9 @@ def ranking_table(diagnosis: Diagnosis, several: bool) -> str:
                 others or "–",
             ]
         )
-    left = diagnosis.unexplained.fraction
-    if rows and left >= LITTLE:
-        rows.append(["left unexplained", _bar(left), "–", "–", "–"])
-    heads = ("cause", "error it takes away", "moves stiffness by", "how sure", "this log cannot tell it from")
+    if rows and not nothing_left(diagnosis.unexplained):
+        rows.append(["left unexplained", _bar(diagnosis.unexplained.fraction), "–", "–", "–"])
+    heads = ("cause", "error it removes", "moves stiffness by", "confidence", "this log cannot tell it from")
     return stacking_table("Ranking of the causes", heads, rows, texts=5)
 
 
@@ -87,7 +83,7 @@ def parameters_table(causes: Sequence[FoundCause], several: bool) -> str:
 
 def errors_table(errors: Sequence[SignalError], several: bool) -> str:
     """How far the rig's simulation is from each signal."""
-    heads = ["signal", "error (rmse), in windows", "by noise alone", "of its span"]
+    heads = ["signal", "error (rmse), in windows", "noise floor", "of its span"]
     whole = any(e.rmse_whole_log is not None for e in errors)
     if whole:
         heads.append("error, whole log in one go")
@@ -114,20 +110,20 @@ def gain_table(gains: Sequence[Gain], several: bool) -> str:
                 escaped(reduction_text(g)),
             ]
         )
-    heads = ("signal", "rig as it stands", "extended rig", "by noise alone", "less by (95 % interval)")
+    heads = ("signal", "rig as it stands", "extended rig", "noise floor", "less by (95 % interval)")
     return stacking_table("Error of the simulation (rmse)", heads, rows)
 
 
 def equations_table(errors: Sequence[EquationError], several: bool) -> str:
-    """What is left over in each equation."""
+    """The RMS residual of each equation."""
     rows = []
     for e in errors:
         unit = unit_of(e.unit)
         cells = [f"{number(v)}{unit}" for v in (e.rms_before, e.rms_after, e.noise)]
         title = escaped(signal_name(e.equation)) + _joint(e.joint, several)
         rows.append([title, escaped(e.side), *map(escaped, cells)])
-    heads = ("equation", "side", "rig as it stands", "extended rig", "by noise alone")
-    return stacking_table("What is left over in each equation (root mean square)", heads, rows, texts=2)
+    heads = ("equation", "side", "rig as it stands", "extended rig", "noise floor")
+    return stacking_table("RMS residual of each equation", heads, rows, texts=2)
 
 
 def rig_change(rig: str, extended: str) -> str:
@@ -135,18 +131,18 @@ def rig_change(rig: str, extended: str) -> str:
     changed = difflib.unified_diff(
         rig.splitlines(), extended.splitlines(), "rig", "extended.rig.toml", lineterm="", n=3
     )
-    told = []
+    shown = []
     for i, line in enumerate(changed):
         text = escaped(line)
         if i < 2 or line.startswith("@@"):
-            told.append(f'<span class="where">{text}</span>')
+            shown.append(f'<span class="where">{text}</span>')
         else:
-            told.append(
+            shown.append(
                 f"<ins>{text}</ins>" if line.startswith("+") else f"<del>{text}</del>" if line.startswith("-") else text
             )
-    if not told:
+    if not shown:
         return "<p>It says the same as the rig.</p>"
-    lines = "\n".join(told)
+    lines = "\n".join(shown)
     return f'<pre class="diff" tabindex="0" role="region" aria-label="What changes in the rig">{lines}</pre>'
 
 
@@ -159,8 +155,8 @@ def _joint(joint: str, several: bool) -> str:
     return f' <span class="ci">in {name(joint)}</span>' if several else ""
 
 
-def _bar(share: float, told: str = "") -> str:
+def _bar(share: float, text: str = "") -> str:
     """A share as a bar and as a number."""
-    wide = min(max(share, 0.0), 1.0) if share >= LEAST_BAR else 0.0
+    wide = min(max(share, 0.0), 1.0)
     bar = f'<span class="bar" aria-hidden="true"><span style="width:{100.0 * wide:.1f}%"></span></span>'
-    return f'<span class="share">{bar} {escaped(told or share_text(share))}</span>'
+    return f'<span class="share">{bar} {escaped(text or share_text(share))}</span>'

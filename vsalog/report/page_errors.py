@@ -8,10 +8,11 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import special
 
-from vsalog.report.page_characteristic import setpoint_label
+from vsalog.core.resolution import spread_over
+from vsalog.report.page_characteristic import NODES, setpoint_label
 from vsalog.report.page_charts import Axes, Chart, Curve
-from vsalog.report.page_decimate import LOOKED_AT, gaps_of
-from vsalog.report.page_diagnosis_causes import BINS
+from vsalog.report.page_decimate import gaps_of
+from vsalog.report.page_diagnosis_causes import bins_for
 from vsalog.report.page_figures import DEFLECTION
 from vsalog.report.page_text import number
 from vsalog.validation.document import Figure
@@ -20,8 +21,6 @@ from vsalog.validation.scores import bins_of
 
 Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]
-
-QUANTILES, LEAST_SAMPLES = 200, 20
 
 ERROR = "error [N·m]"
 
@@ -33,26 +32,23 @@ def error_charts(joint: JointEvidence, part: TransmissionEvidence) -> list[Chart
     error = part.predicted - part.measured
     known = np.isfinite(error)
     inside = known & part.inside
-    where = "supported by the data" if joint.excited is not None else "inside the region"
-    if int(inside.sum()) >= LEAST_SAMPLES:
-        use, of = inside, f"of the samples {where}"
-    elif int(known.sum()) >= LEAST_SAMPLES:
-        use, of = known, f"of all samples, for none are {where}"
-    else:
+    where = "that are excited" if joint.excited is not None else "inside the region"
+    if not known.any():
         return []
+    use, of = (inside, f"of the samples {where}") if inside.any() else (known, f"of all samples, none of them {where}")
     return [_distribution(error[use], of), _dependence(joint, part, error, use, of)]
 
 
 def _distribution(error: Array, of: str) -> Chart:
     mean, std = float(error.mean()), float(error.std())
-    few = error[:: max(1, error.size // LOOKED_AT)]
+    few = spread_over(error)
     low, high = np.quantile(few, [0.001, 0.999])
     if high <= low:
         low, high = mean - 1e-12, mean + 1e-12
-    counts, edges = np.histogram(few, bins=BINS, range=(float(low), float(high)))
+    counts, edges = np.histogram(few, bins=bins_for(few.size), range=(float(low), float(high)))
     density = counts / (few.size * (edges[1] - edges[0]))
-    x = np.linspace(float(low), float(high), 200)
-    shares = (np.arange(QUANTILES) + 0.5) / QUANTILES
+    x = np.linspace(float(low), float(high), NODES)
+    shares = (np.arange(NODES) + 0.5) / NODES
     normal = special.ndtri(shares)
     bars = Curve("error", 0.5 * (edges[:-1] + edges[1:]), density, "error", "bars", width=np.diff(edges))
     curves = [bars]
@@ -85,7 +81,7 @@ def _distribution(error: Array, of: str) -> Chart:
 
 def _dependence(joint: JointEvidence, part: TransmissionEvidence, error: Array, use: Flags, of: str) -> Chart:
     few = np.flatnonzero(use)
-    few = few[:: max(1, few.size // LOOKED_AT)]
+    few = spread_over(few)
     error = error[few]
     variables: list[tuple[str, str, Array]] = []
     if np.isfinite(part.deflection).any():
@@ -99,7 +95,7 @@ def _dependence(joint: JointEvidence, part: TransmissionEvidence, error: Array, 
     said: list[str] = []
     for name, label, x in variables:
         both = np.isfinite(x)
-        if int(both.sum()) < LEAST_SAMPLES or np.ptp(x[both]) == 0.0:
+        if not both.any() or np.ptp(x[both]) == 0.0:
             continue
         bins = bins_of(error[both], x[both])
         middle = np.array([0.5 * (b.low + b.high) for b in bins])

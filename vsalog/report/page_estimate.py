@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import re
 from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import fields
 from pathlib import Path
 
 import numpy as np
@@ -13,7 +14,7 @@ import pyarrow.parquet as pq
 from numpy.typing import NDArray
 
 from vsalog.core.trace import EXTRA_UNITS
-from vsalog.estimation.job import Job
+from vsalog.estimation.job import ROOM, Job
 from vsalog.estimation.joint import JointEstimate
 from vsalog.estimation.summary import TransmissionSummary
 from vsalog.readers.opened import for_arrow
@@ -27,8 +28,6 @@ Array = NDArray[np.float64]
 
 SUPERSCRIPTS = str.maketrans("0123456789", "⁰¹²³⁴⁵⁶⁷⁸⁹")
 PARAMETERS = ("motor_inertia", "motor_damping")
-# Rows of a joint's trace that figures are drawn of: over an hour at 1 kHz. A longer trace is thinned.
-MOST_ROWS = 4 * 2**20
 
 
 def evidence_of(trace: Path, estimate: JointEstimate, setpoint_unit: str = "rad") -> JointEvidence:
@@ -78,8 +77,9 @@ def _part(columns: TraceColumns, n: str, estimate: JointEstimate) -> Transmissio
 
 
 def thinned(estimate: JointEstimate) -> int:
-    """Return that figures are drawn of every so many rows of a joint's trace; 1 for all."""
-    return max(1, -(-max(t.samples for t in estimate.summary.transmissions) // MOST_ROWS))
+    """Return that figures are drawn of every so many rows of a joint's trace, for its columns to fit in memory; 1 for all."""
+    row = np.dtype(np.float64).itemsize * len(fields(TransmissionEvidence))
+    return max(1, -(-max(t.samples for t in estimate.summary.transmissions) * row // ROOM))
 
 
 class TraceColumns:

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vsalog.report.page_charts import Axes, Chart, Curve
-from vsalog.report.page_decimate import band, decimated, extent, gaps_of, spans
+from vsalog.report.page_decimate import around, band, decimated, extent, gaps_of, spans
 from vsalog.report.page_text import number
 from vsalog.validation.evidence import JointEvidence, TransmissionEvidence
 
@@ -25,11 +25,6 @@ MEASURED = {
     "integrated": "motor equation",
     "truth": "simulator's truth",
 }
-# An expanded view is this part of the log, but no shorter than 2 s and no longer than 10 s (as in Flacco 2012, Fig. 35).
-EXPANDED_SHARE, EXPANDED_LEAST, EXPANDED_MOST = 0.1, 2.0, 10.0
-EXPANDED_COLUMNS = 1000
-# Parameters drawn per unit.
-MOST_PARAMETERS = 7
 
 
 def measured_name(part: TransmissionEvidence) -> str:
@@ -62,9 +57,9 @@ def torque_chart(joint: JointEvidence, part: TransmissionEvidence, columns: int)
     return Chart("torque", "Torque over time", f"{words}.{_share_words(joint, part)}", tuple(axes), linked=True)
 
 
-def expanded_chart(joint: JointEvidence, part: TransmissionEvidence) -> Chart | None:
+def expanded_chart(joint: JointEvidence, part: TransmissionEvidence, columns: int) -> Chart | None:
     """The stretch around the largest error, every sample of it."""
-    if part.measured is None or joint.time.size < 2:
+    if part.measured is None:
         return None
     error = np.abs(part.predicted - part.measured)
     judged = np.isfinite(error) & part.inside
@@ -72,34 +67,31 @@ def expanded_chart(joint: JointEvidence, part: TransmissionEvidence) -> Chart | 
         judged = np.isfinite(error)
     if not judged.any():
         return None
-    worst = float(joint.time[int(np.argmax(np.where(judged, error, -1.0)))])
-    begin, end = float(joint.time[0]), float(joint.time[-1])
-    length = float(np.clip(EXPANDED_SHARE * (end - begin), EXPANDED_LEAST, EXPANDED_MOST))
-    if end - begin <= 1.5 * length:
+    worst = int(np.argmax(np.where(judged, error, -1.0)))
+    seen = around(worst, joint.time.size, columns)
+    if seen is None:
         return None
-    first = float(np.clip(worst - 0.5 * length, begin, end - length))
-    a, b = np.searchsorted(joint.time, [first, first + length])
-    time = joint.time[a:b]
+    time = joint.time[seen]
     cut = TransmissionEvidence(
-        part.deflection[a:b], part.predicted[a:b], part.predicted_std[a:b], part.measured[a:b], part.measured_by,
-        part.stiffness[a:b], part.stiffness_std[a:b], None, part.inside[a:b],
+        part.deflection[seen], part.predicted[seen], part.predicted_std[seen], part.measured[seen], part.measured_by,
+        part.stiffness[seen], part.stiffness_std[seen], None, part.inside[seen],
     )  # fmt: skip
     small = JointEvidence(
-        joint.joint, time, None, "", {}, None, {}, None if joint.excited is None else joint.excited[a:b]
+        joint.joint, time, None, "", {}, None, {}, None if joint.excited is None else joint.excited[seen]
     )
-    curves = tuple(_torques(time, cut, EXPANDED_COLUMNS, gaps_of(time)))
+    curves = tuple(_torques(time, cut, columns, gaps_of(time)))
     words = (
-        f"{number(length)} s around t = {number(worst, 4)} s, where the error is largest"
-        f" ({number(float(np.max(error[judged])))} N·m)."
+        f"{number(float(time[-1] - time[0]))} s around t = {number(float(joint.time[worst]), 4)} s, where the error is largest"
+        f" ({number(float(error[worst]))} N·m)."
     )
-    axes = Axes(TIME, TORQUE, curves, _shaded(small, cut, EXPANDED_COLUMNS), _shade_words(joint))
+    axes = Axes(TIME, TORQUE, curves, _shaded(small, cut, columns), _shade_words(joint))
     return Chart("torque_expanded", "Torque, expanded view", words, (axes,))
 
 
 def stiffness_chart(joint: JointEvidence, part: TransmissionEvidence, columns: int) -> Chart:
     """Stiffness with twice its standard deviation, and the truth where there is one."""
     gaps = gaps_of(joint.time)
-    known = _supported(part)
+    known = _excited(part)
     sigma = part.stiffness[known]
     shown = _within(part.stiffness, sigma, 0.4)
     within = 2.0 * part.stiffness_std
@@ -152,14 +144,9 @@ def convergence_charts(joint: JointEvidence, columns: int) -> list[Chart]:
             groups.setdefault(unit, []).append((float(known[-1]), label, *curve))
     axes, said = [], []
     for unit, found in groups.items():
-        # The largest tell the tale; more than a handful of lines nobody can tell apart.
-        found.sort(key=lambda f: -abs(f[0]))
-        shown = found[:MOST_PARAMETERS]
-        curves = tuple(Curve(label, x, y, str(i)) for i, (_, label, x, y) in enumerate(shown))
+        curves = tuple(Curve(label, x, y, str(i)) for i, (_, label, x, y) in enumerate(found))
         axes.append(Axes(TIME, f"parameter [{unit}]", curves))
-        said += [f"{label} {number(last)} {unit}".strip() for last, label, _, _ in shown]
-        if len(found) > len(shown):
-            said.append(f"and {len(found) - len(shown)} smaller ones that are not drawn")
+        said += [f"{label} {number(last)} {unit}".strip() for last, label, _, _ in found]
     if not axes:
         return []
     words = f"The estimator's parameters while it learns; at the end: {', '.join(said)}."
@@ -191,19 +178,19 @@ def _torques(time: Array, part: TransmissionEvidence, columns: int, gaps: NDArra
     return curves
 
 
-def _supported(part: TransmissionEvidence) -> Flags:
+def _excited(part: TransmissionEvidence) -> Flags:
     known = np.isfinite(part.stiffness)
     return known & part.inside if bool((known & part.inside).any()) else known
 
 
 def _shaded(joint: JointEvidence, part: TransmissionEvidence, columns: int) -> tuple[tuple[float, float], ...]:
-    """Stretches that no estimate is supported in, or that the model extrapolates into; unknown samples are neither."""
+    """Stretches that excite no estimate, or that the model extrapolates into; unknown samples are neither."""
     out = ~part.inside & np.isfinite(part.stiffness)
     return tuple(spans(joint.time, out, min(columns, 200))) if joint.time.size else ()
 
 
 def _shade_words(joint: JointEvidence) -> str:
-    return "outside the model's region" if joint.excited is None else "not supported by the data so far"
+    return "outside the model's region" if joint.excited is None else "not excited so far"
 
 
 def _share_words(joint: JointEvidence, part: TransmissionEvidence) -> str:

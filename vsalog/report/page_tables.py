@@ -6,7 +6,7 @@ import math
 from collections.abc import Mapping, Sequence
 
 from vsalog.estimation.summary import TransmissionSummary
-from vsalog.report.page_text import escaped, name, number, table
+from vsalog.report.page_text import bounded, escaped, name, number, table
 from vsalog.validation.document import Comparison, Figure, JointReport, Report, Score, TransmissionReport
 from vsalog.validation.verdict import overview
 
@@ -18,10 +18,8 @@ REFERENCES = {
     "truth": "simulator's truth",
 }
 SCORES = ("NRMSE [%]", "RMSE", "MSREP [%]", "R²", "bias", "largest")
-# Beyond these a prediction is no prediction, and digits say no more.
-MOST_NRMSE, MOST_MSREP, LEAST_R2 = 1000.0, 1e4, -10.0
-# What four digits would call one.
-ALL_OF_IT = 0.99995
+# What scores are where the error is ten times the signal's spread [%, %, 1]: beyond, digits say no more.
+TENFOLD: Mapping[str, float] = {"nrmse": 1000.0, "msrep": 10_000.0, "r2": -99.0}
 DEPENDENCES = {
     "torque": "torque (gain)",
     "offset": "constant offset",
@@ -75,17 +73,17 @@ def _against(part: TransmissionReport, comparison: Comparison) -> str:
 def _score_row(where: str, score: Score) -> str:
     independent = f"{score.samples}, worth {max(round(score.effective_samples), 1)} independent"
     cells = (
-        _figure(score.nrmse, most=MOST_NRMSE),
+        _figure(score.nrmse, most=TENFOLD["nrmse"]),
         _figure(score.rmse),
-        _figure(score.msrep, most=MOST_MSREP),
-        "&gt; 0.9999" if (score.r2.value or 0.0) > ALL_OF_IT else _figure(score.r2, 4, least=LEAST_R2),
+        _figure(score.msrep, most=TENFOLD["msrep"]),
+        _figure(score.r2, 4, least=TENFOLD["r2"]),
         _figure(score.bias, 2),
         number(score.largest),
     )
     kind = "" if where.startswith("inside") else ' class="outside"'
     # Where the page is narrow each cell carries its own heading.
-    told = "".join(f'<td class="n" data-head="{h}">{cell}</td>' for h, cell in zip(SCORES, cells, strict=True))
-    return f'<tr{kind}><th scope="row">{where}<br><span class="ci">{independent}</span></th>{told}</tr>'
+    row = "".join(f'<td class="n" data-head="{h}">{cell}</td>' for h, cell in zip(SCORES, cells, strict=True))
+    return f'<tr{kind}><th scope="row">{where}<br><span class="ci">{independent}</span></th>{row}</tr>'
 
 
 def unit_text(unit: str) -> str:
@@ -94,13 +92,11 @@ def unit_text(unit: str) -> str:
 
 
 def _figure(figure: Figure, digits: int = 3, most: float = math.inf, least: float = -math.inf) -> str:
-    """A figure with its interval; beyond `most` or `least` no digits, which would say no more."""
+    """A figure with its interval; beyond `most` or `least` no digits."""
     if figure.value is None:
         return "–"
-    if figure.value > most:
-        return f"&gt; {number(most)}"
-    if figure.value < least:
-        return f"&lt; {number(least)}"
+    if not least <= figure.value <= most:
+        return escaped(bounded(figure.value, digits, most, least))
     if figure.low is None or figure.high is None:
         return number(figure.value, digits)
     interval = f"{number(figure.low, digits)} … {number(figure.high, digits)}"
@@ -135,10 +131,10 @@ def modalities_table(part: TransmissionReport) -> str:
             escaped(m.modality),
             "–" if low is None or high is None else f"{number(low, 4)} … {number(high, 4)}",
             "–" if m.stiffness_std is None else number(m.stiffness_std),
-            "–" if m.torque is None else _figure(m.torque.nrmse, most=MOST_NRMSE),
+            "–" if m.torque is None else _figure(m.torque.nrmse, most=TENFOLD["nrmse"]),
         ]
         if simulated:
-            row.append("–" if m.against_truth is None else _figure(m.against_truth.msrep, most=MOST_MSREP))
+            row.append("–" if m.against_truth is None else _figure(m.against_truth.msrep, most=TENFOLD["msrep"]))
         rows.append(row)
     heads = ["modality", "stiffness [N·m/rad]", "standard deviation", "torque NRMSE [%]"]
     heads += ["MSREP against the truth [%]"] if simulated else []
@@ -161,8 +157,8 @@ def summary_table(parts: Sequence[TransmissionSummary]) -> str:
                 _percent(p.excited_share),
             ]
         )
-    heads = ("transmission", "stiffness [N·m/rad]", "± (1 std)", "last [N·m/rad]", "torque left over [N·m]", "of its spread",
-             "supported")  # fmt: skip
+    heads = ("transmission", "stiffness [N·m/rad]", "± (1 std)", "last [N·m/rad]", "RMS residual [N·m]", "of the torque",
+             "excited")  # fmt: skip
     return table("Estimate", heads, rows)
 
 
@@ -188,7 +184,10 @@ def overview_table(report: Report) -> str:
         judged_on = "–" if line.judged_on is None else REFERENCES[line.judged_on]
         scores = ("–", "–")
         if line.score is not None:
-            scores = (_figure(line.score.nrmse, most=MOST_NRMSE), _figure(line.score.msrep, most=MOST_MSREP))
+            scores = (
+                _figure(line.score.nrmse, most=TENFOLD["nrmse"]),
+                _figure(line.score.msrep, most=TENFOLD["msrep"]),
+            )
         where = f"{name(line.joint)} in {name(line.log)}"
         rows.append((where, escaped(line.verdict), judged_on, *scores, f"{100.0 * line.inside:.3g}"))
     heads = ("log", "verdict", "judged by", "NRMSE [%], 95 %", "MSREP [%]", "inside the region [%]")

@@ -64,6 +64,13 @@ def table(caption: str, heads: Sequence[str], rows: Iterable[Sequence[str]], tex
     )
 
 
+def bounded(value: float | None, digits: int = 3, most: float = math.inf, least: float = -math.inf) -> str:
+    """Return a number for people; of one beyond a bound, that."""
+    if value is None:
+        return "–"
+    return f"> {most:g}" if value > most else f"< {least:g}" if value < least else f"{value:.{digits}g}"
+
+
 def number(value: float, digits: int = 3) -> str:
     """Return a number as people read it: without an exponent where it need not have one."""
     if not math.isfinite(value):

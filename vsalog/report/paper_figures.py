@@ -13,7 +13,7 @@ from vsalog.estimation.job import Job
 from vsalog.estimation.joint import JointEstimate
 from vsalog.report.page import JointCharts, joint_charts
 from vsalog.report.page_charts import Axes, Chart, Curve, Surface
-from vsalog.report.page_diagnosis_causes import COLUMNS
+from vsalog.report.page_decimate import FIGURE_COLUMNS
 from vsalog.report.page_estimate import evidence_of
 from vsalog.report.page_text import plain
 from vsalog.validation.document import Report
@@ -116,7 +116,7 @@ def write_estimate_figures(folder: Path, job: Job, trace: Path, estimates: Seque
     evidence = [
         evidence_of(trace, e, setpoint_unit(job.rig.joints[e.joint])) for e in estimates if e.summary.transmissions
     ]
-    return write_figures(folder, [[joint_charts(joint, COLUMNS) for joint in evidence]])
+    return write_figures(folder, [[joint_charts(joint, FIGURE_COLUMNS) for joint in evidence]])
 
 
 def _named(drawn: Sequence[Sequence[JointCharts]], report: Report | None) -> Iterator[tuple[str, str, Chart]]:

@@ -9,17 +9,15 @@ from pathlib import Path
 from typing import Any
 
 import msgspec
-from rich.console import Console
 from rich.table import Table
 from rich.text import Text
 
-from vsalog.report.inspect import console_for_stdout
+from vsalog.report.console import console_for_stdout
 from vsalog.reproduce.catalogue import ITEMS, Item
 from vsalog.reproduce.rows import Row, Spread
 
 # Verdicts are words first; the colour only helps to find them.
 STYLES = {"worse": "red", "does not hold": "red", "better": "green", "holds": "green", "not there yet": "yellow"}
-PIPE_WIDTH = 200
 
 
 def print_items() -> None:
@@ -32,9 +30,7 @@ def print_items() -> None:
 
 def print_rows(items: Sequence[Item], rows: Mapping[str, Sequence[Row]], figures: Sequence[Path]) -> None:
     """Print a table per item, what it was found under, and the reasons where ours is worse."""
-    console = Console(highlight=False, emoji=False, markup=False)
-    if not console.is_terminal:
-        console = Console(highlight=False, emoji=False, markup=False, width=PIPE_WIDTH)
+    console = console_for_stdout()
     for item in items:
         own = rows[item.name]
         console.print(Text(f"{own[0].paper}, {item.title}  ({item.name})", style="bold"))

@@ -9,7 +9,7 @@ from rich.markup import escape
 
 from vsalog.core.recording import Recording
 from vsalog.core.units import shown
-from vsalog.report.inspect import console_for_stdout
+from vsalog.report.console import console_for_stdout
 from vsalog.rig.load import Rig, presets
 from vsalog.simulation.run import Job
 from vsalog.simulation.scenario import built_in

@@ -2,41 +2,37 @@
 
 from __future__ import annotations
 
-import math
 import sys
 
-from rich.console import Console
 from rich.markup import escape
 from rich.table import Table
 
 from vsalog.core.documents import document_text
 from vsalog.core.printable import printable
-from vsalog.report.page_tables import LEAST_R2, MOST_MSREP, MOST_NRMSE
+from vsalog.report.console import console_for_stdout, fits, print_findings
+from vsalog.report.page_tables import TENFOLD
+from vsalog.report.page_text import bounded
 from vsalog.report.validate_files import Outputs
 from vsalog.validation.document import Comparison, Figure, JointReport, Report, Score
 from vsalog.validation.verdict import overview
 
-# Columns of a terminal that the table of scores needs.
-WIDE = 150
 _STYLE = {"holds": "green", "fails": "bold red", "undecided": "yellow", "cannot be judged": "yellow"}
 
 
 def print_report(report: Report, outputs: Outputs) -> None:
     """Print verdicts, sentences and scores for people."""
-    console, errors = Console(), Console(stderr=True)
-    if not console.is_terminal:
-        console = Console(width=170)
+    console = console_for_stdout(markup=True)
     if len(report.logs) > 1:
         console.print(_overview(report))
     for log in report.logs:
         for joint in log.joints:
-            for warning in joint.warnings:
-                errors.print(f"[yellow]warning:[/] {escape(printable(warning))}", soft_wrap=True)
+            print_findings(joint.findings)
             name = f"{escape(printable(log.log))}, {escape(printable(joint.joint))}"
             console.print(f"[bold]{name}[/]: [{_STYLE[joint.verdict]}]{joint.verdict}[/]")
             for sentence in joint.sentences:
                 console.print(f"  {escape(printable(sentence))}", soft_wrap=True)
-            console.print(_scores(joint, console.width >= WIDE))
+            scores = _scores(joint, wide=True)
+            console.print(scores if fits(scores, console) else _scores(joint, wide=False))
             if any(t.modalities for t in joint.transmissions):
                 console.print(_modalities(joint))
     for threshold in report.thresholds:
@@ -57,12 +53,14 @@ def _overview(report: Report) -> Table:
         table.add_column(heading.replace("[", "\\["), justify="right")
     for row in overview(report):
         style = _STYLE[row.verdict]
-        told = (
-            (_interval(row.score.nrmse), _number(row.score.msrep.value, most=MOST_MSREP)) if row.score else ("–", "–")
+        scores = (
+            (_interval(row.score.nrmse), bounded(row.score.msrep.value, most=TENFOLD["msrep"]))
+            if row.score
+            else ("–", "–")
         )
         name, joint = escape(printable(row.log)), escape(printable(row.joint))
         table.add_row(
-            name, joint, f"[{style}]{row.verdict}[/]", row.judged_on or "–", *told, f"{100.0 * row.inside:.3g}"
+            name, joint, f"[{style}]{row.verdict}[/]", row.judged_on or "–", *scores, f"{100.0 * row.inside:.3g}"
         )
     return table
 
@@ -96,10 +94,10 @@ def _cells(score: Score) -> tuple[str, ...]:
     return (
         str(score.samples),
         _interval(score.nrmse),
-        _number(score.rmse.value),
-        _number(score.r2.value, 4, least=LEAST_R2),
-        _number(score.msrep.value, most=MOST_MSREP),
-        _number(score.bias.value),
+        bounded(score.rmse.value),
+        bounded(score.r2.value, 4, least=TENFOLD["r2"]),
+        bounded(score.msrep.value, most=TENFOLD["msrep"]),
+        bounded(score.bias.value),
         f"{score.largest:.3g}",
     )
 
@@ -113,23 +111,15 @@ def _modalities(joint: JointReport) -> Table:
     for part in joint.transmissions:
         for m in part.modalities:
             span = "–" if m.stiffness_low is None else f"{m.stiffness_low:.4g} … {m.stiffness_high:.4g}"
-            torque = "–" if m.torque is None else _number(m.torque.nrmse.value, most=MOST_NRMSE)
-            truth = "–" if m.against_truth is None else _number(m.against_truth.msrep.value)
-            table.add_row(part.transmission, m.modality, span, _number(m.stiffness_std), torque, truth)
+            torque = "–" if m.torque is None else bounded(m.torque.nrmse.value, most=TENFOLD["nrmse"])
+            truth = "–" if m.against_truth is None else bounded(m.against_truth.msrep.value)
+            table.add_row(part.transmission, m.modality, span, bounded(m.stiffness_std), torque, truth)
     return table
 
 
 def _interval(figure: Figure) -> str:
     if figure.value is None:
         return "–"
-    if figure.value > MOST_NRMSE:
-        return f"> {MOST_NRMSE:g}"
-    if figure.low is None:
-        return f"{figure.value:.3g}"
+    if figure.low is None or figure.value > TENFOLD["nrmse"]:
+        return bounded(figure.value, most=TENFOLD["nrmse"])
     return f"{figure.value:.3g}  ({figure.low:.3g} … {figure.high:.3g})"
-
-
-def _number(value: float | None, digits: int = 3, most: float = math.inf, least: float = -math.inf) -> str:
-    if value is None:
-        return "–"
-    return f"> {most:g}" if value > most else f"< {least:g}" if value < least else f"{value:.{digits}g}"

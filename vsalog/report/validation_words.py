@@ -10,7 +10,7 @@ from vsalog.validation.document import Dependence, JointReport, Report
 
 
 def worded(report: Report) -> Report:
-    """Return a report with the words that people read beside its findings."""
+    """Return a report with its findings in sentences."""
     return replace(report, logs=tuple(replace(log, joints=tuple(_joint(j) for j in log.joints)) for log in report.logs))
 
 
@@ -22,7 +22,7 @@ def _joint(joint: JointReport) -> JointReport:
         transmissions=tuple(parts),
         sentences=tuple(map(_reason, joint.reasons)),
         not_independent=computed[0] if computed else None,
-        warnings=(*joint.warnings, *sentences_of(joint.findings)),
+        warnings=sentences_of(joint.findings),
     )
 
 

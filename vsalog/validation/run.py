@@ -14,7 +14,7 @@ from vsalog._version import __version__
 from vsalog.binding.joint import bind, names_of, offered_roles, wanted_channels
 from vsalog.checks.plausibility import implausible
 from vsalog.core.errors import BindingError, EstimatorError, RigError, did_you_mean
-from vsalog.core.finding import Finding
+from vsalog.core.finding import Finding, of_log
 from vsalog.core.model import JointModel, ModelFile
 from vsalog.core.recording import Recording
 from vsalog.estimation.job import sha256
@@ -173,8 +173,8 @@ def _judge_log(
             many = partial(Finding, value=len(signals), limit=MANY_SAMPLES)
             doubts.append(many(code="validation.modalities_skipped", joint=name, severity="info"))
         found = joint_report(judged, signals, modalities, doubts, learnt_from)
-        notes = tuple(f"{log.name}: {note}" for note in recording.notes)
-        reports.append(msgspec.structs.replace(found, warnings=notes))
+        findings = (*of_log(log.name, recording.findings), *found.findings)
+        reports.append(msgspec.structs.replace(found, findings=findings))
     return reports
 
 

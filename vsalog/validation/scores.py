@@ -10,7 +10,8 @@ from numba import njit
 from numpy.typing import NDArray
 from scipy import special
 
-from vsalog.core.correlation import LONGEST, effective_samples
+from vsalog.core.correlation import effective_samples
+from vsalog.core.resolution import ENOUGH, spread_over
 from vsalog.validation.document import Bin, Figure, Score
 
 Array = NDArray[np.float64]
@@ -39,7 +40,7 @@ def score(prediction: Array, reference: Array, least: float = 0.0, where: Flags 
     count, low, high, worst = _seen(prediction, reference, use)
     if count < LEAST_SCORED:
         return None
-    step = max(1, count // LONGEST)
+    step = max(1, count // ENOUGH)
     span, independent = high - low, effective_samples(_errors(prediction, reference, use, count, step))
     above = least * max(abs(low), abs(high))
     sums = _sums(prediction, reference, use, _blocks(count, independent), above)
@@ -190,7 +191,7 @@ def bins_of(e: Array, x: Array) -> tuple[Bin, ...]:
 
 def binned(x: Array, count: int = BINS) -> tuple[Array, NDArray[np.int64]]:
     """Return the edges of up to `count` intervals that hold equally many samples, and each sample's interval."""
-    few = x[:: max(1, x.size // LONGEST)]
+    few = spread_over(x)
     edges = np.quantile(few, np.linspace(0.0, 1.0, count + 1))
     edges[0], edges[-1] = x.min(), x.max()
     edges = np.unique(edges)
