@@ -171,9 +171,11 @@ def test_an_object_store_holds_the_same_as_a_folder(tmp_path, here, monkeypatch)
 
 
 def test_nobody_answers(tmp_path, monkeypatch):
+    import dask
+
     from vsalog.batch import cluster as module
 
-    monkeypatch.setattr(module, "PATIENCE", 1)
+    dask.config.set({"distributed.comm.timeouts.connect": "1s"})
     with pytest.raises(BatchError, match="no Dask scheduler answers"):
         module.Cluster("tcp://127.0.0.1:1")
     with pytest.raises(BatchError, match="no Dask scheduler answers"):

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import logging
 from collections.abc import Callable, Iterator, Sequence
+from contextlib import suppress
 from importlib import import_module
 from types import TracebackType
 from typing import Any
@@ -15,12 +16,8 @@ from vsalog.batch.records import Answer, Settings, Task, failed
 from vsalog.batch.worker import check_settings, do_task
 from vsalog.core.errors import BatchError
 
-# Seconds in which a scheduler has to answer.
-PATIENCE = 15
-# A log that workers died of so often is not tried again.
-RETRIES = 2
-# Tasks the scheduler knows at a time; so many that no worker ever waits for the next.
-AHEAD = 2000
+# Dask's setting of how long whoever is asked may take to answer.
+TIMEOUT = "distributed.comm.timeouts.connect"
 # Dask's word for a task that failed; where fetching a result fails and it is any other, nobody answers.
 ERRED = "error"
 
@@ -34,7 +31,7 @@ class Cluster:
     Parameters
     ----------
     address : of the scheduler
-    say : told what takes time
+    say : called with what takes time
 
     Raises
     ------
@@ -50,7 +47,7 @@ class Cluster:
         _silence()
         self.address, self.say, self._distributed = address, say, distributed
         try:
-            self._client: Any = distributed.Client(address, timeout=PATIENCE, set_as_default=False, name="vsalog-batch")
+            self._client: Any = distributed.Client(address, set_as_default=False, name="vsalog-batch")
         except (OSError, ValueError, TypeError) as error:
             raise BatchError(
                 f"{address}: no Dask scheduler answers there ({str(error).splitlines()[0][:200]})"
@@ -92,7 +89,7 @@ class Cluster:
         except Exception as error:
             if future.status != ERRED:
                 raise BatchError(self._lost) from error
-            raise BatchError(f"{self.address}: the workers cannot run vsalog: {_told(error)}") from error
+            raise BatchError(f"{self.address}: the workers cannot run vsalog: {_words(error)}") from error
         if said:
             raise BatchError(said)
 
@@ -101,7 +98,7 @@ class Cluster:
             return
         self.say(f"{self.address} has no worker yet; waiting for one")
         try:
-            self._client.wait_for_workers(1, timeout=PATIENCE * 4)
+            self._client.wait_for_workers(1, timeout=import_module("dask").config.get(TIMEOUT))
         except TimeoutError:
             raise BatchError(f"{self.address}: the scheduler has no workers; start some with 'dask worker'") from None
 
@@ -113,17 +110,19 @@ class Cluster:
 
         def submit() -> Any:
             task = waiting.pop()
-            future = self._client.submit(do_task, msgspec.json.encode(task), pure=False, retries=RETRIES)
+            future = self._client.submit(do_task, msgspec.json.encode(task), pure=False)
             known[future.key] = task
             return future
 
-        first = [submit() for _ in range(min(AHEAD, len(waiting)))]
+        # The scheduler knows twice as many as are worked on: no worker waits for the next one.
+        first = [submit() for _ in range(min(2 * self.jobs, len(waiting)))]
         done: Any = self._distributed.as_completed(first, loop=self._client.loop)
         for future in done:
             task = known.pop(future.key)
             yield task, self._answer(future, task)
-            if waiting:
-                done.add(submit())
+            with suppress(OSError):  # where the scheduler is gone the answers say so
+                while waiting and len(known) < 2 * self.jobs:
+                    done.add(submit())
 
     def _answer(self, future: Any, task: Task) -> Answer:
         try:
@@ -131,18 +130,18 @@ class Cluster:
         except Exception as error:
             if future.status != ERRED:
                 return Answer(stop=f"{self._lost}, and with it what was being worked on")
-            return Answer(record=failed(task.log, task.settings, "killed", _told(error), __version__))
+            return Answer(record=failed(task.log, task.settings, "killed", _words(error), __version__))
         return msgspec.json.decode(answer, type=Answer)
 
 
 def _silence() -> None:
-    """Keep what Dask logs, which is tracebacks, from the terminal: what matters comes as exceptions, and is told in a line."""
+    """Keep what Dask logs, which is tracebacks, from the terminal: what matters comes as exceptions, and is a line."""
     for name in logging.root.manager.loggerDict:
         if name.split(".")[0] == "distributed":
             logging.getLogger(name).setLevel(logging.CRITICAL)
 
 
-def _told(error: Exception) -> str:
+def _words(error: Exception) -> str:
     from distributed.scheduler import KilledWorker
 
     if isinstance(error, KilledWorker):

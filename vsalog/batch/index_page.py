@@ -16,8 +16,8 @@ from vsalog.core.printable import plural
 from vsalog.report.page_text import escaped, name, number
 
 NAME = "index.html"
-# Beyond this a browser is no help, and the table is there to be queried.
 MOST_ROWS = 20_000
+"""Rows of the page, 10 MB: with more a browser is slow, and the table is there to be queried."""
 
 # A click sorts by what a cell's data-v says, numbers as numbers; a second one the other way round. What has no value comes last.
 SCRIPT = """
@@ -75,8 +75,8 @@ COLUMNS: dict[Do, tuple[Column, ...]] = {
         Column("stiffness, 1 % [N·m/rad]", "stiffness_low", True, 4),
         Column("99 % [N·m/rad]", "stiffness_high", True, 4),
         Column("± (1 std) [%]", "relative_std", True, percent=True),
-        Column("torque left over [%]", "fit_share", True, percent=True),
-        Column("supported [%]", "excited_share", True, percent=True),
+        Column("RMS residual [%]", "fit_share", True, percent=True),
+        Column("excited [%]", "excited_share", True, percent=True),
     ),
     "validate": (
         Column("verdict", "verdict"),
@@ -108,9 +108,9 @@ def index_page(records: Sequence[Record], do: Do) -> str:
     logs = plural(len(records), "log")
     bad = sum(r.status == "failed" for r in records)
     missed = sum(not r.met for r in records)
-    told = f"{logs}: {len(records) - bad} done, {bad} failed."
+    counts = f"{logs}: {len(records) - bad} done, {bad} failed."
     if missed:
-        told += f" {missed} missed a threshold."
+        counts += f" {missed} missed a threshold."
     rows, cut = [], ""
     for i, row in enumerate(rows_of(records)):
         if i == MOST_ROWS:
@@ -131,7 +131,7 @@ def index_page(records: Sequence[Record], do: Do) -> str:
             f"<title>vsalog {do}: {logs}</title>",
             f"<style>{style}</style></head><body>",
             f'<header><div><h1>{logs}</h1><p class="kind">{do}</p></div></header>',
-            f"<main><p>{told}</p>{cut}",
+            f"<main><p>{counts}</p>{cut}",
             '<div class="scroll" tabindex="0" role="region" aria-label="Logs"><table class="logs">',
             f'<thead><tr><th scope="col">log</th>{heads}</tr></thead>',
             f"<tbody>{''.join(rows)}</tbody></table></div></main>",

@@ -16,8 +16,8 @@ from vsalog.batch.storage import LocalStore, RemoteStore, Store, StoreError
 from vsalog.core.errors import BatchError
 
 NAME = ".lock"
-# A lock in an object store is a sign of life, given every BEAT seconds; after STALE seconds without, its owner is taken for dead.
-BEAT, STALE = 20.0, 90.0
+BEAT = 20.0
+"""Seconds between signs of life of a lock in an object store: whose owner misses four is taken for dead, within two minutes."""
 
 
 @contextmanager
@@ -139,6 +139,6 @@ def _alive(held: bytes) -> dict[str, object]:
         process = int(owner["process"])
     except (ValueError, TypeError, KeyError):
         return {}
-    if age > STALE or (mine and not Path(f"/proc/{process}").exists() and Path("/proc").is_dir()):
+    if age > 4.0 * BEAT or (mine and not Path(f"/proc/{process}").exists() and Path("/proc").is_dir()):
         return {}
     return dict(owner)

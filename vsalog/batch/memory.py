@@ -2,40 +2,53 @@
 
 from __future__ import annotations
 
+import math
 import os
 import re
 from contextlib import suppress
+from dataclasses import dataclass
 from pathlib import Path
 
 from vsalog.batch.records import Log, Settings
 from vsalog.core.errors import BatchError
+from vsalog.core.memory import usable_memory
 
-MIB = 2**20
-# A worker that waits, with everything loaded.
-BASE = 330 * MIB
-# Beyond that, bytes per byte of log, as measured over formats (docs/batch.md), with room.
-FACTORS = {"estimate": 6.0, "validate": 10.0, "diagnose": 60.0}
-PAGE_FACTOR = 25.0
-# No more than that, however long a log is, where it is worked on in a temporary file and figures are drawn of thinned traces;
-# MATLAB's files are read as a whole.
-MOST, MOST_PAGE = 1000 * MIB, 2500 * MIB
+BASE = 330 * 2**20
+"""Bytes that a worker takes which waits, with everything loaded."""
+
+
+@dataclass(frozen=True, slots=True)
+class Need:
+    """What a step needs beyond that, as measured over formats (docs/batch.md), with room.
+
+    Attributes
+    ----------
+    per_byte : bytes per byte of log
+    most : bytes, however long a log is, where it is worked on in a temporary file and figures are drawn of thinned traces
+    """
+
+    per_byte: float
+    most: float = math.inf
+
+
+NEEDS = {
+    "estimate": Need(6.0, 1000 * 2**20),
+    "page": Need(25.0, 2500 * 2**20),
+    "validate": Need(10.0),
+    "diagnose": Need(60.0),
+}
 WHOLE = b".mat"
-# A worker that needed more than this is replaced: memory that was used once is hardly given back.
-LARGE = 1024 * MIB
-# Of what is free.
-SHARE = 0.8
+"""MATLAB's files are read as a whole."""
 _UNITS = {"": 1, "k": 10**3, "m": 10**6, "g": 10**9, "t": 10**12, "ki": 2**10, "mi": 2**20, "gi": 2**30, "ti": 2**40}
 
 
 def expected(log: Log, settings: Settings) -> int:
     """Return the bytes that a log is expected to need, those of the worker itself included."""
-    need = FACTORS[settings.do] * log.size
-    if settings.do != "estimate":
-        return BASE + round(need)
-    page = PAGE_FACTOR * log.size if settings.report else 0.0
-    if not log.where.lower().endswith(WHOLE):
-        need, page = min(need, MOST), min(page, MOST_PAGE)
-    return BASE + round(need + page)
+    steps = [NEEDS[settings.do]]
+    if settings.do == "estimate" and settings.report:
+        steps.append(NEEDS["page"])
+    whole = log.where.lower().endswith(WHOLE)
+    return BASE + round(sum(min(s.per_byte * log.size, math.inf if whole else s.most) for s in steps))
 
 
 def parse_size(text: str) -> int:
@@ -54,38 +67,27 @@ def parse_size(text: str) -> int:
     if not 0.0 < size < 1e18:
         raise BatchError(f"--memory: '{text}' is no size; write 4GB or 512MiB")
     if size < BASE:
-        raise BatchError(f"--memory: {text} is too little: a single worker takes {told(BASE)} before it opens a log")
+        raise BatchError(
+            f"--memory: {text} is too little: a single worker takes {size_text(BASE)} before it opens a log"
+        )
     return int(size)
 
 
-def told(size: float) -> str:
+def size_text(size: float) -> str:
     """Return a size as people write it."""
     return f"{size / 1e9:.3g} GB" if size >= 1e9 else f"{size / 1e6:.3g} MB"
 
 
 def free() -> int:
     """Return the bytes that can be used without pushing others out: of the machine, or of the group the process is in."""
-    found = [size for size in (_available(), _group()) if size is not None]
-    return max(BASE, int(SHARE * min(found))) if found else 8 * BASE
+    return max(BASE, usable_memory())
 
 
-def _available() -> int | None:
-    with suppress(OSError, ValueError, IndexError):
-        text = Path("/proc/meminfo").read_text(encoding="ascii")
-        return int(text.split("MemAvailable:")[1].split()[0]) * 1024
-    with suppress(OSError, ValueError, AttributeError):
-        return os.sysconf("SC_PHYS_PAGES") * os.sysconf("SC_PAGE_SIZE")
-    return None
-
-
-def _group() -> int | None:
-    """Return what a container leaves, as control groups tell it."""
-    for most, used in (
-        ("/sys/fs/cgroup/memory.max", "/sys/fs/cgroup/memory.current"),
-        ("/sys/fs/cgroup/memory/memory.limit_in_bytes", "/sys/fs/cgroup/memory/memory.usage_in_bytes"),
-    ):
-        with suppress(OSError, ValueError):
-            return max(int(Path(most).read_text()) - int(Path(used).read_text()), 0)
+def resident(process: int) -> int | None:
+    """Return the bytes of memory that a process holds; None where the system does not say."""
+    with suppress(OSError, ValueError, IndexError, AttributeError):
+        pages = int(Path(f"/proc/{process}/statm").read_text(encoding="ascii").split()[1])
+        return pages * os.sysconf("SC_PAGE_SIZE")
     return None
 
 

@@ -6,8 +6,8 @@ import hashlib
 from collections.abc import Sequence
 from urllib.parse import quote, unquote
 
-# Bytes of an encoded name: file systems end at 255, and a prefix (``device=``), an ending (``.model.toml``) or both come with it.
 LONGEST = 180
+"""Bytes of an encoded name: file systems end at 255, and a prefix (``device=``), an ending (``.rig.toml``) come with it."""
 # Readers take this for "no value".
 UNNAMED = "unnamed"
 

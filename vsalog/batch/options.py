@@ -6,10 +6,9 @@ from pathlib import Path
 from typing import Any
 
 from vsalog.batch.records import Settings
+from vsalog.core.documents import read_text
 from vsalog.core.errors import ReadError
 from vsalog.rig import Rig
-
-MOST_BYTES = 50_000_000
 
 
 def settings_of(do: str, rig: str | None, model: Path | None, **others: Any) -> Settings:
@@ -28,7 +27,7 @@ def settings_of(do: str, rig: str | None, model: Path | None, **others: Any) -> 
         A file cannot be read, or is not what it should be.
     """
     loaded = None if rig is None else Rig.load(rig)
-    text = None if model is None else _read(model)
+    text = None if model is None else read_text(model, "model file", ReadError, most=None)
     return Settings(
         do=do,  # type: ignore[arg-type]
         rig=None if loaded is None else loaded.to_toml(),
@@ -37,14 +36,3 @@ def settings_of(do: str, rig: str | None, model: Path | None, **others: Any) -> 
         model_name="" if model is None else model.name.encode("utf-8", "replace").decode(),
         **others,
     )
-
-
-def _read(model: Path) -> str:
-    try:
-        if model.stat().st_size > MOST_BYTES:
-            raise ReadError(f"{model}: more than {MOST_BYTES // 1_000_000} MB is no model file")
-        return model.read_text(encoding="utf-8")
-    except OSError as error:
-        raise ReadError(f"{model}: cannot be read: {error.strerror}") from error
-    except UnicodeDecodeError as error:
-        raise ReadError(f"{model}: is no model file that 'vsalog estimate' writes: it is no UTF-8 text") from error

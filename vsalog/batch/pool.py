@@ -19,16 +19,13 @@ import msgspec
 
 import vsalog
 from vsalog._version import __version__
-from vsalog.batch.memory import BASE, LARGE, expected, told
+from vsalog.batch.memory import BASE, expected, resident, size_text
 from vsalog.batch.records import Answer, Kind, Settings, Task, failed
 from vsalog.batch.worker import BEGUN, CHECK, COMPILING, PREPARE, TASK, THREADS, serve
 from vsalog.core.errors import BatchError
 
-# A worker begins anew after so many logs: whatever leaks, leaks for a while only.
-MOST_LOGS = 500
 TICK = 0.5
-# Logs that are done one by one in the hope that one goes well.
-MOST_TRIES = 3
+"""Seconds after which a late log, or an interrupt that another thread got, is noticed."""
 Say = Callable[[str], None]
 
 
@@ -38,7 +35,6 @@ class _Worker:
     pipe: Connection
     job: _Job | None = None
     begun: float = math.inf
-    done: int = 0
 
 
 @dataclass(slots=True)
@@ -58,7 +54,7 @@ class Pool:
     jobs : workers at most
     memory : bytes that all of them together may be expected to need
     timeout : seconds that a log may take; None for no bound
-    say : told what takes time
+    say : called with what takes time
     """
 
     def __init__(self, jobs: int, memory: int, timeout: float | None = None, say: Say = lambda _: None) -> None:
@@ -104,7 +100,7 @@ class Pool:
     def run(self, tasks: Sequence[Task]) -> Iterator[tuple[Task, Answer]]:
         """Do tasks, those of large logs first; yield each with its answer as soon as it is there.
 
-        Where nothing is compiled yet, one is done alone until one went well, so that loops are compiled once.
+        Where nothing is compiled yet, one after the other is done alone until loops are compiled, or each worker had one.
         """
         # From the large ones down, so that the last ones end together.
         waiting = sorted(
@@ -133,7 +129,7 @@ class Pool:
                 if message is not None:
                     answer = msgspec.json.decode(message[1:], type=Answer)
                     tries += 1
-                    warm = warm or tries >= MOST_TRIES or (answer.record is not None and answer.record.status == "done")
+                    warm = warm or tries >= self.jobs or (answer.record is not None and answer.record.status == "done")
                     yield job.task, answer
                     self._rest(worker, job)
                     continue
@@ -147,9 +143,9 @@ class Pool:
         """Give back what would not fit if it were alone."""
         for job in [job for job in waiting if job.need > self.memory]:
             waiting.remove(job)
-            what = f"a log of {told(job.task.log.size)} is expected to need {told(job.need)} of memory"
+            what = f"a log of {size_text(job.task.log.size)} is expected to need {size_text(job.need)} of memory"
             advice = "give more with --memory, or do a part with --start and --end"
-            yield job.task, _failure(job, "memory", f"{what}, and {told(self.memory)} are allowed: {advice}")
+            yield job.task, _failure(job, "memory", f"{what}, and {size_text(self.memory)} are allowed: {advice}")
 
     def _hand_out(self, waiting: list[_Job], most: int) -> None:
         """Give logs to workers as long as their expected needs fit; a log that somebody died of gets all to itself."""
@@ -220,9 +216,9 @@ class Pool:
             return None
 
     def _rest(self, worker: _Worker, job: _Job) -> None:
-        """Let a worker go that did much, or used much."""
-        worker.done += 1
-        if worker.done >= MOST_LOGS or job.need > LARGE:
+        """Let a worker go that holds more than one that waits is counted with, twice over: what leaks, leaks for a while only."""
+        held = resident(worker.process.pid or 0)
+        if (job.need if held is None else held) > 2 * BASE:
             self._dismiss(worker)
 
     def _mourn(self, worker: _Worker, job: _Job) -> _Job | None:
@@ -241,7 +237,7 @@ class Pool:
 
 
 def compiled() -> bool:
-    """Tell whether numba has loops of ours in its cache, beside the sources or where its cache was put."""
+    """Tell whether numba has loops of ours in its cache, next to the sources or where its cache was put."""
     places = [Path(vsalog.__path__[0])]
     if "NUMBA_CACHE_DIR" in os.environ:
         places = [Path(os.environ["NUMBA_CACHE_DIR"])]

@@ -17,12 +17,12 @@ from vsalog.core.documents import document_text
 from vsalog.core.printable import plural
 from vsalog.report.page_text import plain
 
-# Seconds between lines where there is no terminal, and failures that are told one by one.
-EVERY, MOST_TOLD = 30.0, 10
+EVERY = 30.0
+"""Seconds between lines where there is no terminal."""
 
 
 class Shown:
-    """A watch (`vsalog.batch.run.Watch`) that tells people; a context manager."""
+    """A watch (`vsalog.batch.run.Watch`) for people; a context manager."""
 
     def __init__(self) -> None:
         self._console = Console(stderr=True, highlight=False)
@@ -51,7 +51,7 @@ class Shown:
         return self._logs > 0
 
     def say(self, text: str) -> None:
-        """Tell a remark."""
+        """Print a remark."""
         self._console.print(escape(plain(text)), soft_wrap=True)
 
     def begin(self, logs: Sequence[Log]) -> None:
@@ -70,17 +70,14 @@ class Shown:
             self._bar.start()
 
     def add(self, log: Log, answer: Answer) -> None:
-        """Count a log, and tell a failure."""
+        """Count a log, and print a failure."""
         self._done += 1
         self._done_bytes += log.size + 1
         self._kept += answer.kept
         record = answer.record
         if record is not None and record.status == "failed":
             self._failed += 1
-            if self._failed <= MOST_TOLD:
-                self.say(f"failed: {_reason(record)}")
-            elif self._failed == MOST_TOLD + 1:
-                self.say("further failures are not told one by one; summary.parquet and index.html have them")
+            self.say(f"failed: {_reason(record)}")
         if self._bar is not None:
             self._bar.update(self._id, completed=self._done_bytes, description=escape(self._words()))
         elif time.monotonic() - self._last > EVERY:

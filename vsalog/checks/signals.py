@@ -8,8 +8,8 @@ from functools import partial
 import numpy as np
 from numpy.typing import NDArray
 
+from vsalog.checks import encoder, sensor, torque
 from vsalog.checks.check import Context, OfSignals
-from vsalog.checks.plausibility import implausible, passing
 from vsalog.core.errors import EstimatorError
 from vsalog.core.finding import Evidence, Finding
 from vsalog.core.long_signals import LongSignals
@@ -93,6 +93,19 @@ def signal_findings(device: Device, signals: JointSignals) -> tuple[Finding, ...
             still = partial(Finding, joint=signals.joint, severity="invalidates")
             found.append(still(code="deflection.still", part=view.name))
     return first_of_each((*found, *implausible(device, signals)))
+
+
+def implausible(device: Device, signals: JointSignals) -> Iterator[Finding]:
+    """Yield what is possible and not plausible."""
+    yield from encoder.findings(device, signals)
+    yield from passing(device, signals)
+
+
+def passing(device: Device, signals: JointSignals) -> Iterator[Finding]:
+    """Yield what may befall a sensor for a while, and is found in that while."""
+    yield from encoder.passing(device, signals)
+    yield from torque.passing(device, signals)
+    yield from sensor.passing(signals)
 
 
 def passing_findings(device: Device, signals: LongSignals) -> Iterator[Finding]:

@@ -16,8 +16,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vsalog.checks.check import Context
-from vsalog.checks.plausibility import Standstill, standstills, with_both_positions
+from vsalog.checks.encoder import Standstill, standstills
 from vsalog.checks.residual import CHUNK, basis_rows
+from vsalog.checks.samples import with_both_positions
 from vsalog.checks.signals import WHILE
 from vsalog.core.dependence import FALSE_ALARM_RATE, LEAST_BLOCKS, least_squares, one_more_above
 from vsalog.core.finding import Finding

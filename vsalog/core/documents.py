@@ -1,10 +1,16 @@
-"""Structures as JSON documents and TOML tables."""
+"""Structures as JSON documents and TOML tables, and the text files that people write."""
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import Any
 
 import msgspec
+
+from vsalog.core.errors import VsalogError
+
+MAX_TEXT = 1_000_000
+"""Bytes of a rig or a scenario: a hundred times the longest preset, and TOML of as many is read in a second."""
 
 
 def document_text(document: Any) -> str:
@@ -51,3 +57,28 @@ def _readable(value: Any) -> Any:
     if isinstance(value, list | tuple):
         return [_readable(item) for item in value]
     return value
+
+
+def read_text(path: Path, what: str, kind: type[VsalogError], most: int | None = MAX_TEXT) -> str:
+    """Read a text file that a person wrote or was given.
+
+    Parameters
+    ----------
+    path : of the file
+    what : it should be, such as "rig file"
+    kind : of the error
+    most : bytes; None for any number
+
+    Raises
+    ------
+    VsalogError
+        Of the kind asked for: the file cannot be read, is too large, or is no text.
+    """
+    try:
+        if most is not None and path.stat().st_size > most:
+            raise kind(f"{path.name}: more than {most // 1000} kB is no {what}")
+        return path.read_text(encoding="utf-8-sig")
+    except OSError as error:
+        raise kind(f"{path.name}: cannot be read ({error.strerror})") from error
+    except UnicodeDecodeError as error:
+        raise kind(f"{path.name}: is not UTF-8 text (byte {error.start}), so it is no {what}") from error

@@ -159,7 +159,9 @@ def _next_sure(data: Bytes, rest: int, loose: bool) -> int:
         content, whole = at + Size.HEAD, at + Size.CHUNK <= data.size
         if data[at] == Opcode.CHUNK and whole:
             name = _number(data, content + 28, Width.INT)
-            if name <= Size.LONGEST_COMPRESSION and length == 40 + name + _number(data, content + 32 + name, Width.LONG):
+            if name <= Size.LONGEST_COMPRESSION and length == 40 + name + _number(
+                data, content + 32 + name, Width.LONG
+            ):
                 return at
         elif data[at] == Opcode.MESSAGE_INDEX and whole:
             entries = _number(data, content + 2, Width.INT)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 from msgspec.structs import replace as with_fields
@@ -21,16 +21,34 @@ from vsalog.simulation.simulate import simulate
 
 Array = NDArray[np.float64]
 
-# De Luca: the spring is so much of what the controller takes it for, and "significant" is at most this part of the other.
-SOFTER, LESS = 0.8, 0.75
-SWUNG = 2.2  # [s]
 DELUCA = {"acceleration-observer": "the observer's state", "motor": "motor states alone"}
-# Shin: how long before the next step an error counts as steady [s], and how many machines there are.
-STEADY, MACHINES = 1.0, 3
 SHIN = (
     ("pam-angle-control", "link_position", "angle", np.radians(40.0), 5.25),
     ("pam-torque-control", "transmission_torque", "torque", 4.0, 5.0),
 )
+
+
+@dataclass(frozen=True, slots=True)
+class Trials:
+    """What is chosen here, since no paper prints it.
+
+    Attributes
+    ----------
+    softness : De Luca: the spring's stiffness over what the controller takes it for
+    significant : De Luca: an improvement is significant that leaves no more than this part
+    swing : De Luca: duration [s]
+    steady : Shin: how long before the next step an error counts as steady [s]
+    machines : Shin: how many are controlled; each takes a minute
+    """
+
+    softness: float = 0.8
+    significant: float = 0.75
+    swing: float = 2.2
+    steady: float = 1.0
+    machines: int = 3
+
+
+TRIALS = Trials()
 
 
 def state_feedback(study: Study) -> Result:
@@ -41,7 +59,7 @@ def state_feedback(study: Study) -> Result:
         conditions="an arm of the size of a KUKA KR15/2, stretched out: 5° of axis 1 from rest to rest, slowest eigenvalues at"
         " 30 rad/s",
         chosen="everything of the arm and the motion but these 5° and 30 rad/s: preset kuka-kr15, scenario kuka-kr15-control; the"
-        f" spring of axis 1 is {100 * (1 - SOFTER):.0f} % softer than the controller takes it for",
+        f" spring of axis 1 is {100 * (1 - TRIALS.softness):.0f} % softer than the controller takes it for",
     )  # fmt: skip
     over, ringing = dict[str, float](), dict[str, float]()
     for feedback in DELUCA:
@@ -62,7 +80,7 @@ def state_feedback(study: Study) -> Result:
                 printed="significant improvements over motor states alone",
                 ours=f"{with_it:.2g} instead of {without:.2g}",
                 compare="holds",
-                holds=with_it < LESS * without,
+                holds=with_it < TRIALS.significant * without,
             )
         )
     return Result(rows, [])
@@ -71,13 +89,13 @@ def state_feedback(study: Study) -> Result:
 def _swung(feedback: str, seed: int) -> tuple[Array, float, int]:
     """Return the link's position, how far it was to go, and the sample from which it should be there."""
     rig = Rig.preset("kuka-kr15")
-    scenario = Scenario.load("kuka-kr15-control").lasting(SWUNG, None)
+    scenario = Scenario.load("kuka-kr15-control").lasting(TRIALS.swing, None)
     stiffness = rig.joints["axis1"].transmission.stiffness  # type: ignore[union-attr]
-    actual = rig.with_settings({"joint.axis1.transmission.stiffness": f"{SOFTER * stiffness!r}"})
+    actual = rig.with_settings({"joint.axis1.transmission.stiffness": f"{TRIALS.softness * stiffness!r}"})
     asked = scenario.controllers(rig.file)["axis1"]
     assert isinstance(asked, StateFeedback)
     played = simulate(
-        actual.file, scenario.inputs(rig.file), SWUNG, seed=seed, believed=rig.file,
+        actual.file, scenario.inputs(rig.file), TRIALS.swing, seed=seed, believed=rig.file,
         controllers={"axis1": replace(asked, feedback=feedback)}, estimator=LiveEstimate,  # type: ignore[arg-type]
     )  # fmt: skip
     reference = np.asarray(asked.reference(played.time))  # type: ignore[operator]
@@ -90,15 +108,15 @@ def pressures_alone(study: Study) -> Result:
     rows = []
     for scenario, role, what, span, printed in SHIN:
         errors = []
-        for seed in study.seeds[:MACHINES]:
+        for seed in study.seeds[: TRIALS.machines]:
             study.say(f"shin-control: {what}, machine {seed}")
             errors.append(100.0 * _steady_error(*_controlled(scenario, role, seed)) / span)
         rows.append(
             Row(
                 item="shin-control", paper="Shin 2021", place="§IV-C, Fig. 14", quantity="largest steady error by its range",
                 unit="%", of=what, settings="the paper's", estimator="pam-ukf", printed=printed, ours=Spread.of(errors),
-                window=f"last {STEADY:g} s of each step", compare="lower",
-                conditions="two pneumatic muscles under the paper's PI controller, which is told the pressures alone;"
+                window=f"last {TRIALS.steady:g} s of each step", compare="lower",
+                conditions="two pneumatic muscles under the paper's PI controller, which reads the pressures alone;"
                 + (" the joint clamped at 0°" if what == "torque" else " the joint free"),
                 chosen="references in steps of 10 s (torque) and 20 s (angle); T_I as a gain per second; samples of 5 ms",
                 remark=STATED,
@@ -134,5 +152,5 @@ def _controlled(name: str, role: str, seed: int) -> tuple[Array, Array, Array]:
 def _steady_error(time: Array, reference: Array, truth: Array) -> float:
     """Return the largest error in the time before each step of the reference, and before the end."""
     steps = [*time[1:][np.diff(reference) != 0.0], time[-1]]
-    late = np.any([(time < end) & (time >= end - STEADY) for end in steps], axis=0)
+    late = np.any([(time < end) & (time >= end - TRIALS.steady) for end in steps], axis=0)
     return float(np.max(np.abs(reference - truth)[late]))

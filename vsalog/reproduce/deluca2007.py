@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 from msgspec.structs import replace as with_fields
@@ -28,8 +28,6 @@ Array = NDArray[np.float64]
 
 PAPER = "De Luca 2007"
 RIG, SCENARIO, JOINT = "kuka-kr15", "kuka-kr15-exp1", "axis1"
-# Of the scenario [s].
-DURATION = 20.0
 CONDITIONS = (
     "an arm of the size of a KUKA KR15/2, its first axis, through the preset's motion; state over the whole run"
 )
@@ -45,10 +43,27 @@ SETTINGS = (
     Setting("the paper's", NAME, {"frequency": PAPER_FREQUENCY}),
     Setting("vsalog's default", NAME, {}),
 )
-# The rate of decay is met within this share, errors are alike within that, and a sensor is blind where noise is so many times.
-RATE, ALIKE, BLIND = 0.02, 0.05, 20.0
-# How much heavier the forearm is that the observer does not know of.
-HEAVIER = 1.5
+
+
+@dataclass(frozen=True, slots=True)
+class Criteria:
+    """What the paper's statements, which are without numbers, are taken to mean.
+
+    Attributes
+    ----------
+    rate : share within which the rate of decay is met
+    alike : share within which errors are alike
+    blind : times as much noise, where a sensor sees nothing
+    heavier : mass of the forearm, which the observer does not know of, over the rig's
+    """
+
+    rate: float = 0.02
+    alike: float = 0.05
+    blind: float = 20.0
+    heavier: float = 1.5
+
+
+CRITERIA = Criteria()
 
 
 def observer(study: Study) -> Result:
@@ -77,20 +92,20 @@ def observer(study: Study) -> Result:
                 quantity=f"rms error of the observed {what}",
                 unit=unit,
                 settings=setting.label,
-                tune=setting.told,
+                tune=setting.whole_tune,
                 printed=said,
                 ours=Spread.of([e[column] for e in errors]),
             )
             for what, unit, column, said in STATES
         ]
-    stated = common.with_values(settings=SETTINGS[0].label, tune=SETTINGS[0].told, compare="holds")
+    stated = common.with_values(settings=SETTINGS[0].label, tune=SETTINGS[0].whole_tune, compare="holds")
     study.say("deluca2007: decay, payload, singular configurations")
     return Result([*rows, _decay(stated, motion), _heavier(stated, rig, noisy[0], study), *_singular(stated, rig)], [])
 
 
 def _motion(rig: RigFile) -> Experiment:
     scenario = Scenario.find(SCENARIO, rig)
-    return simulate(rig, scenario.inputs(rig), min(DURATION, scenario.file.duration), ideal=True)
+    return simulate(rig, scenario.inputs(rig), scenario.file.duration, ideal=True)
 
 
 def _errors(experiment: Experiment, setting: Setting) -> dict[str, float]:
@@ -126,7 +141,7 @@ def _decay(row: Row, motion: Experiment) -> Row:
         printed=f"as assigned, {PAPER_FREQUENCY:g}",
         ours=f"{rate:.1f}",
         window="first 20 ms",
-        holds=abs(rate / PAPER_FREQUENCY - 1.0) < RATE,
+        holds=abs(rate / PAPER_FREQUENCY - 1.0) < CRITERIA.rate,
     )
 
 
@@ -134,7 +149,9 @@ def _heavier(row: Row, rig: RigFile, plain: Experiment, study: Study) -> Row:
     """Remark 1: the same observer on an arm whose forearm is heavier than its rig says."""
     chain = _chain(rig)
     *before, last = chain.link
-    heavy = with_fields(last, mass=HEAVIER * last.mass, inertia=tuple(HEAVIER * i for i in last.inertia))
+    heavy = with_fields(
+        last, mass=CRITERIA.heavier * last.mass, inertia=tuple(CRITERIA.heavier * i for i in last.inertia)
+    )
     actual = with_fields(rig, chain=with_fields(chain, link=(*before, heavy)))
     loaded = replace(with_noise(_motion(actual), study.seeds[:1])[0], rig=rig)
     ratios = [
@@ -146,7 +163,7 @@ def _heavier(row: Row, rig: RigFile, plain: Experiment, study: Study) -> Row:
         quantity="rms errors of link position and velocity with a forearm half as heavy again, which the rig does not know",
         printed="no knowledge of the link dynamics is required",
         ours=f"{ratios[0]:+.1%}, {ratios[1]:+.1%}",
-        holds=max(map(abs, ratios)) < ALIKE,
+        holds=max(map(abs, ratios)) < CRITERIA.alike,
     )
 
 
@@ -180,7 +197,7 @@ def _singular(row: Row, rig: RigFile) -> list[Row]:
                 printed="singular",
                 ours=f"{ratio:.3g} times, 1 mrad off",
                 window="one position",
-                holds=ratio > BLIND,
+                holds=ratio > CRITERIA.blind,
             )
         )
     return rows

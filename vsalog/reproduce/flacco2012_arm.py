@@ -4,14 +4,13 @@ from __future__ import annotations
 
 import numpy as np
 
-from vsalog.reproduce.flacco2012 import DEFAULT, PAPER, TABLE_1, VSA2_PAPER
+from vsalog.reproduce.flacco2012 import DEFAULT, PAPER, TABLE_1, VSA2_PAPER, VSA2_TABLE
 from vsalog.reproduce.measure import Study, estimate, stiffness_errors, with_noise
 from vsalog.reproduce.rows import Curve, Figure, Panel, Result, Row
 from vsalog.rig import Rig
 from vsalog.simulation.scenario import Scenario
 from vsalog.simulation.simulate import simulate
 
-DURATION, AFTER = 20.0, 2.0
 CONDITIONS = (
     "2R arm in the vertical plane, links coupled; torques of 50 N·mm at 0.1 and 0.2 Hz in the first joint, a sawtooth of 50 N·mm"
     " at 0.1 Hz and a square wave of 10 N·mm at 0.3 Hz in the second; encoders of 4059 pulses per turn"
@@ -35,7 +34,8 @@ def two_joints(study: Study) -> Result:
     """§6.3: stiffness of the four transmissions by the residual, with Fig. 20."""
     study.say("flacco2012-2r: simulating")
     rig = Rig.preset("vsa2-2r").file
-    motion = simulate(rig, Scenario.find("vsa2-2r-exp1", rig).inputs(rig), DURATION, ideal=True)
+    scenario = Scenario.find("vsa2-2r-exp1", rig)
+    motion = simulate(rig, scenario.inputs(rig), scenario.file.duration, ideal=True)
     experiments = with_noise(motion, study.seeds)
     rows: list[Row] = []
     panels: list[Panel] = []
@@ -45,7 +45,7 @@ def two_joints(study: Study) -> Result:
             study.say(f"flacco2012-2r: {setting.label}, {joint}")
             traces = [estimate(e, setting, joint) for e in experiments]
             for part in ("1", "2"):
-                errors = stiffness_errors(experiments, traces, part, f"stiffness_{part}", AFTER, joint)
+                errors = stiffness_errors(experiments, traces, part, f"stiffness_{part}", VSA2_TABLE.after, joint)
                 _, alone = TABLE_1["RESIDUAL"][part]
                 row = Row(
                     item="flacco2012-2r",
@@ -60,7 +60,7 @@ def two_joints(study: Study) -> Result:
                     printed=alone,
                     ours=errors.msrep,
                     whole_run=errors.msrep_whole,
-                    window=f"after {AFTER:g} s",
+                    window=f"after {VSA2_TABLE.after:g} s",
                     conditions=CONDITIONS,
                     chosen=CHOSEN,
                     remark=REMARK,

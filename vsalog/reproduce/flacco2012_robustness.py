@@ -6,7 +6,7 @@ The figures are drawn without numbers; what the text says of them is held agains
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import msgspec
 import numpy as np
@@ -23,8 +23,8 @@ from vsalog.reproduce.flacco2012 import (
     VSA2_CHOSEN,
     VSA2_CONDITIONS,
     VSA2_PAPER,
+    VSA2_TABLE,
 )
-from vsalog.reproduce.flacco2012_arm import AFTER
 from vsalog.reproduce.measure import Setting, Study, assemble, estimate, msrep, stiffness_errors, with_noise
 from vsalog.reproduce.rows import Curve, Figure, Panel, Result, Row, Spread
 from vsalog.simulation.experiment import Experiment
@@ -32,16 +32,28 @@ from vsalog.simulation.experiments import awas_experiment, vsa2_experiment
 
 Array = NDArray[np.float64]
 
-# §7: pulses per turn from 10² to 10⁴; 256 and 1024 are named.
-PULSES = (100, 256, 1024, 4096, 10000)
-# §7: with coarse encoders V_max = 1e5, V_min = 1e4, and V_a as before.
-COARSE = (1e10, 1e5, 1e4)
-# The text calls an estimate good without a number: here one whose relative error is below 10 % rms.
-GOOD = 1.0
-# Constant factors tried in place of eq. 41; the paper names none. With a(k) = 1 the update is that of plain RLS.
-CONSTANT_FACTORS = (1.0, 1e-2, 1e-8)
-# Flexibility is poorly excited where the deflection is within this share of its largest.
-NEAR_ZERO = 0.05
+
+@dataclass(frozen=True, slots=True)
+class Sweep:
+    """§7's encoders, and what its words are taken to mean.
+
+    Attributes
+    ----------
+    pulses : per turn, from 10² to 10⁴ as printed, where 256 and 1024 are named
+    kalman : V_a, V_max, V_min with coarse encoders, as printed
+    good : MSREP [%] of a good estimate: a relative error of 10 % rms
+    constant : factors tried in place of eq. 41; the paper names none. With a(k) = 1 the update is that of plain RLS
+    poorly_excited : share of the largest deflection within which the flexibility is
+    """
+
+    pulses: tuple[int, ...] = (100, 256, 1024, 4096, 10000)
+    kalman: tuple[float, float, float] = (1e10, 1e5, 1e4)
+    good: float = 1.0
+    constant: tuple[float, float, float] = (1.0, 1e-2, 1e-8)
+    poorly_excited: float = 0.05
+
+
+SWEEP = Sweep()
 
 
 def stability_factor(study: Study) -> Result:
@@ -54,7 +66,7 @@ def stability_factor(study: Study) -> Result:
         a = np.asarray(trace["1"]["stability_factor"], dtype=np.float64)
         phi = np.abs(experiment.truth["deflection"])
         rows = (trace.time >= 1.0) & np.isfinite(a)
-        near = phi < NEAR_ZERO * phi.max()
+        near = phi < SWEEP.poorly_excited * phi.max()
         ratios.append(float(np.median(a[rows & near]) / np.median(a[rows & ~near])))
         found.append(a)
     row = Row(
@@ -95,7 +107,7 @@ def constant_factor(study: Study) -> Result:
     # A constant factor is no tuning of the estimator: the recursion is written out here, slowly, for two seeds.
     experiments = with_noise(awas_experiment(ideal=True), study.seeds[:2])
     start = round(1.0 / experiments[0].period)
-    errors: dict[float | None, list[float]] = {a: [] for a in (None, *CONSTANT_FACTORS)}
+    errors: dict[float | None, list[float]] = {a: [] for a in (None, *SWEEP.constant)}
     curves: list[Curve] = []
     for experiment in experiments:
         F, y, slope, use = _regression(experiment, AWAS_PAPER)
@@ -108,13 +120,13 @@ def constant_factor(study: Study) -> Result:
                 curves.append(Curve(_factor(a), experiment.time, stiffness))
     own = max(errors[None])
     said: list[tuple[float | None, str, bool]] = [
-        (None, "accurate and not upset by poor excitation", own < GOOD),
-        (CONSTANT_FACTORS[0], "large: sensitive to poor excitation, so worse than eq. 41", own < min(errors[1.0])),
-        (CONSTANT_FACTORS[1], "between the two: worse than eq. 41", own < min(errors[CONSTANT_FACTORS[1]])),
+        (None, "accurate and not upset by poor excitation", own < SWEEP.good),
+        (SWEEP.constant[0], "large: sensitive to poor excitation, so worse than eq. 41", own < min(errors[1.0])),
+        (SWEEP.constant[1], "between the two: worse than eq. 41", own < min(errors[SWEEP.constant[1]])),
         (
-            CONSTANT_FACTORS[2],
+            SWEEP.constant[2],
             "small: very slow, so still far off after the transient",
-            min(errors[CONSTANT_FACTORS[2]]) > 10.0 * GOOD,
+            min(errors[SWEEP.constant[2]]) > 10.0 * SWEEP.good,
         ),
     ]
     rows = [
@@ -180,7 +192,7 @@ def _rls(F: Array, y: Array, slope: Array, use: NDArray[np.bool_], a: float | No
     return stiffness
 
 
-# Settings of the sweep beside the paper's.
+# Settings of the sweep in addition to the paper's.
 LONGER = Setting("vsalog, window of 0.5 s", "residual-rls", {"window": 0.5})
 DEFAULT = Setting("vsalog's default", "residual-rls", {})
 VSA2_TRUTH = "stiffness_total"
@@ -192,8 +204,8 @@ TOO_COARSE = (
 def sweep_vsa2(study: Study) -> Result:
     """Fig. 23: MSREP of the VSA-II over the encoders' resolution."""
     motion = vsa2_experiment(ideal=True)
-    common = _common("flacco2012-fig23", "Fig. 23", VSA2_CONDITIONS, VSA2_CHOSEN, AFTER)
-    rows, figure, _ = _sweep(common, "VSA-II", motion, VSA2_TRUTH, AFTER, VSA2_PAPER, study)
+    common = _common("flacco2012-fig23", "Fig. 23", VSA2_CONDITIONS, VSA2_CHOSEN, VSA2_TABLE.after)
+    rows, figure, _ = _sweep(common, "VSA-II", motion, VSA2_TRUTH, VSA2_TABLE.after, VSA2_PAPER, study)
     return Result(rows, [figure])
 
 
@@ -202,20 +214,21 @@ def sweep_awas(study: Study) -> Result:
     motion = awas_experiment(ideal=True)
     common = _common("flacco2012-fig24", "Fig. 24", AWAS_CONDITIONS, AWAS_CHOSEN, 1.0)
     rows, figure, residual = _sweep(common, "AwAS", motion, "stiffness", 1.0, AWAS_PAPER, study)
-    study.say("flacco2012-fig24: the VSA-II beside it")
+    study.say("flacco2012-fig24: the VSA-II for comparison")
     other = vsa2_experiment(ideal=True)
-    setting = replace(VSA2_PAPER.with_tune(modality="RESIDUAL"), kalman=COARSE)
-    beside = [
-        _msrep(with_noise(_with_pulses(other, p), study.seeds[:1]), setting, VSA2_TRUTH, AFTER).median for p in PULSES
+    setting = replace(VSA2_PAPER.with_tune(modality="RESIDUAL"), kalman=SWEEP.kalman)
+    vsa2 = [
+        _msrep(with_noise(_with_pulses(other, p), study.seeds[:1]), setting, VSA2_TRUTH, VSA2_TABLE.after).median
+        for p in SWEEP.pulses
     ]
-    higher = [f"{p}" for p, own, vsa in zip(PULSES, residual, beside, strict=True) if own.median > vsa]
+    higher = [f"{p}" for p, own, vsa in zip(SWEEP.pulses, residual, vsa2, strict=True) if own.median > vsa]
     row = common.with_values(
         of="RESIDUAL, against the VSA-II",
         settings=VSA2_PAPER.label,
         printed="the AwAS has the higher MSREP of the two",
         ours=f"at {' and '.join(higher)} pulses" if higher else "at no resolution",
         compare="holds",
-        holds=len(higher) == len(PULSES),
+        holds=len(higher) == len(SWEEP.pulses),
     ).because(
         "with the paper's filter for coarse encoders the VSA-II, whose second motor moves at 1 Hz, has a floor of some 4 % from"
         " the filter's lag, which the AwAS at 0.1 Hz does not feel; and the lever's profile (Fig. 10) is chosen"
@@ -231,7 +244,8 @@ def _common(item: str, place: str, conditions: str, chosen: str, after: float) -
         quantity="MSREP of the stiffness",
         unit="%",
         window=f"after {after:g} s",
-        conditions=f"{conditions.split(', encoders')[0]}, encoders of {PULSES[0]} to {PULSES[-1]} pulses on motors and link",
+        conditions=f"{conditions.split(', encoders')[0]}, encoders of {SWEEP.pulses[0]} to {SWEEP.pulses[-1]} pulses on motors"
+        " and link",
         chosen=chosen,
         compare="none",
     )
@@ -246,11 +260,11 @@ def _sweep(
 ) -> tuple[list[Row], Figure, list[Spread]]:
     """Estimate with encoders of each resolution; return rows, figure and the paper's own RESIDUAL over the resolutions."""
     # Steps of the encoders matter here, not the noise of the torques: two seeds tell, and MODEL has no noise at all.
-    recordings = {p: with_noise(_with_pulses(motion, p), study.seeds[:2]) for p in PULSES}
+    recordings = {p: with_noise(_with_pulses(motion, p), study.seeds[:2]) for p in SWEEP.pulses}
     rows: list[Row] = []
     panels: list[Panel] = []
     residual: list[Spread] = []
-    for setting in (replace(paper, kalman=COARSE), DEFAULT, LONGER):
+    for setting in (replace(paper, kalman=SWEEP.kalman), DEFAULT, LONGER):
         found: dict[str, list[Spread]] = {m: [] for m in MODALITIES}
         for pulses, experiments in recordings.items():
             study.say(f"{common.item}: {setting.label}, {pulses} pulses per turn")
@@ -258,10 +272,10 @@ def _sweep(
                 own = experiments[:1] if modality == "MODEL" else experiments
                 found[modality].append(_msrep(own, setting.with_tune(modality=modality), truth, after))
         residual = residual or found["RESIDUAL"]
-        base = common.with_values(settings=setting.label, estimator=setting.estimator, tune=setting.told)
+        base = common.with_values(settings=setting.label, estimator=setting.estimator, tune=setting.whole_tune)
         rows += _statements(base, found)
         curves = tuple(
-            Curve(m, np.array(PULSES, dtype=np.float64), np.array([s.median for s in found[m]]), style)
+            Curve(m, np.array(SWEEP.pulses, dtype=np.float64), np.array([s.median for s in found[m]]), style)
             for m, style in (("MODEL", "dashdot"), ("SENSOR", "dashed"), ("RESIDUAL", "solid"))
         )
         panels.append(
@@ -286,16 +300,16 @@ def _statements(common: Row, found: Mapping[str, Sequence[Spread]]) -> list[Row]
             of=f"{modality}, {pulses} pulses",
             ours=spread,
             printed="drawn, without numbers",
-            remark=TOO_COARSE if default and pulses < 1024 and spread.median > GOOD else "",
+            remark=TOO_COARSE if default and pulses < 1024 and spread.median > SWEEP.good else "",
         )
         for modality, spreads in found.items()
-        for pulses, spread in zip(PULSES, spreads, strict=True)
+        for pulses, spread in zip(SWEEP.pulses, spreads, strict=True)
     ]
     if common.settings == VSA2_PAPER.label:
         greater = all(
             found["RESIDUAL"][i].median > max(found[m][i].median for m in ("MODEL", "SENSOR"))
-            for i in range(len(PULSES))
-            if PULSES[i] <= 1024
+            for i in range(len(SWEEP.pulses))
+            if SWEEP.pulses[i] <= 1024
         )
         rows.append(
             common.with_values(
@@ -306,14 +320,14 @@ def _statements(common: Row, found: Mapping[str, Sequence[Spread]]) -> list[Row]
                 holds=greater,
             )
         )
-    at_1024 = max(found[m][PULSES.index(1024)].median for m in MODALITIES)
+    at_1024 = max(found[m][SWEEP.pulses.index(1024)].median for m in MODALITIES)
     rows.append(
         common.with_values(
             of="all modalities, 1024 pulses",
-            printed=f"a good estimate at 1024 pulses (here: MSREP below {GOOD:g} %)",
+            printed=f"a good estimate at 1024 pulses (here: MSREP below {SWEEP.good:g} %)",
             ours=f"at most {at_1024:.2g} %",
             compare="holds",
-            holds=at_1024 < GOOD,
+            holds=at_1024 < SWEEP.good,
         ).because(
             "with V_max = 1e5 and V_min = 1e4 the MKKF follows up to some 3 Hz only: its positions and velocities lag behind the"
             " torques, with ideal encoders as with coarse ones, and the VSA-II's second motor moves at 1 Hz and its"

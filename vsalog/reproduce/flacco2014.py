@@ -36,9 +36,9 @@ NOISY_MOTOR = {
     ("1", "motor_damping"): (0.9731, 1.0),
     ("2", "motor_damping"): (0.9980, 1.0),
 }
-# What is left out of §VII's numbers is not printed. The method printed beside QR-RLS has its printed MSE, 92.2, where this much
-# is left out: the one unknown is settled by a number that QR-RLS has no part in.
 TRANSIENT = 2.17
+"""Seconds left out of §VII's numbers, which are not printed: with these the method printed along with QR-RLS has its printed MSE,
+92.2; the one unknown is settled by a number that QR-RLS has no part in."""
 # §VII, second case, in N·m: QR-RLS, and the method of Ménard et al. 2013 on the same machine.
 CUBIC = {"qr-rls": (1.2583, 1.6936), "algebraic": (4.2, 0.7)}
 CUBIC_MOTOR = {
@@ -86,17 +86,17 @@ CUBIC_SETTINGS = (
     Setting("vsalog's default", "qr-rls", {}),
     Setting("vsalog's default", "algebraic", {}),
 )
-# Heavy noise: it makes the motors' inertias as wrong as they are printed.
-POSITION_NOISE, TORQUE_NOISE = 0.01, 0.2
+# Heavy noise by quantity [rad, N·m rms]: it makes the motors' inertias as wrong as they are printed.
+NOISE = {"position": 0.01, "torque": 0.2}
 CUBIC_CONDITIONS = (
     "antagonistic joint with cubic springs, B = 1e-4 kg·m², D = 1.27 N·m·s/rad, white noise on all signals, 20 s at"
     " 1 kHz, fitted with φ and φ³"
 )
 CUBIC_CHOSEN = (
     "springs, torques and link of the preset and scenario cubic-antagonist (σ of each spring spans a factor of three), noise of"
-    f" {POSITION_NOISE:g} rad rms on positions and {TORQUE_NOISE:g} N·m rms on torques, what counts as transient"
+    f" {NOISE['position']:g} rad rms on positions and {NOISE['torque']:g} N·m rms on torques, what counts as transient"
 )
-NOT_TOLD_BY_THE_LOG = (
+NOT_IDENTIFIED = (
     "B θ̈ is less than a thousandth of the torque and far below its noise: no method can tell B from these signals, and neither"
     " number means anything"
 )
@@ -213,7 +213,7 @@ def cubic_rig() -> RigFile:
     rig = Rig.preset("cubic-antagonist").file
     joint = rig.joint["cubic"]
     signals = {
-        role: replace(signal, noise=TORQUE_NOISE if "torque" in role else POSITION_NOISE)
+        role: replace(signal, noise=NOISE["torque" if "torque" in role else "position"])
         for role in joint.signals.__struct_fields__
         if (signal := getattr(joint.signals, role)) is not None
     }
@@ -227,7 +227,7 @@ def _case(
     settings: Sequence[Setting],
     printed: Mapping[str, tuple[float, float]],
     motor: Mapping[tuple[str, str], tuple[float, float]],
-    told: tuple[str, str],
+    stated: tuple[str, str],
     scale: float,
     units: tuple[str, str, str, str],
     figure: tuple[str, str],
@@ -251,7 +251,7 @@ def _case(
             )
         )
         for left_out in after:
-            common = _common(item, "§VII", setting, told[0], told[1], left_out)
+            common = _common(item, "§VII", setting, *stated, left_out)
             errors = stiffness_errors(experiments, traces, "total", "stiffness_total", left_out, scale=scale)
             of = f"{setting.estimator}, total"
             own = "" if setting.estimator == "residual-rls" else remark
@@ -260,7 +260,7 @@ def _case(
         if setting.estimator != "qr-rls":
             continue
         for (part, parameter), (found, true) in motor.items():
-            common = _common(item, "§VII", setting, told[0], told[1], 0.0)
+            common = _common(item, "§VII", setting, *stated, 0.0)
             rows.append(
                 _motor(common, traces, part, parameter, found, true, size, units[1], units[2], setting.estimator)
             )
@@ -288,7 +288,7 @@ def _common(item: str, place: str, setting: Setting, conditions: str, chosen: st
         quantity="",
         settings=setting.label,
         estimator=setting.estimator,
-        tune=setting.told,
+        tune=setting.whole_tune,
         window=f"after {after:g} s",
         conditions=conditions,
         chosen=chosen,
@@ -329,7 +329,7 @@ def _motor(
     name: str,
 ) -> Row:
     values = [scale * float(np.asarray(t[part][parameter])[-1]) for t in traces]
-    told = not (parameter == "motor_inertia" and true < 1e-3)
+    identified = not (parameter == "motor_inertia" and true < 1e-3)
     row = common.with_values(
         quantity=TITLES[parameter],
         of=f"{name}, motor {part}",
@@ -337,8 +337,8 @@ def _motor(
         printed=printed,
         ours=Spread.of(values),
         window="at the end",
-        compare="closer" if told else "none",
+        compare="closer" if identified else "none",
         true_value=true,
-        remark="" if told else NOT_TOLD_BY_THE_LOG,
+        remark="" if identified else NOT_IDENTIFIED,
     )
     return row.because(MOTOR_NOISE)

@@ -25,9 +25,6 @@ from vsalog.simulation.sensors import sense
 
 Array = NDArray[np.float64]
 
-# Noise seeds of the report. Whatever was tried while the settings were chosen was tried with others.
-SEEDS = (11, 12, 13, 14, 15)
-
 
 @dataclass(frozen=True, slots=True)
 class Study:
@@ -35,11 +32,11 @@ class Study:
 
     Attributes
     ----------
-    seeds : of the noise; every number that depends on it is given over all of them
-    say : told what is being done
+    seeds : of the noise, none of them tried while settings were chosen; every number that depends on it is given over all
+    say : called with what is being done
     """
 
-    seeds: tuple[int, ...] = SEEDS
+    seeds: tuple[int, ...] = (11, 12, 13, 14, 15)
     say: Callable[[str], None] = lambda text: None
 
 
@@ -64,14 +61,14 @@ class Setting:
     kalman: tuple[float, float, float] | None = None
 
     @property
-    def told(self) -> dict[str, str | float | bool]:
-        """Return the tuning as a row tells it, with what no `--tune` reaches."""
-        told = dict(self.tune)
+    def whole_tune(self) -> dict[str, str | float | bool]:
+        """Return the tuning as a row states it, with what no `--tune` reaches."""
+        whole = dict(self.tune)
         if self.powers is not None:
-            told["powers"] = " ".join(map(str, self.powers))
+            whole["powers"] = " ".join(map(str, self.powers))
         if self.kalman is not None:
-            told |= dict(zip(("V_a", "V_max", "V_min"), self.kalman, strict=True))
-        return told
+            whole |= dict(zip(("V_a", "V_max", "V_min"), self.kalman, strict=True))
+        return whole
 
     def with_tune(self, label: str | None = None, **tune: str | float | bool) -> Setting:
         """Return the setting with some of its tuning changed."""

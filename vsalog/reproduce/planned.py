@@ -68,7 +68,7 @@ def row_of(
     planned, column : method and quantity
     experiments : gives one per seed; asked for only where the method is there
     joint : name in the rig
-    study : told what is done
+    study : with whom to call for what is done
     """
     name = planned.registered
     if name is None:

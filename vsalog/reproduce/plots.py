@@ -11,10 +11,8 @@ from vsalog.core.errors import VsalogError, WriteError
 from vsalog.reproduce.rows import Figure, Panel
 from vsalog.writers.atomic import atomic_path
 
-# Lines are told apart by their style too, not by colour alone.
+# Lines differ by their style too, not by colour alone.
 STYLES = {"solid": "-", "dashed": "--", "dotted": ":", "dashdot": "-."}
-# More points than this no plot shows, and an SVG holds each of them.
-MOST_POINTS = 4000
 
 
 class PlotError(VsalogError):
@@ -80,13 +78,11 @@ def _drawn(figure: Figure) -> Any:
 
 def _draw(axes: Any, panel: Panel) -> None:
     for curve in panel.curves:
-        step = max(1, curve.x.size // MOST_POINTS)
-        x, y = curve.x[::step], curve.y[::step]
         if curve.style == "points":
-            axes.plot(x, y, "x", markersize=3.0, label=curve.label)
+            axes.plot(curve.x, curve.y, "x", markersize=3.0, label=curve.label)
         else:
-            marker = "o" if x.size < 20 else ""
-            axes.plot(x, y, STYLES[curve.style] + marker, linewidth=1.2, label=curve.label)
+            marker = "o" if curve.x.size < 20 else ""
+            axes.plot(curve.x, curve.y, STYLES[curve.style] + marker, linewidth=1.2, label=curve.label)
     if panel.log_x:
         axes.set_xscale("log")
     if panel.log_y:

@@ -1,4 +1,4 @@
-"""What a reproduction comes out as: rows that set a printed number beside ours, and figures as data."""
+"""What a reproduction comes out as: rows with a printed number and ours, and figures as data."""
 
 from __future__ import annotations
 
@@ -14,8 +14,8 @@ Array = NDArray[np.float64]
 Status = Literal["done", "not there yet"]
 Verdict = Literal["better", "as printed", "worse", "holds", "does not hold", "not compared", "not there yet"]
 
-# Printed numbers have two or three digits: what agrees to half of the last is not worse.
 ROUNDING = 0.005
+"""Share within which a number is as printed: half of the last of the two or three digits."""
 
 
 class Spread(msgspec.Struct, frozen=True):
@@ -40,7 +40,7 @@ class Spread(msgspec.Struct, frozen=True):
 
 
 class Row(msgspec.Struct, frozen=True, kw_only=True):
-    """One number of a paper beside ours.
+    """One number of a paper, and ours.
 
     Attributes
     ----------
@@ -98,7 +98,7 @@ class Row(msgspec.Struct, frozen=True, kw_only=True):
 
     @property
     def verdict(self) -> Verdict:
-        """How ours stands beside the printed number, told by the median."""
+        """How our median compares with the printed number."""
         if self.status != "done":
             return "not there yet"
         if self.compare == "holds":

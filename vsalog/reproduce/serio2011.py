@@ -105,7 +105,7 @@ def simulated(study: Study) -> Result:
 
 
 def _pushed(study: Study, common: Row) -> list[Row]:
-    """The coupled observers (§III-A) beside the decoupled ones (§III-B), from the right guess of the inertia and thrice that."""
+    """The coupled observers (§III-A) and the decoupled ones (§III-B), from the right guess of the inertia and thrice that."""
     study.say("serio2011: simulating a push")
     believed = awas_rig()
     joint = believed.joint["awas"]
@@ -139,7 +139,7 @@ def _pushed(study: Study, common: Row) -> list[Row]:
                     of=what,
                     settings=setting.label,
                     estimator=name,
-                    tune=setting.told,
+                    tune=setting.whole_tune,
                     ours=Spread.of(errors),
                     compare="none",
                     conditions=f"{CONDITIONS}; the link is pushed by 5 N·m at 0.7, 3.1 and 5.3 Hz each",

@@ -27,7 +27,7 @@ MODEL_ALONE = {"angle": (1.053, 3.50, 8.87), "torque": (0.162, 0.494, 10.23)}
 UKF = {"angle": (0.838, 2.42, 6.13), "torque": (0.108, 0.238, 4.94)}
 UNITS = {"angle": ("°", "°", "%"), "torque": ("N·m", "N·m", "%")}
 QUANTITIES = ("RMSE", "largest error", "largest error by the signal's range")
-SHARE = 2
+_BY_RANGE = QUANTITIES.index("largest error by the signal's range")
 
 MODEL_SETTING = Setting("vsalog's default", "pam-model", {})
 UKF_SETTINGS = (
@@ -48,7 +48,7 @@ CONDITIONS = {
 CHOSEN = "voltages (Fig. 8 has no numbers), the valves' map, the sensors, and the machines: " + STATED
 OTHER_MACHINE = (
     "printed: the authors' model on their recordings; ours: the rig's model on a simulated machine that differs from it as"
-    " stated. How far off a model is was chosen there, so this is set beside the printed number and not compared"
+    " stated. How far off a model is was chosen there, so this stands next to the printed number and is not compared"
 )
 TARGET = (
     "on simulated machines that differ from the rig as stated. The printed bound is on the authors' machine, whose model alone is"
@@ -121,9 +121,9 @@ def offline(study: Study) -> Result:
     for signal in ("angle", "torque"):
         alone, *others = measured(study, signal, (MODEL_SETTING, *UKF_SETTINGS))
         filtered = {s.label: found for s, found in zip(UKF_SETTINGS, others, strict=True)}
-        rows += _set_beside(signal, "model alone", MODEL_SETTING, alone, MODEL_ALONE[signal])
+        rows += _with_printed(signal, "model alone", MODEL_SETTING, alone, MODEL_ALONE[signal])
         for setting in UKF_SETTINGS:
-            rows += _set_beside(signal, "UKF", setting, filtered[setting.label], UKF[signal])
+            rows += _with_printed(signal, "UKF", setting, filtered[setting.label], UKF[signal])
         rows += _better_than_alone(signal, alone, filtered)
     return Result(rows, [])
 
@@ -134,11 +134,11 @@ def _common(signal: str, item: str, place: str) -> Row:
     )  # fmt: skip
 
 
-def _set_beside(signal: str, of: str, setting: Setting, found: Found, printed: tuple[float, ...]) -> list[Row]:
+def _with_printed(signal: str, of: str, setting: Setting, found: Found, printed: tuple[float, ...]) -> list[Row]:
     """Rows of the three errors; the filter's largest by the range is the paper's claim, and is compared."""
     rows = []
     for kind, quantity in enumerate(QUANTITIES):
-        claimed = of == "UKF" and kind == SHARE
+        claimed = of == "UKF" and kind == _BY_RANGE
         rows.append(
             _common(signal, "shin-offline", "§IV-A").with_values(
                 quantity=f"{quantity} of the {signal}",
@@ -146,7 +146,7 @@ def _set_beside(signal: str, of: str, setting: Setting, found: Found, printed: t
                 of=of,
                 settings=setting.label,
                 estimator=setting.estimator,
-                tune=setting.told,
+                tune=setting.whole_tune,
                 printed=printed[kind],
                 ours=found.spread(kind),
                 compare="lower" if claimed else "none",
@@ -159,23 +159,23 @@ def _set_beside(signal: str, of: str, setting: Setting, found: Found, printed: t
 def _better_than_alone(signal: str, alone: Found, filtered: Mapping[str, Found]) -> list[Row]:
     """Rows of what the filter leaves of the model's error, machine by machine: it hardly depends on how far off these are."""
     rows = []
-    printed = UKF[signal][SHARE] / MODEL_ALONE[signal][SHARE]
+    printed = UKF[signal][_BY_RANGE] / MODEL_ALONE[signal][_BY_RANGE]
     for setting in UKF_SETTINGS:
         found = filtered[setting.label]
         ratios = found.errors / alone.errors
         reason = PULL_IS_LEFT if signal == "torque" else PRINTED_NOISE if setting.tune else ""
         common = _common(signal, "shin-offline", "§IV-A").with_values(
-            settings=setting.label, estimator=setting.estimator, tune=setting.told
+            settings=setting.label, estimator=setting.estimator, tune=setting.whole_tune
         )
         rows.append(
             common.with_values(
                 quantity=f"largest error of the {signal}, UKF by model alone",
                 of="UKF, model alone",
                 printed=round(printed, 3),
-                ours=Spread.of([float(r) for r in ratios[:, SHARE]]),
+                ours=Spread.of([float(r) for r in ratios[:, _BY_RANGE]]),
             ).because(reason)
         )
-        better = [int(np.sum(ratios[:, kind] < 1.0)) for kind in (0, SHARE)]
+        better = [int(np.sum(ratios[:, kind] < 1.0)) for kind in (0, _BY_RANGE)]
         count = len(ratios)
         medians = np.median(found.errors, axis=0) < np.median(alone.errors, axis=0)
         rows.append(
@@ -185,7 +185,7 @@ def _better_than_alone(signal: str, alone: Found, filtered: Mapping[str, Found])
                 printed="RMSE, largest error smaller",
                 ours=f"RMSE on {better[0]}, largest error on {better[1]} of {count} machines",
                 compare="holds",
-                holds=bool(medians[0] and medians[SHARE]),
+                holds=bool(medians[0] and medians[_BY_RANGE]),
                 remark="judged by the medians: on a single machine errors of the model may cancel",
             ).because(reason)
         )
@@ -200,7 +200,8 @@ def simpler(study: Study) -> Result:
         found = dict(zip(names, measured(study, signal, list(settings.values())), strict=True))
         for name, setting in settings.items():
             common = _common(signal, "shin-models", TABLES[signal]).with_values(
-                of=name, settings=setting.label, estimator=setting.estimator, tune=setting.told, compare="none", remark=NO_TABLES,
+                of=name, settings=setting.label, estimator=setting.estimator, tune=setting.whole_tune, compare="none",
+                remark=NO_TABLES,
             )  # fmt: skip
             rows += [
                 common.with_values(
@@ -208,7 +209,7 @@ def simpler(study: Study) -> Result:
                     unit=UNITS[signal][kind],
                     ours=found[name].spread(kind),
                 )
-                for kind in (0, SHARE)
+                for kind in (0, _BY_RANGE)
             ]
         medians = {name: found[name].spread(0).median for name in names}
         order = sorted(names, key=medians.__getitem__)

@@ -1,18 +1,8 @@
-"""Machines that are not what the rig says, for Shin 2021 §IV: in a simulation the model would be the machine otherwise.
-
-What is off, by how much, and why so much; every amount is drawn evenly between minus and plus that much, on its own:
-
-    supply pressure     2 %      what a regulator holds
-    orifices A₁, A₂     5 %      each valve's two; the paper found them by trial and error (§II-C)
-    valve's map         0.05 V   half a per cent of 10 V, about the hysteresis of a proportional valve's spool
-    muscle's pull       3 %      each; the spread of the points about their lines in such a fit (Fig. 2), and of muscles of a kind
-    muscle's volume     3 %      each; measured with a graduated cylinder (§II-C)
-    friction            20 %     all of eq. 10 together; found by trial and error (§II-C), and it changes with wear and warmth
-    leakage             0.5 %    of the inflow orifice, each muscle, between none and that much
-"""
+"""Machines that are not what the rig says, for Shin 2021 §IV: in a simulation the model would be the machine otherwise."""
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from dataclasses import replace as with_fields
 
 import numpy as np
@@ -24,14 +14,37 @@ from vsalog.simulation.experiment import Experiment
 from vsalog.simulation.scenario import Scenario
 from vsalog.simulation.simulate import simulate
 
-SUPPLY, AREA, OFFSET, PULL, VOLUME, FRICTION, LEAK = 0.02, 0.05, 0.05, 0.03, 0.03, 0.2, 0.005
+
+@dataclass(frozen=True, slots=True)
+class Spread:
+    """What is off and by how much: every amount is drawn evenly between minus and plus that much, on its own.
+
+    Attributes
+    ----------
+    supply : part of the supply's pressure, which a regulator holds
+    area : part of the orifices A₁, A₂, each valve's two; the paper found them by trial and error (§II-C)
+    offset : of the valve's map [V]: half a per cent of 10 V, about the hysteresis of a proportional valve's spool
+    pull : part of each muscle's pull: the spread of the points about their lines in such a fit (Fig. 2), and of muscles of a kind
+    volume : part of each muscle's volume, measured with a graduated cylinder (§II-C)
+    friction : part of all of eq. 10, which was found by trial and error (§II-C) and changes with wear and warmth
+    leak : part of the inflow orifice that each muscle leaks at most, at least nothing
+    """
+
+    supply: float = 0.02
+    area: float = 0.05
+    offset: float = 0.05
+    pull: float = 0.03
+    volume: float = 0.03
+    friction: float = 0.2
+    leak: float = 0.005
+
+
+SPREAD = Spread()
 STATED = (
     "each seed has a machine of its own, off from the rig evenly up to ± these, each on its own: supply pressure 2 % (a"
     " regulator), orifice areas 5 % and friction 20 % (found by trial and error, §II-C), valve map 0.05 V (spool hysteresis),"
     " each muscle's pull and volume 3 % (scatter of Fig. 2, a graduated cylinder), leakage 0 to 0.5 % of the orifice"
 )
-# Classical Runge-Kutta misses less than a Pa and 1e-6 rad with two steps per millisecond: far below the sensors.
-STEPS = 2
 
 
 def machine(joint: PneumaticJoint, seed: int) -> PneumaticJoint:
@@ -48,7 +61,7 @@ def machine(joint: PneumaticJoint, seed: int) -> PneumaticJoint:
         return 1.0 + most * float(rng.uniform(-1.0, 1.0))
 
     def muscle(m: Muscle, valve: Valve) -> Muscle:
-        volume, pull, leak = off(VOLUME), off(PULL), LEAK * float(rng.uniform(0.0, 1.0))
+        volume, pull, leak = off(SPREAD.volume), off(SPREAD.pull), SPREAD.leak * float(rng.uniform(0.0, 1.0))
         return replace(
             m,
             force_gain=pull * m.force_gain,
@@ -59,12 +72,12 @@ def machine(joint: PneumaticJoint, seed: int) -> PneumaticJoint:
         )
 
     def valve(v: Valve) -> Valve:
-        into, out, offset = off(AREA), off(AREA), OFFSET * float(rng.uniform(-1.0, 1.0))
+        into, out, offset = off(SPREAD.area), off(SPREAD.area), SPREAD.offset * float(rng.uniform(-1.0, 1.0))
         return replace(v, inflow_area=into * v.inflow_area, outflow_area=out * v.outflow_area, offset=v.offset + offset)
 
     friction = joint.friction
     if isinstance(friction, PressureFriction):
-        level = off(FRICTION)
+        level = off(SPREAD.friction)
         friction = replace(
             friction,
             viscous=level * friction.viscous,
@@ -73,7 +86,7 @@ def machine(joint: PneumaticJoint, seed: int) -> PneumaticJoint:
         )
     return replace(
         joint,
-        air=replace(joint.air, supply_pressure=off(SUPPLY) * joint.air.supply_pressure),
+        air=replace(joint.air, supply_pressure=off(SPREAD.supply) * joint.air.supply_pressure),
         muscle_1=muscle(joint.muscle_1, joint.valve_1),
         muscle_2=muscle(joint.muscle_2, joint.valve_2),
         valve_1=valve(joint.valve_1),
@@ -100,7 +113,8 @@ def recorded(seed: int, *, clamped: bool, scenario: str = "pam-range", duration:
     actual, believed = _with(believed, machine(joint, seed)), _with(believed, joint)
     inputs = Scenario.find(scenario, actual)
     length = inputs.file.duration if duration is None else duration
-    played = simulate(actual, inputs.inputs(actual), length, seed=seed, steps=STEPS)
+    # Classical Runge-Kutta misses less than a Pa and 1e-6 rad with two steps per millisecond: far below the sensors.
+    played = simulate(actual, inputs.inputs(actual), length, seed=seed, steps=2)
     return with_fields(played, rig=believed)
 
 

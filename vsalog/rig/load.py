@@ -12,7 +12,7 @@ from typing import Any
 
 import msgspec
 
-from vsalog.core.documents import toml_tables
+from vsalog.core.documents import MAX_TEXT, read_text, toml_tables
 from vsalog.core.errors import RigError, did_you_mean
 from vsalog.core.units import shown
 from vsalog.rig.checks import check_rig
@@ -21,8 +21,6 @@ from vsalog.rig.merge import Table, merged
 from vsalog.rig.schema import Joint, RigFile
 from vsalog.rig.uncertain import Path as KeyPath
 from vsalog.rig.uncertain import Tolerance, put_stated, value_at
-
-MAX_BYTES = 1_000_000
 
 
 @dataclass(frozen=True, slots=True)
@@ -53,7 +51,7 @@ class Rig:
             return cls.from_toml(source, "rig")
         path = Path(source)
         if path.is_file():
-            return cls.from_toml(_read(path), path.name)
+            return cls.from_toml(read_text(path, "rig file", RigError), path.name)
         if isinstance(source, str) and source in presets():
             return cls.preset(source)
         hint = did_you_mean(str(source), presets())
@@ -192,20 +190,9 @@ def preset_text(name: str) -> str:
     return (resources.files("vsalog.rig") / "presets" / f"{name}.toml").read_text(encoding="utf-8")
 
 
-def _read(path: Path) -> str:
-    try:
-        if path.stat().st_size > MAX_BYTES:
-            raise RigError(f"{path.name}: more than {MAX_BYTES // 1000} kB is no rig file")
-        return path.read_text(encoding="utf-8-sig")
-    except OSError as error:
-        raise RigError(f"{path.name}: cannot be read ({error.strerror})") from error
-    except UnicodeDecodeError as error:
-        raise RigError(f"{path.name}: is not UTF-8 text (byte {error.start}), so it is no rig file") from error
-
-
 def _parse(text: str, where: str) -> Table:
-    if len(text) > MAX_BYTES:
-        raise RigError(f"{where}: more than {MAX_BYTES // 1000} kB is no rig file")
+    if len(text) > MAX_TEXT:
+        raise RigError(f"{where}: more than {MAX_TEXT // 1000} kB is no rig file")
     try:
         return tomllib.loads(text)
     except RecursionError:

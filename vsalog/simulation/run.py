@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 import re
 import tomllib
 from collections.abc import Mapping
@@ -13,6 +12,7 @@ import msgspec
 
 from vsalog.binding.joint import offered_roles
 from vsalog.core.errors import SimulationError, WriteError
+from vsalog.core.memory import usable_memory
 from vsalog.core.recording import Recording
 from vsalog.rig import Rig
 from vsalog.rig.load import preset_text, presets
@@ -26,12 +26,10 @@ from vsalog.simulation.simulate import simulate
 from vsalog.writers.recording_files import MESSAGE_FORMATS, LogFiles, write_log
 from vsalog.writers.recording_topics import read_back_name
 
-# What a sample of one joint takes: some forty numbers of truth and measurement, copies included; 350 were measured.
 BYTES_PER_SAMPLE = 500
-USUAL_MEMORY = 8 * 2**30  # where the machine does not tell its own
-MEMORY_SHARE = 0.8
-# Stamps are whole nanoseconds: at this rate a sample's is off by no more than a thousandth of the period.
+"""Memory that a sample of one joint takes: some forty numbers of truth and measurement, copies included; 350 were measured."""
 MOST_RATE = 1e6
+"""Samples per second: stamps are whole nanoseconds, so one is off by no more than a thousandth of the period."""
 
 VALVES_AND_PRESSURES = ("valve_1", "valve_2", "pressure_1", "pressure_2")
 
@@ -166,25 +164,18 @@ def _samples(scenario: Scenario, joints: int) -> int:
     """Return the number of samples, unless they would not fit into memory."""
     _period(1.0 / scenario.file.period)
     count = scenario.file.duration / scenario.file.period + 1.0
-    needed, there = count * joints * BYTES_PER_SAMPLE, _memory()
-    if needed > MEMORY_SHARE * there:
+    needed, there = count * joints * BYTES_PER_SAMPLE, usable_memory()
+    if needed > there:
         raise SimulationError(
             f"{scenario.file.duration:g} s at {1.0 / scenario.file.period:g} Hz are {count:.3g} samples of {joints}"
             f" {'joint' if joints == 1 else 'joints'}, about {needed / 1e9:.3g} GB of memory; this machine has"
-            f" {there / 1e9:.3g} GB: take a shorter duration or a lower rate"
+            f" {there / 1e9:.3g} GB free: take a shorter duration or a lower rate"
         )
     if count < 2.0 - 1e-9:
         raise SimulationError(
             f"{scenario.file.duration:g} s at {1.0 / scenario.file.period:g} Hz are less than two samples"
         )
     return round(scenario.file.duration / scenario.file.period) + 1
-
-
-def _memory() -> float:
-    try:
-        return float(os.sysconf("SC_PAGE_SIZE")) * float(os.sysconf("SC_PHYS_PAGES"))
-    except (AttributeError, ValueError, OSError):
-        return USUAL_MEMORY
 
 
 def _as_recorded(text: str, recording: Recording) -> str:

@@ -11,11 +11,12 @@ from typing import Any
 
 import msgspec
 
+from vsalog.core.documents import read_text
 from vsalog.core.errors import RigError, SimulationError, UnitError, VsalogError, did_you_mean
 from vsalog.core.units import parse_quantity, parse_unit, shown, split_quantity
 from vsalog.rig.decode import Path as KeyPath
 from vsalog.rig.decode import decode, key_path, refuse
-from vsalog.rig.load import MAX_BYTES, Rig, presets
+from vsalog.rig.load import Rig, presets
 from vsalog.rig.schema import AntagonisticJoint, Joint, RigFile, RigidJoint, SerialJoint
 from vsalog.simulation.control import Controller, controller_of
 from vsalog.simulation.inputs import Input, Motion, Servo
@@ -73,7 +74,7 @@ class Scenario:
         """
         path = Path(source)
         if path.is_file():
-            return cls.from_toml(_read(path), path.name, path.parent)
+            return cls.from_toml(read_text(path, "scenario file", SimulationError), path.name, path.parent)
         if isinstance(source, str) and source in built_in():
             return cls.from_toml(_built_in_text(source), f"scenario {source}")
         raise SimulationError(
@@ -274,17 +275,6 @@ def _folder() -> Any:
 def _built_in_text(name: str) -> str:
     text: str = (_folder() / f"{name}.toml").read_text(encoding="utf-8")
     return text
-
-
-def _read(path: Path) -> str:
-    try:
-        if path.stat().st_size > MAX_BYTES:
-            raise SimulationError(f"{path.name}: more than {MAX_BYTES // 1000} kB is no scenario file")
-        return path.read_text(encoding="utf-8-sig")
-    except OSError as error:
-        raise SimulationError(f"{path.name}: cannot be read ({error.strerror})") from error
-    except UnicodeDecodeError as error:
-        raise SimulationError(f"{path.name}: is not UTF-8 text, so it is no scenario file") from error
 
 
 def _in_si(tables: Mapping[str, Any]) -> dict[str, Any]:

@@ -12,7 +12,7 @@ import msgspec
 
 from vsalog._version import __version__
 from vsalog.binding.joint import bind, names_of, offered_roles, wanted_channels
-from vsalog.checks.plausibility import implausible
+from vsalog.checks.signals import implausible
 from vsalog.core.errors import BindingError, EstimatorError, RigError, did_you_mean
 from vsalog.core.finding import Finding, of_log
 from vsalog.core.model import JointModel, ModelFile

@@ -1,18 +1,30 @@
 """Findings about signals that are possible and not plausible, and none where nothing is wrong."""
 
+from pathlib import Path
+
 import numpy as np
 import pytest
-from test_binding import joint_of, recording
 
 from vsalog.binding.joint import bind, offered_roles
 from vsalog.checks.signals import signal_findings
 from vsalog.core.finding_texts import sentence
+from vsalog.core.recording import Channel, Recording
 from vsalog.estimators.device import device_of
 from vsalog.readers import read
 from vsalog.rig import Rig
 from vsalog.rig.find import find_rig
 from vsalog.rig.load import presets
 from vsalog.simulation.run import Options, prepare
+
+
+def recording(**channels):
+    """channels: name → (seconds, values)."""
+    made = {}
+    for key, (seconds, values) in channels.items():
+        stamps = 1_700_000_000_000_000_000 + np.round(seconds * 1e9).astype(np.int64)
+        made[key] = Channel(key, stamps, np.asarray(values, dtype=float), None, key, "float64")
+    return Recording(Path("log.csv"), "csv", made, {})
+
 
 T = np.arange(8000) * 1e-3
 RIG = """
@@ -44,7 +56,7 @@ def channels(*, counts=True):
 
 
 def found(made, rig=RIG):
-    name, joint = joint_of(rig)
+    ((name, joint),) = Rig.from_toml(rig).joints.items()
     signals = bind([recording(**{k: (T, v) for k, v in made.items()})], name, joint, tuple(offered_roles(joint)))
     findings = signal_findings(device_of(name, joint, signals.roles), signals)
     assert all(sentence(finding).startswith("joint 'elbow': ") for finding in findings)
@@ -101,6 +113,35 @@ def test_a_motor_and_a_link_that_swing_against_one_another_are_no_sign():
     made = channels()
     made["theta"] = made["q"] * -0.4
     assert "encoder.sign" not in codes(made)
+
+
+@pytest.mark.parametrize(("part", "reported"), [(0.6, False), (0.75, True)])
+def test_a_sign_leaves_less_than_half_of_either_motion(part, reported):
+    """Of q and −part·q the sum is (1 − part) q, two thirds and one third of the smaller one."""
+    made = channels()
+    made["theta"] = made["q"] * -part
+    assert ("encoder.sign" in codes(made)) == reported
+
+
+@pytest.mark.parametrize(("far", "reported"), [(80.0, False), (150.0, True)])
+def test_a_hundred_radians_are_no_joints(far, reported):
+    made = channels()
+    turned = far * T / T[-1]
+    found_codes = codes({**made, "q": made["q"] + turned, "theta": made["theta"] + turned})
+    assert ("encoder.unit" in found_codes) == reported
+
+
+@pytest.mark.parametrize(("part", "reported"), [(0.15, False), (0.25, True)])
+def test_an_encoder_is_stuck_where_the_other_one_moves_a_fifth_of_its_range(part, reported):
+    """A triangle wave that moves by that part of its range in the 0.6 s in which the link's encoder stands still."""
+    phase = T * part / 0.6
+    theta = np.abs(phase % 2.0 - 1.0)
+    noise = np.random.default_rng(5).normal(0.0, 3e-4, (2, T.size))
+    q = theta + noise[0]
+    # Well inside a sweep.
+    begin = int(np.argmin(np.abs(phase - 1.3)))
+    q[begin : begin + 600] = q[begin]
+    assert ("encoder.stuck" in codes({"q": q, "theta": theta + noise[1], "tau": channels()["tau"]})) == reported
 
 
 def test_degrees():
@@ -177,6 +218,8 @@ def test_a_slower_sensor_s_values_repeated(name, role):
     (slow,) = (f for f in found(made) if f.code == "sensor.repeated")
     assert (slow.part, slow.value) == (role, 10)
     assert slow.evidence["rate"] == pytest.approx(100.0)
+    made[name] = np.repeat(channels()[name][::4], 4)
+    assert "sensor.repeated" in codes(made)
     made[name] = np.repeat(channels()[name][::2], 2)
     assert "sensor.repeated" not in codes(made)
 

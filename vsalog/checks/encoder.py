@@ -1,0 +1,199 @@
+"""Encoders: a zero that is off, a wrong sign or unit, one that is stuck.
+
+Each of these gives a stiffness with a small standard deviation that is wrong. Bounds are wide: what a joint may really do is
+not reported.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vsalog.checks.samples import FEWEST, MOVED, go_together, is_noisy, moved, rests, span, with_both_positions
+from vsalog.core.finding import Finding
+from vsalog.core.signals import JointSignals
+from vsalog.estimators.device import Device, TransmissionView, deflection_of, has_deflection
+
+Array = NDArray[np.float64]
+Flags = NDArray[np.bool_]
+
+CANCELLED = 0.5
+"""Part of either position's motion that their sum has at most where one of them counts the other way round."""
+FARTHEST = 100.0
+"""Radians that no joint goes to and fro: sixteen turns."""
+
+
+@dataclass(frozen=True, slots=True)
+class Standstill:
+    """A stretch in which one encoder of a spring does not change by a single step, while the other one moves.
+
+    Attributes
+    ----------
+    role, other : positions
+    within, stamps : first and last time [s] and stamp [ns]
+    moved, enough : how far the other one moves, and how far it has to at least [rad]
+    spring : how far it has to where nothing else is known: more than the spring gives way elsewhere [rad]
+    """
+
+    role: str
+    other: str
+    within: tuple[float, float]
+    stamps: tuple[int, int]
+    moved: float
+    enough: float
+    spring: float
+
+    def holds(self, stamps: NDArray[np.int64], farther: int = 0) -> Flags:
+        """Return which stamps [ns] lie in it, or in one that reaches farther [ns] at both ends."""
+        return (stamps >= self.stamps[0] - farther) & (stamps <= self.stamps[1] + farther)
+
+    def finding(self, joint: str, limit: float) -> Finding:
+        """Return the finding that the encoder was stuck, as the other one moves farther than so many rad."""
+        begin, end = self.within
+        return Finding(
+            code="encoder.stuck",
+            joint=joint,
+            part=self.role,
+            value=self.moved,
+            limit=limit,
+            unit="rad",
+            evidence={"begin": begin, "end": end, "other": self.other},
+        )
+
+
+def findings(device: Device, signals: JointSignals) -> Iterator[Finding]:
+    """Yield what is possible of encoders and not plausible."""
+    yield from _off_centre(device, signals)
+    for view in with_both_positions(device, signals):
+        yield from _opposed(signals, view)
+    yield from _too_far(device, signals)
+
+
+def passing(device: Device, signals: JointSignals) -> Iterator[Finding]:
+    """Yield encoders that stand still while the spring would have to give way more than elsewhere."""
+    for view in with_both_positions(device, signals):
+        told = set[str]()
+        for s in standstills(signals, view):
+            if s.moved > s.spring and s.role not in told:
+                told.add(s.role)
+                yield s.finding(signals.joint, max(s.enough, s.spring))
+
+
+def _off_centre(device: Device, signals: JointSignals) -> Iterator[Finding]:
+    """Yield a deflection further from zero than its torque accounts for.
+
+    A spring under a centred torque passes zero. The more one-sided the torque, the less a curved spring need: where the torque's
+    middle is half its range from zero, up to three times as far as it moves; beyond, everything is possible.
+    """
+    views = [view for view in device.transmissions if has_deflection(signals.roles, view)]
+    if not views or len(views) < len(device.transmissions):
+        return
+    middle, half = _middle([deflection_of(signals.roles, view) for view in views])
+    load, either = _middle(_torques(device, signals))
+    one_sided = abs(load) / either if len(views) == 1 and either > 0.0 else 1.0
+    limit = (1.0 + 2.0 * one_sided) * half
+    if half > 0.0 and abs(load) <= either and abs(middle) > limit:
+        yield Finding(
+            code="encoder.zero",
+            joint=signals.joint,
+            part=" − ".join(views[0].deflection_roles(signals.roles)),
+            value=middle,
+            limit=limit,
+            unit="rad",
+            evidence={"half_range": half},
+        )
+
+
+def _middle(parts: Sequence[Array]) -> tuple[float, float]:
+    """Return around what value signals lie on average, and half the widest range of them.
+
+    Two springs that pull against each other are stretched both; the middle between them is not.
+    """
+    spans = [span(x) for x in parts]
+    if not spans:
+        return 0.0, 0.0
+    return float(np.mean([0.5 * (low + high) for low, high in spans])), max(0.5 * (high - low) for low, high in spans)
+
+
+def _torques(device: Device, signals: JointSignals) -> list[Array]:
+    """Return the torques that show whether the joint is loaded: its sensor's, its transmissions', or its motors'."""
+    views = device.transmissions
+    for roles in (["torque_sensor"], [v.torque_sensor for v in views], [v.motor_torque for v in views]):
+        if set(roles) <= set(signals.roles):
+            return [signals.roles[role] for role in roles]
+    return []
+
+
+def _opposed(signals: JointSignals, view: TransmissionView) -> Iterator[Finding]:
+    """Yield positions of which one counts the other way round: turned, hardly anything is left of their difference."""
+    q, theta = signals.roles["link_position"], signals.roles[view.motor_position]
+    both = np.isfinite(q) & np.isfinite(theta)
+    if np.count_nonzero(both) < FEWEST:
+        return
+    a, b = q[both] - q[both].mean(), theta[both] - theta[both].mean()
+    least = min(float(a.std()), float(b.std()))
+    if float((a + b).std()) < CANCELLED * least:
+        yield Finding(
+            code="encoder.sign",
+            joint=signals.joint,
+            part=f"link_position and {view.motor_position}",
+            value=float(np.corrcoef(a, b)[0, 1]),
+            limit=0.5 * CANCELLED**2 - 1.0,
+            evidence={"first_span": float(np.ptp(a)), "second_span": float(np.ptp(b))},
+        )
+
+
+def _too_far(device: Device, signals: JointSignals) -> Iterator[Finding]:
+    for view in device.transmissions:
+        if has_deflection(signals.roles, view):
+            low, high = span(deflection_of(signals.roles, view))
+            if high - low > math.tau:
+                yield Finding(
+                    code="encoder.deflection_unit",
+                    joint=signals.joint,
+                    part=" − ".join(view.deflection_roles(signals.roles)),
+                    value=high - low,
+                    limit=math.tau,
+                    unit="rad",
+                )
+    for role in signals.roles:
+        low, high = span(signals.roles[role]) if role.startswith(("link_position", "motor_position")) else (0.0, 0.0)
+        if high - low > FARTHEST:
+            yield Finding(
+                code="encoder.unit",
+                joint=signals.joint,
+                part=role,
+                value=high - low,
+                limit=FARTHEST,
+                unit="rad",
+                evidence={"turns": (high - low) / math.tau},
+            )
+
+
+def standstills(signals: JointSignals, view: TransmissionView) -> Iterator[Standstill]:
+    """Yield the stretches in which one encoder of a spring does not change by a single step while the other one moves."""
+    yield from _standstills(signals, "link_position", view.motor_position)
+    yield from _standstills(signals, view.motor_position, "link_position")
+
+
+def _standstills(signals: JointSignals, role: str, other: str) -> Iterator[Standstill]:
+    x, y = signals.roles[role], signals.roles[other]
+    found, resting = rests(signals, x)
+    elsewhere = ~resting & np.isfinite(x) & np.isfinite(y)
+    if not found or np.count_nonzero(elsewhere) < FEWEST:
+        return
+    # Friction may hold a noiseless joint; a noisy encoder never stands still.
+    spring = 0.0 if is_noisy(x, ~resting) else float(np.ptp((x - y)[elsewhere]))
+    if not go_together(x[elsewhere], y[elsewhere]):
+        spring = np.inf
+    low, high = span(y)
+    enough = max(FEWEST * signals.resolution.get(other, 0.0), MOVED * (high - low))
+    for stretch, far in moved(found, y, enough):
+        first, last = stretch.start, stretch.stop - 1
+        within = float(signals.time[first]), float(signals.time[last])
+        stamps = int(signals.stamps[first]), int(signals.stamps[last])
+        yield Standstill(role, other, within, stamps, far, float(enough), spring)

@@ -1,0 +1,36 @@
+"""How much memory there is: of the machine, or of the group that the process is in."""
+
+from __future__ import annotations
+
+import os
+from contextlib import suppress
+from pathlib import Path
+
+RESERVE = 0.2
+"""Part of what is free that is left to others and to what no estimate counts: fragments, buffers, page tables."""
+
+
+def usable_memory() -> int:
+    """Return the bytes that can be used without pushing others out, as far as the system says; else those of a small machine."""
+    found = [size for size in (_available(), _group()) if size is not None]
+    return int((1.0 - RESERVE) * min(found, default=4 * 2**30))
+
+
+def _available() -> int | None:
+    with suppress(OSError, ValueError, IndexError):
+        text = Path("/proc/meminfo").read_text(encoding="ascii")
+        return int(text.split("MemAvailable:")[1].split()[0]) * 1024
+    with suppress(OSError, ValueError, AttributeError):
+        return os.sysconf("SC_PHYS_PAGES") * os.sysconf("SC_PAGE_SIZE")
+    return None
+
+
+def _group() -> int | None:
+    """Return what a container leaves, as control groups say."""
+    for most, used in (
+        ("/sys/fs/cgroup/memory.max", "/sys/fs/cgroup/memory.current"),
+        ("/sys/fs/cgroup/memory/memory.limit_in_bytes", "/sys/fs/cgroup/memory/memory.usage_in_bytes"),
+    ):
+        with suppress(OSError, ValueError):
+            return max(int(Path(most).read_text()) - int(Path(used).read_text()), 0)
+    return None
