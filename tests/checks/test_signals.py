@@ -133,14 +133,14 @@ def test_a_hundred_radians_are_no_joints(far, reported):
 
 @pytest.mark.parametrize(("part", "reported"), [(0.15, False), (0.25, True)])
 def test_an_encoder_is_stuck_where_the_other_one_moves_a_fifth_of_its_range(part, reported):
-    """A triangle wave that moves by that part of its range in the 0.6 s in which the link's encoder stands still."""
-    phase = T * part / 0.6
+    """A triangle wave that moves by that part of its range in the 1.2 s in which the link's encoder stands still."""
+    phase = T * part / 1.2
     theta = np.abs(phase % 2.0 - 1.0)
     noise = np.random.default_rng(5).normal(0.0, 3e-4, (2, T.size))
     q = theta + noise[0]
     # Well inside a sweep.
     begin = int(np.argmin(np.abs(phase - 1.3)))
-    q[begin : begin + 600] = q[begin]
+    q[begin : begin + 1200] = q[begin]
     assert ("encoder.stuck" in codes({"q": q, "theta": theta + noise[1], "tau": channels()["tau"]})) == reported
 
 
