@@ -6,6 +6,7 @@ import errno
 import json
 import subprocess
 import sys
+from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -14,24 +15,24 @@ import pytest
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
-from vsalog.binding import long_joint
+from vsalog.binding import run
 from vsalog.binding.grid import after_long_silence
 from vsalog.binding.joint import bind
-from vsalog.binding.long_joint import bind_long
 from vsalog.checks import signals as signal_checks
-from vsalog.core import long_signals, spool
+from vsalog.core import column as core_column
+from vsalog.core import look
+from vsalog.core.column import Column
 from vsalog.core.errors import ReadError, WriteError
 from vsalog.core.finding import Findings
-from vsalog.core.long_signals import LongSignals
 from vsalog.core.resolution import STRETCHES
+from vsalog.core.signals import JointSignals
 from vsalog.estimation import job
 from vsalog.estimation.job import Options, prepare
 from vsalog.estimators.device import device_of
-from vsalog.readers import long_log, read, read_within
+from vsalog.readers import order as ordering
+from vsalog.readers import read
 from vsalog.readers.base import Block
 from vsalog.readers.collect import collect
-from vsalog.readers.long_log import collect_within
-from vsalog.readers.long_recording import LongRecording
 from vsalog.report.estimate_files import Outputs, write_results
 from vsalog.rig import Rig
 
@@ -54,9 +55,8 @@ motor_torque = "motor.torque"
 @pytest.fixture
 def small(monkeypatch):
     """Small pieces, so that short logs have many edges."""
-    monkeypatch.setattr(spool, "PART", 97)
-    monkeypatch.setattr(spool, "EXTENT", 50)
-    monkeypatch.setattr(long_joint, "PART", 101)
+    monkeypatch.setattr(core_column, "PART", 97)
+    monkeypatch.setattr(run, "PART", 101)
     monkeypatch.setattr(job, "ROOM", 0)
 
 
@@ -72,16 +72,17 @@ def reader_of(blocks):
 
 def assert_same_recording(blocks, time="auto"):
     whole = collect(Path("x"), reader_of(blocks), None, time)
-    long = collect_within(Path("x"), reader_of(blocks), None, time, 0)
-    assert isinstance(long, LongRecording)
-    assert list(whole.channels) == list(long.columns) == list(long.look.channels)
-    for name, channel in whole.channels.items():
-        for found in (long.columns[name], long.look.channels[name]):
-            np.testing.assert_array_equal(found.stamps[:], channel.stamps)
-            np.testing.assert_array_equal(found.values[:], channel.values)
-    assert repr(long.look.streams) == repr(whole.streams)
-    assert long.look.findings == whole.findings
-    assert long.look.absolute_time == whole.absolute_time
+    long = collect(Path("x"), reader_of(blocks), None, time, 0)
+    assert long.in_file
+    assert not whole.in_file
+    assert list(whole.channels) == list(long.channels)
+    for found in (long, look.of_recording(long)):
+        for name, channel in whole.channels.items():
+            np.testing.assert_array_equal(found.channels[name].stamps, channel.stamps)
+            np.testing.assert_array_equal(found.channels[name].values, channel.values)
+    assert repr(long.streams) == repr(whole.streams)
+    assert long.findings == whole.findings
+    assert long.absolute_time == whole.absolute_time
     return long
 
 
@@ -115,8 +116,7 @@ def streams(draw):
 @settings(max_examples=80)
 def test_columns_clocks_and_order_are_those_in_memory(blocks, time):
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(spool, "PART", 97)
-        patch.setattr(spool, "EXTENT", 50)
+        patch.setattr(core_column, "PART", 97)
         assert_same_recording(blocks, time)
 
 
@@ -127,7 +127,7 @@ def test_header_stamps_are_judged_over_all_of_a_stream(small):
         ("a", {"log": at[i : i + 60], "header": header[i : i + 60]}, {"a.x": np.ones(60)}) for i in range(0, 600, 60)
     ]
     long = assert_same_recording(blocks)
-    reason = long.look.streams["a"].time_finding
+    reason = long.streams["a"].time_finding
     assert (reason.code, reason.value, reason.evidence["stamps"]) == ("clock.stamps_zero", 60, 600)
 
 
@@ -157,19 +157,19 @@ def test_samples_that_stand_alone_are_found_at_every_edge(small):
     blocks = [("motor", {"log": START + MS * np.arange(t.size)}, {"motor.position": x})]
     long = assert_same_recording(blocks)
     signals = Rig.from_toml('[joint.j]\nkind = "elastic"\n[joint.j.signals]\nmotor_position = "motor.position"')
-    found = bind_long([long], "j", signals.joints["j"], ("motor_position",))[:].roles["motor_position"]
+    found = bind([long], "j", signals.joints["j"], ("motor_position",)).roles["motor_position"]
     assert np.flatnonzero(np.isnan(found)).tolist() == [0, 193, 194, 970, 971, 2999]
     for k in (97, 485):
         assert found[k] == pytest.approx(0.5 * (x[k - 1] + x[k + 1]))
 
 
 def test_samples_that_are_much_too_late_are_held_in_memory_and_told(small, monkeypatch):
-    monkeypatch.setattr(long_log, "MOST_WAITING", 100)
+    monkeypatch.setattr(ordering, "MOST_WAITING", 100)
     x = np.arange(400.0)
     late = np.r_[np.arange(200, 400), np.arange(200)] * MS + START
     blocks = [("a", {"log": late[i : i + 100]}, {"a.x": x[i : i + 100]}) for i in range(0, 400, 100)]
-    recording = collect_within(Path("x"), reader_of(blocks), None, "auto", 0)
-    assert not isinstance(recording, LongRecording)
+    recording = collect(Path("x"), reader_of(blocks), None, "auto", 0)
+    assert not recording.in_file
     np.testing.assert_array_equal(recording.channels["a.x"].values, np.r_[x[200:], x[:200]])
     late = recording.findings[-1]
     assert (late.code, late.value) == ("recording.held_in_memory", pytest.approx(0.399))
@@ -178,17 +178,18 @@ def test_samples_that_are_much_too_late_are_held_in_memory_and_told(small, monke
 @pytest.mark.parametrize("name", ["sea_exp2.bag", "sea_exp1.csv"])
 def test_a_part_of_a_log_is_that_in_memory(samples, name):
     whole = read(samples / name, start="1", end="2.5")
-    long = read_within(0, samples / name, start="1", end="2.5")
-    assert repr(long.look.streams) == repr(whole.streams)
-    assert long.look.unread == whole.unread
+    long = read(samples / name, start="1", end="2.5", room=0)
+    assert long.in_file
+    assert repr(long.streams) == repr(whole.streams)
+    assert long.unread == whole.unread
     for channel, found in whole.channels.items():
-        np.testing.assert_array_equal(long.columns[channel].stamps[:], found.stamps)
-        np.testing.assert_array_equal(long.columns[channel].values[:], found.values)
+        np.testing.assert_array_equal(long.channels[channel].stamps, found.stamps)
+        np.testing.assert_array_equal(long.channels[channel].values, found.values)
     for limits in (("100", None), ("1.00001", "1.00002")):
         messages = []
-        for how in (read, lambda *a: read_within(0, *a)):
+        for room in (None, 0):
             with pytest.raises(ReadError) as refused:
-                how(samples / name, None, "auto", None, *limits)
+                read(samples / name, None, "auto", None, *limits, room)
             messages.append(str(refused.value))
         assert messages[0] == messages[1]
 
@@ -219,23 +220,20 @@ def hard_log():
     return blocks
 
 
-def assert_same_signals(whole, long, rows=None):
-    found = rows if rows is not None else long[:]
-    assert len(whole) == len(long)
-    assert long.longest_run == whole.longest_run
-    assert long.period == whole.period
+def assert_same_signals(whole, long):
+    assert long.in_file
+    assert not whole.in_file
+    for name in ("period", "resolution", "findings", "run_names", "longest_run"):
+        assert getattr(long, name) == getattr(whole, name), name
     for name in ("stamps", "time", "starts", "run"):
-        np.testing.assert_array_equal(getattr(found, name), getattr(whole, name), err_msg=name)
-    assert list(found.roles) == list(whole.roles)
+        np.testing.assert_array_equal(getattr(long, name), getattr(whole, name), err_msg=name)
+    assert list(long.roles) == list(whole.roles)
     for role, values in whole.roles.items():
-        np.testing.assert_array_equal(found.roles[role], values, err_msg=role)
-    assert found.resolution == whole.resolution
-    assert long.findings == whole.findings
-    assert long.run_names == whole.run_names
+        np.testing.assert_array_equal(long.roles[role], values, err_msg=role)
 
 
 @pytest.mark.parametrize("blocks", ["hard", "shifted"])
-def test_bound_rows_are_those_in_memory_bit_for_bit(small, blocks):
+def test_bound_rows_are_those_of_the_whole_bit_for_bit(small, monkeypatch, blocks):
     rig = Rig.from_toml(RIG)
     made = hard_log()
     if blocks == "shifted":  # no grid of its own, and a motor that begins on another turn
@@ -243,8 +241,9 @@ def test_bound_rows_are_those_in_memory_bit_for_bit(small, blocks):
     whole = collect(Path("x"), reader_of(made), None, "auto")
     long = assert_same_recording(made)
     roles = ("motor_position", "link_position", "motor_torque")
+    bound = bind([long, whole], "j", rig.joints["j"], roles)
+    monkeypatch.undo()  # all of the log is one part now
     expected = bind([whole, whole], "j", rig.joints["j"], roles)
-    bound = bind_long([long, LongRecording.of_short(whole)], "j", rig.joints["j"], roles)
     assert_same_signals(expected, bound)
     # What makes this log a hard one is there.
     assert np.ptp(expected.roles["link_position"]) > 4.0 * np.pi
@@ -253,7 +252,7 @@ def test_bound_rows_are_those_in_memory_bit_for_bit(small, blocks):
     assert codes >= {"recording.gaps", "recording.outliers", "recording.not_finite", "encoder.other_turn"}
     pieces = list(bound.blocks(83))
     np.testing.assert_array_equal(
-        np.concatenate([p.roles["link_position"] for p in pieces]), bound[:].roles["link_position"]
+        np.concatenate([p.roles["link_position"] for p in pieces]), bound.roles["link_position"]
     )
 
 
@@ -268,7 +267,7 @@ def test_bound_rows_are_those_in_memory_bit_for_bit(small, blocks):
 def test_estimates_are_those_in_memory(monkeypatch, samples, names, options):
     logs = [samples / name for name in names]
     (expected,) = prepare(logs, Options(**options)).run()
-    for module, name, value in ((spool, "PART", 997), (spool, "EXTENT", 500), (long_joint, "PART", 1013)):
+    for module, name, value in ((core_column, "PART", 997), (run, "PART", 1013)):
         monkeypatch.setattr(module, name, value)
     monkeypatch.setattr(job, "ROOM", 0)
     prepared = prepare(logs, Options(**options))
@@ -281,41 +280,52 @@ def test_estimates_are_those_in_memory(monkeypatch, samples, names, options):
     assert found.findings == expected.findings
     assert found.settings == expected.settings
     np.testing.assert_array_equal(found.trace.time, expected.trace.time)
-    for name, columns in expected.trace.transmissions.items():
-        for column, values in columns.items():
+    for name, one in expected.trace.transmissions.items():
+        for column, values in one.items():
             np.testing.assert_array_equal(found.trace[name][column], values)
 
 
 def test_a_later_log_is_long_when_the_first_fills_the_memory(monkeypatch, samples):
     monkeypatch.setattr(job, "ROOM", 10**6)
     prepared = prepare([samples / "awas_exp2.mcap"] * 2, Options())
-    assert [isinstance(r, LongRecording) for r in prepared.recordings] == [False, True]
+    assert [r.in_file for r in prepared.recordings] == [False, True]
+
+
+def in_file(values):
+    column = Column(values.dtype.type, in_file=True)
+    column.append(values)
+    return column.whole(values.size)
+
+
+def in_files(starts, **roles):
+    """Return signals of a joint at 1 kHz that lie in files."""
+    rows = np.arange(starts.size)
+    stamps, run = in_file(rows * MS), in_file(np.zeros(rows.size, np.int32))
+    found = {role: in_file(values) for role, values in roles.items()}
+    return JointSignals("j", 1e-3, stamps, in_file(rows * 1e-3), found, in_file(starts), run)
 
 
 def test_a_look_has_the_whole_range_and_is_bounded(monkeypatch):
-    monkeypatch.setattr(long_signals, "STRETCH", 100)
-    monkeypatch.setattr(long_signals, "LONGEST", 200)
+    monkeypatch.setattr(look, "STRETCH", 100)
+    monkeypatch.setattr(look, "LONGEST", 200)
     rng = np.random.default_rng(0)
-    signals = LongSignals("j", ("link_position", "motor_position"))
-    signals.begin_run(0)
     q = 0.01 * rng.normal(size=100_000)
     theta = q + 0.01 * rng.normal(size=q.size)
     q[33_333], q[77_777], theta[51_234], theta[9_999] = 5.0, -5.0, -4.0, np.nan
     starts = np.zeros(q.size, dtype=bool)
     starts[[0, 10, 40_000, 41_000]] = True
-    signals.append(np.arange(q.size) * MS, {"link_position": q, "motor_position": theta}, starts)
-    signals.period = 1e-3
-    look = signals.look()
-    assert len(look) <= 100 * (STRETCHES + 3 + 6)
+    signals = in_files(starts, link_position=q, motor_position=theta)
+    some = look.of_signals(signals)
+    assert len(some) <= 100 * (STRETCHES + 3 + 6)
     for role, values in (("link_position", q), ("motor_position", theta)):
-        assert np.nanmin(look.roles[role]) == np.nanmin(values)
-        assert np.nanmax(look.roles[role]) == np.nanmax(values)
-    phi = look.roles["link_position"] - look.roles["motor_position"]
+        assert np.nanmin(some.roles[role]) == np.nanmin(values)
+        assert np.nanmax(some.roles[role]) == np.nanmax(values)
+    phi = some.roles["link_position"] - some.roles["motor_position"]
     assert (np.nanmin(phi), np.nanmax(phi)) == (np.nanmin(q - theta), np.nanmax(q - theta))
     # Rows are those of the log, and a run begins wherever rows were left out.
-    rows = look.stamps // MS
-    np.testing.assert_array_equal(look.roles["link_position"], q[rows])
-    np.testing.assert_array_equal(look.starts, starts[rows] | np.append(True, np.diff(rows) != 1))
+    rows = some.stamps // MS
+    np.testing.assert_array_equal(some.roles["link_position"], q[rows])
+    np.testing.assert_array_equal(some.starts, starts[rows] | np.append(True, np.diff(rows) != 1))
     assert 41_000 in rows
     assert 41_199 in rows
 
@@ -327,10 +337,10 @@ def test_an_encoder_that_was_stuck_once_is_told_wherever_that_was(monkeypatch):
     theta = np.round(np.sin(3.0 * t) / 1e-4) * 1e-4
     for begin in (62_000, 84_000):
         q[begin : begin + 900] = q[begin]
-    signals = LongSignals("j", ("link_position", "motor_position"))
-    signals.begin_run(0)
-    signals.period, signals.resolution = 1e-3, {"link_position": 1e-4, "motor_position": 1e-4}
-    signals.append(np.arange(t.size) * MS, {"link_position": q, "motor_position": theta}, t == 0.0)
+    signals = replace(
+        in_files(t == 0.0, link_position=q, motor_position=theta),
+        resolution={"link_position": 1e-4, "motor_position": 1e-4},
+    )
     device = device_of("j", Rig.from_toml(RIG).joints["j"])
     (found,) = signal_checks.first_of_each(signal_checks.passing_findings(device, signals))
     assert (found.code, found.part) == ("encoder.stuck", "link_position")
@@ -350,16 +360,13 @@ def test_a_full_disk_is_told_with_what_to_do(monkeypatch, samples):
     monkeypatch.setattr(job, "ROOM", 0)
 
     class Full:
-        def seek(self, at):
-            return at
-
         def close(self):
             pass
 
         def write(self, data):
             raise OSError(errno.ENOSPC, "No space left on device")
 
-    monkeypatch.setattr(spool.tempfile, "TemporaryFile", lambda **_: Full())
+    monkeypatch.setattr(core_column.tempfile, "TemporaryFile", lambda **_: Full())
     with pytest.raises(ReadError, match=r"No space left on device; set TMPDIR"):
         prepare([samples / "vsa2_exp1.mcap"], Options())
 
@@ -384,14 +391,13 @@ MEMORY = """
 import json, resource, sys
 from pathlib import Path
 import numpy as np, pyarrow as pa, pyarrow.parquet as pq
-from vsalog.core import long_signals
+from vsalog.core import look
 from vsalog.estimation import job
-from vsalog.readers import long_recording
 from vsalog.report.estimate_files import Outputs, write_results
 
 job.ROOM = int(sys.argv[1])
 # In proportion to logs of minutes instead of hours.
-long_recording.LOOK_BYTES, long_signals.STRETCH, long_signals.LONGEST = 2**20, 8192, 16384
+look.LOOK_BYTES, look.STRETCH, look.LONGEST = 2**20, 8192, 16384
 rig = 'preset = "sea"\\n[joint.sea.signals]\\nmotor_position = "m"\\nlink_position = "l"\\nmotor_torque = "t"\\n'
 peaks = []
 for count in (300_000, 1_200_000):

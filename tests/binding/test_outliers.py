@@ -8,7 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from test_binding import bound, recording
 
-from vsalog.binding.outliers import stand_alone
+from vsalog.binding.outliers import Outliers
 
 TURN = 2.0 * np.pi
 N = 10_001
@@ -25,6 +25,10 @@ SENSORS = "".join(
 def motion(seed=0, amplitude=0.5):
     rng = np.random.default_rng(seed)
     return amplitude * np.sin(4.0 * T) + 0.3 * np.sin(1.3 * T) + rng.normal(0.0, 2e-4, N)
+
+
+def stand_alone(values, turn=None):
+    return Outliers(values, turn).among(values)
 
 
 def indices(values, turn=None):

@@ -7,7 +7,7 @@ import pytest
 from finding_codes import found
 from write_logs import MS, START, McapLog, joint_state
 
-from vsalog.readers import read, read_within
+from vsalog.readers import read
 
 T = np.arange(3000) * 1e-3
 RNG = np.random.default_rng(1)
@@ -23,7 +23,7 @@ def log_of(path, *joints):
 
 
 def told(path):
-    said = [len(found(log, "recording.values_alternate")) for log in (read(path), read_within(0, path).look)]
+    said = [len(found(log, "recording.values_alternate")) for log in (read(path), read(path, room=0))]
     assert said[0] == said[1] <= 1
     return bool(said[0])
 

@@ -11,7 +11,7 @@ from random_messages import STORES
 from rosbags import rosbag1
 from write_logs import JOINT_STATE, MS, START, McapLog, at, joint_state, serialised
 
-from vsalog.readers import read, read_within
+from vsalog.readers import read
 from vsalog.rig.guess_names import meaning_of
 
 COUNT = 40
@@ -69,7 +69,7 @@ def messages(groups, apart, stamped):
 )
 def test_joints_that_come_in_messages_of_their_own_keep_all_their_samples(tmp_path, write, groups, apart, stamped):
     path = write(tmp_path / "log", messages(groups, apart, stamped))
-    for recording in (read(path), read_within(0, path).look, read(path, [f"/j.position[{groups[0][0]}]"])):
+    for recording in (read(path), read(path, room=0), read(path, [f"/j.position[{groups[0][0]}]"])):
         whole = len(recording.channels) > 2  # the sequence number in headers of ROS 1 is a channel, too
         assert len(recording.streams) == (len(groups) if whole else 1)
         for k, group in enumerate(groups if whole else [groups[0][:1]]):
@@ -145,7 +145,7 @@ def test_a_damaged_name_is_told_and_costs_the_others_nothing_else(tmp_path, alon
             shown = [name if (i, name) != (700, "elbow") else "elbnw" for name in names]
             sent.append((START + i * MS + k, START + i * MS + k, shown, [i] * len(names)))
     path = mcap(tmp_path / "log", sent)
-    recording = read_within(0, path).look if large else read(path)
+    recording = read(path, room=0) if large else read(path)
     (stray,) = recording.findings
     assert (stray.code, stray.value, stray.evidence["messages"]) == ("recording.stray_names", 1, len(sent))
     assert stray.evidence["names"] == "position[elbnw]"

@@ -7,9 +7,8 @@ from random_messages import STORES
 from write_logs import MS, START, McapLog, joint_state
 
 from vsalog.binding.joint import bind
-from vsalog.binding.long_joint import bind_long
 from vsalog.core.errors import BindingError
-from vsalog.readers import read, read_within
+from vsalog.readers import read
 from vsalog.rig import Rig
 
 RIG = """
@@ -36,7 +35,7 @@ def log_of(path, late):
 def apart_of(path, time="auto", roles=ROLES):
     ((name, joint),) = Rig.from_toml(RIG).joints.items()
     findings = bind([read(path, time=time)], name, joint, roles).findings
-    assert bind_long([read_within(0, path, time=time)], name, joint, roles).findings == findings
+    assert bind([read(path, time=time, room=0)], name, joint, roles).findings == findings
     return [finding for finding in findings if finding.code == "recording.clocks_apart"]
 
 
@@ -60,6 +59,6 @@ def test_clocks_that_are_far_apart_are_refused_unless_asked_for(tmp_path):
         apart_of(path)
     ((name, joint),) = Rig.from_toml(RIG).joints.items()
     with pytest.raises(BindingError, match="apart"):
-        bind_long([read_within(0, path)], name, joint, ROLES)
+        bind([read(path, room=0)], name, joint, ROLES)
     assert len(apart_of(path, "header")) == 1
     assert apart_of(path, "log") == []

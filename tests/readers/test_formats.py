@@ -12,9 +12,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 from write_logs import START, McapLog, joints_mcap
 
+from vsalog.core.column import Column
 from vsalog.core.errors import ReadError
 from vsalog.readers import read
-from vsalog.readers.gathered import _Column
 
 
 def test_a_pipe_is_not_waited_for(tmp_path):
@@ -126,7 +126,7 @@ def test_columns_grow_with_zeros_gaps_and_signs():
         0.0 * i,
     ):
         for first, room in ((0, 0), (0, 70_000), (25_000, 0)):
-            column = _Column(np.zeros(room))
+            column = Column(np.float64, room)
             for at in range(first, i.size, 1000):
                 column.add(at, whole[at : at + 1000])
             values = column.whole(i.size + 10)

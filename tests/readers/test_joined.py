@@ -11,7 +11,7 @@ from random_messages import STORES
 from rosbags import rosbag1
 from write_logs import JOINT_STATE, MS, START, McapLog, joint_state, serialised
 
-from vsalog.readers import read, read_within
+from vsalog.readers import read
 from vsalog.readers.sampling_bags import cut_rosbag1
 from vsalog.readers.sampling_mcap import cut_mcap
 from vsalog.writers.repair import repair
@@ -74,7 +74,7 @@ OPTIONS = [
 @pytest.mark.parametrize(("write", "options"), [*((mcap, options) for options in OPTIONS), (bag1, {})])
 def test_all_logs_in_a_file_are_read_and_told(tmp_path, write, options, logs):
     path, raws = joined(tmp_path, write, *logs, **options)
-    for recording in (read(path), read_within(0, path).look, read(path, start=0)):
+    for recording in (read(path), read(path, room=0), read(path, start=0)):
         assert_all_there(recording, logs)
         (joined_logs,) = recording.findings
         assert (joined_logs.code, joined_logs.value) == ("recording.joined", len(logs))

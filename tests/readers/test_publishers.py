@@ -11,7 +11,7 @@ from random_messages import STORES
 from rosbags import rosbag1
 from write_logs import JOINT_STATE, MS, START, McapLog, joint_state, serialised
 
-from vsalog.readers import open_reader, read, read_within, streams
+from vsalog.readers import open_reader, read, streams
 from vsalog.readers.base import MOST_PARTS
 from vsalog.readers.frames import Frames, header_frames
 from vsalog.readers.json_messages import JsonDecoder
@@ -54,7 +54,7 @@ def test_the_same_joint_of_two_at_a_time_is_two_streams(tmp_path, monkeypatch, w
         monkeypatch.setattr(streams, "LEAST_BYTES", 0)
         monkeypatch.setattr("vsalog.readers.bag.LEAST_BYTES", 0)
     path = write(tmp_path / "log.bag", publications("aa", shift))
-    for recording in (read(path), read_within(0, path).look, read(path, start=0)):
+    for recording in (read(path), read(path, room=0), read(path, start=0)):
         assert set(recording.streams) == {f"/j@{name}" for name in names}
         assert values_of(recording, "recording.publishers_apart") == [2]
     for which, name in enumerate(names):
@@ -108,7 +108,7 @@ def test_two_frames_at_a_time_in_one_channel_are_two_streams(tmp_path, monkeypat
     if large:
         monkeypatch.setattr(streams, "WHOLE_BYTES", 0)
     path = framed(tmp_path / "log.bag", of_two(frames, 0.5), ros1)
-    for recording in (read(path), read_within(0, path).look, read(path, start=0)):
+    for recording in (read(path), read(path, room=0), read(path, start=0)):
         assert set(recording.streams) == {f"/j@{name}" for name in names}
         assert values_of(recording, "recording.publishers_apart") == [2]
         assert not any(reason == "no messages" for reason in recording.unread.values())

@@ -14,9 +14,9 @@ import pyarrow.parquet as pq
 
 from vsalog.batch.names import encoded
 from vsalog.core.arrow import arrow_column, arrow_texts, findings_entry
+from vsalog.core.column import PART as ROW_GROUP
 from vsalog.core.errors import WriteError
 from vsalog.core.finding import Finding
-from vsalog.core.spool import PART as ROW_GROUP
 from vsalog.core.trace import EXTRA_UNITS, UNITS, Trace
 
 TRACES = "traces"

@@ -24,14 +24,10 @@ def is_motor_torque(role: str) -> bool:
 
 def acting_torque(bound: Bound, motor: Motor) -> Bound:
     """Return torque_gain · τ(t − torque_delay) + torque_offset, the recorded τ rounded to torque_step."""
-    motor = motor.reflected
-    plain = motor.torque_gain == 1.0 and motor.torque_offset == 0.0 and motor.torque_step == 0.0
-    if bound.constant is not None:
-        return replace(bound, constant=float(made_of(np.array([bound.constant]), motor)[0]))
-    delay = round(motor.torque_delay * 1e9)
+    motor, delay = motor.reflected, shift_of(motor)
     stamps = bound.stamps + delay if delay else bound.stamps
-    if plain:
-        return replace(bound, stamps=stamps) if delay else bound
+    if motor.torque_gain == 1.0 and motor.torque_offset == 0.0 and motor.torque_step == 0.0:
+        return replace(bound, stamps=stamps)
     # What is added here hides the steps of what was recorded.
     step = resolution_of(bound.values) if bound.resolution is None else bound.resolution
     return replace(
@@ -40,6 +36,11 @@ def acting_torque(bound: Bound, motor: Motor) -> Bound:
         values=made_of(bound.values, motor),
         resolution=max(step, motor.torque_step) * motor.torque_gain,
     )
+
+
+def shift_of(motor: Motor) -> int:
+    """Return how much later a recorded torque acts [ns]."""
+    return round(motor.reflected.torque_delay * 1e9)
 
 
 def made_of(recorded: Array, motor: Motor) -> Array:

@@ -59,13 +59,6 @@ class Tally:
             self.held += b.held.size
 
 
-def tally_of(b: Bound) -> Tally:
-    """Return what there is to say of a role."""
-    tally = Tally()
-    tally.add(b)
-    return tally
-
-
 def binding_findings(
     joint: str, segments: list[tuple[int, int]], tallies: Mapping[str, Tally], origin: int
 ) -> list[Finding]:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
-from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
@@ -25,16 +24,14 @@ EVEN = 0.02
 
 @dataclass(frozen=True, slots=True)
 class Bound:
-    """One role of one run: its stamps and SI values, or a constant; whether it is a position that began anew after a turn, and
-    the stamps of the samples that are left out because they stood alone or were held.
+    """A part of a role of one run: its stamps, SI values, period [ns] and least step; and the stamps of the samples that are left
+    out because they stood alone or were held.
     """
 
     stamps: Stamps
     values: Array
     period: int
     resolution: float | None = None
-    constant: float | None = None
-    wrapped: bool = False
     alone: Stamps | None = None
     held: Stamps | None = None
 
@@ -47,13 +44,6 @@ def less(values: Array, out: Flags | None) -> Array:
 def stamps_where(b: Bound, flags: Flags | None) -> Stamps | None:
     """Return the stamps of a role's samples that are so; None where none is."""
     return None if flags is None else b.stamps[flags]
-
-
-def own_stretches(b: Bound) -> list[tuple[int, int]]:
-    """Return the stretches of time, first and last stamp, in which a role has samples without a gap."""
-    gaps = np.flatnonzero(np.diff(b.stamps) > GAP * b.period)
-    edges = [0, *(gaps + 1), b.stamps.size]
-    return [(int(b.stamps[i]), int(b.stamps[j - 1])) for i, j in pairwise(edges) if j - i > 1]
 
 
 def common_segments(log: str, joint: str, stretches: Iterable[list[tuple[int, int]]]) -> list[tuple[int, int]]:
@@ -117,17 +107,6 @@ def _overlap(a: list[tuple[int, int]], b: list[tuple[int, int]]) -> list[tuple[i
     return out
 
 
-def grid_of(segment: tuple[int, int], moving: Mapping[str, Bound], period: int) -> Stamps:
-    """Stamps of the fastest channel where these are even, evenly spaced ones otherwise."""
-    first, last = segment
-    fastest = min(moving.values(), key=lambda b: b.period)
-    own = fastest.stamps[np.searchsorted(fastest.stamps, first) : np.searchsorted(fastest.stamps, last, "right")]
-    steps = np.diff(own)
-    if own.size > 1 and is_even(int(steps.min()), int(steps.max()), period):
-        return own
-    return first + period * np.arange((last - first) // period + 1, dtype=np.int64)
-
-
 def is_even(least: int, greatest: int, period: int) -> bool:
     """Tell whether stamps are even, by the least and the greatest of their steps [ns]."""
     return max(greatest - period, period - least) <= EVEN * period
@@ -136,37 +115,54 @@ def is_even(least: int, greatest: int, period: int) -> bool:
 def on_grid(b: Bound, stamps: Stamps) -> Array:
     """Values at the grid's stamps: as they are where they lie on it, linearly between neighbours otherwise."""
     b = bridged(b)
-    if _lies_on(b, stamps):
-        return b.values
+    first = _first_on(b, stamps)
+    if first is not None:
+        return b.values[first : first + stamps.size]
     v0, v1, share, _ = _between(b, stamps)
     return np.asarray(np.where(share == 0.0, v0, np.where(share == 1.0, v1, v0 + share * (v1 - v0))), dtype=np.float64)
 
 
-def interpolated_noise(b: Bound, stamps: Stamps, period: int) -> Interpolated | None:
-    """Return the noise of a role whose samples lie between the grid's stamps; None where they lie on it.
+@dataclass(slots=True)
+class OffGrid:
+    """How a role's samples lie between the grid's stamps, gathered block by block.
 
-    White noise of deviation σ at samples that are Δt apart has the density σ² Δt; on the grid, σ √(Δt/T) has that.
-
-    Parameters
+    Attributes
     ----------
-    b : a role that moves
-    stamps : of the grid
-    period : T of the grid [ns]
+    rows : of the grid
+    apart, power : sums of how far apart [ns] samples are, and of the squares of the weights that they have
+    off : whether any row lies between samples
     """
-    b = bridged(b)
-    if _lies_on(b, stamps):
-        return None
-    time = (b.stamps - b.stamps[0]).astype(np.float64)
-    step = step_of(b.values) or 0.0
-    noise = max(noise_of(b.values, time=time) or 0.0, step / 12.0**0.5)
-    _, _, share, apart = _between(b, stamps)
-    density = noise * float(np.mean(apart) / period) ** 0.5
-    shown = noise * float(np.mean((1.0 - share) ** 2 + share**2)) ** 0.5
-    return Interpolated(density, shown / density if density else 1.0)
+
+    rows: int = 0
+    apart: float = 0.0
+    power: float = 0.0
+    off: bool = False
+
+    def add(self, b: Bound, stamps: Stamps) -> None:
+        """Take the next block of the grid into account."""
+        _, _, share, apart = _between(b, stamps)
+        self.rows, self.off = self.rows + stamps.size, self.off or _first_on(b, stamps) is None
+        self.apart += float(np.sum(apart))
+        self.power += float(np.sum((1.0 - share) ** 2 + share**2))
+
+    def noise(self, look: Bound, period: int) -> Interpolated:
+        """Return the noise of a role, of which some samples are given, on a grid of that period [ns].
+
+        White noise of deviation σ at samples that are Δt apart has the density σ² Δt; on the grid, σ √(Δt/T) has that.
+        """
+        look = bridged(look)
+        time = (look.stamps - look.stamps[0]).astype(np.float64)
+        step = step_of(look.values) or 0.0
+        noise = max(noise_of(look.values, time=time) or 0.0, step / 12.0**0.5)
+        density = noise * float(self.apart / self.rows / period) ** 0.5
+        shown = noise * float(self.power / self.rows) ** 0.5
+        return Interpolated(density, shown / density if density else 1.0)
 
 
-def _lies_on(b: Bound, stamps: Stamps) -> bool:
-    return b.stamps.size == stamps.size and np.array_equal(b.stamps, stamps)
+def _first_on(b: Bound, stamps: Stamps) -> int | None:
+    """Return which of a role's samples is the first of those that lie on the grid; None where not all rows are samples."""
+    first = int(np.searchsorted(b.stamps, stamps[0]))
+    return first if np.array_equal(b.stamps[first : first + stamps.size], stamps) else None
 
 
 def _between(b: Bound, stamps: Stamps) -> tuple[Array, Array, Array, Array]:

@@ -7,51 +7,29 @@ clock jumps back, the run ends and another begins.
 from __future__ import annotations
 
 from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
-from dataclasses import replace
 from fnmatch import fnmatchcase
 from pathlib import Path
 from types import MappingProxyType
-from typing import Protocol, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
 from vsalog.binding.clock_skew import clock_findings
-from vsalog.binding.drive_model import acting_findings, acting_torque, is_motor_torque
-from vsalog.binding.findings import binding_findings, tally_of
-from vsalog.binding.grid import (
-    EVEN,
-    Bound,
-    after_long_silence,
-    common_segments,
-    grid_of,
-    interpolated_noise,
-    less,
-    on_grid,
-    own_stretches,
-    stamps_where,
-)
+from vsalog.binding.drive_model import acting_findings, is_motor_torque, made_of
+from vsalog.binding.grid import EVEN
 from vsalog.binding.neighbours import Neighbours
-from vsalog.binding.outliers import stand_alone
+from vsalog.binding.role import Role
 from vsalog.binding.role_source import constant_of, motor_of, origin_of, source_of
-from vsalog.binding.unwrapping import on_the_same_turn, unwrapped
-from vsalog.binding.zero_order_hold import held
+from vsalog.binding.run import BoundRun
+from vsalog.core.column import Column
 from vsalog.core.errors import BindingError
 from vsalog.core.finding import Finding
+from vsalog.core.look import of_recording
 from vsalog.core.recording import Recording
-from vsalog.core.resolution import coarser, resolution_of
 from vsalog.core.signals import Interpolated, JointSignals
 from vsalog.rig.schema import Joint, RigidJoint, Run, SerialJoint, Signal
 
 Array = NDArray[np.float64]
-
-
-class _Log(Protocol):
-    @property
-    def path(self) -> Path: ...
-
-
-Log = TypeVar("Log", bound=_Log)
 
 
 def signal_of(spec: str | float | Signal) -> Signal:
@@ -152,29 +130,86 @@ def bind(
         A channel is not there, is text, is empty or has no clock, its unit does not fit, or the clocks do not overlap.
     """
     offered = offered_roles(joint)
-    pieces: list[JointSignals] = []
-    names: list[str] = []
     wanted = [*roles, *(f"{other}/{role}" for other, (_, its) in neighbours.items() for role in its)]
-    for recording, run, fixed, run_name in each_run(recordings, joint, setpoints):
-        bound = {
-            named: _bind_role(recording, run, role, its, constant, acting)
-            for named, role, its, constant in roles_of_all(joint, roles, neighbours, fixed)
+    out = _Rows(any(recording.in_file for recording in recordings))
+    findings: list[Finding] = []
+    names: list[str] = []
+    runs: list[BoundRun] = []
+    for recording, run, fixed, run_name in _each_run(recordings, joint, setpoints):
+        look, origin = of_recording(recording), origin_of(recording)
+        every = [*_roles_of_all(joint, roles, neighbours, fixed)]
+        found = {
+            named: _role(recording, look, run, role, its, its_fixed, acting) for named, role, its, its_fixed in every
         }
-        channels = channels_of(recording, run, roles_of_all(joint, roles, neighbours, fixed))
-        clocks = clock_findings(recording, name, channels)
-        signals = _on_one_grid(recording, name, bound, len(names), noise)
-        kept = less_series(recording.path.name, signals.roles, offered, wanted)
-        motors = {role: motor_of(joint, role) for role in bound if acting and is_motor_torque(role)}
-        pieces.append(
-            replace(signals, roles=kept, findings=(*clocks, *signals.findings, *acting_findings(name, motors)))
-        )
+        findings += clock_findings(recording, name, _channels_of(recording, run, every))
+        one = BoundRun(recording.path.name, name, found, noise=noise)
+        for stamps, values, starts in one.blocks():
+            out.add(len(names), stamps, origin, _less_series(recording.path.name, values, offered, wanted), starts)
+        motors = {role: motor_of(joint, role) for role in found if acting and is_motor_torque(role)}
+        findings += [*one.findings(origin), *acting_findings(name, motors)]
         names.append(run_name)
-    return _concatenate(name, pieces, tuple(names))
+        runs.append(one)
+    _refuse_other_rates(name, [run.period * 1e-9 for run in runs])
+    resolutions, noises = zip(*(run.told() for run in runs), strict=True)
+    return out.signals(
+        name, runs[0].period * 1e-9, tuple(names), _least_steps(resolutions, wanted), tuple(findings), _noisiest(noises)
+    )
 
 
-def each_run(
-    recordings: Sequence[Log], joint: Joint, setpoints: Sequence[float | None]
-) -> Iterator[tuple[Log, Run, float | None, str]]:
+class _Rows:
+    """The rows of a joint's signals, gathered block by block.
+
+    Parameters
+    ----------
+    in_file : whether they are too long for memory
+    """
+
+    def __init__(self, in_file: bool) -> None:
+        self._in_file = in_file
+        self._stamps, self._time = Column(np.int64, in_file=in_file), Column(np.float64, in_file=in_file)
+        self._starts, self._run = Column(np.bool_, in_file=in_file), Column(np.int32, in_file=in_file)
+        self._roles: dict[str, Column[np.float64]] = {}
+
+    def add(
+        self, run: int, stamps: NDArray[np.int64], origin: int, roles: Mapping[str, Array], starts: NDArray[np.bool_]
+    ) -> None:
+        """Take a block of a run's rows in; `origin` is its log's first stamp [ns]."""
+        self._stamps.append(stamps)
+        self._time.append((stamps - origin).astype(np.float64) * 1e-9)
+        self._starts.append(starts)
+        self._run.append(np.full(stamps.size, run, dtype=np.int32))
+        for role, values in roles.items():
+            self._roles.setdefault(role, Column(np.float64, in_file=self._in_file)).append(values)
+
+    def signals(
+        self,
+        joint: str,
+        period: float,
+        run_names: tuple[str, ...],
+        resolution: Mapping[str, float],
+        findings: tuple[Finding, ...],
+        interpolated: Mapping[str, Interpolated],
+    ) -> JointSignals:
+        """Return all rows, with what else there is to say of them."""
+        count = len(self._stamps)
+        return JointSignals(
+            joint,
+            period,
+            self._stamps.whole(count),
+            self._time.whole(count),
+            {role: column.whole(count) for role, column in self._roles.items()},
+            self._starts.whole(count),
+            self._run.whole(count),
+            run_names,
+            resolution,
+            findings,
+            interpolated,
+        )
+
+
+def _each_run(
+    recordings: Sequence[Recording], joint: Joint, setpoints: Sequence[float | None]
+) -> Iterator[tuple[Recording, Run, float | None, str]]:
     """Yield each run of a joint in the logs, with its log, the set-point that is fixed for it and its name.
 
     Raises
@@ -190,7 +225,7 @@ def each_run(
             yield recording, run, fixed, "/".join(part for part in parts if part)
 
 
-def roles_of_all(
+def _roles_of_all(
     joint: Joint, roles: Collection[str], neighbours: Neighbours, fixed: float | None
 ) -> Iterator[tuple[str, str, Joint, float | None]]:
     """Yield each role to bind: as it is named among the joint's signals, in its own joint, that joint, and a fixed set-point."""
@@ -201,7 +236,9 @@ def roles_of_all(
             yield f"{other}/{role}", role, its, None
 
 
-def channels_of(recording: Recording, run: Run, roles: Iterable[tuple[str, str, Joint, float | None]]) -> Iterator[str]:
+def _channels_of(
+    recording: Recording, run: Run, roles: Iterable[tuple[str, str, Joint, float | None]]
+) -> Iterator[str]:
     """Yield the channels of those of a run's roles that are no constants."""
     for _, role, joint, fixed in roles:
         signal = offered_roles(joint).get(role, Signal())
@@ -209,80 +246,20 @@ def channels_of(recording: Recording, run: Run, roles: Iterable[tuple[str, str, 
             yield signal.channel.replace("{run}", run.name)
 
 
-def _bind_role(recording: Recording, run: Run, role: str, joint: Joint, fixed: float | None, acting: bool) -> Bound:
+def _role(
+    recording: Recording, look: Recording, run: Run, role: str, joint: Joint, fixed: float | None, acting: bool
+) -> Role | float:
+    """Return a role of a run, or the constant that it is; `look` is what was looked at of the recording."""
     signal = offered_roles(joint).get(role, Signal())
     motor = motor_of(joint, role) if acting and is_motor_torque(role) else None
     constant = constant_of(recording, run, role, signal, fixed)
     if constant is not None:
-        bound = Bound(np.empty(0, np.int64), np.empty(0), 0, constant=constant)
-        return bound if motor is None else acting_torque(bound, motor)
-    source = source_of(recording, run, role, signal, joint)
-    channel = recording.channel(source.channel)
-    # First: a sample that stands alone must not become a turn.
-    alone = stand_alone(channel.values, source.turn) if source.may_stand_alone else None
-    recorded = less(channel.values, alone)
-    period = int(np.median(np.diff(channel.stamps)))
-    hung = held(channel.stamps, recorded, period, source.turn) if source.may_stand_alone else None
-    recorded, wrapped = less(recorded, hung), False
-    if source.turn is not None:
-        recorded, wrapped = unwrapped(recorded, source.turn)
-    bound = source.bound(channel.stamps, recorded, period)
-    bound = replace(
-        bound, wrapped=wrapped and source.joint_turn, alone=stamps_where(bound, alone), held=stamps_where(bound, hung)
-    )
-    return bound if motor is None else acting_torque(bound, motor)
+        return constant if motor is None else float(made_of(np.array([constant]), motor.reflected)[0])
+    source = source_of(look, run, role, signal, joint)
+    return Role(source, recording.channel(source.channel), look.channel(source.channel), motor)
 
 
-def _on_one_grid(recording: Recording, joint: str, bound: Mapping[str, Bound], run: int, noise: bool) -> JointSignals:
-    moving = {role: b for role, b in bound.items() if b.constant is None}
-    if not moving:
-        raise BindingError(f"joint '{joint}': every role is a constant; there is nothing to estimate from")
-    period = min(b.period for b in moving.values())
-    if period <= 0:
-        raise BindingError(f"{recording.path.name}: the time stamps of joint '{joint}' do not advance")
-    origin = origin_of(recording)
-    segments = common_segments(recording.path.name, joint, (own_stretches(b) for b in moving.values()))
-    grids = [grid_of(segment, moving, period) for segment in segments]
-    stamps = grids[0] if len(grids) == 1 else np.concatenate(grids)
-    starts = np.zeros(stamps.size, dtype=np.bool_)
-    starts[np.cumsum([0, *[g.size for g in grids[:-1]]])] = True
-    roles: dict[str, Array] = {}
-    for role, b in bound.items():
-        roles[role] = np.full(stamps.size, b.constant) if b.constant is not None else on_grid(b, stamps)
-    starts |= after_long_silence(roles)[0]
-    turned = on_the_same_turn(roles, starts, [role for role, b in moving.items() if b.wrapped])
-    roles |= turned
-    return JointSignals(
-        joint,
-        period * 1e-9,
-        stamps,
-        (stamps - origin).astype(np.float64) * 1e-9,
-        roles,
-        starts,
-        np.full(stamps.size, run, dtype=np.int32),
-        resolution={
-            role: resolution_of(b.values) if b.resolution is None else coarser(b.resolution, b.values)
-            for role, b in moving.items()
-        },
-        findings=(
-            *binding_findings(joint, segments, {role: tally_of(b) for role, b in moving.items()}, origin),
-            *turned_findings(joint, turned),
-        ),
-        interpolated={
-            role: own
-            for role, b in (moving.items() if noise else ())
-            if (own := interpolated_noise(b, stamps, period)) is not None
-        },
-    )
-
-
-def turned_findings(joint: str, turned: Collection[str]) -> Iterator[Finding]:
-    """Yield of roles that they were turned by whole turns."""
-    for role in turned:
-        yield Finding(code="encoder.other_turn", joint=joint, part=role, severity="info")
-
-
-def less_series(
+def _less_series(
     log: str, recorded: Mapping[str, Array], offered: Mapping[str, Signal], wanted: Collection[str]
 ) -> dict[str, Array]:
     """Take off each deflection what a part in series adds to it under the measured torque, and keep the wanted roles.
@@ -304,7 +281,7 @@ def less_series(
     return {role: roles[role] for role in roles if role in wanted}
 
 
-def refuse_other_rates(name: str, runs: Sequence[float]) -> None:
+def _refuse_other_rates(name: str, runs: Sequence[float]) -> None:
     """Refuse runs whose periods [s] differ.
 
     Raises
@@ -320,7 +297,7 @@ def refuse_other_rates(name: str, runs: Sequence[float]) -> None:
         )
 
 
-def least_steps(runs: Sequence[Mapping[str, float]], roles: Collection[str]) -> dict[str, float]:
+def _least_steps(runs: Sequence[Mapping[str, float]], roles: Collection[str]) -> dict[str, float]:
     """Return role → resolution over all runs: the least that could be told."""
     if len(runs) == 1:
         return dict(runs[0])
@@ -328,27 +305,7 @@ def least_steps(runs: Sequence[Mapping[str, float]], roles: Collection[str]) -> 
     return {role: min(found) for role, found in steps.items() if found}
 
 
-def _concatenate(name: str, pieces: Sequence[JointSignals], run_names: tuple[str, ...]) -> JointSignals:
-    first = pieces[0]
-    refuse_other_rates(name, [p.period for p in pieces])
-    if len(pieces) == 1:
-        return replace(first, run_names=run_names)
-    return JointSignals(
-        name,
-        first.period,
-        np.concatenate([p.stamps for p in pieces]),
-        np.concatenate([p.time for p in pieces]),
-        {role: np.concatenate([p.roles[role] for p in pieces]) for role in first.roles},
-        np.concatenate([p.starts for p in pieces]),
-        np.concatenate([p.run for p in pieces]),
-        run_names,
-        least_steps([p.resolution for p in pieces], first.roles),
-        tuple(finding for p in pieces for finding in p.findings),
-        noisiest([p.interpolated for p in pieces]),
-    )
-
-
-def noisiest(runs: Sequence[Mapping[str, Interpolated]]) -> dict[str, Interpolated]:
+def _noisiest(runs: Sequence[Mapping[str, Interpolated]]) -> dict[str, Interpolated]:
     """Return role → the noise of the run that has most of it, of roles that were interpolated in any."""
     every = sorted((item for run in runs for item in run.items()), key=lambda item: item[1].deviation)
     return dict(every)

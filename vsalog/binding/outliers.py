@@ -7,6 +7,7 @@ a push of four samples or more, noise of whatever shape.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -39,66 +40,47 @@ WRAPS, WITHIN = 0.9, 1.01
 
 @dataclass(frozen=True, slots=True)
 class Usual:
-    """What is usual of a signal, which tells what stands alone.
+    """How far a signal usually is from its running median.
 
     Attributes
     ----------
-    jump : no sample stands alone where none is jumped to by more than this
-    anew : the encoder counts anew after a turn
-    least : how far from the running median a sample is at least that stands alone
+    least : how far a sample is at least that stands alone
     low, high : the least and the greatest of the running median
     """
 
-    jump: float
-    anew: bool
     least: float
     low: float
     high: float
 
 
-def stand_alone(values: Array, turn: float | None = None) -> Flags | None:
-    """Return where samples stand alone, None where none does.
+class Outliers:
+    """What tells which samples of a signal stand alone.
 
     Parameters
     ----------
-    values : shape (N,), as recorded, NaN where missing
+    seen : shape (N,), the signal as recorded, or as much of it as is known, NaN where missing
     turn : after which an encoder may begin anew, in the unit of the values; None for what is no angle
-
-    Returns
-    -------
-    shape (N,)
     """
-    kept, known, steps = _known(values)
-    if known.size < SHORTEST:
-        return None
-    anew = _anew(known, steps, turn)
-    # Cheap, and most logs end here: whoever stands alone was jumped to.
-    if not _greatest(steps, turn, anew) > _jump(known, turn):
-        return None
-    middle = _middle(known)
-    usual = _usual(known, middle, turn)
-    return _everywhere(values, kept, _alone(known, _left(known, middle, turn), usual, turn))
 
+    def __init__(self, seen: Array, turn: float | None = None) -> None:
+        _, self._seen, steps = _known(seen)
+        self._turn, self._long = turn, self._seen.size >= SHORTEST
+        if self._long:
+            self._anew = _anew(self._seen, steps, turn)
+            self._jump = _jump(self._seen, turn)
 
-def usual_of(values: Array, turn: float | None = None) -> Usual | None:
-    """Return what is usual of a signal; None where it is too short to tell. Parameters as for `stand_alone`."""
-    _, known, _ = _known(values)
-    return None if known.size < SHORTEST else _usual(known, _middle(known), turn)
+    @cached_property
+    def _usual(self) -> Usual:
+        return _usual(self._seen, _middle(self._seen), self._turn)
 
-
-def stand_alone_among(values: Array, usual: Usual, turn: float | None = None) -> Flags | None:
-    """Return where samples of a part of a signal stand alone, None where none does.
-
-    Parameters
-    ----------
-    values, turn : as for `stand_alone`
-    usual : of the whole signal, or of as much of it as is known
-    """
-    kept, known, steps = _known(values)
-    if known.size < WIDTH or not _greatest(steps, turn, usual.anew) > usual.jump:
-        return None
-    left = _left(known, _middle(known), turn, usual)
-    return _everywhere(values, kept, _alone(known, left, usual, turn))
+    def among(self, values: Array) -> Flags | None:
+        """Return where samples of a part of the signal stand alone, shape (n,); None where none does."""
+        kept, known, steps = _known(values)
+        # Cheap, and most logs end here: whoever stands alone was jumped to.
+        if not self._long or known.size < WIDTH or not _greatest(steps, self._turn, self._anew) > self._jump:
+            return None
+        left = _left(known, _middle(known), self._turn, self._anew, self._usual)
+        return _everywhere(values, kept, _alone(known, left, self._usual, self._turn))
 
 
 def _known(values: Array) -> tuple[Flags | None, Array, Array]:
@@ -149,11 +131,13 @@ def _middle(known: Array) -> Array:
     return np.asarray(median_filter(known, WIDTH, mode="mirror"))
 
 
-def _left(known: Array, middle: Array, turn: float | None, usual: Usual | None = None) -> Array:
+def _left(
+    known: Array, middle: Array, turn: float | None, anew: bool | None = None, usual: Usual | None = None
+) -> Array:
     """Return how far each sample is from the running median, the shorter way round where the encoder counts anew."""
     left = known - middle
     if turn is not None and bool((np.abs(left) > WRAPS * turn).any()):
-        if not (usual.anew if usual is not None else _begins_anew(known, turn)):
+        if not (_begins_anew(known, turn) if anew is None else anew):
             return left
         low, high = (usual.low, usual.high) if usual is not None else (middle.min(), middle.max())
         # What is out of the turn altogether was counted by nobody.
@@ -193,8 +177,7 @@ def _usual(known: Array, middle: Array, turn: float | None) -> Usual:
     far = size > least
     # Of few samples a sensor's steps make a large part.
     least = max(least, STEPS * _step(known, far)) if far.any() else least
-    anew = _anew(known, np.diff(known), turn)
-    return Usual(_jump(known, turn), anew, least, float(middle.min()), float(middle.max()))
+    return Usual(least, float(middle.min()), float(middle.max()))
 
 
 def _alone(known: Array, left: Array, usual: Usual, turn: float | None) -> Flags:

@@ -82,8 +82,12 @@ class Source:
             raise BindingError(
                 f"{self.where} reaches {greatest:.3g} in SI: is its unit, its offset or the gear ratio in the rig right?"
             )
-        stamps = stamps - round(signal.delay * 1e9) if signal.delay else stamps
-        return Bound(stamps, values, period, resolution)
+        return Bound(stamps + self.shift if self.shift else stamps, values, period, resolution)
+
+    @property
+    def shift(self) -> int:
+        """How much later than its stamp a sample was taken [ns]."""
+        return -round(self.signal.delay * 1e9)
 
     def for_parts(self) -> Source:
         """Return the same for parts of a channel, of which nobody asks what the sensor's step is."""

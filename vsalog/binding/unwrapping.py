@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping
+from collections.abc import Collection
 from dataclasses import dataclass
 from itertools import pairwise
 
@@ -25,22 +25,6 @@ class Unwrapping:
 
     last: float = np.nan
     correction: float = 0.0
-
-
-def unwrapped(values: Array, turn: float) -> tuple[Array, bool]:
-    """Return a position without the jumps of an encoder that begins anew after a turn, and whether it has any.
-
-    Parameters
-    ----------
-    values : shape (n,), NaN where missing
-    turn : in the unit of the values
-    """
-    filled = np.isfinite(values)
-    known = values if filled.all() else values[filled]
-    jumps = np.abs(np.diff(known)) > JUMP * turn
-    if not jumps.any() or not begins_anew(float(np.ptp(known)), turn):
-        return values, False
-    return unwrapped_on(values, turn, Unwrapping())[0], True
 
 
 def begins_anew(span: float, turn: float) -> bool:
@@ -92,28 +76,6 @@ class SameTurn:
     ever: bool = False
 
 
-def on_the_same_turn(roles: Mapping[str, Array], starts: Flags, wrapped: Collection[str]) -> dict[str, Array]:
-    """Return the motor positions that have to be turned by whole turns for the deflection to begin within half a turn.
-
-    An encoder that wraps does not tell which turn it is on, neither at the beginning nor after a gap: the motor and the
-    link may begin on different sides of the jump, with most of a turn between them that is no deflection. A later run is
-    put onto the turn on which it begins nearest to the one before.
-
-    Parameters
-    ----------
-    roles : of a joint, on one grid [rad]
-    starts : where a run begins
-    wrapped : the roles that begin anew after a turn of the joint
-    """
-    out: dict[str, Array] = {}
-    for role in turnable(roles, wrapped):
-        state = SameTurn()
-        turned = turned_on(roles["link_position"], roles[role], starts, state)
-        if state.ever:
-            out[role] = turned
-    return out
-
-
 def turnable(roles: Collection[str], wrapped: Collection[str]) -> list[str]:
     """Return the motor positions that may be on another turn than the link."""
     motors = [role for role in roles if role.startswith("motor_position")] if "link_position" in roles else []
@@ -121,7 +83,11 @@ def turnable(roles: Collection[str], wrapped: Collection[str]) -> list[str]:
 
 
 def turned_on(link: Array, theta: Array, starts: Flags, state: SameTurn) -> Array:
-    """Return the next part of a motor's position on the link's turn.
+    """Return the next part of a motor's position, turned by whole turns for the deflection to begin within half a turn.
+
+    An encoder that wraps does not tell which turn it is on, neither at the beginning nor after a gap: the motor and the
+    link may begin on different sides of the jump, with most of a turn between them that is no deflection. A later run is
+    put onto the turn on which it begins nearest to the one before.
 
     Parameters
     ----------

@@ -7,13 +7,11 @@ from dataclasses import dataclass
 from typing import Protocol
 
 from vsalog.core.finding import Finding
-from vsalog.core.long_signals import LongSignals
 from vsalog.core.recording import Recording
 from vsalog.core.signals import JointSignals
 from vsalog.core.trace import Trace
 from vsalog.estimators.device import Device
 from vsalog.estimators.fold import Fold
-from vsalog.readers.long_recording import LongRecording
 from vsalog.rig.schema import Joint
 
 
@@ -26,17 +24,17 @@ class Context:
     recordings, setpoints : as they were bound; a fixed set-point per recording [SI], None for none
     device, joint : of the rig
     estimator, read : name of the estimator, and the roles that it reads
-    signals, look : bound, the whole log; and as much of it as is in memory
+    signals, look : bound, the whole log; and what is looked at of it where it is too long for memory, all of it otherwise
     fold : the estimator
     """
 
-    recordings: Sequence[Recording | LongRecording]
+    recordings: Sequence[Recording]
     setpoints: Sequence[float | None]
     device: Device
     joint: Joint
     estimator: str
     read: Sequence[str]
-    signals: JointSignals | LongSignals
+    signals: JointSignals
     look: JointSignals
     fold: Fold
 

@@ -17,16 +17,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vsalog.binding.joint import bind, offered_roles
-from vsalog.binding.long_joint import bind_long
 from vsalog.checks.check import Context
 from vsalog.checks.motor_reference import motor_roles, motor_trace
 from vsalog.core.errors import VsalogError
 from vsalog.core.finding import Evidence, Finding
+from vsalog.core.look import of_signals
 from vsalog.core.recording import Recording
 from vsalog.core.signals import JointSignals
 from vsalog.core.trace import Trace
 from vsalog.estimators.device import Device
-from vsalog.readers.long_recording import LongRecording
 from vsalog.rig.schema import Joint
 
 Array = NDArray[np.float64]
@@ -148,7 +147,7 @@ class CrossCheck:
 
     def __init__(
         self,
-        recordings: Sequence[Recording | LongRecording],
+        recordings: Sequence[Recording],
         device: Device,
         joint: Joint,
         read: Sequence[str],
@@ -383,18 +382,14 @@ def _torque(columns: Mapping[str, Any]) -> tuple[Array, Array, Flags]:
 
 
 def _bound(
-    recordings: Sequence[Recording | LongRecording],
+    recordings: Sequence[Recording],
     name: str,
     joint: Joint,
     roles: Sequence[str],
     setpoints: Sequence[float | None],
 ) -> JointSignals | None:
     """Bind roles, what is looked at of them where a log is too long for memory; None where that is not possible."""
-    short = [recording for recording in recordings if isinstance(recording, Recording)]
     try:
-        if len(short) == len(recordings):
-            return bind(short, name, joint, roles, setpoints)
-        long = [LongRecording.of_short(r) if isinstance(r, Recording) else r for r in recordings]
-        return bind_long(long, name, joint, roles, setpoints).look()
+        return of_signals(bind(recordings, name, joint, roles, setpoints))
     except VsalogError:
         return None

@@ -12,7 +12,6 @@ from vsalog.checks import encoder, sensor, torque
 from vsalog.checks.check import Context, OfSignals
 from vsalog.core.errors import EstimatorError
 from vsalog.core.finding import Evidence, Finding
-from vsalog.core.long_signals import LongSignals
 from vsalog.core.signals import JointSignals
 from vsalog.estimators.device import Device, deflection_of, has_deflection
 
@@ -71,7 +70,7 @@ class Signals:
     def start(self, context: Context) -> OfSignals:
         """Look; of a long log at stretches, and everywhere for what befell a sensor for a while."""
         found, signals = signal_findings(context.device, context.look), context.signals
-        if isinstance(signals, LongSignals):
+        if signals.in_file:
             found = first_of_each((*found, *passing_findings(context.device, signals)))
         return OfSignals(found)
 
@@ -108,7 +107,7 @@ def passing(device: Device, signals: JointSignals) -> Iterator[Finding]:
     yield from sensor.passing(signals)
 
 
-def passing_findings(device: Device, signals: LongSignals) -> Iterator[Finding]:
+def passing_findings(device: Device, signals: JointSignals) -> Iterator[Finding]:
     """Yield what befell a sensor at any time of a log of which only stretches were looked at."""
     return (finding for block in signals.blocks(WHILE) for finding in passing(device, block))
 

@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from vsalog.core.column import is_mapped
 from vsalog.core.errors import BindingError, did_you_mean
 from vsalog.core.finding import Finding
 from vsalog.core.finding_texts import sentence
@@ -80,7 +81,7 @@ class Stream:
 
 @dataclass(frozen=True, slots=True)
 class Recording:
-    """A log in memory: the channels asked for, and what was found on the way.
+    """A log: the channels asked for, and what was found on the way.
 
     Attributes
     ----------
@@ -115,6 +116,11 @@ class Recording:
     def notes(self) -> tuple[str, ...]:
         """What a person should know, in sentences."""
         return tuple(map(sentence, self.findings))
+
+    @property
+    def in_file(self) -> bool:
+        """Whether it is too long for memory, and samples lie in files that are mapped into it."""
+        return any(is_mapped(channel.values) for channel in self.channels.values())
 
     def channel(self, name: str) -> Channel:
         """Return the channel of that name.

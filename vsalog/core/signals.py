@@ -9,6 +9,7 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
+from vsalog.core.column import is_mapped, let_go
 from vsalog.core.finding import Finding
 
 Array = NDArray[np.float64]
@@ -72,6 +73,11 @@ class JointSignals:
         """Number of samples of the longest stretch without a gap."""
         return int(np.diff(np.append(np.flatnonzero(self.starts), len(self))).max())
 
+    @property
+    def in_file(self) -> bool:
+        """Whether they are too long for memory, and lie in files that are mapped into it."""
+        return is_mapped(self.stamps)
+
     def __getitem__(self, part: slice) -> JointSignals:
         return replace(
             self,
@@ -96,7 +102,9 @@ class JointSignals:
     def blocks(self, size: int) -> Iterator[JointSignals]:
         """Cut into blocks of at most `size` samples."""
         for start in range(0, len(self), size):
-            yield self[start : start + size]
+            block = self[start : start + size]
+            yield block
+            let_go(block.stamps, block.time, block.starts, block.run, *block.roles.values())
 
     def between_gaps(self) -> Iterator[JointSignals]:
         """Cut at the gaps, so that only the first sample of a piece can be a start."""

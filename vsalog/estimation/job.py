@@ -18,6 +18,7 @@ from vsalog.checks.cross_check import reference_roles
 from vsalog.core.errors import BindingError, EstimatorError, ReadError, RigError, did_you_mean
 from vsalog.core.finding import Finding, Findings, of_log
 from vsalog.core.finding_texts import sentence
+from vsalog.core.look import of_recording
 from vsalog.core.model import UNITS, ModelFile
 from vsalog.core.recording import Recording
 from vsalog.core.trace import Trace
@@ -29,8 +30,7 @@ from vsalog.estimation.joint import (
     pick_joints,
 )
 from vsalog.estimators.device import device_of
-from vsalog.readers import open_reader, read_within
-from vsalog.readers.long_recording import LongRecording
+from vsalog.readers import open_reader, read
 from vsalog.rig import Rig
 from vsalog.rig.find import find_rig
 from vsalog.rig.guess import guess_roles
@@ -85,7 +85,7 @@ class Job:
     """
 
     logs: tuple[Path, ...]
-    recordings: tuple[Recording | LongRecording, ...]
+    recordings: tuple[Recording, ...]
     rig: Rig
     guessed: bool
     choices: Mapping[str, Choice]
@@ -121,7 +121,7 @@ class Job:
     @property
     def is_long(self) -> bool:
         """Whether a log is too long for memory."""
-        return any(isinstance(recording, LongRecording) for recording in self.recordings)
+        return any(recording.in_file for recording in self.recordings)
 
     def provenance(self) -> dict[str, str]:
         """Return what a result says of where it came from: version, rig, settings, and the input's hashes."""
@@ -177,10 +177,10 @@ def prepare(logs: Sequence[Path | Recording], options: Options, progress: Progre
         raise ReadError("no log was given")
     findings = Findings()
     rig, guessed = _rig(logs[0], options), False
-    read_all: list[Recording | LongRecording] | None = None
+    read_all: list[Recording] | None = None
     if rig is None:
         read_all = _read_all(logs, [None] * len(logs), options, progress)
-        rig, remarks = _guess(_looked_at(read_all[0]))
+        rig, remarks = _guess(of_recording(read_all[0]))
         guessed = True
         findings.add(*remarks)
     rig = rig.with_settings({key: value for key, value in options.set.items() if key != "setpoint"})
@@ -200,9 +200,9 @@ def prepare(logs: Sequence[Path | Recording], options: Options, progress: Progre
         names = [_path(log).name for log in logs]
         wanted = [_Wanted.of(rig, choices, name) for name in names]
         read_all = _read_all(logs, wanted, options, progress)
-    for recording in map(_looked_at, read_all):
+    for recording in read_all:
         findings.add(*of_log(recording.path.name, recording.findings))
-    long = [recording.path.name for recording in read_all if isinstance(recording, LongRecording)]
+    long = [recording.path.name for recording in read_all if recording.in_file]
     findings.add(*(Finding(code="recording.too_long_for_memory", log=name) for name in long))
     paths = tuple(_path(log) for log in logs)
     return Job(paths, tuple(read_all), rig, guessed, choices, setpoints, tuple(findings), options)
@@ -241,27 +241,24 @@ def _path(log: Path | Recording) -> Path:
 
 def _read_all(
     logs: Sequence[Path | Recording], wanted: Sequence[_Wanted | None], options: Options, progress: Progress
-) -> list[Recording | LongRecording]:
+) -> list[Recording]:
     """Read logs; of those whose samples do not fit in memory together, the later ones go to temporary files."""
-    found: list[Recording | LongRecording] = []
+    found: list[Recording] = []
     room = ROOM
     for log, channels in zip(logs, wanted, strict=True):
         found.append(_read(log, channels, options, progress, room))
-        if isinstance(found[-1], Recording):
+        if not found[-1].in_file:
             room = max(0, room - sum(c.values.nbytes + c.stamps.nbytes for c in found[-1].channels.values()))
     return found
 
 
-def _read(
-    log: Path | Recording, wanted: _Wanted | None, options: Options, progress: Progress, room: int
-) -> Recording | LongRecording:
+def _read(log: Path | Recording, wanted: _Wanted | None, options: Options, progress: Progress, room: int) -> Recording:
     if isinstance(log, Recording):
         return log
     progress(f"reading {log.name}")
     channels = None if wanted is None else wanted.needed | wanted.welcome
-    found = read_within(room, log, channels, options.time, options.rate, options.start, options.end)
-    recording = _looked_at(found)
-    missing = sorted((wanted.needed if wanted else set()) - set(recording.channels) - set(recording.unread))
+    found = read(log, channels, options.time, options.rate, options.start, options.end, room)
+    missing = sorted((wanted.needed if wanted else set()) - set(found.channels) - set(found.unread))
     if missing:
         known = open_reader(log, options.rate).catalogue()
         if missing[0] in known.channels:
@@ -275,11 +272,6 @@ def _read(
                 " rig: another estimator may do without it"
             )
     return found
-
-
-def _looked_at(recording: Recording | LongRecording) -> Recording:
-    """Return a recording, of a long one what was looked at."""
-    return recording if isinstance(recording, Recording) else recording.look
 
 
 def _rig(log: Path | Recording, options: Options) -> Rig | None:

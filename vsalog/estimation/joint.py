@@ -9,18 +9,16 @@ import msgspec
 import numpy as np
 
 from vsalog.binding.joint import bind, offered_roles
-from vsalog.binding.long_joint import bind_long
-from vsalog.binding.neighbours import Neighbours, own_and_others
+from vsalog.binding.neighbours import own_and_others
 from vsalog.checks import Checks
 from vsalog.checks.check import Context, without_superseded
 from vsalog.checks.signals import refuse_dead_sensors, whole_windows
 from vsalog.core.errors import EstimatorError, VsalogError, did_you_mean
 from vsalog.core.finding import Finding
 from vsalog.core.finding_texts import sentence
-from vsalog.core.long_signals import LongSignals
+from vsalog.core.look import of_signals
 from vsalog.core.model import JointModel
 from vsalog.core.recording import Recording
-from vsalog.core.signals import JointSignals
 from vsalog.core.trace import Trace
 from vsalog.estimation.summary import JointSummary, Summarizer, findings_of
 from vsalog.estimators.acceleration_group import senses_acceleration
@@ -33,7 +31,6 @@ from vsalog.estimators.registry import method
 from vsalog.estimators.tuning import Tuning, read_tuning
 from vsalog.perturbations import PERTURBATIONS
 from vsalog.perturbations.trials import TRIED_SAMPLES, Subject, run_trials
-from vsalog.readers.long_recording import LongRecording
 from vsalog.rig.schema import Joint, RigFile
 
 Sink = Callable[[Trace], None]
@@ -209,7 +206,7 @@ def _refuse(device: Device, missing: Collection[str]) -> None:
 
 
 def estimate_joint(
-    recordings: Sequence[Recording | LongRecording],
+    recordings: Sequence[Recording],
     name: str,
     joint: Joint,
     choice: Choice,
@@ -223,7 +220,7 @@ def estimate_joint(
 
     Parameters
     ----------
-    recordings : in order; what is learnt from one goes on in the next; where one is long, memory does not grow with them
+    recordings : in order; what is learnt from one goes on in the next; where one is in files, memory does not grow with them
     name, joint : of the rig
     choice : the estimator, of `choose`
     setpoints : a fixed set-point per recording [SI], None for none
@@ -237,9 +234,9 @@ def estimate_joint(
         The recordings do not fit the rig, or the signals do not fit the estimator.
     """
     own, neighbours = own_and_others(choice.roles, {} if rig is None else rig.joint)
-    signals = _bound(recordings, name, joint, own, setpoints, neighbours)
+    signals = bind(recordings, name, joint, own, setpoints, neighbours=neighbours)
     # Filters, scales and priors are derived from it.
-    look = signals if isinstance(signals, JointSignals) else signals.look()
+    look = of_signals(signals)
     device = device_of(name, joint, look.roles, rig)
     refuse_dead_sensors(choice.name, look)
     kept: list[Trace] = []
@@ -292,22 +289,6 @@ def estimate_joint(
             tuple(without_superseded(found, checks.supersedes)),
             Trace.concatenate(kept) if kept else None,
         )
-
-
-def _bound(
-    recordings: Sequence[Recording | LongRecording],
-    name: str,
-    joint: Joint,
-    roles: tuple[str, ...],
-    setpoints: Sequence[float | None],
-    neighbours: Neighbours,
-) -> JointSignals | LongSignals:
-    """Bind a joint's roles, in a temporary file where a recording is too long for memory."""
-    short = [recording for recording in recordings if isinstance(recording, Recording)]
-    if len(short) == len(recordings):
-        return bind(short, name, joint, roles, setpoints, neighbours=neighbours)
-    long = [LongRecording.of_short(r) if isinstance(r, Recording) else r for r in recordings]
-    return bind_long(long, name, joint, roles, setpoints, neighbours=neighbours)
 
 
 def _settings(tuning: Tuning, fold: Fold) -> dict[str, str | float | int | bool]:

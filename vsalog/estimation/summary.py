@@ -11,7 +11,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vsalog.core.finding import Finding
-from vsalog.core.long_signals import LongSignals
 from vsalog.core.signals import JointSignals
 from vsalog.core.trace import Trace
 from vsalog.estimators.device import Device
@@ -125,7 +124,7 @@ class Summarizer:
             s.torque_sum += float(np.sum(fed[both]))
             s.torque_square += float(np.sum(fed[both] ** 2))
 
-    def result(self, signals: JointSignals | LongSignals) -> JointSummary:
+    def result(self, signals: JointSignals) -> JointSummary:
         """Return the figures."""
         parts = tuple(_figures(name, s) for name, s in self.sums.items())
         return JointSummary(

@@ -7,7 +7,6 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from vsalog.core.long_signals import LongSignals
 from vsalog.core.signals import JointSignals
 from vsalog.core.trace import Trace
 
@@ -18,7 +17,7 @@ if TYPE_CHECKING:  # the package imports the estimators, which import this
 BLOCK = 8192
 
 
-def fold_over(fold: Fold, signals: JointSignals | LongSignals, block: int, give: Callable[[Trace], None]) -> Any:
+def fold_over(fold: Fold, signals: JointSignals, block: int, give: Callable[[Trace], None]) -> Any:
     """Go through signals; give out the blocks of the trace the last time, and return the state at the end.
 
     Parameters

@@ -1,6 +1,6 @@
 """Logs → recordings. The format is told by content, never by the name's ending."""
 
 from vsalog.readers.base import Block, Catalogue, ChannelInfo, Reader
-from vsalog.readers.reading import open_container, open_reader, read, read_within
+from vsalog.readers.reading import open_container, open_reader, read
 
-__all__ = ["Block", "Catalogue", "ChannelInfo", "Reader", "open_container", "open_reader", "read", "read_within"]
+__all__ = ["Block", "Catalogue", "ChannelInfo", "Reader", "open_container", "open_reader", "read"]

@@ -14,7 +14,6 @@ import numpy as np
 from vsalog.core.finding import Finding
 from vsalog.core.recording import Values
 from vsalog.core.resolution import STRETCHES
-from vsalog.core.spool import Column
 
 LENGTH = 512
 """Samples of a stretch that is looked at."""
@@ -29,7 +28,7 @@ _LEAST_PART = 0.05  # of the range where no step over all turns is as large, as 
 _PARTS, _CHANGE = 8, 0.5  # how much publishers are apart differs so much among the parts of a stretch
 
 
-def alternating(stream: str, columns: Mapping[str, Column]) -> list[Finding]:
+def alternating(stream: str, columns: Mapping[str, Values]) -> list[Finding]:
     """Return that most channels of a stream that vary go back and forth; nothing where they do not."""
     looked_at = list(columns.values())[:: max(1, len(columns) // _CHANNELS)]
     varying = [found for column in looked_at if (found := _goes_back_and_forth(column)) is not None]
@@ -38,7 +37,7 @@ def alternating(stream: str, columns: Mapping[str, Column]) -> list[Finding]:
     return [Finding(code="recording.values_alternate", part=stream)]
 
 
-def _goes_back_and_forth(column: Column) -> bool | None:
+def _goes_back_and_forth(column: Values) -> bool | None:
     """Tell whether a channel does so in most of its stretches, None where it hardly varies."""
     begins = np.unique(np.linspace(0, max(0, len(column) - LENGTH), STRETCHES).astype(np.int64)).tolist()
     found = [_alternates(column[begin : begin + LENGTH]) for begin in begins]

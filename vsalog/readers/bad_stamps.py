@@ -13,8 +13,8 @@ from collections.abc import Collection
 import numpy as np
 from numpy.typing import NDArray
 
+from vsalog.core.column import PART, parts
 from vsalog.core.recording import Stamps
-from vsalog.core.spool import PART
 from vsalog.readers.clock_steps import AHEAD, NEAR
 from vsalog.readers.reach import NEVER
 from vsalog.readers.time_written import DAY
@@ -41,6 +41,20 @@ def looked_at(kinds: Collection[str], time: str) -> bool:
 def are_few(bad: int, count: int) -> bool:
     """Tell whether so few of the stamps are none that the others are believed."""
     return 0 < FEW * bad <= count
+
+
+def bad_rows(header: Stamps, log: Stamps) -> Stamps:
+    """Return the rows whose header stamp is none, no more than are needed to see that they are not few; see `bad_stamps`."""
+    found, count = [np.empty(0, np.int64)], 0
+    for first, last in parts(header, log):
+        if FEW * count > len(header):
+            break
+        # With the rows next to them that those at the ends are held against.
+        begin, end = max(0, first - REACH), min(len(header), last + REACH)
+        bad = bad_stamps(header[begin:end], log[begin:end])[first - begin : last - begin]
+        found.append(np.flatnonzero(bad) + first)
+        count += found[-1].size
+    return np.concatenate(found)
 
 
 def bad_stamps(header: Stamps, log: Stamps) -> NDArray[np.bool_]:

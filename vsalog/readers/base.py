@@ -89,7 +89,7 @@ class Block:
         Nanoseconds by kind of clock (one of `CLOCKS`), each where the format has it. Publish times that are the log's are the
         same array.
     columns : mapping of str to float64 array, shape (n,)
-        By channel name, NaN where a sample has no such value (`vsalog.core.spool.ABSENT` where a message does not carry it).
+        By channel name, NaN where a sample has no such value (`vsalog.core.column.ABSENT` where a message does not carry it).
     units : mapping of str to str
         Units of the columns that state one.
     timeless : Finding or None

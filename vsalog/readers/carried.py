@@ -12,9 +12,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from vsalog.core.column import ABSENT_BITS, PART, let_go
 from vsalog.core.finding import Evidence, Finding
 from vsalog.core.recording import Values
-from vsalog.core.spool import ABSENT_BITS, PART, Column
 from vsalog.readers.base import MOST_PARTS
 
 MOSTLY = 0.75
@@ -69,10 +69,13 @@ def lacks_any(values: Values) -> bool:
     return bool((values.view(np.int64) == ABSENT_BITS).any())
 
 
-def carried(column: Column) -> _Bits:
+def carried(column: Values) -> _Bits:
     """Return in which messages a value is, a bit each."""
-    begins = range(0, len(column), PART)
-    return np.concatenate([np.packbits(column[k : k + PART].view(np.int64) != ABSENT_BITS) for k in begins])
+    found = []
+    for some in (column[first : first + PART] for first in range(0, len(column), PART)):
+        found.append(np.packbits(some.view(np.int64) != ABSENT_BITS))
+        let_go(some)
+    return np.concatenate(found)
 
 
 def together(columns: Sequence[str], partial: Mapping[str, _Bits], messages: int) -> list[Together]:

@@ -11,8 +11,8 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from vsalog.core.column import PART
 from vsalog.core.recording import Stamps
-from vsalog.core.spool import PART
 
 AHEAD = 60_000_000_000
 """A clock that leaps farther ahead of the log's time [ns] was set; less may be messages that were lost on the way."""

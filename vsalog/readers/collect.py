@@ -2,25 +2,22 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Mapping
+from collections.abc import Collection
 from dataclasses import dataclass, replace
-from functools import partial
 from pathlib import Path
-
-import numpy as np
 
 from vsalog.core.errors import ReadError
 from vsalog.core.finding import Finding, Findings
 from vsalog.core.finding_texts import sentence
 from vsalog.core.printable import plural
-from vsalog.core.recording import Channel, Recording, Stream
-from vsalog.core.spool import Column, Spool, in_memory
+from vsalog.core.recording import Channel, Recording, Stamps, Stream, Values
 from vsalog.readers.alternating import alternating
 from vsalog.readers.base import Reader
 from vsalog.readers.carried import part_stream, stray_names
 from vsalog.readers.gathered import Gathered
+from vsalog.readers.order import Order, in_order
 from vsalog.readers.reach import BEYOND, within_reach
-from vsalog.readers.timing import YEAR_2000, Clock, Order, choose_clock, of_stream, put_in_order
+from vsalog.readers.timing import YEAR_2000, Clock, choose_clock, of_stream, without
 
 # Beyond so many bytes of samples, a log that grows so many times is a bomb.
 FREE_BYTES, MOST_TIMES = 512 * 2**20, 60
@@ -30,18 +27,17 @@ FREE_BYTES, MOST_TIMES = 512 * 2**20, 60
 class Placed:
     """A stream on its clock and in order: what is known of it, its stamps, and its columns by name.
 
-    Of `left_out` samples the header stamp is none.
+    Of `left_out` samples the header stamp is none; `late` is of `Order`.
     """
 
     stream: Stream
-    stamps: Column
-    columns: dict[str, Column]
+    stamps: Stamps
+    columns: dict[str, Values]
     left_out: int
+    late: float
 
 
-def gather(
-    path: Path, reader: Reader, wanted: Collection[str] | None, room: int | None = None
-) -> tuple[dict[str, Gathered], Spool | None]:
+def gather(path: Path, reader: Reader, wanted: Collection[str] | None, room: int | None = None) -> dict[str, Gathered]:
     """Read a log's blocks, stream by stream.
 
     Parameters
@@ -53,14 +49,12 @@ def gather(
     wanted : collection of str or None
         Channels to read and keep; None is all of them.
     room : int or None
-        Bytes of samples beyond which they go to a temporary file; None keeps all in memory.
+        Bytes of samples beyond which they go to temporary files; None keeps all in memory.
 
     Returns
     -------
-    gathered : dict of str to Gathered
+    dict of str to Gathered
         By stream, without the columns that turned out to be text.
-    spool : Spool or None
-        The file they are in, where they went to one.
 
     Raises
     ------
@@ -68,13 +62,13 @@ def gather(
         The log cannot be read, or holds far more samples than a log of its size can.
     """
     gathered: dict[str, Gathered] = {}
-    spool: Spool | None = None
+    in_file = False
     size, most = 0, max(FREE_BYTES, MOST_TIMES * _bytes_of(path))
     absurd = 0
     for block in reader.blocks(wanted):
         block, lost = within_reach(block)
         absurd += lost
-        one = gathered.setdefault(block.stream, Gathered(block.type, spool))
+        one = gathered.setdefault(block.stream, Gathered(block.type, in_file))
         size += one.growth(block)
         if size > most:
             raise ReadError(
@@ -82,10 +76,10 @@ def gather(
                 " recording does; only some channels of it can be read, by their names",
                 path,
             )
-        if room is not None and spool is None and size > room:
-            spool = Spool()
+        if room is not None and not in_file and size > room:
+            in_file = True
             for each in gathered.values():
-                each.to_disk(spool)
+                each.to_file()
         one.add(block)
     if not any(one.count for one in gathered.values()):
         if absurd:
@@ -100,7 +94,7 @@ def gather(
     for one in gathered.values():
         for column in [column for column in one.columns if column in reader.unread]:
             del one.columns[column]  # only the last block tells that a column holds no number at all
-    return _apart(gathered, reader.findings), spool
+    return _apart(gathered, reader.findings)
 
 
 def _apart(gathered: dict[str, Gathered], findings: Findings) -> dict[str, Gathered]:
@@ -118,7 +112,9 @@ def _apart(gathered: dict[str, Gathered], findings: Findings) -> dict[str, Gathe
     return found
 
 
-def collect(path: Path, reader: Reader, wanted: Collection[str] | None, time: str) -> Recording:
+def collect(
+    path: Path, reader: Reader, wanted: Collection[str] | None, time: str, room: int | None = None
+) -> Recording:
     """Read a log's blocks into a recording; parameters and errors as for `gather`.
 
     Parameters
@@ -126,44 +122,13 @@ def collect(path: Path, reader: Reader, wanted: Collection[str] | None, time: st
     time : str
         ``auto``, ``header``, ``log`` or ``publish``, see `vsalog.readers.read`.
     """
-    return recording_of(path, reader, gather(path, reader, wanted)[0], time)
-
-
-def recording_of(path: Path, reader: Reader, gathered: Mapping[str, Gathered], time: str) -> Recording:
-    """Put gathered streams, in memory, on their clocks and in order."""
-    outline, samples = assembled(path, reader, gathered, partial(_placed, time=time))
-    filled = {
-        name: replace(outline.channels[name], stamps=in_memory(stamps), values=in_memory(values))
-        for name, (stamps, values) in samples.items()
-    }
-    return replace(outline, channels=filled)
-
-
-def assembled(
-    path: Path, reader: Reader, gathered: Mapping[str, Gathered], place: Callable[[str, Gathered], Placed]
-) -> tuple[Recording, dict[str, tuple[Column, Column]]]:
-    """Make a recording of gathered streams.
-
-    Parameters
-    ----------
-    path, reader, gathered : as `gather` has them
-    place : function
-        Puts a stream, by its name, on its clock and in order.
-
-    Returns
-    -------
-    outline : Recording
-        Without samples.
-    samples : dict of str to (Column, Column)
-        Stamps and values of its channels.
-    """
+    gathered = gather(path, reader, wanted, room)
     channels: dict[str, Channel] = {}
-    samples: dict[str, tuple[Column, Column]] = {}
     streams: dict[str, Stream] = {}
     findings = Findings(reader.findings)
     dates: list[bool] = []
     for name, one in gathered.items():
-        placed = place(name, one)
+        placed = _placed(name, one, time)
         streams[name] = placed.stream
         findings.add(*clock_findings(placed), *alternating(name, placed.columns))
         if len(placed.stamps):
@@ -173,10 +138,8 @@ def assembled(
             reader.unread.update(dict.fromkeys(placed.columns, _coarse(placed.stream)))
             continue
         for column, values in placed.columns.items():
-            none = np.empty(0, np.int64), np.empty(0)
-            channels[column] = Channel(column, *none, one.units.get(column), name, one.type)
-            samples[column] = placed.stamps, values
-    outline = Recording(
+            channels[column] = Channel(column, placed.stamps, values, one.units.get(column), name, one.type)
+    return Recording(
         path=path,
         format=reader.format,
         channels=channels,
@@ -186,7 +149,6 @@ def assembled(
         findings=tuple(findings),
         absolute_time=all(dates),
     )
-    return outline, samples
 
 
 def _coarse(stream: Stream) -> str:
@@ -206,20 +168,12 @@ def _bytes_of(path: Path) -> int:
 
 def _placed(name: str, one: Gathered, time: str) -> Placed:
     """Put a stream on its clock and in order."""
-    clock = choose_clock({kind: in_memory(stamps) for kind, stamps in one.joined_clocks().items()}, time)
+    clock = choose_clock(one.joined_clocks(), time)
     if clock.source == "none":
         clock = replace(clock, reason=one.timeless)
-    columns = {column: in_memory(one.take_column(column)) for column in list(one.columns)}
-    left_out = 0
-    if clock.bad is not None:
-        left_out = int(np.count_nonzero(clock.bad))
-        for column in columns:
-            columns[column] = columns[column][~clock.bad]
-    order = put_in_order(clock.stamps, list(columns.values()))
-    stamps = order.kept(clock.stamps)
-    # Taken one by one, so that there are not two of each at once.
-    kept: dict[str, Column] = {column: order.kept(columns.pop(column)) for column in list(columns)}
-    return Placed(summary(name, one.type, len(stamps), clock, order), stamps, kept, left_out)
+    columns = {column: without(clock.bad, one.take_column(column)) for column in list(one.columns)}
+    stamps, columns, order = in_order(clock.stamps, columns)
+    return Placed(summary(name, one.type, len(stamps), clock, order), stamps, columns, clock.bad.size, order.late)
 
 
 def summary(name: str, kind: str, count: int, clock: Clock, order: Order) -> Stream:
@@ -252,5 +206,6 @@ def clock_findings(placed: Placed) -> list[Finding]:
             part=stream.name,
             value=placed.left_out,
         ),
+        Finding(code="recording.held_in_memory", part=stream.name, value=placed.late, unit="s"),
     )
     return [*found, *(one for one in counts if one.value)]

@@ -9,8 +9,8 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
+from vsalog.core.column import ABSENT
 from vsalog.core.recording import Stamps, Values
-from vsalog.core.spool import ABSENT
 from vsalog.readers.definitions import Struct, Time
 from vsalog.readers.fields import Fields
 from vsalog.readers.frames import has_frame, header_frames

@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection
+from collections.abc import Collection
 from dataclasses import dataclass, replace
-from functools import partial
 from os import PathLike
 from pathlib import Path
 
@@ -16,8 +15,6 @@ from vsalog.readers.base import Reader
 from vsalog.readers.collect import collect
 from vsalog.readers.container import Container
 from vsalog.readers.joined import opened_mcap, opened_rosbag1
-from vsalog.readers.long_log import collect_within
-from vsalog.readers.long_recording import LongRecording
 from vsalog.readers.matlab import MatlabReader
 from vsalog.readers.parquet import ParquetReader
 from vsalog.readers.remote import downloaded, local
@@ -25,8 +22,6 @@ from vsalog.readers.rosbag2 import FolderContainer, bag_file, counted
 from vsalog.readers.sniff import sniff
 from vsalog.readers.table import TableReader
 from vsalog.readers.window import Window, cut
-
-Collect = Callable[[Path, Reader, Collection[str] | None, str], Recording | LongRecording]
 
 TIMES = ("auto", "header", "log", "publish")
 
@@ -69,6 +64,7 @@ def read(
     rate: float | None = None,
     start: str | float | None = None,
     end: str | float | None = None,
+    room: int | None = None,
 ) -> Recording:
     """Read a log, or some channels of it.
 
@@ -87,6 +83,9 @@ def read(
     start, end : str or float, optional
         Keep what lies between these, both included: seconds from the log's beginning (the first sample of all its streams), a
         number with a unit such as ``"2 min"``, an ISO 8601 date (UTC where it has no zone), or a time since the epoch.
+    room : int, optional
+        Bytes of memory for samples; where they take more, they lie in temporary files that are mapped into it, see
+        `vsalog.core.column`. None keeps all in memory.
 
     Returns
     -------
@@ -98,74 +97,50 @@ def read(
     ReadError
         The log cannot be read, holds nothing from `start` to `end`, or one of the options is impossible.
     """
-    recording = _read(path, _Asked(collect, wanted, time, rate, start, end))
-    assert isinstance(recording, Recording)
-    return recording
-
-
-def read_within(
-    room: int,
-    path: str | PathLike[str],
-    wanted: Collection[str] | None = None,
-    time: str = "auto",
-    rate: float | None = None,
-    start: str | float | None = None,
-    end: str | float | None = None,
-) -> Recording | LongRecording:
-    """Read a log as `read` does, into a temporary file where its samples would take more than `room` bytes of memory."""
-    return _read(path, _Asked(partial(collect_within, room=room), wanted, time, rate, start, end))
+    if time not in TIMES:
+        raise ReadError(f"time is one of {', '.join(TIMES)}, not '{time}'")
+    path = Path(path)
+    file = local(path)
+    channels = None if wanted is None else frozenset(wanted)
+    try:
+        recording = _read_file(file, _Asked(channels, time, rate, start, end, room))
+    except ReadError as error:
+        raise error.moved(file, path) from None
+    if file is path:
+        return recording
+    return replace(recording, path=path, findings=(downloaded(file), *recording.findings))
 
 
 @dataclass(frozen=True, slots=True)
 class _Asked:
-    """What is asked for of a log, see `read`; `collect` makes a recording of it."""
+    """What is asked for of a log, see `read`."""
 
-    collect: Collect
     wanted: Collection[str] | None
     time: str
     rate: float | None
     start: str | float | None
     end: str | float | None
+    room: int | None
+
+    def collect(self, path: Path, reader: Reader) -> Recording:
+        """Make a recording of a log that was opened."""
+        return collect(path, reader, self.wanted, self.time, self.room)
 
 
-def _read(path: str | PathLike[str], asked: _Asked) -> Recording | LongRecording:
-    """Read a log from wherever it is."""
-    if asked.time not in TIMES:
-        raise ReadError(f"time is one of {', '.join(TIMES)}, not '{asked.time}'")
-    path = Path(path)
-    file = local(path)
-    try:
-        recording = _read_file(file, asked)
-    except ReadError as error:
-        raise error.moved(file, path) from None
-    if file is path:
-        return recording
-    known = recording if isinstance(recording, Recording) else recording.look
-    told = replace(known, path=path, findings=(downloaded(file), *known.findings))
-    return told if isinstance(recording, Recording) else replace(recording, look=told)
-
-
-def _read_file(path: Path, asked: _Asked) -> Recording | LongRecording:
+def _read_file(path: Path, asked: _Asked) -> Recording:
     """Read a log of this computer."""
-    wanted, time = None if asked.wanted is None else frozenset(asked.wanted), asked.time
     if asked.start is None and asked.end is None:
-        return asked.collect(path, open_reader(path, asked.rate), wanted, time)
+        return asked.collect(path, open_reader(path, asked.rate))
     first = open_reader(path, asked.rate)
-    bounds = Window.parse(asked.start, asked.end).bounds(first, path, time)
+    bounds = Window.parse(asked.start, asked.end).bounds(first, path, asked.time)
     part = open_reader(path, asked.rate)
-    if isinstance(part, BagReader) and part.narrow(*bounds, time, wanted):
-        known = {name for name in first.catalogue().channels if wanted is None or name in wanted}
+    if isinstance(part, BagReader) and part.narrow(*bounds, asked.time, asked.wanted):
+        known = {name for name in first.catalogue().channels if asked.wanted is None or name in asked.wanted}
         try:
-            return _cut(asked.collect(path, part, wanted, time), *bounds, known)
+            return cut(asked.collect(path, part), *bounds, known)
         except ReadError:  # nothing lies there: what the whole log has tells where to look
             part = open_reader(path, asked.rate)
-    return _cut(asked.collect(path, part, wanted, time), *bounds)
-
-
-def _cut(
-    recording: Recording | LongRecording, low: int, high: int, known: Collection[str] = ()
-) -> Recording | LongRecording:
-    return cut(recording, low, high, known) if isinstance(recording, Recording) else recording.cut(low, high, known)
+    return cut(asked.collect(path, part), *bounds)
 
 
 def open_container(path: Path, kind: str) -> Container:

@@ -7,28 +7,28 @@ from __future__ import annotations
 
 import numpy as np
 
+from vsalog.core.column import parts
 from vsalog.core.recording import Stamps
-from vsalog.core.spool import Column, parts
 from vsalog.readers.bad_stamps import COUNTED, REACH, are_few
 from vsalog.readers.clock_steps import AHEAD
 
 
-def stamps_that_are_none(stamps: Column) -> Stamps:
+def stamps_that_are_none(stamps: Stamps) -> Stamps:
     """Return the rows whose stamps [ns] cannot be the time of their samples, in order.
 
     Parameters
     ----------
-    stamps : int64 array or column on disk, shape (n,)
+    stamps : int64 array, shape (n,)
         In the order of the log.
     """
     unset = _of_other_times(stamps)
-    lone = np.concatenate([np.empty(0, np.int64), *(_lone(stamps, first, last) for first, last in parts(len(stamps)))])
+    lone = np.concatenate([np.empty(0, np.int64), *(_lone(stamps, first, last) for first, last in parts(stamps))])
     return np.union1d(unset, lone) if are_few(lone.size, len(stamps)) else unset
 
 
-def _of_other_times(stamps: Column) -> Stamps:
+def _of_other_times(stamps: Stamps) -> Stamps:
     """Return the rows of dates where most stamps are counted from some start, or the other way round."""
-    dated = [np.flatnonzero(stamps[first:last] >= COUNTED) + first for first, last in parts(len(stamps))]
+    dated = [np.flatnonzero(stamps[first:last] >= COUNTED) + first for first, last in parts(stamps)]
     count = sum(rows.size for rows in dated)
     if not 0 < count < len(stamps):
         return np.empty(0, np.int64)
@@ -36,7 +36,7 @@ def _of_other_times(stamps: Column) -> Stamps:
     return rows if 2 * count < len(stamps) else np.delete(np.arange(len(stamps)), rows)
 
 
-def _lone(stamps: Column, first: int, last: int) -> Stamps:
+def _lone(stamps: Stamps, first: int, last: int) -> Stamps:
     """Return rows from the `first` to the `last` whose stamps are far from the middle of those around them."""
     begin, end = max(0, first - REACH), min(len(stamps), last + REACH)
     some = stamps[begin:end]

@@ -1,4 +1,4 @@
-"""Which clock a stream is on, in what order its samples are, and which of them are copies."""
+"""Which clock a stream is on."""
 
 from __future__ import annotations
 
@@ -10,11 +10,13 @@ import numpy as np
 from msgspec import structs
 from numpy.typing import NDArray
 
+from vsalog.core.column import Column, is_mapped, parts
 from vsalog.core.finding import Finding
+from vsalog.core.look import joined, stretches
 from vsalog.core.recording import Stamps
-from vsalog.core.spool import Column, parts
-from vsalog.readers.bad_stamps import FEW, are_few, bad_stamps, looked_at
-from vsalog.readers.base import CLOCKS
+from vsalog.core.resolution import STRETCHES
+from vsalog.readers.bad_stamps import FEW, are_few, bad_rows, looked_at
+from vsalog.readers.base import BLOCK_ROWS, CLOCKS
 from vsalog.readers.clock_steps import ClockSteps
 from vsalog.readers.table_stamps import stamps_that_are_none
 from vsalog.readers.time_written import DAY
@@ -28,7 +30,8 @@ STANDING = Finding(code="clock.log_stands")
 MANY_BAD = Finding(code="clock.many_stamps_far", limit=FEW)
 
 Number = TypeVar("Number", np.int64, np.float64)
-Clocked = TypeVar("Clocked", bound=Column)
+
+_NONE = np.empty(0, np.int64)
 
 
 @dataclass(frozen=True, slots=True)
@@ -45,8 +48,8 @@ class Clock:
         Why not the first choice, or what to doubt of it where it was asked for.
     delay_median, delay_spread : float
         Log time minus header stamp [s]: median and 5–95 % range; NaN where there is one clock only.
-    bad : bool array, shape (m,), or None
-        Which of the log's m samples have a header stamp that is none and are left out; None where all are kept.
+    bad : int64 array
+        The log's samples that have a stamp that is none and are left out, in order.
     """
 
     source: str
@@ -54,30 +57,7 @@ class Clock:
     reason: Finding | None
     delay_median: float
     delay_spread: float
-    bad: NDArray[np.bool_] | None = None
-
-
-@dataclass(frozen=True, slots=True)
-class Order:
-    """How to bring samples into strictly increasing order.
-
-    Attributes
-    ----------
-    keep : int64 array, shape (m,), or None
-        Indices of the samples to keep, in order; None means all as they are.
-    inversions, duplicates, conflicts : int
-        Samples earlier than one before them, exact copies, and samples with the stamp of another but other values.
-        Samples that have values where others of their stamp have none are none of these: nothing of them is lost.
-    """
-
-    keep: NDArray[np.intp] | None
-    inversions: int
-    duplicates: int
-    conflicts: int
-
-    def kept(self, values: NDArray[Number]) -> NDArray[Number]:
-        """Return the values that are kept, in order."""
-        return values if self.keep is None else values[self.keep]
+    bad: Stamps = field(default_factory=lambda: _NONE)
 
 
 def choose_clock(clocks: Mapping[str, Stamps], time: str) -> Clock:
@@ -95,30 +75,37 @@ def choose_clock(clocks: Mapping[str, Stamps], time: str) -> Clock:
     if len(running) < len(clocks):
         return replace(_chosen(running, time), reason=STANDING)
     if looked_at(clocks, time):
-        bad = bad_stamps(clocks["header"], clocks["log"])
-        if not bad.any():
-            return _chosen(clocks, time)
-        if not are_few(int(np.count_nonzero(bad)), bad.size):
-            return _chosen(clocks, time, MANY_BAD)
-        clock = _chosen({kind: stamps[~bad] for kind, stamps in clocks.items()}, time)
+        bad = bad_rows(clocks["header"], clocks["log"])
+        if not are_few(bad.size, len(clocks["log"])):
+            return _chosen(clocks, time, MANY_BAD if bad.size else None)
+        clock = _chosen({kind: without(bad, stamps) for kind, stamps in clocks.items()}, time)
         return replace(clock, bad=bad) if clock.source == "header" else _chosen(clocks, time, clock.reason)
-    if "column" in clocks and (rows := stamps_that_are_none(clocks["column"])).size:
-        bad = np.zeros(len(clocks["column"]), np.bool_)
-        bad[rows] = True
-        return replace(_chosen({kind: stamps[~bad] for kind, stamps in clocks.items()}, time), bad=bad)
+    if "column" in clocks and (bad := stamps_that_are_none(clocks["column"])).size:
+        return replace(_chosen({kind: without(bad, stamps) for kind, stamps in clocks.items()}, time), bad=bad)
     return _chosen(clocks, time)
 
 
-def running_clocks(clocks: Mapping[str, Clocked], time: str) -> dict[str, Clocked]:
+def without(rows: Stamps, column: NDArray[Number]) -> NDArray[Number]:
+    """Return a column without some rows, given in order."""
+    if not rows.size:
+        return column
+    out = Column(column.dtype.type, len(column) - rows.size, in_file=is_mapped(column))
+    for first, last in parts(column):
+        own = rows[slice(*np.searchsorted(rows, (first, last)))]
+        out.append(np.delete(column[first:last], own - first))
+    return out.whole(len(out))
+
+
+def running_clocks(clocks: Mapping[str, Stamps], time: str) -> dict[str, Stamps]:
     """Return the clocks of a stream; where the log's stands still and is not asked for, those that go on, if any does."""
     if time not in ("auto", "header") or "log" not in clocks or not _stands(clocks["log"]):
         return dict(clocks)
     return {kind: stamps for kind, stamps in clocks.items() if not _stands(stamps)} or dict(clocks)
 
 
-def _stands(stamps: Column) -> bool:
+def _stands(stamps: Stamps) -> bool:
     """Tell whether all stamps of a stream are the same."""
-    return len(stamps) > 2 and all(bool((stamps[a:b] == stamps[0:1][0]).all()) for a, b in parts(len(stamps)))
+    return len(stamps) > 2 and all(bool((stamps[a:b] == stamps[0]).all()) for a, b in parts(stamps))
 
 
 def _chosen(clocks: Mapping[str, Stamps], time: str, otherwise: Finding | None = None) -> Clock:
@@ -171,7 +158,8 @@ def implausible(header: Stamps, log: Stamps) -> Finding | None:
         Header stamps and log times [ns].
     """
     seen = HeaderStamps()
-    seen.add(header, log)
+    for first, last in parts(header, log):
+        seen.add(header[first:last], log[first:last])
     return seen.doubt()
 
 
@@ -229,41 +217,10 @@ def delay_of(clocks: Mapping[str, Stamps], source: str) -> tuple[float, float]:
     """Return log time minus header stamp [s], median and 5-95 % range; NaN where the stream is not on header stamps."""
     if source != "header" or "log" not in clocks or not len(clocks["log"]):
         return float("nan"), float("nan")
-    delay = (clocks["log"] - clocks["header"]) * 1e-9
+    header, log = clocks["header"], clocks["log"]
+    if is_mapped(log):
+        some = stretches(len(log), STRETCHES * BLOCK_ROWS)
+        header, log = joined(header, some), joined(log, some)
+    delay = (log - header) * 1e-9
     low, median, high = np.percentile(delay, (5, 50, 95))
     return float(median), float(high - low)
-
-
-def put_in_order(stamps: Stamps, columns: list[NDArray[np.float64]]) -> Order:
-    """Tell how to make stamps strictly increasing.
-
-    Of samples with equal stamps the first in the log is kept, with the first of their values of each column where it has
-    none itself. The others are copies where all their values are the same, and conflicts where one is another.
-
-    Parameters
-    ----------
-    stamps : int64 array, shape (n,)
-        Nanoseconds.
-    columns : list of float64 array, shape (n,)
-        The stream's values; those that kept samples take over from others are put into them.
-    """
-    steps = np.diff(stamps)
-    if not len(steps) or steps.min() > 0:
-        return Order(None, 0, 0, 0)
-    inversions = int(np.count_nonzero(stamps < np.maximum.accumulate(stamps)))
-    if not columns:  # nothing to keep or to compare
-        return Order(None, inversions, 0, 0)
-    order = np.argsort(stamps, kind="stable") if inversions else np.arange(len(stamps))
-    ordered = stamps[order]
-    first = np.concatenate([[True], np.diff(ordered) > 0])
-    leader = order[np.flatnonzero(first)[np.cumsum(first) - 1]]  # the kept sample with the same stamp
-    repeats = np.flatnonzero(~first)
-    copies, agree = np.ones(len(repeats), dtype=bool), np.ones(len(repeats), dtype=bool)
-    for values in columns:
-        mine, kept = values[order[repeats]], values[leader[repeats]]
-        copies &= (mine == kept) | (np.isnan(mine) & np.isnan(kept))
-        taken = np.flatnonzero(np.isnan(kept) & ~np.isnan(mine))[::-1]  # the first last, which remains
-        values[leader[repeats[taken]]] = mine[taken]
-        agree &= (mine == values[leader[repeats]]) | np.isnan(mine)
-    duplicates = int(np.count_nonzero(copies))
-    return Order(order[first], inversions, duplicates, int(np.count_nonzero(~agree)))

@@ -7,10 +7,13 @@ from dataclasses import dataclass, replace
 from datetime import UTC, datetime
 from decimal import Decimal, InvalidOperation
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pyarrow as pa
+from numpy.typing import NDArray
 
+from vsalog.core.column import is_mapped
 from vsalog.core.errors import ReadError, UnitError
 from vsalog.core.recording import Channel, Recording, Stamps
 from vsalog.core.units import parse_quantity, shown
@@ -154,8 +157,8 @@ def cut(recording: Recording, low: int, high: int, known: Collection[str] = ()) 
         elif first == last:
             unread[name] = NO_SAMPLE
         else:
-            stamps = shared.setdefault(id(channel.stamps), channel.stamps[first:last].copy())
-            channels[name] = replace(channel, stamps=stamps, values=channel.values[first:last].copy())
+            stamps = shared.setdefault(id(channel.stamps), _alone(channel.stamps[first:last]))
+            channels[name] = replace(channel, stamps=stamps, values=_alone(channel.values[first:last]))
             streams[channel.stream] = replace(stream, count=int(last - first))
     for name in known:
         if name not in channels:
@@ -165,6 +168,11 @@ def cut(recording: Recording, low: int, high: int, known: Collection[str] = ()) 
     kept = {channel.stream for channel in channels.values()}
     streams = {name: stream for name, stream in streams.items() if name in kept}
     return replace(recording, channels=channels, streams=streams, unread=unread)
+
+
+def _alone(part: NDArray[Any]) -> NDArray[Any]:
+    """Return a part of an array that does not keep all of it in memory."""
+    return part if is_mapped(part) else part.copy()
 
 
 def _nothing(recording: Recording, low: int, high: int) -> str:

@@ -9,9 +9,9 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
 
+from vsalog.core.column import PART
 from vsalog.core.errors import WriteError
 from vsalog.core.recording import Channel, Recording, Stamps
-from vsalog.core.spool import PART
 from vsalog.core.units import split_header
 from vsalog.writers.atomic import atomic_path
 from vsalog.writers.recording_csv import all_stamps

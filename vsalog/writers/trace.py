@@ -14,8 +14,8 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 
 from vsalog.core.arrow import findings_entry
+from vsalog.core.column import PART
 from vsalog.core.finding import Finding
-from vsalog.core.spool import PART
 from vsalog.core.trace import Trace, trace_columns, trace_schema, trace_tables
 from vsalog.writers.atomic import atomic_path
 

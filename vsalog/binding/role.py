@@ -1,0 +1,204 @@
+"""A role of a joint whose samples are gone through in order, part by part.
+
+What is decided from a whole signal (its period, what is usual of it) is decided from what was looked at of it; gaps, an encoder's
+range and which samples stand alone are those of all samples.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vsalog.binding.drive_model import acting_torque, shift_of
+from vsalog.binding.findings import Tally
+from vsalog.binding.grid import GAP, Bound, is_even, less, stamps_where
+from vsalog.binding.outliers import LONGEST, Outliers
+from vsalog.binding.role_source import Source
+from vsalog.binding.unwrapping import JUMP, Unwrapping, begins_anew, unwrapped_on
+from vsalog.binding.zero_order_hold import MARGIN as AROUND
+from vsalog.binding.zero_order_hold import held
+from vsalog.core.column import parts
+from vsalog.core.look import stretches
+from vsalog.core.recording import Channel
+from vsalog.core.resolution import STRETCH, STRETCHES, coarser, resolution_of
+from vsalog.rig.schema import Motor
+
+Array = NDArray[np.float64]
+Flags = NDArray[np.bool_]
+Stamps = NDArray[np.int64]
+Segments = list[tuple[int, int]]
+
+# So many samples on either side tell whether one stands alone; so many reach across what is bridged.
+MARGIN, BRIDGE = 64, 4
+
+
+class Role:
+    """A role of one run.
+
+    Parameters
+    ----------
+    source : where the role comes from
+    channel : its samples
+    seen : what was looked at of them
+    motor : whose torque the role is, where it is to be what acts on the rotor
+    """
+
+    def __init__(self, source: Source, channel: Channel, seen: Channel, motor: Motor | None) -> None:
+        self.source, self.channel, self.motor = source, channel, motor
+        self.period = int(np.median(np.diff(seen.stamps)))
+        self.shift = source.shift + (0 if motor is None else shift_of(motor))
+        self.outliers = Outliers(seen.values, source.turn) if source.may_stand_alone else None
+        self.unwraps = self._unwraps()
+        self.wrapped = self.unwraps and source.joint_turn
+        self.tally = Tally()
+        self._kept: list[tuple[Stamps, Array]] = []
+
+    def parts(self) -> Iterator[Bound]:
+        """Yield the role's samples, in SI; at the end the tally is complete, and `look` knows what it returns."""
+        source, state, at = self.source.for_parts(), Unwrapping(), 0
+        wanted = stretches(len(self.channel.values), STRETCHES * STRETCH)
+        for stamps, values, alone, hung in self._recorded():
+            if self.unwraps:
+                assert self.source.turn is not None
+                values, state = unwrapped_on(values, self.source.turn, state)
+            for first, last in wanted:
+                here = slice(max(0, first - at), max(0, last - at))
+                if values[here].size:
+                    self._kept.append((stamps[here], values[here]))
+            at += values.size
+            bound = self._bound(source, stamps, values)
+            bound = replace(bound, alone=stamps_where(bound, alone), held=stamps_where(bound, hung))
+            self.tally.add(bound)
+            yield bound
+
+    def look(self) -> Bound:
+        """Return stretches of the role's samples, spread evenly, which tell its noise and its sensor's least step."""
+        stamps, values = (np.concatenate(kept) for kept in zip(*self._kept, strict=True))
+        look = self._bound(self.source, stamps, values)
+        step = look.resolution
+        return replace(look, resolution=resolution_of(look.values) if step is None else coarser(step, look.values))
+
+    def stretches(self) -> Segments:
+        """Return the stretches of time, first and last stamp, in which the role has samples without a gap."""
+        found: Segments = []
+        first = last = int(self.channel.stamps[0]) + self.shift
+        count = 0
+        for begin, end in parts(self.channel.stamps):
+            stamps = self.channel.stamps[begin:end] + self.shift
+            at = 0
+            for gap in np.flatnonzero(np.diff(stamps, prepend=last) > GAP * self.period).tolist():
+                if count + gap - at > 1:
+                    found.append((first, last if gap == 0 else int(stamps[gap - 1])))
+                first, at, count = int(stamps[gap]), gap, 0
+            count += stamps.size - at
+            last = int(stamps[-1])
+        return [*found, (first, last)] if count > 1 else found
+
+    def even(self, segments: Segments, period: int) -> list[bool]:
+        """Tell of each segment whether the role's own stamps there are a grid of that period [ns]."""
+        firsts, lasts = np.array(segments, dtype=np.int64).T
+        least = np.full(len(segments), np.iinfo(np.int64).max)
+        greatest = np.full(len(segments), -1)
+        before = np.empty(0, np.int64)
+        for begin, end in parts(self.channel.stamps):
+            stamps = np.concatenate((before, self.channel.stamps[begin:end] + self.shift))
+            of = np.searchsorted(firsts, stamps, "right") - 1
+            inside = (of >= 0) & (stamps <= lasts[of])
+            pair = inside[1:] & inside[:-1] & (of[1:] == of[:-1])
+            steps = np.diff(stamps)[pair]
+            np.minimum.at(least, of[1:][pair], steps)
+            np.maximum.at(greatest, of[1:][pair], steps)
+            before = stamps[-1:]
+        return [g >= 0 and is_even(int(s), int(g), period) for s, g in zip(least, greatest, strict=True)]
+
+    def rows(self, segment: tuple[int, int]) -> tuple[int, int]:
+        """Return the role's first row in a segment, and the first one after it."""
+        first, last = np.searchsorted(self.channel.stamps, (segment[0] - self.shift, segment[1] + 1 - self.shift))
+        return int(first), int(last)
+
+    def _bound(self, source: Source, stamps: Stamps, values: Array) -> Bound:
+        bound = source.bound(stamps, values, self.period)
+        return bound if self.motor is None else acting_torque(bound, self.motor)
+
+    def _recorded(self) -> Iterator[tuple[Stamps, Array, Flags | None, Flags | None]]:
+        """Yield stamps, values as recorded without those that stand alone or were held, and where these are."""
+        for first, last in parts(self.channel.stamps, self.channel.values):
+            if self.outliers is None:
+                yield self.channel.stamps[first:last], self.channel.values[first:last], None, None
+                continue
+            begin, end = max(0, first - AROUND), min(last + AROUND, len(self.channel.values))
+            stamps, alone = self.channel.stamps[begin:end], self._alone(self.outliers, begin, end)
+            values = less(self.channel.values[begin:end], alone)
+            hung = held(stamps, values, self.period, self.source.turn)
+            here = slice(first - begin, last - begin)
+            alone, hung = (None if flags is None else flags[here] for flags in (alone, hung))
+            yield stamps[here], less(values[here], hung), alone, hung
+
+    def _alone(self, outliers: Outliers, first: int, last: int) -> Flags | None:
+        begin = max(0, first - MARGIN)
+        found = outliers.among(self.channel.values[begin : last + MARGIN])
+        return None if found is None else found[first - begin : last - begin]
+
+    def _unwraps(self) -> bool:
+        """Tell whether the role is an encoder that begins anew after a turn: it jumps, and stays within one."""
+        turn = self.source.turn
+        if turn is None:
+            return False
+        values = (self.channel.values[first:last] for first, last in parts(self.channel.values))
+        # Where samples are left out a jump may be cut in as many pieces, and one more.
+        if _span_and_jump(values)[1] * (LONGEST + 1) <= JUMP * turn:
+            return False
+        span, jump = _span_and_jump(values for _, values, *_ in self._recorded())
+        return jump > JUMP * turn and begins_anew(span, turn)
+
+
+def _span_and_jump(parts_of: Iterable[Array]) -> tuple[float, float]:
+    """Return the range of a signal's numbers, and the greatest step from one to the next."""
+    low, high, jump, before = np.inf, -np.inf, 0.0, np.empty(0)
+    for values in parts_of:
+        known = np.concatenate((before, values[np.isfinite(values)]))
+        if known.size:
+            low, high = min(low, float(known.min())), max(high, float(known.max()))
+            jump = max(jump, float(np.abs(np.diff(known)).max(initial=0.0)))
+            before = known[-1:]
+    return high - low, jump
+
+
+class Ahead:
+    """The samples of a role around the rows that are wanted next.
+
+    Parameters
+    ----------
+    role : its parts are gone through
+    """
+
+    def __init__(self, role: Role) -> None:
+        self._parts = role.parts()
+        self._held = next(self._parts)
+
+    def around(self, first: int, last: int) -> Bound:
+        """Return the samples from some before a stamp to some that are not before another."""
+        ours = self._held
+        # What is missing at either end is bridged from beyond.
+        while ours.stamps[-BRIDGE:][0] < last and (part := next(self._parts, None)) is not None:
+            ours = self._from(ours, first)
+            ours = replace(
+                ours,
+                stamps=np.concatenate((ours.stamps, part.stamps)),
+                values=np.concatenate((ours.values, part.values)),
+            )
+        self._held = self._from(ours, first)
+        return self._held
+
+    def finish(self) -> None:
+        """Go to the end."""
+        for _ in self._parts:
+            pass
+
+    @staticmethod
+    def _from(ours: Bound, first: int) -> Bound:
+        begin = max(0, min(int(np.searchsorted(ours.stamps, first)) - BRIDGE, ours.stamps.size - BRIDGE))
+        return replace(ours, stamps=ours.stamps[begin:], values=ours.values[begin:])

@@ -1,0 +1,192 @@
+"""Columns of samples: arrays in memory or, of logs that are too long for it, in files that are mapped into it.
+
+Either way they are NumPy arrays. Who goes through one from end to end does so by `parts`, which lets go of the memory that the
+part of a file took before it goes on to the next one.
+"""
+
+from __future__ import annotations
+
+import mmap
+import os
+import tempfile
+import weakref
+from collections.abc import Iterator
+from typing import Any, Generic, TypeVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vsalog.core.errors import ReadError
+
+T = TypeVar("T", bound=np.generic)
+
+ABSENT_BITS = 0x7FFA_5C31_9E07_D24B
+ABSENT = np.int64(ABSENT_BITS).view(np.float64)
+"""What a sample does not carry: a NaN as any other, but told from those that are recorded by its bits."""
+
+PART = 2**16
+"""Rows worked on at a time: large enough for NumPy, small enough not to weigh in memory."""
+
+
+class Column(Generic[T]):
+    """Samples that come block by block and become an array.
+
+    Memory that was never written to is zero and takes no room, so a column of zeros, as of covariances that nobody fills in,
+    is not written before another number comes. A file has no name, so that nothing is left behind however the process ends. It
+    lies in the folder that TMPDIR names, or else in /var/tmp rather than /tmp, which is memory on many computers.
+
+    Parameters
+    ----------
+    kind : type
+        Of the numbers.
+    room : int
+        So many samples are expected.
+    in_file : bool
+        Whether they go to a file at once, see `to_file`.
+
+    Attributes
+    ----------
+    blocks : int
+        So many were added.
+    """
+
+    def __init__(self, kind: type[T], room: int = 0, *, in_file: bool = False) -> None:
+        self._values: NDArray[T] = np.zeros(0 if in_file else room, kind)
+        self._filled, self._zero = 0, True
+        self._file: Any = None
+        self.blocks = 0
+        if in_file:
+            self.to_file()
+
+    def __len__(self) -> int:
+        return self._filled
+
+    def add(self, at: int, new: NDArray[T]) -> None:
+        """Put a block's values in place; what blocks before it had not is absent.
+
+        Raises
+        ------
+        ReadError
+            It is in a file, and there is no room left for that.
+        """
+        while self._filled < at:
+            self._append(np.full(min(at - self._filled, PART), ABSENT).astype(self._values.dtype))
+        self._append(new)
+        self.blocks += 1
+
+    def append(self, new: NDArray[T]) -> None:
+        """Put a block's values behind all others; errors as for `add`."""
+        self.add(self._filled, new)
+
+    def to_file(self) -> None:
+        """Put what there is and what is to come into a temporary file.
+
+        Raises
+        ------
+        ReadError
+            It cannot be made, or there is no room for it.
+        """
+        if self._file is not None:
+            return
+        try:
+            # It is open until the column is complete.
+            self._file = tempfile.TemporaryFile(dir=_folder(), buffering=0)  # noqa: SIM115
+        except OSError as error:
+            raise _refusal(error) from error
+        weakref.finalize(self, self._file.close)
+        there, self._values = self._values[: self._filled], self._values[:0]
+        self._write(there)
+
+    def so_far(self) -> NDArray[T]:
+        """Return the values that there are; errors as for `add`."""
+        if self._file is None:
+            return self._values[: self._filled]
+        if not self._filled:
+            return self._values
+        try:
+            return np.frombuffer(mmap.mmap(self._file.fileno(), 0), self._values.dtype)
+        except OSError as error:
+            raise _refusal(error) from error
+
+    def whole(self, count: int) -> NDArray[T]:
+        """Return all values, absent at the end where the last blocks had none; nothing is added any more."""
+        self.add(count, np.empty(0, self._values.dtype))
+        if self._file is not None:
+            self._values = self.so_far()
+            self._file.close()
+            self._file = None
+        elif self._values.size > count:
+            self._values.resize(count, refcheck=False)
+        return self._values
+
+    def _append(self, new: NDArray[T]) -> None:
+        end = self._filled + len(new)
+        if self._file is not None:
+            self._write(new)
+        else:
+            if end > self._values.size:
+                smaller = self._values[: self._filled]
+                self._values = np.zeros(max(end, 2 * self._values.size), dtype=self._values.dtype)
+                if not self._zero:
+                    self._values[: self._filled] = smaller
+            self._zero = self._zero and not new.view(f"u{new.itemsize}").any()
+            if not self._zero:
+                self._values[self._filled : end] = new
+        self._filled = end
+
+    def _write(self, new: NDArray[T]) -> None:
+        assert self._file is not None
+        left = np.ascontiguousarray(new).data.cast("B") if new.size else memoryview(b"")
+        try:
+            while left:
+                left = left[self._file.write(left) :]
+        except OSError as error:
+            raise _refusal(error) from error
+
+
+def is_mapped(values: NDArray[Any]) -> bool:
+    """Tell whether values are those of a file."""
+    return _file_of(values) is not None
+
+
+def let_go(*columns: NDArray[Any]) -> None:
+    """Let go of the memory that values of a file took; they come back from there where they are asked for again."""
+    for values in columns:
+        if (found := _file_of(values)) is not None and hasattr(found[0], "madvise"):
+            file, at = found
+            begin = at - at % mmap.PAGESIZE
+            file.madvise(mmap.MADV_DONTNEED, begin, at + values.nbytes - begin)
+
+
+def parts(*columns: NDArray[Any]) -> Iterator[tuple[int, int]]:
+    """Yield first row and last row, that one excluded, of pieces of columns that are gone through together."""
+    for first in range(0, len(columns[0]), PART):
+        last = min(first + PART, len(columns[0]))
+        yield first, last
+        # The piece before, too, of which some rows may have been looked at again.
+        let_go(*(column[max(0, first - PART) : last] for column in columns))
+
+
+def _file_of(values: NDArray[Any]) -> tuple[mmap.mmap, int] | None:
+    """Return the file in which values are, and where they begin there; None for such as are not in a file."""
+    whole = values
+    while isinstance(whole.base, np.ndarray):
+        whole = whole.base
+    buffer = whole.base
+    if not values.nbytes or not isinstance(buffer, memoryview) or not isinstance(buffer.obj, mmap.mmap):
+        return None
+    return buffer.obj, values.__array_interface__["data"][0] - whole.__array_interface__["data"][0]
+
+
+def _folder() -> str:
+    """Return the folder that temporary files which may be large belong into."""
+    if "TMPDIR" not in os.environ and os.access("/var/tmp", os.W_OK):
+        return "/var/tmp"
+    return tempfile.gettempdir()
+
+
+def _refusal(error: OSError) -> ReadError:
+    return ReadError(
+        f"the log is too large for memory, and a temporary file for its columns cannot be written in {_folder()}:"
+        f" {error.strerror or error}; set TMPDIR to a folder with more room, or cut the log with --start and --end"
+    )
