@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from vsalog.checks import encoder, sensor, torque
 from vsalog.checks.check import Context, OfSignals
+from vsalog.checks.torque_independence import COMPUTED, multiple_of
 from vsalog.core.errors import EstimatorError
 from vsalog.core.finding import Evidence, Finding
 from vsalog.core.signals import JointSignals
@@ -17,8 +18,6 @@ from vsalog.estimators.device import Device, deflection_of, has_deflection
 
 Array = NDArray[np.float64]
 
-# A measured torque that follows the deflection this closely was not measured: float32 rounding is all that is left.
-COMPUTED = 1e-5
 # So many samples of a long log are looked at together for what befell a sensor for a while.
 WHILE = 2**18
 
@@ -82,11 +81,14 @@ def signal_findings(device: Device, signals: JointSignals) -> tuple[Finding, ...
         sensor = view.torque_sensor if view.torque_sensor in signals.roles else "torque_sensor"
         if sensor not in signals.roles:
             continue
-        for role in (view.deflection, view.motor_torque):
-            if role in signals.roles:
-                found += _computed(signals, sensor, role, signals.roles[role])
+        others = {role: signals.roles[role] for role in (view.deflection, view.motor_torque) if role in signals.roles}
         if view.deflection not in signals.roles and has_deflection(signals.roles, view):
-            found += _computed(signals, sensor, "deflection q − θ", deflection_of(signals.roles, view))
+            others["deflection q − θ"] = deflection_of(signals.roles, view)
+        for name, x in others.items():
+            if (multiple := multiple_of(signals.roles[sensor], x)) is not None:
+                computed = partial(Finding, code="torque.computed", joint=signals.joint, part=sensor)
+                evidence: Evidence = {"factor": multiple.factor, "source": name}
+                found.append(computed(value=multiple.left, limit=COMPUTED, evidence=evidence))
     for view in device.transmissions:
         if has_deflection(signals.roles, view) and _still(deflection_of(signals.roles, view)):
             still = partial(Finding, joint=signals.joint, severity="invalidates")
@@ -119,21 +121,6 @@ def first_of_each(findings: Iterable[Finding]) -> tuple[Finding, ...]:
         texts = (text for text in finding.evidence.values() if isinstance(text, str))
         first.setdefault((finding.code, finding.part, *texts), finding)
     return tuple(first.values())
-
-
-def _computed(signals: JointSignals, sensor: str, name: str, x: Array) -> Iterator[Finding]:
-    tau = signals.roles[sensor]
-    both = np.isfinite(x) & np.isfinite(tau)
-    if np.count_nonzero(both) < 3 or np.ptp(x[both]) == 0.0 or np.ptp(tau[both]) == 0.0:
-        return
-    a, b = x[both] - x[both].mean(), tau[both] - tau[both].mean()
-    factor = float(a @ b / (a @ a))
-    left = float(np.sqrt(np.mean((b - factor * a) ** 2) / np.mean(b**2)))
-    if left <= COMPUTED:
-        evidence: Evidence = {"factor": factor, "source": name}
-        yield Finding(
-            code="torque.computed", joint=signals.joint, part=sensor, value=left, limit=COMPUTED, evidence=evidence
-        )
 
 
 def whole_windows(signals: JointSignals, window: int) -> float:

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from functools import partial
+from typing import NamedTuple
 
 import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 from scipy.linalg import lstsq
 
-from vsalog.core.finding import Finding
+from vsalog.core.finding import Evidence, Finding
 
 Array = NDArray[np.float64]
 
@@ -90,22 +91,47 @@ def computed_from(torque: Array, joint: str, name: str, x: Array, what: str) -> 
     x : shape (N,), the other signal as recorded
     what : it is, such as "the deflection"
     """
-    both = np.flatnonzero(np.isfinite(torque) & np.isfinite(x))
-    both = both[:: max(1, both.size // LONGEST)]
-    y, known = torque[both], x[both]
-    if y.size < 3 or np.ptp(known) == 0.0 or np.ptp(y) == 0.0:
-        return None
     found = partial(Finding, joint=joint, part=name, severity="invalidates")
-    a, b = known - known.mean(), y - y.mean()
-    factor = float(a @ b / (a @ a))
-    left = float(np.sqrt(np.mean((b - factor * a) ** 2) / np.mean(b**2)))
-    if left <= COMPUTED:
-        return found(code="torque.computed", value=left, limit=COMPUTED, evidence={"factor": factor, "source": what})
+    if (multiple := multiple_of(torque, x)) is not None:
+        evidence: Evidence = {"factor": multiple.factor, "source": what}
+        return found(code="torque.computed", value=multiple.left, limit=COMPUTED, evidence=evidence)
+    y, known = _both(torque, x)
+    if not _vary(y, known):
+        return None
     if _is_function(y, known):
         return found(code="torque.function", evidence={"source": what})
     if _follows(torque, x):
         return found(code="torque.filtered_function", evidence={"source": what})
     return None
+
+
+class Multiple(NamedTuple):
+    """What a signal is multiplied with to be a torque, and what that leaves, as a share of the torque's spread."""
+
+    factor: float
+    left: float
+
+
+def multiple_of(torque: Array, x: Array) -> Multiple | None:
+    """Tell whether a torque is another signal times a number, and a constant; shape (N,) each. None where it is not."""
+    y, known = _both(torque, x)
+    if not _vary(y, known):
+        return None
+    a, b = known - known.mean(), y - y.mean()
+    factor = float(a @ b / (a @ a))
+    left = float(np.sqrt(np.mean((b - factor * a) ** 2) / np.mean(b**2)))
+    return Multiple(factor, left) if left <= COMPUTED else None
+
+
+def _both(torque: Array, x: Array) -> tuple[Array, Array]:
+    """Return samples that have both, spread over the log."""
+    both = np.flatnonzero(np.isfinite(torque) & np.isfinite(x))
+    both = both[:: max(1, both.size // LONGEST)]
+    return torque[both], x[both]
+
+
+def _vary(y: Array, x: Array) -> bool:
+    return bool(y.size >= 3 and np.ptp(x) != 0.0 and np.ptp(y) != 0.0)
 
 
 def _is_function(y: Array, x: Array) -> bool:

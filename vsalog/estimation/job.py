@@ -30,7 +30,7 @@ from vsalog.estimation.joint import (
     pick_joints,
 )
 from vsalog.estimators.device import device_of
-from vsalog.readers import open_reader, read
+from vsalog.readers import Reader, open_reader, read
 from vsalog.rig import Rig
 from vsalog.rig.find import find_rig
 from vsalog.rig.guess import guess_roles
@@ -176,10 +176,11 @@ def prepare(logs: Sequence[Path | Recording], options: Options, progress: Progre
     if not logs:
         raise ReadError("no log was given")
     findings = Findings()
-    rig, guessed = _rig(logs[0], options), False
+    opened = None if options.rig is not None or isinstance(logs[0], Recording) else open_reader(logs[0], options.rate)
+    rig, guessed = _rig(logs[0], opened, options), False
     read_all: list[Recording] | None = None
     if rig is None:
-        read_all = _read_all(logs, [None] * len(logs), options, progress)
+        read_all = _read_all(logs, [None] * len(logs), options, progress, opened)
         rig, remarks = _guess(of_recording(read_all[0]))
         guessed = True
         findings.add(*remarks)
@@ -199,7 +200,7 @@ def prepare(logs: Sequence[Path | Recording], options: Options, progress: Progre
     if read_all is None:
         names = [_path(log).name for log in logs]
         wanted = [_Wanted.of(rig, choices, name) for name in names]
-        read_all = _read_all(logs, wanted, options, progress)
+        read_all = _read_all(logs, wanted, options, progress, opened)
     for recording in read_all:
         findings.add(*of_log(recording.path.name, recording.findings))
     long = [recording.path.name for recording in read_all if recording.in_file]
@@ -240,24 +241,35 @@ def _path(log: Path | Recording) -> Path:
 
 
 def _read_all(
-    logs: Sequence[Path | Recording], wanted: Sequence[_Wanted | None], options: Options, progress: Progress
+    logs: Sequence[Path | Recording],
+    wanted: Sequence[_Wanted | None],
+    options: Options,
+    progress: Progress,
+    opened: Reader | None,
 ) -> list[Recording]:
-    """Read logs; of those whose samples do not fit in memory together, the later ones go to temporary files."""
+    """Read logs, the first of them `opened`; where they do not fit in memory together, the later ones go to files."""
     found: list[Recording] = []
     room = ROOM
-    for log, channels in zip(logs, wanted, strict=True):
-        found.append(_read(log, channels, options, progress, room))
+    for log, channels, reader in zip(logs, wanted, [opened, *[None] * (len(logs) - 1)], strict=True):
+        found.append(_read(log, channels, options, progress, room, reader))
         if not found[-1].in_file:
             room = max(0, room - sum(c.values.nbytes + c.stamps.nbytes for c in found[-1].channels.values()))
     return found
 
 
-def _read(log: Path | Recording, wanted: _Wanted | None, options: Options, progress: Progress, room: int) -> Recording:
+def _read(
+    log: Path | Recording,
+    wanted: _Wanted | None,
+    options: Options,
+    progress: Progress,
+    room: int,
+    opened: Reader | None,
+) -> Recording:
     if isinstance(log, Recording):
         return log
     progress(f"reading {log.name}")
     channels = None if wanted is None else wanted.needed | wanted.welcome
-    found = read(log, channels, options.time, options.rate, options.start, options.end, room)
+    found = read(log, channels, options.time, options.rate, options.start, options.end, room, opened)
     missing = sorted((wanted.needed if wanted else set()) - set(found.channels) - set(found.unread))
     if missing:
         known = open_reader(log, options.rate).catalogue()
@@ -274,13 +286,11 @@ def _read(log: Path | Recording, wanted: _Wanted | None, options: Options, progr
     return found
 
 
-def _rig(log: Path | Recording, options: Options) -> Rig | None:
+def _rig(log: Path | Recording, opened: Reader | None, options: Options) -> Rig | None:
     if isinstance(options.rig, Rig):
         return options.rig
-    if options.rig is not None:
-        return find_rig(_path(log), None, options.rig)
-    text = log.rig_text if isinstance(log, Recording) else open_reader(log, options.rate).rig_text
-    return find_rig(_path(log), text)
+    carries = log if isinstance(log, Recording) else opened
+    return find_rig(_path(log), None if carries is None else carries.rig_text, options.rig)
 
 
 def _guess(recording: Recording) -> tuple[Rig, list[Finding]]:

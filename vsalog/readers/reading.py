@@ -65,6 +65,7 @@ def read(
     start: str | float | None = None,
     end: str | float | None = None,
     room: int | None = None,
+    opened: Reader | None = None,
 ) -> Recording:
     """Read a log, or some channels of it.
 
@@ -86,6 +87,8 @@ def read(
     room : int, optional
         Bytes of memory for samples; where they take more, they lie in temporary files that are mapped into it, see
         `vsalog.core.column`. None keeps all in memory.
+    opened : Reader, optional
+        The log, by `open_reader`, of which nothing was read yet.
 
     Returns
     -------
@@ -103,7 +106,7 @@ def read(
     file = local(path)
     channels = None if wanted is None else frozenset(wanted)
     try:
-        recording = _read_file(file, _Asked(channels, time, rate, start, end, room))
+        recording = _read_file(file, _Asked(channels, time, rate, start, end, room), opened)
     except ReadError as error:
         raise error.moved(file, path) from None
     if file is path:
@@ -127,11 +130,11 @@ class _Asked:
         return collect(path, reader, self.wanted, self.time, self.room)
 
 
-def _read_file(path: Path, asked: _Asked) -> Recording:
+def _read_file(path: Path, asked: _Asked, opened: Reader | None) -> Recording:
     """Read a log of this computer."""
+    first = open_reader(path, asked.rate) if opened is None else opened
     if asked.start is None and asked.end is None:
-        return asked.collect(path, open_reader(path, asked.rate))
-    first = open_reader(path, asked.rate)
+        return asked.collect(path, first)
     bounds = Window.parse(asked.start, asked.end).bounds(first, path, asked.time)
     part = open_reader(path, asked.rate)
     if isinstance(part, BagReader) and part.narrow(*bounds, asked.time, asked.wanted):
