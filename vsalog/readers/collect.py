@@ -132,7 +132,7 @@ def collect(
         streams[name] = placed.stream
         findings.add(*clock_findings(placed), *alternating(name, placed.columns))
         if len(placed.stamps):
-            dates.append(bool(placed.stamps[:1][0] >= YEAR_2000))
+            dates.append(bool(placed.stamps[0] >= YEAR_2000))
         if placed.stream.time_source == "column" and placed.stream.conflicts > placed.stream.count:
             # What is left would look like a log of few samples, far apart.
             reader.unread.update(dict.fromkeys(placed.columns, _coarse(placed.stream)))
